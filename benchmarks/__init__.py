@@ -1,0 +1,1 @@
+"""Measuring scripts: each prints a table and takes --json FILE. They use the public tracker only."""

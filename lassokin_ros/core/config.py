@@ -1,0 +1,65 @@
+"""Every setting of the tracker, once: default, meaning, unit and range.
+
+The node declares its parameters from these fields, config/*.yaml and the README's table are held to them by tests.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from typing import Any, Mapping
+
+from lassokin_ros.core.errors import ConfigurationError
+
+
+def setting(
+    default: Any,
+    description: str,
+    unit: str = "",
+    low: float | None = None,
+    high: float | None = None,
+    choices: tuple[str, ...] = (),
+    live: bool = False,
+) -> Any:
+    """A dataclass field that carries its description, unit, range or choices, and whether it may change while running."""
+    metadata = {"description": description, "unit": unit, "low": low, "high": high, "choices": choices, "live": live}
+    return field(default=default, metadata=metadata)
+
+
+@dataclass(frozen=True)
+class TrackerConfig:
+    """Settings of the tracker; `checked` raises ConfigurationError for a value out of its range."""
+
+    height: float = setting(1.75, "the person's height; sets the scale, which one camera cannot see", "m", 0.3, 2.6)
+    skeleton: str = setting("anthropometric", "built-in skeleton, or path of a YAML file")
+    landmarks: str = setting("coco17", "landmark layout of the detector, or path of a YAML file")
+    solver: str = setting("proxqp", "QP solver of the lasso's dual: proxqp, or any that qpsolvers has")
+    noise_px: float = setting(
+        3.0, "standard deviation of a confident keypoint in the image", "px", 0.1, 100.0, live=True
+    )
+    min_confidence: float = setting(0.2, "keypoints below this confidence count as missing", "", 0.0, 1.0, live=True)
+    sparsity: float = setting(
+        0.15, "weight of the l1 term: larger moves fewer joints a frame", "", 1e-4, 100.0, live=True
+    )
+    min_landmarks: int = setting(4, "fewest visible landmarks in a frame that is used", "", 2, 100, live=True)
+    relinearisations: int = setting(2, "lassos solved per frame, each about the last one's answer", "", 1, 10, live=True)
+    lost_after: float = setting(
+        1.0, "time without a usable frame after which the state is found anew", "s", 0.05, 3600.0, live=True
+    )
+
+    def checked(self) -> TrackerConfig:
+        """Itself, when every value has the right type and range."""
+        for item in fields(self):
+            check_setting(item.name, getattr(self, item.name), item.metadata, type(item.default))
+        return self
+
+
+def check_setting(name: str, value: Any, metadata: Mapping[str, Any], kind: type) -> None:
+    """Raise ConfigurationError, saying what was expected, when a value has the wrong type or is out of range."""
+    right_kind = isinstance(value, (int, float)) if kind is float else isinstance(value, kind)
+    if not right_kind or (isinstance(value, bool) and kind is not bool):
+        raise ConfigurationError(f"{name} is {value!r}; expected a value of type {kind.__name__}")
+    if metadata["choices"] and value not in metadata["choices"]:
+        raise ConfigurationError(f"{name} is {value!r}; expected one of: {', '.join(metadata['choices'])}")
+    low, high = metadata["low"], metadata["high"]
+    if low is not None and not low <= value <= high:
+        raise ConfigurationError(f"{name} is {value}; expected {low:g} to {high:g} {metadata['unit']}".rstrip())

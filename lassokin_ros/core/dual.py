@@ -1,0 +1,160 @@
+"""The two duals of the frame's lasso, by ProxQP or by any solver that qpsolvers has.
+
+Projected dual, u in R^m (the residual r): the seed's problem with x eliminated,
+    min 1/2 ||u - z||^2   s.t.  |A_k^T u| <= alpha_k          Omega = the constraints' multipliers
+
+Condensed dual, c in R^n (the correlations A^T r), when H = A^T A is well conditioned (a prior's rows make it so):
+    min 1/2 (c - g)^T H^-1 (c - g)   s.t.  |c_k| <= alpha_k    Omega = H^-1 (g - c)
+which has no general constraints, only a box, and is the smaller one as soon as m > n.
+
+Both are solved in units of alpha (bounds of +-1), which makes them well scaled whatever alpha is.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import proxsuite
+import qpsolvers
+from scipy.linalg import lapack
+
+from lassokin_ros.core.errors import SolverError
+
+_proxqp = proxsuite.proxqp
+TOLERANCE = 1e-7
+LARGEST_CONDITION = 1e10
+"""Of H, above which the condensed dual is not used."""
+
+
+def available_solvers() -> list[str]:
+    """Values that the parameter `solver` may take here: ProxQP by its own interface, the others through qpsolvers."""
+    return ["proxqp"] + sorted(set(qpsolvers.available_solvers) - {"proxqp"})
+
+
+class DualSolver:
+    """Gives Omega of lassos of recurring sizes; one QP object per size and form, re-used."""
+
+    def __init__(self, name: str) -> None:
+        """Raises SolverError when `name` is not installed."""
+        if name not in available_solvers():
+            raise SolverError(f"solver '{name}' is not available; expected one of: {', '.join(available_solvers())}")
+        self.name = name
+        self._objects: dict[tuple[str, int, int], Any] = {}
+
+    def solve(
+        self, A: np.ndarray, z: np.ndarray, H: np.ndarray, g: np.ndarray, alpha: np.ndarray, effort: int
+    ) -> np.ndarray:
+        """Omega (n,) of the lasso with x eliminated; A (m, n), z (m,), H = A^T A, g = A^T z, alpha (n,).
+
+        effort: 0 at first; 1 and 2 ask again with more iterations, another step size, and in the projected form, which
+        holds for every A.
+        """
+        m, n = A.shape
+        if m > n and effort == 0:
+            inverse = _inverse(H)
+            if inverse is not None:
+                return self._condensed(inverse, g, alpha, effort)
+        return self._projected(A, z, alpha, effort)
+
+    def _projected(self, A: np.ndarray, z: np.ndarray, alpha: np.ndarray, effort: int) -> np.ndarray:
+        unit = np.exp(np.mean(np.log(alpha)))
+        scaled = A.T / alpha[:, None]
+        norm = np.sqrt(np.mean(scaled * scaled) * A.shape[0]) + 1e-300
+        C, bound = scaled / norm, np.full(len(alpha), 1 / (unit * norm))
+        m, n = A.shape
+        if self.name == "proxqp":
+            multipliers = self._proxqp("projected", None, -z / unit, C, bound, effort)
+        else:
+            multipliers = _by_qpsolvers(self.name, np.eye(m), -z / unit, C, bound)
+        return multipliers * unit / (norm * alpha)
+
+    def _condensed(self, inverse: np.ndarray, g: np.ndarray, alpha: np.ndarray, effort: int) -> np.ndarray:
+        scaled = inverse * alpha * alpha[:, None]
+        norm = np.trace(scaled) / len(alpha)
+        scaled /= norm
+        linear = -scaled @ (g / alpha)
+        bound = np.ones(len(alpha))
+        if self.name == "proxqp":
+            multipliers = self._proxqp("condensed", scaled, linear, None, bound, effort)
+        else:
+            multipliers = _by_qpsolvers(self.name, scaled, linear, None, bound)
+        return multipliers * norm / alpha
+
+    def _proxqp(
+        self, form: str, H: np.ndarray | None, g: np.ndarray, C: np.ndarray | None, bound: np.ndarray, effort: int
+    ) -> np.ndarray:
+        """Multipliers (positive at the upper bound) by ProxQP; dense, from a zero start."""
+        key = (form, len(g), len(bound))
+        # A re-used object carries something of earlier problems: rarely, after a hard one, it calls a wrong answer
+        # solved. The second and third try start from a new one.
+        qp = self._objects.get(key) if effort == 0 else None
+        fresh = qp is None
+        if fresh:
+            qp = _new_proxqp(len(g), 0 if C is None else len(bound), C is None, effort)
+        if fresh and effort == 0:
+            self._objects[key] = qp
+        if C is None:
+            if fresh:
+                qp.init(H, g, None, None, None, None, None, -bound, bound)
+            else:
+                qp.update(H=H, g=g, l_box=-bound, u_box=bound, update_preconditioner=False)
+        elif fresh:
+            qp.init(np.eye(len(g)), g, None, None, C, -bound, bound)
+        else:
+            qp.update(g=g, C=C, l=-bound, u=bound, update_preconditioner=False)
+        qp.solve()
+        return np.array(qp.results.z)  # a copy: results.z is a live view
+
+
+def _new_proxqp(variables: int, constraints: int, box: bool, effort: int) -> Any:
+    """A ProxQP object with the settings under which this problem is solved reliably.
+
+    The dual is always feasible (u = 0), so the infeasibility tests are off: at their defaults they call 5-18 % of
+    small-alpha problems infeasible. The gap check is on: it is off by default, and SOLVED then means little. Starts
+    from zero: a warm start keeps the last, tiny step size and goes wrong. Iterations are capped: no frame may hang.
+    """
+    qp = _proxqp.dense.QP(
+        variables,
+        0,
+        constraints,
+        box,
+        _proxqp.dense.HessianType.Dense,
+        _proxqp.dense.DenseBackend.PrimalDualLDLT,
+    )
+    settings = qp.settings
+    settings.eps_abs = settings.eps_rel = TOLERANCE * (1e-2 if effort else 1)
+    settings.check_duality_gap = True
+    settings.eps_duality_gap_abs = settings.eps_duality_gap_rel = TOLERANCE
+    settings.eps_primal_inf = settings.eps_dual_inf = 0.0
+    settings.max_iter = settings.max_iter_in = 400 if effort else 100
+    settings.initial_guess = _proxqp.InitialGuess.NO_INITIAL_GUESS
+    settings.default_mu_in = 1.0 if box else (1e-4, 1e-2, 1.0)[effort]
+    settings.compute_preconditioner = False
+    return qp
+
+
+def _by_qpsolvers(name: str, H: np.ndarray, g: np.ndarray, C: np.ndarray | None, bound: np.ndarray) -> np.ndarray:
+    """Multipliers (positive at the upper bound) by a solver of qpsolvers; zeros when it finds nothing."""
+    if C is None:
+        C = np.eye(len(bound))
+    problem = qpsolvers.Problem(H, g, np.vstack([C, -C]), np.concatenate([bound, bound]))
+    solution = qpsolvers.solve_problem(problem, solver=name)
+    if solution.z is None or not np.all(np.isfinite(solution.z)):
+        return np.zeros(len(bound))
+    return np.asarray(solution.z[: len(bound)] - solution.z[len(bound) :])
+
+
+def _inverse(H: np.ndarray) -> np.ndarray | None:
+    """H^-1 by Cholesky, or None when H is not safely positive definite."""
+    factor, failed = lapack.dpotrf(H, lower=1)
+    if failed:
+        return None
+    diagonal = factor.diagonal()
+    if diagonal.min() ** 2 * LARGEST_CONDITION < diagonal.max() ** 2:
+        return None
+    inverse, failed = lapack.dpotri(factor, lower=1)
+    if failed:
+        return None
+    lower = np.tril(inverse)
+    return lower + np.tril(inverse, -1).T

@@ -1,0 +1,29 @@
+"""What the core raises. Each message says what was wrong, what was expected and what to do."""
+
+
+class LassokinError(Exception):
+    """Base of every error that this package raises on purpose."""
+
+
+class SkeletonError(LassokinError, ValueError):
+    """A skeleton's description cannot be used (file, tree, lengths)."""
+
+
+class LayoutError(LassokinError, ValueError):
+    """A landmark layout's description cannot be used (file, names, joints)."""
+
+
+class CameraError(LassokinError, ValueError):
+    """Camera intrinsics or distortion cannot be used."""
+
+
+class ConfigurationError(LassokinError, ValueError):
+    """A setting is out of its range or has the wrong type."""
+
+
+class ObservationError(LassokinError, ValueError):
+    """An observation has the wrong shape or values that cannot be used."""
+
+
+class SolverError(LassokinError, RuntimeError):
+    """A lasso was not posed correctly, or its solver is not available."""

@@ -1,0 +1,117 @@
+"""The first state from a single frame, person's height known, in any orientation towards the camera.
+
+Several starts (the mean pose, turned about the vertical) are fitted at once by damped Gauss-Newton on the same rows
+as the tracker's, coarse to fine, without the l1 term (there is no earlier state from which motion could be sparse).
+The lowest cost wins; how clearly it wins over starts that ended elsewhere is the start's confidence.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lassokin_ros.core.kinematics import BodyState, Kinematics
+from lassokin_ros.core.observation_model import linearise
+from lassokin_ros.core.prior import PosePrior, PriorRows
+from lassokin_ros.core.projection import project
+from lassokin_ros.core.rotations import exponential
+from lassokin_ros.core.robust import huber_cost, huber_weights
+
+STARTS = 8
+SCHEDULE = ((8.0, 8), (2.0, 6), (1.0, 6))  # (factor on the noise, iterations)
+DAMPING = 1e-3  # 1/rad^2, keeps what nothing observes where it is
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """States of S starts with their costs (S,), best first."""
+
+    states: BodyState
+    costs: np.ndarray
+
+    @property
+    def best(self) -> BodyState:
+        """The state of the lowest cost."""
+        return BodyState(self.states.rotations[0], self.states.translation[0])
+
+
+class Initialiser:
+    """Finds a first state for one kinematics and prior."""
+
+    def __init__(self, kinematics: Kinematics, prior: PosePrior, rows: PriorRows) -> None:
+        self._kinematics = kinematics
+        self._rows = rows
+        self._mean = exponential(prior.mean)
+        self._live = np.flatnonzero(kinematics.live)
+
+    def fit(self, points: np.ndarray, weights: np.ndarray) -> Fit:
+        """Fit all starts to one frame.
+
+        points: (l, 2) normalised; weights: (l,), 1 / standard deviation, 0 = missing; at least two visible.
+        """
+        fit = self.refine(self._starts(points, weights), points, weights, SCHEDULE)
+        order = np.argsort(fit.costs)
+        return Fit(BodyState(fit.states.rotations[order], fit.states.translation[order]), fit.costs[order])
+
+    def refine(
+        self, states: BodyState, points: np.ndarray, weights: np.ndarray, schedule: tuple[tuple[float, int], ...]
+    ) -> Fit:
+        """Gauss-Newton from S states at once, (S, n, 3, 3) and (S, 3)."""
+        for factor, iterations in schedule:
+            for _ in range(iterations):
+                states = self._gauss_newton(states, points, weights / factor)
+        return Fit(states, self.cost(states, points, weights))
+
+    def cost(self, states: BodyState, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """(S,) robust reprojection cost plus the prior's, in units of variance."""
+        landmarks = self._kinematics.pose(states).landmarks
+        error = (points - project(landmarks)) * weights[:, None]
+        prior = self._rows.residual(states.rotations)
+        return huber_cost(np.linalg.norm(error, axis=-1)).sum(-1) + 0.5 * np.sum(prior * prior, axis=-1)
+
+    def _starts(self, points: np.ndarray, weights: np.ndarray) -> BodyState:
+        yaw = np.arange(STARTS) * (2 * np.pi / STARTS)
+        turn = exponential(np.stack([0 * yaw, yaw, 0 * yaw], axis=-1))
+        rotations = np.repeat(self._mean[None], STARTS, axis=0)
+        rotations[:, 0] = np.diag([1.0, -1.0, -1.0]) @ turn  # body y up is camera -y; facing the camera at yaw 0
+        return BodyState(rotations, self._place(rotations, points, weights))
+
+    def _place(self, rotations: np.ndarray, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """(S, 3) translations by linear least squares: p_x + t_x = u (p_z + t_z), and the same for y."""
+        at_origin = self._kinematics.pose(BodyState(rotations, np.zeros(rotations.shape[:1] + (3,)))).landmarks
+        rows = np.zeros(points.shape + (3,))
+        rows[:, 0, 0] = rows[:, 1, 1] = 1
+        rows[:, :, 2] = -points
+        rows *= weights[:, None, None]
+        right = (points * at_origin[..., 2:] - at_origin[..., :2]) * weights[:, None]
+        matrix = rows.reshape(-1, 3)
+        translation = right.reshape(len(rotations), -1) @ np.linalg.pinv(matrix).T
+        behind = translation[:, 2] < 0.5
+        translation[behind] *= np.where(translation[behind, 2:] < 0, -1, 1)
+        translation[:, 2] = np.maximum(translation[:, 2], 0.5)
+        return translation
+
+    def _gauss_newton(self, states: BodyState, points: np.ndarray, weights: np.ndarray) -> BodyState:
+        kinematics, live = self._kinematics, self._live
+        pose = kinematics.pose(states)
+        error = (points - project(pose.landmarks)) * weights[:, None]
+        robust = weights * np.sqrt(huber_weights(np.linalg.norm(error, axis=-1)))
+        model = linearise(kinematics, pose, points, robust)
+        prior_A, prior_z = self._rows.linearise(states.rotations)
+        J = np.concatenate([model.A[..., live], model.B], axis=-1)
+        P = prior_A[..., live]
+        H = np.swapaxes(J, -1, -2) @ J
+        count = len(live)
+        H[..., :count, :count] += np.swapaxes(P, -1, -2) @ P + DAMPING * np.eye(count)
+        H[..., count:, count:] += 1e-6 * np.eye(3)
+        g = (np.swapaxes(J, -1, -2) @ model.residual[..., None])[..., 0]
+        g[..., :count] += (np.swapaxes(P, -1, -2) @ prior_z[..., None])[..., 0]
+        step = np.linalg.solve(H, g[..., None])[..., 0]
+        omega = np.zeros(step.shape[:-1] + (3 * kinematics.joint_count,))
+        omega[..., live] = step[..., :count]
+        size = np.max(np.abs(omega), axis=-1, keepdims=True)
+        omega *= np.minimum(1.0, 0.7 / np.maximum(size, 1e-12))
+        moved = states.retract(omega, step[..., count:])
+        moved.translation[..., 2] = np.maximum(moved.translation[..., 2], 0.3)
+        return moved

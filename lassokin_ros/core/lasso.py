@@ -1,0 +1,221 @@
+"""The lasso of one frame, and how it is reduced and solved.
+
+    minimise over x in R^3, Omega in R^n:   1/2 || z - B x - A Omega ||^2  +  sum_k alpha_k | Omega_k |
+
+with A = P L and B = P Gamma of (12), possibly with further rows (a prior's) whose B is zero. x is not penalised.
+It is solved by its dual, whose multipliers are Omega (see `dual.py`), mended to rounding on its support, and
+certified by KKT-1..3 (13)-(15) on the matrices as they were given (see `certificate.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import lapack
+
+from lassokin_ros.core.certificate import Certificate, certify
+from lassokin_ros.core.dual import DualSolver
+from lassokin_ros.core.errors import SolverError
+
+KKT_TOLERANCE = 1e-6
+"""A solution is certified when its KKT residual is at most this, in units of alpha."""
+
+SMALLEST_ALPHA = 1e-4
+"""alpha is raised to this fraction of alpha_max (where Omega becomes 0): below, first-order solvers stall."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lasso:
+    """The data of one problem: A (m, n), B (m, 3), z (m,), alpha (n,) > 0, all finite."""
+
+    A: np.ndarray
+    B: np.ndarray
+    z: np.ndarray
+    alpha: np.ndarray
+
+    def check(self) -> None:
+        """Raise SolverError when shapes do not fit, a value is not finite, or an alpha is not positive.
+
+        A QP solver given a NaN may run for seconds or call anything solved, so nothing unchecked reaches one.
+        """
+        m, n = self.A.shape
+        if self.B.shape != (m, 3) or self.z.shape != (m,) or self.alpha.shape != (n,):
+            raise SolverError(
+                f"A is {self.A.shape}, B {self.B.shape}, z {self.z.shape}, alpha {self.alpha.shape}; "
+                f"expected ({m}, {n}), ({m}, 3), ({m},), ({n},)"
+            )
+        if not np.isfinite(self.A.sum() + self.B.sum() + self.z.sum() + self.alpha.sum()):
+            raise SolverError("A, B, z or alpha holds a value that is not finite (or overflows)")
+        if self.alpha.min() <= 0:
+            raise SolverError(f"the smallest alpha is {self.alpha.min()}; expected every alpha above 0")
+
+
+@dataclass(frozen=True, eq=False)
+class Reduced:
+    """The problem with x eliminated: M = I - B (B^T B)^-1 B^T, so x = Y (z - A Omega) and KKT-3 holds by itself.
+
+    A: (m, n), M A; z: (m,), M z; Y: (3, m), (B^T B)^-1 B^T; H: (n, n), A^T M A; g: (n,), A^T M z.
+    """
+
+    A: np.ndarray
+    z: np.ndarray
+    Y: np.ndarray
+    H: np.ndarray
+    g: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class LassoSolution:
+    """Omega (n,) rad, x (3,) m, the alpha (n,) that was used after clamping, the certificate, and how it was got."""
+
+    omega: np.ndarray
+    x: np.ndarray
+    alpha: np.ndarray
+    certificate: Certificate
+    method: str
+
+    @property
+    def certified(self) -> bool:
+        """True when KKT-1..3 hold to `KKT_TOLERANCE` of alpha."""
+        return self.certificate.kkt_residual <= KKT_TOLERANCE
+
+    @property
+    def support(self) -> np.ndarray:
+        """Indices of the degrees of freedom that move, V in the seed."""
+        return np.flatnonzero(self.omega)
+
+
+class LassoSolver:
+    """Solves lassos of one size again and again; keeps one QP object per size."""
+
+    def __init__(self, solver: str = "proxqp") -> None:
+        """solver: "proxqp", or any name in qpsolvers.available_solvers. Raises SolverError for another."""
+        self._dual = DualSolver(solver)
+
+    def solve(self, problem: Lasso, guess: np.ndarray | None = None) -> LassoSolution:
+        """The minimiser, with its certificate.
+
+        guess: (n,) an Omega whose signs may be the solution's (a previous re-linearisation's); it is taken only when
+        the exact solution on that support satisfies KKT, so it can save time and never change the answer.
+        Raises SolverError when the problem is not posed correctly; a solve that fails is returned uncertified.
+        """
+        problem.check()
+        reduced = eliminate_translation(problem)
+        ratio = np.max(np.abs(reduced.g) / problem.alpha)
+        if ratio <= 1:
+            return self._finish(problem, reduced, problem.alpha, np.zeros(len(problem.alpha)), "zero")
+        alpha = problem.alpha * max(1.0, SMALLEST_ALPHA * ratio)
+        if guess is not None:
+            mended = _mend(reduced, alpha, guess)
+            if mended is not None:
+                return self._finish(problem, reduced, alpha, mended, "guess")
+        for effort, steps in enumerate((8, 100, 100)):
+            omega = self._dual.solve(reduced.A, reduced.z, reduced.H, reduced.g, alpha, effort)
+            mended = _mend(reduced, alpha, omega, steps)
+            if mended is None:
+                mended = _without_specks(reduced, alpha, omega)
+            solution = self._finish(problem, reduced, alpha, mended, self._dual.name)
+            if solution.certified:
+                break
+        return solution
+
+    @staticmethod
+    def _finish(problem: Lasso, reduced: Reduced, alpha: np.ndarray, omega: np.ndarray, method: str) -> LassoSolution:
+        x = reduced.Y @ (problem.z - problem.A @ omega)
+        certificate = certify(problem.A, problem.B, problem.z, alpha, omega, x)
+        return LassoSolution(omega, x, alpha, certificate, method)
+
+
+def eliminate_translation(problem: Lasso) -> Reduced:
+    """Project x out: KKT-3 (15) solved for x. A ridge of 1e-12 of the trace keeps one landmark or none solvable."""
+    A, B, z = problem.A, problem.B, problem.z
+    gram = B.T @ B
+    gram.flat[::4] += 1e-12 * np.trace(gram) + 1e-300
+    Y = np.linalg.solve(gram, B.T)
+    A_projected = A - B @ (Y @ A)
+    z_projected = z - B @ (Y @ z)
+    return Reduced(A_projected, z_projected, Y, A_projected.T @ A_projected, A_projected.T @ z_projected)
+
+
+def _without_specks(reduced: Reduced, alpha: np.ndarray, omega: np.ndarray) -> np.ndarray:
+    """The solver's own answer with the specks that its tolerance left set to 0: the cut that suits KKT-1..2 best."""
+    size = np.abs(omega)
+    best, best_residual = omega, np.inf
+    for threshold in (1e-8, 1e-6, 1e-4):
+        cut = np.where(size < threshold * size.max(initial=0), 0.0, omega)
+        correlation = reduced.g - reduced.H @ cut
+        wrong = np.abs(correlation - alpha * np.sign(cut)) / alpha
+        excess = (np.abs(correlation) - alpha) / alpha
+        residual = np.max(np.where(cut != 0, wrong, excess))
+        if residual < best_residual:
+            best, best_residual = cut, residual
+    return best
+
+
+def _mend(reduced: Reduced, alpha: np.ndarray, omega: np.ndarray, steps: int = 8) -> np.ndarray | None:
+    """The exact solution on a support near `omega`'s, or None when none is found in a few steps.
+
+    On the support V with signs S, KKT-1 is linear: H_VV Omega_V = g_V - alpha_V S. When the answer contradicts the
+    signs or KKT-2, those members leave V and the worst violator enters, as in any active-set method.
+    """
+    signs = np.sign(omega)
+    signs[np.abs(omega) < 1e-7 * np.max(np.abs(omega), initial=0)] = 0
+    if _factor_fails(reduced.H, np.flatnonzero(signs)):
+        signs = np.sign(_purified(reduced.H, alpha, np.where(signs != 0, omega, 0.0)))
+    slack = 1e-9 * alpha
+    for _ in range(steps):
+        support = np.flatnonzero(signs)
+        result = np.zeros_like(omega)
+        if len(support):
+            right = reduced.g[support] - alpha[support] * signs[support]
+            factor, values, failed = lapack.dposv(reduced.H[np.ix_(support, support)], right)
+            if failed or _nearly_singular(factor):
+                return None
+            result[support] = values
+        correlation = reduced.g - reduced.H @ result
+        contradicted = support[result[support] * signs[support] <= 0]
+        excess = np.abs(correlation) - alpha - slack
+        excess[support] = 0
+        worst = int(np.argmax(excess))
+        if len(contradicted) == 0 and excess[worst] <= 0:
+            return result
+        signs[contradicted] = 0
+        if excess[worst] > 0:
+            signs[worst] = np.sign(correlation[worst])
+    return None
+
+
+def _nearly_singular(factor: np.ndarray) -> bool:
+    diagonal = np.abs(factor.diagonal())
+    return bool(diagonal.min() < 1e-6 * diagonal.max())
+
+
+def _factor_fails(H: np.ndarray, support: np.ndarray) -> bool:
+    """True where the columns of the support are (nearly) dependent."""
+    if len(support) == 0:
+        return False
+    factor, failed = lapack.dpotrf(H[np.ix_(support, support)])
+    return bool(failed) or _nearly_singular(factor)
+
+
+def _purified(H: np.ndarray, alpha: np.ndarray, omega: np.ndarray) -> np.ndarray:
+    """An equally good Omega whose columns are independent: where columns are alike, the lasso has many minimisers.
+
+    Moving along a null vector of the support's columns changes neither the residual nor, at a minimiser, the
+    penalty; each move goes on until a degree of freedom becomes 0 and leaves the support.
+    """
+    omega = omega.copy()
+    while True:
+        support = np.flatnonzero(omega)
+        if not _factor_fails(H, support):
+            return omega
+        null = np.linalg.eigh(H[np.ix_(support, support)])[1][:, 0]
+        if (alpha[support] * np.sign(omega[support])) @ null > 0:
+            null = -null
+        steps = np.where(null * omega[support] < 0, -omega[support] / np.where(null == 0, 1, null), np.inf)
+        first = int(np.argmin(steps))
+        if not np.isfinite(steps[first]):
+            return omega
+        omega[support] += steps[first] * null
+        omega[support[first]] = 0.0

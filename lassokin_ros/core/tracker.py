@@ -1,0 +1,206 @@
+"""The tracker: one observation in, one estimate out.
+
+    tracker = Tracker(TrackerConfig(height=1.75))
+    estimate = tracker.track(Observation(stamp, points, confidence, focal))
+
+It follows the paper's method frame by frame in a closed loop: the observation is compared with the projection of the
+present state (not with the last observation, which drifts), the model is linearised about it (12), the lasso is
+solved for the increment of all joints and the translation, certified, and retracted onto SO(3). Each frame is
+linearised anew a second time about the first answer, with the l1 penalty on the frame's total increment.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+
+from lassokin_ros.core.certificate import Certificate
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.initialisation import Initialiser
+from lassokin_ros.core.kinematics import BodyPose, BodyState, Kinematics
+from lassokin_ros.core.landmarks import Layout
+from lassokin_ros.core.lasso import Lasso, LassoSolution, LassoSolver
+from lassokin_ros.core.observation_model import linearise
+from lassokin_ros.core.prior import PosePrior, PriorRows
+from lassokin_ros.core.projection import project
+from lassokin_ros.core.robust import huber_weights
+from lassokin_ros.core.rotations import orthonormalised, right_jacobian
+from lassokin_ros.core.skeleton import Skeleton
+
+
+class Status(Enum):
+    """What the tracker knows of the person."""
+
+    SEARCHING = "searching"
+    TRACKING = "tracking"
+    LOST = "lost"
+
+
+class Rejection(str, Enum):
+    """Why a frame was not used."""
+
+    WRONG_SHAPE = "wrong_shape"
+    NOT_FINITE = "not_finite"
+    OLD_STAMP = "old_stamp"
+    TOO_FEW_LANDMARKS = "too_few_landmarks"
+    NOT_CERTIFIED = "not_certified"
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """One frame's keypoints of one person.
+
+    stamp: s; points: (l, 2) normalised image coordinates, distortion removed (NaN = missing); confidence: (l,) 0 to 1,
+    0 = missing; focal: px per normalised unit, which turns `noise_px` into this frame's unit.
+    """
+
+    stamp: float
+    points: np.ndarray
+    confidence: np.ndarray
+    focal: float
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """The tracker's answer to one observation. Fields below `status` are None when the frame was rejected."""
+
+    stamp: float
+    status: Status
+    rejection: Rejection | None = None
+    state: BodyState | None = None
+    pose: BodyPose | None = None
+    omega: np.ndarray | None = None
+    translation_step: np.ndarray | None = None
+    certificate: Certificate | None = None
+    reprojection_px: float = float("nan")
+    initialised: bool = False
+
+    @property
+    def accepted(self) -> bool:
+        """True when the frame was used and there is a state to publish."""
+        return self.rejection is None
+
+
+class Tracker:
+    """Follows one person; its only state is the body's, and the stamp at which it was last seen."""
+
+    def __init__(self, config: TrackerConfig | None = None, skeleton: Skeleton | None = None) -> None:
+        """Raises a LassokinError (skeleton, layout, solver or setting) when the configuration cannot be used."""
+        self.config = (config or TrackerConfig()).checked()
+        self.skeleton = skeleton or Skeleton.load(self.config.skeleton, self.config.height)
+        self.layout = Layout.load(self.config.landmarks, self.skeleton)
+        self.kinematics = Kinematics(self.skeleton, self.layout)
+        prior = PosePrior.load(self.skeleton)
+        self._prior = PriorRows(prior, self.kinematics)
+        self._initialiser = Initialiser(self.kinematics, prior, self._prior)
+        self._solver = LassoSolver(self.config.solver)
+        self._live = np.flatnonzero(self.kinematics.live)
+        self._motion = np.maximum(prior.motion, 0.003)[self._live]
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the state; the next usable frame initialises anew."""
+        self._state: BodyState | None = None
+        self._seen = -np.inf
+        self._status = Status.SEARCHING
+
+    @property
+    def state(self) -> BodyState | None:
+        """The present state, None before the first usable frame."""
+        return self._state
+
+    def tune(self, config: TrackerConfig) -> None:
+        """Take over live settings; structure (height, skeleton, landmarks, solver) stays as it was built."""
+        self.config = config.checked()
+
+    def track(self, observation: Observation) -> Estimate:
+        """Use one observation. Never raises for what a detector may send: see `Estimate.rejection`."""
+        rejection, weights = self._admit(observation)
+        if rejection is not None:
+            if observation.stamp - self._seen > self.config.lost_after and self._state is not None:
+                self._status = Status.LOST
+            return Estimate(observation.stamp, self._status, rejection)
+        points = np.where(weights[:, None] > 0, observation.points, 0.0)
+        lost = observation.stamp - self._seen > self.config.lost_after
+        initialised = self._state is None or lost
+        start = self._initialiser.fit(points, weights).best if initialised else self._state
+        assert start is not None
+        solution, state, omega = self._follow(start, points, weights)
+        if not solution.certified:
+            return Estimate(observation.stamp, self._status, Rejection.NOT_CERTIFIED, certificate=solution.certificate)
+        self._state = replace(state, rotations=orthonormalised(state.rotations))
+        self._seen, self._status = observation.stamp, Status.TRACKING
+        pose = self.kinematics.pose(self._state)
+        error = (points - project(pose.landmarks))[weights > 0] * observation.focal
+        return Estimate(
+            observation.stamp,
+            self._status,
+            None,
+            self._state,
+            pose,
+            omega,
+            solution.x,
+            solution.certificate,
+            float(np.sqrt(np.mean(np.sum(error * error, axis=-1)))),
+            initialised,
+        )
+
+    def _admit(self, observation: Observation) -> tuple[Rejection | None, np.ndarray]:
+        """The reason against this observation, if any, and the landmarks' weights (l,), 1 / standard deviation."""
+        count = self.kinematics.landmark_count
+        none = np.zeros(count)
+        if observation.points.shape != (count, 2) or observation.confidence.shape != (count,):
+            return Rejection.WRONG_SHAPE, none
+        if not (np.isfinite(observation.stamp) and np.isfinite(observation.focal) and observation.focal > 0):
+            return Rejection.NOT_FINITE, none
+        if observation.stamp <= self._seen:
+            return Rejection.OLD_STAMP, none
+        usable = np.all(np.abs(observation.points) < 10, axis=-1) & (
+            observation.confidence >= max(self.config.min_confidence, 1e-9)
+        )
+        if np.count_nonzero(usable) < self.config.min_landmarks:
+            return Rejection.TOO_FEW_LANDMARKS, none
+        deviation = self.config.noise_px / observation.focal * self.layout.noise
+        confidence = np.clip(np.where(usable, observation.confidence, 0.0), 0.0, 1.0)
+        return None, np.sqrt(confidence) / deviation
+
+    def _follow(
+        self, start: BodyState, points: np.ndarray, weights: np.ndarray
+    ) -> tuple[LassoSolution, BodyState, np.ndarray]:
+        """One frame's lassos: the last solution, the state that it leads to, and the total Omega (3 n,)."""
+        omega = np.zeros(3 * self.kinematics.joint_count)
+        x = np.zeros(3)
+        guess = None
+        state = start
+        for _ in range(self.config.relinearisations):
+            problem = self._pose_problem(state, points, weights, omega, x)
+            solution = self._solver.solve(problem, guess)
+            if not solution.certified:
+                break
+            guess = solution.omega
+            omega[self._live], x = solution.omega, solution.x
+            state = start.retract(omega, x)
+        return solution, state, omega
+
+    def _pose_problem(
+        self, state: BodyState, points: np.ndarray, weights: np.ndarray, omega: np.ndarray, x: np.ndarray
+    ) -> Lasso:
+        """The lasso in the frame's total increment, linearised about `state` = start * exp(omega), + x.
+
+        With exp(omega + d) = exp(omega) exp(J_r(omega) d), columns are multiplied by J_r and what has been moved
+        already is added back to z.
+        """
+        pose = self.kinematics.pose(state)
+        error = np.linalg.norm(points - project(pose.landmarks), axis=-1) * weights
+        image = linearise(self.kinematics, pose, points, weights * np.sqrt(huber_weights(error)))
+        prior_A, prior_z = self._prior.linearise(state.rotations)
+        A = np.concatenate([image.A, prior_A])
+        z = np.concatenate([image.residual, prior_z])
+        B = np.concatenate([image.B, np.zeros((len(prior_z), 3))])
+        if omega.any():
+            joints = right_jacobian(omega.reshape(-1, 3))
+            A = np.swapaxes(np.swapaxes(A.reshape(len(z), -1, 3), 0, 1) @ joints, 0, 1).reshape(len(z), -1)
+            z = z + A @ omega + B @ x
+        return Lasso(np.ascontiguousarray(A[:, self._live]), B, z, self.config.sparsity / self._motion)
