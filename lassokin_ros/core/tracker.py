@@ -76,6 +76,8 @@ class Estimate:
     certificate: Certificate | None = None
     reprojection_px: float = float("nan")
     initialised: bool = False
+    problem: Lasso | None = None
+    solution: LassoSolution | None = None
 
     @property
     def accepted(self) -> bool:
@@ -127,7 +129,7 @@ class Tracker:
         initialised = self._state is None or lost
         start = self._initialiser.fit(points, weights).best if initialised else self._state
         assert start is not None
-        solution, state, omega = self._follow(start, points, weights)
+        problem, solution, state, omega = self._follow(start, points, weights)
         if not solution.certified:
             return Estimate(observation.stamp, self._status, Rejection.NOT_CERTIFIED, certificate=solution.certificate)
         self._state = replace(state, rotations=orthonormalised(state.rotations))
@@ -145,6 +147,8 @@ class Tracker:
             solution.certificate,
             float(np.sqrt(np.mean(np.sum(error * error, axis=-1)))),
             initialised,
+            problem,
+            solution,
         )
 
     def _admit(self, observation: Observation) -> tuple[Rejection | None, np.ndarray]:
@@ -168,8 +172,8 @@ class Tracker:
 
     def _follow(
         self, start: BodyState, points: np.ndarray, weights: np.ndarray
-    ) -> tuple[LassoSolution, BodyState, np.ndarray]:
-        """One frame's lassos: the last solution, the state that it leads to, and the total Omega (3 n,)."""
+    ) -> tuple[Lasso, LassoSolution, BodyState, np.ndarray]:
+        """One frame's lassos: the last problem and solution, the state they lead to, the total Omega (3 n,)."""
         omega = np.zeros(3 * self.kinematics.joint_count)
         x = np.zeros(3)
         guess = None
@@ -182,7 +186,7 @@ class Tracker:
             guess = solution.omega
             omega[self._live], x = solution.omega, solution.x
             state = start.retract(omega, x)
-        return solution, state, omega
+        return problem, solution, state, omega
 
     def _pose_problem(
         self, state: BodyState, points: np.ndarray, weights: np.ndarray, omega: np.ndarray, x: np.ndarray

@@ -1,0 +1,82 @@
+"""Keypoints of one image as arrays: what every keypoint adapter returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from msg_adapters.errors import AdapterError
+
+MAX_POINTS = 4096
+"""Keypoints in one message; more are refused before memory is taken."""
+
+LARGEST_PIXEL = 1e6
+"""px: a coordinate beyond this counts as missing."""
+
+LARGEST_CONFIDENCE = 2.0
+"""Scores from heat maps overshoot 1 a little and are cut to 1; beyond this the unit is another (percent, say)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Keypoints:
+    """Keypoints of one image, k points.
+
+    Attributes
+    ----------
+    stamp_ns: the image's, ns; None when the message has no stamp (no header, or a stamp of zero).
+    frame_id: the camera's optical frame; empty when the message does not say.
+    ids: (k,) int, index of each point in the landmark layout.
+    xy: (k, 2) px.
+    confidence: (k,) 0 to 1.
+    persons: (k,) int, the person to whom each point belongs; None when the message does not say.
+    """
+
+    stamp_ns: int | None
+    frame_id: str
+    ids: np.ndarray
+    xy: np.ndarray
+    confidence: np.ndarray
+    persons: np.ndarray | None = None
+
+    def as_landmarks(self, count: int, person: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Points (count, 2) px, NaN where missing, and confidence (count,), 0 where missing.
+
+        Missing is: absent, a coordinate that is not finite or not a pixel's, a confidence that is NaN, 0 or less.
+        person: take this person's points only. Raises AdapterError when a point that is not missing has an id that
+        the layout does not have (the layout is the wrong one), when an id stands twice (two people in one message
+        without `person`), or when a confidence is no fraction of 1: such a frame is refused, never guessed at.
+        """
+        points, confidence = np.full((count, 2), np.nan), np.zeros(count)
+        with np.errstate(invalid="ignore"):
+            present = (self.confidence > 0) & (np.abs(self.xy) <= LARGEST_PIXEL).all(axis=1)
+        if person is not None and self.persons is not None:
+            present &= self.persons == person
+        ids, scores = self.ids[present], self.confidence[present]
+        if len(ids) == 0:
+            return points, confidence
+        if ids.min() < 0 or ids.max() >= count:
+            wrong = ids[(ids < 0) | (ids >= count)][0]
+            raise AdapterError("unknown_id", f"keypoint id {wrong}; expected 0 to {count - 1} of the landmark layout")
+        if len(np.unique(ids)) < len(ids):
+            raise AdapterError("repeated_id", "a keypoint id stands twice; several people need the field 'person'")
+        if scores.max() > LARGEST_CONFIDENCE:
+            raise AdapterError("confidence_range", f"a confidence is {scores.max():g}; expected 0 to 1")
+        points[ids] = self.xy[present]
+        confidence[ids] = np.minimum(scores, 1.0)
+        return points, confidence
+
+
+def header_stamp(header: object) -> int | None:
+    """A header's stamp in ns, None for a stamp of zero. Raises AdapterError for one that is no time."""
+    stamp = header.stamp  # type: ignore[attr-defined]
+    seconds, nanoseconds = int(stamp.sec), int(stamp.nanosec)
+    if seconds < 0 or nanoseconds >= 1_000_000_000:
+        raise AdapterError("bad_stamp", f"the stamp is {seconds} s and {nanoseconds} ns; expected a time after 1970")
+    return seconds * 1_000_000_000 + nanoseconds or None
+
+
+def check_count(count: int) -> None:
+    """Raise AdapterError when a message holds more keypoints than a picture can need."""
+    if count > MAX_POINTS:
+        raise AdapterError("too_many_points", f"{count} keypoints in one message; expected at most {MAX_POINTS}")

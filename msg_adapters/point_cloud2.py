@@ -1,0 +1,85 @@
+"""Keypoints in sensor_msgs/PointCloud2: fields x, y (or u, v), confidence, id and, optionally, person."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from msg_adapters.errors import AdapterError
+from msg_adapters.keypoints import Keypoints, check_count, header_stamp
+
+MAX_FIELDS = 64
+ALIASES = {"u": "x", "v": "y"}
+DATATYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}  # sensor_msgs/PointField
+INTEGERS, FLOATS = (1, 2, 3, 4, 5, 6), (7, 8)
+EXPECTED = {"x": FLOATS, "y": FLOATS, "confidence": FLOATS, "id": INTEGERS, "person": INTEGERS}
+
+
+class PointCloud2Adapter:
+    """Reads a cloud of keypoints whatever its byte order, padding and further fields."""
+
+    def decode(self, message: Any, image_size: tuple[int, int] | None = None) -> Keypoints:
+        """See KeypointAdapter.decode."""
+        stamp = header_stamp(message.header)
+        check_count(message.width * message.height)
+        if len(message.fields) > MAX_FIELDS:
+            raise AdapterError("wrong_fields", f"the cloud has {len(message.fields)} fields; expected x, y, ...")
+        fields = tuple((f.name, f.offset, f.datatype, f.count) for f in message.fields)
+        points = _points(message, _dtype(fields, message.point_step, bool(message.is_bigendian)))
+        xy = np.empty((len(points), 2))
+        xy[:, 0], xy[:, 1] = points["x"], points["y"]
+        persons = points["person"].astype(np.int64) if "person" in (points.dtype.names or ()) else None
+        ids = points["id"].astype(np.int64)
+        return Keypoints(stamp, message.header.frame_id, ids, xy, points["confidence"].astype(float), persons)
+
+
+@lru_cache(maxsize=16)
+def _dtype(fields: tuple[tuple[str, int, int, int], ...], point_step: int, big_endian: bool) -> np.dtype:
+    """numpy's description of one point; AdapterError when the fields are not what a keypoint needs."""
+    order = ">" if big_endian else "<"
+    formats: dict[str, tuple[str, int]] = {}
+    for name, offset, datatype, count in fields:
+        name = ALIASES.get(name, name)
+        if name not in EXPECTED:
+            continue
+        if name in formats:
+            raise AdapterError("wrong_fields", f"field '{name}' stands twice in the cloud")
+        if datatype not in EXPECTED[name] or count > 1:
+            kind = "float32 or float64" if EXPECTED[name] is FLOATS else "an integer type"
+            raise AdapterError(
+                "wrong_datatype", f"field '{name}' has datatype {datatype}, count {count}; expected one value of {kind}"
+            )
+        if offset + np.dtype(DATATYPES[datatype]).itemsize > point_step:
+            raise AdapterError(
+                "wrong_layout", f"field '{name}' at offset {offset} does not fit in a point_step of {point_step}"
+            )
+        formats[name] = order + DATATYPES[datatype], offset
+    missing = [name for name in ("x", "y", "confidence", "id") if name not in formats]
+    if missing:
+        there = ", ".join(name for name, *_ in fields)
+        raise AdapterError("wrong_fields", f"the cloud has no field {', '.join(missing)}; its fields are: {there}")
+    return np.dtype(
+        {
+            "names": list(formats),
+            "formats": [kind for kind, _ in formats.values()],
+            "offsets": [offset for _, offset in formats.values()],
+            "itemsize": point_step,
+        }
+    )
+
+
+def _points(message: Any, dtype: np.dtype) -> np.ndarray:
+    """The cloud's points (k,) without copying; AdapterError when its sizes contradict each other."""
+    width, height, size = message.width, message.height, len(message.data)
+    if message.row_step < width * message.point_step or size != message.row_step * height:
+        raise AdapterError(
+            "wrong_layout",
+            f"{size} bytes for height {height}, row_step {message.row_step}, width {width}, point_step "
+            f"{message.point_step}; expected height * row_step bytes and row_step of width * point_step or more",
+        )
+    if width * height == 0:
+        return np.empty(0, dtype)
+    strides = (message.row_step, message.point_step)
+    return np.ndarray((height, width), dtype, memoryview(message.data), 0, strides).reshape(-1)

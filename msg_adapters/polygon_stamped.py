@@ -1,0 +1,21 @@
+"""Keypoints in geometry_msgs/PolygonStamped: point i is landmark i; x, y in px, z is its confidence."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from msg_adapters.keypoints import Keypoints, check_count, header_stamp
+
+
+class PolygonStampedAdapter:
+    """Reads a polygon of keypoints."""
+
+    def decode(self, message: Any, image_size: tuple[int, int] | None = None) -> Keypoints:
+        """See KeypointAdapter.decode."""
+        stamp = header_stamp(message.header)
+        points = message.polygon.points
+        check_count(len(points))
+        values = np.array([(p.x, p.y, p.z) for p in points], dtype=float).reshape(-1, 3)
+        return Keypoints(stamp, message.header.frame_id, np.arange(len(values)), values[:, :2], values[:, 2])

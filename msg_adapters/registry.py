@@ -1,0 +1,40 @@
+"""The keypoint messages that can be read: one line for each; a module is imported when its message is asked for."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any, Protocol
+
+from msg_adapters.keypoints import Keypoints
+
+ADAPTERS = {
+    "sensor_msgs/msg/PointCloud2": "msg_adapters.point_cloud2:PointCloud2Adapter",
+    "geometry_msgs/msg/PolygonStamped": "msg_adapters.polygon_stamped:PolygonStampedAdapter",
+    "std_msgs/msg/Float32MultiArray": "msg_adapters.float32_multi_array:Float32MultiArrayAdapter",
+}
+"""Message type -> module:class of its adapter."""
+
+
+class KeypointAdapter(Protocol):
+    """What an adapter is: one method, no state that matters."""
+
+    def decode(self, message: Any, image_size: tuple[int, int] | None) -> Keypoints:
+        """The message's keypoints; AdapterError when it lies about itself.
+
+        image_size: (width, height) px from camera_info, None before the first; for messages with normalised
+        coordinates.
+        """
+        ...
+
+
+def full_type_name(message_type: str) -> str:
+    """The long form of a message type: "sensor_msgs/PointCloud2" -> "sensor_msgs/msg/PointCloud2"."""
+    parts = message_type.split("/")
+    return f"{parts[0]}/msg/{parts[1]}" if len(parts) == 2 else message_type
+
+
+def keypoint_adapter(message_type: str) -> KeypointAdapter:
+    """A new adapter for a message type, in the long or the short form. Raises KeyError for one without adapter."""
+    module, name = ADAPTERS[full_type_name(message_type)].split(":")
+    adapter: KeypointAdapter = getattr(import_module(module), name)()
+    return adapter
