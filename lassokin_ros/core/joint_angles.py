@@ -1,0 +1,80 @@
+"""Joint rotations read out as the angles of three revolute joints each, for JointState and the URDF.
+
+A ball joint of order "yxz" stands in the URDF as three revolute joints in a row, R = Ry(a_y) Rx(a_x) Rz(a_z): intrinsic
+Tait-Bryan angles. They are for output only; the state itself lives on SO(3).
+
+Gimbal lock. Where the middle angle is +-90 degrees, the first and the last axis are parallel: R tells only their sum
+or difference. There the first angle stays as it was and the last one takes the rest, so that the product is still R.
+Near lock, a small turn of R may need a large turn of the first and the last angle, in opposite senses: the product is
+exact and nothing jumps by 2 pi, but their velocities mean little. The orders in the skeleton's YAML are chosen so that
+everyday postures stay away from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+LOCK = 1e-9
+"""Cosine of the middle angle below which the first angle cannot be told from rounding."""
+
+_TURN = 2 * np.pi
+
+
+class JointAngleReader:
+    """Reads angles that are continuous from one call to the next; its only state is the last answer."""
+
+    def __init__(self, axes: Sequence[str]) -> None:
+        """axes: n orders, each a permutation of "xyz": the intrinsic order of that joint's three turns."""
+        order = np.array([["xyz".index(axis) for axis in word] for word in axes], dtype=int).reshape(-1, 3)
+        i, j, k = order.T
+        base = 9 * np.arange(len(order))
+        # Places in the flat matrices of rows j and k, each with columns i, j, k; and of the entry (i, k).
+        self._rows = base + 3 * np.array([[j, j, j], [k, k, k]]) + np.array([i, j, k])
+        self._corner = base + 3 * i + k
+        self._even = np.where((j - i) % 3 == 1, 1.0, -1.0)  # x y z and its cyclic shifts turn the same way round
+        self._to_xyz = 3 * np.arange(len(order))[:, None] + np.argsort(order, axis=1)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the last answer: the next one is the solution nearest to zero."""
+        self._last = np.zeros((3, len(self._even)))
+        self._locked = np.zeros(len(self._even), dtype=bool)
+
+    @property
+    def locked(self) -> np.ndarray:
+        """(n,) bool: the joints that were at gimbal lock in the last call."""
+        return self._locked
+
+    def read(self, rotations: np.ndarray) -> np.ndarray:
+        """Angles (n, 3) rad about x, y and z (columns by axis, whatever the order) of rotations (n, 3, 3).
+
+        Of the two solutions and all their multiples of 2 pi it is the one nearest to the last call's, joint by joint.
+        """
+        (row_j, row_k), corner = rotations.reshape(-1)[self._rows], rotations.reshape(-1)[self._corner]
+        cosine = np.hypot(row_j[2], row_k[2])
+        self._locked = cosine < LOCK
+        first = np.arctan2(-self._even * row_j[2], row_k[2])
+        np.copyto(first, self._last[0], where=self._locked)
+        # Undo the first turn: rows j and k of Rj(middle) Rk(last). Both angles are well conditioned from there on,
+        # whatever rounding did to the first one near lock, because the last one absorbs it.
+        sine_first, cosine_first = self._even * np.sin(first), np.cos(first)
+        middle = np.arctan2(self._even * corner, cosine_first * row_k[2] - sine_first * row_j[2])
+        last = np.arctan2(
+            self._even * (cosine_first * row_j[0] + sine_first * row_k[0]),
+            cosine_first * row_j[1] + sine_first * row_k[1],
+        )
+        chosen = self._nearest(np.array([first, middle, last]))
+        self._last = chosen
+        return chosen.T.reshape(-1)[self._to_xyz]
+
+    def _nearest(self, angles: np.ndarray) -> np.ndarray:
+        """Of the two solutions (3, n), unwrapped, the one nearer to the last; at lock the given one."""
+        first, middle, last = angles
+        both = np.array([angles, [first + np.pi, np.pi - middle, last + np.pi]])
+        step = both - self._last
+        step -= _TURN * np.round(step / _TURN)
+        distance = np.sum(step * step, axis=1)
+        second = (distance[1] < distance[0]) & ~self._locked
+        return self._last + np.where(second, step[1], step[0])
