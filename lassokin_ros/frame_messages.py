@@ -1,0 +1,89 @@
+"""A frame's output messages, made only when somebody listens."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, Callable, Iterator
+
+import numpy as np
+
+from lassokin_ros import topics
+from lassokin_ros.core.lasso import KKT_TOLERANCE
+from lassokin_ros.core.recovery import theorem1_literal, theorem1_projected
+from lassokin_ros.core.rotations import to_quaternion
+from lassokin_ros.core.skeleton import Skeleton
+from lassokin_ros.core.tracker import Estimate
+from lassokin_ros.pipeline import Frame
+from lassokin_ros.urdf import joint_names
+from msg_adapters.backends import Backend
+from msg_adapters.markers import SkeletonMarkersBuilder
+from msg_adapters.outputs import (
+    OK,
+    WARN,
+    DiagnosticArrayBuilder,
+    JointStateBuilder,
+    PointStampedBuilder,
+    PoseArrayBuilder,
+    StatusLine,
+)
+
+
+class FrameMessages:
+    """Turns accepted frames into messages. A message is re-used: publish or serialise it before the next frame."""
+
+    def __init__(self, backend: Backend, skeleton: Skeleton, name: str = "tracker") -> None:
+        """backend: of msg_adapters.backends; name: the node's, in the certificate."""
+        joint_states = JointStateBuilder(backend, joint_names(skeleton))
+        translation = PointStampedBuilder(backend)
+        joints = PoseArrayBuilder(backend, skeleton.joint_count)
+        markers = SkeletonMarkersBuilder(backend, skeleton.parents.tolist())
+        certificate = DiagnosticArrayBuilder(backend)
+        self._makers: dict[str, Callable[[int, str, Any, Any], Any]] = {
+            topics.JOINT_STATES: lambda t, f, frame, _: joint_states.fill(t, f, frame.positions, frame.velocities),
+            topics.TRANSLATION: lambda t, f, _, e: translation.fill(t, f, e.state.translation),
+            topics.JOINTS: lambda t, f, _, e: joints.fill(t, f, e.pose.positions, to_quaternion(e.pose.orientations)),
+            topics.MARKERS: lambda t, f, _, e: markers.fill(t, f, e.pose.positions),
+            topics.CERTIFICATE: lambda t, f, _, e: certificate.fill(t, f, [certificate_line(e, name, f)]),
+        }
+
+    def build(self, frame: Frame, wanted: Callable[[str], bool] = lambda topic: True) -> Iterator[tuple[str, Any]]:
+        """(topic, message) of each wanted output of an accepted frame, in the order of topics.FRAME_OUTPUTS."""
+        if not frame.accepted or frame.estimate is None:
+            return
+        for topic, make in self._makers.items():
+            if wanted(topic):
+                yield topic, make(frame.stamp_ns, frame.frame_id, frame, frame.estimate)
+
+
+def certificate_line(estimate: Estimate, name: str, hardware_id: str) -> StatusLine:
+    """KKT residuals, duality gap, support, reprojection error and Theorem 1's margins of a frame's last lasso.
+
+    Theorem 1 is evaluated at the solution's own support and signs: would the lasso, were these the truth, find them?
+    """
+    problem, solution = estimate.problem, estimate.solution
+    assert problem is not None and solution is not None
+    certificate = solution.certificate
+    used = replace(problem, alpha=solution.alpha)
+    signs = np.sign(solution.omega[solution.support])
+    literal = theorem1_literal(used, solution.x, solution.support, signs)
+    projected = theorem1_projected(used, solution.support, signs)
+    values = {
+        "kkt1 [alpha]": certificate.kkt1,
+        "kkt2 [alpha]": certificate.kkt2,
+        "kkt3 [alpha]": certificate.kkt3,
+        "duality gap": certificate.duality_gap,
+        "relative duality gap": certificate.relative_gap,
+        "support size": certificate.support_size,
+        "certified": str(solution.certified).lower(),
+        "reprojection error [px]": estimate.reprojection_px,
+        "theorem 1, condition 1 (< 1)": projected.condition1,
+        "theorem 1, condition 2 (> 0) [rad]": projected.condition2,
+        "theorem 1, condition 3 (= 0)": projected.condition3,
+        "theorem 1 literal, condition 1 (< 1)": literal.condition1,
+        "theorem 1 literal, condition 2 (> 0) [rad]": literal.condition2,
+        "theorem 1 literal, condition 3 (= 0)": literal.condition3,
+        "initialised": str(estimate.initialised).lower(),
+    }
+    level, message = (OK, "certified") if solution.certified else (WARN, "not certified")
+    text = {key: value if isinstance(value, str) else f"{value:.6g}" for key, value in values.items()}
+    return StatusLine(level, f"{name}: certificate", f"{message} to {KKT_TOLERANCE:g} of alpha", hardware_id, text)

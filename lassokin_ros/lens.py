@@ -1,0 +1,107 @@
+"""Pixels to normalised image coordinates, once, at the border: behind it there is no lens."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from lassokin_ros.core.errors import CameraError
+from msg_adapters.camera_info import Intrinsics
+
+ITERATIONS, ACCURACY_PX = 100, 1e-9
+LARGEST_MISS_PX = 0.5
+"""An undistorted point that does not distort back to within this of its pixel lies outside the lens model's range."""
+
+
+class Lens:
+    """One camera's way from pixels to the normalised coordinates of (7).
+
+    K: (3, 3) px; D: coefficients in OpenCV's order; model: "plumb_bob", "rational_polynomial", "equidistant", or ""
+    for a lens without distortion (then OpenCV is not needed). Raises CameraError.
+    """
+
+    def __init__(self, K: np.ndarray, D: np.ndarray | None = None, model: str = "") -> None:
+        self.K = np.array(K, dtype=float)
+        self.D = np.zeros(0) if D is None else np.array(D, dtype=float)
+        self.model = model
+        if self.K.shape != (3, 3) or not np.isfinite(self.K).all() or self.K[0, 0] <= 0 or self.K[1, 1] <= 0:
+            raise CameraError(f"K is {self.K.tolist()}; expected a finite 3 x 3 matrix with focal lengths above 0")
+        if model not in ("", "plumb_bob", "rational_polynomial", "equidistant"):
+            raise CameraError(f"lens model '{model}'; expected plumb_bob, rational_polynomial or equidistant")
+        self._focal_lengths = self.K[[0, 1], [0, 1]]
+        self._centre = self.K[:2, 2]
+        if model:
+            self._opencv  # noqa: B018  (a missing OpenCV is said now, not in the first frame)
+
+    @classmethod
+    def from_intrinsics(cls, intrinsics: Intrinsics, rectified: bool = False) -> Lens:
+        """The lens of the raw image, or of the rectified one (P, no distortion). Raises CameraError.
+
+        In the rectified image's camera the skeleton comes out in the rectified camera's frame; the baseline of a
+        stereo pair's right camera (P[3]) is not added.
+        """
+        if not rectified:
+            return cls(intrinsics.K, intrinsics.D, intrinsics.model)
+        if not intrinsics.P[0, 0] > 0:
+            raise CameraError("camera_info has P[0] = 0; parameter 'rectified' needs a rectified camera's P")
+        return cls(intrinsics.P[:, :3])
+
+    @cached_property
+    def focal(self) -> float:
+        """px per normalised unit, the geometric mean of both directions."""
+        return float(np.sqrt(self._focal_lengths.prod()))
+
+    @cached_property
+    def _opencv(self) -> Any:
+        """OpenCV, imported when a lens with distortion turns up: it is large, and most users need none of it."""
+        try:
+            import cv2
+        except ImportError:
+            raise CameraError(
+                f"the camera's lens is {self.model}, which needs OpenCV: pip install opencv-python-headless, or "
+                "apt install python3-opencv"
+            ) from None
+        return cv2
+
+    def normalise(self, pixels: np.ndarray) -> np.ndarray:
+        """(l, 2) px -> (l, 2) normalised, distortion removed; NaN for NaN and for what lies beyond the lens."""
+        if not self.model:
+            normalised: np.ndarray = (pixels - self._centre) / self._focal_lengths
+            return normalised
+        result = np.full(pixels.shape, np.nan)
+        seen = np.isfinite(pixels).all(axis=1)
+        if seen.any():
+            points = pixels[seen]
+            straight = self._undistort(points)
+            with np.errstate(invalid="ignore"):
+                miss = np.abs(self.distort(straight) - points).max(axis=1)
+                straight[~(miss < LARGEST_MISS_PX)] = np.nan
+            result[seen] = straight
+        return result
+
+    def _undistort(self, points: np.ndarray) -> np.ndarray:
+        """(k, 2) finite px -> (k, 2)."""
+        cv2 = self._opencv
+        criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, ITERATIONS, ACCURACY_PX)
+        source = points[:, None, :]
+        if self.model == "equidistant":
+            straight = cv2.fisheye.undistortPoints(source, self.K, self.D, criteria=criteria)
+        elif hasattr(cv2, "undistortPointsIter"):  # OpenCV 3 and 4; in 5 its argument moved to undistortPoints
+            straight = cv2.undistortPointsIter(source, self.K, self.D, None, None, criteria)
+        else:
+            straight = cv2.undistortPoints(source, self.K, self.D, criteria=criteria)
+        result: np.ndarray = straight[:, 0, :]
+        return result
+
+    def distort(self, normalised: np.ndarray) -> np.ndarray:
+        """(k, 2) normalised -> (k, 2) px: the other direction, for pictures, tests and the check above."""
+        if not self.model:
+            return normalised * self._focal_lengths + self._centre
+        cv2, zero = self._opencv, np.zeros(3)
+        rays = np.concatenate([normalised, np.ones((len(normalised), 1))], axis=1)[:, None, :]
+        rays = np.nan_to_num(rays, nan=1e9)
+        project = cv2.fisheye.projectPoints if self.model == "equidistant" else cv2.projectPoints
+        pixels: np.ndarray = project(rays, zero, zero, self.K, self.D)[0].reshape(-1, 2)
+        return pixels

@@ -1,0 +1,45 @@
+"""Settings that only the node and the replay have; the tracker's own are in core/config.py."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+from lassokin_ros.core.config import check_setting, setting
+from lassokin_ros.core.errors import ConfigurationError
+from msg_adapters.registry import ADAPTERS, full_type_name
+
+
+@dataclass(frozen=True)
+class NodeConfig:
+    """Settings of the node; `checked` raises ConfigurationError for a value out of its range."""
+
+    keypoints_type: str = setting(
+        "sensor_msgs/msg/PointCloud2", f"message type of the topic keypoints, one of: {', '.join(ADAPTERS)}"
+    )
+    rectified: bool = setting(
+        False, "keypoints are pixels of the rectified image: camera_info's P is used in place of K and D", live=True
+    )
+    base_frame: str = setting(
+        "camera_optical_frame", "base link of robot_description until the first keypoints say their frame_id"
+    )
+    queue_depth: int = setting(
+        5, "keypoint messages that wait while one is worked on; older ones are dropped", "", 1, 1000
+    )
+    jump_back: float = setting(
+        0.5,
+        "a header stamp that lies back by more than this (bag loop, seek) resets the tracker; by less, is rejected",
+        "s",
+        0.0,
+        3600.0,
+        live=True,
+    )
+
+    def checked(self) -> NodeConfig:
+        """Itself, when every value has the right type and range."""
+        for item in fields(self):
+            check_setting(item.name, getattr(self, item.name), item.metadata, type(item.default))
+        if full_type_name(self.keypoints_type) not in ADAPTERS:
+            raise ConfigurationError(
+                f"keypoints_type is '{self.keypoints_type}'; expected one of: {', '.join(ADAPTERS)}"
+            )
+        return self

@@ -1,0 +1,51 @@
+"""A skeleton as visualization_msgs/MarkerArray: bones as lines, joints as balls."""
+
+from __future__ import annotations
+
+from typing import Any, Sequence
+
+import numpy as np
+
+from msg_adapters.backends import Backend
+from msg_adapters.outputs import set_header
+
+SPHERE_LIST, LINE_LIST = 7, 5  # visualization_msgs/Marker
+JOINT_SIZE, BONE_SIZE = 0.05, 0.025  # m
+JOINT_COLOUR, BONE_COLOUR = (0.10, 0.45, 0.85, 1.0), (0.95, 0.60, 0.10, 1.0)
+LIFETIME_NS = 500_000_000
+"""A marker that is not renewed disappears after this time: a lost person leaves no ghost in RViz."""
+
+
+class SkeletonMarkersBuilder:
+    """The message is made once; each frame moves its points."""
+
+    def __init__(self, backend: Backend, parents: Sequence[int]) -> None:
+        """parents: (n,) index of each joint's parent, -1 for the root."""
+        self._message = backend.make("visualization_msgs/msg/MarkerArray")
+        self._ends = [joint for child, parent in enumerate(parents) if parent >= 0 for joint in (int(parent), child)]
+        bones = _marker(backend, 0, "bones", LINE_LIST, BONE_SIZE, BONE_COLOUR, len(self._ends))
+        joints = _marker(backend, 1, "joints", SPHERE_LIST, JOINT_SIZE, JOINT_COLOUR, len(parents))
+        self._message.markers = [bones, joints]
+
+    def fill(self, stamp_ns: int, frame_id: str, positions: np.ndarray) -> Any:
+        """positions: (n, 3) m."""
+        bones, joints = self._message.markers
+        places = positions.tolist()
+        for marker, points in ((bones, [places[i] for i in self._ends]), (joints, places)):
+            set_header(marker.header, stamp_ns, frame_id)
+            for target, place in zip(marker.points, points):
+                target.x, target.y, target.z = place
+        return self._message
+
+
+def _marker(
+    backend: Backend, number: int, namespace: str, kind: int, size: float, colour: tuple[float, ...], points: int
+) -> Any:
+    marker = backend.make("visualization_msgs/msg/Marker")
+    marker.ns, marker.id, marker.type = namespace, number, kind
+    marker.pose.orientation.w = 1.0
+    marker.scale.x = marker.scale.y = marker.scale.z = size
+    marker.color.r, marker.color.g, marker.color.b, marker.color.a = colour
+    marker.lifetime.sec, marker.lifetime.nanosec = divmod(LIFETIME_NS, 1_000_000_000)
+    marker.points = [backend.make("geometry_msgs/msg/Point") for _ in range(points)]
+    return marker

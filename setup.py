@@ -1,0 +1,57 @@
+"""One package for pip and for colcon (ament_python)."""
+
+from glob import glob
+from pathlib import Path
+from xml.etree import ElementTree
+
+from setuptools import find_packages, setup
+
+NAME = "lassokin_ros"
+MANIFEST = ElementTree.parse(Path(__file__).parent / "package.xml").getroot()
+MAINTAINER = MANIFEST.find("maintainer")
+
+ROS = ["ros-jazzy-rclpy[fastrtps]>=7.1.6", "ros-jazzy-common-interfaces>=5.3.6"]
+LENS = ["opencv-python-headless>=4.6"]
+REPLAY = ["rosbags>=0.10.6", *LENS]
+DEMO = ["matplotlib>=3.6", *ROS, *REPLAY]
+TEST = [
+    "pytest>=7.4",
+    "hypothesis>=6.100",
+    "pin>=2.7",
+    "yourdfpy>=0.0.56",
+    "colcon-common-extensions>=0.3",
+    "daqp>=0.5",
+    "quadprog>=0.1.12",
+    "scikit-learn>=1.4",
+    "ruff>=0.6",
+    "mypy>=1.11",
+    "types-PyYAML>=6.0",
+    *DEMO,
+]
+
+setup(
+    name=NAME,
+    version=MANIFEST.findtext("version"),
+    description=" ".join(MANIFEST.findtext("description").split()),
+    maintainer=MAINTAINER.text,
+    maintainer_email=MAINTAINER.get("email"),
+    license=MANIFEST.findtext("license"),
+    packages=find_packages(include=["lassokin_ros", "lassokin_ros.*", "msg_adapters", "msg_adapters.*"]),
+    package_data={"lassokin_ros.core": ["skeletons/*.yaml", "layouts/*.yaml", "priors/*.yaml"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}/launch", sorted(glob("launch/*.launch.py"))),
+        (f"share/{NAME}/config", sorted(glob("config/*.*"))),
+    ],
+    python_requires=">=3.10",
+    install_requires=["setuptools", "numpy>=1.24", "scipy>=1.9", "qpsolvers>=4.3", "proxsuite>=0.6.5", "PyYAML>=6.0"],
+    extras_require={"ros": ROS, "lens": LENS, "replay": REPLAY, "demo": DEMO, "test": TEST},
+    zip_safe=False,
+    entry_points={
+        "console_scripts": [
+            "tracker = lassokin_ros.command_line:tracker",
+            "replay = lassokin_ros.replay:main",
+        ]
+    },
+)
