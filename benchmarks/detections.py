@@ -1,0 +1,200 @@
+"""Real detector output: one camera's keypoints in, the multi-camera 3D as reference.
+
+A file holds `kp2d` (c, f, k, 3) px and confidence, `K`, `dist`, `fps`, `keypoint_names` and `ref_cam` (c, f, k, 3) m in
+each camera's frame. The reference's joints are the detector's own points, triangulated; so landmarks are compared
+with landmarks, and only those that lie at a joint: hips, knees, ankles, shoulders, elbows, wrists.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Mapping, Sequence
+
+import numpy as np
+
+from benchmarks.baselines import FOLLOWERS
+from benchmarks.metrics import acceleration_error, flipped_frames, mpjpe, pa_mpjpe
+from benchmarks.report import Record
+from benchmarks.runs import Track, follow
+from benchmarks.smplify import fit_clip
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.landmarks import Layout
+from lassokin_ros.core.skeleton import Skeleton
+from lassokin_ros.core.tracker import Observation
+from lassokin_ros.lens import Lens
+
+JOINTS = {
+    f"{side[0]}_{joint}": f"{side}_{joint}"
+    for side in ("left", "right")
+    for joint in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
+}
+"""Evaluated names and the landmarks that lie there, in every layout used here."""
+
+BONES = tuple(
+    (f"{side}_{a}", f"{side}_{b}")
+    for side in ("left", "right")
+    for a, b in (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
+)
+
+
+@dataclass(frozen=True)
+class DetectionJob:
+    """One file, one camera, one method."""
+
+    file: Path
+    camera: int
+    method: str
+    measured_bones: bool
+    settings: Mapping[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One camera's keypoints of one person.
+
+    points: (f, l, 2) normalised; confidence: (f, l); reference: (f, l, 3) m in the camera frame, NaN = unknown;
+    focal: px.
+    """
+
+    name: str
+    layout: str
+    fps: float
+    focal: float
+    points: np.ndarray
+    confidence: np.ndarray
+    reference: np.ndarray
+
+
+def detection_jobs(
+    files: Sequence[Path], methods: Sequence[str], measured_bones: bool, settings: Mapping[str, Any]
+) -> list[DetectionJob]:
+    """All cameras of all files with all methods."""
+    jobs = []
+    for file in files:
+        if not file.is_file():
+            raise SystemExit(f"no file {file}; expected detections in the format of the shared data's README")
+        for camera in range(len(np.load(file)["kp2d"])):
+            jobs += [DetectionJob(file, camera, method, measured_bones, settings) for method in methods]
+    return jobs
+
+
+def load_recording(file: Path, camera: int) -> Recording:
+    """Read one camera of a file, with lens distortion removed."""
+    data = np.load(file)
+    names = [str(name) for name in data["keypoint_names"]]
+    mediapipe = "left_index" in names
+    layout, count = ("mediapipe33", 33) if mediapipe else ("body25b", 25)
+    keypoints = data["kp2d"][camera, :, :count].astype(float)
+    confidence = np.where(np.isfinite(keypoints).all(-1), keypoints[..., 2], 0.0)
+    reference = data["ref_cam"][camera, :, :count].astype(float)
+    if "good" in data:
+        reference = np.where(data["good"][:, :count, None], reference, np.nan)
+    K = data["K"][camera]
+    points = undistorted(keypoints[..., :2], K, data["dist"][camera])
+    points = np.where(confidence[..., None] > 0, points, np.nan)
+    return Recording(
+        f"{file.stem}", layout, float(data["fps"]), float(K[0, 0] + K[1, 1]) / 2, points, confidence, reference
+    )
+
+
+def undistorted(pixels: np.ndarray, K: np.ndarray, distortion: np.ndarray) -> np.ndarray:
+    """(f, l, 2) px -> normalised image coordinates, by the lens model that the node uses."""
+    lens = Lens(K, np.pad(distortion, (0, 5 - len(distortion))), "plumb_bob")
+    return lens.normalise(pixels.reshape(-1, 2)).reshape(pixels.shape)
+
+
+def height_of(reference: np.ndarray, layout: Layout) -> float:
+    """m: the height at which the built-in proportions give the limbs in sight the reference's (median) lengths."""
+    unit = Skeleton.load("anthropometric", 1.0)
+    model = sum(float(np.linalg.norm(unit.offsets[unit.index(b)])) for a, b in _seen(reference, layout))
+    return sum(_length(reference, layout, a, b) for a, b in _seen(reference, layout)) / model
+
+
+def measured(skeleton: Skeleton, reference: np.ndarray, layout: Layout) -> Skeleton:
+    """The skeleton with the limbs in sight at the reference's lengths, left and right alike, shoulders and hips too."""
+    offsets = skeleton.offsets.copy()
+    place = skeleton.rest_positions
+    for pair in ("shoulder", "hip"):
+        left, right = f"left_{pair}", f"right_{pair}"
+        length = _length(reference, layout, left, right)
+        if np.isfinite(length):
+            change = 0.5 * (length - np.linalg.norm(place[skeleton.index(left)] - place[skeleton.index(right)]))
+            offsets[skeleton.index(left), 0] += change
+            offsets[skeleton.index(right), 0] -= change
+    for a, b in _seen(reference, layout):
+        other = (f"right_{a[5:]}", f"right_{b[5:]}") if a.startswith("left") else (f"left_{a[6:]}", f"left_{b[6:]}")
+        length = np.nanmean([_length(reference, layout, a, b), _length(reference, layout, *other)])
+        joint = skeleton.index(b)
+        offsets[joint] *= length / np.linalg.norm(offsets[joint])
+    return skeleton.with_offsets(offsets)
+
+
+def _seen(reference: np.ndarray, layout: Layout) -> list[tuple[str, str]]:
+    return [(a, b) for a, b in BONES if np.isfinite(_length(reference, layout, a, b))]
+
+
+def _length(reference: np.ndarray, layout: Layout, a: str, b: str) -> float:
+    length = np.linalg.norm(reference[:, layout.index(a)] - reference[:, layout.index(b)], axis=-1)
+    known = np.isfinite(length)
+    return float(np.median(length[known])) if known.mean() > 0.1 else float("nan")
+
+
+def run_detections(job: DetectionJob) -> Record:
+    """Follow one camera's keypoints and score them."""
+    recording = load_recording(job.file, job.camera)
+    layout = Layout.load(recording.layout, Skeleton.load("anthropometric", 1.75))
+    height = height_of(recording.reference, layout)
+    config = TrackerConfig(height=height, landmarks=recording.layout, **job.settings).checked()
+    skeleton = Skeleton.load("anthropometric", height)
+    if job.measured_bones:
+        skeleton = measured(skeleton, recording.reference, layout)
+    observations = [
+        Observation(frame / recording.fps, points, recording.confidence[frame], recording.focal)
+        for frame, points in enumerate(recording.points)
+    ]
+    if job.method == "smplify":
+        track = fit_clip(config, skeleton, observations)
+    else:
+        follower = FOLLOWERS[job.method](config, skeleton)
+        track = follow(follower, observations, skeleton.joint_count, len(layout.names))
+    return {
+        "clip": recording.name,
+        "view": job.camera,
+        "fps": recording.fps,
+        "landmarks": recording.layout,
+        "method": job.method,
+        "height_m": height,
+        "skeleton": "reference bones" if job.measured_bones else "height",
+        **score(track, recording, layout),
+    }
+
+
+def score(track: Track, recording: Recording, layout: Layout) -> Record:
+    """The same figures as for clips; frames without a reference of the root are left out."""
+    index = [layout.index(landmark) for landmark in JOINTS.values()]
+    hips = np.isfinite(recording.reference[:, [layout.index("left_hip"), layout.index("right_hip")], 0]).mean() > 0.5
+    root = [layout.index(f"{side}_{'hip' if hips else 'shoulder'}") for side in ("left", "right")]
+    scored = np.isfinite(track.landmarks[:, 0, 0]) & np.isfinite(recording.reference[:, root, 0]).all(1)
+    known = np.where(scored[:, None, None], recording.reference, np.nan)
+    truth, estimate = known[:, index], track.landmarks[:, index]
+    own_root, true_root = track.landmarks[:, root].mean(1), known[:, root].mean(1)
+    error = mpjpe(estimate[scored], truth[scored], own_root[scored], true_root[scored])
+    flips = flipped_frames(estimate[scored], truth[scored], list(JOINTS))
+    return {
+        "frames": int(scored.sum()),
+        "mpjpe_mm": float(np.mean(error)),
+        "pa_mpjpe_mm": float(np.mean(pa_mpjpe(estimate[scored], truth[scored]))),
+        "accel_error": acceleration_error(estimate, truth, own_root, true_root, recording.fps),
+        "root_mm": float(1000 * np.nanmean(np.linalg.norm(own_root - true_root, axis=-1))),
+        "reprojection_px": float(np.nanmean(track.reprojection_px)),
+        "frames_over_100mm": int(np.sum(error > 100)),
+        "over_100mm_percent": float(100 * np.mean(error > 100)),
+        "flips": int(flips.sum()),
+        "flips_percent": float(100 * np.mean(flips)),
+        "init_ms": track.init_ms,
+        "init_mpjpe_mm": float(error[0]),
+        "frame_ms_p50": float(np.nanpercentile(track.frame_ms, 50)),
+        "frame_ms_p99": float(np.nanpercentile(track.frame_ms, 99)),
+        "rejected": int(track.rejected.sum()),
+    }

@@ -1,0 +1,82 @@
+"""How wrong a sequence of skeletons is.
+
+Positions are (f, j, 3) in m, in the camera frame (x right, y down, z forward); results in mm unless said otherwise.
+"""
+
+from __future__ import annotations
+
+from typing import Sequence
+
+import numpy as np
+
+LIMBS = tuple(
+    (f"{s}_{a}", f"{s}_{b}")
+    for s in ("l", "r")
+    for a, b in (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
+)
+"""(proximal, distal) joints of the eight limb bones whose depth sign counts as a flip."""
+
+FLIP_MM = 100.0
+
+
+def mpjpe(estimate: np.ndarray, truth: np.ndarray, estimate_root: np.ndarray, truth_root: np.ndarray) -> np.ndarray:
+    """(f,) mm: mean distance of the joints per frame, after both roots (f, 3) are moved to the origin.
+
+    Joints with a NaN are left out of the mean.
+    """
+    difference = (estimate - estimate_root[:, None]) - (truth - truth_root[:, None])
+    return 1000 * np.nanmean(np.linalg.norm(difference, axis=-1), axis=1)
+
+
+def pa_mpjpe(estimate: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """(f,) mm: the same after the best similarity (rotation, translation, scale) of each frame's estimate."""
+    result = np.empty(len(truth))
+    for frame, (source, target) in enumerate(zip(estimate, truth)):
+        known = np.all(np.isfinite(source) & np.isfinite(target), axis=-1)
+        aligned = procrustes(source[known], target[known])
+        result[frame] = 1000 * np.mean(np.linalg.norm(aligned - target[known], axis=-1))
+    return result
+
+
+def procrustes(source: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """`source` (j, 3) moved by the similarity without reflection that brings it nearest to `target` (Umeyama 1991)."""
+    source_mean, target_mean = source.mean(0), target.mean(0)
+    centred = source - source_mean
+    U, S, Vt = np.linalg.svd(centred.T @ (target - target_mean))
+    signs = np.ones(3)
+    signs[2] = np.sign(np.linalg.det(U @ Vt))
+    scale = (S * signs).sum() / max(float(np.sum(centred * centred)), 1e-300)
+    return scale * (centred @ ((U * signs) @ Vt)) + target_mean
+
+
+def acceleration_error(
+    estimate: np.ndarray, truth: np.ndarray, estimate_root: np.ndarray, truth_root: np.ndarray, fps: float
+) -> float:
+    """m/s^2: mean norm of the second difference of the root-aligned joints' error, times fps^2. Frames contiguous."""
+    error = (estimate - estimate_root[:, None]) - (truth - truth_root[:, None])
+    second = np.diff(error, 2, axis=0)
+    return float(np.nanmean(np.linalg.norm(second, axis=-1)) * fps * fps) if len(second) else float("nan")
+
+
+def flipped_frames(estimate: np.ndarray, truth: np.ndarray, names: Sequence[str]) -> np.ndarray:
+    """(f,) bool: frames in which some limb points to the wrong side in depth.
+
+    A limb bone of `LIMBS` is flipped when z(distal) - z(proximal) has the other sign than the truth's and differs
+    from it by more than 100 mm.
+    """
+    index = {name: i for i, name in enumerate(names)}
+    limbs = [(index[a], index[b]) for a, b in LIMBS if a in index and b in index]
+    proximal, distal = (list(side) for side in zip(*limbs))
+    mine = estimate[:, distal, 2] - estimate[:, proximal, 2]
+    true = truth[:, distal, 2] - truth[:, proximal, 2]
+    wrong = (np.sign(mine) != np.sign(true)) & (1000 * np.abs(mine - true) > FLIP_MM)
+    return np.any(wrong, axis=1)
+
+
+def yaw_error(estimate: np.ndarray, truth: np.ndarray, names: Sequence[str]) -> np.ndarray:
+    """(f,) degrees, 0 to 180: between the two pelvises' left axes (right to left hip) seen from above."""
+    left, right = list(names).index("l_hip"), list(names).index("r_hip")
+    mine = (estimate[:, left] - estimate[:, right])[:, [0, 2]]
+    true = (truth[:, left] - truth[:, right])[:, [0, 2]]
+    cross = mine[:, 0] * true[:, 1] - mine[:, 1] * true[:, 0]
+    return np.degrees(np.abs(np.arctan2(cross, np.sum(mine * true, axis=-1))))

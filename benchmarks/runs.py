@@ -1,0 +1,70 @@
+"""Following one sequence of keypoints with one method, and what came out of it."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Protocol, Sequence
+
+import numpy as np
+
+from lassokin_ros.core.tracker import Estimate, Observation
+
+
+class Follower(Protocol):
+    """Whatever turns observations into estimates, one by one: the tracker, and the baselines."""
+
+    def track(self, observation: Observation) -> Estimate:
+        """Use one observation."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """A method's answer to f frames. Before the first estimate: NaN; in a rejected frame: the last estimate.
+
+    positions: (f, n, 3) m joint centres; landmarks: (f, l, 3) m; reprojection_px: (f,), NaN where rejected;
+    rejected: (f,) bool; frame_ms: (f,); init_ms: time of the frame that gave the first estimate.
+    """
+
+    positions: np.ndarray
+    landmarks: np.ndarray
+    reprojection_px: np.ndarray
+    rejected: np.ndarray
+    frame_ms: np.ndarray
+    init_ms: float
+
+    @property
+    def first(self) -> int:
+        """The first frame with an estimate; the number of frames when there is none."""
+        known = np.isfinite(self.positions[:, 0, 0])
+        return int(np.argmax(known)) if known.any() else len(known)
+
+
+def follow(follower: Follower, observations: Sequence[Observation], joints: int, landmarks: int) -> Track:
+    """Feed the observations in order; an estimate belongs to the frame whose stamp it carries."""
+    count = len(observations)
+    frame_of = {observation.stamp: frame for frame, observation in enumerate(observations)}
+    positions, points = np.full((count, joints, 3), np.nan), np.full((count, landmarks, 3), np.nan)
+    reprojection, frame_ms = np.full(count, np.nan), np.full(count, np.nan)
+    rejected = np.ones(count, dtype=bool)
+    init_ms = np.nan
+    for frame, observation in enumerate(observations):
+        start = time.perf_counter()
+        estimate = follower.track(observation)
+        frame_ms[frame] = 1000 * (time.perf_counter() - start)
+        if not estimate.accepted or estimate.pose is None:
+            continue
+        target = frame_of[estimate.stamp]
+        positions[target], points[target] = estimate.pose.positions, estimate.pose.landmarks
+        reprojection[target], rejected[target] = estimate.reprojection_px, False
+        if np.isnan(init_ms):
+            init_ms = frame_ms[frame]
+    return Track(_held(positions), _held(points), reprojection, rejected, frame_ms, float(init_ms))
+
+
+def _held(values: np.ndarray) -> np.ndarray:
+    """NaN frames replaced by the last known one."""
+    known = np.isfinite(values[:, 0, 0])
+    last = np.maximum.accumulate(np.where(known, np.arange(len(values)), -1))
+    return np.where((last >= 0)[:, None, None], values[np.maximum(last, 0)], np.nan)
