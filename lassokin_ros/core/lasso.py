@@ -106,7 +106,7 @@ class LassoSolver:
         if ratio <= 1:
             return self._finish(problem, reduced, problem.alpha, np.zeros(len(problem.alpha)), "zero")
         alpha = problem.alpha * max(1.0, SMALLEST_ALPHA * ratio)
-        if guess is not None:
+        if guess is not None and np.isfinite(guess).all():
             mended = _mend(reduced, alpha, guess)
             if mended is not None:
                 return self._finish(problem, reduced, alpha, mended, "guess")
@@ -128,11 +128,12 @@ class LassoSolver:
 
 
 def eliminate_translation(problem: Lasso) -> Reduced:
-    """Project x out: KKT-3 (15) solved for x. A ridge of 1e-12 of the trace keeps one landmark or none solvable."""
+    """Project x out: KKT-3 (15) solved for x, which stays 0 along what is not seen (one landmark or none)."""
     A, B, z = problem.A, problem.B, problem.z
-    gram = B.T @ B
-    gram.flat[::4] += 1e-12 * np.trace(gram) + 1e-300
-    Y = np.linalg.solve(gram, B.T)
+    # A pseudo-inverse, not a ridge: a ridge of 1e-12 already shows in KKT-3 where alpha is small.
+    values, vectors = np.linalg.eigh(B.T @ B)
+    inverse = np.divide(1.0, values, out=np.zeros(3), where=values > 1e-10 * values[-1])
+    Y = (vectors * inverse) @ (vectors.T @ B.T)
     A_projected = A - B @ (Y @ A)
     z_projected = z - B @ (Y @ z)
     return Reduced(A_projected, z_projected, Y, A_projected.T @ A_projected, A_projected.T @ z_projected)
