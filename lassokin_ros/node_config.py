@@ -17,7 +17,7 @@ class NodeConfig:
         "sensor_msgs/msg/PointCloud2", f"message type of the topic keypoints, one of: {', '.join(ADAPTERS)}"
     )
     rectified: bool = setting(
-        False, "keypoints are pixels of the rectified image: camera_info's P is used in place of K and D", live=True
+        False, "keypoints are pixels of the rectified image: camera_info's P is used in place of K and D"
     )
     base_frame: str = setting(
         "camera_optical_frame", "base link of robot_description until the first keypoints say their frame_id"

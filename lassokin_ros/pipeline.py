@@ -92,8 +92,6 @@ class Pipeline:
         """Take over live settings; they hold from the next frame on."""
         self.tracker.tune(tracker_config)
         self.config = node_config.checked()
-        if self._intrinsics is not None:
-            self._use_camera(self._intrinsics)
 
     def set_camera(self, message: Any) -> str | None:
         """Take over a CameraInfo message; the reason's key when it is refused (the last good camera then stays)."""

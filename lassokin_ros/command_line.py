@@ -1,0 +1,85 @@
+"""The command `tracker`: starts the node, ends it at a signal, and says in one line why it could not start."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+from typing import Any, Sequence
+
+USAGE_ERROR = 2
+
+
+def tracker(arguments: Sequence[str] | None = None) -> int:
+    """Run the node until SIGINT or SIGTERM; the exit code: 0, or 2 when it could not start."""
+    stopped = _catch_signals()
+    # The matrices are small: further threads of BLAS cost more than they bring, and take cores from the robot.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    try:
+        import rclpy
+        from rclpy.utilities import remove_ros_args
+
+        from lassokin_ros.core.errors import LassokinError
+        from lassokin_ros.node import TrackerNode
+    except ImportError as error:
+        return _complain(f"{error}; the node needs ROS 2's rclpy and common_interfaces, see the README")
+    argv = list(sys.argv if arguments is None else ["tracker", *arguments])
+    _parser().parse_args(remove_ros_args(argv)[1:])
+    node = None
+    try:
+        rclpy.init(args=argv)
+        node = TrackerNode()
+        if not stopped:
+            _spin(node)
+    except LassokinError as error:
+        return _complain(str(error))
+    except Exception as error:
+        if not stopped:
+            return _complain(_first_sentence(error))
+    finally:
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return 0
+
+
+def _spin(node: Any) -> None:
+    import rclpy
+    from rclpy.executors import ExternalShutdownException
+
+    try:
+        rclpy.spin(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+
+
+def _catch_signals() -> list[int]:
+    """Collect SIGINT and SIGTERM instead of raising, from now to the process's end.
+
+    rclpy's own handler, which wakes and ends `spin`, is put before this one later and calls it: a second signal
+    (launch sends one to the whole group) then interrupts nothing.
+    """
+    caught: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda received, _: caught.append(received))
+    return caught
+
+
+def _parser() -> argparse.ArgumentParser:
+    return argparse.ArgumentParser(
+        prog="tracker",
+        description="2D keypoints and camera_info in, a 3D skeleton with joint angles out.",
+        epilog="ROS arguments follow --ros-args: -p height:=1.80 --params-file FILE -r keypoints:=/detector/keypoints",
+    )
+
+
+def _first_sentence(error: Exception) -> str:
+    """One line of an exception from rclpy, whose messages name lines of C files."""
+    text = " ".join(str(error).split()) or type(error).__name__
+    return text.split(", at /")[0].split(", at ./")[0]
+
+
+def _complain(message: str) -> int:
+    print(f"tracker: {message}", file=sys.stderr)
+    return USAGE_ERROR

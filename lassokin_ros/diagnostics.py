@@ -1,0 +1,108 @@
+"""What the node says of itself once a second: level, sentence, and figures with units."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+
+from lassokin_ros.core.tracker import Status
+from lassokin_ros.pipeline import Frame, Pipeline
+from msg_adapters.outputs import ERROR, OK, WARN, StatusLine
+
+SILENCE_S = 2.0
+"""s: keypoints that stay away this long are worth a warning."""
+
+
+class Diagnostics:
+    """Gathers figures over one period and makes the status of them; times are seconds of a steady clock."""
+
+    def __init__(self, pipeline: Pipeline, name: str, now: float) -> None:
+        """name: the node's."""
+        self._pipeline = pipeline
+        self._name = name
+        self._since = now
+        self._keypoints_at: float | None = None
+        self._camera_at: float | None = None
+        self._counts: Counter[str] = Counter()
+        self._begin(now)
+        self._hardware_id = ""
+        self._reprojection_px = float("nan")
+
+    def _begin(self, now: float) -> None:
+        self._since = now
+        self._counts = Counter(self._pipeline.counts)
+        self._times_ms: list[float] = []
+        self._delays: list[float] = []
+
+    def saw_camera(self, now: float) -> None:
+        """A camera_info has come."""
+        self._camera_at = now
+
+    def saw_frame(self, frame: Frame, now: float, callback_s: float, delay_s: float) -> None:
+        """A keypoint message was worked on.
+
+        callback_s: s, from the message's arrival in the callback to the last output; delay_s: s, from its stamp.
+        """
+        self._keypoints_at = now
+        self._times_ms.append(1e3 * callback_s)
+        self._delays.append(delay_s)
+        self._hardware_id = frame.frame_id or self._hardware_id
+        if frame.estimate is not None and frame.accepted:
+            self._reprojection_px = frame.estimate.reprojection_px
+
+    def line(self, now: float) -> StatusLine:
+        """The status of the period since the last call, which ends it."""
+        period = max(now - self._since, 1e-3)
+        recent = Counter(self._pipeline.counts)
+        recent.subtract(self._counts)
+        level, message = self._judge(now, recent)
+        values = self._figures(now, period, recent)
+        self._begin(now)
+        return StatusLine(level, f"{self._name}: tracking", message, self._hardware_id or "none", values)
+
+    def _judge(self, now: float, recent: Counter[str]) -> tuple[int, str]:
+        pipeline = self._pipeline
+        if pipeline.camera_fault:
+            kept = "; the last good one stays in use" if pipeline.has_camera else ""
+            return ERROR, f"camera_info refused: {pipeline.camera_fault}{kept}"
+        if not pipeline.has_camera:
+            return WARN, "waiting for camera_info"
+        if self._keypoints_at is None:
+            return WARN, "waiting for keypoints"
+        if now - self._keypoints_at > SILENCE_S:
+            return WARN, f"no keypoints for {now - self._keypoints_at:.1f} s"
+        refused = {key.partition(": ")[2]: n for key, n in recent.items() if key.startswith("rejected: ") and n > 0}
+        if refused:
+            listed = ", ".join(f"{reason} {count}" for reason, count in sorted(refused.items()))
+            return WARN, f"{pipeline.status.value}; rejected of {recent['received']}: {listed}"
+        if pipeline.status is not Status.TRACKING:
+            return WARN, pipeline.status.value
+        return OK, pipeline.status.value
+
+    def _figures(self, now: float, period: float, recent: Counter[str]) -> dict[str, str]:
+        counts = self._pipeline.counts
+        values = {
+            "state": self._pipeline.status.value,
+            "input rate [Hz]": f"{recent['received'] / period:.2f}",
+            "output rate [Hz]": f"{recent['accepted'] / period:.2f}",
+            "keypoints age [s]": _age(now, self._keypoints_at),
+            "camera_info age [s]": _age(now, self._camera_at),
+            "keypoints delay median [s]": _figure(self._delays, 50),
+            "callback time median [ms]": _figure(self._times_ms, 50),
+            "callback time maximum [ms]": _figure(self._times_ms, 100),
+            "reprojection error [px]": f"{self._reprojection_px:.2f}",
+        }
+        for key in ("received", "accepted", "unstamped", "resets"):
+            values[f"{key} [messages]" if key != "resets" else key] = str(counts[key])
+        for key in sorted(key for key in counts if key.startswith("rejected: ")):
+            values[f"{key} [messages]"] = str(counts[key])
+        return values
+
+
+def _age(now: float, then: float | None) -> str:
+    return "never" if then is None else f"{now - then:.3f}"
+
+
+def _figure(values: list[float], percentile: int) -> str:
+    return f"{np.percentile(values, percentile):.3f}" if values else "nan"
