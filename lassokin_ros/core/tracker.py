@@ -206,5 +206,6 @@ class Tracker:
         if omega.any():
             joints = right_jacobian(omega.reshape(-1, 3))
             A = np.swapaxes(np.swapaxes(A.reshape(len(z), -1, 3), 0, 1) @ joints, 0, 1).reshape(len(z), -1)
-            z = z + A @ omega + B @ x
+            z = z + A @ omega
+        z = z + B @ x  # x may have moved although no joint did
         return Lasso(np.ascontiguousarray(A[:, self._live]), B, z, self.config.sparsity / self._motion)
