@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import signal
 import sys
 from typing import Any, Sequence
@@ -25,9 +26,9 @@ def tracker(arguments: Sequence[str] | None = None) -> int:
     except ImportError as error:
         return _complain(f"{error}; the node needs ROS 2's rclpy and common_interfaces, see the README")
     argv = list(sys.argv if arguments is None else ["tracker", *arguments])
-    _parser().parse_args(remove_ros_args(argv)[1:])
     node = None
     try:
+        _parser().parse_args(remove_ros_args(argv)[1:])
         rclpy.init(args=argv)
         node = TrackerNode()
         if not stopped:
@@ -41,6 +42,7 @@ def tracker(arguments: Sequence[str] | None = None) -> int:
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
+        _ignore_signals()
     return 0
 
 
@@ -66,6 +68,12 @@ def _catch_signals() -> list[int]:
     return caught
 
 
+def _ignore_signals() -> None:
+    """For the interpreter's own end, which puts back the default action (death) for every signal not ignored."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+
+
 def _parser() -> argparse.ArgumentParser:
     return argparse.ArgumentParser(
         prog="tracker",
@@ -76,8 +84,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _first_sentence(error: Exception) -> str:
     """One line of an exception from rclpy, whose messages name lines of C files."""
-    text = " ".join(str(error).split()) or type(error).__name__
-    return text.split(", at /")[0].split(", at ./")[0]
+    return re.sub(r"\s*, at \S+:\d+", "", " ".join(str(error).split())) or type(error).__name__
 
 
 def _complain(message: str) -> int:

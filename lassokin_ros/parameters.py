@@ -61,10 +61,14 @@ def _declared(node: Node, config: Any) -> Any:
     for item in fields(config):
         try:
             values[item.name] = node.declare_parameter(item.name, item.default, describe(item)).value
-        except (InvalidParameterTypeException, InvalidParameterValueException) as error:
+        except (InvalidParameterTypeException, InvalidParameterValueException):
             kind = ROS_TYPES[type(item.default)]
-            hint = ", written with a decimal point" if kind == "double" else ""
-            raise ConfigurationError(f"{error}; expected {_range(item) or 'a value'} of type {kind}{hint}") from None
+            hint = " (written with a decimal point)" if kind == "double" else ""
+            given = getattr(node, "_parameter_overrides", {}).get(item.name)
+            raise ConfigurationError(
+                f"parameter '{item.name}' is {given.value if given else 'wrong'!r}; expected "
+                f"{_range(item) or 'a value'}, of type {kind}{hint}"
+            ) from None
     return replace(config, **values)
 
 
