@@ -11,7 +11,7 @@ import numpy as np
 
 from lassokin_ros.core.errors import LayoutError
 from lassokin_ros.core.skeleton import Skeleton
-from lassokin_ros.core.yaml_files import load_mapping
+from lassokin_ros.core.yaml_files import load_mapping, read_text
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,10 +40,11 @@ class Layout:
             file = resources.files("lassokin_ros.core") / "layouts" / f"{name_or_path}.yaml"
             source, text = f"layout '{name_or_path}'", file.read_text(encoding="utf-8")
         elif Path(name_or_path).is_file():
-            source, text = name_or_path, Path(name_or_path).read_text(encoding="utf-8")
+            source, text = name_or_path, read_text(Path(name_or_path), LayoutError)
         else:
             raise LayoutError(
-                f"landmark layout '{name_or_path}' is neither built in ({', '.join(built_in_layouts())}) nor a YAML file"
+                f"landmark layout '{name_or_path}' is neither built in ({', '.join(built_in_layouts())}) "
+                "nor a YAML file"
             )
         return cls.from_mapping(load_mapping(text, source, LayoutError), skeleton, source)
 

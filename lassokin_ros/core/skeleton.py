@@ -15,7 +15,7 @@ from typing import Any, Mapping, Sequence
 import numpy as np
 
 from lassokin_ros.core.errors import SkeletonError
-from lassokin_ros.core.yaml_files import load_mapping
+from lassokin_ros.core.yaml_files import load_mapping, read_text
 
 AXIS_ORDERS = ("xyz", "xzy", "yxz", "yzx", "zxy", "zyx")
 HEIGHT_RANGE = (0.3, 2.6)  # m: an infant to the tallest person measured
@@ -126,7 +126,7 @@ def skeleton_source(name_or_path: str) -> tuple[str, str]:
         raise SkeletonError(
             f"skeleton '{name_or_path}' is neither built in ({', '.join(built_in_skeletons())}) nor a YAML file"
         )
-    return str(path), path.read_text(encoding="utf-8")
+    return str(path), read_text(path, SkeletonError)
 
 
 def _parse_joints(
