@@ -20,42 +20,28 @@ from typing import Any, Callable, Sequence, TypeVar
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from benchmarks.accuracy_table import report, told
 from benchmarks.detections import detection_jobs, run_detections
 from benchmarks.experiment import METHODS, Job, run
 from benchmarks.learn_prior import TRAINING
 from benchmarks.mocap import Condition
-from benchmarks.report import Record, data_folder, summarise, table, write_json
+from benchmarks.report import Record, data_folder, write_json
 from benchmarks.special import initialise_frames, run_gap
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import LassokinError
 
 T = TypeVar("T")
-COLUMNS = {
-    "mpjpe_mm": ".1f",
-    "pa_mpjpe_mm": ".1f",
-    "root_mm": ".0f",
-    "accel_error": ".1f",
-    "reprojection_px": ".1f",
-    "over_100mm_percent": ".1f",
-    "flips_percent": ".1f",
-    "init_mpjpe_mm": ".0f",
-    "init_ms": ".0f",
-    "frame_ms_p50": ".2f",
-    "frame_ms_p99": ".2f",
-}
-INITIALISATION = {"init_median_mm": ".1f", "init_p90_mm": ".1f", "front_back_percent": ".1f", "ms_p50": ".0f"}
-GAP = {"before_mm": ".1f", "gap_end_mm": ".1f", "after_mm": ".1f", "after_no_gap_mm": ".1f", "rise_mm": ".1f"}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Command line."""
     options = parser().parse_args(arguments)
     try:
-        records, columns = measure(options)
+        records = measure(options)
     except LassokinError as error:
         print(f"accuracy.py: {error}", file=sys.stderr)
         return 2
-    report(options, records, columns)
+    report(options, records)
     write_json(options.json, records)
     return 0
 
@@ -92,24 +78,25 @@ def parser() -> argparse.ArgumentParser:
     return result
 
 
-def measure(options: argparse.Namespace) -> tuple[list[Record], dict[str, str]]:
-    """The records of what the options ask for, and their table's columns."""
+def measure(options: argparse.Namespace) -> list[Record]:
+    """The records of what the options ask for."""
     _check_methods(options.methods)
     if options.detections:
-        jobs = detection_jobs(options.detections, options.methods, options.measured_bones, _settings(options))
-        return in_parallel(run_detections, jobs, options.jobs), _without(COLUMNS, "root_mm")
+        recordings = detection_jobs(options.detections, options.methods, options.measured_bones, told(options))
+        return in_parallel(run_detections, recordings, options.jobs)
+    condition = Condition(options.noise_px, options.missing, options.outliers, options.fps)
     jobs = [
-        Job(file, view, method, _condition(options), options.landmarks, options.seed, options.generic_skeleton,
-            options.bone_error, options.symmetric, _settings(options), options.score_from)
+        Job(file, view, method, condition, options.landmarks, options.seed, options.generic_skeleton,
+            options.bone_error, options.symmetric, told(options), options.score_from)
         for file in clip_files(options) for view in range(options.views) for method in options.methods
     ]  # fmt: skip
     if options.initialisation:
-        arguments = [(job, options.per_clip) for job in jobs]
-        return _marked([r for group in in_parallel(initialise_frames, arguments, options.jobs) for r in group]), {}
+        frames = in_parallel(initialise_frames, [(job, options.per_clip) for job in jobs], options.jobs)
+        return _marked([record for group in frames for record in group])
     if options.gap:
-        gaps = [r for r in in_parallel(run_gap, [(job, options.gap) for job in jobs], options.jobs) if r]
-        return _marked(gaps), GAP
-    return _marked(in_parallel(run, jobs, options.jobs)), COLUMNS
+        gaps = in_parallel(run_gap, [(job, options.gap) for job in jobs], options.jobs)
+        return _marked([record for record in gaps if record])
+    return _marked([record for record in in_parallel(run, jobs, options.jobs) if record["frames"]])
 
 
 def in_parallel(function: Callable[[Any], T], jobs: Sequence[Any], processes: int) -> list[T]:
@@ -137,97 +124,8 @@ def clip_files(options: argparse.Namespace) -> list[Path]:
     return [file for file in files if not (exclude and file.stem in TRAINING)]
 
 
-def report(options: argparse.Namespace, records: Sequence[Record], columns: dict[str, str]) -> None:
-    """Print head, rows and summary."""
-    print(head(options))
-    if not records:
-        print("nothing to measure: no clip is long enough")
-        return
-    if options.initialisation:
-        print(table(_initialisation_rows(records), {"method": "<", "frames": "d", **INITIALISATION}))
-        return
-    shown = [{**r, "clip": r["clip"] + (" *" if r.get("training") else "")} for r in records]
-    lead = {"clip": "<", "view": "d", "method": "<"} | ({} if options.gap else {"frames": "d"})
-    print(table(shown, lead | columns))
-    by = ("clip", "method") if options.detections else ("method",)
-    counted = [r for r in records if not r.get("training")]
-    training = [r for r in records if r.get("training")]
-    for title, group in (("", counted), ("training clips, not to be reported:", training)):
-        if group:
-            print(f"\n{title}".rstrip())
-            print(
-                table(
-                    summarise(group, by, list(columns)),
-                    dict.fromkeys((*by, "statistic"), "<") | {"runs": "d"} | columns,
-                )
-            )
-
-
-def head(options: argparse.Namespace) -> str:
-    """What was run, in words."""
-    if options.detections:
-        given = (
-            "height and bones of the reference"
-            if options.measured_bones
-            else "height alone (from the reference's limbs)"
-        )
-        return (
-            f"Real detections: {', '.join(f.name for f in options.detections)}; one camera at a time against the 3D "
-            f"reference.\nGiven: {given}; settings {_settings(options) or 'default'}. Limb joints that both have, aligned at "
-            "the middle of the hips (no hips in view: of the shoulders).\nThe reference is the detectors' points "
-            "triangulated: a bias of 2-4 cm is its own.\n"
-        )
-    given = "the height alone" if options.generic_skeleton else "bone lengths and trunk at rest"
-    if options.bone_error:
-        kind = "the same left and right" if options.symmetric else "each by itself"
-        given += f" wrong by {options.bone_error:.1%} at random ({kind})"
-    noise = options.tracker_noise_px or max(1.0, options.noise_px)
-    lines = [
-        f"{options.fps:g} Hz, noise {options.noise_px:g} px, {options.missing:.0%} missing, {options.outliers:.0%} outliers, "
-        f"{options.landmarks}; {options.views} views per clip, seed {options.seed}.",
-        f"Given of each clip: {given}; noise {noise:g} px. Settings {dict(options.set) or 'default'}. "
-        "Automatic initialisation.",
-        f"Prior learned from (never in a summary): {' '.join(TRAINING)}",
-        f"Times with {options.jobs} processes at once, one thread each.",
-    ]
-    if options.score_from:
-        lines.append(f"Scored from {options.score_from:g} s on.")
-    return "\n".join(lines) + "\n"
-
-
-def _initialisation_rows(records: Sequence[Record]) -> list[Record]:
-    import numpy as np
-
-    rows = []
-    for method in dict.fromkeys(r["method"] for r in records):
-        group = [r for r in records if r["method"] == method and not r["training"]] or list(records)
-        error = np.array([r["init_mpjpe_mm"] for r in group])
-        rows.append({
-            "method": method,
-            "frames": len(group),
-            "init_median_mm": float(np.nanmedian(error)),
-            "init_p90_mm": float(np.nanpercentile(error, 90)),
-            "front_back_percent": 100 * float(np.mean([r["yaw_error_deg"] > 90 for r in group])),
-            "ms_p50": float(np.median([r["init_ms"] for r in group])),
-        })  # fmt: skip
-    return rows
-
-
 def _marked(records: list[Record]) -> list[Record]:
     return [{**record, "training": record["clip"] in TRAINING} for record in records]
-
-
-def _without(columns: dict[str, str], name: str) -> dict[str, str]:
-    return {key: form for key, form in columns.items() if key != name}
-
-
-def _condition(options: argparse.Namespace) -> Condition:
-    return Condition(options.noise_px, options.missing, options.outliers, options.fps)
-
-
-def _settings(options: argparse.Namespace) -> dict[str, Any]:
-    told = {} if options.tracker_noise_px is None else {"noise_px": options.tracker_noise_px}
-    return {**told, **dict(options.set)}
 
 
 def _names(text: str) -> list[str]:

@@ -1,11 +1,11 @@
 """Other methods on the same inputs, for comparison.
 
 All begin with the shipped tracker's automatic initialisation. Their own constants (below) were chosen on the training
-clips of benchmarks/learn_prior.py at 60 Hz and 2 px, each by the lowest median MPJPE over a coarse grid.
+clips of benchmarks/learn_prior.py at 60 Hz and 2 px, each the best of a coarse grid by median MPJPE.
 
 - plain: the paper's plain lasso, closed loop, one uniform alpha, every landmark weighted alike, no prior.
 - ridge: the shipped pipeline with sum rho alpha_k^2 Omega_k^2 / 2 in place of sum alpha_k |Omega_k|.
-- dls: damped least squares, the usual inverse kinematics of robots, re-linearised five times a frame.
+- dls: damped least squares, the usual inverse kinematics of robots, one step a frame.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from lassokin_ros.core.rotations import orthonormalised
 from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.core.tracker import Estimate, Observation, Rejection, Status, Tracker
 
-PLAIN_ALPHA = 10.0  # 1/rad, with residuals in standard deviations
+PLAIN_ALPHA = 20.0  # 1/rad, with residuals in standard deviations
 RIDGE_WEIGHT = 1.0  # rho
-DAMPING = 10.0  # 1/rad, lambda of dls, with residuals in standard deviations
-DLS_STEPS = 5
+DAMPING = 30.0  # 1/rad, lambda of dls, with residuals in standard deviations
+DLS_STEPS = 1
 
 
 class ImageOnly:

@@ -93,9 +93,7 @@ def load_recording(file: Path, camera: int) -> Recording:
     K = data["K"][camera]
     points = undistorted(keypoints[..., :2], K, data["dist"][camera])
     points = np.where(confidence[..., None] > 0, points, np.nan)
-    return Recording(
-        f"{file.stem}", layout, float(data["fps"]), float(K[0, 0] + K[1, 1]) / 2, points, confidence, reference
-    )
+    return Recording(file.stem, layout, float(data["fps"]), float(K[0, 0] + K[1, 1]) / 2, points, confidence, reference)
 
 
 def undistorted(pixels: np.ndarray, K: np.ndarray, distortion: np.ndarray) -> np.ndarray:
@@ -124,7 +122,7 @@ def measured(skeleton: Skeleton, reference: np.ndarray, layout: Layout) -> Skele
             offsets[skeleton.index(right), 0] -= change
     for a, b in _seen(reference, layout):
         other = (f"right_{a[5:]}", f"right_{b[5:]}") if a.startswith("left") else (f"left_{a[6:]}", f"left_{b[6:]}")
-        length = np.nanmean([_length(reference, layout, a, b), _length(reference, layout, *other)])
+        length = float(np.nanmean([_length(reference, layout, a, b), _length(reference, layout, *other)]))
         joint = skeleton.index(b)
         offsets[joint] *= length / np.linalg.norm(offsets[joint])
     return skeleton.with_offsets(offsets)

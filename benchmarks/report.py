@@ -25,7 +25,7 @@ def table(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -> str:
     left = [form.startswith("<") for form in columns.values()]
     everything = [list(columns), ["-" * width for width in widths], *lines]
     padded = (
-        [cell.ljust(width) if l else cell.rjust(width) for cell, width, l in zip(line, widths, left)]
+        [cell.ljust(width) if text else cell.rjust(width) for cell, width, text in zip(line, widths, left)]
         for line in everything
     )
     return "\n".join("  ".join(line).rstrip() for line in padded)
