@@ -1,0 +1,119 @@
+"""The command line of benchmarks/accuracy.py on a short clip of the shared data."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from benchmarks.accuracy import main
+from benchmarks.experiment import Job, bone_scales
+from benchmarks.learn_prior import TRAINING
+from benchmarks.report import data_folder
+from lassokin_ros.core.skeleton import Skeleton
+
+ROOT = Path(__file__).resolve().parents[1]
+MOCAP, DETECTIONS = data_folder() / "mocap", data_folder() / "detections"
+needs_clips = pytest.mark.skipif(not MOCAP.is_dir(), reason=f"no motion capture in {MOCAP}: set LASSOKIN_DATA")
+needs_detections = pytest.mark.skipif(
+    not DETECTIONS.is_dir(), reason=f"no detector output in {DETECTIONS}: set LASSOKIN_DATA"
+)
+FIELDS = (
+    "clip view fps noise_px missing outliers landmarks method frames mpjpe_mm pa_mpjpe_mm root_mm accel_error "
+    "reprojection_px frames_over_100mm flips init_ms frame_ms_p50 frame_ms_p99"
+).split()
+TIMES = ("init_ms", "frame_ms_p50", "frame_ms_p99")
+
+
+def untimed(records):
+    return [{key: value for key, value in record.items() if key not in TIMES} for record in records]
+
+
+@needs_clips
+def test_records_hold_what_the_contract_says_and_do_not_depend_on_jobs(tmp_path, capsys):
+    results = []
+    for jobs in ("1", "2"):
+        file = tmp_path / f"{jobs}.json"
+        options = ["--clips", "exp_running_1", "--methods", "lasso,plain", "--fps", "30", "--missing", "0.1"]
+        assert main([*options, "--jobs", jobs, "--json", str(file)]) == 0
+        results.append(json.loads(file.read_text(encoding="utf-8")))
+    records = results[0]
+    assert untimed(results[0]) == untimed(results[1])
+    assert [(r["clip"], r["view"], r["method"]) for r in records] == [
+        ("exp_running_1", view, method) for view in (0, 1) for method in ("lasso", "plain")
+    ]
+    for record in records:
+        assert set(FIELDS) <= set(record)
+        assert (record["fps"], record["missing"], record["frames"]) == (30.0, 0.1, 41)
+        assert 0 < record["pa_mpjpe_mm"] < 200 and 0 < record["mpjpe_mm"] < 400
+        assert 0 <= record["frames_over_100mm"] <= record["frames"]
+        assert record["training"] is False
+    text = capsys.readouterr().out
+    assert TRAINING[0] in text and "2 views per clip, seed 0" in text and "median" in text
+
+
+@needs_clips
+def test_training_clips_are_marked_and_kept_out_of_the_summary(capsys):
+    assert main(["--clips", "02_03", "--views", "1", "--jobs", "1", "--fps", "30"]) == 0
+    text = capsys.readouterr().out
+    assert "02_03 *" in text and "training clips, not to be reported:" in text
+
+
+@needs_clips
+def test_every_baseline_runs_from_the_command_line(tmp_path):
+    file = tmp_path / "records.json"
+    command = [
+        sys.executable,
+        "benchmarks/accuracy.py",
+        "--data",
+        str(MOCAP),
+        "--clips",
+        "exp_running_1",
+        "--views",
+        "1",
+    ]
+    command += ["--methods", "ridge,dls,smplify", "--fps", "30", "--jobs", "1", "--json", str(file)]
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
+    assert result.returncode == 0, result.stderr
+    errors = {r["method"]: r["mpjpe_mm"] for r in json.loads(file.read_text(encoding="utf-8"))}
+    assert set(errors) == {"ridge", "dls", "smplify"} and all(0 < error < 300 for error in errors.values())
+
+
+@needs_clips
+def test_initialisation_and_gap(tmp_path, capsys):
+    file = tmp_path / "records.json"
+    options = ["--clips", "12_01", "--views", "1", "--jobs", "1", "--json", str(file)]
+    assert main([*options, "--initialisation", "--per-clip", "2"]) == 0
+    records = json.loads(file.read_text(encoding="utf-8"))
+    assert [r["frame"] for r in records] == [87, 174] and all(0 <= r["yaw_error_deg"] <= 180 for r in records)
+    assert main([*options, "--gap", "0.5"]) == 0
+    record = json.loads(file.read_text(encoding="utf-8"))[0]
+    assert record["gap_s"] == 0.5 and record["gap_end_mm"] > 0
+    assert record["rise_mm"] == pytest.approx(record["after_mm"] - record["before_mm"])
+    assert "front_back_percent" in capsys.readouterr().out
+
+
+@needs_detections
+def test_real_detections(tmp_path):
+    file = tmp_path / "records.json"
+    source = str(DETECTIONS / "openpose_balancing.npz")
+    assert main(["--detections", source, "--methods", "lasso,dls", "--jobs", "1", "--json", str(file)]) == 0
+    records = json.loads(file.read_text(encoding="utf-8"))
+    assert [(r["view"], r["method"]) for r in records] == [(0, "lasso"), (0, "dls"), (1, "lasso"), (1, "dls")]
+    assert all(r["frames"] == 100 and 1.4 < r["height_m"] < 2.0 for r in records)
+
+
+def test_absent_data_is_said_plainly(tmp_path):
+    with pytest.raises(SystemExit, match="no clips"):
+        main(["--data", str(tmp_path)])
+
+
+@pytest.mark.parametrize("symmetric", [True, False])
+def test_bone_errors_are_reproducible_and_symmetric_on_request(symmetric):
+    skeleton = Skeleton.load("anthropometric", 1.75)
+    job = Job(Path("walk.npz"), 0, "lasso", bone_error=0.05, symmetric=symmetric)
+    scales = bone_scales(skeleton, job)
+    assert (scales == bone_scales(skeleton, job)).all() and 0.02 < scales.std() < 0.08
+    same = scales[skeleton.index("left_knee")] == scales[skeleton.index("right_knee")]
+    assert same == symmetric
