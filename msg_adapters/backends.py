@@ -24,6 +24,10 @@ class Backend(Protocol):
         """The content of a byte field."""
         ...
 
+    def uint8(self, content: bytes) -> Any:
+        """The content of a uint8[] field."""
+        ...
+
 
 class RclpyBackend:
     """Messages for publishers; needs rclpy's message packages."""
@@ -40,6 +44,10 @@ class RclpyBackend:
     def byte(self, value: int) -> bytes:
         """See Backend.byte."""
         return bytes([value])
+
+    def uint8(self, content: bytes) -> array:
+        """See Backend.uint8."""
+        return array("B", content)
 
 
 class RosbagsBackend:
@@ -76,3 +84,7 @@ class RosbagsBackend:
     def byte(self, value: int) -> int:
         """See Backend.byte."""
         return value
+
+    def uint8(self, content: bytes) -> np.ndarray:
+        """See Backend.uint8."""
+        return np.frombuffer(content, dtype=np.uint8)

@@ -1,0 +1,60 @@
+"""Arrays to the messages that the tracker reads: for recordings, examples and tests."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from msg_adapters.backends import Backend
+from msg_adapters.outputs import set_header
+
+POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("confidence", "<f4"), ("id", "<i4")])
+FLOAT32, INT32 = 7, 5  # sensor_msgs/PointField
+
+
+def point_cloud(backend: Backend, stamp_ns: int, frame_id: str, pixels: np.ndarray, confidence: np.ndarray) -> Any:
+    """Keypoints of one image as sensor_msgs/PointCloud2; points with confidence 0 are left out.
+
+    pixels: (l, 2) px; confidence: (l,) 0 to 1; a point's id is its row.
+    """
+    ids = np.flatnonzero(confidence > 0)
+    points = np.empty(len(ids), POINT)
+    points["x"], points["y"] = pixels[ids].T
+    points["confidence"], points["id"] = confidence[ids], ids
+    message = backend.make("sensor_msgs/msg/PointCloud2")
+    set_header(message.header, stamp_ns, frame_id)
+    message.height, message.width = 1, len(ids)
+    message.fields = [_field(backend, name, 4 * place) for place, name in enumerate(POINT.names or ())]
+    message.point_step, message.row_step = POINT.itemsize, POINT.itemsize * len(ids)
+    message.data = backend.uint8(points.tobytes())
+    message.is_dense = True
+    return message
+
+
+def _field(backend: Backend, name: str, offset: int) -> Any:
+    field = backend.make("sensor_msgs/msg/PointField")
+    field.name, field.offset, field.count = name, offset, 1
+    field.datatype = INT32 if POINT[name].kind == "i" else FLOAT32
+    return field
+
+
+def camera_info(
+    backend: Backend,
+    stamp_ns: int,
+    frame_id: str,
+    K: np.ndarray,
+    D: np.ndarray,
+    size: tuple[int, int],
+    model: str = "plumb_bob",
+) -> Any:
+    """sensor_msgs/CameraInfo of a single camera: K (3, 3) px, D in the model's order, size (width, height) px."""
+    message = backend.make("sensor_msgs/msg/CameraInfo")
+    set_header(message.header, stamp_ns, frame_id)
+    message.width, message.height = size
+    message.distortion_model = model
+    message.d = backend.float64(np.asarray(D, dtype=float))
+    message.k = np.asarray(K, dtype=float).reshape(9)
+    message.r = np.eye(3).reshape(9)
+    message.p = np.hstack([K, np.zeros((3, 1))]).reshape(12)
+    return message
