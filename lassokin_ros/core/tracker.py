@@ -121,9 +121,7 @@ class Tracker:
         """Use one observation. Never raises for what a detector may send: see `Estimate.rejection`."""
         rejection, weights = self._admit(observation)
         if rejection is not None:
-            if observation.stamp - self._seen > self.config.lost_after and self._state is not None:
-                self._status = Status.LOST
-            return Estimate(observation.stamp, self._status, rejection)
+            return self._refused(observation, rejection)
         points = np.where(weights[:, None] > 0, observation.points, 0.0)
         lost = observation.stamp - self._seen > self.config.lost_after
         initialised = self._state is None or lost
@@ -131,7 +129,7 @@ class Tracker:
         assert start is not None
         problem, solution, state, omega = self._follow(start, points, weights)
         if not solution.certified:
-            return Estimate(observation.stamp, self._status, Rejection.NOT_CERTIFIED, certificate=solution.certificate)
+            return self._refused(observation, Rejection.NOT_CERTIFIED, solution.certificate)
         self._state = replace(state, rotations=orthonormalised(state.rotations))
         self._seen, self._status = observation.stamp, Status.TRACKING
         pose = self.kinematics.pose(self._state)
@@ -150,6 +148,14 @@ class Tracker:
             problem,
             solution,
         )
+
+    def _refused(
+        self, observation: Observation, rejection: Rejection, certificate: Certificate | None = None
+    ) -> Estimate:
+        """The answer to a frame that is not used: only the status may change, when too long nothing was usable."""
+        if observation.stamp - self._seen > self.config.lost_after and self._state is not None:
+            self._status = Status.LOST
+        return Estimate(observation.stamp, self._status, rejection, certificate=certificate)
 
     def _admit(self, observation: Observation) -> tuple[Rejection | None, np.ndarray]:
         """The reason against this observation, if any, and the landmarks' weights (l,), 1 / standard deviation."""
