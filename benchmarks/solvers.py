@@ -1,0 +1,151 @@
+"""The frame's lasso by every formulation and solver: time, and how optimal the answer is.
+
+    python benchmarks/solvers.py [--problems 200] [--methods default,primal] [--json FILE]
+
+Problems are recorded from tracking clips at 2 px: those of the paper's plain lasso (image rows, one alpha) and those
+of the default pipeline (with the prior's rows, alpha per degree of freedom). For each problem all methods take their
+turn, so that a busy moment hits all alike; one thread. No solver is believed: each answer is certified on the problem
+as it was given, after specks that its tolerance left are set to 0 (the cut that suits it best).
+
+kkt: KKT residual in units of alpha; gap: relative duality gap; certified: share of answers with kkt <= 1e-6, the
+product's own bar; failed: share with kkt > 1e-2, or no answer at all.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+import warnings
+from pathlib import Path
+from typing import Sequence
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import benchmarks.experiment as experiment  # isort: skip  (first: it says one thread before numpy comes)
+import numpy as np
+
+from benchmarks.formulations import Answer, Method, methods
+from benchmarks.problems import KINDS, Recorded, record
+from benchmarks.report import Record, data_folder, table, write_json
+from lassokin_ros.core.certificate import Certificate, certify
+from lassokin_ros.core.lasso import KKT_TOLERANCE
+
+CLIPS = ("01_01", "02_05", "49_18", "exp_soccer_1", "gs_charleston2", "13_31")
+CUTS = (0.0, 1e-8, 1e-6, 1e-4)
+FAILED = 1e-2
+COLUMNS = {
+    "method": "<",
+    "p50_us": ".0f",
+    "p5_us": ".0f",
+    "p99_us": ".0f",
+    "ratio": ".2f",
+    "kkt_p50": ".1e",
+    "kkt_p99": ".1e",
+    "gap_p99": ".1e",
+    "certified_percent": ".1f",
+    "failed_percent": ".1f",
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Command line."""
+    options = parser().parse_args(arguments)
+    chosen = {name: method for name, method in methods().items() if _wanted(name, options.methods)}
+    folder = options.data or data_folder() / "mocap"
+    clips = options.clips.split(",")
+    files = [folder / f"{name}.npz" for name in clips]
+    if not all(file.is_file() for file in files):
+        raise SystemExit(f"{folder} lacks some of {', '.join(clips)}: give --data, or set LASSOKIN_DATA")
+    jobs = [experiment.Job(file, 0, "lasso", landmarks=options.landmarks, seed=options.seed) for file in files]
+    records: list[Record] = []
+    print(
+        f"{options.landmarks}, 60 Hz, 2 px; lassos recorded from {', '.join(clips)}; one thread; methods interleaved."
+    )
+    for kind in options.kinds.split(","):
+        problems = record(kind, jobs, options.problems)
+        rows, columns = problems[0].problem.A.shape
+        measured = measure(kind, problems, chosen)
+        print(f"\n{kind}: {len(problems)} problems, A {rows} x {columns}")
+        print(table(measured, COLUMNS))
+        records += measured
+    write_json(options.json, records)
+    return 0
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line's options."""
+    result = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    result.add_argument(
+        "--data", type=Path, help="folder of clips (default: mocap/ in LASSOKIN_DATA or ../shared/data)"
+    )
+    result.add_argument("--clips", default=",".join(CLIPS), help="comma-separated names")
+    result.add_argument("--problems", type=int, default=200, help="per kind (200)")
+    result.add_argument("--kinds", default=",".join(KINDS), help="comma-separated, of plain,default")
+    result.add_argument("--methods", help="comma-separated parts of names, beside the default (all)")
+    result.add_argument("--landmarks", default="coco17")
+    result.add_argument("--seed", type=int, default=0)
+    result.add_argument("--json", type=Path, metavar="FILE", help="write the records as a JSON list")
+    return result
+
+
+def _wanted(name: str, parts: str | None) -> bool:
+    return parts is None or name.startswith("default (") or any(part in name for part in parts.split(","))
+
+
+def measure(kind: str, problems: Sequence[Recorded], chosen: dict[str, Method]) -> list[Record]:
+    """One record per method over all problems; the order of methods turns from problem to problem."""
+    names = list(chosen)
+    microseconds = {name: np.full(len(problems), np.nan) for name in names}
+    certificates: dict[str, list[Certificate | None]] = {name: [] for name in names}
+    for name in names:
+        _run(chosen[name], problems[0])  # what is built on first use is not timed
+    for i, recorded in enumerate(problems):
+        for name in names[i % len(names) :] + names[: i % len(names)]:
+            start = time.perf_counter_ns()
+            answer = _run(chosen[name], recorded)
+            microseconds[name][i] = (time.perf_counter_ns() - start) / 1000
+            certificates[name].append(certified(recorded, answer))
+    base = np.median(microseconds[names[0]])
+    return [{"kind": kind, **_record(name, microseconds[name], certificates[name], base)} for name in names]
+
+
+def _run(method: Method, recorded: Recorded) -> Answer | None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            return method(recorded)
+        except Exception:  # a peer's failure is a result; it is counted
+            return None
+
+
+def certified(recorded: Recorded, answer: Answer | None) -> Certificate | None:
+    """The certificate of an answer after the best cut; None when there is no finite answer."""
+    if answer is None or not all(np.isfinite(part).all() for part in answer):
+        return None
+    p, (omega, x) = recorded.problem, answer
+    size = np.abs(omega)
+    cuts = (np.where(size <= cut * size.max(), 0.0, omega) for cut in CUTS)
+    return min((certify(p.A, p.B, p.z, p.alpha, cut, x) for cut in cuts), key=lambda c: c.kkt_residual)
+
+
+def _record(name: str, microseconds: np.ndarray, certificates: Sequence[Certificate | None], base: float) -> Record:
+    kkt = np.array([np.inf if c is None else c.kkt_residual for c in certificates])
+    gap = np.array([np.inf if c is None else abs(c.relative_gap) for c in certificates])
+    return {
+        "method": name,
+        "problems": len(kkt),
+        "p50_us": float(np.median(microseconds)),
+        "p5_us": float(np.percentile(microseconds, 5)),
+        "p99_us": float(np.percentile(microseconds, 99)),
+        "ratio": float(np.median(microseconds) / base),
+        "kkt_p50": float(np.percentile(kkt, 50, method="lower")),
+        "kkt_p99": float(np.percentile(kkt, 99, method="lower")),
+        "gap_p99": float(np.percentile(gap, 99, method="lower")),
+        "certified_percent": 100 * float(np.mean(kkt <= KKT_TOLERANCE)),
+        "failed_percent": 100 * float(np.mean(~(kkt <= FAILED))),
+    }
+
+
+if __name__ == "__main__":
+    sys.exit(main())
