@@ -95,7 +95,7 @@ class Initialiser:
     def _gauss_newton(self, states: BodyState, points: np.ndarray, weights: np.ndarray) -> BodyState:
         kinematics, live = self._kinematics, self._live
         pose = kinematics.pose(states)
-        error = (points - project(pose.landmarks)) * weights[:, None]
+        error = (points - project(pose.landmarks)) * weights[..., None]
         robust = weights * np.sqrt(huber_weights(np.linalg.norm(error, axis=-1)))
         model = linearise(kinematics, pose, points, robust)
         prior_A, prior_z = self._rows.linearise(states.rotations)
