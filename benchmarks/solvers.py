@@ -25,7 +25,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import benchmarks.experiment as experiment  # isort: skip  (first: it says one thread before numpy comes)
 import numpy as np
 
-from benchmarks.formulations import Answer, Method, methods
+from benchmarks import formulations
+from benchmarks.formulations import Answer, Method
 from benchmarks.problems import KINDS, Recorded, record
 from benchmarks.report import Record, data_folder, table, write_json
 from lassokin_ros.core.certificate import Certificate, certify
@@ -51,7 +52,8 @@ COLUMNS = {
 def main(arguments: Sequence[str] | None = None) -> int:
     """Command line."""
     options = parser().parse_args(arguments)
-    chosen = {name: method for name, method in methods().items() if _wanted(name, options.methods)}
+    formulations.TOLERANCE = options.tolerance
+    chosen = {name: method for name, method in formulations.methods().items() if _wanted(name, options.methods)}
     folder = options.data or data_folder() / "mocap"
     clips = options.clips.split(",")
     files = [folder / f"{name}.npz" for name in clips]
@@ -83,6 +85,7 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument("--problems", type=int, default=200, help="per kind (200)")
     result.add_argument("--kinds", default=",".join(KINDS), help="comma-separated, of plain,default")
     result.add_argument("--methods", help="comma-separated parts of names, beside the default (all)")
+    result.add_argument("--tolerance", type=float, default=1e-10, help="that peers are asked for (1e-10, at which most are certified)")
     result.add_argument("--landmarks", default="coco17")
     result.add_argument("--seed", type=int, default=0)
     result.add_argument("--json", type=Path, metavar="FILE", help="write the records as a JSON list")
