@@ -90,3 +90,7 @@ def _first_sentence(error: Exception) -> str:
 def _complain(message: str) -> int:
     print(f"tracker: {message}", file=sys.stderr)
     return USAGE_ERROR
+
+
+if __name__ == "__main__":
+    sys.exit(tracker())

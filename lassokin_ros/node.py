@@ -43,9 +43,10 @@ class TrackerNode(Node):
         self._camera_warning = Throttle(self.get_logger().warning, time.monotonic)
         self._warning = Throttle(self.get_logger().warning, time.monotonic)
         backend = RclpyBackend()
-        self._messages = FrameMessages(backend, self._pipeline.tracker.skeleton, self.get_name())
+        name = self.get_fully_qualified_name().lstrip("/")  # /diagnostics is shared by the trackers of all namespaces
+        self._messages = FrameMessages(backend, self._pipeline.tracker.skeleton, name)
         self._description, self._status = StringBuilder(backend), DiagnosticArrayBuilder(backend)
-        self._diagnostics = Diagnostics(self._pipeline, self.get_name(), time.monotonic())
+        self._diagnostics = Diagnostics(self._pipeline, name, time.monotonic())
         self._out = {t.name: self._publisher(t) for t in (*topics.FRAME_OUTPUTS, *topics.OTHER_OUTPUTS)}
         self._base_frame = ""
         self._describe_body(settings[1].base_frame)

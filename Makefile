@@ -1,0 +1,32 @@
+# make demo   play a bag of keypoints through the node and show what comes out
+# make test   the whole test suite
+# Both make .venv once; nothing of ROS has to be installed. PYTHON=python3.12 make test chooses another Python.
+
+PYTHON ?= python3
+VENV := .venv
+INSTALLED := $(VENV)/.installed
+RUN := OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=1
+
+.PHONY: demo test lint clean
+
+demo: $(INSTALLED)
+	$(RUN) $(VENV)/bin/python -m lassokin_ros.demo
+
+test: $(INSTALLED)
+	$(RUN) $(VENV)/bin/python -m pytest
+
+lint: $(INSTALLED)
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/mypy
+
+clean:
+	rm -rf $(VENV) build install log demo_output *.egg-info
+
+$(INSTALLED): setup.py setup.cfg package.xml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || \
+	    { echo "Python 3.10 or newer is needed; choose one with: PYTHON=python3.12 make"; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || \
+	    { echo "Python's venv is not complete; install it with: sudo apt install python3-venv"; exit 1; }
+	test -x $(VENV)/bin/python || $(PYTHON) -m venv $(VENV)
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[test]'
+	touch $@

@@ -1,0 +1,173 @@
+"""The real node in a process of its own, and a peer in this one, on real DDS."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from messages import FRAME, camera_info, cloud
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from lassokin_ros import topics
+from lassokin_ros.node import _message_class
+from msg_adapters.backends import RclpyBackend
+
+DEADLINE_S = 30.0
+START_NS = 1_000_000_000_000
+BACKEND = RclpyBackend()
+ROOT = Path(__file__).resolve().parent.parent
+TRACKER = [sys.executable, "-m", "lassokin_ros.command_line"]
+
+
+class NodeProcess:
+    """`tracker` with ROS arguments; killed when it does not end by itself."""
+
+    def __init__(self, namespace, *ros_arguments, command=TRACKER, folder=ROOT, **options):
+        arguments = [*command, "--ros-args", "-r", f"__ns:={namespace}", *ros_arguments]
+        self.said = ""
+        self.process = subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True, cwd=folder, **options)
+
+    def stop(self, *signals, grace_s=10.0):
+        """Send signals, wait, and return (exit code, what it said on stderr)."""
+        for number in signals:
+            self.process.send_signal(number)
+        try:
+            self.said += self.process.communicate(timeout=grace_s)[1]
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.said += self.process.communicate()[1]
+        return self.process.returncode, self.said
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        if self.process.poll() is None:
+            self.stop(signal.SIGINT)
+
+
+class Peer:
+    """Publishes inputs, collects outputs, calls services; never sleeps: it spins until a condition holds."""
+
+    def __init__(self, namespace, keypoints_type="sensor_msgs/msg/PointCloud2", reliable=True, outputs=True):
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=int(os.environ["ROS_DOMAIN_ID"]))
+        self.node = Node("peer", namespace=namespace, context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        reliability = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
+        qos = QoSProfile(depth=10, reliability=reliability)
+        self.keypoints = self.node.create_publisher(_message_class(keypoints_type), topics.KEYPOINTS, qos)
+        self.camera = self.node.create_publisher(_message_class(topics.CAMERA_INFO_TYPE), topics.CAMERA_INFO, qos)
+        self.got = {topic.name: [] for topic in (*topics.FRAME_OUTPUTS, *topics.OTHER_OUTPUTS)}
+        self.namespace = namespace
+        if outputs:
+            for topic in topics.FRAME_OUTPUTS:
+                self.listen(topic)
+        self.node.create_subscription(DiagnosticArray, topics.DIAGNOSTICS, self._on_diagnostics, 10)
+
+    def listen(self, topic):
+        """Collect a topic's messages in `got`."""
+        durability = DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE
+        qos = QoSProfile(depth=1000, durability=durability)
+        name = topic.name.replace("~", "tracker")
+        self.node.create_subscription(_message_class(topic.message_type), name, self.got[topic.name].append, qos)
+
+    def _on_diagnostics(self, message):
+        if message.status[0].name.startswith(f"{self.namespace[1:]}/tracker:"):
+            self.got[topics.DIAGNOSTICS].append(message)
+
+    def spin_until(self, condition, deadline_s=DEADLINE_S, what="the condition"):
+        """Spin until `condition()` holds; AssertionError at the deadline."""
+        end = time.monotonic() + deadline_s
+        while not condition():
+            assert time.monotonic() < end, f"{what} did not come within {deadline_s} s"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def send(self, stamp_ns, xy, **options):
+        """One PointCloud2 of keypoints."""
+        self.keypoints.publish(cloud(BACKEND, stamp_ns, xy, **options))
+
+    def start(self, xy, frame_id=FRAME):
+        """Send camera_info and a frame again and again until joint states come and every publisher has matched us."""
+        sent = 0
+
+        def answered():
+            nonlocal sent
+            self.camera.publish(camera_info(BACKEND, frame_id=frame_id))
+            self.send(START_NS - 1_000_000_000 + sent * 10_000_000, xy, frame_id=frame_id)
+            sent += 1
+            return all(self.got[topic.name] for topic in topics.FRAME_OUTPUTS)
+
+        self.spin_until(answered, what="the first output of every topic")
+        self.settle()
+
+    def settle(self):
+        """Wait until nothing more comes: two diagnostics in a row with the same number of messages received."""
+
+        def still():
+            recent = [values_of(m)["received [messages]"] for m in self.got[topics.DIAGNOSTICS][-2:]]
+            return len(recent) == 2 and recent[0] == recent[1]
+
+        self.got[topics.DIAGNOSTICS].clear()
+        self.spin_until(still, what="a quiet second")
+
+    def clear(self):
+        """Forget what has come so far."""
+        for messages in self.got.values():
+            messages.clear()
+
+    def next_diagnostics(self, condition=lambda status: True):
+        """The first status from now on for which the condition holds."""
+        self.got[topics.DIAGNOSTICS].clear()
+
+        def met():
+            return any(condition(m.status[0]) for m in self.got[topics.DIAGNOSTICS])
+
+        self.spin_until(met, what="the diagnostics")
+        return next(m.status[0] for m in self.got[topics.DIAGNOSTICS] if condition(m.status[0]))
+
+    def call(self, service_type, name, request):
+        """The response of a service of the node."""
+        client = self.node.create_client(service_type, f"tracker/{name}")
+        self.spin_until(client.service_is_ready, what=f"service {name}")
+        future = client.call_async(request)
+        self.spin_until(future.done, what=f"an answer of {name}")
+        self.node.destroy_client(client)
+        return future.result()
+
+    def close(self):
+        """End this peer's context."""
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+
+def values_of(message):
+    """Key -> value of the first status of a DiagnosticArray, or of a DiagnosticStatus."""
+    status = message.status[0] if hasattr(message, "status") else message
+    return {pair.key: pair.value for pair in status.values}
+
+
+def stamp_of(message):
+    """A message's stamp in ns; of a MarkerArray its first marker's."""
+    header = message.markers[0].header if hasattr(message, "markers") else message.header
+    return header.stamp.sec * 1_000_000_000 + header.stamp.nanosec
+
+
+def frame_of(message):
+    """A message's frame_id; of a MarkerArray its first marker's."""
+    return (message.markers[0].header if hasattr(message, "markers") else message.header).frame_id
