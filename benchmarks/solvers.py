@@ -85,7 +85,7 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument("--problems", type=int, default=200, help="per kind (200)")
     result.add_argument("--kinds", default=",".join(KINDS), help="comma-separated, of plain,default")
     result.add_argument("--methods", help="comma-separated parts of names, beside the default (all)")
-    result.add_argument("--tolerance", type=float, default=1e-10, help="that peers are asked for (1e-10, at which most are certified)")
+    result.add_argument("--tolerance", type=float, default=1e-10, help="asked of the peers (1e-10: most are certified)")
     result.add_argument("--landmarks", default="coco17")
     result.add_argument("--seed", type=int, default=0)
     result.add_argument("--json", type=Path, metavar="FILE", help="write the records as a JSON list")

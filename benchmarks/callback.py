@@ -1,0 +1,125 @@
+"""The node's callback on real messages, and its stages: decode, undistort, track, angles, encode, publish.
+
+With rclpy the real node's own callback is called, with real publishers on real DDS, once with nobody listening and
+once with a subscription on every output. Without rclpy the messages are rosbags' and are serialised in place of being
+published.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from contextlib import contextmanager
+from importlib.util import find_spec
+from typing import Any, Callable, Iterator, Sequence
+
+import numpy as np
+
+from benchmarks.motion import FOCAL, FPS, HEIGHT
+from benchmarks.report import Record
+from benchmarks.stages import percentiles
+from lassokin_ros import topics
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.tracker import Observation
+from lassokin_ros.frame_messages import FrameMessages
+from lassokin_ros.node_config import NodeConfig
+from lassokin_ros.pipeline import Pipeline
+from msg_adapters.backends import Backend, RclpyBackend, RosbagsBackend
+from msg_adapters.inputs import camera_info, point_cloud
+from msg_adapters.registry import keypoint_adapter
+
+SIZE = (1280, 720)
+CENTRE = np.array([640.0, 360.0])
+K = np.array([[FOCAL, 0, CENTRE[0]], [0, FOCAL, CENTRE[1]], [0, 0, 1.0]])
+DISTORTION = np.array([-0.11, 0.06, 0.0008, -0.0006, 0.0])
+FRAME_ID = "camera_optical_frame"
+DISCOVERY_S = 10.0
+
+
+def measure_callback(observations: Sequence[Observation], distorted: bool = False) -> tuple[str, list[Record]]:
+    """(what carried the messages, one record per stage and whole)."""
+    if find_spec("rclpy") is None:
+        from rosbags.typesys import Stores, get_typestore
+
+        store = get_typestore(Stores.ROS2_JAZZY)
+        return "rosbags (no rclpy here: serialised, not published)", _stages(
+            observations, distorted, RosbagsBackend(store), lambda topic, m: store.serialize_cdr(m, m.__msgtype__), {}
+        )
+    with _nodes() as (quiet, loud):
+        whole = {"whole callback, nobody listens": quiet, "whole callback, all outputs subscribed": loud}
+        callbacks = {name: (node._on_camera_info, node._on_keypoints) for name, node in whole.items()}
+        publish = {topic.name: loud._out[topic.name].publish for topic in topics.FRAME_OUTPUTS}
+        records = _stages(observations, distorted, RclpyBackend(), lambda topic, m: publish[topic](m), callbacks)
+    return "rclpy, real publishers", records
+
+
+@contextmanager
+def _nodes() -> Iterator[tuple[Any, Any]]:
+    """Two trackers: one to whom nobody listens, one with a subscription on each of its outputs."""
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    os.environ.setdefault("ROS_DOMAIN_ID", str(30 + os.getpid() % 60))
+    import rclpy
+
+    from lassokin_ros.node import TrackerNode, _message_class
+
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    height = rclpy.parameter.Parameter("height", value=HEIGHT)
+    options = {"context": context, "parameter_overrides": [height], "use_global_arguments": False}
+    quiet, loud = (TrackerNode(namespace=f"/latency_{name}", **options) for name in ("quiet", "loud"))
+    listener = rclpy.create_node("listener", context=context, namespace="/latency_loud")
+    for topic in topics.FRAME_OUTPUTS:
+        name = loud._out[topic.name].topic_name
+        listener.create_subscription(_message_class(topic.message_type), name, lambda message: None, 1)
+    try:
+        deadline = time.monotonic() + DISCOVERY_S
+        while not all(loud._is_wanted(topic.name) for topic in topics.FRAME_OUTPUTS):
+            if time.monotonic() > deadline:
+                raise SystemExit(f"the outputs' subscriptions were not discovered within {DISCOVERY_S:g} s")
+            time.sleep(0.01)
+        yield quiet, loud
+    finally:
+        for node in (listener, quiet, loud):
+            node.destroy_node()
+        rclpy.try_shutdown(context=context)
+
+
+def _stages(
+    observations: Sequence[Observation],
+    distorted: bool,
+    backend: Backend,
+    publish: Callable[[str, Any], Any],
+    callbacks: dict[str, tuple[Callable[[Any], None], Callable[[Any], None]]],
+) -> list[Record]:
+    """Every stage, and every whole callback, on each frame in turn."""
+    info = camera_info(backend, 0, FRAME_ID, K, DISTORTION if distorted else np.zeros(0), SIZE)
+    pipeline = Pipeline(TrackerConfig(height=HEIGHT), NodeConfig())
+    pipeline.set_camera(info)
+    for on_camera_info, _ in callbacks.values():
+        on_camera_info(info)
+    messages, adapter = FrameMessages(backend, pipeline.tracker.skeleton), keypoint_adapter("sensor_msgs/PointCloud2")
+    lens = pipeline._lens
+    assert lens is not None
+    samples: dict[str, list[float]] = {}
+
+    def timed(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
+        start = time.perf_counter()
+        result = function(*arguments)
+        samples.setdefault(name, []).append(time.perf_counter() - start)
+        return result
+
+    for number, observation in enumerate(observations):
+        pixels = lens.distort(observation.points) if distorted else observation.points * FOCAL + CENTRE
+        message = point_cloud(backend, round((number + 1) * 1e9 / FPS), FRAME_ID, pixels, observation.confidence)
+        count = len(pixels)
+        decoded, _ = timed("decode", lambda: adapter.decode(message, SIZE).as_landmarks(count, None))
+        timed("undistort", lens.normalise, decoded)
+        frame = timed("decode, undistort, track, angles", pipeline.process, message, 0)
+        for topic in topics.FRAME_OUTPUTS if frame.accepted else ():
+            built = timed(f"encode {topic.name}", lambda: list(messages.build(frame, topic.name.__eq__)))
+            timed(f"publish {topic.name}", publish, topic.name, built[0][1])
+        for name, (_, on_keypoints) in callbacks.items():
+            timed(name, on_keypoints, message)
+    return [
+        {"part": "callback", "what": name, "calls": 1.0, **percentiles(values[1:])} for name, values in samples.items()
+    ]

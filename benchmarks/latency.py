@@ -1,0 +1,203 @@
+"""Time per frame: the tracker's step and its stages, the node's callback, by landmarks, joints and people; peers.
+
+    python benchmarks/latency.py [--frames 2000] [--parts core,callback,landmarks,joints,people,peers] [--json FILE]
+
+Real motion of two clips at 60 Hz, 2 px (synthetic motion without the shared data). Variants of one part take turns
+frame by frame, so that a busy moment of the machine hits all alike; one process, one thread. Frames that initialise
+are left out, and timed apart. p50, p95, p99 are wall times of this machine at this moment; cpu is the median CPU
+time of the thread, and ratios between variants are of that: other processes do not disturb it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+from typing import Any, Callable, Mapping, Sequence
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from benchmarks.report import Record, data_folder, table, write_json  # isort: skip  (one thread, before numpy comes)
+import numpy as np
+
+from benchmarks.callback import measure_callback
+from benchmarks.motion import FOCAL, HEIGHT, Motion, load_motion, observe, on_skeleton
+from benchmarks.robot_ik import PinkTracker, PinocchioLeastSquares, available
+from benchmarks.stages import percentiles, profile
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.core.kinematics import BodyState
+from lassokin_ros.core.tracker import Observation, Tracker
+
+BODIES = Path(__file__).resolve().parent / "bodies"
+PARTS = ("core", "callback", "landmarks", "joints", "people", "peers")
+PEOPLE = (1, 4, 16)
+NOISE_PX = 2.0
+COLUMNS = {
+    "what": "<",
+    "calls": ".1f",
+    "p50_us": ".0f",
+    "p95_us": ".0f",
+    "p99_us": ".0f",
+    "cpu_us": ".0f",
+    "ratio": ".2f",
+}
+Step = Callable[[int], bool]
+"""Work on frame i; False when this frame is not to be counted."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Command line."""
+    options = parser().parse_args(arguments)
+    parts = options.parts.split(",")
+    unknown = sorted(set(parts) - set(PARTS))
+    if unknown:
+        raise SystemExit(f"no part {', '.join(unknown)}; expected some of: {', '.join(PARTS)}")
+    motion = load_motion(options.data or data_folder() / "mocap", options.frames)
+    frames = len(motion.state.translation)
+    print(f"{frames} frames of {motion.source} at 60 Hz, {NOISE_PX:g} px; one thread; variants interleaved.")
+    records: list[Record] = []
+    try:
+        for part in parts:
+            title, measured = MEASURES[part](motion)
+            print(f"\n{part}: {title}")
+            print(table(measured, {key: form for key, form in COLUMNS.items() if key in measured[0]}))
+            records += [{**record, "part": part} for record in measured]
+    except LassokinError as error:
+        print(f"latency.py: {error}", file=sys.stderr)
+        return 2
+    write_json(options.json, records)
+    return 0
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line's options."""
+    result = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    result.add_argument(
+        "--data", type=Path, help="folder of clips (default: mocap/ in LASSOKIN_DATA or ../shared/data)"
+    )
+    result.add_argument("--frames", type=int, default=2000, help="(2000)")
+    result.add_argument("--parts", default=",".join(PARTS), help="comma-separated (all)")
+    result.add_argument("--json", type=Path, metavar="FILE", help="write the records as a JSON list")
+    return result
+
+
+class Run:
+    """A tracker with a skeleton and a layout, and the frames that it is to follow."""
+
+    def __init__(
+        self, motion: Motion, landmarks: str = "coco17", skeleton: str = "anthropometric", seed: int = 0
+    ) -> None:
+        self.tracker = Tracker(TrackerConfig(height=HEIGHT, landmarks=landmarks, skeleton=skeleton, noise_px=NOISE_PX))
+        self.state = on_skeleton(motion, self.tracker.skeleton)
+        self.observations: list[Observation] = observe(self.state, self.tracker.kinematics, NOISE_PX, seed)
+        self._starts = motion.starts
+
+    def step(self, frame: int) -> bool:
+        """Track one frame; a clip's first frame starts anew and does not count."""
+        if frame in self._starts:
+            self.tracker.reset()
+        return not self.tracker.track(self.observations[frame]).initialised
+
+
+def interleaved(steps: Mapping[str, Step], frames: int) -> list[Record]:
+    """Each step on each frame, in an order that turns; one record per step, with its ratio to the first's."""
+    names = list(steps)
+    wall: dict[str, list[float]] = {name: [] for name in names}
+    cpu: dict[str, list[float]] = {name: [] for name in names}
+    for frame in range(frames):
+        for name in names[frame % len(names) :] + names[: frame % len(names)]:
+            start, cpu_start = time.perf_counter(), time.thread_time()
+            counts = steps[name](frame)
+            cpu_end, end = time.thread_time(), time.perf_counter()
+            if counts:
+                wall[name].append(end - start)
+                cpu[name].append(cpu_end - cpu_start)
+    records = [{"what": name, **percentiles(wall[name]), "cpu_us": 1e6 * float(np.median(cpu[name]))} for name in names]
+    return [{**record, "ratio": record["cpu_us"] / records[0]["cpu_us"]} for record in records]
+
+
+def core(motion: Motion) -> tuple[str, list[Record]]:
+    """Stages of the tracker's step, and its initialisation."""
+    run = Run(motion)
+    records = profile(run.tracker, run.observations, motion)
+    whole = records[-1]["p50_us"]
+    times = []
+    for frame in range(0, len(run.observations), max(1, len(run.observations) // 20)):
+        run.tracker.reset()
+        start = time.perf_counter()
+        run.tracker.track(run.observations[frame])
+        times.append(time.perf_counter() - start)
+    records.append({"what": "initialisation from one frame", "calls": 1.0, **percentiles(times)})
+    return "stages of one tracker step, COCO-17, 24 joints; times per frame, all calls of the stage together", [
+        {**record, "ratio": record["p50_us"] / whole} for record in records
+    ]
+
+
+def callback(motion: Motion) -> tuple[str, list[Record]]:
+    """The node's callback and its stages."""
+    carrier, records = measure_callback(Run(motion).observations)
+    core_step = next(r["p50_us"] for r in records if r["what"].startswith("decode, undistort, track"))
+    return f"one keypoint message, PointCloud2, {carrier}", [{**r, "ratio": r["p50_us"] / core_step} for r in records]
+
+
+def landmarks(motion: Motion) -> tuple[str, list[Record]]:
+    """By number of landmarks."""
+    layouts = {"17 landmarks (coco17)": "coco17", "13 landmarks (no eyes and ears)": str(BODIES / "coco13.yaml"),
+               "25 landmarks (body25)": "body25", "33 landmarks (mediapipe33)": "mediapipe33"}  # fmt: skip
+    steps = {name: Run(motion, layout).step for name, layout in layouts.items()}
+    return "one tracker step, 24 joints", interleaved(steps, len(motion.state.translation))
+
+
+def joints(motion: Motion) -> tuple[str, list[Record]]:
+    """By number of joints."""
+    steps = {
+        "24 joints, 17 landmarks": Run(motion).step,
+        "24 joints, 25 landmarks": Run(motion, "body25").step,
+        "55 joints, 65 landmarks": Run(motion, str(BODIES / "body25_hands.yaml"), str(BODIES / "hands55.yaml")).step,
+    }
+    return "one tracker step", interleaved(steps, len(motion.state.translation))
+
+
+def people(motion: Motion) -> tuple[str, list[Record]]:
+    """By number of people, each with a tracker of their own and noise of their own."""
+
+    def step_of(count: int) -> Step:
+        runs = [Run(motion, seed=person) for person in range(count)]
+        return lambda frame: all([run.step(frame) for run in runs])
+
+    steps = {f"{count} {'person' if count == 1 else 'people'}": step_of(count) for count in PEOPLE}
+    frames = max(2, len(motion.state.translation) // 4)
+    return f"all people of one frame, COCO-17, {frames} frames", interleaved(steps, frames)
+
+
+def peers(motion: Motion) -> tuple[str, list[Record]]:
+    """Robot inverse kinematics on the same motion."""
+    run = Run(motion)
+    truth = run.tracker.kinematics.pose(run.state).landmarks
+    start = BodyState(run.state.rotations[0], run.state.translation[0])
+    steps: dict[str, Step] = {"tracker step": run.step}
+    for name in available():
+        steps[name] = _peer(name, run, start, truth)
+    missing = "" if len(steps) > 1 else " (pinocchio and pink are not installed: pip install pin pin-pink)"
+    frames = motion.starts[1] if len(motion.starts) > 1 else len(truth)
+    note = "pink is given the landmarks' true 3D places, not the image"
+    return f"robot inverse kinematics, COCO-17, {frames} frames; {note}{missing}", interleaved(steps, frames)
+
+
+def _peer(name: str, run: Run, start: BodyState, truth: np.ndarray) -> Step:
+    if name.startswith("pink"):
+        peer: Any = PinkTracker(run.tracker.kinematics, start, name.removeprefix("pink, "))
+        return lambda frame: peer.track(truth[frame]) is not None
+    peer = PinocchioLeastSquares(run.tracker.kinematics, start)
+    return lambda frame: peer.track(run.observations[frame].points, FOCAL / NOISE_PX) is not None
+
+
+MEASURES: dict[str, Callable[[Motion], tuple[str, list[Record]]]] = {
+    "core": core, "callback": callback, "landmarks": landmarks, "joints": joints, "people": people, "peers": peers,
+}  # fmt: skip
+
+
+if __name__ == "__main__":
+    sys.exit(main())
