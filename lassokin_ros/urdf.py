@@ -80,9 +80,7 @@ def _add_joint(
     ElementTree.SubElement(joint, "child", link=child)
     ElementTree.SubElement(joint, "origin", xyz=_text(offset), rpy="0 0 0")
     ElementTree.SubElement(joint, "axis", xyz=_text(_AXES[axis]))
-    ElementTree.SubElement(
-        joint, "limit", lower=f"{-limit:.6g}", upper=f"{limit:.6g}", effort="1000", velocity="1000"
-    )
+    ElementTree.SubElement(joint, "limit", lower=f"{-limit:.6g}", upper=f"{limit:.6g}", effort="1000", velocity="1000")
 
 
 def _add_visuals(link: ElementTree.Element, skeleton: Skeleton, index: int) -> None:

@@ -1,0 +1,45 @@
+"""A progress bar of one line, for people: silent when nobody is looking."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import TextIO
+
+WIDTH = 30
+PERIOD_S = 0.1
+
+
+class Progress:
+    """Counts up to a total on a terminal; writes nothing when the stream is a file or a pipe."""
+
+    def __init__(self, total: int, unit: str, stream: TextIO | None = None) -> None:
+        self._total, self._unit = max(total, 1), unit
+        self._stream = sys.stderr if stream is None else stream
+        self._shown = self._stream.isatty()
+        self._started = time.monotonic()
+        self._next = self._started
+        self._count = 0
+
+    def advance(self, count: int = 1, note: str = "") -> None:
+        """Count on; note: a few words after the bar."""
+        self._count += count
+        now = time.monotonic()
+        if self._shown and (now >= self._next or self._count == self._total):
+            self._next = now + PERIOD_S
+            self._draw(now, note)
+
+    def _draw(self, now: float, note: str) -> None:
+        share = min(self._count / self._total, 1.0)
+        bar = "#" * round(share * WIDTH)
+        seconds = now - self._started
+        left = seconds / share - seconds if share > 0.01 else float("nan")
+        text = f"\r[{bar:.<{WIDTH}}] {self._count}/{self._total} {self._unit}, {left:.0f} s left {note}"
+        self._stream.write(text[:110] + "\x1b[K")
+        self._stream.flush()
+
+    def close(self) -> None:
+        """Leave the line clean for what comes after."""
+        if self._shown:
+            self._stream.write("\r\x1b[K")
+            self._stream.flush()

@@ -1,0 +1,124 @@
+"""The command `replay`: the tracker over a rosbag2 recording, without ROS, as fast as the machine can."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from lassokin_ros import topics
+from lassokin_ros.bags import STORAGES, BagReader, BagWriter, RecordedTopic
+from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.progress import Progress
+
+USAGE_ERROR = 2
+INTERRUPTED = 130
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+LATCHED = tuple(f"/{topic.name}" for topic in topics.OTHER_OUTPUTS if topic.latched)
+
+
+class Interrupted(BaseException):
+    """SIGINT or SIGTERM. Not KeyboardInterrupt: when that passes through `exec`, Python dies of it though caught."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; the exit code: 0, 2 for input that cannot be used (one line on stderr), 130 when interrupted."""
+    options = _parser().parse_args(arguments)
+    previous = [signal.signal(number, _interrupt) for number in SIGNALS]
+    # The matrices are small: further threads of BLAS cost more than they bring.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    try:
+        print(replay(options))
+    except LassokinError as error:
+        print(f"replay: {error}", file=sys.stderr)
+        return USAGE_ERROR
+    except Interrupted:
+        print("replay: interrupted; nothing was written", file=sys.stderr)
+        return INTERRUPTED
+    finally:
+        for number, handler in zip(SIGNALS, previous):
+            signal.signal(number, handler)
+    return 0
+
+
+def _interrupt(number: int, _: Any) -> None:
+    raise Interrupted(number)
+
+
+def replay(options: argparse.Namespace) -> str:
+    """Track what is recorded in options.bag, write options.output; the summary. Raises a LassokinError."""
+    from lassokin_ros.offline_parameters import offline_settings
+    from lassokin_ros.offline_tracker import OfflineTracker
+    from msg_adapters.registry import full_type_name
+
+    tracker_config, node_config = offline_settings(options.params_file, options.p)
+    with BagReader(options.bag) as bag:
+        keypoints_type = full_type_name(node_config.keypoints_type)
+        keypoints = bag.find(keypoints_type, options.keypoints_topic, topics.KEYPOINTS, "--keypoints-topic")
+        camera = bag.find(topics.CAMERA_INFO_TYPE, options.camera_info_topic, topics.CAMERA_INFO, "--camera-info-topic")
+        tracker = OfflineTracker(tracker_config, node_config, bag.types)
+        output = options.output or Path(f"{options.bag.resolve().stem}_tracked")
+        storage = options.storage or bag.storage
+        with BagWriter(output, storage, bag.types, options.force) as writer:
+            seconds = _run(bag, keypoints, camera, tracker, writer)
+    return _summary(f"{options.bag} -> {output} ({storage})", (keypoints, camera), tracker, seconds)
+
+
+def _run(bag: BagReader, keypoints: RecordedTopic, camera: RecordedTopic, tracker: Any, writer: BagWriter) -> float:
+    """Every message through the tracker, in seconds."""
+    progress = Progress(keypoints.count + camera.count, "messages")
+    started = time.monotonic()
+    try:
+        for topic, time_ns, message in bag.messages([keypoints, camera]):
+            take = tracker.keypoints if topic == keypoints.name else tracker.camera_info
+            for name, message_type, output in take(message, time_ns):
+                writer.write(name, message_type, time_ns, output, name in LATCHED)
+            progress.advance(note=tracker.pipeline.status.value)
+    finally:
+        progress.close()
+    return time.monotonic() - started
+
+
+def _summary(title: str, inputs: Sequence[RecordedTopic], tracker: Any, seconds: float) -> str:
+    import numpy as np
+
+    counts, error = tracker.pipeline.counts, tracker.reprojection_px
+    rejected = {key.partition(": ")[2]: n for key, n in sorted(counts.items()) if key.startswith("rejected: ")}
+    times = 1e3 * np.array(tracker.frame_seconds or [np.nan])
+    lines = {
+        "frames": f"{counts['received']} in, {counts['accepted']} out",
+        "rejected": ", ".join(f"{reason} {count}" for reason, count in rejected.items()) or "none",
+        "initialised": "once" if tracker.initialisations == 1 else f"{tracker.initialisations} times",
+        "reprojection": f"{np.median(error):.2f} px median" if error else "nothing was tracked",
+        "time per frame": f"{np.median(times):.2f} ms median, {np.percentile(times, 99):.2f} ms 99th percentile",
+        "in all": f"{seconds:.1f} s, {counts['received'] / max(seconds, 1e-9):.0f} frames/s",
+    }
+    read = [f"{name:<15} {topic}" for name, topic in zip((topics.KEYPOINTS, topics.CAMERA_INFO), inputs)]
+    return "\n".join([title, *read, *(f"{name:<15} {text}" for name, text in lines.items())])
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="replay",
+        description="Track the keypoints of a rosbag2 recording and write the node's topics to another one.",
+    )
+    parser.add_argument("bag", type=Path, help="rosbag2 folder, or a single .mcap or .db3 file")
+    parser.add_argument("--output", "-o", type=Path, help="recording to write (default: <bag>_tracked, here)")
+    parser.add_argument(
+        "--params-file", type=Path, action="append", default=[], metavar="YAML", help="ROS parameter file"
+    )
+    parser.add_argument("-p", action="append", default=[], metavar="name:=value", help="a parameter, as of the node")
+    parser.add_argument("--keypoints-topic", metavar="TOPIC", help="needed when the recording has several")
+    parser.add_argument("--camera-info-topic", metavar="TOPIC", help="needed when the recording has several")
+    parser.add_argument("--storage", choices=STORAGES, help="of the output (default: the input's)")
+    parser.add_argument("--force", action="store_true", help="replace an output that exists")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())
