@@ -110,17 +110,16 @@ class TrackerNode(Node):
         if not frame.accepted:
             self._warning.say(str(frame.rejection), f"keypoints rejected ({frame.rejection}): {frame.detail}")
         elif frame.frame_id and frame.frame_id != self._base_frame:
-            self._describe_body(frame.frame_id)
+            try:
+                self._describe_body(frame.frame_id)
+            except LassokinError as error:
+                self._warning.say("base_frame", str(error))
         if self._pipeline.counts["unstamped"] == 1:
             self._warning.say("unstamped", "keypoints without a stamp: outputs carry the time of their arrival")
 
     def _describe_body(self, base_frame: str) -> None:
         self._base_frame = base_frame
-        try:
-            text = urdf(self._pipeline.tracker.skeleton, base_frame)
-        except LassokinError as error:
-            self.get_logger().error(str(error))
-            return
+        text = urdf(self._pipeline.tracker.skeleton, base_frame)
         self._out[topics.ROBOT_DESCRIPTION].publish(self._description.fill(text))
 
     def _publish_diagnostics(self) -> None:
