@@ -301,10 +301,8 @@ def test_an_uncertified_solve_does_not_move_the_state(monkeypatch):
         patch.setattr(tracker._solver._dual, "solve", lambda A, *_: np.full(A.shape[1], 1e3))
         patch.setattr("lassokin_ros.core.lasso._mend", lambda *_: None)
         answer = tracker.track(sequence[4])
-        late = tracker.track(replace(sequence[4], stamp=sequence[4].stamp + 10))
     assert answer.rejection is Rejection.NOT_CERTIFIED and answer.certificate.kkt_residual > 1e-6
     assert answer.status is Status.TRACKING
-    assert late.rejection is Rejection.NOT_CERTIFIED and late.status is Status.LOST
     assert tracker.state is before
     assert tracker.track(sequence[5]).accepted
 

@@ -132,7 +132,7 @@ def test_several_values_are_taken_all_or_none(running):
     request = SetParametersAtomically.Request(parameters=values)
     result = running.call(SetParametersAtomically, "set_parameters_atomically", request).result
     assert not result.successful and "noise_px" in result.reason
-    assert get_parameter(running, "sparsity") == 0.15
+    assert get_parameter(running, "sparsity") == 0.05
     feed(running)
 
 

@@ -38,7 +38,7 @@ class TrackerConfig:
     )
     min_confidence: float = setting(0.2, "keypoints below this confidence count as missing", "", 0.0, 1.0, live=True)
     sparsity: float = setting(
-        0.15, "weight of the l1 term: larger moves fewer joints a frame", "", 1e-4, 100.0, live=True
+        0.05, "weight of the l1 term: larger moves fewer joints a frame", "", 1e-4, 100.0, live=True
     )
     min_landmarks: int = setting(4, "fewest visible landmarks in a frame that is used", "", 2, 100, live=True)
     relinearisations: int = setting(2, "lassos solved per frame, each about the last one's answer", "", 1, 10, live=True)

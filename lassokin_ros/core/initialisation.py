@@ -50,7 +50,7 @@ class Initialiser:
 
         points: (l, 2) normalised; weights: (l,), 1 / standard deviation, 0 = missing; at least two visible.
         """
-        fit = self.refine(self._starts(points, weights), points, weights, SCHEDULE)
+        fit = self.refine(self._starts(points, weights, np.arange(STARTS)), points, weights, SCHEDULE)
         order = np.argsort(fit.costs)
         return Fit(BodyState(fit.states.rotations[order], fit.states.translation[order]), fit.costs[order])
 
@@ -60,7 +60,7 @@ class Initialiser:
         """Gauss-Newton from S states at once, (S, n, 3, 3) and (S, 3)."""
         for factor, iterations in schedule:
             for _ in range(iterations):
-                states = self._gauss_newton(states, points, weights / factor)
+                states = self.step(states, points, weights / factor)
         return Fit(states, self.cost(states, points, weights))
 
     def cost(self, states: BodyState, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -70,10 +70,15 @@ class Initialiser:
         prior = self._rows.residual(states.rotations)
         return huber_cost(np.linalg.norm(error, axis=-1)).sum(-1) + 0.5 * np.sum(prior * prior, axis=-1)
 
-    def _starts(self, points: np.ndarray, weights: np.ndarray) -> BodyState:
-        yaw = np.arange(STARTS) * (2 * np.pi / STARTS)
+    def start(self, side: int, points: np.ndarray, weights: np.ndarray) -> BodyState:
+        """The mean pose turned to one of the `STARTS` sides, placed where the points are: one start."""
+        states = self._starts(points, weights, np.array([side]))
+        return BodyState(states.rotations[0], states.translation[0])
+
+    def _starts(self, points: np.ndarray, weights: np.ndarray, sides: np.ndarray) -> BodyState:
+        yaw = sides * (2 * np.pi / STARTS)
         turn = exponential(np.stack([0 * yaw, yaw, 0 * yaw], axis=-1))
-        rotations = np.repeat(self._mean[None], STARTS, axis=0)
+        rotations = np.repeat(self._mean[None], len(sides), axis=0)
         rotations[:, 0] = np.diag([1.0, -1.0, -1.0]) @ turn  # body y up is camera -y; facing the camera at yaw 0
         return BodyState(rotations, self._place(rotations, points, weights))
 
@@ -92,7 +97,8 @@ class Initialiser:
         translation[:, 2] = np.maximum(translation[:, 2], 0.5)
         return translation
 
-    def _gauss_newton(self, states: BodyState, points: np.ndarray, weights: np.ndarray) -> BodyState:
+    def step(self, states: BodyState, points: np.ndarray, weights: np.ndarray) -> BodyState:
+        """One damped Gauss-Newton step of S states; weights: (l,) or (S, l)."""
         kinematics, live = self._kinematics, self._live
         pose = kinematics.pose(states)
         error = (points - project(pose.landmarks)) * weights[..., None]

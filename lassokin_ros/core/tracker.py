@@ -17,17 +17,26 @@ from enum import Enum
 import numpy as np
 
 from lassokin_ros.core.certificate import Certificate
+from lassokin_ros.core.challengers import Challengers
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.initialisation import Initialiser
 from lassokin_ros.core.kinematics import BodyPose, BodyState, Kinematics
 from lassokin_ros.core.landmarks import Layout
 from lassokin_ros.core.lasso import Lasso, LassoSolution, LassoSolver
 from lassokin_ros.core.observation_model import linearise
+from lassokin_ros.core.point_filter import PointFilter
 from lassokin_ros.core.prior import PosePrior, PriorRows
 from lassokin_ros.core.projection import project
 from lassokin_ros.core.robust import huber_weights
 from lassokin_ros.core.rotations import orthonormalised, right_jacobian
 from lassokin_ros.core.skeleton import Skeleton
+
+
+CHALLENGERS = 4
+"""States that are followed beside the published one, see `challengers`."""
+
+ACCELERATION = 3.5
+"""m/s^2: standard deviation of a body point's acceleration, typical of everyday motion."""
 
 
 class Status(Enum):
@@ -97,6 +106,8 @@ class Tracker:
         prior = PosePrior.load(self.skeleton)
         self._prior = PriorRows(prior, self.kinematics)
         self._initialiser = Initialiser(self.kinematics, prior, self._prior)
+        self._challengers = Challengers(self._initialiser, self.kinematics, CHALLENGERS)
+        self._filter = PointFilter(self.kinematics.landmark_count)
         self._solver = LassoSolver(self.config.solver)
         self._live = np.flatnonzero(self.kinematics.live)
         self._motion = np.maximum(prior.motion, 0.003)[self._live]
@@ -107,6 +118,9 @@ class Tracker:
         self._state: BodyState | None = None
         self._seen = -np.inf
         self._status = Status.SEARCHING
+        self._successor: BodyState | None = None
+        self._filter.reset()
+        self._challengers.stop()
 
     @property
     def state(self) -> BodyState | None:
@@ -122,18 +136,29 @@ class Tracker:
         rejection, weights = self._admit(observation)
         if rejection is not None:
             return self._refused(observation, rejection)
-        points = np.where(weights[:, None] > 0, observation.points, 0.0)
         lost = observation.stamp - self._seen > self.config.lost_after
+        if lost:
+            self._filter.reset()
+        depth = 3.5 if self._state is None else self._state.translation[2]
+        seen = np.where(weights[:, None] > 0, observation.points, 0.0)
+        points, weights = self._filter.update(observation.stamp, seen, weights, ACCELERATION / depth)
+        if np.count_nonzero(weights) < self.config.min_landmarks:
+            return self._refused(observation, Rejection.TOO_FEW_LANDMARKS)
         initialised = self._state is None or lost
-        start = self._initialiser.fit(points, weights).best if initialised else self._state
+        start = self._initialiser.fit(points, weights).best if initialised else self._successor or self._state
         assert start is not None
         problem, solution, state, omega = self._follow(start, points, weights)
         if not solution.certified:
             return self._refused(observation, Rejection.NOT_CERTIFIED, solution.certificate)
         self._state = replace(state, rotations=orthonormalised(state.rotations))
+        if initialised:
+            self._challengers.start(points, weights)
+            self._successor = None
+        else:
+            self._successor = self._challengers.advance(self._state, start, points, weights, problem.alpha)
         self._seen, self._status = observation.stamp, Status.TRACKING
         pose = self.kinematics.pose(self._state)
-        error = (points - project(pose.landmarks))[weights > 0] * observation.focal
+        error = (seen - project(pose.landmarks))[weights > 0] * observation.focal
         return Estimate(
             observation.stamp,
             self._status,

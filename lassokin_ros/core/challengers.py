@@ -1,0 +1,128 @@
+"""Challengers: other explanations of the same images, followed beside the published state until one is clearly better.
+
+From one camera a limb, or the whole body, fits almost as well when it is mirrored in depth; a tracker that started on
+the wrong side, or slipped to it, stays there. So a few states are fitted along with the frames, each begun from the
+mean pose turned to another side and refined by one Gauss-Newton step a frame, coarse to fine. One whose cost, averaged
+over its last frames, is lower than the published state's by a margin takes its place in the next frame.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lassokin_ros.core.initialisation import STARTS, Initialiser
+from lassokin_ros.core.kinematics import BodyState, Kinematics
+from lassokin_ros.core.rotations import logarithm
+
+COARSE = ((4, 8.0), (7, 2.0))
+"""(frames of age, factor on the noise) while a challenger is young."""
+COUNTED_FROM = 10
+"""Frames of age from which its cost counts."""
+OLD_ENOUGH = 14
+"""Frames of age from which it may win, or be given up."""
+GIVEN_UP_AT = 30
+"""Frames of age at which one that has not won is replaced."""
+MEMORY = 20.0
+"""Frames over which costs are averaged."""
+MARGIN = 1.0
+"""By how much (in units of a variance-weighted cost, the negative log-likelihood) a challenger must be better."""
+HOPELESS = -2.0
+"""One that is worse by this is given up early."""
+ALIKE = 0.02
+"""m: mean distance of joints below which a challenger has become the published state."""
+
+
+class Challengers:
+    """A pool of states that run beside the published one."""
+
+    def __init__(self, initialiser: Initialiser, kinematics: Kinematics, count: int) -> None:
+        self._initialiser = initialiser
+        self._kinematics = kinematics
+        self._live = np.flatnonzero(kinematics.live)
+        self._count = count
+        self._next_side = 0
+        self._states: BodyState | None = None
+
+    def start(self, points: np.ndarray, weights: np.ndarray) -> None:
+        """Begin with a pool of new challengers for this frame's points (l, 2) and weights (l,)."""
+        n = self._kinematics.joint_count
+        self._states = BodyState(np.zeros((self._count, n, 3, 3)), np.zeros((self._count, 3)))
+        self._age = np.zeros(self._count)
+        self._advantage = np.zeros(self._count)
+        for slot in range(self._count):
+            self._renew(slot, points, weights)
+
+    def stop(self) -> None:
+        """Drop the pool."""
+        self._states = None
+
+    def advance(
+        self, state: BodyState, previous: BodyState, points: np.ndarray, weights: np.ndarray, motion_cost: np.ndarray
+    ) -> BodyState | None:
+        """One Gauss-Newton step for every challenger; the state that should replace `state`, or None.
+
+        previous: the published state of the frame before; motion_cost: (live,) cost per rad of each degree of freedom's
+        increment, the tracker's alpha, which the challengers pay like the published state.
+        """
+        if self._states is None or self._count == 0:
+            return None
+        factor = np.ones(self._count)
+        for age, value in reversed(COARSE):
+            factor[self._age < age] = value
+        before = self._states
+        self._states = self._initialiser.step(before, points, weights / factor[:, None])
+        self._age += 1
+        cost = self._cost(self._states, before, points, weights, motion_cost)
+        own = self._cost(_pooled(state), _pooled(previous), points, weights, motion_cost)[0]
+        share = 1 / np.clip(self._age - COUNTED_FROM, 1, MEMORY)
+        counted = self._age > COUNTED_FROM
+        self._advantage = np.where(counted, self._advantage + (own - cost - self._advantage) * share, 0.0)
+        winner = self._exchange(state)
+        self._recycle(winner or state, points, weights)
+        return winner
+
+    def _cost(
+        self, states: BodyState, before: BodyState, points: np.ndarray, weights: np.ndarray, motion_cost: np.ndarray
+    ) -> np.ndarray:
+        turned = logarithm(np.swapaxes(before.rotations, -1, -2) @ states.rotations)
+        moved = np.abs(turned.reshape(len(turned), -1)[:, self._live]) @ motion_cost
+        return self._initialiser.cost(states, points, weights) + moved
+
+    def _exchange(self, state: BodyState) -> BodyState | None:
+        """Take the winner out of the pool, if there is one, and put the published state in its place."""
+        assert self._states is not None
+        best = int(np.argmax(np.where(self._age >= OLD_ENOUGH, self._advantage, -np.inf)))
+        if self._age[best] < OLD_ENOUGH or self._advantage[best] <= MARGIN:
+            return None
+        winner = BodyState(self._states.rotations[best].copy(), self._states.translation[best].copy())
+        self._states.rotations[best] = state.rotations
+        self._states.translation[best] = state.translation
+        self._advantage -= self._advantage[best]
+        self._advantage[best] = -0.5 * MARGIN
+        return winner
+
+    def _recycle(self, state: BodyState, points: np.ndarray, weights: np.ndarray) -> None:
+        """Renew at most one challenger a frame: one that is too old, hopeless, or has become the published state."""
+        assert self._states is not None
+        ripe = self._age >= OLD_ENOUGH
+        if not ripe.any():
+            return
+        mine = self._kinematics.pose(state).positions
+        theirs = self._kinematics.pose(self._states).positions
+        distance = np.linalg.norm((theirs - theirs[:, :1]) - (mine - mine[:1]), axis=-1).mean(-1)
+        done = ripe & ((distance < ALIKE) | (self._advantage < HOPELESS) | (self._age > GIVEN_UP_AT))
+        if done.any():
+            worth = self._advantage - 100.0 * (distance < ALIKE)
+            self._renew(int(np.argmin(np.where(done, worth, np.inf))), points, weights)
+
+    def _renew(self, slot: int, points: np.ndarray, weights: np.ndarray) -> None:
+        assert self._states is not None
+        self._next_side = (self._next_side + 3) % STARTS  # 3 and 8 have no common divisor: every side has its turn
+        start = self._initialiser.start(self._next_side, points, weights)
+        self._states.rotations[slot] = start.rotations
+        self._states.translation[slot] = start.translation
+        self._age[slot] = self._advantage[slot] = 0.0
+
+
+def _pooled(state: BodyState) -> BodyState:
+    return BodyState(state.rotations[None], state.translation[None])
