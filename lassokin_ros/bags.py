@@ -110,22 +110,32 @@ class BagReader:
 
         Raises BagError where the recording ends in the middle.
         """
-        names = {topic.name for topic in topics}
-        chosen = [c for c in self._reader.connections if c.topic in names]
-        for connection in chosen:
+        for connection in self._chosen(topics):
             self._register(connection)
-        source = iter(self._reader.messages(chosen)) if chosen else iter(())
-        while True:
-            with self._clear_errors():
-                item = next(source, None)
-            if item is None:
-                return
-            connection, time_ns, data = item
+        for connection, time_ns, data in self._items(topics):
             try:
                 message = self.types.deserialize_cdr(data, connection.msgtype)
             except Exception:  # rosbags raises whatever the wrong bytes lead to
                 message = None
             yield connection.topic, time_ns, message
+
+    def raw(self, topics: Sequence[RecordedTopic]) -> Iterator[tuple[str, int, bytes]]:
+        """The same with the messages as they are serialised."""
+        for connection, time_ns, data in self._items(topics):
+            yield connection.topic, time_ns, bytes(data)
+
+    def _chosen(self, topics: Sequence[RecordedTopic]) -> list[Any]:
+        names = {topic.name for topic in topics}
+        return [connection for connection in self._reader.connections if connection.topic in names]
+
+    def _items(self, topics: Sequence[RecordedTopic]) -> Iterator[Any]:
+        source = iter(self._reader.messages(self._chosen(topics)))
+        while True:
+            with self._clear_errors():
+                item = next(source, None)
+            if item is None:
+                return
+            yield item
 
     def _register(self, connection: Any) -> None:
         """Learn a message type that Jazzy does not have from the definition in the recording."""

@@ -1,4 +1,4 @@
-"""A progress bar of one line, for people: silent when nobody is looking."""
+"""A progress bar of one line, for people: on a stream that is no terminal silent, or a few lines in all."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ PERIOD_S = 0.1
 
 
 class Progress:
-    """Counts up to a total on a terminal; writes nothing when the stream is a file or a pipe."""
+    """Counts up to a total on a terminal."""
 
-    def __init__(self, total: int, unit: str, stream: TextIO | None = None) -> None:
+    def __init__(self, total: int, unit: str, stream: TextIO | None = None, plain_lines: int = 0) -> None:
+        """plain_lines: how many lines to write in all when the stream is a file or a pipe."""
         self._total, self._unit = max(total, 1), unit
+        self._plain_lines = plain_lines
         self._stream = sys.stderr if stream is None else stream
         self._shown = self._stream.isatty()
         self._started = time.monotonic()
@@ -28,6 +30,11 @@ class Progress:
         if self._shown and (now >= self._next or self._count == self._total):
             self._next = now + PERIOD_S
             self._draw(now, note)
+        elif not self._shown and self._plain_lines:
+            lines, before = (self._plain_lines * n // self._total for n in (self._count, self._count - count))
+            if lines > before:
+                self._stream.write(f"{self._count}/{self._total} {self._unit} {note}".rstrip() + "\n")
+                self._stream.flush()
 
     def _draw(self, now: float, note: str) -> None:
         share = min(self._count / self._total, 1.0)

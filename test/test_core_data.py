@@ -64,8 +64,10 @@ def test_offsets_cannot_be_written_by_accident():
 
 def test_a_skeleton_from_a_file(tmp_path):
     file = tmp_path / "stick.yaml"
-    file.write_text("height_unit: metre\njoints:\n  - {name: a, parent: null, position: [1, 1, 1]}\n"
-                    '  - {name: b, parent: a, position: [1, 1.5, 1], axes: "zyx"}\n')
+    file.write_text(
+        "height_unit: metre\njoints:\n  - {name: a, parent: null, position: [1, 1, 1]}\n"
+        '  - {name: b, parent: a, position: [1, 1.5, 1], axes: "zyx"}\n'
+    )
     skeleton = Skeleton.load(str(file), 1.75)
     assert skeleton.axes == ("xzy", "zyx")
     assert np.allclose(skeleton.offsets, [[0, 0, 0], [0, 0.5, 0]])

@@ -223,8 +223,8 @@ def test_searching_before_the_first_usable_frame():
 
 def test_reset_forgets():
     tracker, fresh = Tracker(CONFIG), Tracker(CONFIG)
-    sequence = [o for _, o in observations(tracker, 0.3)]
-    for observation in sequence:
+    sequence = [o for _, o in observations(tracker, 4.0)]
+    for observation in sequence[:70]:
         tracker.track(observation)
     tracker.reset()
     assert tracker.state is None
@@ -249,6 +249,23 @@ def test_an_estimate_is_not_changed_by_later_frames():
     for _, observation in observations(tracker, 0.3, start=1.0):
         tracker.track(observation)
     assert all(np.array_equal(e.state.rotations, c) for e, c in zip(estimates, copies))
+
+
+def test_frames_out_of_order_never_raise_nor_break_the_state():
+    """All points jump away (refused or not), an older frame comes late, then good ones again."""
+    tracker = Tracker(CONFIG)
+    sequence = [o for _, o in observations(tracker, 1.0)]
+    for i, observation in enumerate(sequence):
+        if i % 4 == 3:
+            tracker.track(
+                replace(observation, points=observation.points + 0.3 * (-1) ** i, stamp=observation.stamp + 0.03)
+            )
+            tracker.track(replace(observation, stamp=observation.stamp + 0.01))
+        estimate = tracker.track(observation)
+        if estimate.accepted:
+            assert np.isfinite(estimate.pose.positions).all()
+    last = tracker.track(frame(tracker, 10.0))
+    assert last.accepted and last.initialised
 
 
 def test_tune_takes_effect_on_the_next_frame():

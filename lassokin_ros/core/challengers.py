@@ -40,7 +40,6 @@ class Challengers:
         self._kinematics = kinematics
         self._live = np.flatnonzero(kinematics.live)
         self._count = count
-        self._next_side = 0
         self._states: BodyState | None = None
 
     def start(self, points: np.ndarray, weights: np.ndarray) -> None:
@@ -49,6 +48,7 @@ class Challengers:
         self._states = BodyState(np.zeros((self._count, n, 3, 3)), np.zeros((self._count, 3)))
         self._age = np.zeros(self._count)
         self._advantage = np.zeros(self._count)
+        self._next_side = 0  # the same images lead to the same states, whatever was before
         for slot in range(self._count):
             self._renew(slot, points, weights)
 

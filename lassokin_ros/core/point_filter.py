@@ -51,7 +51,7 @@ class PointFilter:
         stamp: s, later than the last; points: (l, 2) normalised; weights: (l,) 1 / standard deviation, 0 = missing;
         acceleration: standard deviation of a typical landmark's acceleration, normalised units / s^2.
         """
-        step = min(stamp - self._stamp, FORGOTTEN_AFTER)
+        step = min(max(stamp - self._stamp, 0.0), FORGOTTEN_AFTER)  # 0: one before it was filtered, then refused
         self._stamp = stamp
         seen = weights > 0
         variance = 1 / np.where(seen, weights, 1.0) ** 2

@@ -1,0 +1,84 @@
+"""The demo for a few seconds of motion: it runs, keeps its promises, leaves what it says, and notices what is wrong."""
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="the demo needs rclpy")
+pytest.importorskip("rosbags", reason="the demo needs rosbags")
+pytest.importorskip("matplotlib", reason="the demo's picture needs matplotlib")
+
+from recordings import FRAME_TOPICS, read  # noqa: E402
+
+from lassokin_ros.bags import BagReader  # noqa: E402
+from lassokin_ros.demo import PROMISES, RATE, run, table  # noqa: E402
+
+ROOT = Path(__file__).resolve().parent.parent
+SECONDS = 4
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    return run(tmp_path_factory.mktemp("demo"), SECONDS, rate=2.0)
+
+
+def test_the_command_keeps_its_promises_and_leaves_what_it_says(tmp_path):
+    command = [sys.executable, "-m", "lassokin_ros.demo", "--output", str(tmp_path / "out"), "--seconds", str(SECONDS)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
+    print(done.stdout, done.stderr)
+    assert done.returncode == 0, done.stderr
+    frames = round(SECONDS * RATE)
+    assert f"frames: {frames} in, {frames} out, 0 rejected" in done.stdout and "NOT KEPT" not in done.stdout
+    assert f"{frames}/{frames} frames" in done.stderr  # progress, in a few lines where there is no terminal
+    for name in PROMISES:
+        assert name in done.stdout
+    assert sorted(os.listdir(tmp_path / "out")) == ["keypoints", "skeleton.png", "tracked"]
+    assert (tmp_path / "out" / "skeleton.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    with BagReader(tmp_path / "out" / "tracked") as bag:
+        counts = {topic.name: topic.count for topic in bag.topics}
+    assert all(counts[topic] == frames for topic in FRAME_TOPICS)
+    assert counts["/robot_description"] >= 1 and counts["/diagnostics"] >= 2
+    inputs, outputs = (
+        read(tmp_path / "out" / bag, topic) for bag, topic in (("keypoints", "/keypoints"), ("tracked", "/joints"))
+    )
+    delays = [(b - a) * 1e-9 for (a, _), (b, _) in zip(inputs, outputs)]
+    assert -0.001 < min(delays) and np.median(delays) < 0.1  # recorded at the playback's time
+
+
+def test_the_result_is_held_against_the_motion_frame_by_frame(result):
+    assert result.frames_in == len(result.times) == round(SECONDS * RATE)
+    assert np.allclose(result.times, np.arange(len(result.times)) / RATE, atol=1e-9)
+    assert result.estimate.shape == result.truth.shape == (len(result.times), 24, 3)
+    assert result.error_mm.shape == (len(result.times),) and result.state == "tracking"
+    exact = replace(result, estimate=result.truth)
+    assert exact.error_mm.max() == 0 and exact.root_error_mm.max() == 0
+    moved = replace(result, estimate=result.truth + [0.03, 0.0, 0.04])
+    assert moved.error_mm.max() < 1e-9 and np.allclose(moved.root_error_mm, 50)
+
+
+def test_every_broken_promise_is_found(result):
+    kept = replace(result, latencies_ms=np.full(5, 1.0))
+    assert kept.broken_promises() == [] and "NOT KEPT" not in table(kept)
+    far = result.truth + np.arange(24)[None, :, None] * 0.05
+    for broken, names in (
+        (replace(kept, estimate=far), ["joint error, median", "joint error, mean"]),
+        (replace(kept, latencies_ms=np.full(5, 1000.0)), ["latency p50", "latency p99"]),
+        (replace(kept, rejected=50), ["rejected"]),
+        (replace(kept, frames_in=10_000), ["frames out"]),
+        (replace(kept, state="lost"), ["tracking state"]),
+        (replace(kept, reprojection_px=np.full(5, np.nan)), ["reprojection error, median"]),
+    ):
+        assert broken.broken_promises() == names
+        assert table(broken).count("NOT KEPT") == len(names)
+
+
+def test_an_output_that_cannot_be_written_is_one_line(tmp_path):
+    (tmp_path / "file").write_text("")
+    command = [sys.executable, "-m", "lassokin_ros.demo", "--output", str(tmp_path / "file"), "--seconds", "1"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2 and done.stderr.startswith("demo: ") and done.stderr.count("\n") == 1
