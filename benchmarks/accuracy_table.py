@@ -74,7 +74,7 @@ def head(options: argparse.Namespace) -> str:
 
 def detections_head(options: argparse.Namespace) -> str:
     """What was run on real detections, in words."""
-    height = "the height at which the built-in proportions give the reference's limb lengths"
+    height = "the height at which the built-in proportions give the reference's limbs and trunk their length"
     given = height + (", and the reference's bones" if options.measured_bones else " alone")
     return (
         f"Real detections: {', '.join(f.name for f in options.detections)}; one camera at a time.\n"

@@ -31,11 +31,9 @@ JOINTS = {
 }
 """Evaluated names and the landmarks that lie there, in every layout used here."""
 
-BONES = tuple(
-    (f"{side}_{a}", f"{side}_{b}")
-    for side in ("left", "right")
-    for a, b in (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
-)
+SIDES = ("left", "right")
+BONES = (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
+TRUNK = ("left_shoulder", "right_shoulder", "left_hip", "right_hip")
 
 
 @dataclass(frozen=True)
@@ -103,37 +101,52 @@ def undistorted(pixels: np.ndarray, K: np.ndarray, distortion: np.ndarray) -> np
 
 
 def height_of(reference: np.ndarray, layout: Layout) -> float:
-    """m: the height at which the built-in proportions give the limbs in sight the reference's (median) lengths."""
+    """m: the height at which the built-in limbs and trunk, as far as in sight, have the reference's (median) length."""
     unit = Skeleton.load("anthropometric", 1.0)
-    model = sum(float(np.linalg.norm(unit.offsets[unit.index(b)])) for a, b in _seen(reference, layout))
-    return sum(_length(reference, layout, a, b) for a, b in _seen(reference, layout)) / model
+    place = unit.rest_positions[[unit.index(name) for name in TRUNK]]
+    pairs = [(float(_trunk(place)), _median(_trunk(reference[:, [layout.index(name) for name in TRUNK]])))]
+    for a, b in BONES:
+        model = float(np.linalg.norm(unit.offsets[unit.index(f"left_{b}")]))
+        pairs += [(model, _length(reference, layout, f"{side}_{a}", f"{side}_{b}")) for side in SIDES]
+    seen = [(model, length) for model, length in pairs if np.isfinite(length)]
+    return sum(length for _, length in seen) / sum(model for model, _ in seen)
 
 
 def measured(skeleton: Skeleton, reference: np.ndarray, layout: Layout) -> Skeleton:
-    """The skeleton with the limbs in sight at the reference's lengths, left and right alike, shoulders and hips too."""
+    """The skeleton with limbs, trunk, shoulders and hips in sight at the reference's lengths, left and right alike."""
     offsets = skeleton.offsets.copy()
-    place = skeleton.rest_positions
-    for pair in ("shoulder", "hip"):
-        left, right = f"left_{pair}", f"right_{pair}"
-        length = _length(reference, layout, left, right)
+    place = skeleton.rest_positions[[skeleton.index(name) for name in TRUNK]]
+    trunk = _median(_trunk(reference[:, [layout.index(name) for name in TRUNK]]))
+    if np.isfinite(trunk):
+        for joint in ("spine1", "spine2", "spine3", "left_collar", "right_collar"):
+            offsets[skeleton.index(joint)] *= 1 + (trunk - _trunk(place)) / place[0, 1]
+        place = skeleton.with_offsets(offsets).rest_positions[[skeleton.index(name) for name in TRUNK]]
+    for pair, (left, right) in (("shoulder", place[:2]), ("hip", place[2:])):
+        length = _length(reference, layout, f"left_{pair}", f"right_{pair}")
         if np.isfinite(length):
-            change = 0.5 * (length - np.linalg.norm(place[skeleton.index(left)] - place[skeleton.index(right)]))
-            offsets[skeleton.index(left), 0] += change
-            offsets[skeleton.index(right), 0] -= change
-    for a, b in _seen(reference, layout):
-        other = (f"right_{a[5:]}", f"right_{b[5:]}") if a.startswith("left") else (f"left_{a[6:]}", f"left_{b[6:]}")
-        length = float(np.nanmean([_length(reference, layout, a, b), _length(reference, layout, *other)]))
-        joint = skeleton.index(b)
-        offsets[joint] *= length / np.linalg.norm(offsets[joint])
+            change = 0.5 * (length - np.linalg.norm(left - right))
+            offsets[skeleton.index(f"left_{pair}"), 0] += change
+            offsets[skeleton.index(f"right_{pair}"), 0] -= change
+    for a, b in BONES:
+        lengths = [_length(reference, layout, f"{side}_{a}", f"{side}_{b}") for side in SIDES]
+        for index in [skeleton.index(f"{side}_{b}") for side in SIDES if np.isfinite(lengths).any()]:
+            offsets[index] *= np.nanmean(lengths) / np.linalg.norm(offsets[index])
     return skeleton.with_offsets(offsets)
 
 
-def _seen(reference: np.ndarray, layout: Layout) -> list[tuple[str, str]]:
-    return [(a, b) for a, b in BONES if np.isfinite(_length(reference, layout, a, b))]
+def _trunk(points: np.ndarray) -> np.ndarray:
+    """(...,) m: from the middle of the shoulders to that of the hips; points (..., 4, 3) in the order of `TRUNK`."""
+    shoulders, hips = points[..., :2, :].mean(-2), points[..., 2:, :].mean(-2)
+    return np.asarray(np.linalg.norm(shoulders - hips, axis=-1))
 
 
 def _length(reference: np.ndarray, layout: Layout, a: str, b: str) -> float:
     length = np.linalg.norm(reference[:, layout.index(a)] - reference[:, layout.index(b)], axis=-1)
+    return _median(length)
+
+
+def _median(length: np.ndarray) -> float:
+    """Of what is known, NaN when that is less than a tenth."""
     known = np.isfinite(length)
     return float(np.median(length[known])) if known.mean() > 0.1 else float("nan")
 

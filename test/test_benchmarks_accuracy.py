@@ -5,12 +5,16 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from benchmarks.accuracy import main
+from benchmarks.detections import height_of, measured
 from benchmarks.experiment import Job, bone_scales
 from benchmarks.learn_prior import TRAINING
 from benchmarks.report import data_folder
+from lassokin_ros.core.kinematics import BodyState, Kinematics
+from lassokin_ros.core.landmarks import Layout
 from lassokin_ros.core.skeleton import Skeleton
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -117,3 +121,24 @@ def test_bone_errors_are_reproducible_and_symmetric_on_request(symmetric):
     assert (scales == bone_scales(skeleton, job)).all() and 0.02 < scales.std() < 0.08
     same = scales[skeleton.index("left_knee")] == scales[skeleton.index("right_knee")]
     assert same == symmetric
+
+
+def test_measured_bones_are_the_reference_s():
+    truth = Skeleton.load("anthropometric", 1.9)
+    layout = Layout.load("body25b", truth)
+    scales = np.ones(truth.joint_count)
+    for joint, scale in (("knee", 1.1), ("ankle", 0.95), ("elbow", 1.05), ("wrist", 0.9)):
+        scales[[truth.index(f"left_{joint}"), truth.index(f"right_{joint}")]] = scale
+    truth = truth.with_bone_scales(scales)
+    upright = BodyState(np.tile(np.eye(3), (5, 24, 1, 1)), np.zeros((5, 3)))
+    reference = Kinematics(truth, layout).pose(upright).landmarks
+    reference[:, layout.index("right_ankle")] = np.nan
+    assert height_of(reference, layout) == pytest.approx(1.9, rel=0.03)
+    found = measured(Skeleton.load("anthropometric", 1.8), reference, layout)
+    joints = [truth.index(f"{side}_{joint}") for side in ("left", "right") for joint in ("knee", "ankle", "wrist")]
+    assert np.allclose(found.offsets[joints], truth.offsets[joints])
+    shoulders, hips = (truth.index(f"left_{joint}") for joint in ("shoulder", "hip"))
+    for height_or_width in (0, 1):
+        apart = found.rest_positions[shoulders] - found.rest_positions[hips]
+        wanted = truth.rest_positions[shoulders] - truth.rest_positions[hips]
+        assert apart[height_or_width] == pytest.approx(wanted[height_or_width], abs=2e-3)
