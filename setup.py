@@ -20,6 +20,7 @@ TEST = [
     "pin>=2.7",
     "yourdfpy>=0.0.56",
     "colcon-common-extensions>=0.3",
+    "clarabel>=0.6",
     "daqp>=0.5",
     "quadprog>=0.1.12",
     "scikit-learn>=1.4",

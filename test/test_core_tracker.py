@@ -258,7 +258,7 @@ def test_frames_out_of_order_never_raise_nor_break_the_state():
     for i, observation in enumerate(sequence):
         if i % 4 == 3:
             tracker.track(
-                replace(observation, points=observation.points + 0.3 * (-1) ** i, stamp=observation.stamp + 0.03)
+                replace(observation, points=observation.points + 0.3 * (-1) ** i, stamp=observation.stamp + 0.9)
             )
             tracker.track(replace(observation, stamp=observation.stamp + 0.01))
         estimate = tracker.track(observation)
