@@ -12,7 +12,7 @@ MAINTAINER = MANIFEST.find("maintainer")
 
 ROS = ["ros-jazzy-rclpy[fastrtps]>=7.1.6", "ros-jazzy-common-interfaces>=5.3.6"]
 LENS = ["opencv-python-headless>=4.6"]
-REPLAY = ["rosbags>=0.10.6", *LENS]
+REPLAY = ["rosbags>=0.11", *LENS]
 DEMO = ["matplotlib>=3.6", *ROS, *REPLAY]
 TEST = [
     "pytest>=7.4",
@@ -46,7 +46,7 @@ setup(
         (f"share/{NAME}/config", sorted(glob("config/*.*"))),
     ],
     python_requires=">=3.10",
-    install_requires=["setuptools", "numpy>=1.24", "scipy>=1.9", "qpsolvers>=4.3", "proxsuite>=0.6.5", "PyYAML>=6.0"],
+    install_requires=["setuptools", "numpy>=1.26", "scipy>=1.11", "qpsolvers>=4.3", "proxsuite>=0.6.5", "PyYAML>=6.0"],
     extras_require={"ros": ROS, "lens": LENS, "replay": REPLAY, "demo": DEMO, "test": TEST},
     zip_safe=False,
     entry_points={
