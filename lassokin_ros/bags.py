@@ -179,16 +179,26 @@ class BagWriter:
         self._connections: dict[str, Any] = {}
 
     def __enter__(self) -> BagWriter:
-        from rosbags.rosbag2 import StoragePlugin, Writer
-
         try:
             self._workshop = Path(tempfile.mkdtemp(prefix=f".{self.path.name}.", suffix=".part", dir=self.path.parent))
-            plugin = StoragePlugin.MCAP if self._storage == "mcap" else StoragePlugin.SQLITE3
-            self._writer = Writer(self._workshop / FILE_NAME, version=9, storage_plugin=plugin)
+        except OSError as error:
+            raise BagError(f"'{self.path}' cannot be written: {error.strerror}") from None
+        try:
+            self._open()
+        except BaseException:  # a signal's too
+            shutil.rmtree(self._workshop, ignore_errors=True)
+            raise
+        return self
+
+    def _open(self) -> None:
+        from rosbags.rosbag2 import StoragePlugin, Writer
+
+        plugin = StoragePlugin.MCAP if self._storage == "mcap" else StoragePlugin.SQLITE3
+        self._writer = Writer(self._workshop / FILE_NAME, version=9, storage_plugin=plugin)
+        try:
             self._writer.open()
         except OSError as error:
             raise BagError(f"'{self.path}' cannot be written: {error.strerror}") from None
-        return self
 
     def write(self, topic: str, message_type: str, time_ns: int, message: Any, latched: bool = False) -> None:
         """Append a message; time_ns: time of recording. latched: late subscribers of a playback get it too."""

@@ -97,7 +97,7 @@ def test_real_detector_output_is_tracked_from_the_first_frame_to_the_last(tmp_pa
         recording, stamps, keypoints[..., :2], keypoints[..., 2], data["K"][camera], distortion, size
     )
     height = round(person_height(reference, layout), 3)
-    parameters = {"height": height, "landmarks": "body25b"}
+    parameters = {"height": height, "landmarks": "body25b", "queue_depth": 60}
     with LiveNode(parameters, f"/openpose_{camera}") as live:
         live.play(recording, rate=1.0)
     joints = live.messages("joints")
