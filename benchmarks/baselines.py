@@ -25,8 +25,8 @@ from lassokin_ros.core.rotations import orthonormalised
 from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.core.tracker import Estimate, Observation, Rejection, Status, Tracker
 
-PLAIN_ALPHA = 20.0  # 1/rad, with residuals in standard deviations
-RIDGE_WEIGHT = 1.0  # rho
+PLAIN_ALPHA = 30.0  # 1/rad, with residuals in standard deviations
+RIDGE_WEIGHT = 10.0  # rho
 DAMPING = 30.0  # 1/rad, lambda of dls, with residuals in standard deviations
 DLS_STEPS = 1
 

@@ -20,7 +20,7 @@ from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.core.tracker import Observation
 from lassokin_ros.synthetic import motion as synthetic_motion
 
-CLIPS = ("02_05", "02_07")  # boxing, swordplay: 2053 frames, neither in the prior's training list
+CLIPS = ("02_05", "02_07")  # boxing, swordplay: 2053 frames
 FPS, FOCAL, DISTANCE = 60.0, 1200.0, 3.5
 HEIGHT = 1.75
 

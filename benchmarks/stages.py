@@ -14,6 +14,7 @@ from lassokin_ros.core.tracker import Observation, Tracker
 
 CORE = "lassokin_ros.core"
 STAGES = {
+    "filter the keypoints": "point_filter:PointFilter.update",
     "forward kinematics": "kinematics:Kinematics.pose",
     "project, Jacobian, assemble": "tracker:linearise",
     "prior's rows": "prior:PriorRows.linearise",
@@ -22,6 +23,7 @@ STAGES = {
     "solve: QP": "dual:DualSolver.solve",
     "solve: mend on the support": "lasso:_mend",
     "solve: certify": "lasso:certify",
+    "challengers": "challengers:Challengers.advance",
     "retract": "kinematics:BodyState.retract",
 }
 """Stage -> module:function as it is looked up when called. One that a later version lacks is left out of the table."""
