@@ -76,12 +76,12 @@ def write(path: Path, clips: list[Clip], mean: np.ndarray, covariance: np.ndarra
     """Write the YAML form that PosePrior reads (root left out)."""
     skeleton = Skeleton.load("anthropometric", 1.75)
     lines = [
-        "# A Gaussian on the rotation vectors (rad, SMPL's tree and T-pose) of all joints but the pelvis, and the mean size",
-        "# of their change per frame at 60 Hz (rad). Written by benchmarks/learn_prior.py; do not edit.",
-        "# The data used in this project was obtained from mocap.cs.cmu.edu. The database was created with funding from",
-        "# NSF EIA-0196217.",
+        "# A Gaussian on the rotation vectors (rad, SMPL's tree and T-pose) of all joints but the pelvis, and the mean",
+        "# size of their change per frame at 60 Hz (rad). Written by benchmarks/learn_prior.py; do not edit.",
+        "# The data used in this project was obtained from mocap.cs.cmu.edu. The database was created with funding",
+        "# from NSF EIA-0196217.",
         f"# Training clips, each with its mirror image, of equal weight: {', '.join(c.name for c in clips)}",
-        f"# Shrinkage to the diagonal {SHRINKAGE}, floor of each spread {FLOOR} rad. covariance: lower triangle by rows.",
+        f"# Shrinkage to the diagonal {SHRINKAGE}, floor of spreads {FLOOR} rad. covariance: lower triangle by rows.",
         f"joints: [{', '.join(skeleton.joint_names[1:])}]",
         "mean:",
         *(f"  - [{', '.join(f'{v:.4f}' for v in row)}]" for row in mean[1:]),

@@ -6,7 +6,7 @@ from cases import body, central_difference, random_body, random_state, relative_
 
 from lassokin_ros.core.kinematics import BodyState, Kinematics
 from lassokin_ros.core.observation_model import linearise, stacked_matrices
-from lassokin_ros.core.prior import PosePrior, PriorRows
+from lassokin_ros.core.prior import PosePrior, PriorRows, joint_limits
 from lassokin_ros.core.projection import project, projection_jacobian
 from lassokin_ros.core.rotations import exponential, to_quaternion
 
@@ -194,7 +194,41 @@ def test_prior_rows_against_finite_differences():
 
         assert relative_error(A, central_difference(residual, 72)) < 1e-7
         assert np.array_equal(z, rows.residual(state.rotations))
-    assert rows.W.shape == (rows.count, rows.count)
+    assert rows.count == len(rows.W) + len([limit for limit in joint_limits() if limit.joint in kept(kinematics, rows)])
+
+
+def kept(kinematics, rows):
+    return [kinematics.skeleton.joint_names[joint] for joint in rows.joints]
+
+
+def test_a_joint_beyond_its_limit_is_pushed_back_and_one_within_is_left_alone():
+    kinematics = body()
+    rows = PriorRows(PosePrior.load(kinematics.skeleton), kinematics)
+    knee = kinematics.skeleton.index("left_knee")
+    for angle, pushed in ((0.5, False), (-0.5, True), (3.0, True)):
+        vectors = np.zeros((24, 3))
+        vectors[knee, 0] = angle
+        A, z = rows.linearise(exponential(vectors))
+        limits = slice(len(rows.W), None)
+        assert bool(z[limits].any()) is pushed and bool(A[limits].any()) is pushed
+        if pushed:
+            row = int(np.flatnonzero(z[limits])[0]) + len(rows.W)
+            assert z[row] * A[row, 3 * knee] * angle < 0  # the step that lessens the row's residual leads back
+
+
+def test_the_upright_rows_against_finite_differences_and_what_they_learn():
+    upright = Upright()
+    root = np.diag([1.0, -1.0, -1.0]) @ exponential(np.array([0.1, 0.7, -0.2]))
+    A, z = upright.linearise(root)
+    weight = np.linalg.norm(z) / np.linalg.norm(root[:, 1] - upright.vertical)
+    numeric = central_difference(lambda w: weight * (root @ exponential(w))[:, 1], 3)
+    assert relative_error(A, numeric) < 1e-7
+    for _ in range(600):
+        upright.learn(root, 0.1)
+    assert np.abs(upright.vertical - root[:, 1]).max() < 1e-3
+    assert np.abs(upright.linearise(root)[1]).max() < 0.02
+    upright.learn(-root, 10.0)
+    assert np.abs(upright.vertical - root[:, 1]).max() < 1e-3
 
 
 def test_prior_rows_measure_the_distance_of_the_covariance():
@@ -206,5 +240,5 @@ def test_prior_rows_measure_the_distance_of_the_covariance():
     chosen = (3 * rows.joints[:, None] + np.arange(3)).reshape(-1)
     difference = (vectors - prior.mean).reshape(-1)[chosen]
     expected = difference @ np.linalg.solve(prior.covariance[np.ix_(chosen, chosen)], difference)
-    residual = rows.residual(exponential(vectors))
+    residual = rows.residual(exponential(vectors))[: len(rows.W)]
     assert residual @ residual == pytest.approx(expected, rel=1e-9)

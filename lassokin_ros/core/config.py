@@ -20,7 +20,7 @@ def setting(
     choices: tuple[str, ...] = (),
     live: bool = False,
 ) -> Any:
-    """A dataclass field that carries its description, unit, range or choices, and whether it may change while running."""
+    """A dataclass field with its description, unit, range or choices, and whether it may change while running."""
     metadata = {"description": description, "unit": unit, "low": low, "high": high, "choices": choices, "live": live}
     return field(default=default, metadata=metadata)
 
@@ -41,7 +41,9 @@ class TrackerConfig:
         0.05, "weight of the l1 term: larger moves fewer joints a frame", "", 1e-4, 100.0, live=True
     )
     min_landmarks: int = setting(4, "fewest visible landmarks in a frame that is used", "", 2, 100, live=True)
-    relinearisations: int = setting(2, "lassos solved per frame, each about the last one's answer", "", 1, 10, live=True)
+    relinearisations: int = setting(
+        2, "lassos solved per frame, each about the last one's answer", "", 1, 10, live=True
+    )
     lost_after: float = setting(
         1.0, "time without a usable frame after which the state is found anew", "s", 0.05, 3600.0, live=True
     )

@@ -88,7 +88,7 @@ class DualSolver:
         key = (form, len(g), len(bound))
         # A re-used object carries something of earlier problems: rarely, after a hard one, it calls a wrong answer
         # solved. The second and third try start from a new one.
-        qp = self._objects.get(key) if effort == 0 else None
+        qp: Any = self._objects.get(key) if effort == 0 else None
         fresh = qp is None
         if fresh:
             qp = _new_proxqp(len(g), 0 if C is None else len(bound), C is None, effort)

@@ -15,8 +15,8 @@ from lassokin_ros.core.kinematics import BodyState, Kinematics
 from lassokin_ros.core.observation_model import linearise
 from lassokin_ros.core.prior import PosePrior, PriorRows
 from lassokin_ros.core.projection import project
+from lassokin_ros.core.robust import capped_cost, capped_weights
 from lassokin_ros.core.rotations import exponential
-from lassokin_ros.core.robust import huber_cost, huber_weights
 
 STARTS = 8
 SCHEDULE = ((8.0, 8), (2.0, 6), (1.0, 6))  # (factor on the noise, iterations)
@@ -68,7 +68,7 @@ class Initialiser:
         landmarks = self._kinematics.pose(states).landmarks
         error = (points - project(landmarks)) * weights[:, None]
         prior = self._rows.residual(states.rotations)
-        return huber_cost(np.linalg.norm(error, axis=-1)).sum(-1) + 0.5 * np.sum(prior * prior, axis=-1)
+        return capped_cost(np.linalg.norm(error, axis=-1)).sum(-1) + 0.5 * np.sum(prior * prior, axis=-1)
 
     def start(self, side: int, points: np.ndarray, weights: np.ndarray) -> BodyState:
         """The mean pose turned to one of the `STARTS` sides, placed where the points are: one start."""
@@ -102,7 +102,7 @@ class Initialiser:
         kinematics, live = self._kinematics, self._live
         pose = kinematics.pose(states)
         error = (points - project(pose.landmarks)) * weights[..., None]
-        robust = weights * np.sqrt(huber_weights(np.linalg.norm(error, axis=-1)))
+        robust = weights * np.sqrt(capped_weights(np.linalg.norm(error, axis=-1)))
         model = linearise(kinematics, pose, points, robust)
         prior_A, prior_z = self._rows.linearise(states.rotations)
         J = np.concatenate([model.A[..., live], model.B], axis=-1)

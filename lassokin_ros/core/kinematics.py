@@ -109,15 +109,18 @@ class Kinematics:
         blocks = np.moveaxis(columns, -1, -3).reshape(*shape, self.landmark_count, 3, 3 * self.joint_count)
         return (blocks * self.reach[:, None, :]).reshape(*shape, 3 * self.landmark_count, 3 * self.joint_count)
 
-    def image_jacobian(self, pose: BodyPose, rows: np.ndarray) -> np.ndarray:
+    def image_jacobian(self, pose: BodyPose, rows: np.ndarray, axes: np.ndarray | None = None) -> np.ndarray:
         """P L of (9)-(12), (..., 2 l, 3 n), without forming L.
+
+        axes: (..., n, 3, 3), in each matrix's columns the axes (camera frame) about which the joint's three degrees of
+        freedom turn; the joint's own by default.
 
         rows: (..., 2 l, 3), the rows f of P's blocks F(q_i) of (8), possibly weighted. Since
         f . (w x (q - p)) = w . (q x f) - (w x p) . f, all entries are one product of the landmarks' (q x f, f) with
         the degrees of freedom's (w, p x w), and a mask. Lengths are taken from the root, which keeps them small.
         """
         root = pose.positions[..., :1, :]
-        axes = np.swapaxes(pose.orientations, -1, -2)
+        axes = np.swapaxes(pose.orientations if axes is None else axes, -1, -2)
         shape = axes.shape[:-3]
         centres = (pose.positions - root)[..., :, None, :]
         twists = np.empty(shape + (self.joint_count, 3, 6))

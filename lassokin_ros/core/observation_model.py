@@ -27,17 +27,23 @@ class Linearisation:
     residual: np.ndarray
 
 
-def linearise(kinematics: Kinematics, pose: BodyPose, points: np.ndarray, weights: np.ndarray) -> Linearisation:
+def linearise(
+    kinematics: Kinematics,
+    pose: BodyPose,
+    points: np.ndarray,
+    weights: np.ndarray,
+    axes: np.ndarray | None = None,
+) -> Linearisation:
     """Linearise the projection about a pose.
 
     points: (..., l, 2) observed, normalised image coordinates (any finite value where the weight is 0);
-    weights: (..., l), 1 / standard deviation in the same unit, 0 = missing.
+    weights: (..., l), 1 / standard deviation in the same unit, 0 = missing; axes: see `Kinematics.image_jacobian`.
     """
     shape = pose.landmarks.shape[:-2]
     F = projection_jacobian(pose.landmarks) * weights[..., None, None]
     B = F.reshape(*shape, -1, 3)  # P Gamma: Gamma stacks l identities, so P Gamma stacks the F(q_i)
     residual = (points - project(pose.landmarks)) * weights[..., None]
-    return Linearisation(kinematics.image_jacobian(pose, B), B, residual.reshape(*shape, -1))
+    return Linearisation(kinematics.image_jacobian(pose, B, axes), B, residual.reshape(*shape, -1))
 
 
 def stacked_matrices(kinematics: Kinematics, pose: BodyPose) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

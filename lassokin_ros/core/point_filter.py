@@ -68,7 +68,7 @@ class PointFilter:
         good = used | anew
         self._unseen = np.where(good, 0.0, self._unseen + step)
         self._known = (self._known | anew) & (self._unseen < FORGOTTEN_AFTER)
-        filtered = np.where(good, 1 / np.sqrt(np.maximum(self._covariance[0], 1e-12)), 0.0)
+        filtered = np.where(self._known, 1 / np.sqrt(np.maximum(self._covariance[0], 1e-12)), 0.0)
         return self._position.copy(), CORRELATION * filtered
 
     def _predict(self, step: float, acceleration: float) -> None:

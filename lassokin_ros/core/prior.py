@@ -5,7 +5,8 @@ benchmarks/learn_prior.py, which wrote the shipped file and says from which clip
 
     || W (theta(R exp(Omega)) - mean) ||^2,   W^T W = Sigma^-1,
 
-so that each frame's problem stays the lasso.
+so that each frame's problem stays the lasso. Beside them stands one row for every limit in
+priors/joint_limits.yaml: zero inside the range of motion, a spring of `LIMIT_SPREAD` outside.
 """
 
 from __future__ import annotations
@@ -21,6 +22,32 @@ from lassokin_ros.core.kinematics import Kinematics
 from lassokin_ros.core.rotations import logarithm, right_jacobian_inverse
 from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.core.yaml_files import load_mapping
+
+LIMIT_SPREAD = 0.05
+"""rad: standard deviation with which a joint beyond its range of motion is pushed back."""
+
+
+@dataclass(frozen=True)
+class JointLimit:
+    """The part of a joint's rotation vector along a unit axis stays within low..high, rad."""
+
+    joint: str
+    axis: tuple[float, float, float]
+    low: float
+    high: float
+
+
+def joint_limits() -> list[JointLimit]:
+    """The shipped ranges of motion."""
+    file = resources.files("lassokin_ros.core") / "priors" / "joint_limits.yaml"
+    entries = load_mapping(file.read_text(encoding="utf-8"), "joint limits", SkeletonError)["limits"]
+    limits = []
+    for entry in entries:
+        axis = np.array(entry["axis"], dtype=float)
+        x, y, z = axis / np.linalg.norm(axis)
+        low, high = np.radians([entry["low"], entry["high"]])
+        limits.append(JointLimit(entry["joint"], (float(x), float(y), float(z)), float(low), float(high)))
+    return limits
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,30 +105,48 @@ class PriorRows:
         marginal = prior.covariance[np.ix_(chosen, chosen)]
         #: (k, k) upper triangular, W of the module's text.
         self.W = np.linalg.cholesky(np.linalg.inv(marginal)).T
-        self._W_by_joint = np.ascontiguousarray(
-            np.moveaxis(self.W.reshape(len(chosen), len(self.joints), 3), 1, 0)
-        )
+        self._limits(kinematics)
+        rows = np.concatenate([self.W, self._limit_axes / LIMIT_SPREAD])
+        self._rows_by_joint = np.ascontiguousarray(np.moveaxis(rows.reshape(len(rows), len(self.joints), 3), 1, 0))
+
+    def _limits(self, kinematics: Kinematics) -> None:
+        """Rows (m, 3 joints) of unit axes, and ranges (m,), of the limits of the joints that count here."""
+        names = [kinematics.skeleton.joint_names[joint] for joint in self.joints]
+        limits = [limit for limit in joint_limits() if limit.joint in names]
+        self._limit_axes = np.zeros((len(limits), 3 * len(names)))
+        for row, limit in zip(self._limit_axes, limits):
+            place = 3 * names.index(limit.joint)
+            row[place : place + 3] = limit.axis
+        self._low = np.array([limit.low for limit in limits])
+        self._high = np.array([limit.high for limit in limits])
 
     @property
     def count(self) -> int:
-        """Number of rows, k."""
-        return len(self.W)
+        """Number of rows, the prior's and the limits'."""
+        return len(self.W) + len(self._low)
 
     def residual(self, rotations: np.ndarray) -> np.ndarray:
-        """W (mean - theta): (..., n, 3, 3) -> (..., k)."""
-        theta = logarithm(rotations[..., self.joints, :, :])
-        return self._whiten(self._mean - theta)
+        """Right sides (..., k + m): W (mean - theta), then how far each limit is passed, in standard deviations."""
+        return self._right_side(logarithm(rotations[..., self.joints, :, :]))
 
-    def linearise(self, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(A, z): rows (..., k, 3 n) and right sides (..., k) so that the prior reads ||z - A Omega||^2.
+    def linearise(self, rotations: np.ndarray, turn: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """(A, z): rows (..., k + m, 3 n) and right sides (..., k + m) so that they read ||z - A Omega||^2.
 
-        d theta / d Omega is the inverse right Jacobian of SO(3) at theta.
+        d theta / d Omega is the inverse right Jacobian of SO(3) at theta; turn: (..., n, 3, 3), a further factor on the
+        right of each joint's block (the right Jacobian of an increment already made).
         """
         theta = logarithm(rotations[..., self.joints, :, :])
-        blocks = self._W_by_joint @ right_jacobian_inverse(theta)  # (..., joints, k, 3)
+        inner = right_jacobian_inverse(theta)
+        if turn is not None:
+            inner = inner @ turn[..., self.joints, :, :]
+        z = self._right_side(theta)
         A = np.zeros(theta.shape[:-2] + (self.count, self._n, 3))
-        A[..., self.joints, :] = np.moveaxis(blocks, -3, -2)
-        return A.reshape(*theta.shape[:-2], self.count, 3 * self._n), self._whiten(self._mean - theta)
+        A[..., self.joints, :] = np.moveaxis(self._rows_by_joint @ inner, -3, -2)
+        A[..., len(self.W) :, :, :] *= (z[..., len(self.W) :] != 0)[..., None, None]
+        return A.reshape(*theta.shape[:-2], self.count, 3 * self._n), z
 
-    def _whiten(self, difference: np.ndarray) -> np.ndarray:
-        return difference.reshape(*difference.shape[:-2], -1) @ self.W.T
+    def _right_side(self, theta: np.ndarray) -> np.ndarray:
+        flat = theta.reshape(*theta.shape[:-2], -1)
+        place = flat @ self._limit_axes.T
+        passed = (np.clip(place, self._low, self._high) - place) / LIMIT_SPREAD
+        return np.concatenate([(self._mean.reshape(-1) - flat) @ self.W.T, passed], axis=-1)

@@ -17,3 +17,17 @@ def huber_cost(size: np.ndarray, threshold: float = THRESHOLD) -> np.ndarray:
     """1/2 e^2 up to the threshold t, t (e - t/2) beyond."""
     inside = np.minimum(size, threshold)
     return inside * (size - 0.5 * inside)
+
+
+CAP = 8.0
+"""Standard deviations beyond which, when a state is first looked for, an error counts no more: the point is wrong."""
+
+
+def capped_weights(size: np.ndarray) -> np.ndarray:
+    """Huber's weights, 0 beyond the cap."""
+    return np.where(size > CAP, 0.0, huber_weights(size))
+
+
+def capped_cost(size: np.ndarray) -> np.ndarray:
+    """Huber's cost, constant beyond the cap."""
+    return huber_cost(np.minimum(size, CAP))

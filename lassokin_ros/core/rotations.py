@@ -12,7 +12,7 @@ Array = np.ndarray
 
 
 def hat(vectors: Array) -> Array:
-    """Cross-product matrices: (..., 3) -> (..., 3, 3), hat(a) @ b = a x b."""
+    """Matrices of the cross product, so that the one of a times b is a x b: (..., 3) -> (..., 3, 3)."""
     result = np.zeros(vectors.shape + (3,))
     x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
     result[..., 0, 1], result[..., 1, 0] = -z, z
@@ -78,9 +78,25 @@ def right_jacobian_inverse(vectors: Array) -> Array:
 def logarithm(matrices: Array) -> Array:
     """Rotation vectors of rotation matrices: (..., 3, 3) -> (..., 3) in rad, |v| <= pi.
 
-    By way of the quaternion with the largest component as pivot, so that it is accurate at 0 and at pi.
+    From the skew part, sin(t) times the axis; near pi, where that vanishes, by way of the quaternion.
     """
-    quaternion = to_quaternion(matrices)
+    m = matrices
+    axis = np.empty(m.shape[:-1])
+    axis[..., 0] = m[..., 2, 1] - m[..., 1, 2]
+    axis[..., 1] = m[..., 0, 2] - m[..., 2, 0]
+    axis[..., 2] = m[..., 1, 0] - m[..., 0, 1]
+    double_cosine = m[..., 0, 0] + m[..., 1, 1] + m[..., 2, 2] - 1
+    double_sine = np.sqrt(np.sum(axis * axis, axis=-1))
+    near = double_sine < 1e-8
+    angle = np.arctan2(double_sine, double_cosine)
+    result = np.where(near, 0.5, angle / np.where(near, 1.0, double_sine))[..., None] * axis
+    far = double_cosine < -1.9  # beyond 162 degrees
+    if far.any():
+        result[far] = _logarithm_of_quaternion(to_quaternion(m[far]))
+    return result
+
+
+def _logarithm_of_quaternion(quaternion: Array) -> Array:
     w, xyz = quaternion[..., 3], quaternion[..., :3]
     sine = np.sqrt(np.sum(xyz * xyz, axis=-1))
     near = sine < 1e-8

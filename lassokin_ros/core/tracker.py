@@ -30,7 +30,7 @@ from lassokin_ros.core.projection import project
 from lassokin_ros.core.robust import huber_weights
 from lassokin_ros.core.rotations import orthonormalised, right_jacobian
 from lassokin_ros.core.skeleton import Skeleton
-
+from lassokin_ros.core.upright import Upright
 
 CHALLENGERS = 4
 """States that are followed beside the published one, see `challengers`."""
@@ -108,6 +108,7 @@ class Tracker:
         self._initialiser = Initialiser(self.kinematics, prior, self._prior)
         self._challengers = Challengers(self._initialiser, self.kinematics, CHALLENGERS)
         self._filter = PointFilter(self.kinematics.landmark_count)
+        self._upright = Upright()
         self._solver = LassoSolver(self.config.solver)
         self._live = np.flatnonzero(self.kinematics.live)
         self._motion = np.maximum(prior.motion, 0.003)[self._live]
@@ -120,6 +121,7 @@ class Tracker:
         self._status = Status.SEARCHING
         self._successor: BodyState | None = None
         self._filter.reset()
+        self._upright.reset()
         self._challengers.stop()
 
     @property
@@ -140,7 +142,8 @@ class Tracker:
         if lost:
             self._filter.reset()
         depth = 3.5 if self._state is None else self._state.translation[2]
-        seen = np.where(weights[:, None] > 0, observation.points, 0.0)
+        visible = weights > 0
+        seen = np.where(visible[:, None], observation.points, 0.0)
         points, weights = self._filter.update(observation.stamp, seen, weights, ACCELERATION / depth)
         if np.count_nonzero(weights) < self.config.min_landmarks:
             return self._refused(observation, Rejection.TOO_FEW_LANDMARKS)
@@ -156,9 +159,10 @@ class Tracker:
             self._successor = None
         else:
             self._successor = self._challengers.advance(self._state, start, points, weights, problem.alpha)
+            self._upright.learn(self._state.rotations[0], observation.stamp - self._seen)
         self._seen, self._status = observation.stamp, Status.TRACKING
         pose = self.kinematics.pose(self._state)
-        error = (seen - project(pose.landmarks))[weights > 0] * observation.focal
+        error = (seen - project(pose.landmarks))[visible] * observation.focal
         return Estimate(
             observation.stamp,
             self._status,
@@ -224,19 +228,22 @@ class Tracker:
     ) -> Lasso:
         """The lasso in the frame's total increment, linearised about `state` = start * exp(omega), + x.
 
-        With exp(omega + d) = exp(omega) exp(J_r(omega) d), columns are multiplied by J_r and what has been moved
-        already is added back to z.
+        With exp(omega + d) = exp(omega) exp(J_r(omega) d), the axes of all columns are turned by J_r, and what has been
+        moved already is added back to z.
         """
         pose = self.kinematics.pose(state)
-        error = np.linalg.norm(points - project(pose.landmarks), axis=-1) * weights
-        image = linearise(self.kinematics, pose, points, weights * np.sqrt(huber_weights(error)))
-        prior_A, prior_z = self._prior.linearise(state.rotations)
-        A = np.concatenate([image.A, prior_A])
-        z = np.concatenate([image.residual, prior_z])
-        B = np.concatenate([image.B, np.zeros((len(prior_z), 3))])
-        if omega.any():
-            joints = right_jacobian(omega.reshape(-1, 3))
-            A = np.swapaxes(np.swapaxes(A.reshape(len(z), -1, 3), 0, 1) @ joints, 0, 1).reshape(len(z), -1)
-            z = z + A @ omega
-        z = z + B @ x  # x may have moved although no joint did
-        return Lasso(np.ascontiguousarray(A[:, self._live]), B, z, self.config.sparsity / self._motion)
+        turn = right_jacobian(omega.reshape(-1, 3)) if omega.any() else None
+        axes = None if turn is None else pose.orientations @ turn
+        error = np.sqrt(np.sum((points - project(pose.landmarks)) ** 2, axis=-1)) * weights
+        image = linearise(self.kinematics, pose, points, weights * np.sqrt(huber_weights(error)), axes)
+        prior_A, prior_z = self._prior.linearise(state.rotations, turn)
+        upright_A, upright_z = self._upright.linearise(state.rotations[0])
+        images, priors = len(image.residual), len(prior_z)
+        A = np.zeros((images + priors + self._upright.count, len(omega)))
+        A[:images], A[images:-3], A[-3:, :3] = image.A, prior_A, upright_A if turn is None else upright_A @ turn[0]
+        B = np.zeros((len(A), 3))
+        B[:images] = image.B
+        z = np.concatenate([image.residual, prior_z, upright_z]) + B @ x
+        if turn is not None:
+            z += A @ omega
+        return Lasso(A[:, self._live], B, z, self.config.sparsity / self._motion)

@@ -1,0 +1,45 @@
+"""A weak belief that people stand, walk and sit upright: one camera hardly sees how far a body leans towards it.
+
+The belief is about the pelvis' own vertical, compared with the vertical as the camera sees it. That one begins as the
+camera's -y axis (a camera held level) and is learned from the tracked person, so a camera that looks up or down is
+no lasting error. Its weight falls off for large leans, in the manner of Cauchy's loss: whoever lies down, lies down.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+SPREAD = 0.12
+"""rad: standard deviation of the lean."""
+LEARNED_IN = 5.0
+"""s: time constant with which the vertical follows the tracked person's."""
+
+
+class Upright:
+    """Rows for the root's rotation, and the learned vertical (3,), a unit vector in the camera frame."""
+
+    count = 3
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Believe in a level camera again."""
+        self.vertical = np.array([0.0, -1.0, 0.0])
+
+    def learn(self, root: np.ndarray, step: float) -> None:
+        """Let the vertical follow the pelvis' orientation (3, 3), held for `step` s, unless upside down."""
+        up = root[:, 1]
+        if up @ self.vertical > 0.5:
+            moved = self.vertical + min(step / LEARNED_IN, 1.0) * (up - self.vertical)
+            self.vertical = moved / np.linalg.norm(moved)
+
+    def linearise(self, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(A, z): rows (3, 3) for the root's increment and right sides (3,), in standard deviations.
+
+        The lean is up - vertical; with root R and R exp(hat(w)) it changes by -R hat(e_y) w = [R e_z, 0, -R e_x] w.
+        """
+        lean = root[:, 1] - self.vertical
+        weight = 1 / np.sqrt(SPREAD**2 + 0.25 * (lean @ lean))
+        rows = np.stack([root[:, 2], np.zeros(3), -root[:, 0]], axis=1)
+        return weight * rows, -weight * lean
