@@ -16,7 +16,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_srvs.srv import Trigger
 
 from lassokin_ros import topics
-from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.core.errors import ConfigurationError, LassokinError
 from lassokin_ros.diagnostics import Diagnostics
 from lassokin_ros.frame_messages import FrameMessages
 from lassokin_ros.parameters import LiveParameters, Settings, declare, unknown_parameters
@@ -141,8 +141,15 @@ class TrackerNode(Node):
 
 
 def _message_class(message_type: str) -> Any:
+    """The class of a message type, imported now. Raises ConfigurationError when its package is not installed."""
     package, _, name = full_type_name(message_type).split("/")
-    return getattr(import_module(f"{package}.msg"), name)
+    try:
+        return getattr(import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError):
+        raise ConfigurationError(
+            f"message type {message_type} needs the ROS package {package}, which is not installed: apt install "
+            f"ros-$ROS_DISTRO-{package.replace('_', '-')}, or source the workspace that has it"
+        ) from None
 
 
 def _sensor_data(depth: int) -> QoSProfile:

@@ -30,6 +30,8 @@ class Keypoints:
     xy: (k, 2) px.
     confidence: (k,) 0 to 1.
     persons: (k,) int, the person to whom each point belongs; None when the message does not say.
+    lasting: True when a person keeps the number from message to message (a tracker's id); False when the numbers only
+        tell the people of this message apart.
     """
 
     stamp_ns: int | None
@@ -38,6 +40,7 @@ class Keypoints:
     xy: np.ndarray
     confidence: np.ndarray
     persons: np.ndarray | None = None
+    lasting: bool = True
 
     def as_landmarks(self, count: int, person: int | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Points (count, 2) px, NaN where missing, and confidence (count,), 0 where missing.

@@ -11,6 +11,9 @@ ADAPTERS = {
     "sensor_msgs/msg/PointCloud2": "msg_adapters.point_cloud2:PointCloud2Adapter",
     "geometry_msgs/msg/PolygonStamped": "msg_adapters.polygon_stamped:PolygonStampedAdapter",
     "std_msgs/msg/Float32MultiArray": "msg_adapters.float32_multi_array:Float32MultiArrayAdapter",
+    "hri_msgs/msg/Skeleton2D": "msg_adapters.hri_skeleton2d:HriSkeleton2DAdapter",
+    "yolo_msgs/msg/DetectionArray": "msg_adapters.yolo_detections:YoloDetectionsAdapter",
+    "zed_msgs/msg/ObjectsStamped": "msg_adapters.zed_objects:ZedObjectsAdapter",
 }
 """Message type -> module:class of its adapter."""
 

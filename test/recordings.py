@@ -33,9 +33,9 @@ def write_recording(path, frames=60, storage="mcap", spoil=None):
     return path
 
 
-def write_messages(path, messages, storage="mcap"):
-    """A recording of any messages: (topic, type, time in ns, message or bytes)."""
-    types = typestore()
+def write_messages(path, messages, storage="mcap", types=None):
+    """A recording of any messages: (topic, type, time in ns, message or bytes); types: of rosbags, if not Jazzy's."""
+    types = types or typestore()
     with BagWriter(path, storage, types) as writer:
         for topic, message_type, time_ns, message in messages:
             write = writer.write_raw if isinstance(message, bytes) else writer.write

@@ -22,6 +22,8 @@ LANDMARKS = {
     "mediapipe33": 33,
     "h36m17": 17,
     "smpl24": 24,
+    "hri18": 18,
+    "zed38": 38,
 }
 
 

@@ -34,6 +34,7 @@ def test_a_signal_ends_it_with_exit_code_0(signals):
         (["--ros-args", "-p", "landmarks:=nothing"], "coco17"),
         (["--ros-args", "-p", "solver:=guess"], "proxqp"),
         (["--ros-args", "-p", "keypoints_type:=sensor_msgs/Image"], "sensor_msgs/msg/PointCloud2"),
+        (["--ros-args", "-p", "keypoints_type:=zed_msgs/ObjectsStamped"], "ros-$ROS_DISTRO-zed-msgs"),
         (["--ros-args", "-p", "base_frame:=pelvis"], "base frame"),
         (["--ros-args", "--params-file", "not_there.yaml"], "not_there.yaml"),
         (["--ros-args", "--params-file", "README.md"], "README.md"),

@@ -1,0 +1,30 @@
+"""Keypoints in hri_msgs/Skeleton2D (REP-155): 18 points of one person, x and y as fractions of the image's size.
+
+Landmark layout: `hri18`; OpenPose's 18 points but for the eyes and ears, whose left and right are the other way round.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from msg_adapters.errors import AdapterError
+from msg_adapters.keypoints import Keypoints, check_count, header_stamp
+
+
+class HriSkeleton2DAdapter:
+    """Reads one person's skeleton; whose it is stands in the topic's name, not in the message."""
+
+    def decode(self, message: Any, image_size: tuple[int, int] | None = None) -> Keypoints:
+        """See KeypointAdapter.decode."""
+        stamp = header_stamp(message.header)
+        points = message.skeleton
+        check_count(len(points))
+        if image_size is None or min(image_size) <= 0:
+            raise AdapterError(
+                "no_image_size", f"camera_info has image size {image_size}; normalised keypoints need width and height"
+            )
+        values = np.array([(p.x, p.y, p.c) for p in points], dtype=float).reshape(-1, 3)
+        xy = values[:, :2] * image_size
+        return Keypoints(stamp, message.header.frame_id, np.arange(len(values)), xy, values[:, 2])
