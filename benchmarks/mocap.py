@@ -143,9 +143,9 @@ def _shortest_turn(source: np.ndarray, target: np.ndarray) -> np.ndarray:
 
 def clip_height(clip: Clip) -> float:
     """The person's height, m: stretched out from ankle to head top, plus the 4 % that lie below the ankle."""
-    length = 0.0
+    length: float = 0.0
     for a, b in (("l_hip", "l_knee"), ("l_knee", "l_ankle")):
-        length += np.linalg.norm(clip.rest_position(a) - clip.rest_position(b))
+        length += float(np.linalg.norm(clip.rest_position(a) - clip.rest_position(b)))
     hips = 0.5 * (clip.rest_position("l_hip") + clip.rest_position("r_hip"))
     length += abs(hips[1])
     for a, b in (("pelvis", "neck"), ("neck", "head"), ("head", "head_top")):

@@ -9,6 +9,7 @@ from lassokin_ros.core.observation_model import linearise, stacked_matrices
 from lassokin_ros.core.prior import PosePrior, PriorRows, joint_limits
 from lassokin_ros.core.projection import project, projection_jacobian
 from lassokin_ros.core.rotations import exponential, to_quaternion
+from lassokin_ros.core.upright import Upright
 
 
 def bodies():
