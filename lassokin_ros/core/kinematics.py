@@ -61,6 +61,11 @@ class Kinematics:
         self._row_reach = np.repeat(self.reach, 2, axis=0)
         self.joint_count, self.landmark_count = n, len(layout.names)
 
+    def reshape(self, skeleton: Skeleton) -> None:
+        """Take over the lengths of a skeleton that is otherwise the same (same tree, same landmarks)."""
+        self.skeleton = skeleton
+        self._offsets = skeleton.offsets
+
     @cached_property
     def live(self) -> np.ndarray:
         """(3 n,) bool: degrees of freedom that can move a landmark; the other columns of P L are zero in every pose.

@@ -16,6 +16,7 @@ from enum import Enum
 
 import numpy as np
 
+from lassokin_ros.core.calibration import Calibration
 from lassokin_ros.core.certificate import Certificate
 from lassokin_ros.core.challengers import Challengers
 from lassokin_ros.core.config import TrackerConfig
@@ -109,6 +110,7 @@ class Tracker:
         self._challengers = Challengers(self._initialiser, self.kinematics, CHALLENGERS)
         self._filter = PointFilter(self.kinematics.landmark_count)
         self._upright = Upright()
+        self.calibration = Calibration(self.kinematics, self._prior)
         self._solver = LassoSolver(self.config.solver)
         self._live = np.flatnonzero(self.kinematics.live)
         self._motion = np.maximum(prior.motion, 0.003)[self._live]
@@ -123,6 +125,8 @@ class Tracker:
         self._filter.reset()
         self._upright.reset()
         self._challengers.stop()
+        self.calibration.reset()
+        self._take_lengths()
 
     @property
     def state(self) -> BodyState | None:
@@ -163,6 +167,8 @@ class Tracker:
         self._seen, self._status = observation.stamp, Status.TRACKING
         pose = self.kinematics.pose(self._state)
         error = (seen - project(pose.landmarks))[visible] * observation.focal
+        if self.config.calibrate:
+            self._calibrate(observation.stamp, initialised, points, weights)
         return Estimate(
             observation.stamp,
             self._status,
@@ -177,6 +183,18 @@ class Tracker:
             problem,
             solution,
         )
+
+    def _calibrate(self, stamp: float, initialised: bool, points: np.ndarray, weights: np.ndarray) -> None:
+        """Let a tracked frame speak about the bones' lengths; what is learned counts from the next frame on."""
+        assert self._state is not None
+        if initialised or self._successor is not None:
+            self.calibration.restart_clock(stamp)
+        elif self.calibration.advance(stamp, self._state, points, weights, self._upright):
+            self._take_lengths()
+
+    def _take_lengths(self) -> None:
+        self.skeleton = self.calibration.skeleton
+        self.kinematics.reshape(self.skeleton)
 
     def _refused(
         self, observation: Observation, rejection: Rejection, certificate: Certificate | None = None
