@@ -48,7 +48,7 @@ def measure_callback(observations: Sequence[Observation], distorted: bool = Fals
     with _nodes() as (quiet, loud):
         whole = {"whole callback, nobody listens": quiet, "whole callback, all outputs subscribed": loud}
         callbacks = {name: (node._on_camera_info, node._on_keypoints) for name, node in whole.items()}
-        publish = {topic.name: loud._out[topic.name].publish for topic in topics.FRAME_OUTPUTS}
+        publish = {topic.name: loud._person._out[topic.name].publish for topic in topics.FRAME_OUTPUTS}
         records = _stages(observations, distorted, RclpyBackend(), lambda topic, m: publish[topic](m), callbacks)
     return "rclpy, real publishers", records
 
@@ -60,7 +60,8 @@ def _nodes() -> Iterator[tuple[Any, Any]]:
     os.environ.setdefault("ROS_DOMAIN_ID", str(30 + os.getpid() % 60))
     import rclpy
 
-    from lassokin_ros.node import TrackerNode, _message_class
+    from lassokin_ros.node import TrackerNode
+    from lassokin_ros.person_outputs import message_class
 
     context = rclpy.Context()
     rclpy.init(context=context)
@@ -69,11 +70,11 @@ def _nodes() -> Iterator[tuple[Any, Any]]:
     quiet, loud = (TrackerNode(namespace=f"/latency_{name}", **options) for name in ("quiet", "loud"))
     listener = rclpy.create_node("listener", context=context, namespace="/latency_loud")
     for topic in topics.FRAME_OUTPUTS:
-        name = loud._out[topic.name].topic_name
-        listener.create_subscription(_message_class(topic.message_type), name, lambda message: None, 1)
+        name = loud._person._out[topic.name].topic_name
+        listener.create_subscription(message_class(topic.message_type), name, lambda message: None, 1)
     try:
         deadline = time.monotonic() + DISCOVERY_S
-        while not all(loud._is_wanted(topic.name) for topic in topics.FRAME_OUTPUTS):
+        while not all(loud._person._is_wanted(topic.name) for topic in topics.FRAME_OUTPUTS):
             if time.monotonic() > deadline:
                 raise SystemExit(f"the outputs' subscriptions were not discovered within {DISCOVERY_S:g} s")
             time.sleep(0.01)

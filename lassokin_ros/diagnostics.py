@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 
 import numpy as np
 
 from lassokin_ros.core.tracker import Status
-from lassokin_ros.pipeline import Frame, Pipeline
+from lassokin_ros.frame import Frame
+from lassokin_ros.pipeline import Pipeline
 from msg_adapters.outputs import ERROR, OK, WARN, StatusLine
 
 SILENCE_S = 2.0
@@ -39,17 +41,20 @@ class Diagnostics:
         """A camera_info has come."""
         self._camera_at = now
 
-    def saw_frame(self, frame: Frame, now: float, callback_s: float, delay_s: float) -> None:
-        """A keypoint message was worked on.
+    def saw_message(self, frames: Sequence[Frame], arrival_ns: int, now: float, callback_s: float) -> None:
+        """A keypoint message was worked on; frames: what it gave, none when nobody was there.
 
-        callback_s: s, from the message's arrival in the callback to the last output; delay_s: s, from its stamp.
+        arrival_ns: ns, of the clock that stamps messages; callback_s: s, from the message's arrival in the callback to
+        the last output.
         """
         self._keypoints_at = now
         self._times_ms.append(1e3 * callback_s)
-        self._delays.append(delay_s)
-        self._hardware_id = frame.frame_id or self._hardware_id
-        if frame.estimate is not None and frame.accepted:
-            self._reprojection_px = frame.estimate.reprojection_px
+        for frame in frames[:1]:
+            self._delays.append((arrival_ns - frame.stamp_ns) * 1e-9)
+            self._hardware_id = frame.frame_id or self._hardware_id
+        errors = [f.estimate.reprojection_px for f in frames if f.accepted and f.estimate is not None]
+        if errors:
+            self._reprojection_px = max(errors)
 
     def line(self, now: float) -> StatusLine:
         """The status of the period since the last call, which ends it."""
@@ -95,6 +100,10 @@ class Diagnostics:
         }
         for key in ("received", "accepted", "unstamped", "resets"):
             values[f"{key} [messages]" if key != "resets" else key] = str(counts[key])
+        if self._pipeline.people is not None:
+            values["people"] = ", ".join(self._pipeline.people.ids) or "nobody"
+            for key in ("people come", "people left", "people beyond max_people"):
+                values[key] = str(counts[key])
         for key in sorted(key for key in counts if key.startswith("rejected: ")):
             values[f"{key} [messages]"] = str(counts[key])
         return values

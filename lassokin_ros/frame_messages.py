@@ -13,7 +13,7 @@ from lassokin_ros.core.recovery import theorem1_literal, theorem1_projected
 from lassokin_ros.core.rotations import to_quaternion
 from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.core.tracker import Estimate
-from lassokin_ros.pipeline import Frame
+from lassokin_ros.frame import Frame
 from lassokin_ros.urdf import joint_names
 from msg_adapters.backends import Backend
 from msg_adapters.markers import SkeletonMarkersBuilder
@@ -21,29 +21,32 @@ from msg_adapters.outputs import (
     OK,
     WARN,
     DiagnosticArrayBuilder,
+    IdsListBuilder,
     JointStateBuilder,
     PointStampedBuilder,
     PoseArrayBuilder,
     StatusLine,
+    StringBuilder,
 )
 
 
 class FrameMessages:
     """Turns accepted frames into messages. A message is re-used: publish or serialise it before the next frame."""
 
-    def __init__(self, backend: Backend, skeleton: Skeleton, name: str = "tracker") -> None:
-        """backend: of msg_adapters.backends; name: the node's, in the certificate."""
+    def __init__(self, backend: Backend, skeleton: Skeleton, name: str = "tracker", person: str = "") -> None:
+        """backend: of msg_adapters.backends; name: the node's, in the certificate; person: of several."""
         joint_states = JointStateBuilder(backend, joint_names(skeleton))
         translation = PointStampedBuilder(backend)
         joints = PoseArrayBuilder(backend, skeleton.joint_count)
-        markers = SkeletonMarkersBuilder(backend, skeleton.parents.tolist())
+        markers = SkeletonMarkersBuilder(backend, skeleton.parents.tolist(), f"{person}/" if person else "")
         certificate = DiagnosticArrayBuilder(backend)
+        title = f"{name}: {person}" if person else name
         self._makers: dict[str, Callable[[int, str, Any, Any], Any]] = {
             topics.JOINT_STATES: lambda t, f, frame, _: joint_states.fill(t, f, frame.positions, frame.velocities),
             topics.TRANSLATION: lambda t, f, _, e: translation.fill(t, f, e.state.translation),
             topics.JOINTS: lambda t, f, _, e: joints.fill(t, f, e.pose.positions, to_quaternion(e.pose.orientations)),
             topics.MARKERS: lambda t, f, _, e: markers.fill(t, f, e.pose.positions),
-            topics.CERTIFICATE: lambda t, f, _, e: certificate.fill(t, f, [certificate_line(e, name, f)]),
+            topics.CERTIFICATE: lambda t, f, _, e: certificate.fill(t, f, [certificate_line(e, title, f)]),
         }
 
     def build(self, frame: Frame, wanted: Callable[[str], bool] = lambda topic: True) -> Iterator[tuple[str, Any]]:
@@ -53,6 +56,14 @@ class FrameMessages:
         for topic, make in self._makers.items():
             if wanted(topic):
                 yield topic, make(frame.stamp_ns, frame.frame_id, frame, frame.estimate)
+
+
+def id_list(backend: Any, rep155: bool) -> Callable[[int, str, list[str]], Any]:
+    """A maker of the list of ids from stamp, frame_id and ids: hri_msgs/IdsList, or text with commas between."""
+    if rep155:
+        return IdsListBuilder(backend).fill
+    text = StringBuilder(backend)
+    return lambda stamp_ns, frame_id, ids: text.fill(",".join(ids))
 
 
 def certificate_line(estimate: Estimate, name: str, hardware_id: str) -> StatusLine:

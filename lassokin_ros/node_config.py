@@ -8,6 +8,8 @@ from lassokin_ros.core.config import check_setting, setting
 from lassokin_ros.core.errors import ConfigurationError
 from msg_adapters.registry import ADAPTERS, full_type_name
 
+MESSAGE, NODE = "message", "node"
+
 
 @dataclass(frozen=True)
 class NodeConfig:
@@ -33,6 +35,23 @@ class NodeConfig:
         3600.0,
         live=True,
     )
+    max_people: int = setting(1, "people followed at once; with more than 1, topics are under bodies/<id>/", "", 1, 20)
+    person_ids: str = setting(
+        MESSAGE,
+        "who tells people apart over time: the message's person numbers where it has lasting ones, or the node alone",
+        choices=(MESSAGE, NODE),
+    )
+    forget_after: float = setting(
+        3.0, "one of several people who is not seen for this long has left", "s", 0.1, 3600.0, live=True
+    )
+    rep155: bool = setting(
+        False, "several people's topics as in REP-155: /humans/bodies/<id>/, the list as hri_msgs/IdsList"
+    )
+
+    @property
+    def several_people(self) -> bool:
+        """True when topics are one set for each person."""
+        return self.max_people > 1 or self.rep155
 
     def checked(self) -> NodeConfig:
         """Itself, when every value has the right type and range."""

@@ -9,12 +9,13 @@ from typing import Any
 from lassokin_ros import topics
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.diagnostics import Diagnostics
-from lassokin_ros.frame_messages import FrameMessages
+from lassokin_ros.frame import Frame
+from lassokin_ros.frame_messages import FrameMessages, id_list
 from lassokin_ros.node_config import NodeConfig
 from lassokin_ros.offline_parameters import NODE_NAME
-from lassokin_ros.pipeline import Frame, Pipeline
+from lassokin_ros.pipeline import Pipeline
 from lassokin_ros.urdf import urdf
-from msg_adapters.backends import RosbagsBackend
+from msg_adapters.backends import Backend, RosbagsBackend
 from msg_adapters.outputs import DiagnosticArrayBuilder, StringBuilder
 
 DIAGNOSTICS_PERIOD_NS = 1_000_000_000
@@ -32,13 +33,18 @@ class OfflineTracker:
         self.reprojection_px: list[float] = []
         """Of each accepted frame, px."""
         self.initialisations = 0
-        backend = RosbagsBackend(types)
-        self._messages = FrameMessages(backend, self.pipeline.tracker.skeleton, NODE_NAME)
-        self._description, self._status = StringBuilder(backend), DiagnosticArrayBuilder(backend)
+        self._backend = RosbagsBackend(types)
+        self._status = DiagnosticArrayBuilder(self._backend)
         self._types = {topic.name: topic.message_type for topic in (*topics.FRAME_OUTPUTS, *topics.OTHER_OUTPUTS)}
+        self._people: dict[str, PersonMessages] = {}
+        self._ids: list[str] | None = None
+        self._tracked = topics.TRACKED_OUTPUT
+        if node_config.rep155:
+            self._tracked = topics.REP155_TRACKED_OUTPUT
+            add_type(types, self._tracked.message_type, "std_msgs/Header header\nstring[] ids")
+        self._list = id_list(self._backend, node_config.rep155)
         self._diagnostics: Diagnostics | None = None
         self._next_diagnostics_ns = 0
-        self._base_frame = ""
 
     def camera_info(self, message: Any, time_ns: int) -> Iterator[tuple[str, str, Any]]:
         """Take a CameraInfo; see `keypoints`. None stands for a message that could not be read."""
@@ -61,23 +67,34 @@ class OfflineTracker:
             self.pipeline.counts[f"rejected: {UNREADABLE}"] += 1
             return
         started = time.perf_counter()
-        frame = self.pipeline.process(message, time_ns)
+        frames = self.pipeline.frames(message, time_ns)
         self.frame_seconds.append(time.perf_counter() - started)
         assert self._diagnostics is not None
-        delay = (time_ns - frame.stamp_ns) * 1e-9
-        self._diagnostics.saw_frame(frame, time_ns * 1e-9, float("nan"), delay)  # how long it took is not repeatable
-        if frame.accepted and frame.estimate is not None:
-            self.reprojection_px.append(frame.estimate.reprojection_px)
-            self.initialisations += frame.estimate.initialised
-        yield from self._outputs(frame)
+        self._diagnostics.saw_message(frames, time_ns, time_ns * 1e-9, float("nan"))  # its duration is not repeatable
+        for frame in frames:
+            yield from self._outputs(frame)
+        yield from self._list_of_people(time_ns)
 
     def _outputs(self, frame: Frame) -> Iterator[tuple[str, str, Any]]:
-        if frame.accepted and frame.frame_id != self._base_frame:
-            self._base_frame = frame.frame_id
-            text = urdf(self.pipeline.tracker.skeleton, frame.frame_id or self.pipeline.config.base_frame)
-            yield self._named(topics.ROBOT_DESCRIPTION, self._description.fill(text))
-        for topic, message in self._messages.build(frame):
-            yield self._named(topic, message)
+        if not frame.accepted or frame.estimate is None:
+            return
+        self.reprojection_px.append(frame.estimate.reprojection_px)
+        self.initialisations += frame.estimate.initialised
+        if frame.person not in self._people:
+            self._people[frame.person] = PersonMessages(self._backend, self.pipeline, frame.person)
+        for topic, message in self._people[frame.person].build(frame):
+            name = topics.of_person(topic, frame.person, self.pipeline.config.rep155)
+            yield topics.full_name(name, NODE_NAME), self._types[topic], message
+
+    def _list_of_people(self, time_ns: int) -> Iterator[tuple[str, str, Any]]:
+        """The ids, when they have changed."""
+        people = self.pipeline.people
+        if people is None or people.ids == self._ids:
+            return
+        self._ids = people.ids
+        self._people = {person: messages for person, messages in self._people.items() if person in self._ids}
+        message = self._list(time_ns, "", self._ids)
+        yield topics.full_name(self._tracked.name, NODE_NAME), self._tracked.message_type, message
 
     def _tick(self, time_ns: int) -> Iterator[tuple[str, str, Any]]:
         """The diagnostics that have become due."""
@@ -87,9 +104,33 @@ class OfflineTracker:
         if time_ns >= self._next_diagnostics_ns:
             self._next_diagnostics_ns = time_ns + DIAGNOSTICS_PERIOD_NS
             line = self._diagnostics.line(time_ns * 1e-9)
-            yield self._named(topics.DIAGNOSTICS, self._status.fill(time_ns, "", [line]))
+            message = self._status.fill(time_ns, "", [line])
+            yield topics.full_name(topics.DIAGNOSTICS, NODE_NAME), self._types[topics.DIAGNOSTICS], message
 
-    def _named(self, topic: str, message: Any) -> tuple[str, str, Any]:
-        """The topic's full name: `~` is the node's."""
-        name = topic.replace("~", NODE_NAME)
-        return name if name.startswith("/") else f"/{name}", self._types[topic], message
+
+class PersonMessages:
+    """One person's messages, with the body's description before the first and whenever the camera's frame changes."""
+
+    def __init__(self, backend: Backend, pipeline: Pipeline, person: str) -> None:
+        """person: the id, empty when one person is followed."""
+        self._skeleton, self._fallback = pipeline.tracker.skeleton, pipeline.config.base_frame
+        self._messages = FrameMessages(backend, self._skeleton, NODE_NAME, person)
+        self._description = StringBuilder(backend)
+        self._prefix = f"{person}_" if person else ""
+        self._base_frame: str | None = None
+
+    def build(self, frame: Frame) -> Iterator[tuple[str, Any]]:
+        """(topic, message); a message is re-used for the next frame."""
+        if frame.frame_id != self._base_frame:
+            self._base_frame = frame.frame_id
+            text = urdf(self._skeleton, frame.frame_id or self._fallback, self._prefix)
+            yield topics.ROBOT_DESCRIPTION, self._description.fill(text)
+        yield from self._messages.build(frame)
+
+
+def add_type(types: Any, message_type: str, definition: str) -> None:
+    """Make a message type known that Jazzy does not bring; types: of rosbags."""
+    from rosbags.typesys import get_types_from_msg
+
+    if message_type not in types.types:
+        types.register(get_types_from_msg(definition, message_type))

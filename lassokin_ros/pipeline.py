@@ -3,52 +3,32 @@
 pipeline = Pipeline(TrackerConfig(), NodeConfig())
 pipeline.set_camera(camera_info)
 frame = pipeline.process(keypoints, arrival_ns)      # Frame: accepted, or rejected with a reason
+frames = pipeline.frames(keypoints, arrival_ns)      # the same for one person or several: a Frame for each
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from lassokin_ros.body import Body, Detection
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import CameraError
-from lassokin_ros.core.joint_angles import JointAngleReader
-from lassokin_ros.core.tracker import Estimate, Observation, Status, Tracker
+from lassokin_ros.core.tracker import Status
+from lassokin_ros.frame import Frame
 from lassokin_ros.lens import Lens
-from lassokin_ros.node_config import NodeConfig
+from lassokin_ros.matching import distance, reach
+from lassokin_ros.node_config import MESSAGE, NodeConfig
+from lassokin_ros.people import People
 from msg_adapters.camera_info import Intrinsics, decode_camera_info
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
 from msg_adapters.registry import keypoint_adapter
 
-
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """What became of one keypoint message.
-
-    Attributes
-    ----------
-    stamp_ns: ns, the message's; its arrival where it has none. frame_id: the message's, the camera's where it has none.
-    estimate: the tracker's answer; None when the message did not come so far.
-    rejection: None for an accepted frame, else a short key for counting; `detail` says it in words.
-    positions, velocities: (3 + 3 n,) in the order of urdf.joint_names, m and rad, m/s and rad/s; None when rejected.
-    """
-
-    stamp_ns: int
-    frame_id: str
-    estimate: Estimate | None = None
-    rejection: str | None = None
-    detail: str = ""
-    positions: np.ndarray | None = None
-    velocities: np.ndarray | None = None
-
-    @property
-    def accepted(self) -> bool:
-        """True when there is something to publish."""
-        return self.rejection is None
+MOST_PEOPLE = 100
+"""People in one message; more are refused before time is spent on them."""
 
 
 class Pipeline:
@@ -57,11 +37,14 @@ class Pipeline:
     def __init__(self, tracker_config: TrackerConfig, node_config: NodeConfig) -> None:
         """Raises a LassokinError when the configuration cannot be used."""
         self.config = node_config.checked()
-        self.tracker = Tracker(tracker_config)
+        bodies = [Body(tracker_config) for _ in range(self.config.max_people)]
+        self._bodies, self._body = bodies, bodies[0]
+        self.tracker = bodies[0].tracker
         self.counts: Counter[str] = Counter()
         """Messages by what became of them: received, accepted, unstamped, resets and "rejected: <reason>"."""
+        self.people = People(bodies, self.counts) if self.config.several_people else None
+        """Who is there, when several people are followed; None when it is one."""
         self._adapter = keypoint_adapter(self.config.keypoints_type)
-        self._reader = JointAngleReader(self.tracker.skeleton.axes)
         self._lens: Lens | None = None
         self._intrinsics: Intrinsics | None = None
         self._camera_key: tuple[Any, ...] | None = None
@@ -74,23 +57,25 @@ class Pipeline:
         """True once a usable camera_info has come."""
         return self._lens is not None
 
+    @property
+    def status(self) -> Status:
+        """What is known of the person; of several people, of the one of whom most is known."""
+        return self._body.status if self.people is None else self.people.status
+
     def reset(self) -> None:
-        """Forget the person; the camera and the counts stay."""
-        self.tracker.reset()
+        """Forget the person, or everybody; the camera and the counts stay."""
         self._forget()
         self.counts["resets"] += 1
 
     def _forget(self) -> None:
-        self.status = Status.SEARCHING
-        self._reader.reset()
-        self._origin_ns: int | None = None
-        self._newest_ns = -1
+        self._body.reset() if self.people is None else self.people.reset()
+        self._newest_ns: int | None = None
         self._person: int | None = None
-        self._last: tuple[int, np.ndarray] | None = None
 
     def tune(self, tracker_config: TrackerConfig, node_config: NodeConfig) -> None:
         """Take over live settings; they hold from the next frame on."""
-        self.tracker.tune(tracker_config)
+        for body in self._bodies:
+            body.tracker.tune(tracker_config)
         self.config = node_config.checked()
 
     def set_camera(self, message: Any) -> str | None:
@@ -118,75 +103,95 @@ class Pipeline:
         return reason
 
     def process(self, message: Any, arrival_ns: int) -> Frame:
-        """Track one keypoint message; arrival_ns stamps those that have no stamp."""
-        self.counts["received"] += 1
-        frame = self._frame(message, arrival_ns)
-        self.counts["accepted" if frame.accepted else f"rejected: {frame.rejection}"] += 1
+        """Track the one person in a keypoint message; arrival_ns stamps those that have no stamp."""
+        (frame,) = self.frames(message, arrival_ns)
         return frame
 
-    def _frame(self, message: Any, arrival_ns: int) -> Frame:
+    def frames(self, message: Any, arrival_ns: int) -> list[Frame]:
+        """Track everybody in a keypoint message: one accepted frame for each, none when nobody is there.
+
+        A message that is refused, and one in which the one person who is followed was not tracked, gives one frame
+        that says why.
+        """
+        self.counts["received"] += 1
+        frames = self._frames(message, arrival_ns)
+        rejection = frames[0].rejection if frames else None
+        self.counts["accepted" if rejection is None else f"rejected: {rejection}"] += 1
+        return frames
+
+    def _frames(self, message: Any, arrival_ns: int) -> list[Frame]:
         stamp_ns, frame_id = arrival_ns, ""
         try:
             if self._lens is None or self._intrinsics is None:
                 raise AdapterError("no_camera_info", self.camera_fault or "no camera_info has come yet")
-            size = (self._intrinsics.width, self._intrinsics.height)
-            keypoints = self._adapter.decode(message, size)
+            keypoints = self._adapter.decode(message, (self._intrinsics.width, self._intrinsics.height))
             frame_id = keypoints.frame_id or self._intrinsics.frame_id
             if keypoints.stamp_ns is None:
                 self.counts["unstamped"] += 1
             else:
                 stamp_ns = keypoints.stamp_ns
             self._watch_stamp(stamp_ns)
-            pixels, confidence = keypoints.as_landmarks(
-                self.tracker.kinematics.landmark_count, self._choose_person(keypoints)
-            )
+            if self.people is None:
+                seen, focal = self._the_person(keypoints, stamp_ns), self._lens.focal
+                return [self._body.track(stamp_ns, frame_id, seen, focal)]
+            everybody = self._everybody(keypoints)
         except AdapterError as error:
-            return Frame(stamp_ns, frame_id, None, error.reason, str(error))
-        points = self._lens.normalise(pixels)
-        seconds = (stamp_ns - (self._origin_ns or 0)) * 1e-9
-        estimate = self.tracker.track(Observation(seconds, points, confidence, self._lens.focal))
-        self.status = estimate.status
-        if estimate.rejection is not None:
-            reason = estimate.rejection.value
-            return Frame(stamp_ns, frame_id, estimate, reason, f"the tracker did not use this frame: {reason}")
-        return self._accepted(stamp_ns, frame_id, estimate)
+            return [Frame(stamp_ns, frame_id, None, error.reason, str(error))]
+        lasting = self._lasting(keypoints)
+        return self.people.update(stamp_ns, frame_id, everybody, self._lens.focal, lasting, self.config.forget_after)
 
     def _watch_stamp(self, stamp_ns: int) -> None:
         """Reset when time has jumped back (bag loop, seek); AdapterError for an old or repeated stamp."""
-        if self._origin_ns is None:
-            self._origin_ns = stamp_ns
-        elif stamp_ns <= self._newest_ns:
+        if self._newest_ns is not None and stamp_ns <= self._newest_ns:
             behind = (self._newest_ns - stamp_ns) * 1e-9
             if behind <= self.config.jump_back:
                 raise AdapterError("old_stamp", f"the stamp is {behind:.3f} s older than the newest one")
             self.reset()
-            self._origin_ns = stamp_ns
         self._newest_ns = stamp_ns
 
-    def _choose_person(self, keypoints: Keypoints) -> int | None:
-        """The person who is followed: the same until lost, then the one seen with the highest confidence in all."""
+    def _lasting(self, keypoints: Keypoints) -> bool:
+        """True when the message's numbers tell who is who."""
+        persons = keypoints.persons
+        if persons is None or not keypoints.lasting or self.config.person_ids != MESSAGE:
+            return False
+        return len(persons) == 0 or bool(persons.min() >= 0)
+
+    def _detection(self, keypoints: Keypoints, person: int | None) -> Detection:
+        assert self._lens is not None
+        pixels, confidence = keypoints.as_landmarks(self.tracker.kinematics.landmark_count, person)
+        return Detection(self._lens.normalise(pixels), confidence, person or 0)
+
+    def _everybody(self, keypoints: Keypoints) -> list[Detection]:
+        """One detection for each person in the message."""
+        if keypoints.persons is None:
+            return [self._detection(keypoints, None)]
+        numbers = np.unique(keypoints.persons)
+        if len(numbers) > MOST_PEOPLE:
+            raise AdapterError("too_many_people", f"{len(numbers)} people; expected at most {MOST_PEOPLE}")
+        return [self._detection(keypoints, int(number)) for number in numbers]
+
+    def _the_person(self, keypoints: Keypoints, stamp_ns: int) -> Detection:
+        """The one who is followed until lost; first, and then anew, the one seen with the highest confidence in all."""
         if keypoints.persons is None or len(keypoints.persons) == 0:
-            return None
-        if self._person is None or self.status is not Status.TRACKING:
+            return self._detection(keypoints, None)
+        tracking = self.status is Status.TRACKING
+        if tracking and not self._lasting(keypoints):
+            return self._nearest(self._everybody(keypoints), stamp_ns)
+        if self._person is None or not tracking:
             people, index = np.unique(keypoints.persons, return_inverse=True)
             scores = np.clip(np.nan_to_num(keypoints.confidence, posinf=0.0), 0.0, 1.0)
             self._person = int(people[np.argmax(np.bincount(index, scores))])
-        return self._person
+        return self._detection(keypoints, self._person)
 
-    def _accepted(self, stamp_ns: int, frame_id: str, estimate: Estimate) -> Frame:
-        """The frame with its joint angles; velocities are differences of angles over stamps, 0 after initialisation."""
-        assert estimate.state is not None
-        if estimate.initialised:
-            self._reader.reset()
-            self._last = None
-        angles = self._reader.read(estimate.state.rotations)
-        positions = np.concatenate([estimate.state.translation, angles.ravel()])
-        if self._last is None:
-            velocities = np.zeros_like(positions)
-        else:
-            velocities = (positions - self._last[1]) / ((stamp_ns - self._last[0]) * 1e-9)
-        self._last = stamp_ns, positions
-        return Frame(stamp_ns, frame_id, estimate, None, "", positions, velocities)
+    def _nearest(self, everybody: list[Detection], stamp_ns: int) -> Detection:
+        """The detection nearest to where the person is expected; an empty one when none is near."""
+        expected, body = self._body.expected(stamp_ns), self._body
+        assert expected is not None
+        apart = [distance(expected, seen, body.tracker.config.min_confidence) for seen in everybody]
+        best = int(np.argmin(apart))
+        if apart[best] <= reach(body.unseen_s(stamp_ns)):
+            return everybody[best]
+        return Detection(np.full_like(expected, np.nan), np.zeros(len(expected)))
 
 
 def _camera_key(message: Any) -> tuple[Any, ...]:

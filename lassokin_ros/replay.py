@@ -19,7 +19,6 @@ from lassokin_ros.progress import Progress
 USAGE_ERROR = 2
 INTERRUPTED = 130
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
-LATCHED = tuple(f"/{topic.name}" for topic in topics.OTHER_OUTPUTS if topic.latched)
 
 
 class Interrupted(BaseException):
@@ -77,7 +76,7 @@ def _run(bag: BagReader, keypoints: RecordedTopic, camera: RecordedTopic, tracke
         for topic, time_ns, message in bag.messages([keypoints, camera]):
             take = tracker.keypoints if topic == keypoints.name else tracker.camera_info
             for name, message_type, output in take(message, time_ns):
-                writer.write(name, message_type, time_ns, output, name in LATCHED)
+                writer.write(name, message_type, time_ns, output, topics.is_latched(name))
             progress.advance(note=tracker.pipeline.status.value)
     finally:
         progress.close()

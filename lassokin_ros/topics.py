@@ -15,6 +15,7 @@ ROBOT_DESCRIPTION = "robot_description"
 MARKERS = "markers"
 CERTIFICATE = "~/certificate"
 DIAGNOSTICS = "/diagnostics"
+TRACKED = "tracked"
 
 
 @dataclass(frozen=True)
@@ -35,8 +36,38 @@ FRAME_OUTPUTS = (
 )
 """One message for each accepted frame."""
 
-OTHER_OUTPUTS = (
-    OutputTopic(ROBOT_DESCRIPTION, "std_msgs/msg/String", latched=True),
-    OutputTopic(DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray"),
-)
+DESCRIPTION_OUTPUT = OutputTopic(ROBOT_DESCRIPTION, "std_msgs/msg/String", latched=True)
+DIAGNOSTICS_OUTPUT = OutputTopic(DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray")
+OTHER_OUTPUTS = (DESCRIPTION_OUTPUT, DIAGNOSTICS_OUTPUT)
 """robot_description once for each base frame; diagnostics at 1 Hz."""
+
+PERSON_OUTPUTS = (*FRAME_OUTPUTS, DESCRIPTION_OUTPUT)
+"""What there is for each person."""
+
+BODIES, REP155_BODIES = "bodies", "/humans/bodies"
+"""Where several people's topics are: <here>/<id>/joint_states and so on, and the list of ids."""
+
+TRACKED_OUTPUT = OutputTopic(f"{BODIES}/{TRACKED}", "std_msgs/msg/String", latched=True)
+REP155_TRACKED_OUTPUT = OutputTopic(f"{REP155_BODIES}/{TRACKED}", "hri_msgs/msg/IdsList", latched=True)
+"""The ids of the people who are there, anew at each change: with commas between, or as REP-155 has it."""
+
+
+def of_person(topic: str, person: str, rep155: bool = False) -> str:
+    """The name of one person's topic; person: the id, empty when one person is followed."""
+    if not person:
+        return topic
+    name = topic.removeprefix("~/")
+    if rep155 and name == ROBOT_DESCRIPTION:
+        name = "urdf"
+    return f"{REP155_BODIES if rep155 else BODIES}/{person}/{name}"
+
+
+def full_name(topic: str, node: str) -> str:
+    """The name of a node's topic in the root namespace; `~` is the node's."""
+    name = topic.replace("~", node)
+    return name if name.startswith("/") else f"/{name}"
+
+
+def is_latched(name: str) -> bool:
+    """True for a topic, under any of its names, whose last message late subscribers get."""
+    return name.rpartition("/")[2] in (ROBOT_DESCRIPTION, "urdf", TRACKED)

@@ -28,13 +28,14 @@ def joint_names(skeleton: Skeleton) -> list[str]:
     return list(ROOT_JOINTS) + [f"{joint}_{axis}" for joint in skeleton.joint_names for axis in "xyz"]
 
 
-def urdf(skeleton: Skeleton, base_frame: str) -> str:
+def urdf(skeleton: Skeleton, base_frame: str, prefix: str = "") -> str:
     """The URDF of a skeleton as XML text.
 
-    base_frame: name of the base link, the frame in which translations are given (the camera's optical frame).
-    Raises SkeletonError when that name is empty or one of the body's own links.
+    base_frame: name of the base link, the frame in which translations are given (the camera's optical frame). prefix:
+    stands before the names of the body's links, so that several bodies go into one tree of frames; joints keep theirs.
+    Raises SkeletonError when the base link's name is empty or one of the body's own links.
     """
-    if not base_frame or base_frame in skeleton.joint_names:
+    if not base_frame or base_frame in [prefix + joint for joint in skeleton.joint_names]:
         raise SkeletonError(f"base frame is '{base_frame}'; expected a name that is not one of the skeleton's joints")
     robot = ElementTree.Element("robot", name=skeleton.name)
     for side, colour in _COLOURS.items():
@@ -43,21 +44,22 @@ def urdf(skeleton: Skeleton, base_frame: str) -> str:
     ElementTree.SubElement(robot, "link", name=base_frame)
     above = base_frame
     for name, axis in zip(ROOT_JOINTS, "xyz"):
-        ElementTree.SubElement(robot, "link", name=f"{name}_link")
-        _add_joint(robot, name, "prismatic", above, f"{name}_link", axis, np.zeros(3), _REACH)
-        above = f"{name}_link"
+        link = f"{prefix}{name}_link"
+        ElementTree.SubElement(robot, "link", name=link)
+        _add_joint(robot, name, "prismatic", above, link, axis, np.zeros(3), _REACH)
+        above = link
     for index, joint in enumerate(skeleton.joint_names):
         parent = skeleton.parents[index]
-        _add_ball_joint(robot, skeleton, index, above if parent < 0 else skeleton.joint_names[parent])
+        _add_ball_joint(robot, skeleton, index, above if parent < 0 else prefix + skeleton.joint_names[parent], prefix)
     ElementTree.indent(robot)
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding="unicode") + "\n"
 
 
-def _add_ball_joint(robot: ElementTree.Element, skeleton: Skeleton, index: int, above: str) -> None:
+def _add_ball_joint(robot: ElementTree.Element, skeleton: Skeleton, index: int, above: str, prefix: str) -> None:
     joint, offset = skeleton.joint_names[index], skeleton.offsets[index]
     for number, axis in enumerate(skeleton.axes[index]):
         last = number == 2
-        child = joint if last else f"{joint}_{axis}_link"
+        child = prefix + (joint if last else f"{joint}_{axis}_link")
         link = ElementTree.SubElement(robot, "link", name=child)
         if last:
             _add_visuals(link, skeleton, index)

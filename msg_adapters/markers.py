@@ -19,12 +19,12 @@ LIFETIME_NS = 500_000_000
 class SkeletonMarkersBuilder:
     """The message is made once; each frame moves its points."""
 
-    def __init__(self, backend: Backend, parents: Sequence[int]) -> None:
-        """parents: (n,) index of each joint's parent, -1 for the root."""
+    def __init__(self, backend: Backend, parents: Sequence[int], prefix: str = "") -> None:
+        """parents: (n,) index of each joint's parent, -1 for the root; prefix: of the markers' namespaces."""
         self._message = backend.make("visualization_msgs/msg/MarkerArray")
         self._ends = [joint for child, parent in enumerate(parents) if parent >= 0 for joint in (int(parent), child)]
-        bones = _marker(backend, 0, "bones", LINE_LIST, BONE_SIZE, BONE_COLOUR, len(self._ends))
-        joints = _marker(backend, 1, "joints", SPHERE_LIST, JOINT_SIZE, JOINT_COLOUR, len(parents))
+        bones = _marker(backend, 0, f"{prefix}bones", LINE_LIST, BONE_SIZE, BONE_COLOUR, len(self._ends))
+        joints = _marker(backend, 1, f"{prefix}joints", SPHERE_LIST, JOINT_SIZE, JOINT_COLOUR, len(parents))
         self._message.markers = [bones, joints]
 
     def fill(self, stamp_ns: int, frame_id: str, positions: np.ndarray) -> Any:

@@ -78,6 +78,19 @@ class StringBuilder:
         return self._message
 
 
+class IdsListBuilder:
+    """hri_msgs/IdsList."""
+
+    def __init__(self, backend: Backend) -> None:
+        self._message = backend.make("hri_msgs/msg/IdsList")
+
+    def fill(self, stamp_ns: int, frame_id: str, ids: Sequence[str]) -> Any:
+        """The message with these ids."""
+        set_header(self._message.header, stamp_ns, frame_id)
+        self._message.ids = list(ids)
+        return self._message
+
+
 @dataclass(frozen=True)
 class StatusLine:
     """One diagnostic_msgs/DiagnosticStatus: level (OK, WARN, ERROR, STALE), texts, and values by key."""

@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from lassokin_ros import topics
-from lassokin_ros.node import _message_class
+from lassokin_ros.person_outputs import message_class
 from msg_adapters.backends import RclpyBackend
 
 DEADLINE_S = 30.0
@@ -64,8 +64,8 @@ class Peer:
         self.executor.add_node(self.node)
         reliability = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
         qos = QoSProfile(depth=10, reliability=reliability)
-        self.keypoints = self.node.create_publisher(_message_class(keypoints_type), topics.KEYPOINTS, qos)
-        self.camera = self.node.create_publisher(_message_class(topics.CAMERA_INFO_TYPE), topics.CAMERA_INFO, qos)
+        self.keypoints = self.node.create_publisher(message_class(keypoints_type), topics.KEYPOINTS, qos)
+        self.camera = self.node.create_publisher(message_class(topics.CAMERA_INFO_TYPE), topics.CAMERA_INFO, qos)
         self.got = {topic.name: [] for topic in (*topics.FRAME_OUTPUTS, *topics.OTHER_OUTPUTS)}
         self.namespace = namespace
         if outputs:
@@ -78,7 +78,7 @@ class Peer:
         durability = DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE
         qos = QoSProfile(depth=1000, durability=durability)
         name = topic.name.replace("~", "tracker")
-        self.node.create_subscription(_message_class(topic.message_type), name, self.got[topic.name].append, qos)
+        self.node.create_subscription(message_class(topic.message_type), name, self.got[topic.name].append, qos)
 
     def _on_diagnostics(self, message):
         if message.status[0].name.startswith(f"{self.namespace[1:]}/tracker:"):

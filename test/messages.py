@@ -61,6 +61,20 @@ def cloud(backend, stamp_ns, xy, confidence=None, ids=None, frame_id=FRAME):
     return raw_cloud(backend, stamp_ns, points.tobytes(), CLOUD_FIELDS, 16, len(xy), frame_id)
 
 
+def crowd(backend, stamp_ns, people, persons=None, frame_id=FRAME):
+    """A PointCloud2 of several people: pairs of pixels (l, 2) and confidences (l,), numbered as in `persons`."""
+    dtype = np.dtype([*CLOUD_DTYPE.descr, ("person", "<i4")])
+    rows = []
+    for (xy, confidence), person in zip(people, range(len(people)) if persons is None else persons):
+        points = np.zeros(len(xy), dtype)
+        points["x"], points["y"] = np.asarray(xy, dtype=float).T
+        points["confidence"], points["id"], points["person"] = confidence, np.arange(len(xy)), person
+        rows.append(points[points["confidence"] > 0])
+    data = np.concatenate([np.zeros(0, dtype), *rows])
+    fields = (*CLOUD_FIELDS, ("person", 16, 5))
+    return raw_cloud(backend, stamp_ns, data.tobytes(), fields, dtype.itemsize, len(data), frame_id)
+
+
 def raw_cloud(backend, stamp_ns, data, fields, point_step, width, frame_id=FRAME):
     """A PointCloud2 of any fields (name, offset, datatype), unorganised."""
     message = backend.make("sensor_msgs/msg/PointCloud2")

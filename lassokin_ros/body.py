@@ -1,0 +1,98 @@
+"""One person: the tracker, the joint angles' continuity, and where the person is expected next."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.joint_angles import JointAngleReader
+from lassokin_ros.core.projection import project
+from lassokin_ros.core.tracker import Estimate, Observation, Status, Tracker
+from lassokin_ros.frame import Frame
+
+VELOCITY_MEMORY_S = 0.2
+"""s: time over which a person's velocity is averaged, for the expectation alone."""
+
+LONGEST_COURSE_S = 0.5
+"""s: a person who is out of sight is expected to hold the course for this long."""
+
+
+@dataclass(frozen=True, eq=False)
+class Detection:
+    """One person in one image: points (l, 2) normalised, NaN = missing; confidence (l,); number: the message's own."""
+
+    points: np.ndarray
+    confidence: np.ndarray
+    number: int = 0
+
+
+class Body:
+    """Follows one person; its times are ns, of which only differences matter."""
+
+    def __init__(self, config: TrackerConfig) -> None:
+        """Raises a LassokinError when the configuration cannot be used."""
+        self.tracker = Tracker(config)
+        self._reader = JointAngleReader(self.tracker.skeleton.axes)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the person."""
+        self.tracker.reset()
+        self._reader.reset()
+        self.status = Status.SEARCHING
+        self.seen_ns: int | None = None
+        self._origin_ns: int | None = None
+        self._last: tuple[int, np.ndarray] | None = None
+        self._landmarks: np.ndarray | None = None
+        self._velocity = np.zeros(3)
+
+    def track(self, stamp_ns: int, frame_id: str, seen: Detection, focal: float, person: str = "") -> Frame:
+        """Use one detection of this person; focal: px per normalised unit."""
+        if self._origin_ns is None:
+            self._origin_ns = stamp_ns
+        seconds = (stamp_ns - self._origin_ns) * 1e-9
+        estimate = self.tracker.track(Observation(seconds, seen.points, seen.confidence, focal))
+        self.status = estimate.status
+        if estimate.rejection is not None:
+            reason = estimate.rejection.value
+            detail = f"the tracker did not use this frame: {reason}"
+            return Frame(stamp_ns, frame_id, estimate, reason, detail, person=person)
+        return self._accepted(stamp_ns, frame_id, estimate, person)
+
+    def absent(self, stamp_ns: int, focal: float) -> None:
+        """The person is not in the image of this stamp."""
+        count = self.tracker.kinematics.landmark_count
+        self.track(stamp_ns, "", Detection(np.full((count, 2), np.nan), np.zeros(count)), focal)
+
+    def _accepted(self, stamp_ns: int, frame_id: str, estimate: Estimate, person: str) -> Frame:
+        """The frame with its joint angles; velocities are differences of angles over stamps, 0 after initialisation."""
+        assert estimate.state is not None and estimate.pose is not None
+        if estimate.initialised:
+            self._reader.reset()
+            self._last = None
+            self._velocity[:] = 0.0
+        angles = self._reader.read(estimate.state.rotations)
+        positions = np.concatenate([estimate.state.translation, angles.ravel()])
+        if self._last is None:
+            velocities = np.zeros_like(positions)
+        else:
+            seconds = (stamp_ns - self._last[0]) * 1e-9
+            velocities = (positions - self._last[1]) / seconds
+            self._velocity += (1 - np.exp(-seconds / VELOCITY_MEMORY_S)) * (velocities[:3] - self._velocity)
+        self._last = stamp_ns, positions
+        self.seen_ns, self._landmarks = stamp_ns, estimate.pose.landmarks
+        return Frame(stamp_ns, frame_id, estimate, None, "", positions, velocities, person)
+
+    def unseen_s(self, stamp_ns: int) -> float:
+        """s since the person was last tracked; infinite before the first time."""
+        return float("inf") if self.seen_ns is None else (stamp_ns - self.seen_ns) * 1e-9
+
+    def expected(self, stamp_ns: int) -> np.ndarray | None:
+        """(l, 2) normalised: the last skeleton's landmarks, moved on sideways with the person's velocity, projected."""
+        if self._landmarks is None:
+            return None
+        course = self._velocity * min(self.unseen_s(stamp_ns), LONGEST_COURSE_S)
+        course[2] = 0.0  # depth from one camera is too unsteady to be carried on
+        return project(self._landmarks + course)

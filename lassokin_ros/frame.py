@@ -1,0 +1,37 @@
+"""What became of one person in one keypoint message."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lassokin_ros.core.tracker import Estimate
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """What became of one keypoint message, or of one person in it.
+
+    Attributes
+    ----------
+    stamp_ns: ns, the message's; its arrival where it has none. frame_id: the message's, the camera's where it has none.
+    estimate: the tracker's answer; None when the message did not come so far.
+    rejection: None for an accepted frame, else a short key for counting; `detail` says it in words.
+    positions, velocities: (3 + 3 n,) in the order of urdf.joint_names, m and rad, m/s and rad/s; None when rejected.
+    person: the id under which one of several people is published; empty when one person is followed.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    estimate: Estimate | None = None
+    rejection: str | None = None
+    detail: str = ""
+    positions: np.ndarray | None = None
+    velocities: np.ndarray | None = None
+    person: str = ""
+
+    @property
+    def accepted(self) -> bool:
+        """True when there is something to publish."""
+        return self.rejection is None

@@ -1,0 +1,173 @@
+"""Several people: who is who from message to message, who has come, who is away for a while, who has left."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import Sequence
+
+import numpy as np
+
+from lassokin_ros.body import Body, Detection
+from lassokin_ros.core.tracker import Status
+from lassokin_ros.frame import Frame
+from lassokin_ros.matching import NEAR, assign, distance, reach
+
+BIRTH_MESSAGES = 3
+"""A person whom nobody has numbered is believed in after this many sightings; one message in between may miss them."""
+
+SAME_BODY = 0.5 * NEAR
+"""A detection this near to a person who is seen already is the detector's second look, not a second person."""
+
+MAKES_ROOM_S = 0.5
+"""s: when all trackers are in use, who has been away this long gives way to somebody new."""
+
+
+@dataclass(eq=False)
+class Candidate:
+    """Somebody who may be a person: the last detection, and in how many messages there was one."""
+
+    seen: Detection
+    sightings: int = 1
+    missed: int = 0
+
+
+class People:
+    """One Body for each person; bodies are made at the start and used again."""
+
+    def __init__(self, bodies: Sequence[Body], counts: Counter[str]) -> None:
+        """counts: where births, deaths and the reasons against single people's frames are counted."""
+        self._idle = list(bodies)
+        self._counts = counts
+        self._present: dict[int, Body] = {}
+        self._candidates: list[Candidate] = []
+        self._next = 1
+
+    @property
+    def ids(self) -> list[str]:
+        """Of the people who are there or away for a short while."""
+        return [name(number) for number in self._present]
+
+    @property
+    def status(self) -> Status:
+        """The best of the people's."""
+        states = [body.status for body in self._present.values()]
+        return next((s for s in (Status.TRACKING, Status.LOST) if s in states), Status.SEARCHING)
+
+    def reset(self) -> None:
+        """Forget everybody. Numbers are not used again, so that nobody inherits another's id."""
+        for number in list(self._present):
+            self._let_go(number)
+        self._candidates.clear()
+
+    def update(
+        self, stamp_ns: int, frame_id: str, seen: Sequence[Detection], focal: float, lasting: bool, forget_after: float
+    ) -> list[Frame]:
+        """One message's people to frames, those with a skeleton only.
+
+        lasting: detections carry a number that stays with the person; else they are told apart here. forget_after: s.
+        """
+        for number in [n for n, body in self._present.items() if body.unseen_s(stamp_ns) > forget_after]:
+            self._let_go(number)
+        if lasting:
+            pairs = {d.number: d for d in seen if d.number in self._present or self._usable(d)}
+            for number in pairs:
+                if number not in self._present:
+                    self._welcome(number, stamp_ns, pairs)
+        else:
+            pairs = self._recognise(stamp_ns, seen)
+        return self._track(stamp_ns, frame_id, pairs, focal)
+
+    def _track(self, stamp_ns: int, frame_id: str, pairs: dict[int, Detection], focal: float) -> list[Frame]:
+        frames = []
+        for number, body in list(self._present.items()):
+            if number not in pairs:
+                body.absent(stamp_ns, focal)
+                continue
+            frame = body.track(stamp_ns, frame_id, pairs[number], focal, name(number))
+            if frame.accepted:
+                frames.append(frame)
+                continue
+            self._counts[f"rejected: {frame.rejection} (a person)"] += 1
+            if body.seen_ns is None:  # not even once: nobody to remember
+                self._let_go(number)
+        return frames
+
+    def _recognise(self, stamp_ns: int, seen: Sequence[Detection]) -> dict[int, Detection]:
+        """Who the detections are: present people by the least total distance, then new ones."""
+        usable = [d for d in seen if self._usable(d)]
+        numbers = list(self._present)
+        limits = [reach(self._present[n].unseen_s(stamp_ns)) for n in numbers]
+        costs = np.array([[self._distance(n, stamp_ns, d) for d in usable] for n in numbers])
+        matched = assign(costs, limits)
+        pairs = {numbers[row]: usable[column] for row, column in matched}
+        taken = {column for _, column in matched}
+        left = [d for column, d in enumerate(usable) if column not in taken]
+        known = list(pairs)
+        strangers = [d for d in left if all(self._distance(n, stamp_ns, d) > SAME_BODY for n in known)]
+        for stranger in self._believed(_each_once(strangers)):
+            number = self._next
+            if self._welcome(number, stamp_ns, pairs):
+                pairs[number] = stranger
+        return pairs
+
+    def _distance(self, number: int, stamp_ns: int, seen: Detection) -> float:
+        body = self._present[number]
+        expected = body.expected(stamp_ns)
+        if expected is None:
+            return float("inf")
+        return distance(expected, seen, body.tracker.config.min_confidence)
+
+    def _believed(self, strangers: Sequence[Detection]) -> list[Detection]:
+        """Those who have been seen in enough messages; the others stay candidates, or become ones."""
+        costs = np.array([[distance(c.seen.points, d, 0.0) for d in strangers] for c in self._candidates])
+        found = dict(assign(costs, [NEAR] * len(self._candidates)))
+        fresh = [Candidate(d) for i, d in enumerate(strangers) if i not in found.values()]
+        for row, candidate in enumerate(self._candidates):
+            if row in found:
+                candidate.seen, candidate.missed = strangers[found[row]], 0
+                candidate.sightings += 1
+            else:
+                candidate.missed += 1
+        believed = [self._candidates[row] for row in found if self._candidates[row].sightings >= BIRTH_MESSAGES]
+        kept = [c for c in self._candidates if c.missed <= 1 and c not in believed]
+        self._candidates = kept + fresh
+        return [candidate.seen for candidate in believed]
+
+    def _usable(self, seen: Detection) -> bool:
+        config = next(iter([*self._idle, *self._present.values()])).tracker.config
+        good = (seen.confidence >= max(config.min_confidence, 1e-9)) & np.isfinite(seen.points).all(axis=1)
+        return bool(np.count_nonzero(good) >= config.min_landmarks)
+
+    def _welcome(self, number: int, stamp_ns: int, pairs: dict[int, Detection]) -> bool:
+        """Give somebody new a body; False, and counted, when there is none left."""
+        if not self._idle:
+            away = [(b.unseen_s(stamp_ns), n) for n, b in self._present.items() if n not in pairs]
+            if not away or max(away)[0] < MAKES_ROOM_S:
+                self._counts["people beyond max_people"] += 1
+                return False
+            self._let_go(max(away)[1])
+        self._present[number] = self._idle.pop()
+        self._next = max(self._next, number + 1)
+        self._counts["people come"] += 1
+        return True
+
+    def _let_go(self, number: int) -> None:
+        body = self._present.pop(number)
+        body.reset()
+        self._idle.append(body)
+        self._counts["people left"] += 1
+
+
+def _each_once(seen: Sequence[Detection]) -> list[Detection]:
+    """Without a second look at the same person; of two the one with more points stays."""
+    kept: list[Detection] = []
+    for detection in sorted(seen, key=lambda d: -int(np.count_nonzero(d.confidence))):
+        if all(distance(other.points, detection, 0.0) > SAME_BODY for other in kept):
+            kept.append(detection)
+    return kept
+
+
+def name(number: int) -> str:
+    """The id under which a person is published; a part of a topic's name must not begin with a digit."""
+    return f"p{number}"

@@ -1,0 +1,126 @@
+"""What is published of people: one set of topics for each, made when the person comes and ended when they leave."""
+
+from __future__ import annotations
+
+from functools import partial
+from importlib import import_module
+from typing import Any, Callable
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
+
+from lassokin_ros import topics
+from lassokin_ros.core.errors import ConfigurationError
+from lassokin_ros.core.skeleton import Skeleton
+from lassokin_ros.frame import Frame
+from lassokin_ros.frame_messages import FrameMessages, id_list
+from lassokin_ros.node_config import NodeConfig
+from lassokin_ros.urdf import urdf
+from msg_adapters.backends import RclpyBackend
+from msg_adapters.outputs import StringBuilder
+from msg_adapters.registry import full_type_name
+
+OUTPUT_DEPTH = 10
+
+
+def message_class(message_type: str) -> Any:
+    """The class of a message type, imported now. Raises ConfigurationError when its package is not installed."""
+    package, _, name = full_type_name(message_type).split("/")
+    try:
+        return getattr(import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError):
+        raise ConfigurationError(
+            f"message type {message_type} needs the ROS package {package}, which is not installed: apt install "
+            f"ros-$ROS_DISTRO-{package.replace('_', '-')}, or source the workspace that has it"
+        ) from None
+
+
+def advertise(node: Node, topic: topics.OutputTopic, name: str = "", overridable: bool = True) -> Publisher:
+    """A publisher of a topic, under another name if one is given.
+
+    overridable: its QoS has parameters; people's topics come and go, parameters would stay.
+    """
+    durability = DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE
+    qos = QoSProfile(depth=1 if topic.latched else OUTPUT_DEPTH, durability=durability)
+    override = QoSOverridingOptions.with_default_policies() if overridable else None
+    kind = message_class(topic.message_type)
+    return node.create_publisher(kind, name or topic.name, qos, qos_overriding_options=override)
+
+
+class PersonOutputs:
+    """One person's publishers; person: the id, empty when one person is followed."""
+
+    def __init__(self, node: Node, skeleton: Skeleton, config: NodeConfig, title: str, person: str = "") -> None:
+        """title: the node's name, in the certificate. Raises SkeletonError when config.base_frame cannot be a frame."""
+        backend = RclpyBackend()
+        self._node, self._skeleton, self._person = node, skeleton, person
+        self._messages = FrameMessages(backend, skeleton, title, person)
+        self._description, self._base_frame = StringBuilder(backend), ""
+        name = partial(topics.of_person, person=person, rep155=config.rep155)
+        self._out = {t.name: advertise(node, t, name(t.name), not person) for t in topics.PERSON_OUTPUTS}
+        if not person:
+            self.describe(config.base_frame)
+
+    def publish(self, frame: Frame, copy_markers: Callable[[Any], None] | None = None) -> None:
+        """Publish what somebody listens to of an accepted frame.
+
+        copy_markers: takes the person's markers too. Raises SkeletonError for a frame_id that is a link's name.
+        """
+        for topic, message in self._messages.build(frame, lambda name: self._is_wanted(name, copy_markers)):
+            self._out[topic].publish(message)
+            if copy_markers is not None and topic == topics.MARKERS:
+                copy_markers(message)
+        if frame.frame_id and frame.frame_id != self._base_frame:
+            self.describe(frame.frame_id)
+
+    def _is_wanted(self, topic: str, copy_markers: Callable[[Any], None] | None = None) -> bool:
+        if topic == topics.MARKERS and copy_markers is not None:
+            return True
+        return self._out[topic].get_subscription_count() > 0
+
+    def describe(self, base_frame: str) -> None:
+        """Publish the body's description, once for each base frame."""
+        self._base_frame = base_frame
+        text = urdf(self._skeleton, base_frame, f"{self._person}_" if self._person else "")
+        self._out[topics.ROBOT_DESCRIPTION].publish(self._description.fill(text))
+
+    def close(self) -> None:
+        """End the topics."""
+        for publisher in self._out.values():
+            self._node.destroy_publisher(publisher)
+
+
+class PeopleOutputs:
+    """A PersonOutputs for each of several people, the list of their ids, and everybody's markers in one topic."""
+
+    def __init__(self, node: Node, skeleton: Skeleton, config: NodeConfig, title: str) -> None:
+        """Raises ConfigurationError when the list's message type is not installed."""
+        self._of = partial(PersonOutputs, node, skeleton, config, title)
+        self._people: dict[str, PersonOutputs] = {}
+        self._ids: list[str] = []
+        self._node, backend = node, RclpyBackend()
+        self._tracked = advertise(node, topics.REP155_TRACKED_OUTPUT if config.rep155 else topics.TRACKED_OUTPUT)
+        self._list = id_list(backend, config.rep155)
+        everybody = next(t for t in topics.FRAME_OUTPUTS if t.name == topics.MARKERS)
+        self._markers = advertise(node, everybody)
+        self._tracked.publish(self._list(node.get_clock().now().nanoseconds, "", []))
+
+    def publish(self, frames: list[Frame], ids: list[str]) -> None:
+        """Publish everybody's frame; ids: of all who are there, with a frame or without."""
+        copy_markers = self._markers.publish if self._markers.get_subscription_count() else None
+        for frame in frames:
+            if frame.person not in self._people:
+                self._people[frame.person] = self._of(frame.person)
+            self._people[frame.person].publish(frame, copy_markers)
+        self.keep(ids)
+
+    def keep(self, ids: list[str]) -> None:
+        """End the topics of who has left, and publish the list when it has changed."""
+        gone = [person for person in self._people if person not in ids]
+        for person in gone:
+            self._people.pop(person).close()
+        if gone or ids != self._ids:
+            self._ids = list(ids)
+            self._tracked.publish(self._list(self._node.get_clock().now().nanoseconds, "", ids))

@@ -1,0 +1,207 @@
+"""Several people: who is who, births, absences, deaths, crossings; and the one who is followed among several."""
+
+import os
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags", reason="rosbags makes the messages")
+
+from messages import FOCAL, HEIGHT, WIDTH, camera_info, crowd, rosbags_backend  # noqa: E402
+
+from lassokin_ros.core.config import TrackerConfig  # noqa: E402
+from lassokin_ros.core.kinematics import BodyState, Kinematics  # noqa: E402
+from lassokin_ros.core.landmarks import Layout  # noqa: E402
+from lassokin_ros.core.projection import project  # noqa: E402
+from lassokin_ros.core.skeleton import Skeleton  # noqa: E402
+from lassokin_ros.node_config import NodeConfig  # noqa: E402
+from lassokin_ros.pipeline import MOST_PEOPLE, Pipeline  # noqa: E402
+from lassokin_ros.synthetic import motion  # noqa: E402
+
+ROOT = Path(__file__).resolve().parent.parent
+DETECTIONS = Path(os.environ.get("LASSOKIN_DATA", ROOT.parent / "shared" / "data")) / "detections"
+BACKEND = rosbags_backend()
+START_NS, RATE = 5_000_000_000, 30.0
+SKELETON = Skeleton.load("anthropometric", 1.75)
+KINEMATICS = Kinematics(SKELETON, Layout.load("coco17", SKELETON))
+
+
+def stamp(index):
+    return START_NS + round(index * 1e9 / RATE)
+
+
+def walk(frames, x, z, phase, seed):
+    """A person at x (f,), z (f,) m: true joints (f, 24, 3) m and detections (f, 17, 2) px."""
+    state = motion(SKELETON, np.arange(frames) / RATE + phase)
+    places = state.translation.copy()
+    places[:, 0], places[:, 2] = x, z
+    pose = KINEMATICS.pose(BodyState(state.rotations, places))
+    noise = np.random.default_rng(seed).normal(size=(frames, 17, 2))
+    return pose.positions, project(pose.landmarks) * FOCAL + [WIDTH / 2, HEIGHT / 2] + noise
+
+
+def pipeline_for(max_people=4, **settings):
+    pipeline = Pipeline(TrackerConfig(), NodeConfig(max_people=max_people, **settings))
+    assert pipeline.set_camera(camera_info(BACKEND)) is None
+    return pipeline
+
+
+def feed(pipeline, index, people, persons=None):
+    """One message of people's pixels; person id -> frame."""
+    pairs = [(xy, np.full(len(xy), 0.9)) for xy in people]
+    frames = pipeline.frames(crowd(BACKEND, stamp(index), pairs, persons), 0)
+    assert all(f.accepted for f in frames), [f.rejection for f in frames]
+    return {f.person: f for f in frames}
+
+
+def two_who_cross(frames=120):
+    """One goes to the right in front, one to the left behind; who is behind is hidden while they overlap."""
+    course = np.linspace(-1.0, 1.0, frames)
+    front = walk(frames, course, 3.2, 0.0, 1)
+    back = walk(frames, -1.3 * course, 4.4, 5.0, 2)
+    hidden = np.abs(front[1][:, :, 0].mean(1) - back[1][:, :, 0].mean(1)) < 40
+    assert 10 < hidden.sum() < 30
+    return front, back, hidden
+
+
+def alone(pixels):
+    """Joints (f, 24, 3) about the pelvis of a person who is the only one."""
+    pipeline = pipeline_for(max_people=1)
+    poses = [
+        pipeline.process(crowd(BACKEND, stamp(i), [(xy, np.full(17, 0.9))]), 0).estimate.pose.positions
+        for i, xy in enumerate(pixels)
+    ]
+    return np.array([pose - pose[0] for pose in poses])
+
+
+@pytest.mark.parametrize("numbered", [True, False], ids=["message", "node"])
+def test_two_who_cross_keep_their_ids_and_skeletons(numbered):
+    front, back, hidden = two_who_cross()
+    pipeline = pipeline_for(person_ids="message" if numbered else "node")
+    random = np.random.default_rng(3)
+    ids, joints = defaultdict(set), ({}, {})
+    for i in range(len(hidden)):
+        order = random.permutation([0] if hidden[i] else [0, 1])
+        numbers = [4 + int(k) for k in order] if numbered else None
+        got = feed(pipeline, i, [(front, back)[k][1][i] for k in order], numbers)
+        for person, frame in got.items():
+            who = min((0, 1), key=lambda k: abs(frame.positions[2] - (3.2, 4.4)[k]))
+            ids[who].add(person)
+            joints[who][i] = frame.estimate.pose.positions - frame.estimate.pose.positions[0]
+    assert [len(ids[k]) for k in (0, 1)] == [1, 1] and ids[0] != ids[1], dict(ids)
+    assert not numbered or (ids[0], ids[1]) == ({"p4"}, {"p5"})
+    assert (pipeline.counts["people come"], pipeline.counts["people left"]) == (2, 0)
+    for who, missing in ((0, 0), (1, hidden.sum())):
+        assert len(joints[who]) >= len(hidden) - missing - 3
+        by_itself, true = alone((front, back)[who][1]), (front, back)[who][0]
+        true = true - true[:, :1]
+
+        def error(poses, of=true):
+            frames = [i for i in joints[who] if i > 10]  # noqa: B023
+            return np.mean([np.linalg.norm(poses[i] - of[i], axis=1).mean() for i in frames])
+
+        assert error(joints[who]) < 1.25 * error(by_itself) < 0.25, "a person among others is tracked as one alone"
+
+
+def test_births_absences_and_deaths():
+    pixels = walk(200, 0.8, 3.5, 0.0, 1)[1], walk(200, -0.8, 3.5, 3.0, 2)[1]
+    pipeline = pipeline_for(max_people=2, person_ids="node", forget_after=1.0)
+    seen = [feed(pipeline, i, [pixels[0][i]]) for i in range(10)]
+    assert [list(s) for s in seen] == [[], []] + [["p1"]] * 8  # believed in at the third sighting
+    seen = [feed(pipeline, i, [pixels[1][i], pixels[0][i]]) for i in range(10, 20)]
+    assert list(seen[0]) == ["p1"] and set(seen[-1]) == {"p1", "p2"}
+    for i in range(20, 40):  # a short absence
+        assert list(feed(pipeline, i, [pixels[0][i]])) == ["p1"]
+    assert pipeline.people.ids == ["p1", "p2"]
+    back = feed(pipeline, 40, [pixels[1][40], pixels[0][40]])
+    assert set(back) == {"p1", "p2"} and not back["p2"].estimate.initialised
+    for i in range(41, 75):  # longer than forget_after
+        feed(pipeline, i, [pixels[0][i]])
+    assert pipeline.people.ids == ["p1"] and pipeline.counts["people left"] == 1
+    for i in range(75, 80):
+        last = feed(pipeline, i, [pixels[0][i], pixels[1][i]])
+    assert set(last) == {"p1", "p3"}  # an id is not used again
+    assert feed(pipeline, 80, []) == {} and pipeline.counts["accepted"] == pipeline.counts["received"]
+
+
+def test_the_detectors_second_look_at_a_person_is_no_second_person():
+    pixels = walk(20, 0.0, 3.5, 0.0, 1)[1]
+    pipeline = pipeline_for(person_ids="node")
+    for i in range(20):
+        got = feed(pipeline, i, [pixels[i] + 3, pixels[i]])
+    assert list(got) == ["p1"] and pipeline.counts["people come"] == 1
+
+
+def test_more_people_than_allowed():
+    places = (-1.0, 0.0, 1.0)
+    pixels = [walk(60, x, 4.0, x, 1)[1] for x in places]
+    pipeline = pipeline_for(max_people=2)
+    for i in range(30):
+        assert set(feed(pipeline, i, [p[i] for p in pixels], [7, 8, 9])) == {"p7", "p8"}
+    assert pipeline.counts["people beyond max_people"] == 30
+    got = [set(feed(pipeline, i, [p[i] for p in pixels[1:]], [8, 9])) for i in range(30, 50)]
+    assert got[0] == {"p8"} and got[-1] == {"p8", "p9"} and pipeline.people.ids == ["p8", "p9"]
+
+
+def test_a_jump_back_in_time_forgets_everybody():
+    pixels = walk(60, 0.0, 3.5, 0.0, 1)[1]
+    pipeline = pipeline_for(person_ids="node")
+    rounds = []
+    for _ in range(3):
+        rounds.append([feed(pipeline, i, [pixels[i]]) for i in range(60)])
+    assert pipeline.counts["resets"] == 2
+    for other in rounds[1:]:
+        for mine, theirs in zip(rounds[0], other):
+            assert [f.positions.tolist() for f in mine.values()] == [f.positions.tolist() for f in theirs.values()]
+
+
+def test_a_message_that_cannot_be_read_is_refused_as_a_whole():
+    pixels = walk(3, 0.0, 3.5, 0.0, 1)[1]
+    pipeline = pipeline_for()
+    many = [pixels[0][:5]] * (MOST_PEOPLE + 1)
+    (frame,) = pipeline.frames(crowd(BACKEND, stamp(0), [(xy, np.ones(5)) for xy in many]), 0)
+    assert frame.rejection == "too_many_people"
+    (frame,) = pipeline.frames(crowd(BACKEND, stamp(1), [(pixels[0], np.full(17, 90.0))]), 0)
+    assert frame.rejection == "confidence_range" and pipeline.people.ids == []
+
+
+def test_one_followed_among_several_whose_order_changes():
+    front, back, hidden = two_who_cross()
+    pipeline = pipeline_for(max_people=1, person_ids="node")
+    random = np.random.default_rng(3)
+    depths = []
+    for i in range(len(hidden)):
+        order = random.permutation([0] if hidden[i] else [0, 1])
+        scores = {0: 0.9, 1: 0.8 if i < 5 else 1.0}
+        people = [((front, back)[k][1][i], np.full(17, scores[k])) for k in order]
+        frame = pipeline.process(crowd(BACKEND, stamp(i), people), 0)
+        depths.append(frame.positions[2])
+    assert np.abs(np.array(depths) - 3.2).max() < 0.6
+
+
+@pytest.mark.skipif(not (DETECTIONS / "openpose_balancing.npz").is_file(), reason="no real detections (LASSOKIN_DATA)")
+@pytest.mark.parametrize("camera", [0, 1])
+def test_real_people_in_an_unstable_order_keep_their_ids(camera):
+    """OpenPose numbers the people of each image anew; `kp2d` of the recording says where one of them is."""
+    data = np.load(DETECTIONS / "openpose_balancing.npz")
+    everybody = data["kp2d_all"][camera].astype(float)
+    config = TrackerConfig(landmarks="body25b")
+    pipeline = Pipeline(config, NodeConfig(max_people=3, person_ids="node"))
+    width, height = (int(v) for v in data["image_size"][camera])
+    info = camera_info(BACKEND, k=data["K"][camera].ravel(), width=width, height=height, distortion_model="plumb_bob")
+    info.d = np.append(data["dist"][camera], 0.0)
+    assert pipeline.set_camera(info) is None
+    of_the_known, others, random = [], [], np.random.default_rng(camera)
+    for i, people in enumerate(everybody):
+        people = random.permutation([p for p in people if (p[:, 2] > 0).any()])
+        frames = pipeline.frames(crowd(BACKEND, stamp(i), [(p[:, :2], p[:, 2]) for p in people]), 0)
+        true = data["kp2d"][camera][i]
+        seen = true[:, 2] >= 0.2
+        for frame in frames:
+            pixels = pipeline._lens.distort(project(frame.estimate.pose.landmarks))
+            miss = np.median(np.linalg.norm(pixels[seen] - true[seen, :2], axis=1))
+            (of_the_known if miss < 60 else others).append(frame.person)
+    assert len(set(of_the_known)) == 1 and len(of_the_known) >= len(everybody) - 3
+    assert not set(of_the_known) & set(others)

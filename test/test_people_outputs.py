@@ -1,0 +1,136 @@
+"""Several people's topics: of the running node on real DDS, and of the replay."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
+
+from live import BACKEND, START_NS, TRACKER, NodeProcess, Peer, stamp_of, values_of  # noqa: E402
+from messages import FRAME, camera_info, crowd, pixels_of_motion, rosbags_backend  # noqa: E402
+from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
+from recordings import read, write_messages  # noqa: E402
+from std_srvs.srv import Trigger  # noqa: E402
+
+from lassokin_ros import topics  # noqa: E402
+from lassokin_ros.bags import BagReader  # noqa: E402
+from lassokin_ros.core.skeleton import Skeleton  # noqa: E402
+from lassokin_ros.person_outputs import message_class  # noqa: E402
+from lassokin_ros.replay import main  # noqa: E402
+from lassokin_ros.urdf import urdf  # noqa: E402
+
+PIXELS = pixels_of_motion(40)
+PERIOD_NS = 33_333_333
+SKELETON = Skeleton.load("anthropometric", 1.75)
+
+
+def two(backend, index, persons=(4, 9), stamp_ns=None):
+    """A message of people who make the same motion side by side."""
+    places = {4: -120.0, 9: 120.0}
+    people = [(PIXELS[index % 40] + [places[p], 0.0], np.full(17, 0.9)) for p in persons]
+    return crowd(backend, START_NS + index * PERIOD_NS if stamp_ns is None else stamp_ns, people, persons)
+
+
+class PeerOfTwo:
+    """What comes on the topics of p4 and p9, and on those of everybody."""
+
+    def __init__(self, peer):
+        self.peer, self.sent = peer, 0
+        self.got = {}
+        for person in ("p4", "p9"):
+            for topic in topics.PERSON_OUTPUTS:
+                self.listen(topics.of_person(topic.name, person), topic)
+        self.listen(topics.MARKERS, topics.FRAME_OUTPUTS[3])
+        self.listen(topics.TRACKED_OUTPUT.name, topics.TRACKED_OUTPUT)
+
+    def listen(self, name, topic):
+        durability = DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE
+        qos = QoSProfile(depth=1000, durability=durability)
+        self.got[name] = []
+        kind = message_class(topic.message_type)
+        self.peer.node.create_subscription(kind, name, self.got[name].append, qos)
+
+    def send_until(self, condition, what, persons=(4, 9)):
+        def met():
+            self.peer.camera.publish(camera_info(BACKEND))
+            self.peer.keypoints.publish(two(BACKEND, self.sent, persons))
+            self.sent += 1
+            return condition()
+
+        self.peer.spin_until(met, what=what)
+
+    def lists(self):
+        return [message.data for message in self.got["bodies/tracked"]]
+
+
+def test_each_of_several_people_has_a_set_of_topics():
+    namespace = "/several"
+    settings = [f"-p {item}" for item in ("max_people:=3", "forget_after:=0.5")]
+    with NodeProcess(namespace, *" ".join(settings).split()) as node, Peer(namespace, outputs=False) as peer:
+        them = PeerOfTwo(peer)
+        them.send_until(lambda: all(them.got.values()), "every topic of both people")
+        joints = {p: them.got[f"bodies/{p}/joints"][-1] for p in ("p4", "p9")}
+        assert {m.header.frame_id for m in joints.values()} == {FRAME}
+        assert joints["p4"].poses[0].position.x < -0.3 < 0.3 < joints["p9"].poses[0].position.x
+        for person in ("p4", "p9"):
+            states = them.got[f"bodies/{person}/joint_states"]
+            assert len(set(map(stamp_of, states))) == len(states)
+            assert them.got[f"bodies/{person}/robot_description"][-1].data == urdf(SKELETON, FRAME, f"{person}_")
+            certificate = them.got[f"bodies/{person}/certificate"][-1].status[0]
+            assert certificate.name.startswith(f"several/tracker: {person}: certificate")
+        namespaces = {m.ns for message in them.got["markers"] for m in message.markers}
+        assert namespaces == {"p4/bones", "p4/joints", "p9/bones", "p9/joints"}
+        peer.spin_until(lambda: them.lists()[-1] == "p4,p9", what=f"the list of both {them.lists()}")
+        status = peer.next_diagnostics()
+        assert values_of(status)["people"] == "p4, p9"
+        them.send_until(lambda: them.lists()[-1] == "p9", "the list without who has left", persons=(9,))
+        gone = "/several/bodies/p4/joint_states"
+        peer.spin_until(lambda: not peer.node.get_publishers_info_by_topic(gone), what="the end of p4's topics")
+        peer.call(Trigger, "reset", Trigger.Request())
+        peer.spin_until(lambda: them.lists()[-1] == "", what="the empty list")
+        them.send_until(lambda: them.lists()[-1] == "p4,p9", "both again")
+        with Peer(namespace, outputs=False) as late:
+            again = PeerOfTwo(late)
+            late.spin_until(lambda: again.lists() == ["p4,p9"], what="the latched list")
+    assert "Traceback" not in node.said
+
+
+def test_rep155_needs_hri_msgs():
+    try:
+        import hri_msgs.msg  # noqa: F401
+    except ImportError:
+        pass
+    else:
+        pytest.skip("hri_msgs is installed")
+    import subprocess
+
+    done = subprocess.run([*TRACKER, "--ros-args", "-p", "rep155:=true"], capture_output=True, text=True, timeout=30)
+    lines = done.stderr.strip().splitlines()
+    assert done.returncode == 2 and len(lines) == 1 and "ros-$ROS_DISTRO-hri-msgs" in lines[0], done.stderr
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    backend = rosbags_backend()
+    messages = [("/camera_info", "sensor_msgs/msg/CameraInfo", START_NS - 1, camera_info(backend))]
+    for i in range(30):
+        persons = (4, 9) if i < 10 else (9,)
+        stamp = START_NS + i * PERIOD_NS
+        messages.append(("/keypoints", "sensor_msgs/msg/PointCloud2", stamp, two(backend, i, persons)))
+    return write_messages(tmp_path_factory.mktemp("two") / "in", messages)
+
+
+@pytest.mark.parametrize("rep155", [False, True], ids=["bodies", "rep155"])
+def test_replay_writes_each_persons_topics(recording, tmp_path, rep155):
+    options = ["-p", "max_people:=2", "-p", "forget_after:=0.3", "-p", f"rep155:={str(rep155).lower()}"]
+    assert main([str(recording), "-o", str(tmp_path / "out"), *options]) == 0
+    folder, description = ("/humans/bodies", "urdf") if rep155 else ("/bodies", "robot_description")
+    with BagReader(tmp_path / "out") as bag:
+        found = {topic.name: topic.count for topic in bag.topics}
+    for person, frames in (("p4", 10), ("p9", 30)):
+        for topic in topics.FRAME_OUTPUTS:
+            assert found.pop(f"{folder}/{person}/{topic.name.removeprefix('~/')}") == frames
+        assert found.pop(f"{folder}/{person}/{description}") == 1
+    assert found == {f"{folder}/tracked": 2}
+    lists = [m.ids if rep155 else m.data.split(",") for _, m in read(tmp_path / "out", f"{folder}/tracked")]
+    assert [list(ids) for ids in lists] == [["p4", "p9"], ["p9"]]
