@@ -51,15 +51,12 @@ def certify(
     correlation = A.T @ r
     magnitude = np.abs(correlation)
     active = omega != 0
-    kkt1 = np.max(np.abs(correlation - alpha * np.sign(omega)) / alpha, where=active, initial=0.0)
+    kkt1 = float((np.abs(correlation - alpha * np.sign(omega)) / alpha)[active].max(initial=0.0))
     ratio = magnitude / alpha
-    kkt2 = max(0.0, float(np.max(ratio, where=~active, initial=0.0)) - 1)
-    kkt3 = np.max(np.abs(B.T @ r)) / alpha.min()
-    objective = 0.5 * r @ r + alpha @ np.abs(omega)
+    kkt2 = max(0.0, float(ratio[~active].max(initial=0.0)) - 1)
+    kkt3 = float(np.abs(B.T @ r).max() / alpha.min())
+    objective = float(0.5 * r @ r + alpha @ np.abs(omega))
     feasible = r / max(1.0, float(ratio.max(initial=0.0)))
-    dual = z @ feasible - 0.5 * feasible @ feasible
-    gap = float(objective - dual)
-    scale = max(float(objective), 0.5 * float(z @ z), 1e-300)
-    return Certificate(
-        float(kkt1), float(kkt2), float(kkt3), float(objective), gap, gap / scale, int(np.count_nonzero(active))
-    )
+    gap = objective - float(z @ feasible - 0.5 * feasible @ feasible)
+    scale = max(objective, 0.5 * float(z @ z), 1e-300)
+    return Certificate(kkt1, kkt2, kkt3, objective, gap, gap / scale, int(np.count_nonzero(active)))

@@ -122,6 +122,7 @@ class Tracker:
         self._seen = -np.inf
         self._status = Status.SEARCHING
         self._successor: BodyState | None = None
+        self._guess: np.ndarray | None = None
         self._filter.reset()
         self._upright.reset()
         self._challengers.stop()
@@ -229,14 +230,13 @@ class Tracker:
         """One frame's lassos: the last problem and solution, the state they lead to, the total Omega (3 n,)."""
         omega = np.zeros(3 * self.kinematics.joint_count)
         x = np.zeros(3)
-        guess = None
         state = start
         for _ in range(self.config.relinearisations):
             problem = self._pose_problem(state, points, weights, omega, x)
-            solution = self._solver.solve(problem, guess)
+            solution = self._solver.solve(problem, self._guess)
             if not solution.certified:
                 break
-            guess = solution.omega
+            self._guess = solution.omega  # of the next problem, or of the next frame's first
             omega[self._live], x = solution.omega, solution.x
             state = start.retract(omega, x)
         return problem, solution, state, omega
