@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import numpy as np
 
-GATE = 4.0
+GATE = 5.0
 """Standard deviations of the prediction beyond which a point is taken for wrong."""
-CONVINCED_AFTER = 4
+CONVINCED_AFTER = 3
 """Frames in a row that a point must be off before its track starts anew there."""
 FORGOTTEN_AFTER = 0.3
 """s without a good point after which a track starts anew."""
@@ -48,6 +48,8 @@ class PointFilter:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Filtered points (l, 2) and weights (l,) of a frame; weight 0 where there is no good point.
 
+        A landmark that is missing, or wrong for the first time, coasts on its velocity with growing variance.
+
         stamp: s, later than the last; points: (l, 2) normalised; weights: (l,) 1 / standard deviation, 0 = missing;
         acceleration: standard deviation of a typical landmark's acceleration, normalised units / s^2.
         """
@@ -68,7 +70,8 @@ class PointFilter:
         good = used | anew
         self._unseen = np.where(good, 0.0, self._unseen + step)
         self._known = (self._known | anew) & (self._unseen < FORGOTTEN_AFTER)
-        filtered = np.where(self._known, 1 / np.sqrt(np.maximum(self._covariance[0], 1e-12)), 0.0)
+        coasting = self._known & (~seen | (self._off == 1))
+        filtered = np.where(good | coasting, 1 / np.sqrt(np.maximum(self._covariance[0], 1e-12)), 0.0)
         return self._position.copy(), CORRELATION * filtered
 
     def _predict(self, step: float, acceleration: float) -> None:
