@@ -16,8 +16,10 @@ from functools import cached_property
 import numpy as np
 
 from lassokin_ros.core.landmarks import Layout
-from lassokin_ros.core.rotations import exponential
+from lassokin_ros.core.rotations import exponential, hat
 from lassokin_ros.core.skeleton import Skeleton
+
+_IDENTITY = np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,19 +54,22 @@ class Kinematics:
         self.skeleton = skeleton
         self.layout = layout
         n = skeleton.joint_count
-        self._ancestors = skeleton.ancestors.astype(float)
-        self._bone_parent = np.maximum(skeleton.parents, 0)
-        self._offsets = skeleton.offsets
+        ancestors = skeleton.ancestors.astype(float)
+        reach = ancestors[layout.joints]
         self._jumps = _pointer_doubling(skeleton.parents)
+        # Centres and landmarks alike are sums of vectors fixed to joints: bones to their parents, levers to joints.
+        self._carriers = np.concatenate([np.maximum(skeleton.parents, 0), layout.joints])
+        self._sums = np.block([[ancestors, np.zeros(reach.T.shape)], [reach, np.eye(len(reach))]])
+        self._vectors = np.concatenate([skeleton.offsets, layout.offsets])[:, :, None]
         #: (l, 3 n): 1 where an angular degree of freedom moves a landmark (the joint is its ancestor or its own).
-        self.reach = np.repeat(self._ancestors[layout.joints], 3, axis=1)
+        self.reach = np.repeat(reach, 3, axis=1)
         self._row_reach = np.repeat(self.reach, 2, axis=0)
         self.joint_count, self.landmark_count = n, len(layout.names)
 
     def reshape(self, skeleton: Skeleton) -> None:
         """Take over the lengths of a skeleton that is otherwise the same (same tree, same landmarks)."""
         self.skeleton = skeleton
-        self._offsets = skeleton.offsets
+        self._vectors = np.concatenate([skeleton.offsets, self.layout.offsets])[:, :, None]
 
     @cached_property
     def live(self) -> np.ndarray:
@@ -77,29 +82,31 @@ class Kinematics:
         L = self.jacobian(self.pose(BodyState(exponential(vectors), np.zeros((4, 3)))))
         return np.any(np.abs(L) > 1e-9, axis=(0, 1))
 
-    def pose(self, state: BodyState) -> BodyPose:
+    def pose(self, state: BodyState, offsets: np.ndarray | None = None) -> BodyPose:
         """Forward kinematics, (1)-(2): orientations, joint centres and landmarks of a state.
 
         T_i is the product of the joints' transforms from the root down; a landmark is q_i = T_i q_i^0.
+        offsets: (..., n, 3) m, those of other skeletons on the same tree, one per state; this skeleton's by default.
         """
         orientations = self._orientations(state.rotations)
-        bones = (orientations[..., self._bone_parent, :, :] @ self._offsets[:, :, None])[..., 0]
-        positions = self._ancestors @ bones + state.translation[..., None, :]
-        joints = self.layout.joints
-        levers = (orientations[..., joints, :, :] @ self.layout.offsets[:, :, None])[..., 0]
-        return BodyPose(orientations, positions, positions[..., joints, :] + levers)
+        vectors = (orientations.take(self._carriers, axis=-3) @ self._vectors)[..., 0]
+        places = self._sums @ vectors
+        places += state.translation[..., None, :]
+        n = self.joint_count
+        return BodyPose(orientations, places[..., :n, :], places[..., n:, :])
 
     def _orientations(self, rotations: np.ndarray) -> np.ndarray:
         """(..., n, 3, 3): products of the rotations from the root down, in log2(depth) batched steps.
 
-        Pointer doubling: after step k each joint holds the product over its last 2^k ancestors.
+        Pointer doubling: after step k each joint holds the product over its last 2^k ancestors. Above the root stands
+        one more joint that does not turn, so that all joints are treated alike.
         """
-        product = rotations
-        for joints, above in self._jumps:
-            lengthened = product.copy()
-            lengthened[..., joints, :, :] = product[..., above, :, :] @ product[..., joints, :, :]
-            product = lengthened
-        return product
+        product = np.empty(rotations.shape[:-3] + (self.joint_count + 1, 3, 3))
+        product[..., :-1, :, :] = rotations
+        product[..., -1, :, :] = _IDENTITY
+        for above in self._jumps:
+            product = product.take(above, axis=-3) @ product
+        return product[..., :-1, :, :]
 
     def jacobian(self, pose: BodyPose) -> np.ndarray:
         """L of (11), (..., 3 l, 3 n): block (i, j) is J_j(q_i) of (3)-(4), zero where j does not carry q_i (5).
@@ -125,36 +132,26 @@ class Kinematics:
         the degrees of freedom's (w, p x w), and a mask. Lengths are taken from the root, which keeps them small.
         """
         root = pose.positions[..., :1, :]
-        axes = np.swapaxes(pose.orientations if axes is None else axes, -1, -2)
+        axes = pose.orientations if axes is None else axes
         shape = axes.shape[:-3]
-        centres = (pose.positions - root)[..., :, None, :]
-        twists = np.empty(shape + (self.joint_count, 3, 6))
-        twists[..., :3] = axes
-        _cross(centres, axes, twists[..., 3:])
-        wrenches = np.empty(shape + (2 * self.landmark_count, 6))
-        _cross(np.repeat(pose.landmarks - root, 2, axis=-2), rows, wrenches[..., :3])
-        wrenches[..., 3:] = rows
-        flat = twists.reshape(*shape, 3 * self.joint_count, 6)
-        result: np.ndarray = wrenches @ np.swapaxes(flat, -1, -2)
+        twists = np.empty(shape + (6, self.joint_count, 3))  # of each degree of freedom, w above p x w
+        twists[..., :3, :, :] = np.swapaxes(axes, -2, -3)
+        twists[..., 3:, :, :] = np.swapaxes(hat(pose.positions - root) @ axes, -2, -3)
+        wrenches = np.empty(shape + (self.landmark_count, 2, 6))  # q x f = f^T hat(-q), and f
+        by_landmark = rows.reshape(*shape, self.landmark_count, 2, 3)
+        wrenches[..., :3] = by_landmark @ hat(root - pose.landmarks)
+        wrenches[..., 3:] = by_landmark
+        result: np.ndarray = wrenches.reshape(*shape, -1, 6) @ twists.reshape(*shape, 6, -1)
         result *= self._row_reach
         return result
 
 
-def _cross(a: np.ndarray, b: np.ndarray, out: np.ndarray) -> None:
-    """out = a x b on the last axis; numpy's own cross costs several times as much on arrays this small."""
-    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
-    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
-    out[..., 0] = ay * bz - az * by
-    out[..., 1] = az * bx - ax * bz
-    out[..., 2] = ax * by - ay * bx
-
-
-def _pointer_doubling(parents: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Index pairs (joints, the joint 2^k levels above each) of every doubling step."""
-    above = parents.copy()
+def _pointer_doubling(parents: np.ndarray) -> list[np.ndarray]:
+    """(n + 1,) for every doubling step: the joint 2^k levels above each; n, which is its own parent, above the root."""
+    top = len(parents)
+    above = np.append(np.where(parents < 0, top, parents), top)
     steps = []
-    while np.any(above >= 0):
-        joints = np.flatnonzero(above >= 0)
-        steps.append((joints, above[joints]))
-        above = np.where(above >= 0, above[np.maximum(above, 0)], -1)
+    while np.any(above != top):
+        steps.append(above)
+        above = above[above]
     return steps

@@ -107,18 +107,20 @@ class PriorRows:
         self.W = np.linalg.cholesky(np.linalg.inv(marginal)).T
         self._limits(kinematics)
         rows = np.concatenate([self.W, self._limit_axes / LIMIT_SPREAD])
+        self._rows_transposed = np.ascontiguousarray(rows.T)
+        self._whitened_mean = self.W @ self._mean.reshape(-1)
         self._rows_by_joint = np.ascontiguousarray(np.moveaxis(rows.reshape(len(rows), len(self.joints), 3), 1, 0))
 
     def _limits(self, kinematics: Kinematics) -> None:
-        """Rows (m, 3 joints) of unit axes, and ranges (m,), of the limits of the joints that count here."""
+        """Rows (m, 3 joints) of unit axes, and ranges (m,) in `LIMIT_SPREAD`, of the limits of the joints that count."""
         names = [kinematics.skeleton.joint_names[joint] for joint in self.joints]
         limits = [limit for limit in joint_limits() if limit.joint in names]
         self._limit_axes = np.zeros((len(limits), 3 * len(names)))
         for row, limit in zip(self._limit_axes, limits):
             place = 3 * names.index(limit.joint)
             row[place : place + 3] = limit.axis
-        self._low = np.array([limit.low for limit in limits])
-        self._high = np.array([limit.high for limit in limits])
+        self._low = np.array([limit.low for limit in limits]) / LIMIT_SPREAD
+        self._high = np.array([limit.high for limit in limits]) / LIMIT_SPREAD
 
     @property
     def count(self) -> int:
@@ -127,7 +129,7 @@ class PriorRows:
 
     def residual(self, rotations: np.ndarray) -> np.ndarray:
         """Right sides (..., k + m): W (mean - theta), then how far each limit is passed, in standard deviations."""
-        return self._right_side(logarithm(rotations[..., self.joints, :, :]))
+        return self._right_side(logarithm(rotations.take(self.joints, axis=-3)))
 
     def linearise(self, rotations: np.ndarray, turn: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """(A, z): rows (..., k + m, 3 n) and right sides (..., k + m) so that they read ||z - A Omega||^2.
@@ -135,10 +137,10 @@ class PriorRows:
         d theta / d Omega is the inverse right Jacobian of SO(3) at theta; turn: (..., n, 3, 3), a further factor on the
         right of each joint's block (the right Jacobian of an increment already made).
         """
-        theta = logarithm(rotations[..., self.joints, :, :])
+        theta = logarithm(rotations.take(self.joints, axis=-3))
         inner = right_jacobian_inverse(theta)
         if turn is not None:
-            inner = inner @ turn[..., self.joints, :, :]
+            inner = inner @ turn.take(self.joints, axis=-3)
         z = self._right_side(theta)
         A = np.zeros(theta.shape[:-2] + (self.count, self._n, 3))
         A[..., self.joints, :] = np.moveaxis(self._rows_by_joint @ inner, -3, -2)
@@ -146,7 +148,8 @@ class PriorRows:
         return A.reshape(*theta.shape[:-2], self.count, 3 * self._n), z
 
     def _right_side(self, theta: np.ndarray) -> np.ndarray:
-        flat = theta.reshape(*theta.shape[:-2], -1)
-        place = flat @ self._limit_axes.T
-        passed = (np.clip(place, self._low, self._high) - place) / LIMIT_SPREAD
-        return np.concatenate([(self._mean.reshape(-1) - flat) @ self.W.T, passed], axis=-1)
+        z: np.ndarray = theta.reshape(*theta.shape[:-2], -1) @ self._rows_transposed
+        gaussian, place = z[..., : len(self.W)], z[..., len(self.W) :]
+        np.subtract(self._whitened_mean, gaussian, out=gaussian)
+        np.subtract(np.minimum(np.maximum(place, self._low), self._high), place, out=place)
+        return z

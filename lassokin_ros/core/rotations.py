@@ -11,68 +11,65 @@ import numpy as np
 Array = np.ndarray
 
 
+#: (3, 9): v @ _HAT is hat(v), flattened. One product costs less than nine small assignments.
+_HAT = np.array([
+    [0, 0, 0, 0, 0, -1, 0, 1, 0],
+    [0, 0, 1, 0, 0, 0, -1, 0, 0],
+    [0, -1, 0, 1, 0, 0, 0, 0, 0],
+], dtype=float)  # fmt: skip
+#: (4, 9): the same for vectors and a multiple of the identity.
+_HAT_AND_IDENTITY = np.vstack([_HAT, np.eye(3).reshape(1, 9)])
+#: (9, 4): of a flattened matrix, twice the vector of its skew part, and its trace.
+_SKEW_AND_TRACE = np.vstack([_HAT, np.eye(3).reshape(1, 9)]).T.copy()
+_ONE_AND_A_HALF = 1.5 * np.eye(3)
+
+
 def hat(vectors: Array) -> Array:
     """Matrices of the cross product, so that the one of a times b is a x b: (..., 3) -> (..., 3, 3)."""
-    result = np.zeros(vectors.shape + (3,))
-    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
-    result[..., 0, 1], result[..., 1, 0] = -z, z
-    result[..., 0, 2], result[..., 2, 0] = y, -y
-    result[..., 1, 2], result[..., 2, 1] = -x, x
-    return result
+    result: Array = vectors @ _HAT
+    return result.reshape(vectors.shape + (3,))
 
 
-def _sinc_terms(angle_squared: Array) -> tuple[Array, Array, Array]:
-    """sin(t)/t, (1 - cos t)/t^2 and (t - sin t)/t^3 of t^2, exact to rounding at and near zero.
+def _angles(vectors: Array) -> tuple[Array, Array]:
+    """t and t^2 of rotation vectors, at least 1e-15 and its square.
 
-    Below t = 0.03 the three are their Taylor series, whose first term left out is under 1e-16.
+    The functions below divide by them. Their quotients then lose digits near zero, (t - sin t)/t^3 for one; but those
+    are multiplied by t^2 again, so what is returned is exact to rounding at every t.
     """
-    t2 = angle_squared
-    near = t2 < 1e-3
-    t = np.sqrt(np.where(near, 1.0, t2))
-    sine, cosine = np.sin(t), np.cos(t)
-    a = np.where(near, 1 - t2 / 6 * (1 - t2 / 20 * (1 - t2 / 42)), sine / t)
-    b = np.where(near, 0.5 * (1 - t2 / 12 * (1 - t2 / 30 * (1 - t2 / 56))), (1 - cosine) / (t * t))
-    c = np.where(near, (1 - t2 / 20 * (1 - t2 / 42 * (1 - t2 / 72))) / 6, (t - sine) / (t * t * t))
-    return a, b, c
+    squared = np.maximum(np.einsum("...i,...i->...", vectors, vectors), 1e-30)
+    return np.sqrt(squared), squared
+
+
+def _combined(vectors: Array, identity: Array, skew: Array, outer: Array) -> Array:
+    """identity * I + skew * hat(v) + outer * v v^T: what every function of hat(v) is; factors (...) -> (..., 3, 3)."""
+    factors = np.empty(vectors.shape[:-1] + (4,))
+    np.multiply(vectors, skew[..., None], out=factors[..., :3])
+    factors[..., 3] = identity
+    result: Array = (factors @ _HAT_AND_IDENTITY).reshape(vectors.shape + (3,))
+    result += (vectors * outer[..., None])[..., :, None] * vectors[..., None, :]
+    return result
 
 
 def exponential(vectors: Array) -> Array:
     """Rotation matrices of rotation vectors (Rodrigues): (..., 3) in rad -> (..., 3, 3)."""
-    a, b, _ = _sinc_terms(np.sum(vectors * vectors, axis=-1))
-    outer = vectors[..., :, None] * vectors[..., None, :]
-    skew = hat(vectors)
-    result = a[..., None, None] * skew + b[..., None, None] * outer
-    diagonal = 1 - b * np.sum(vectors * vectors, axis=-1)
-    result[..., 0, 0] += diagonal
-    result[..., 1, 1] += diagonal
-    result[..., 2, 2] += diagonal
-    return result
+    t, _ = _angles(vectors)
+    half_sinc = np.sin(0.5 * t) / t
+    return _combined(vectors, np.cos(t), np.sin(t) / t, 2 * half_sinc * half_sinc)
 
 
 def right_jacobian(vectors: Array) -> Array:
     """J_r with exp(v + dv) = exp(v) exp(J_r(v) dv) to first order: (..., 3) -> (..., 3, 3)."""
-    _, b, c = _sinc_terms(np.sum(vectors * vectors, axis=-1))
-    skew = hat(vectors)
-    result = -b[..., None, None] * skew + c[..., None, None] * (skew @ skew)
-    result[..., 0, 0] += 1
-    result[..., 1, 1] += 1
-    result[..., 2, 2] += 1
-    return result
+    t, squared = _angles(vectors)
+    half_sinc = np.sin(0.5 * t) / t
+    sinc = np.sin(t) / t
+    return _combined(vectors, sinc, -2 * half_sinc * half_sinc, (1 - sinc) / squared)
 
 
 def right_jacobian_inverse(vectors: Array) -> Array:
     """J_r(v)^-1, so that log(R exp(dw)) = log(R) + J_r(log R)^-1 dw: (..., 3) -> (..., 3, 3), |v| < 2 pi."""
-    t2 = np.sum(vectors * vectors, axis=-1)
-    near = t2 < 1e-3
-    a, b, _ = _sinc_terms(t2)
-    safe = np.where(near, 1.0, t2)
-    k = np.where(near, 1 / 12 + t2 / 720 * (1 + t2 / 42), (1 - 0.5 * a / b) / safe)
-    skew = hat(vectors)
-    result = 0.5 * skew + k[..., None, None] * (skew @ skew)
-    result[..., 0, 0] += 1
-    result[..., 1, 1] += 1
-    result[..., 2, 2] += 1
-    return result
+    t, squared = _angles(vectors)
+    cotangent = 0.5 * t / np.tan(0.5 * t)
+    return _combined(vectors, cotangent, np.full(t.shape, 0.5), (1 - cotangent) / squared)
 
 
 def logarithm(matrices: Array) -> Array:
@@ -80,19 +77,13 @@ def logarithm(matrices: Array) -> Array:
 
     From the skew part, sin(t) times the axis; near pi, where that vanishes, by way of the quaternion.
     """
-    m = matrices
-    axis = np.empty(m.shape[:-1])
-    axis[..., 0] = m[..., 2, 1] - m[..., 1, 2]
-    axis[..., 1] = m[..., 0, 2] - m[..., 2, 0]
-    axis[..., 2] = m[..., 1, 0] - m[..., 0, 1]
-    double_cosine = m[..., 0, 0] + m[..., 1, 1] + m[..., 2, 2] - 1
-    double_sine = np.sqrt(np.sum(axis * axis, axis=-1))
-    near = double_sine < 1e-8
-    angle = np.arctan2(double_sine, double_cosine)
-    result = np.where(near, 0.5, angle / np.where(near, 1.0, double_sine))[..., None] * axis
+    parts = matrices.reshape(matrices.shape[:-2] + (9,)) @ _SKEW_AND_TRACE
+    axis, double_cosine = parts[..., :3], parts[..., 3] - 1
+    double_sine = np.maximum(np.sqrt(np.einsum("...i,...i->...", axis, axis)), 1e-150)  # the angle is 0, not 0/0
+    result: Array = (np.arctan2(double_sine, double_cosine) / double_sine)[..., None] * axis
     far = double_cosine < -1.9  # beyond 162 degrees
     if far.any():
-        result[far] = _logarithm_of_quaternion(to_quaternion(m[far]))
+        result[far] = _logarithm_of_quaternion(to_quaternion(matrices[far]))
     return result
 
 
@@ -125,4 +116,4 @@ def to_quaternion(matrices: Array) -> Array:
 def orthonormalised(matrices: Array) -> Array:
     """One Newton step towards the nearest rotation, R (3 I - R^T R) / 2: enough for rounding drift, (..., 3, 3)."""
     gram = np.swapaxes(matrices, -1, -2) @ matrices
-    return matrices @ (1.5 * np.eye(3) - 0.5 * gram)
+    return matrices @ (_ONE_AND_A_HALF - 0.5 * gram)
