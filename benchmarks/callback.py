@@ -99,7 +99,7 @@ def _stages(
     for on_camera_info, _ in callbacks.values():
         on_camera_info(info)
     messages, adapter = FrameMessages(backend, pipeline.tracker.skeleton), keypoint_adapter("sensor_msgs/PointCloud2")
-    lens = pipeline._lens
+    lens = pipeline.camera.view.lens
     assert lens is not None
     samples: dict[str, list[float]] = {}
 

@@ -14,15 +14,14 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.body import Body, Detection
+from lassokin_ros.camera import Camera, View
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.errors import CameraError
 from lassokin_ros.core.tracker import Status
 from lassokin_ros.frame import Frame
 from lassokin_ros.lens import Lens
 from lassokin_ros.matching import distance, reach
 from lassokin_ros.node_config import MESSAGE, NodeConfig
 from lassokin_ros.people import People
-from msg_adapters.camera_info import Intrinsics, decode_camera_info
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
 from msg_adapters.registry import keypoint_adapter
@@ -45,17 +44,18 @@ class Pipeline:
         self.people = People(bodies, self.counts) if self.config.several_people else None
         """Who is there, when several people are followed; None when it is one."""
         self._adapter = keypoint_adapter(self.config.keypoints_type)
-        self._lens: Lens | None = None
-        self._intrinsics: Intrinsics | None = None
-        self._camera_key: tuple[Any, ...] | None = None
-        self.camera_fault = ""
-        """Why the last camera_info was refused, in words; empty when it was taken."""
+        self.camera = Camera(self.config.rectified)
         self._forget()
 
     @property
     def has_camera(self) -> bool:
         """True once a usable camera_info has come."""
-        return self._lens is not None
+        return self.camera.view is not None
+
+    @property
+    def camera_fault(self) -> str:
+        """Why the last camera_info was refused, in words; empty when it was taken."""
+        return self.camera.fault
 
     @property
     def status(self) -> Status:
@@ -79,28 +79,18 @@ class Pipeline:
         self.config = node_config.checked()
 
     def set_camera(self, message: Any) -> str | None:
-        """Take over a CameraInfo message; the reason's key when it is refused (the last good camera then stays)."""
-        key = _camera_key(message)
-        if key == self._camera_key and not self.camera_fault:
-            return None
-        self._camera_key = key
+        """Take over a CameraInfo message; the reason's key when it is refused (the last good camera then stays).
+
+        Another resolution or lens of the same camera leaves the person where they are; in another camera's frame they
+        are somewhere else, so that the state is forgotten.
+        """
         try:
-            return self._use_camera(decode_camera_info(message))
+            if self.camera.take(message):
+                self.reset()
         except AdapterError as error:
-            return self._refuse_camera(error.reason, str(error))
-
-    def _use_camera(self, intrinsics: Intrinsics) -> str | None:
-        try:
-            self._lens = Lens.from_intrinsics(intrinsics, self.config.rectified)
-        except CameraError as error:
-            return self._refuse_camera("camera_unusable", str(error))
-        self._intrinsics, self.camera_fault = intrinsics, ""
+            self.counts[f"rejected: {error.reason}"] += 1
+            return error.reason
         return None
-
-    def _refuse_camera(self, reason: str, detail: str) -> str:
-        self.camera_fault = detail
-        self.counts[f"rejected: {reason}"] += 1
-        return reason
 
     def process(self, message: Any, arrival_ns: int) -> Frame:
         """Track the one person in a keypoint message; arrival_ns stamps those that have no stamp."""
@@ -122,23 +112,30 @@ class Pipeline:
     def _frames(self, message: Any, arrival_ns: int) -> list[Frame]:
         stamp_ns, frame_id = arrival_ns, ""
         try:
-            if self._lens is None or self._intrinsics is None:
-                raise AdapterError("no_camera_info", self.camera_fault or "no camera_info has come yet")
-            keypoints = self._adapter.decode(message, (self._intrinsics.width, self._intrinsics.height))
-            frame_id = keypoints.frame_id or self._intrinsics.frame_id
+            keypoints, view = self._decode(message)
+            frame_id = keypoints.frame_id or view.intrinsics.frame_id
             if keypoints.stamp_ns is None:
                 self.counts["unstamped"] += 1
             else:
                 stamp_ns = keypoints.stamp_ns
             self._watch_stamp(stamp_ns)
             if self.people is None:
-                seen, focal = self._the_person(keypoints, stamp_ns), self._lens.focal
-                return [self._body.track(stamp_ns, frame_id, seen, focal)]
-            everybody = self._everybody(keypoints)
+                seen = self._the_person(keypoints, stamp_ns, view.lens)
+                return [self._body.track(stamp_ns, frame_id, seen, view.lens.focal)]
+            everybody = self._everybody(keypoints, view.lens)
         except AdapterError as error:
             return [Frame(stamp_ns, frame_id, None, error.reason, str(error))]
         lasting = self._lasting(keypoints)
-        return self.people.update(stamp_ns, frame_id, everybody, self._lens.focal, lasting, self.config.forget_after)
+        return self.people.update(stamp_ns, frame_id, everybody, view.lens.focal, lasting, self.config.forget_after)
+
+    def _decode(self, message: Any) -> tuple[Keypoints, View]:
+        """The keypoints, and the camera that took their image."""
+        present = self.camera.at(None)
+        keypoints = self._adapter.decode(message, present.size)
+        view = self.camera.at(keypoints.stamp_ns)
+        if view is not present:
+            keypoints = self._adapter.decode(message, view.size)
+        return keypoints, view
 
     def _watch_stamp(self, stamp_ns: int) -> None:
         """Reset when time has jumped back (bag loop, seek); AdapterError for an old or repeated stamp."""
@@ -156,32 +153,31 @@ class Pipeline:
             return False
         return len(persons) == 0 or bool(persons.min() >= 0)
 
-    def _detection(self, keypoints: Keypoints, person: int | None) -> Detection:
-        assert self._lens is not None
+    def _detection(self, keypoints: Keypoints, person: int | None, lens: Lens) -> Detection:
         pixels, confidence = keypoints.as_landmarks(self.tracker.kinematics.landmark_count, person)
-        return Detection(self._lens.normalise(pixels), confidence, person or 0)
+        return Detection(lens.normalise(pixels), confidence, person or 0)
 
-    def _everybody(self, keypoints: Keypoints) -> list[Detection]:
+    def _everybody(self, keypoints: Keypoints, lens: Lens) -> list[Detection]:
         """One detection for each person in the message."""
         if keypoints.persons is None:
-            return [self._detection(keypoints, None)]
+            return [self._detection(keypoints, None, lens)]
         numbers = np.unique(keypoints.persons)
         if len(numbers) > MOST_PEOPLE:
             raise AdapterError("too_many_people", f"{len(numbers)} people; expected at most {MOST_PEOPLE}")
-        return [self._detection(keypoints, int(number)) for number in numbers]
+        return [self._detection(keypoints, int(number), lens) for number in numbers]
 
-    def _the_person(self, keypoints: Keypoints, stamp_ns: int) -> Detection:
+    def _the_person(self, keypoints: Keypoints, stamp_ns: int, lens: Lens) -> Detection:
         """The one who is followed until lost; first, and then anew, the one seen with the highest confidence in all."""
         if keypoints.persons is None or len(keypoints.persons) == 0:
-            return self._detection(keypoints, None)
+            return self._detection(keypoints, None, lens)
         tracking = self.status is Status.TRACKING
         if tracking and not self._lasting(keypoints):
-            return self._nearest(self._everybody(keypoints), stamp_ns)
+            return self._nearest(self._everybody(keypoints, lens), stamp_ns)
         if self._person is None or not tracking:
             people, index = np.unique(keypoints.persons, return_inverse=True)
             scores = np.clip(np.nan_to_num(keypoints.confidence, posinf=0.0), 0.0, 1.0)
             self._person = int(people[np.argmax(np.bincount(index, scores))])
-        return self._detection(keypoints, self._person)
+        return self._detection(keypoints, self._person, lens)
 
     def _nearest(self, everybody: list[Detection], stamp_ns: int) -> Detection:
         """The detection nearest to where the person is expected; an empty one when none is near."""
@@ -192,12 +188,3 @@ class Pipeline:
         if apart[best] <= reach(body.unseen_s(stamp_ns)):
             return everybody[best]
         return Detection(np.full_like(expected, np.nan), np.zeros(len(expected)))
-
-
-def _camera_key(message: Any) -> tuple[Any, ...]:
-    """What of a CameraInfo matters, cheap to compare: it comes with every image and hardly ever changes."""
-    roi = message.roi
-    image = (message.width, message.height, message.binning_x, message.binning_y)
-    window = (roi.x_offset, roi.y_offset, roi.width, roi.height)
-    numbers = (bytes(message.k), bytes(message.d[:32]), bytes(message.p), bytes(message.r))
-    return (message.distortion_model, message.header.frame_id, *image, *window, *numbers)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from messages import FRAME, camera_info, cloud, pixels_of_motion, rosbags_backend
+from messages import FOCAL, FRAME, HEIGHT, WIDTH, camera_info, cloud, pixels_of_motion, rosbags_backend
 
 from lassokin_ros import topics
 from lassokin_ros.core.config import TrackerConfig
@@ -10,6 +10,7 @@ from lassokin_ros.frame_messages import FrameMessages
 from lassokin_ros.node_config import NodeConfig
 from lassokin_ros.pipeline import Pipeline
 from msg_adapters.backends import RclpyBackend
+from msg_adapters.outputs import set_header
 
 pytest.importorskip("rosbags")
 START_NS, PERIOD_NS = 5_000_000_000, 16_666_667
@@ -84,10 +85,18 @@ def test_the_frame_of_the_camera_stands_in_for_a_missing_one(pipeline):
 
 
 def test_a_looped_bag_gives_the_same_bytes(pipeline):
-    rounds = [[frame(pipeline, i, START_NS + i * 33_333_333) for i in range(30)] for _ in range(2)]
-    for once, again in zip(*rounds):
-        assert np.array_equal(once.positions, again.positions)
-        assert np.array_equal(once.velocities, again.velocities)
+    rounds = [[frame(pipeline, i, START_NS + i * 33_333_333) for i in range(30)] for _ in range(3)]
+    for other in rounds[1:]:
+        for once, again in zip(rounds[0], other):
+            assert np.array_equal(once.positions, again.positions)
+            assert np.array_equal(once.velocities, again.velocities)
+
+
+def test_two_publishers_of_the_same_images_count_once(pipeline):
+    for i in range(10):
+        assert frame(pipeline, i).accepted
+        assert frame(pipeline, i).rejection == "old_stamp"
+    assert pipeline.counts["resets"] == 0 and pipeline.counts["rejected: old_stamp"] == 10
 
 
 def test_a_new_camera_is_used_from_the_next_frame_on(pipeline):
@@ -95,6 +104,64 @@ def test_a_new_camera_is_used_from_the_next_frame_on(pipeline):
     pipeline.reset()
     assert pipeline.set_camera(camera_info(BACKEND, focal=1200.0)) is None
     assert frame(pipeline, 1).estimate.state.translation[2] == pytest.approx(2 * near, rel=0.2)
+
+
+def double(pipeline):
+    """Twice the resolution from image 10 on. The noise is twice as many pixels too, so that all else stays the same."""
+    info = camera_info(BACKEND, focal=2 * FOCAL, width=2 * WIDTH, height=2 * HEIGHT)
+    info.k[2], info.k[5] = WIDTH, HEIGHT
+    set_header(info.header, START_NS + 10 * PERIOD_NS, FRAME)
+    assert pipeline.set_camera(info) is None
+
+
+def send(pipeline, index, pixels):
+    return pipeline.process(cloud(BACKEND, START_NS + index * PERIOD_NS, pixels), 7)
+
+
+def test_another_resolution_while_running_leaves_the_person_where_they_are(pipeline):
+    other = Pipeline(TrackerConfig(), NodeConfig())
+    other.set_camera(camera_info(BACKEND))
+    for i in range(20):
+        if i == 10:
+            double(pipeline)
+            pipeline.tune(TrackerConfig(noise_px=2 * TrackerConfig().noise_px), NodeConfig())
+        a, b = send(pipeline, i, PIXELS[i] * (2 if i >= 10 else 1)), send(other, i, PIXELS[i])
+        assert a.accepted and a.estimate.initialised is (i == 0)
+        assert np.abs(a.positions - b.positions).max() < 1e-6, i
+
+
+def test_keypoints_still_under_way_are_read_with_the_camera_that_took_them(pipeline):
+    """The detector is three images behind when the camera changes."""
+    plain = Pipeline(TrackerConfig(), NodeConfig())
+    plain.set_camera(camera_info(BACKEND))
+    for i in range(20):
+        if i == 7:
+            double(pipeline)
+        if i == 10:
+            pipeline.tune(TrackerConfig(noise_px=2 * TrackerConfig().noise_px), NodeConfig())
+        a, b = send(pipeline, i, PIXELS[i] * (2 if i >= 10 else 1)), send(plain, i, PIXELS[i])
+        assert np.abs(a.positions - b.positions).max() < 1e-6, i
+
+
+def test_another_lens_while_running(pipeline):
+    cv2 = pytest.importorskip("cv2")
+    K, D = np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]]), np.array([-0.02, 0.004, -0.003, 0.0])
+    depths = []
+    for i in range(20):
+        pixels = PIXELS[i]
+        if i >= 10:
+            rays = (pixels - [WIDTH / 2, HEIGHT / 2]) / FOCAL
+            pixels = cv2.fisheye.distortPoints(rays[:, None], K, D)[:, 0]
+        if i == 10:
+            pipeline.set_camera(camera_info(BACKEND, distortion_model="equidistant", d=D))
+        depths.append(send(pipeline, i, pixels).positions[:3])
+    assert np.abs(np.diff(depths, axis=0)).max() < 0.1 and pipeline.counts["resets"] == 0
+
+
+def test_another_cameras_info_forgets_the_state(pipeline):
+    assert frame(pipeline, 0).accepted
+    pipeline.set_camera(camera_info(BACKEND, frame_id="another_camera"))
+    assert frame(pipeline, 1, frame_id="").estimate.initialised and pipeline.counts["resets"] == 1
 
 
 def test_a_refused_camera_is_counted_each_time_and_the_good_one_stays(pipeline):

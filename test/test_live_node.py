@@ -6,7 +6,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from live import BACKEND, START_NS, NodeProcess, Peer, stamp_of, values_of  # noqa: E402
-from messages import FRAME, camera_info, pixels_of_motion  # noqa: E402
+from messages import FOCAL, FRAME, HEIGHT, WIDTH, camera_info, pixels_of_motion  # noqa: E402
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue  # noqa: E402
 from rcl_interfaces.srv import (  # noqa: E402
     DescribeParameters,
@@ -206,13 +206,47 @@ def test_refused_keypoints_are_counted_by_reason_and_the_state_stays(running):
 
 
 def test_a_stamp_that_jumps_back_starts_anew(running):
-    feed(running, 30)
+    feed(running, 40)  # more than jump_back
     before = int(values_of(running.next_diagnostics())["resets"])
     running.frames_sent = 0  # the bag loops
     stamps = feed(running, 2)
     assert [values_of(m)["initialised"] for m in running.got[topics.CERTIFICATE][-2:]] == ["true", "false"]
     assert [stamp_of(m) for m in running.got[topics.JOINT_STATES][-2:]] == stamps
     assert int(values_of(running.next_diagnostics())["resets"]) == before + 1
+
+
+def test_a_bag_looped_three_times_gives_the_same_joints_each_time(running):
+    feed(running, 40)
+    rounds = []
+    for _ in range(3):
+        running.frames_sent = 0
+        stamps = feed(running, 40)
+        poses = running.got[topics.JOINTS][-40:]
+        assert [stamp_of(m) for m in poses] == stamps
+        rounds.append([[(p.position.x, p.position.y, p.position.z, p.orientation.w) for p in m.poses] for m in poses])
+    assert rounds[0] == rounds[1] == rounds[2]
+
+
+def test_another_resolution_while_running_leaves_the_person_where_they_are(running):
+    """Twice as many pixels, and a camera_info that says so."""
+    feed(running, 5)
+    before = running.got[topics.TRANSLATION][-1].point.z
+    changed, outputs = len(running.got[topics.CERTIFICATE]), running.got[topics.TRANSLATION]
+    seen = camera_info(BACKEND, focal=2 * FOCAL, width=2 * WIDTH, height=2 * HEIGHT)
+    seen.k[2], seen.k[5] = WIDTH, HEIGHT
+    for info, scale in ((seen, 2), (camera_info(BACKEND), 1)):
+        running.camera.publish(info)
+        running.next_diagnostics(lambda s: float(values_of(s)["camera_info age [s]"]) < 1.1)
+        for _ in range(10):
+            answers = len(outputs)
+            stamp = START_NS + running.frames_sent * 16_666_667
+            running.send(stamp, scale * PIXELS[running.frames_sent % len(PIXELS)])
+            running.frames_sent += 1
+            running.spin_until(lambda: len(outputs) > answers, what="an output")  # noqa: B023
+            assert abs(outputs[-1].point.z - before) < 0.4
+    running.settle()
+    initialised = {values_of(m)["initialised"] for m in running.got[topics.CERTIFICATE][changed:]}
+    assert initialised == {"false"}
 
 
 def test_no_output_before_a_usable_camera_info():
