@@ -12,7 +12,7 @@ import numpy as np
 
 from lassokin_ros.core.initialisation import STARTS, Initialiser
 from lassokin_ros.core.kinematics import BodyState, Kinematics
-from lassokin_ros.core.rotations import logarithm
+from lassokin_ros.core.robust import norm
 
 COARSE = ((4, 8.0), (7, 2.0))
 """(frames of age, factor on the noise) while a challenger is young."""
@@ -38,7 +38,6 @@ class Challengers:
     def __init__(self, initialiser: Initialiser, kinematics: Kinematics, count: int) -> None:
         self._initialiser = initialiser
         self._kinematics = kinematics
-        self._live = np.flatnonzero(kinematics.live)
         self._count = count
         self._states: BodyState | None = None
 
@@ -57,62 +56,63 @@ class Challengers:
         self._states = None
 
     def advance(
-        self, state: BodyState, previous: BodyState, points: np.ndarray, weights: np.ndarray, motion_cost: np.ndarray
+        self, state: BodyState, omega: np.ndarray, points: np.ndarray, weights: np.ndarray, motion_cost: np.ndarray
     ) -> BodyState | None:
         """One Gauss-Newton step for every challenger; the state that should replace `state`, or None.
 
-        previous: the published state of the frame before; motion_cost: (live,) cost per rad of each degree of freedom's
-        increment, the tracker's alpha, which the challengers pay like the published state.
+        omega: (live,) rad, the increment that led to the published `state`; motion_cost: (live,) cost per rad of each
+        degree of freedom's increment, the tracker's alpha, which the challengers pay like the published state.
         """
         if self._states is None or self._count == 0:
             return None
         factor = np.ones(self._count)
         for age, value in reversed(COARSE):
             factor[self._age < age] = value
-        before = self._states
-        self._states = self._initialiser.step(before, points, weights / factor[:, None])
+        self._states, increments = self._initialiser.step(self._states, points, weights / factor[:, None])
         self._age += 1
-        cost = self._cost(self._states, before, points, weights, motion_cost)
-        own = self._cost(_pooled(state), _pooled(previous), points, weights, motion_cost)[0]
-        share = 1 / np.clip(self._age - COUNTED_FROM, 1, MEMORY)
-        counted = self._age > COUNTED_FROM
-        self._advantage = np.where(counted, self._advantage + (own - cost - self._advantage) * share, 0.0)
-        winner = self._exchange(state)
-        self._recycle(winner or state, points, weights)
+        # The published state joins the batch as its last row.
+        everyone = BodyState(
+            np.concatenate([self._states.rotations, state.rotations[None]]),
+            np.concatenate([self._states.translation, state.translation[None]]),
+        )
+        pose = self._kinematics.pose(everyone)
+        cost = self._initialiser.cost(everyone, points, weights, pose)
+        cost += np.abs(np.concatenate([increments, omega[None]])) @ motion_cost
+        counted = self._age - COUNTED_FROM
+        share = 1 / np.minimum(np.maximum(counted, 1), MEMORY)
+        gain = cost[-1] - cost[:-1] - self._advantage
+        self._advantage = np.where(counted > 0, self._advantage + gain * share, 0.0)
+        ripe = self._age >= OLD_ENOUGH
+        if not ripe.any():
+            return None
+        winner = self._exchange(ripe, state, pose.positions)
+        self._recycle(ripe, pose.positions, points, weights)
         return winner
 
-    def _cost(
-        self, states: BodyState, before: BodyState, points: np.ndarray, weights: np.ndarray, motion_cost: np.ndarray
-    ) -> np.ndarray:
-        turned = logarithm(np.swapaxes(before.rotations, -1, -2) @ states.rotations)
-        moved = np.abs(turned.reshape(len(turned), -1)[:, self._live]) @ motion_cost
-        return self._initialiser.cost(states, points, weights) + moved
+    def _exchange(self, ripe: np.ndarray, state: BodyState, positions: np.ndarray) -> BodyState | None:
+        """Take the winner out of the pool, if there is one, and put the published state in its place.
 
-    def _exchange(self, state: BodyState) -> BodyState | None:
-        """Take the winner out of the pool, if there is one, and put the published state in its place."""
+        positions: (count + 1, n, 3) of the pool's joints, the published ones last; they change places likewise.
+        """
         assert self._states is not None
-        best = int(np.argmax(np.where(self._age >= OLD_ENOUGH, self._advantage, -np.inf)))
-        if self._age[best] < OLD_ENOUGH or self._advantage[best] <= MARGIN:
+        best = int(np.argmax(np.where(ripe, self._advantage, -np.inf)))
+        if self._advantage[best] <= MARGIN:
             return None
         winner = BodyState(self._states.rotations[best].copy(), self._states.translation[best].copy())
         self._states.rotations[best] = state.rotations
         self._states.translation[best] = state.translation
+        positions[[best, -1]] = positions[[-1, best]]
         self._advantage -= self._advantage[best]
         self._advantage[best] = -0.5 * MARGIN
         return winner
 
-    def _recycle(self, state: BodyState, points: np.ndarray, weights: np.ndarray) -> None:
+    def _recycle(self, ripe: np.ndarray, positions: np.ndarray, points: np.ndarray, weights: np.ndarray) -> None:
         """Renew at most one challenger a frame: one that is too old, hopeless, or has become the published state."""
-        assert self._states is not None
-        ripe = self._age >= OLD_ENOUGH
-        if not ripe.any():
-            return
-        mine = self._kinematics.pose(state).positions
-        theirs = self._kinematics.pose(self._states).positions
-        distance = np.linalg.norm((theirs - theirs[:, :1]) - (mine - mine[:1]), axis=-1).mean(-1)
-        done = ripe & ((distance < ALIKE) | (self._advantage < HOPELESS) | (self._age > GIVEN_UP_AT))
+        relative = positions - positions[:, :1]
+        alike = norm(relative[:-1] - relative[-1]).mean(-1) < ALIKE
+        done = ripe & (alike | (self._advantage < HOPELESS) | (self._age > GIVEN_UP_AT))
         if done.any():
-            worth = self._advantage - 100.0 * (distance < ALIKE)
+            worth = self._advantage - 100.0 * alike
             self._renew(int(np.argmin(np.where(done, worth, np.inf))), points, weights)
 
     def _renew(self, slot: int, points: np.ndarray, weights: np.ndarray) -> None:
@@ -122,7 +122,3 @@ class Challengers:
         self._states.rotations[slot] = start.rotations
         self._states.translation[slot] = start.translation
         self._age[slot] = self._advantage[slot] = 0.0
-
-
-def _pooled(state: BodyState) -> BodyState:
-    return BodyState(state.rotations[None], state.translation[None])

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lassokin_ros.core.kinematics import BodyState, Kinematics
+from lassokin_ros.core.kinematics import BodyPose, BodyState, Kinematics
 from lassokin_ros.core.observation_model import linearise
 from lassokin_ros.core.prior import PosePrior, PriorRows
 from lassokin_ros.core.projection import project
-from lassokin_ros.core.robust import capped_cost, capped_weights
+from lassokin_ros.core.robust import capped_cost, capped_weights, norm
 from lassokin_ros.core.rotations import exponential
 
 STARTS = 8
@@ -44,6 +44,7 @@ class Initialiser:
         self._rows = rows
         self._mean = exponential(prior.mean)
         self._live = np.flatnonzero(kinematics.live)
+        self._damping = np.diag(np.append(np.full(len(self._live), DAMPING), np.full(3, 1e-6)))
 
     def fit(self, points: np.ndarray, weights: np.ndarray) -> Fit:
         """Fit all starts to one frame.
@@ -60,15 +61,17 @@ class Initialiser:
         """Gauss-Newton from S states at once, (S, n, 3, 3) and (S, 3)."""
         for factor, iterations in schedule:
             for _ in range(iterations):
-                states = self.step(states, points, weights / factor)
+                states, _ = self.step(states, points, weights / factor)
         return Fit(states, self.cost(states, points, weights))
 
-    def cost(self, states: BodyState, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """(S,) robust reprojection cost plus the prior's, in units of variance."""
-        landmarks = self._kinematics.pose(states).landmarks
+    def cost(
+        self, states: BodyState, points: np.ndarray, weights: np.ndarray, pose: BodyPose | None = None
+    ) -> np.ndarray:
+        """(S,) robust reprojection cost plus the prior's, in units of variance; pose: theirs, where it is known."""
+        landmarks = (pose or self._kinematics.pose(states)).landmarks
         error = (points - project(landmarks)) * weights[:, None]
         prior = self._rows.residual(states.rotations)
-        return capped_cost(np.linalg.norm(error, axis=-1)).sum(-1) + 0.5 * np.sum(prior * prior, axis=-1)
+        return capped_cost(norm(error)).sum(-1) + 0.5 * np.einsum("...i,...i->...", prior, prior)
 
     def start(self, side: int, points: np.ndarray, weights: np.ndarray) -> BodyState:
         """The mean pose turned to one of the `STARTS` sides, placed where the points are: one start."""
@@ -97,27 +100,25 @@ class Initialiser:
         translation[:, 2] = np.maximum(translation[:, 2], 0.5)
         return translation
 
-    def step(self, states: BodyState, points: np.ndarray, weights: np.ndarray) -> BodyState:
-        """One damped Gauss-Newton step of S states; weights: (l,) or (S, l)."""
+    def step(self, states: BodyState, points: np.ndarray, weights: np.ndarray) -> tuple[BodyState, np.ndarray]:
+        """One damped Gauss-Newton step of S states, and its increments (S, live); weights: (l,) or (S, l)."""
         kinematics, live = self._kinematics, self._live
+        count, first = len(live), self._rows.first
         pose = kinematics.pose(states)
         error = (points - project(pose.landmarks)) * weights[..., None]
-        robust = weights * np.sqrt(capped_weights(np.linalg.norm(error, axis=-1)))
-        model = linearise(kinematics, pose, points, robust)
-        prior_A, prior_z = self._rows.linearise(states.rotations)
-        J = np.concatenate([model.A[..., live], model.B], axis=-1)
-        P = prior_A[..., live]
+        model = linearise(kinematics, pose, points, weights * np.sqrt(capped_weights(norm(error))))
+        P, prior_z = self._rows.linearise_live(states.rotations)
+        J = np.concatenate([model.A.take(live, axis=-1), model.B], axis=-1)
         H = np.swapaxes(J, -1, -2) @ J
-        count = len(live)
-        H[..., :count, :count] += np.swapaxes(P, -1, -2) @ P + DAMPING * np.eye(count)
-        H[..., count:, count:] += 1e-6 * np.eye(3)
-        g = (np.swapaxes(J, -1, -2) @ model.residual[..., None])[..., 0]
-        g[..., :count] += (np.swapaxes(P, -1, -2) @ prior_z[..., None])[..., 0]
+        H += self._damping
+        H[..., first:count, first:count] += P @ np.swapaxes(P, -1, -2)
+        g = (model.residual[..., None, :] @ J)[..., 0, :]
+        g[..., first:count] += (P @ prior_z[..., None])[..., 0]
         step = np.linalg.solve(H, g[..., None])[..., 0]
+        increment = step[..., :count]
+        increment *= np.minimum(1.0, 0.7 / np.maximum(np.abs(increment).max(axis=-1, keepdims=True), 1e-12))
         omega = np.zeros(step.shape[:-1] + (3 * kinematics.joint_count,))
-        omega[..., live] = step[..., :count]
-        size = np.max(np.abs(omega), axis=-1, keepdims=True)
-        omega *= np.minimum(1.0, 0.7 / np.maximum(size, 1e-12))
+        omega[..., live] = increment
         moved = states.retract(omega, step[..., count:])
-        moved.translation[..., 2] = np.maximum(moved.translation[..., 2], 0.3)
-        return moved
+        np.maximum(moved.translation[..., 2], 0.3, out=moved.translation[..., 2])
+        return moved, increment

@@ -109,10 +109,13 @@ class PriorRows:
         rows = np.concatenate([self.W, self._limit_axes / LIMIT_SPREAD])
         self._rows_transposed = np.ascontiguousarray(rows.T)
         self._whitened_mean = self.W @ self._mean.reshape(-1)
-        self._rows_by_joint = np.ascontiguousarray(np.moveaxis(rows.reshape(len(rows), len(self.joints), 3), 1, 0))
+        self._columns_by_joint = self._rows_transposed.reshape(len(self.joints), 3, len(rows))
+        #: Its degrees of freedom are the live ones from this on: those before are the root's.
+        self.first = int(np.count_nonzero(live[root]))
+        self._live = np.flatnonzero(live[self.joints].reshape(-1))
 
     def _limits(self, kinematics: Kinematics) -> None:
-        """Rows (m, 3 joints) of unit axes, and ranges (m,) in `LIMIT_SPREAD`, of the limits of the joints that count."""
+        """Rows (m, 3 joints) of unit axes, and ranges (m,) in `LIMIT_SPREAD`, of the limits that count here."""
         names = [kinematics.skeleton.joint_names[joint] for joint in self.joints]
         limits = [limit for limit in joint_limits() if limit.joint in names]
         self._limit_axes = np.zeros((len(limits), 3 * len(names)))
@@ -137,15 +140,26 @@ class PriorRows:
         d theta / d Omega is the inverse right Jacobian of SO(3) at theta; turn: (..., n, 3, 3), a further factor on the
         right of each joint's block (the right Jacobian of an increment already made).
         """
+        columns, z = self._columns(rotations, turn)
+        A = np.zeros((*z.shape, self._n, 3))
+        A[..., self.joints, :] = np.swapaxes(columns, -1, -2).reshape(*z.shape, len(self.joints), 3)
+        return A.reshape(*z.shape, 3 * self._n), z
+
+    def linearise_live(self, rotations: np.ndarray, turn: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """(A^T, z) as `linearise`, A^T (..., live - first, k + m) of the live degrees of freedom after the root's."""
+        columns, z = self._columns(rotations, turn)
+        return columns.take(self._live, axis=-2), z
+
+    def _columns(self, rotations: np.ndarray, turn: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """(..., 3 joints, k + m), the columns of A as rows, in which order no product needs a copy; z."""
         theta = logarithm(rotations.take(self.joints, axis=-3))
         inner = right_jacobian_inverse(theta)
         if turn is not None:
             inner = inner @ turn.take(self.joints, axis=-3)
         z = self._right_side(theta)
-        A = np.zeros(theta.shape[:-2] + (self.count, self._n, 3))
-        A[..., self.joints, :] = np.moveaxis(self._rows_by_joint @ inner, -3, -2)
-        A[..., len(self.W) :, :, :] *= (z[..., len(self.W) :] != 0)[..., None, None]
-        return A.reshape(*theta.shape[:-2], self.count, 3 * self._n), z
+        columns = (np.swapaxes(inner, -1, -2) @ self._columns_by_joint).reshape(*theta.shape[:-2], -1, self.count)
+        columns[..., len(self.W) :] *= (z[..., len(self.W) :] != 0)[..., None, :]
+        return columns, z
 
     def _right_side(self, theta: np.ndarray) -> np.ndarray:
         z: np.ndarray = theta.reshape(*theta.shape[:-2], -1) @ self._rows_transposed

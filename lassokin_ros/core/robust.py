@@ -8,6 +8,11 @@ THRESHOLD = 3.0
 """Standard deviations beyond which an error counts linearly."""
 
 
+def norm(errors: np.ndarray) -> np.ndarray:
+    """Lengths (...) of vectors (..., d)."""
+    return np.sqrt(np.einsum("...i,...i->...", errors, errors))
+
+
 def huber_weights(size: np.ndarray, threshold: float = THRESHOLD) -> np.ndarray:
     """Factor on the squared error that makes least squares minimise Huber's loss, in (0, 1]."""
     return np.minimum(1.0, threshold / np.maximum(size, threshold))

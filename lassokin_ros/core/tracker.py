@@ -163,7 +163,9 @@ class Tracker:
             self._challengers.start(points, weights)
             self._successor = None
         else:
-            self._successor = self._challengers.advance(self._state, start, points, weights, problem.alpha)
+            self._successor = self._challengers.advance(
+                self._state, omega[self._live], points, weights, problem.alpha
+            )
             self._upright.learn(self._state.rotations[0], observation.stamp - self._seen)
         self._seen, self._status = observation.stamp, Status.TRACKING
         pose = self.kinematics.pose(self._state)
@@ -254,14 +256,15 @@ class Tracker:
         axes = None if turn is None else pose.orientations @ turn
         error = np.sqrt(np.sum((points - project(pose.landmarks)) ** 2, axis=-1)) * weights
         image = linearise(self.kinematics, pose, points, weights * np.sqrt(huber_weights(error)), axes)
-        prior_A, prior_z = self._prior.linearise(state.rotations, turn)
+        prior_columns, prior_z = self._prior.linearise_live(state.rotations, turn)
         upright_A, upright_z = self._upright.linearise(state.rotations[0])
-        images, priors = len(image.residual), len(prior_z)
-        A = np.zeros((images + priors + self._upright.count, len(omega)))
-        A[:images], A[images:-3], A[-3:, :3] = image.A, prior_A, upright_A if turn is None else upright_A @ turn[0]
+        images, first = len(image.residual), self._prior.first  # the root's live columns come before the prior's
+        A = np.zeros((images + len(prior_z) + self._upright.count, len(self._live)))
+        A[:images], A[images:-3, first:] = image.A.take(self._live, axis=1), prior_columns.T
+        A[-3:, :first] = (upright_A if turn is None else upright_A @ turn[0])[:, self._live[:first]]
         B = np.zeros((len(A), 3))
         B[:images] = image.B
         z = np.concatenate([image.residual, prior_z, upright_z]) + B @ x
         if turn is not None:
-            z += A @ omega
-        return Lasso(A[:, self._live], B, z, self.config.sparsity / self._motion)
+            z += A @ omega[self._live]
+        return Lasso(A, B, z, self.config.sparsity / self._motion)
