@@ -58,9 +58,3 @@ def test_arrows_of_the_house(folder, forbidden):
     for path in sorted((ROOT / folder).rglob("*.py")):
         for module in imports_of(path):
             assert not any(module == name or module.startswith(name + ".") for name in forbidden), f"{path}: {module}"
-
-
-def test_launch_file_is_python_that_names_what_exists():
-    text = (ROOT / "launch" / "tracker.launch.py").read_text(encoding="utf-8")
-    ast.parse(text)
-    assert 'executable="tracker"' in text and '"tracker.yaml"' in text
