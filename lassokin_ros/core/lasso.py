@@ -172,25 +172,25 @@ def _mend(reduced: Reduced, alpha: np.ndarray, omega: np.ndarray, steps: int = 8
     """
     H, g = reduced.H, reduced.g
     size = np.abs(omega)
-    signs = np.where(size < 1e-7 * size.max(initial=0), 0.0, np.sign(omega))
+    signs = np.sign(omega)
+    signs[size < 1e-7 * size.max()] = 0.0
     bound = alpha * (1 + 1e-10)
     for step in range(steps):
         support = signs.nonzero()[0]
-        result = np.zeros_like(omega)
-        values, dependent = _solve_on(H, support, g[support] - alpha[support] * signs[support])
-        if dependent and step == 0:
+        result = np.zeros(len(g))
+        result[support], factor, failed = _solve_on(H, support, g[support] - alpha[support] * signs[support])
+        if failed or (step == 0 and _nearly_singular(factor)):
+            if step > 0:
+                return None
             signs = np.sign(_purified(H, alpha, np.where(signs != 0, omega, 0.0)))
             continue
-        if dependent:
-            return None
-        result[support] = values
         correlation = g - H @ result
         excess = np.abs(correlation) - bound
         excess[support] = 0.0
         worst = excess.max()
         contradicted = result * signs < 0
         if worst <= 0 and not contradicted.any():
-            return result
+            return None if _nearly_singular(factor) else result
         signs[contradicted] = 0.0
         if worst > 0:
             entering = excess >= (ENTERING_TOGETHER * worst if step < ALONE_FROM else worst)
@@ -198,16 +198,17 @@ def _mend(reduced: Reduced, alpha: np.ndarray, omega: np.ndarray, steps: int = 8
     return None
 
 
-def _solve_on(H: np.ndarray, support: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Omega_V, and whether the support's columns are (nearly) dependent, when it means nothing."""
+def _solve_on(H: np.ndarray, support: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool]:
+    """(Omega_V, the Cholesky factor, whether there is none)."""
     if len(support) == 0:
-        return right, False
-    factor, values, failed = lapack.dposv(H[support][:, support], right)  # quicker than by np.ix_
-    return values, bool(failed) or _nearly_singular(factor)
+        return right, np.ones((1, 1)), False
+    # Two takes are quicker than np.ix_; the transposed view of a symmetric matrix is what LAPACK works on in place.
+    factor, values, failed = lapack.dposv(H.take(support, axis=0).take(support, axis=1).T, right, overwrite_a=1)
+    return values, factor, bool(failed)
 
 
 def _nearly_singular(factor: np.ndarray) -> bool:
-    diagonal = np.abs(factor.diagonal())
+    diagonal = factor.diagonal()
     return bool(diagonal.min() < 1e-6 * diagonal.max())
 
 
