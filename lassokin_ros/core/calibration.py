@@ -15,33 +15,23 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import lapack
 
-from lassokin_ros.core.kinematics import BodyPose, BodyState, Kinematics
+from lassokin_ros.core.kinematics import BodyState, Kinematics
 from lassokin_ros.core.observation_model import linearise
 from lassokin_ros.core.prior import PriorRows
+from lassokin_ros.core.proportions import Proportions
 from lassokin_ros.core.robust import huber_cost, huber_weights
+from lassokin_ros.core.rotations import exponential
 from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.core.upright import Upright
 
-PAIRS = {
-    "hip width": ("hip", "x"),
-    "hip drop": ("hip", "yz"),
-    "thigh": ("knee", "xyz"),
-    "shank": ("ankle", "xyz"),
-    "foot": ("foot", "xyz"),
-    "shoulder width": ("collar shoulder", "x"),
-    "shoulder height": ("collar shoulder", "yz"),
-    "upper arm": ("elbow", "xyz"),
-    "forearm": ("wrist", "xyz"),
-    "hand": ("hand", "xyz"),
-}
-"""Lengths of SMPL's tree that stand left and right: the joints at whose offsets' components they are."""
-MIDDLE = {"trunk": "spine1 spine2 spine3", "neck": "neck", "head": "head"}
-
-SPREAD = 0.06
-"""Standard deviation of a log-length about the given one."""
+MODELS = (0.003, 0.05, 0.12)
+"""What the given lengths may be, equally likely at first: measured, good guesses, or somebody else's; standard
+deviation of a log-length about them. A tape-measured skeleton is thereby left alone until the images contradict it."""
 STATURE_SPREAD = 0.005
 """The same of the stature at rest: held, but as a row of a linear system."""
-INFORMATION = 0.3
+FARTHEST = 0.3
+"""Largest log-length."""
+INFORMATION = 0.6
 """Share of a kept frame's information that is counted: neither the prior's errors nor the tracks' are independent."""
 KEPT = 32
 """Kept frames; when there are so many, every other one goes and the interval doubles."""
@@ -49,7 +39,7 @@ INTERVAL = 0.25
 """s between kept frames, at first."""
 SETTLED = 0.5
 """s after a start before frames are kept."""
-WORK_EVERY = 5
+WORK_EVERY = 8
 """Frames between two pieces of work: one frame kept, or one linearised again."""
 UPDATE_EVERY = 1.0
 """s between two updates of the skeleton."""
@@ -57,76 +47,27 @@ DAMPING = 1e-3
 """1/rad^2, keeps what nothing observes where it is."""
 TYPICAL_COST = 12.0
 """Robust cost of a frame (image and prior) at which its weight is halved: a wrong pose explains the image badly."""
+VOLUME = 0.4
+"""Share of the pose's volume that is counted. Lengths that are likely leave many poses likely (a limb across the view),
+the best pose alone favours limbs that are too long and lean in depth. This and INFORMATION were chosen on the
+training clips of the prior."""
+VOLUME_STEP = 0.05
+"""Step of the log-length over which the volume's change is taken, about what noise does to a limb in the image."""
+STEEPEST = 50.0
+"""Largest change of the volume's logarithm per log-length: near a limb across the view it is no longer meaningful."""
 CERTAIN = 0.012
-"""Standard deviation of the least certain length (of those that the stature and the images know) that ends it."""
+"""Standard deviation of the least certain log-length below which it ends."""
+SHORTEST = 8.0
+"""s of kept motion before which it does not end."""
 LONGEST = 20.0
 """s of kept motion after which it ends in any case."""
-
-
-class Proportions:
-    """The log-lengths (p,) of one skeleton, 0 = as given, and what they do to offsets and landmarks."""
-
-    def __init__(self, kinematics: Kinematics) -> None:
-        skeleton = kinematics.skeleton
-        self.given = skeleton
-        self._kinematics = kinematics
-        self._parent = np.maximum(skeleton.parents, 0)
-        self._reach = skeleton.ancestors[kinematics.layout.joints].astype(float)
-        parts = _parts(skeleton)
-        seen = [name for name, part in parts.items() if np.any(self._reach @ np.abs(part).sum(-1) > 1e-6)]
-        self.names = tuple(seen)
-        #: (p, n, 3) m: the offsets that each length scales.
-        self.parts = np.array([parts[name] for name in seen]).reshape(-1, skeleton.joint_count, 3)
-        height = skeleton.rest_positions[:, 1]
-        top, bottom = int(np.argmax(height)), int(np.argmin(height))
-        path = skeleton.ancestors[top].astype(float) - skeleton.ancestors[bottom]
-        #: (p,) share of the stature at rest that each length makes.
-        self.stature_shares = self.parts[:, :, 1] @ path / max(height[top] - height[bottom], 1e-9)
-
-    @property
-    def count(self) -> int:
-        """Number of lengths."""
-        return len(self.names)
-
-    def skeleton(self, lengths: np.ndarray) -> Skeleton:
-        """The given skeleton with other lengths."""
-        return self.given.with_offsets(self.given.offsets + np.tensordot(np.expm1(lengths), self.parts, 1))
-
-    def jacobian(self, pose: BodyPose, lengths: np.ndarray) -> np.ndarray:
-        """(l, 3, p) m: derivative of the landmarks by the log-lengths, in the camera frame, root held."""
-        scaled = np.moveaxis(np.exp(lengths)[:, None, None] * self.parts, 0, -1)
-        bones = pose.orientations[self._parent] @ scaled
-        n = self.given.joint_count
-        return (self._reach @ bones.reshape(n, -1)).reshape(len(self._reach), 3, self.count)
-
-
-def _parts(skeleton: Skeleton) -> dict[str, np.ndarray]:
-    """(n, 3) m of each length: its share of the offsets. Joints that the tables do not name stand for themselves."""
-    names = skeleton.joint_names
-    groups: dict[str, tuple[list[str], str]] = {}
-    for length, (kinds, axes) in PAIRS.items():
-        groups[length] = ([f"{side}_{kind}" for side in ("left", "right") for kind in kinds.split()], axes)
-    groups |= {length: (joints.split(), "xyz") for length, joints in MIDDLE.items()}
-    known = {joint for joints, _ in groups.values() for joint in joints}
-    for name in (name for name in names if name not in known):
-        kind = name.removeprefix("left_").removeprefix("right_")
-        groups[kind] = ([*groups.get(kind, ([], ""))[0], name], "xyz")
-    parts = {}
-    for length, (joints, axes) in groups.items():
-        part = np.zeros((skeleton.joint_count, 3))
-        components = ["xyz".index(axis) for axis in axes]
-        for joint in (names.index(joint) for joint in joints if joint in names):
-            part[joint, components] = skeleton.offsets[joint, components]
-        if part.any():
-            parts[length] = part
-    return parts
 
 
 @dataclass(eq=False)
 class KeptFrame:
     """A frame that speaks about the lengths: what was seen, its pose, and its normal equations in the lengths.
 
-    information (p, p) and pull (p,) hold about `lengths`, where it was linearised last.
+    information (p, p) and pull (p,), the gradient's negative, hold about `lengths`, where it was linearised last.
     """
 
     state: BodyState
@@ -152,13 +93,14 @@ class Calibration:
         """Back to the given lengths."""
         count = self.proportions.count
         self.lengths = np.zeros(count)
-        self.spread = np.full(count, SPREAD)
+        self.spread = np.full(count, MODELS[1])
         self.frozen = count == 0
         self.moved = 0.0
+        self.odds = np.full(len(MODELS), 1 / len(MODELS))
         self._frames: list[KeptFrame] = []
         self._interval = INTERVAL
         self._calls = self._turn = 0
-        self._kept_at = self._updated_at = self._started = None
+        self._kept_at = self._updated_at = np.nan
 
     @property
     def skeleton(self) -> Skeleton:
@@ -181,9 +123,9 @@ class Calibration:
         self._calls += 1
         if self.frozen or self._calls % WORK_EVERY:
             return False
-        if self._kept_at is None:
+        if np.isnan(self._kept_at):
             self.restart_clock(stamp)
-        if self._updated_at is None:
+        if np.isnan(self._updated_at):
             self._updated_at = stamp
         if stamp - self._kept_at >= self._interval:
             self.moved += self._interval
@@ -214,21 +156,40 @@ class Calibration:
         H = J.T @ J
         H.flat[:: len(H) + 1] += DAMPING
         right = np.column_stack([J.T @ C, J.T @ z])
-        _, solved, failed = lapack.dposv(H, right)
+        factor, solved, failed = lapack.dposv(H, right)
         if failed:
             return
         coupling, step = solved[:, :-1], solved[:, -1]
+        images = J[: 2 * len(frame.points)]
+        volume = self._volume(frame, H - images.T @ images, coupling, 2 * float(np.log(factor.diagonal()).sum()))
         frame.information = C.T @ C - right[:, :-1].T @ coupling
-        frame.pull = C.T @ z - right[:, :-1].T @ step
+        frame.pull = C.T @ z - right[:, :-1].T @ step - 0.5 * VOLUME * volume
         frame.lengths, frame.cost = self.lengths, cost
-        omega = np.zeros(3 * self._kinematics.joint_count)
-        omega[self._live] = step[:-3]
-        size = max(float(np.max(np.abs(omega))), 1e-12)
-        frame.state = frame.state.retract(omega * min(1.0, 0.5 / size), step[-3:])
+        frame.state = self._moved(frame.state, step, 0.5)
 
-    def _frame_rows(
-        self, frame: KeptFrame, upright: Upright
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    def _moved(self, state: BodyState, steps: np.ndarray, largest: float = np.inf) -> BodyState:
+        """The state after steps (..., live + 3), their turns cut to `largest` rad."""
+        omega = np.zeros(steps.shape[:-1] + (3 * self._kinematics.joint_count,))
+        omega[..., self._live] = steps[..., :-3]
+        size = np.maximum(np.max(np.abs(omega), axis=-1, keepdims=True), 1e-12)
+        omega = (omega * np.minimum(1.0, largest / size)).reshape(*steps.shape[:-1], -1, 3)
+        return BodyState(state.rotations @ exponential(omega), state.translation + steps[..., -3:])
+
+    def _volume(self, frame: KeptFrame, prior: np.ndarray, coupling: np.ndarray, at_present: float) -> np.ndarray:
+        """(p,) change of log det H, H of the pose, with each log-length when the pose follows it.
+
+        prior: what H has beside the images; coupling: (live + 3, p), by how much the pose follows, with the other sign.
+        """
+        count = self.proportions.count
+        states = self._moved(frame.state, -VOLUME_STEP * coupling.T)
+        offsets = self.proportions.offsets(self.lengths + VOLUME_STEP * np.eye(count))
+        pose = self._kinematics.pose(states, offsets)
+        model = linearise(self._kinematics, pose, frame.points, frame.weights)
+        J = np.concatenate([model.A[..., self._live], model.B], axis=-1)
+        there = np.linalg.slogdet(np.swapaxes(J, -1, -2) @ J + prior)[1]
+        return np.clip((there - at_present) / VOLUME_STEP, -STEEPEST, STEEPEST)
+
+    def _frame_rows(self, frame: KeptFrame, upright: Upright) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
         """(J, C, z, cost): rows ||z - J [Omega, x] - C dlengths||^2 of a frame, and its robust cost."""
         kinematics = self._kinematics
         pose = kinematics.pose(frame.state)
@@ -254,16 +215,33 @@ class Calibration:
         """Solve for the lengths by all kept frames, and end when they are certain."""
         count = self.proportions.count
         shares = self.proportions.stature_shares * np.exp(self.lengths)
-        stature = float(self.proportions.stature_shares @ np.expm1(self.lengths))
-        H = np.eye(count) / SPREAD**2 + np.outer(shares, shares) / STATURE_SPREAD**2
-        g = shares * (shares @ self.lengths - stature) / STATURE_SPREAD**2
+        excess = float(self.proportions.stature_shares @ np.expm1(self.lengths))
+        stature = np.outer(shares, shares) / STATURE_SPREAD**2
+        H, g = np.zeros((count, count)), shares * (shares @ self.lengths - excess) / STATURE_SPREAD**2
         for frame in self._frames:
             weight = INFORMATION / (1 + (frame.cost / TYPICAL_COST) ** 2)
             H += weight * frame.information
             g += weight * (frame.pull + frame.information @ frame.lengths)
-        covariance = np.linalg.inv(H)
-        self.lengths = np.clip(covariance @ g, -4 * SPREAD, 4 * SPREAD)
-        self.spread = np.sqrt(np.diagonal(covariance))
-        self.frozen = self.moved >= LONGEST or bool(self.spread.max() < CERTAIN)
+        self.odds, means, covariances = _averaged(H, stature, g)
+        self.lengths = np.clip(self.odds @ means, -FARTHEST, FARTHEST)
+        within, between = np.diagonal(covariances, axis1=1, axis2=2), (means - self.lengths) ** 2
+        self.spread = np.sqrt(self.odds @ (within + between))
+        certain = self.moved >= SHORTEST and bool(self.spread.max() < CERTAIN)
+        self.frozen = certain or self.moved >= LONGEST
         if self.frozen:
             self._frames = []
+
+
+def _averaged(H: np.ndarray, stature: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(odds (m,), means (m, p), covariances (m, p, p)) of the models: each Gaussian, its odds by its evidence."""
+    evidence, means, covariances = [], [], []
+    for spread in MODELS:
+        prior = stature + np.eye(len(g)) / spread**2
+        covariance = np.linalg.inv(H + prior)
+        mean = covariance @ g
+        volume = np.linalg.slogdet(prior)[1] + np.linalg.slogdet(covariance)[1]
+        evidence.append(0.5 * (g @ mean + volume))
+        means.append(mean)
+        covariances.append(covariance)
+    odds = np.exp(np.array(evidence) - max(evidence))
+    return odds / odds.sum(), np.array(means), np.array(covariances)
