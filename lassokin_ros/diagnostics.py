@@ -68,6 +68,8 @@ class Diagnostics:
 
     def _judge(self, now: float, recent: Counter[str]) -> tuple[int, str]:
         pipeline = self._pipeline
+        if not pipeline.enabled:
+            return OK, "disabled by ~/set_enabled"
         if pipeline.camera_fault:
             kept = "; the last good one stays in use" if pipeline.has_camera else ""
             return ERROR, f"camera_info refused: {pipeline.camera_fault}{kept}"
@@ -98,8 +100,9 @@ class Diagnostics:
             "callback time maximum [ms]": _figure(self._times_ms, 100),
             "reprojection error [px]": f"{self._reprojection_px:.2f}",
         }
-        for key in ("received", "accepted", "unstamped", "resets"):
-            values[f"{key} [messages]" if key != "resets" else key] = str(counts[key])
+        for key in ("received", "accepted", "unstamped", "ignored while disabled"):
+            values[f"{key} [messages]"] = str(counts[key])
+        values["resets"] = str(counts["resets"])
         if self._pipeline.people is not None:
             values["people"] = ", ".join(self._pipeline.people.ids) or "nobody"
             for key in ("people come", "people left", "people beyond max_people"):

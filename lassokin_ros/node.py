@@ -11,7 +11,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 
 from lassokin_ros import topics
 from lassokin_ros.core.errors import LassokinError
@@ -71,6 +71,7 @@ class TrackerNode(Node):
         )
         subscribe(message_class(keypoints_type), topics.KEYPOINTS, self._on_keypoints, _sensor_data(depth))
         self.create_service(Trigger, "~/reset", self._on_reset)
+        self.create_service(SetBool, "~/set_enabled", self._on_set_enabled)
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # diagnostics go on while simulated time stands still
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics, clock=steady)
         jump = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True)
@@ -123,6 +124,16 @@ class TrackerNode(Node):
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._forget()
         response.success, response.message = True, "state forgotten; the next usable frame initialises anew"
+        return response
+
+    def _on_set_enabled(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        """Disabled, the node keeps its topics and its camera, and costs next to nothing; nobody is remembered."""
+        changed = self._pipeline.enabled is not request.data
+        self._pipeline.enabled = request.data
+        if changed:
+            self._forget()
+        response.success = True
+        response.message = ("enabled" if request.data else "disabled") + ("" if changed else " already")
         return response
 
     def _on_clock_jump(self, jump: TimeJump) -> None:

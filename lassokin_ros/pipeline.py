@@ -39,6 +39,8 @@ class Pipeline:
         bodies = [Body(tracker_config) for _ in range(self.config.max_people)]
         self._bodies, self._body = bodies, bodies[0]
         self.tracker = bodies[0].tracker
+        self.enabled = True
+        """While False, keypoints are counted and not looked at."""
         self.counts: Counter[str] = Counter()
         """Messages by what became of them: received, accepted, unstamped, resets and "rejected: <reason>"."""
         self.people = People(bodies, self.counts) if self.config.several_people else None
@@ -104,6 +106,9 @@ class Pipeline:
         that says why.
         """
         self.counts["received"] += 1
+        if not self.enabled:
+            self.counts["ignored while disabled"] += 1
+            return []
         frames = self._frames(message, arrival_ns)
         rejection = frames[0].rejection if frames else None
         self.counts["accepted" if rejection is None else f"rejected: {rejection}"] += 1

@@ -5,7 +5,16 @@ import pytest
 
 pytest.importorskip("rosbags", reason="rosbags knows message types that are not installed")
 
-from detector_messages import HRI, YOLO, ZED, backend, detector_types, hri_skeleton, yolo_detections, zed_objects  # noqa: E402
+from detector_messages import (  # noqa: E402
+    HRI,
+    YOLO,
+    ZED,
+    backend,
+    detector_types,
+    hri_skeleton,
+    yolo_detections,
+    zed_objects,
+)
 from messages import FRAME  # noqa: E402
 from recordings import START_NS, read, synthetic_pixels, webcam_info, write_messages  # noqa: E402
 

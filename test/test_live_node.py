@@ -15,7 +15,7 @@ from rcl_interfaces.srv import (  # noqa: E402
     SetParameters,
     SetParametersAtomically,
 )
-from std_srvs.srv import Trigger  # noqa: E402
+from std_srvs.srv import SetBool, Trigger  # noqa: E402
 
 from lassokin_ros import topics  # noqa: E402
 from lassokin_ros.parameters import all_settings  # noqa: E402
@@ -152,6 +152,23 @@ def test_reset_forgets_the_state(running):
     feed(running)
     assert values_of(running.got[topics.CERTIFICATE][-1])["initialised"] == "true"
     assert not np.any(running.got[topics.JOINT_STATES][-1].velocity)
+
+
+def test_disabled_it_says_so_and_publishes_nothing(running):
+    feed(running, 2)
+    outputs = len(running.got[topics.JOINT_STATES])
+    response = running.call(SetBool, "set_enabled", SetBool.Request(data=False))
+    assert (response.success, response.message) == (True, "disabled")
+    assert running.call(SetBool, "set_enabled", SetBool.Request(data=False)).message == "disabled already"
+    for _ in range(3):
+        send_next(running)
+    key = "ignored while disabled [messages]"
+    status = running.next_diagnostics(lambda s: values_of(s)[key] == "3")
+    assert (status.level, status.message) == (OK, "disabled by ~/set_enabled")
+    assert len(running.got[topics.JOINT_STATES]) == outputs
+    assert running.call(SetBool, "set_enabled", SetBool.Request(data=True)).message == "enabled"
+    feed(running)
+    assert values_of(running.got[topics.CERTIFICATE][-1])["initialised"] == "true"
 
 
 def test_diagnostics_while_tracking(running):
