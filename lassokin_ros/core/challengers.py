@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from lassokin_ros.core.initialisation import STARTS, Initialiser
-from lassokin_ros.core.kinematics import BodyState, Kinematics
+from lassokin_ros.core.kinematics import BodyPose, BodyState, Kinematics
 from lassokin_ros.core.robust import norm
 
 COARSE = ((4, 8.0), (7, 2.0))
@@ -40,6 +40,7 @@ class Challengers:
         self._kinematics = kinematics
         self._count = count
         self._states: BodyState | None = None
+        self._pose: BodyPose | None = None
 
     def start(self, points: np.ndarray, weights: np.ndarray) -> None:
         """Begin with a pool of new challengers for this frame's points (l, 2) and weights (l,)."""
@@ -55,6 +56,10 @@ class Challengers:
         """Drop the pool."""
         self._states = None
 
+    def forget_pose(self) -> None:
+        """The skeleton has changed: the pool's pose, kept from one frame for the next, is no longer right."""
+        self._pose = None
+
     def advance(
         self, state: BodyState, omega: np.ndarray, points: np.ndarray, weights: np.ndarray, motion_cost: np.ndarray
     ) -> BodyState | None:
@@ -68,7 +73,7 @@ class Challengers:
         factor = np.ones(self._count)
         for age, value in reversed(COARSE):
             factor[self._age < age] = value
-        self._states, increments = self._initialiser.step(self._states, points, weights / factor[:, None])
+        self._states, increments = self._initialiser.step(self._states, points, weights / factor[:, None], self._pose)
         self._age += 1
         # The published state joins the batch as its last row.
         everyone = BodyState(
@@ -76,6 +81,7 @@ class Challengers:
             np.concatenate([self._states.translation, state.translation[None]]),
         )
         pose = self._kinematics.pose(everyone)
+        self._pose = BodyPose(pose.orientations[:-1], pose.positions[:-1], pose.landmarks[:-1])
         cost = self._initialiser.cost(everyone, points, weights, pose)
         cost += np.abs(np.concatenate([increments, omega[None]])) @ motion_cost
         counted = self._age - COUNTED_FROM
@@ -101,6 +107,7 @@ class Challengers:
         winner = BodyState(self._states.rotations[best].copy(), self._states.translation[best].copy())
         self._states.rotations[best] = state.rotations
         self._states.translation[best] = state.translation
+        self._pose = None
         positions[[best, -1]] = positions[[-1, best]]
         self._advantage -= self._advantage[best]
         self._advantage[best] = -0.5 * MARGIN
@@ -121,4 +128,5 @@ class Challengers:
         start = self._initialiser.start(self._next_side, points, weights)
         self._states.rotations[slot] = start.rotations
         self._states.translation[slot] = start.translation
+        self._pose = None
         self._age[slot] = self._advantage[slot] = 0.0

@@ -101,11 +101,16 @@ class Initialiser:
         translation[:, 2] = np.maximum(translation[:, 2], 0.5)
         return translation
 
-    def step(self, states: BodyState, points: np.ndarray, weights: np.ndarray) -> tuple[BodyState, np.ndarray]:
-        """One damped Gauss-Newton step of S states, and its increments (S, live); weights: (l,) or (S, l)."""
+    def step(
+        self, states: BodyState, points: np.ndarray, weights: np.ndarray, pose: BodyPose | None = None
+    ) -> tuple[BodyState, np.ndarray]:
+        """One damped Gauss-Newton step of S states, and its increments (S, live).
+
+        weights: (l,) or (S, l); pose: the states', where it is known.
+        """
         kinematics, live = self._kinematics, self._live
         count, first = len(live), self._rows.first
-        pose = kinematics.pose(states)
+        pose = pose or kinematics.pose(states)
         error = (points - project(pose.landmarks)) * weights[..., None]
         model = linearise(kinematics, pose, points, weights * np.sqrt(capped_weights(norm(error))))
         P, prior_z = self._rows.linearise_live(states.rotations)

@@ -24,6 +24,8 @@ ADAPTION = 0.05
 CORRELATION = 0.6
 """Filtered errors last several frames; this factor on the weights accounts for it."""
 
+_GAIN_OF, _ENTRY_OF = np.array([0, 0, 1]), np.array([0, 1, 1])  # a correction takes gain * entry off each covariance
+
 
 class PointFilter:
     """Tracks of l landmarks; all landmarks are updated at once."""
@@ -60,13 +62,14 @@ class PointFilter:
         self._predict(step, acceleration)
         innovation = points - self._position
         spread = self._covariance[0] + variance
-        surprise = 0.5 * np.sum(innovation * innovation, axis=-1) / spread
+        surprise = 0.5 * (innovation[:, 0] ** 2 + innovation[:, 1] ** 2) / spread
         off = seen & self._known & (surprise > GATE * GATE)
         self._off = np.where(off, self._off + 1, 0)
         anew = seen & (~self._known | (self._off >= CONVINCED_AFTER))
         used = seen & self._known & ~off
         self._correct(used, innovation, spread, surprise)
-        self._start(anew, points, variance)
+        if anew.any():
+            self._start(anew, points, variance)
         good = used | anew
         self._unseen = np.where(good, 0.0, self._unseen + step)
         self._known = (self._known | anew) & (self._unseen < FORGOTTEN_AFTER)
@@ -75,25 +78,19 @@ class PointFilter:
         return self._position.copy(), CORRELATION * filtered
 
     def _predict(self, step: float, acceleration: float) -> None:
-        a, b, c = self._covariance
-        noise = acceleration**2 * self._liveliness
+        transition = np.array([[1.0, 2 * step, step**2], [0.0, 1.0, step], [0.0, 0.0, 1.0]])
+        noise = acceleration**2 * np.array([[step**4 / 4], [step**3 / 2], [step**2]])
         self._position = self._position + step * self._velocity
-        self._covariance = np.stack(
-            [
-                a + 2 * step * b + step**2 * c + noise * step**4 / 4,
-                b + step * c + noise * step**3 / 2,
-                c + noise * step**2,
-            ]
-        )
+        self._covariance = transition @ self._covariance + noise * self._liveliness
 
     def _correct(self, used: np.ndarray, innovation: np.ndarray, spread: np.ndarray, surprise: np.ndarray) -> None:
-        a, b, c = self._covariance
-        gain, velocity_gain = np.where(used, a / spread, 0.0), np.where(used, b / spread, 0.0)
+        gains = np.where(used, self._covariance[:2] / spread, 0.0)
+        gain, velocity_gain = gains
         self._position = self._position + gain[:, None] * innovation
         self._velocity = self._velocity + velocity_gain[:, None] * innovation
-        self._covariance = np.stack([a - gain * a, b - gain * b, c - velocity_gain * b])
-        livelier = np.clip(self._liveliness * (1 + ADAPTION * (np.minimum(surprise, 25.0) - 1)), 0.02, 30.0)
-        self._liveliness = np.where(used, livelier, self._liveliness)
+        self._covariance = self._covariance - gains.take(_GAIN_OF, axis=0) * self._covariance.take(_ENTRY_OF, axis=0)
+        livelier = self._liveliness * (1 + ADAPTION * (np.minimum(surprise, 25.0) - 1))
+        self._liveliness = np.where(used, np.minimum(np.maximum(livelier, 0.02), 30.0), self._liveliness)
 
     def _start(self, anew: np.ndarray, points: np.ndarray, variance: np.ndarray) -> None:
         self._position = np.where(anew[:, None], points, self._position)

@@ -19,5 +19,5 @@ def projection_jacobian(points: np.ndarray) -> np.ndarray:
     inverse = 1.0 / np.maximum(points[..., 2], NEAREST_DEPTH)
     result = np.zeros(points.shape[:-1] + (2, 3))
     result[..., 0, 0] = result[..., 1, 1] = inverse
-    result[..., :, 2] = -points[..., :2] * (inverse * inverse)[..., None]
+    np.multiply(points[..., :2], -(inverse * inverse)[..., None], out=result[..., 2])
     return result

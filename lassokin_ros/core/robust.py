@@ -10,7 +10,8 @@ THRESHOLD = 3.0
 
 def norm(errors: np.ndarray) -> np.ndarray:
     """Lengths (...) of vectors (..., d)."""
-    return np.sqrt(np.einsum("...i,...i->...", errors, errors))
+    squares: np.ndarray = (errors * errors) @ np.ones(errors.shape[-1])
+    return np.sqrt(squares, out=squares)
 
 
 def huber_weights(size: np.ndarray, threshold: float = THRESHOLD) -> np.ndarray:

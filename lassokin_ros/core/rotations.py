@@ -21,6 +21,7 @@ _HAT = np.array([
 _HAT_AND_IDENTITY = np.vstack([_HAT, np.eye(3).reshape(1, 9)])
 #: (9, 4): of a flattened matrix, twice the vector of its skew part, and its trace.
 _SKEW_AND_TRACE = np.vstack([_HAT, np.eye(3).reshape(1, 9)]).T.copy()
+_ONES = np.ones(3)  # a product with it costs half of sum(axis=-1) on arrays this small
 _ONE_AND_A_HALF = 1.5 * np.eye(3)
 
 
@@ -36,7 +37,7 @@ def _angles(vectors: Array) -> tuple[Array, Array]:
     The functions below divide by them. Their quotients then lose digits near zero, (t - sin t)/t^3 for one; but those
     are multiplied by t^2 again, so what is returned is exact to rounding at every t.
     """
-    squared = np.maximum(np.einsum("...i,...i->...", vectors, vectors), 1e-30)
+    squared = np.maximum((vectors * vectors) @ _ONES, 1e-30)
     return np.sqrt(squared), squared
 
 
@@ -79,7 +80,7 @@ def logarithm(matrices: Array) -> Array:
     """
     parts = matrices.reshape(matrices.shape[:-2] + (9,)) @ _SKEW_AND_TRACE
     axis, double_cosine = parts[..., :3], parts[..., 3] - 1
-    double_sine = np.maximum(np.sqrt(np.einsum("...i,...i->...", axis, axis)), 1e-150)  # the angle is 0, not 0/0
+    double_sine = np.maximum(np.sqrt((axis * axis) @ _ONES), 1e-150)  # the angle is 0, not 0/0
     result: Array = (np.arctan2(double_sine, double_cosine) / double_sine)[..., None] * axis
     far = double_cosine < -1.9  # beyond 162 degrees
     if far.any():

@@ -123,6 +123,7 @@ class Tracker:
         self._status = Status.SEARCHING
         self._successor: BodyState | None = None
         self._guess: np.ndarray | None = None
+        self._pose: BodyPose | None = None  # of the present state, as long as the skeleton stays
         self._filter.reset()
         self._upright.reset()
         self._challengers.stop()
@@ -163,12 +164,10 @@ class Tracker:
             self._challengers.start(points, weights)
             self._successor = None
         else:
-            self._successor = self._challengers.advance(
-                self._state, omega[self._live], points, weights, problem.alpha
-            )
+            self._successor = self._challengers.advance(self._state, omega[self._live], points, weights, problem.alpha)
             self._upright.learn(self._state.rotations[0], observation.stamp - self._seen)
         self._seen, self._status = observation.stamp, Status.TRACKING
-        pose = self.kinematics.pose(self._state)
+        self._pose = pose = self.kinematics.pose(self._state)
         error = (seen - project(pose.landmarks))[visible] * observation.focal
         if self.config.calibrate:
             self._calibrate(observation.stamp, initialised, points, weights)
@@ -198,6 +197,8 @@ class Tracker:
     def _take_lengths(self) -> None:
         self.skeleton = self.calibration.skeleton
         self.kinematics.reshape(self.skeleton)
+        self._challengers.forget_pose()
+        self._pose = None
 
     def _refused(
         self, observation: Observation, rejection: Rejection, certificate: Certificate | None = None
@@ -251,7 +252,7 @@ class Tracker:
         With exp(omega + d) = exp(omega) exp(J_r(omega) d), the axes of all columns are turned by J_r, and what has been
         moved already is added back to z.
         """
-        pose = self.kinematics.pose(state)
+        pose = self._pose if state is self._state and self._pose is not None else self.kinematics.pose(state)
         turn = right_jacobian(omega.reshape(-1, 3)) if omega.any() else None
         axes = None if turn is None else pose.orientations @ turn
         error = np.sqrt(np.sum((points - project(pose.landmarks)) ** 2, axis=-1)) * weights
