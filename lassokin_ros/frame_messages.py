@@ -27,14 +27,21 @@ from msg_adapters.outputs import (
     PoseArrayBuilder,
     StatusLine,
     StringBuilder,
+    TransformBuilder,
 )
+
+BODY_FROM_ROOT = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+"""The root joint's frame (x to the person's left, y up, z front) in REP-103's for a body (x front, y left, z up): its
+columns are the latter's axes in the former."""
 
 
 class FrameMessages:
     """Turns accepted frames into messages. A message is re-used: publish or serialise it before the next frame."""
 
-    def __init__(self, backend: Backend, skeleton: Skeleton, name: str = "tracker", person: str = "") -> None:
-        """backend: of msg_adapters.backends; name: the node's, in the certificate; person: of several."""
+    def __init__(
+        self, backend: Backend, skeleton: Skeleton, name: str = "tracker", person: str = "", tf: bool = False
+    ) -> None:
+        """backend: of msg_adapters.backends; name: the node's, in the certificate; person: of several; tf: TF too."""
         joint_states = JointStateBuilder(backend, joint_names(skeleton))
         translation = PointStampedBuilder(backend)
         joints = PoseArrayBuilder(backend, skeleton.joint_count)
@@ -48,6 +55,10 @@ class FrameMessages:
             topics.MARKERS: lambda t, f, _, e: markers.fill(t, f, e.pose.positions),
             topics.CERTIFICATE: lambda t, f, _, e: certificate.fill(t, f, [certificate_line(e, title, f)]),
         }
+
+        if tf:
+            transform = TransformBuilder(backend, f"body_{person}" if person else "body")
+            self._makers[topics.TF] = lambda t, f, _, e: transform.fill(t, f, e.state.translation, body_turn(e))
 
     def build(self, frame: Frame, wanted: Callable[[str], bool] = lambda topic: True) -> Iterator[tuple[str, Any]]:
         """(topic, message) of each wanted output of an accepted frame, in the order of topics.FRAME_OUTPUTS."""
@@ -64,6 +75,13 @@ def id_list(backend: Any, rep155: bool) -> Callable[[int, str, list[str]], Any]:
         return IdsListBuilder(backend).fill
     text = StringBuilder(backend)
     return lambda stamp_ns, frame_id, ids: text.fill(",".join(ids))
+
+
+def body_turn(estimate: Estimate) -> np.ndarray:
+    """(4,) quaternion of the frame `body` in the camera's."""
+    assert estimate.pose is not None
+    turn: np.ndarray = to_quaternion(estimate.pose.orientations[0] @ BODY_FROM_ROOT)
+    return turn
 
 
 def certificate_line(estimate: Estimate, name: str, hardware_id: str) -> StatusLine:

@@ -48,6 +48,10 @@ class NodeConfig:
         False, "several people's topics as in REP-155: /humans/bodies/<id>/, the list as hri_msgs/IdsList"
     )
 
+    publish_tf: bool = setting(
+        False, "TF of the person's pelvis: frame body, or body_<id>, x to the front, y to the left, z up"
+    )
+
     @property
     def several_people(self) -> bool:
         """True when topics are one set for each person."""

@@ -35,7 +35,8 @@ class OfflineTracker:
         self.initialisations = 0
         self._backend = RosbagsBackend(types)
         self._status = DiagnosticArrayBuilder(self._backend)
-        self._types = {topic.name: topic.message_type for topic in (*topics.FRAME_OUTPUTS, *topics.OTHER_OUTPUTS)}
+        self._types = {topic.name: topic.message_type for topic in (*topics.PERSON_OUTPUTS, topics.DIAGNOSTICS_OUTPUT)}
+        self._types[topics.TF] = topics.TF_OUTPUT.message_type
         self._people: dict[str, PersonMessages] = {}
         self._ids: list[str] | None = None
         self._tracked = topics.TRACKED_OUTPUT
@@ -114,7 +115,7 @@ class PersonMessages:
     def __init__(self, backend: Backend, pipeline: Pipeline, person: str) -> None:
         """person: the id, empty when one person is followed."""
         self._skeleton, self._fallback = pipeline.tracker.skeleton, pipeline.config.base_frame
-        self._messages = FrameMessages(backend, self._skeleton, NODE_NAME, person)
+        self._messages = FrameMessages(backend, self._skeleton, NODE_NAME, person, pipeline.config.publish_tf)
         self._description = StringBuilder(backend)
         self._prefix = f"{person}_" if person else ""
         self._base_frame: str | None = None

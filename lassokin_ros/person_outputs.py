@@ -56,10 +56,12 @@ class PersonOutputs:
         """title: the node's name, in the certificate. Raises SkeletonError when config.base_frame cannot be a frame."""
         backend = RclpyBackend()
         self._node, self._skeleton, self._person = node, skeleton, person
-        self._messages = FrameMessages(backend, skeleton, title, person)
         self._description, self._base_frame = StringBuilder(backend), ""
         name = partial(topics.of_person, person=person, rep155=config.rep155)
         self._out = {t.name: advertise(node, t, name(t.name), not person) for t in topics.PERSON_OUTPUTS}
+        if config.publish_tf:
+            self._out[topics.TF] = advertise(node, topics.TF_OUTPUT, overridable=not person)
+        self._messages = FrameMessages(backend, skeleton, title, person, config.publish_tf)
         if not person:
             self.describe(config.base_frame)
 
@@ -96,7 +98,9 @@ class PeopleOutputs:
     """A PersonOutputs for each of several people, the list of their ids, and everybody's markers in one topic."""
 
     def __init__(self, node: Node, skeleton: Skeleton, config: NodeConfig, title: str) -> None:
-        """Raises ConfigurationError when the list's message type is not installed."""
+        """Raises ConfigurationError when a message type that is asked for is not installed."""
+        if config.publish_tf:
+            message_class(topics.TF_OUTPUT.message_type)  # now, not when the first person comes
         self._of = partial(PersonOutputs, node, skeleton, config, title)
         self._people: dict[str, PersonOutputs] = {}
         self._ids: list[str] = []

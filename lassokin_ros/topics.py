@@ -16,6 +16,7 @@ MARKERS = "markers"
 CERTIFICATE = "~/certificate"
 DIAGNOSTICS = "/diagnostics"
 TRACKED = "tracked"
+TF = "/tf"
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,9 @@ DIAGNOSTICS_OUTPUT = OutputTopic(DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArr
 OTHER_OUTPUTS = (DESCRIPTION_OUTPUT, DIAGNOSTICS_OUTPUT)
 """robot_description once for each base frame; diagnostics at 1 Hz."""
 
+TF_OUTPUT = OutputTopic(TF, "tf2_msgs/msg/TFMessage")
+"""Where the person is, by parameter."""
+
 PERSON_OUTPUTS = (*FRAME_OUTPUTS, DESCRIPTION_OUTPUT)
 """What there is for each person."""
 
@@ -54,7 +58,7 @@ REP155_TRACKED_OUTPUT = OutputTopic(f"{REP155_BODIES}/{TRACKED}", "hri_msgs/msg/
 
 def of_person(topic: str, person: str, rep155: bool = False) -> str:
     """The name of one person's topic; person: the id, empty when one person is followed."""
-    if not person:
+    if not person or topic.startswith("/"):
         return topic
     name = topic.removeprefix("~/")
     if rep155 and name == ROBOT_DESCRIPTION:

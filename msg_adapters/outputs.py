@@ -66,6 +66,25 @@ class PoseArrayBuilder:
         return self._message
 
 
+class TransformBuilder:
+    """tf2_msgs/TFMessage of one frame."""
+
+    def __init__(self, backend: Backend, child_frame: str) -> None:
+        """child_frame: the name of the frame that is placed."""
+        self._message = backend.make("tf2_msgs/msg/TFMessage")
+        self._transform = backend.make("geometry_msgs/msg/TransformStamped")
+        self._transform.child_frame_id = child_frame
+        self._message.transforms = [self._transform]
+
+    def fill(self, stamp_ns: int, frame_id: str, position: np.ndarray, quaternion: np.ndarray) -> Any:
+        """position: (3,) m; quaternion: (4,), x, y, z, w; both in frame_id."""
+        set_header(self._transform.header, stamp_ns, frame_id)
+        place, turn = self._transform.transform.translation, self._transform.transform.rotation
+        place.x, place.y, place.z = position.tolist()
+        turn.x, turn.y, turn.z, turn.w = quaternion.tolist()
+        return self._message
+
+
 class StringBuilder:
     """std_msgs/String."""
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from messages import FOCAL, FRAME, HEIGHT, WIDTH, camera_info, cloud, pixels_of_motion, rosbags_backend
+from scipy.spatial.transform import Rotation
 
 from lassokin_ros import topics
 from lassokin_ros.core.config import TrackerConfig
@@ -63,6 +64,19 @@ def test_only_what_is_wanted_is_made(pipeline):
     messages = FrameMessages(BACKEND, pipeline.tracker.skeleton)
     assert [t for t, _ in messages.build(tracked, lambda topic: topic == topics.JOINTS)] == [topics.JOINTS]
     assert list(messages.build(frame(pipeline, 0))) == []  # a repeated stamp: rejected
+
+
+def test_tf_says_where_the_pelvis_is_and_which_way_is_front(pipeline):
+    tracked = frame(pipeline, 0)
+    message = dict(FrameMessages(BACKEND, pipeline.tracker.skeleton, tf=True).build(tracked))[topics.TF]
+    (transform,) = message.transforms
+    assert (transform.header.frame_id, transform.child_frame_id) == (FRAME, "body")
+    place, q = transform.transform.translation, transform.transform.rotation
+    assert np.array_equal([place.x, place.y, place.z], tracked.positions[:3])
+    turn = Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix()
+    front, left, up = turn.T  # in the camera's frame; the person stands upright and looks into the camera
+    assert front[2] < -0.8 and left[0] > 0.8 and up[1] < -0.8
+    assert np.allclose(left, tracked.estimate.pose.orientations[0][:, 0])
 
 
 def test_stamps_and_frames(pipeline):

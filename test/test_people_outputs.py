@@ -1,12 +1,15 @@
 """Several people's topics: of the running node on real DDS, and of the replay."""
 
+import subprocess
+from importlib.util import find_spec
+
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
 pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
 
-from live import BACKEND, START_NS, TRACKER, NodeProcess, Peer, stamp_of, values_of  # noqa: E402
+from live import BACKEND, ROOT, START_NS, TRACKER, NodeProcess, Peer, stamp_of, values_of  # noqa: E402
 from messages import FRAME, camera_info, crowd, pixels_of_motion, rosbags_backend  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from recordings import read, write_messages  # noqa: E402
@@ -95,18 +98,16 @@ def test_each_of_several_people_has_a_set_of_topics():
     assert "Traceback" not in node.said
 
 
-def test_rep155_needs_hri_msgs():
-    try:
-        import hri_msgs.msg  # noqa: F401
-    except ImportError:
-        pass
-    else:
-        pytest.skip("hri_msgs is installed")
-    import subprocess
-
-    done = subprocess.run([*TRACKER, "--ros-args", "-p", "rep155:=true"], capture_output=True, text=True, timeout=30)
+@pytest.mark.parametrize("parameter, package", [("rep155", "hri_msgs"), ("publish_tf", "tf2_msgs")])
+@pytest.mark.parametrize("people", [1, 2])
+def test_what_needs_another_package_says_so_at_the_start(parameter, package, people):
+    if find_spec(package) is not None:
+        pytest.skip(f"{package} is installed")
+    command = [*TRACKER, "--ros-args", "-p", f"{parameter}:=true", "-p", f"max_people:={people}"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=30, cwd=ROOT)
     lines = done.stderr.strip().splitlines()
-    assert done.returncode == 2 and len(lines) == 1 and "ros-$ROS_DISTRO-hri-msgs" in lines[0], done.stderr
+    word = f"ros-$ROS_DISTRO-{package.replace('_', '-')}"
+    assert done.returncode == 2 and len(lines) == 1 and word in lines[0], done.stderr
 
 
 @pytest.fixture(scope="module")
@@ -122,7 +123,8 @@ def recording(tmp_path_factory):
 
 @pytest.mark.parametrize("rep155", [False, True], ids=["bodies", "rep155"])
 def test_replay_writes_each_persons_topics(recording, tmp_path, rep155):
-    options = ["-p", "max_people:=2", "-p", "forget_after:=0.3", "-p", f"rep155:={str(rep155).lower()}"]
+    settings = "max_people:=2", "forget_after:=0.3", f"rep155:={str(rep155).lower()}", "publish_tf:=true"
+    options = [word for setting in settings for word in ("-p", setting)]
     assert main([str(recording), "-o", str(tmp_path / "out"), *options]) == 0
     folder, description = ("/humans/bodies", "urdf") if rep155 else ("/bodies", "robot_description")
     with BagReader(tmp_path / "out") as bag:
@@ -131,6 +133,8 @@ def test_replay_writes_each_persons_topics(recording, tmp_path, rep155):
         for topic in topics.FRAME_OUTPUTS:
             assert found.pop(f"{folder}/{person}/{topic.name.removeprefix('~/')}") == frames
         assert found.pop(f"{folder}/{person}/{description}") == 1
-    assert found == {f"{folder}/tracked": 2}
+    assert found == {f"{folder}/tracked": 2, "/tf": 40}
+    frames = {m.transforms[0].child_frame_id for _, m in read(tmp_path / "out", "/tf")}
+    assert frames == {"body_p4", "body_p9"}
     lists = [m.ids if rep155 else m.data.split(",") for _, m in read(tmp_path / "out", f"{folder}/tracked")]
     assert [list(ids) for ids in lists] == [["p4", "p9"], ["p9"]]
