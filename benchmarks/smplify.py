@@ -144,7 +144,7 @@ class WindowFit:
     def _residual(self, state: BodyState, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
         pose = self.kinematics.pose(state)
         image = _robust(((project(pose.landmarks) - points) * weights[..., None]).reshape(len(points), -1))[0]
-        prior = -self._prior.residual(state.rotations)
+        prior = -self._prior.residual(state.rotations)[..., : len(self._prior.W)]  # the Gaussian, without limits
         smooth = np.diff(pose.landmarks, 2, axis=0) / SMOOTH
         return np.concatenate([image.reshape(-1), prior.reshape(-1), smooth.reshape(-1)])
 
@@ -157,7 +157,7 @@ class WindowFit:
         model = linearise(self.kinematics, pose, points, weights)
         image = self._columns(model.A, model.B, turns)
         image *= _robust(model.residual)[1][..., None]
-        prior = np.zeros((len(points), self._prior.count, self._size))
+        prior = np.zeros((len(points), len(self._prior.W), self._size))
         prior[:, :, 3:-3] = self._prior.W
         blocks = sparse.block_diag(list(image)), sparse.block_diag(list(prior))
         return sparse.csr_array(sparse.vstack([*blocks, self._smoothness(pose, turns)]))
