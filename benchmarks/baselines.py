@@ -127,7 +127,7 @@ class RidgeSolver:
         kkt3 = float(np.max(np.abs(problem.B.T @ r)) / problem.alpha.min())
         objective = float(0.5 * r @ r + 0.5 * penalty @ (omega * omega))
         certificate = Certificate(gradient, 0.0, kkt3, objective, 0.0, 0.0, len(omega))
-        return LassoSolution(omega, x, problem.alpha, certificate, "ridge")
+        return LassoSolution(omega, x, problem.alpha, lambda: certificate, "ridge")
 
 
 class RidgeTracker(Tracker):

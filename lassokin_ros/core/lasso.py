@@ -10,6 +10,8 @@ certified by KKT-1..3 (13)-(15) on the matrices as they were given (see `certifi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Callable
 
 import numpy as np
 from scipy.linalg import lapack
@@ -76,13 +78,22 @@ class Reduced:
 
 @dataclass(frozen=True, eq=False)
 class LassoSolution:
-    """Omega (n,) rad, x (3,) m, the alpha (n,) that was used after clamping, the certificate, and how it was got."""
+    """Omega (n,) rad, x (3,) m, the alpha (n,) used after clamping, what certifies them, and how they were got.
+
+    exact: KKT holds to rounding on H; enough for an answer that is only where the next linearisation starts.
+    """
 
     omega: np.ndarray
     x: np.ndarray
     alpha: np.ndarray
-    certificate: Certificate
+    certifier: Callable[[], Certificate]
     method: str
+    exact: bool = False
+
+    @cached_property
+    def certificate(self) -> Certificate:
+        """On the problem's matrices as they were given; computed when first asked for."""
+        return self.certifier()
 
     @property
     def certified(self) -> bool:
@@ -111,29 +122,35 @@ class LassoSolver:
         """
         problem.check()
         reduced = eliminate_translation(problem)
-        ratio = (np.abs(reduced.g) / problem.alpha).max()
+        ratio = float((np.abs(reduced.g) / problem.alpha).max())
         if ratio <= 1:
-            return self._finish(problem, reduced, problem.alpha, np.zeros(len(problem.alpha)), "zero")
+            return _finished(problem, reduced, problem.alpha, np.zeros(len(problem.alpha)), "zero", True)
         alpha = problem.alpha * max(1.0, SMALLEST_ALPHA * ratio)
-        if guess is not None and np.isfinite(guess).all():
+        if guess is not None:
             mended = _mend(reduced, alpha, guess, GUESS_STEPS)
             if mended is not None:
-                return self._finish(problem, reduced, alpha, mended, "guess")
+                return _finished(problem, reduced, alpha, mended, "guess", True)
         for effort, steps in enumerate((8, 100, 100)):
             omega = self._dual.solve(reduced.A, reduced.z, reduced.H, reduced.g, alpha, effort)
             mended = _mend(reduced, alpha, omega, steps)
+            exact = mended is not None
             if mended is None:
                 mended = _without_specks(reduced, alpha, omega)
-            solution = self._finish(problem, reduced, alpha, mended, self._dual.name)
+            solution = _finished(problem, reduced, alpha, mended, self._dual.name, exact)
             if solution.certified:
                 break
         return solution
 
-    @staticmethod
-    def _finish(problem: Lasso, reduced: Reduced, alpha: np.ndarray, omega: np.ndarray, method: str) -> LassoSolution:
-        x = reduced.Y @ (problem.z - problem.A @ omega)
-        certificate = certify(problem.A, problem.B, problem.z, alpha, omega, x)
-        return LassoSolution(omega, x, alpha, certificate, method)
+
+def _finished(
+    problem: Lasso, reduced: Reduced, alpha: np.ndarray, omega: np.ndarray, method: str, exact: bool
+) -> LassoSolution:
+    x = reduced.Y @ (problem.z - problem.A @ omega)
+
+    def certifier() -> Certificate:
+        return certify(problem.A, problem.B, problem.z, alpha, omega, x)
+
+    return LassoSolution(omega, x, alpha, certifier, method, exact)
 
 
 def eliminate_translation(problem: Lasso) -> Reduced:
@@ -141,7 +158,8 @@ def eliminate_translation(problem: Lasso) -> Reduced:
     A, B, z = problem.A, problem.B, problem.z
     # A pseudo-inverse, not a ridge: a ridge of 1e-12 already shows in KKT-3 where alpha is small.
     values, vectors, _ = lapack.dsyev(B.T @ B)
-    inverse = [1 / value if value > 1e-10 * values[2] else 0.0 for value in values]
+    smallest = 1e-10 * float(values[2])
+    inverse = [1 / value if value > smallest else 0.0 for value in values.tolist()]
     Y = (vectors * inverse) @ vectors.T @ B.T
     A_projected = A - B @ (Y @ A)
     z_projected = z - B @ (Y @ z)
@@ -173,7 +191,10 @@ def _mend(reduced: Reduced, alpha: np.ndarray, omega: np.ndarray, steps: int = 8
     H, g = reduced.H, reduced.g
     size = np.abs(omega)
     signs = np.sign(omega)
-    signs[size < 1e-7 * size.max()] = 0.0
+    largest = size[size.argmax()]  # a quarter of what max() costs here; NaN when there is one
+    if not np.isfinite(largest):
+        return None
+    signs[size < 1e-7 * largest] = 0.0
     bound = alpha * (1 + 1e-10)
     for step in range(steps):
         support = signs.nonzero()[0]
@@ -187,7 +208,7 @@ def _mend(reduced: Reduced, alpha: np.ndarray, omega: np.ndarray, steps: int = 8
         correlation = g - H @ result
         excess = np.abs(correlation) - bound
         excess[support] = 0.0
-        worst = excess.max()
+        worst = excess[excess.argmax()]
         contradicted = result * signs < 0
         if worst <= 0 and not contradicted.any():
             return None if _nearly_singular(factor) else result

@@ -28,7 +28,7 @@ from lassokin_ros.core.observation_model import linearise
 from lassokin_ros.core.point_filter import PointFilter
 from lassokin_ros.core.prior import PosePrior, PriorRows
 from lassokin_ros.core.projection import project
-from lassokin_ros.core.robust import huber_weights
+from lassokin_ros.core.robust import huber_weights, norm
 from lassokin_ros.core.rotations import orthonormalised, right_jacobian
 from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.core.upright import Upright
@@ -180,7 +180,7 @@ class Tracker:
             omega,
             solution.x,
             solution.certificate,
-            float(np.sqrt(np.mean(np.sum(error * error, axis=-1)))),
+            float(np.sqrt(np.vdot(error, error) / len(error))),
             initialised,
             problem,
             solution,
@@ -218,13 +218,12 @@ class Tracker:
             return Rejection.NOT_FINITE, none
         if observation.stamp <= self._seen:
             return Rejection.OLD_STAMP, none
-        usable = np.all(np.abs(observation.points) < 10, axis=-1) & (
-            observation.confidence >= max(self.config.min_confidence, 1e-9)
-        )
+        near = np.abs(observation.points) < 10
+        usable = near[:, 0] & near[:, 1] & (observation.confidence >= max(self.config.min_confidence, 1e-9))
         if np.count_nonzero(usable) < self.config.min_landmarks:
             return Rejection.TOO_FEW_LANDMARKS, none
         deviation = self.config.noise_px / observation.focal * self.layout.noise
-        confidence = np.clip(np.where(usable, observation.confidence, 0.0), 0.0, 1.0)
+        confidence = np.minimum(np.where(usable, observation.confidence, 0.0), 1.0)
         return None, np.sqrt(confidence) / deviation
 
     def _follow(
@@ -237,7 +236,7 @@ class Tracker:
         for _ in range(self.config.relinearisations):
             problem = self._pose_problem(state, points, weights, omega, x)
             solution = self._solver.solve(problem, self._guess)
-            if not solution.certified:
+            if not (solution.exact or solution.certified):  # the last one, which is published, is certified below
                 break
             self._guess = solution.omega  # of the next problem, or of the next frame's first
             omega[self._live], x = solution.omega, solution.x
@@ -255,7 +254,7 @@ class Tracker:
         pose = self._pose if state is self._state and self._pose is not None else self.kinematics.pose(state)
         turn = right_jacobian(omega.reshape(-1, 3)) if omega.any() else None
         axes = None if turn is None else pose.orientations @ turn
-        error = np.sqrt(np.sum((points - project(pose.landmarks)) ** 2, axis=-1)) * weights
+        error = norm(points - project(pose.landmarks)) * weights
         image = linearise(self.kinematics, pose, points, weights * np.sqrt(huber_weights(error)), axes)
         prior_columns, prior_z = self._prior.linearise_live(state.rotations, turn)
         upright_A, upright_z = self._upright.linearise(state.rotations[0])
