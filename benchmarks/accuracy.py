@@ -5,8 +5,8 @@
 Every method gets the same keypoints and initialises by itself. Of each clip it is given what a user could measure:
 the person's bone lengths, or with --generic-skeleton the height alone; and the detector's noise in pixels.
 --initialisation measures first frames alone, --gap a stretch without any landmark, --detections FILE real detector
-output. Clips that the shipped prior was learned from do not count: they are left out, or with --all-clips and --clips
-run, marked with * and kept out of the summary.
+output, --uncertainty the tracker's own figure of its error against the error. Clips that the shipped prior was learned
+from do not count: they are left out, or with --all-clips and --clips run, marked with * and kept out of the summary.
 """
 
 from __future__ import annotations
@@ -20,13 +20,15 @@ from typing import Any, Callable, Sequence, TypeVar
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.accuracy_table import report, told
+from benchmarks.accuracy_table import head, report, told
 from benchmarks.detections import detection_jobs, run_detections
 from benchmarks.experiment import METHODS, Job, run
 from benchmarks.learn_prior import TRAINING
 from benchmarks.mocap import Condition
-from benchmarks.report import Record, data_folder, write_json
+from benchmarks.report import Record, data_folder, table, write_json
 from benchmarks.special import initialise_frames, run_gap
+from benchmarks.uncertainty import COLUMNS as UNCERTAINTY
+from benchmarks.uncertainty import binned, uncertainty_of
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import LassokinError
 
@@ -41,7 +43,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except LassokinError as error:
         print(f"accuracy.py: {error}", file=sys.stderr)
         return 2
-    report(options, records)
+    if options.uncertainty:
+        print(head(options))
+        print(table(records, UNCERTAINTY))
+    else:
+        report(options, records)
     write_json(options.json, records)
     return 0
 
@@ -73,6 +79,7 @@ def parser() -> argparse.ArgumentParser:
     add("--initialisation", action="store_true", help="initialise from single frames spread over the clips")
     add("--per-clip", type=int, default=6, help="with --initialisation: frames per clip and view (6)")
     add("--gap", type=float, metavar="S", help="no landmark at all for S s in the middle of each clip")
+    add("--uncertainty", action="store_true", help="predicted against actual error of the joints, in bins, lasso only")
     add("--jobs", type=int, default=os.cpu_count(), help="processes (one per core)")
     add("--json", type=Path, metavar="FILE", help="write the records as a JSON list")
     return result
@@ -90,6 +97,8 @@ def measure(options: argparse.Namespace) -> list[Record]:
             options.bone_error, options.symmetric, told(options), options.score_from)
         for file in clip_files(options) for view in range(options.views) for method in options.methods
     ]  # fmt: skip
+    if options.uncertainty:
+        return binned(in_parallel(uncertainty_of, [job for job in jobs if job.method == "lasso"], options.jobs))
     if options.initialisation:
         frames = in_parallel(initialise_frames, [(job, options.per_clip) for job in jobs], options.jobs)
         return _marked([record for group in frames for record in group])

@@ -31,6 +31,7 @@ from lassokin_ros.core.projection import project
 from lassokin_ros.core.robust import huber_weights, norm
 from lassokin_ros.core.rotations import orthonormalised, right_jacobian
 from lassokin_ros.core.skeleton import Skeleton
+from lassokin_ros.core.uncertainty import JointUncertainty, UncertaintyModel
 from lassokin_ros.core.upright import Upright
 
 CHALLENGERS = 4
@@ -106,11 +107,12 @@ class Tracker:
         self.kinematics = Kinematics(self.skeleton, self.layout)
         prior = PosePrior.load(self.skeleton)
         self._prior = PriorRows(prior, self.kinematics)
-        self._initialiser = Initialiser(self.kinematics, prior, self._prior)
+        self._upright = Upright()
+        self._initialiser = Initialiser(self.kinematics, prior, self._prior, self._upright)
         self._challengers = Challengers(self._initialiser, self.kinematics, CHALLENGERS)
         self._filter = PointFilter(self.kinematics.landmark_count)
-        self._upright = Upright()
         self.calibration = Calibration(self.kinematics, self._prior)
+        self._uncertainty = UncertaintyModel(self.kinematics, prior)
         self._solver = LassoSolver(self.config.solver)
         self._live = np.flatnonzero(self.kinematics.live)
         self._motion = np.maximum(prior.motion, 0.003)[self._live]
@@ -185,6 +187,11 @@ class Tracker:
             problem,
             solution,
         )
+
+    def uncertainty(self, estimate: Estimate) -> JointUncertainty:
+        """How far off each joint of an accepted estimate may be; computed only here, about half a millisecond."""
+        assert estimate.pose is not None and estimate.problem is not None
+        return self._uncertainty.of(estimate.pose, estimate.problem)
 
     def _calibrate(self, stamp: float, initialised: bool, points: np.ndarray, weights: np.ndarray) -> None:
         """Let a tracked frame speak about the bones' lengths; what is learned counts from the next frame on."""

@@ -1,0 +1,81 @@
+"""How uncertain each joint's place is: the posterior covariance of the frame's own problem, taken to the joints.
+
+The l2 rows of a frame's lasso (image, prior, limits, uprightness, each in standard deviations) make a Gaussian of the
+increment and the translation with the inverse covariance [A B]^T [A B]. Through the joints' Jacobian it becomes a
+covariance of each joint's place relative to the pelvis, in the camera frame. The l1 term, which says how people move
+and not where they are, has no part in it. A Gaussian about one explanation does not know of others (a limb mirrored in
+depth), and a limb swings on a sphere, so no error grows with the linear model's for ever: `FACTOR` and `LARGEST` stand
+for both. They were fitted on the prior's training clips (first view each, 2 px, and 4 px with missing and wrong points)
+to the mean error in 20 bins; benchmarks/accuracy.py --uncertainty checks them on others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import lapack
+
+from lassokin_ros.core.kinematics import BodyPose, Kinematics
+from lassokin_ros.core.lasso import Lasso
+from lassokin_ros.core.prior import PosePrior
+
+FACTOR = 1.1
+"""On the posterior's standard deviation s."""
+LARGEST = 0.09
+"""m: s becomes FACTOR s / sqrt(1 + (s / LARGEST)^2)."""
+WEAKEST = 1e-3
+"""1/rad^2, 1/m^2: information that every unknown is given, so that what nothing observes has a finite variance."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointUncertainty:
+    """covariance: (n, 3, 3) m^2 of each joint's place relative to the pelvis, in the camera frame; the pelvis' is 0."""
+
+    covariance: np.ndarray
+
+    @property
+    def deviation(self) -> np.ndarray:
+        """(n,) m: how far each joint is off on average, relative to the pelvis; two thirds are nearer than that."""
+        return np.asarray(np.sqrt(np.trace(self.covariance, axis1=-2, axis2=-1)))
+
+
+class UncertaintyModel:
+    """Computes `JointUncertainty` for one kinematics and prior."""
+
+    def __init__(self, kinematics: Kinematics, prior: PosePrior) -> None:
+        self._kinematics = kinematics
+        self._live = np.flatnonzero(kinematics.live)
+        dead = ~kinematics.live
+        #: The problem does not hold what no landmark sees; of it the prior alone is known.
+        self._dead_variance = np.where(dead, np.diagonal(prior.covariance), 0.0)
+        self._root = int(np.flatnonzero(kinematics.skeleton.parents < 0)[0])
+
+    def of(self, pose: BodyPose, problem: Lasso) -> JointUncertainty:
+        """From a frame's last problem and the pose that its solution led to."""
+        J = position_jacobian(self._kinematics, pose, self._root)
+        rows = np.concatenate([problem.A, problem.B], axis=1)
+        H = rows.T @ rows
+        H.flat[:: len(H) + 1] += WEAKEST
+        factor, _ = lapack.dpotrf(H, lower=1)
+        half, _ = lapack.dtrtri(factor, lower=1)  # H^-1 = half^T half
+        n = self._kinematics.joint_count
+        spread = (J[:, self._live] @ half[:, : len(self._live)].T).reshape(n, 3, -1)
+        unseen = (J * np.sqrt(self._dead_variance)).reshape(n, 3, -1)
+        covariance = spread @ np.swapaxes(spread, -1, -2) + unseen @ np.swapaxes(unseen, -1, -2)
+        size = np.trace(covariance, axis1=-2, axis2=-1) / LARGEST**2
+        covariance *= (FACTOR**2 / (1 + size))[:, None, None]
+        return JointUncertainty(covariance)
+
+
+def position_jacobian(kinematics: Kinematics, pose: BodyPose, root: int) -> np.ndarray:
+    """(3 n, 3 n) m/rad: joint centres relative to the root's by the increment Omega, in the camera frame.
+
+    Like `Kinematics.jacobian` for landmarks: w x (p_i - p_j) where joint j carries joint i.
+    """
+    n = kinematics.joint_count
+    levers = pose.positions[:, None] - pose.positions[None]
+    axes = np.swapaxes(pose.orientations, -1, -2)
+    columns = np.cross(axes[None], levers[:, :, None]) * kinematics.skeleton.ancestors[:, :, None, None]
+    columns -= columns[root]
+    return np.moveaxis(columns, -1, 1).reshape(3 * n, 3 * n)
