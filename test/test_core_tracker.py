@@ -17,6 +17,7 @@ from lassokin_ros.core.prior import PosePrior, PriorRows
 from lassokin_ros.core.projection import project
 from lassokin_ros.core.rotations import exponential
 from lassokin_ros.core.tracker import Observation, Rejection, Status, Tracker
+from lassokin_ros.core.upright import Upright
 from lassokin_ros.synthetic import motion
 
 FOCAL, RATE, NOISE_PX = 1000.0, 30.0, 2.0
@@ -335,7 +336,7 @@ def test_initialisation_finds_the_way_a_person_faces(yaw):
     random = np.random.default_rng(yaw)
     points = project(truth.landmarks) + random.normal(size=(17, 2)) * NOISE_PX / FOCAL
     weights = np.full(17, FOCAL / NOISE_PX)
-    fit = Initialiser(kinematics, prior, PriorRows(prior, kinematics)).fit(points, weights)
+    fit = Initialiser(kinematics, prior, PriorRows(prior, kinematics), Upright()).fit(points, weights)
     assert np.all(np.diff(fit.costs) >= 0)
     front = fit.best.rotations[0] @ [0, 0, 1]
     angle = np.degrees(np.arccos(np.clip(front @ (rotations[0] @ [0, 0, 1]), -1, 1)))

@@ -18,6 +18,7 @@ from lassokin_ros.core.prior import PosePrior, PriorRows
 from lassokin_ros.core.projection import project
 from lassokin_ros.core.robust import capped_cost, capped_weights, norm
 from lassokin_ros.core.rotations import exponential
+from lassokin_ros.core.upright import Upright
 
 STARTS = 8
 SCHEDULE = ((8.0, 8), (2.0, 6), (1.0, 6))  # (factor on the noise, iterations)
@@ -40,8 +41,10 @@ class Fit:
 class Initialiser:
     """Finds a first state for one kinematics and prior."""
 
-    def __init__(self, kinematics: Kinematics, prior: PosePrior, rows: PriorRows) -> None:
+    def __init__(self, kinematics: Kinematics, prior: PosePrior, rows: PriorRows, upright: Upright) -> None:
+        """The tracker's own rows: what it learns of the vertical holds here too."""
         self._kinematics = kinematics
+        self._upright = upright
         self._rows = rows
         self._mean = exponential(prior.mean)
         self._live = np.flatnonzero(kinematics.live)
@@ -72,7 +75,8 @@ class Initialiser:
         landmarks = (pose or self._kinematics.pose(states)).landmarks
         error = (points - project(landmarks)) * weights[:, None]
         prior = self._rows.residual(states.rotations)
-        return capped_cost(norm(error)).sum(-1) + 0.5 * np.einsum("...i,...i->...", prior, prior)
+        upright = self._upright.cost(states.rotations[:, 0])
+        return capped_cost(norm(error)).sum(-1) + 0.5 * np.einsum("...i,...i->...", prior, prior) + upright
 
     def start(self, side: int, points: np.ndarray, weights: np.ndarray) -> BodyState:
         """The mean pose turned to one of the `STARTS` sides, placed where the points are: one start."""
@@ -111,15 +115,17 @@ class Initialiser:
         kinematics, live = self._kinematics, self._live
         count, first = len(live), self._rows.first
         pose = pose or kinematics.pose(states)
-        error = (points - project(pose.landmarks)) * weights[..., None]
-        model = linearise(kinematics, pose, points, weights * np.sqrt(capped_weights(norm(error))))
+        model = linearise(kinematics, pose, points, weights, robust=capped_weights)
         P, prior_z = self._rows.linearise_live(states.rotations)
         J = np.concatenate([model.A.take(live, axis=-1), model.B], axis=-1)
         H = np.swapaxes(J, -1, -2) @ J
         H += self._damping
         H[..., first:count, first:count] += P @ np.swapaxes(P, -1, -2)
+        U, upright_z = self._upright.linearise(states.rotations[:, 0])
+        H[..., :3, :3] += np.swapaxes(U, -1, -2) @ U
         g = (model.residual[..., None, :] @ J)[..., 0, :]
         g[..., first:count] += (P @ prior_z[..., None])[..., 0]
+        g[..., :3] += (upright_z[..., None, :] @ U)[..., 0, :]
         step = _solved(H, g)
         increment = step[..., :count]
         increment *= np.minimum(1.0, 0.7 / np.maximum(np.abs(increment).max(axis=-1, keepdims=True), 1e-12))

@@ -28,7 +28,7 @@ from lassokin_ros.core.observation_model import linearise
 from lassokin_ros.core.point_filter import PointFilter
 from lassokin_ros.core.prior import PosePrior, PriorRows
 from lassokin_ros.core.projection import project
-from lassokin_ros.core.robust import huber_weights, norm
+from lassokin_ros.core.robust import huber_weights
 from lassokin_ros.core.rotations import orthonormalised, right_jacobian
 from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.core.uncertainty import JointUncertainty, UncertaintyModel
@@ -261,8 +261,7 @@ class Tracker:
         pose = self._pose if state is self._state and self._pose is not None else self.kinematics.pose(state)
         turn = right_jacobian(omega.reshape(-1, 3)) if omega.any() else None
         axes = None if turn is None else pose.orientations @ turn
-        error = norm(points - project(pose.landmarks)) * weights
-        image = linearise(self.kinematics, pose, points, weights * np.sqrt(huber_weights(error)), axes)
+        image = linearise(self.kinematics, pose, points, weights, axes, huber_weights)
         prior_columns, prior_z = self._prior.linearise_live(state.rotations, turn)
         upright_A, upright_z = self._upright.linearise(state.rotations[0])
         images, first = len(image.residual), self._prior.first  # the root's live columns come before the prior's

@@ -35,11 +35,16 @@ class Upright:
             self.vertical = moved / np.linalg.norm(moved)
 
     def linearise(self, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(A, z): rows (3, 3) for the root's increment and right sides (3,), in standard deviations.
+        """(A, z): rows (..., 3, 3) for the root's increment and right sides (..., 3), in standard deviations.
 
         The lean is up - vertical; with root R and R exp(hat(w)) it changes by -R hat(e_y) w = [R e_z, 0, -R e_x] w.
         """
-        lean = root[:, 1] - self.vertical
-        weight = 1 / np.sqrt(SPREAD**2 + 0.25 * (lean @ lean))
-        rows = np.stack([root[:, 2], np.zeros(3), -root[:, 0]], axis=1)
-        return weight * rows, -weight * lean
+        lean = root[..., :, 1] - self.vertical
+        weight = 1 / np.sqrt(SPREAD**2 + 0.25 * np.sum(lean * lean, axis=-1))
+        rows = np.stack([root[..., :, 2], np.zeros_like(lean), -root[..., :, 0]], axis=-1)
+        return weight[..., None, None] * rows, -weight[..., None] * lean
+
+    def cost(self, root: np.ndarray) -> np.ndarray:
+        """(...,) what the rows' weights are the derivative of: 2 log(1 + lean^2 / (2 SPREAD)^2); root (..., 3, 3)."""
+        lean = root[..., :, 1] - self.vertical
+        return 2 * np.log1p(np.sum(lean * lean, axis=-1) / (4 * SPREAD**2))
