@@ -7,11 +7,13 @@ as the seed writes them, for whoever wants to read or check them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Callable
 
 import numpy as np
 
 from lassokin_ros.core.kinematics import BodyPose, Kinematics
-from lassokin_ros.core.projection import project, projection_jacobian
+from lassokin_ros.core.projection import project_with_jacobian, projection_jacobian
+from lassokin_ros.core.robust import norm
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,16 +35,22 @@ def linearise(
     points: np.ndarray,
     weights: np.ndarray,
     axes: np.ndarray | None = None,
+    robust: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> Linearisation:
     """Linearise the projection about a pose.
 
     points: (..., l, 2) observed, normalised image coordinates (any finite value where the weight is 0);
-    weights: (..., l), 1 / standard deviation in the same unit, 0 = missing; axes: see `Kinematics.image_jacobian`.
+    weights: (..., l), 1 / standard deviation in the same unit, 0 = missing; axes: see `Kinematics.image_jacobian`;
+    robust: factors on the landmarks' squared errors, of their sizes in standard deviations (see `robust.py`).
     """
     shape = pose.landmarks.shape[:-2]
-    F = projection_jacobian(pose.landmarks) * weights[..., None, None]
+    v, F = project_with_jacobian(pose.landmarks)
+    residual = points - v
+    if robust is not None:
+        weights = weights * np.sqrt(robust(norm(residual) * weights))
+    F *= weights[..., None, None]
     B = F.reshape(*shape, -1, 3)  # P Gamma: Gamma stacks l identities, so P Gamma stacks the F(q_i)
-    residual = (points - project(pose.landmarks)) * weights[..., None]
+    residual *= weights[..., None]
     return Linearisation(kinematics.image_jacobian(pose, B, axes), B, residual.reshape(*shape, -1))
 
 

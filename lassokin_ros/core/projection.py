@@ -16,8 +16,14 @@ def project(points: np.ndarray) -> np.ndarray:
 
 def projection_jacobian(points: np.ndarray) -> np.ndarray:
     """F(q) of (8): (..., l, 3) -> (..., l, 2, 3), [[1/z, 0, -x/z^2], [0, 1/z, -y/z^2]] in 1/m."""
-    inverse = 1.0 / np.maximum(points[..., 2], NEAREST_DEPTH)
-    result = np.zeros(points.shape[:-1] + (2, 3))
-    result[..., 0, 0] = result[..., 1, 1] = inverse
-    np.multiply(points[..., :2], -(inverse * inverse)[..., None], out=result[..., 2])
-    return result
+    return project_with_jacobian(points)[1]
+
+
+def project_with_jacobian(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """v(q) and F(q) at once."""
+    depth = np.maximum(points[..., 2:], NEAREST_DEPTH)
+    v, inverse = points[..., :2] / depth, 1.0 / depth
+    F = np.zeros(points.shape[:-1] + (2, 3))
+    F[..., 0, 0] = F[..., 1, 1] = inverse[..., 0]
+    np.multiply(v, -inverse, out=F[..., 2])
+    return v, F

@@ -54,16 +54,17 @@ def _combined(vectors: Array, identity: Array, skew: Array, outer: Array) -> Arr
 def exponential(vectors: Array) -> Array:
     """Rotation matrices of rotation vectors (Rodrigues): (..., 3) in rad -> (..., 3, 3)."""
     t, _ = _angles(vectors)
-    half_sinc = np.sin(0.5 * t) / t
-    return _combined(vectors, np.cos(t), np.sin(t) / t, 2 * half_sinc * half_sinc)
+    sine, cosine = np.sin(0.5 * t), np.cos(0.5 * t)
+    ratio = 2 * sine / t
+    return _combined(vectors, 1 - 2 * sine * sine, ratio * cosine, 0.5 * ratio * ratio)
 
 
 def right_jacobian(vectors: Array) -> Array:
     """J_r with exp(v + dv) = exp(v) exp(J_r(v) dv) to first order: (..., 3) -> (..., 3, 3)."""
     t, squared = _angles(vectors)
-    half_sinc = np.sin(0.5 * t) / t
-    sinc = np.sin(t) / t
-    return _combined(vectors, sinc, -2 * half_sinc * half_sinc, (1 - sinc) / squared)
+    ratio = 2 * np.sin(0.5 * t) / t
+    sinc = ratio * np.cos(0.5 * t)
+    return _combined(vectors, sinc, -0.5 * ratio * ratio, (1 - sinc) / squared)
 
 
 def right_jacobian_inverse(vectors: Array) -> Array:
