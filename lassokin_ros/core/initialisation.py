@@ -76,7 +76,7 @@ class Initialiser:
         error = (points - project(landmarks)) * weights[:, None]
         prior = self._rows.residual(states.rotations)
         upright = self._upright.cost(states.rotations[:, 0])
-        return capped_cost(norm(error)).sum(-1) + 0.5 * np.einsum("...i,...i->...", prior, prior) + upright
+        return capped_cost(norm(error)).sum(-1) + 0.5 * (prior * prior).sum(-1) + upright
 
     def start(self, side: int, points: np.ndarray, weights: np.ndarray) -> BodyState:
         """The mean pose turned to one of the `STARTS` sides, placed where the points are: one start."""

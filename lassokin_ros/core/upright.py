@@ -41,7 +41,8 @@ class Upright:
         """
         lean = root[..., :, 1] - self.vertical
         weight = 1 / np.sqrt(SPREAD**2 + 0.25 * np.sum(lean * lean, axis=-1))
-        rows = np.stack([root[..., :, 2], np.zeros_like(lean), -root[..., :, 0]], axis=-1)
+        rows = np.zeros(root.shape)
+        rows[..., 0], rows[..., 2] = root[..., :, 2], -root[..., :, 0]
         return weight[..., None, None] * rows, -weight[..., None] * lean
 
     def cost(self, root: np.ndarray) -> np.ndarray:
