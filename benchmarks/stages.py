@@ -17,7 +17,7 @@ STAGES = {
     "filter the keypoints": "point_filter:PointFilter.update",
     "forward kinematics": "kinematics:Kinematics.pose",
     "project, Jacobian, assemble": "tracker:linearise",
-    "prior's rows": "prior:PriorRows.linearise",
+    "prior's rows": "prior:PriorRows.linearise_live",
     "solve": "lasso:LassoSolver.solve",
     "solve: eliminate the translation": "lasso:eliminate_translation",
     "solve: QP": "dual:DualSolver.solve",

@@ -243,3 +243,15 @@ def test_prior_rows_measure_the_distance_of_the_covariance():
     expected = difference @ np.linalg.solve(prior.covariance[np.ix_(chosen, chosen)], difference)
     residual = rows.residual(exponential(vectors))[: len(rows.W)]
     assert residual @ residual == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_live_rows_are_the_rows_of_the_live_degrees_of_freedom():
+    kinematics = body()
+    rows = PriorRows(PosePrior.load(kinematics.skeleton), kinematics)
+    live = np.flatnonzero(kinematics.live)
+    vectors = np.random.default_rng(22).normal(size=(3, kinematics.joint_count, 3))
+    A, z = rows.linearise(exponential(vectors))
+    columns, same_z = rows.linearise_live(exponential(vectors))
+    assert np.array_equal(z, same_z)
+    assert np.array_equal(np.swapaxes(columns, -1, -2), A[..., live[rows.first :]])
+    assert not A[..., live[: rows.first]].any()

@@ -271,3 +271,11 @@ def test_uncertified_when_the_solver_gives_nonsense(monkeypatch):
     wrong = solver.solve(problem)
     assert right.certified and not wrong.certified
     assert wrong.certificate.duality_gap > right.certificate.duality_gap
+
+
+def test_a_certificate_with_a_nan_certifies_nothing():
+    problem = LASSOS.draw(np.random.default_rng(0), Draw(fraction=0.1))
+    n = problem.A.shape[1]
+    for omega, x in ((np.zeros(n), np.full(3, np.nan)), (np.full(n, np.nan), np.zeros(3))):
+        certificate = certify(problem.A, problem.B, problem.z, problem.alpha, omega, x)
+        assert not certificate.kkt_residual <= 1.0
