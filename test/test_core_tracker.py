@@ -342,3 +342,11 @@ def test_initialisation_finds_the_way_a_person_faces(yaw):
     angle = np.degrees(np.arccos(np.clip(front @ (rotations[0] @ [0, 0, 1]), -1, 1)))
     assert angle < 30
     assert np.linalg.norm(fit.best.translation - [0.2, 0.1, 3.5]) < 0.15
+
+
+def test_without_warm_start_every_lasso_goes_to_the_solver_and_the_answer_is_the_same():
+    warm, cold = Tracker(CONFIG), Tracker(replace(CONFIG, warm_start=False))
+    for _, observation in observations(warm, 1.0):
+        a, b = warm.track(observation), cold.track(observation)
+        assert b.solution.method in ("proxqp", "zero")
+        assert np.abs(a.pose.positions - b.pose.positions).max() < 1e-6

@@ -47,6 +47,9 @@ class TrackerConfig:
     lost_after: float = setting(
         1.0, "time without a usable frame after which the state is found anew", "s", 0.05, 3600.0, live=True
     )
+    warm_start: bool = setting(
+        True, "try the last support before the solver is asked; kept only when KKT holds exactly", live=True
+    )
     calibrate: bool = setting(
         False, "learn the bones' proportions while tracking; the height stays as given", live=True
     )

@@ -189,8 +189,9 @@ class Tracker:
         )
 
     def uncertainty(self, estimate: Estimate) -> JointUncertainty:
-        """How far off each joint of an accepted estimate may be; computed only here, about half a millisecond."""
-        assert estimate.pose is not None and estimate.problem is not None
+        """How far off each joint of an estimate may be, computed when asked; ValueError for one not accepted."""
+        if estimate.pose is None or estimate.problem is None:
+            raise ValueError("only an accepted estimate has an uncertainty; this frame was rejected")
         return self._uncertainty.of(estimate.pose, estimate.problem)
 
     def _calibrate(self, stamp: float, initialised: bool, points: np.ndarray, weights: np.ndarray) -> None:
@@ -242,7 +243,7 @@ class Tracker:
         state = start
         for _ in range(self.config.relinearisations):
             problem = self._pose_problem(state, points, weights, omega, x)
-            solution = self._solver.solve(problem, self._guess)
+            solution = self._solver.solve(problem, self._guess if self.config.warm_start else None)
             if not (solution.exact or solution.certified):  # the last one, which is published, is certified below
                 break
             self._guess = solution.omega  # of the next problem, or of the next frame's first
