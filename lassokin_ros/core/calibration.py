@@ -25,10 +25,14 @@ from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.core.upright import Upright
 
 MODELS = (0.003, 0.05, 0.12)
-"""What the given lengths may be, equally likely at first: measured, good guesses, or somebody else's; standard
-deviation of a log-length about them. A tape-measured skeleton is thereby left alone until the images contradict it."""
+"""What the given lengths may be: measured, good guesses, or somebody else's; standard deviation of a log-length about
+them. A measured skeleton is thereby left alone until the images clearly contradict it."""
+ODDS = (0.8, 0.1, 0.1)
+"""How likely each of them is at first."""
 STATURE_SPREAD = 0.005
 """The same of the stature at rest: held, but as a row of a linear system."""
+LARGEST_STEP = 0.03
+"""Largest change of a log-length in one update: the kept frames' poses have to follow."""
 FARTHEST = 0.3
 """Largest log-length."""
 INFORMATION = 0.6
@@ -39,14 +43,15 @@ INTERVAL = 0.25
 """s between kept frames, at first."""
 SETTLED = 0.5
 """s after a start before frames are kept."""
-WORK_EVERY = 8
-"""Frames between two pieces of work: one frame kept, or one linearised again."""
+WORK_EVERY = 0.13
+"""s between two pieces of work: one frame kept, or one linearised again."""
 UPDATE_EVERY = 1.0
 """s between two updates of the skeleton."""
 DAMPING = 1e-3
 """1/rad^2, keeps what nothing observes where it is."""
 TYPICAL_COST = 12.0
-"""Robust cost of a frame (image and prior) at which its weight is halved: a wrong pose explains the image badly."""
+"""Robust cost of a frame (image and prior) at which its weight is halved: a wrong pose explains the image badly. Where
+the kept frames' median is larger, as it is while the lengths are wrong, the median counts."""
 VOLUME = 0.4
 """Share of the pose's volume that is counted. Lengths that are likely leave many poses likely (a limb across the view),
 the best pose alone favours limbs that are too long and lean in depth. This and INFORMATION were chosen on the
@@ -96,10 +101,11 @@ class Calibration:
         self.spread = np.full(count, MODELS[1])
         self.frozen = count == 0
         self.moved = 0.0
-        self.odds = np.full(len(MODELS), 1 / len(MODELS))
+        self.odds = np.array(ODDS)
         self._frames: list[KeptFrame] = []
         self._interval = INTERVAL
-        self._calls = self._turn = 0
+        self._turn = 0
+        self._worked_at = -np.inf
         self._kept_at = self._updated_at = np.nan
 
     @property
@@ -120,9 +126,9 @@ class Calibration:
         self, stamp: float, state: BodyState, points: np.ndarray, weights: np.ndarray, upright: Upright
     ) -> bool:
         """Use a tracked frame (arguments as in `Tracker`); True when the lengths have changed."""
-        self._calls += 1
-        if self.frozen or self._calls % WORK_EVERY:
+        if self.frozen or stamp - self._worked_at < WORK_EVERY:
             return False
+        self._worked_at = stamp
         if np.isnan(self._kept_at):
             self.restart_clock(stamp)
         if np.isnan(self._updated_at):
@@ -218,13 +224,18 @@ class Calibration:
         excess = float(self.proportions.stature_shares @ np.expm1(self.lengths))
         stature = np.outer(shares, shares) / STATURE_SPREAD**2
         H, g = np.zeros((count, count)), shares * (shares @ self.lengths - excess) / STATURE_SPREAD**2
+        typical = max(TYPICAL_COST, float(np.median([frame.cost for frame in self._frames])))
         for frame in self._frames:
-            weight = INFORMATION / (1 + (frame.cost / TYPICAL_COST) ** 2)
+            weight = INFORMATION / (1 + (frame.cost / typical) ** 2)
             H += weight * frame.information
             g += weight * (frame.pull + frame.information @ frame.lengths)
         self.odds, means, covariances = _averaged(H, stature, g)
-        self.lengths = np.clip(self.odds @ means, -FARTHEST, FARTHEST)
-        within, between = np.diagonal(covariances, axis1=1, axis2=2), (means - self.lengths) ** 2
+        # As long as they are likely measured they stay to the bit: even a trifle would make the track another one.
+        guessed = self.odds[1:] / max(float(self.odds[1:].sum()), 1e-300)
+        best = 0 * g if self.odds[0] > 0.5 else guessed @ means[1:]
+        step = np.clip(best - self.lengths, -LARGEST_STEP, LARGEST_STEP)
+        self.lengths = np.clip(self.lengths + step, -FARTHEST, FARTHEST)
+        within, between = np.diagonal(covariances, axis1=1, axis2=2), (means - best) ** 2
         self.spread = np.sqrt(self.odds @ (within + between))
         certain = self.moved >= SHORTEST and bool(self.spread.max() < CERTAIN)
         self.frozen = certain or self.moved >= LONGEST
@@ -235,13 +246,13 @@ class Calibration:
 def _averaged(H: np.ndarray, stature: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(odds (m,), means (m, p), covariances (m, p, p)) of the models: each Gaussian, its odds by its evidence."""
     evidence, means, covariances = [], [], []
-    for spread in MODELS:
+    for spread, odds in zip(MODELS, ODDS):
         prior = stature + np.eye(len(g)) / spread**2
         covariance = np.linalg.inv(H + prior)
         mean = covariance @ g
         volume = np.linalg.slogdet(prior)[1] + np.linalg.slogdet(covariance)[1]
-        evidence.append(0.5 * (g @ mean + volume))
+        evidence.append(0.5 * (g @ mean + volume) + np.log(odds))
         means.append(mean)
         covariances.append(covariance)
-    odds = np.exp(np.array(evidence) - max(evidence))
-    return odds / odds.sum(), np.array(means), np.array(covariances)
+    likely = np.exp(np.array(evidence) - max(evidence))
+    return likely / likely.sum(), np.array(means), np.array(covariances)

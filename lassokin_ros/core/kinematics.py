@@ -89,11 +89,16 @@ class Kinematics:
         offsets: (..., n, 3) m, those of other skeletons on the same tree, one per state; this skeleton's by default.
         """
         orientations = self._orientations(state.rotations)
-        vectors = (orientations.take(self._carriers, axis=-3) @ self._vectors)[..., 0]
+        local = self._vectors if offsets is None else self._with_levers(offsets)
+        vectors = (orientations.take(self._carriers, axis=-3) @ local)[..., 0]
         places = self._sums @ vectors
         places += state.translation[..., None, :]
         n = self.joint_count
         return BodyPose(orientations, places[..., :n, :], places[..., n:, :])
+
+    def _with_levers(self, offsets: np.ndarray) -> np.ndarray:
+        levers = np.broadcast_to(self.layout.offsets, offsets.shape[:-2] + self.layout.offsets.shape)
+        return np.concatenate([offsets, levers], axis=-2)[..., None]
 
     def _orientations(self, rotations: np.ndarray) -> np.ndarray:
         """(..., n, 3, 3): products of the rotations from the root down, in log2(depth) batched steps.
