@@ -35,12 +35,15 @@ def running():
 
 
 def feed(peer, count=1, **options):
-    """Send the next frames, one answer awaited for each; return their stamps."""
+    """Send the next frames, each one's outputs awaited (topics overtake one another); return their stamps."""
+    outputs = [
+        peer.got[topic] for topic in (topics.CERTIFICATE, topics.JOINT_STATES, topics.TRANSLATION, topics.JOINTS)
+    ]
     stamps = []
     for _ in range(count):
-        answers = len(peer.got[topics.CERTIFICATE])
+        answers = [len(messages) for messages in outputs]
         stamps.append(send_next(peer, **options))
-        peer.spin_until(lambda: len(peer.got[topics.CERTIFICATE]) > answers, what="an output")  # noqa: B023
+        peer.spin_until(lambda: all(len(m) > n for m, n in zip(outputs, answers)), what="the outputs")  # noqa: B023
     return stamps
 
 
