@@ -100,7 +100,7 @@ def recovered(right, prior, seed):
 
 
 def test_known_lengths_are_recovered():
-    """Limbs' lengths come nearer, up to the scale that no camera sees, in every draw, on average to half their error."""
+    """Lengths come nearer, up to the scale that no camera sees, in every draw, on average to half their error."""
     right = body()
     prior = PosePrior.load(right.skeleton)
     ratios = []
