@@ -1,4 +1,4 @@
-"""Theorem 1: when the lasso finds the true support. Rebuilt from the seed's proof; see docs/method for the reading.
+"""Theorem 1: when the lasso finds the true support. Rebuilt from the proof in the supplementary material.
 
 For a support V with signs Sigma_V, and z* = z - P Gamma x*:
     1) |[P L]_k^T (P L_V)^{+T} Sigma_V| < 1                                          for every k outside V
