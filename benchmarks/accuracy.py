@@ -48,6 +48,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(table(records, UNCERTAINTY))
     else:
         report(options, records)
+        ends = [record["ends_lost"] for record in records if "ends_lost" in record]
+        if ends:
+            print(f"\nruns that end without an estimate of their last frame: {sum(ends)} of {len(ends)}")
     write_json(options.json, records)
     return 0
 

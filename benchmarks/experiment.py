@@ -136,7 +136,12 @@ def score(track: Track, scene: Scene, score_from: float = 0.0) -> Record:
     joints, root = track.positions[:, scene.evaluated], track.positions[:, 0]
     estimate, truth, own_root, true_root = joints[scored], view.truth[scored], root[scored], view.root[scored]
     if len(estimate) == 0:
-        return {"frames": 0, **dict.fromkeys(FIGURES, float("nan")), "rejected": int(track.rejected.sum())}
+        return {
+            "frames": 0,
+            **dict.fromkeys(FIGURES, float("nan")),
+            "rejected": int(track.rejected.sum()),
+            "ends_lost": True,
+        }
     error = mpjpe(estimate, truth, own_root, true_root)
     flips = flipped_frames(estimate, truth, EVALUATED)
     start = mpjpe(joints[first : first + 1], view.truth[first : first + 1], root[first, None], view.root[first, None])
@@ -156,6 +161,7 @@ def score(track: Track, scene: Scene, score_from: float = 0.0) -> Record:
         "frame_ms_p50": float(np.percentile(track.frame_ms[first:], 50)),
         "frame_ms_p99": float(np.percentile(track.frame_ms[first:], 99)),
         "rejected": int(np.sum(track.rejected[scored])),
+        "ends_lost": bool(track.rejected[-1]),
         "before_first": first,
     }
 

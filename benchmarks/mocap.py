@@ -149,7 +149,7 @@ def clip_height(clip: Clip) -> float:
     hips = 0.5 * (clip.rest_position("l_hip") + clip.rest_position("r_hip"))
     length += abs(hips[1])
     for a, b in (("pelvis", "neck"), ("neck", "head"), ("head", "head_top")):
-        length += np.linalg.norm(clip.rest_position(a) - clip.rest_position(b))
+        length += float(np.linalg.norm(clip.rest_position(a) - clip.rest_position(b)))
     return float(length / 0.96)
 
 
