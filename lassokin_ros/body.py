@@ -11,6 +11,7 @@ from lassokin_ros.core.joint_angles import JointAngleReader
 from lassokin_ros.core.projection import project
 from lassokin_ros.core.tracker import Estimate, Observation, Status, Tracker
 from lassokin_ros.frame import Frame
+from lassokin_ros.lens import Lens
 
 VELOCITY_MEMORY_S = 0.2
 """s: time over which a person's velocity is averaged, for the expectation alone."""
@@ -21,11 +22,16 @@ LONGEST_COURSE_S = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Detection:
-    """One person in one image: points (l, 2) normalised, NaN = missing; confidence (l,); number: the message's own."""
+    """One person in one image.
+
+    points: (l, 2) normalised, NaN = missing; confidence: (l,); number: the message's own; pixels: (l, 2) px
+    of the image as the detector gave them, None where nothing was detected.
+    """
 
     points: np.ndarray
     confidence: np.ndarray
     number: int = 0
+    pixels: np.ndarray | None = None
 
 
 class Body:
@@ -48,26 +54,27 @@ class Body:
         self._landmarks: np.ndarray | None = None
         self._velocity = np.zeros(3)
 
-    def track(self, stamp_ns: int, frame_id: str, seen: Detection, focal: float, person: str = "") -> Frame:
-        """Use one detection of this person; focal: px per normalised unit."""
+    def track(self, stamp_ns: int, frame_id: str, seen: Detection, lens: Lens, person: str = "") -> Frame:
+        """Use one detection of this person, taken through this lens."""
         if self._origin_ns is None:
             self._origin_ns = stamp_ns
         seconds = (stamp_ns - self._origin_ns) * 1e-9
-        estimate = self.tracker.track(Observation(seconds, seen.points, seen.confidence, focal))
+        estimate = self.tracker.track(Observation(seconds, seen.points, seen.confidence, lens.focal))
         self.status = estimate.status
         if estimate.rejection is not None:
             reason = estimate.rejection.value
             detail = f"the tracker did not use this frame: {reason}"
-            return Frame(stamp_ns, frame_id, estimate, reason, detail, person=person)
-        return self._accepted(stamp_ns, frame_id, estimate, person)
+            return Frame(stamp_ns, frame_id, estimate, reason, detail, person=person, detected=seen.pixels, lens=lens)
+        positions, velocities = self._joint_states(stamp_ns, estimate)
+        return Frame(stamp_ns, frame_id, estimate, None, "", positions, velocities, person, seen.pixels, lens)
 
-    def absent(self, stamp_ns: int, focal: float) -> None:
+    def absent(self, stamp_ns: int, lens: Lens) -> None:
         """The person is not in the image of this stamp."""
         count = self.tracker.kinematics.landmark_count
-        self.track(stamp_ns, "", Detection(np.full((count, 2), np.nan), np.zeros(count)), focal)
+        self.track(stamp_ns, "", Detection(np.full((count, 2), np.nan), np.zeros(count)), lens)
 
-    def _accepted(self, stamp_ns: int, frame_id: str, estimate: Estimate, person: str) -> Frame:
-        """The frame with its joint angles; velocities are differences of angles over stamps, 0 after initialisation."""
+    def _joint_states(self, stamp_ns: int, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
+        """Positions and velocities: differences of angles over stamps, 0 after initialisation."""
         assert estimate.state is not None and estimate.pose is not None
         if estimate.initialised:
             self._reader.reset()
@@ -83,7 +90,7 @@ class Body:
             self._velocity += (1 - np.exp(-seconds / VELOCITY_MEMORY_S)) * (velocities[:3] - self._velocity)
         self._last = stamp_ns, positions
         self.seen_ns, self._landmarks = stamp_ns, estimate.pose.landmarks
-        return Frame(stamp_ns, frame_id, estimate, None, "", positions, velocities, person)
+        return positions, velocities
 
     def unseen_s(self, stamp_ns: int) -> float:
         """s since the person was last tracked; infinite before the first time."""

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lassokin_ros.core.projection import project
 from lassokin_ros.core.tracker import Estimate
+from lassokin_ros.lens import Lens
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,6 +22,8 @@ class Frame:
     rejection: None for an accepted frame, else a short key for counting; `detail` says it in words.
     positions, velocities: (3 + 3 n,) in the order of urdf.joint_names, m and rad, m/s and rad/s; None when rejected.
     person: the id under which one of several people is published; empty when one person is followed.
+    detected: (l, 2) px, the landmarks as the detector gave them, NaN = missing; None when there were none.
+    lens: what they were seen through; None when the message did not come so far.
     """
 
     stamp_ns: int
@@ -30,8 +34,17 @@ class Frame:
     positions: np.ndarray | None = None
     velocities: np.ndarray | None = None
     person: str = ""
+    detected: np.ndarray | None = None
+    lens: Lens | None = None
 
     @property
     def accepted(self) -> bool:
         """True when there is something to publish."""
         return self.rejection is None
+
+    @property
+    def reprojected(self) -> np.ndarray | None:
+        """(l, 2) px, the skeleton's landmarks in the image, through the lens; None when the frame was rejected."""
+        if self.estimate is None or self.estimate.pose is None or self.lens is None:
+            return None
+        return self.lens.distort(project(self.estimate.pose.landmarks))

@@ -11,6 +11,7 @@ import numpy as np
 from lassokin_ros.body import Body, Detection
 from lassokin_ros.core.tracker import Status
 from lassokin_ros.frame import Frame
+from lassokin_ros.lens import Lens
 from lassokin_ros.matching import NEAR, assign, distance, reach
 
 BIRTH_MESSAGES = 3
@@ -61,7 +62,7 @@ class People:
         self._candidates.clear()
 
     def update(
-        self, stamp_ns: int, frame_id: str, seen: Sequence[Detection], focal: float, lasting: bool, forget_after: float
+        self, stamp_ns: int, frame_id: str, seen: Sequence[Detection], lens: Lens, lasting: bool, forget_after: float
     ) -> list[Frame]:
         """One message's people to frames, those with a skeleton only.
 
@@ -76,15 +77,15 @@ class People:
                     self._welcome(number, stamp_ns, pairs)
         else:
             pairs = self._recognise(stamp_ns, seen)
-        return self._track(stamp_ns, frame_id, pairs, focal)
+        return self._track(stamp_ns, frame_id, pairs, lens)
 
-    def _track(self, stamp_ns: int, frame_id: str, pairs: dict[int, Detection], focal: float) -> list[Frame]:
+    def _track(self, stamp_ns: int, frame_id: str, pairs: dict[int, Detection], lens: Lens) -> list[Frame]:
         frames = []
         for number, body in list(self._present.items()):
             if number not in pairs:
-                body.absent(stamp_ns, focal)
+                body.absent(stamp_ns, lens)
                 continue
-            frame = body.track(stamp_ns, frame_id, pairs[number], focal, name(number))
+            frame = body.track(stamp_ns, frame_id, pairs[number], lens, name(number))
             if frame.accepted:
                 frames.append(frame)
                 continue

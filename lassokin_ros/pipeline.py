@@ -126,12 +126,12 @@ class Pipeline:
             self._watch_stamp(stamp_ns)
             if self.people is None:
                 seen = self._the_person(keypoints, stamp_ns, view.lens)
-                return [self._body.track(stamp_ns, frame_id, seen, view.lens.focal)]
+                return [self._body.track(stamp_ns, frame_id, seen, view.lens)]
             everybody = self._everybody(keypoints, view.lens)
         except AdapterError as error:
             return [Frame(stamp_ns, frame_id, None, error.reason, str(error))]
         lasting = self._lasting(keypoints)
-        return self.people.update(stamp_ns, frame_id, everybody, view.lens.focal, lasting, self.config.forget_after)
+        return self.people.update(stamp_ns, frame_id, everybody, view.lens, lasting, self.config.forget_after)
 
     def _decode(self, message: Any) -> tuple[Keypoints, View]:
         """The keypoints, and the camera that took their image."""
@@ -160,7 +160,7 @@ class Pipeline:
 
     def _detection(self, keypoints: Keypoints, person: int | None, lens: Lens) -> Detection:
         pixels, confidence = keypoints.as_landmarks(self.tracker.kinematics.landmark_count, person)
-        return Detection(lens.normalise(pixels), confidence, person or 0)
+        return Detection(lens.normalise(pixels), confidence, person or 0, pixels)
 
     def _everybody(self, keypoints: Keypoints, lens: Lens) -> list[Detection]:
         """One detection for each person in the message."""
