@@ -59,14 +59,15 @@ class Body:
         if self._origin_ns is None:
             self._origin_ns = stamp_ns
         seconds = (stamp_ns - self._origin_ns) * 1e-9
+        skeleton = self.tracker.skeleton  # this frame's: calibration's new lengths count from the next one on
         estimate = self.tracker.track(Observation(seconds, seen.points, seen.confidence, lens.focal))
         self.status = estimate.status
         if estimate.rejection is not None:
             reason = estimate.rejection.value
             detail = f"the tracker did not use this frame: {reason}"
-            return Frame(stamp_ns, frame_id, estimate, reason, detail, person=person, detected=seen.pixels, lens=lens)
+            return Frame(stamp_ns, frame_id, estimate, reason, detail, None, None, person, seen.pixels, lens, skeleton)
         positions, velocities = self._joint_states(stamp_ns, estimate)
-        return Frame(stamp_ns, frame_id, estimate, None, "", positions, velocities, person, seen.pixels, lens)
+        return Frame(stamp_ns, frame_id, estimate, None, "", positions, velocities, person, seen.pixels, lens, skeleton)
 
     def absent(self, stamp_ns: int, lens: Lens) -> None:
         """The person is not in the image of this stamp."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lassokin_ros.core.projection import project
+from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.core.tracker import Estimate
 from lassokin_ros.lens import Lens
 
@@ -24,6 +25,7 @@ class Frame:
     person: the id under which one of several people is published; empty when one person is followed.
     detected: (l, 2) px, the landmarks as the detector gave them, NaN = missing; None when there were none.
     lens: what they were seen through; None when the message did not come so far.
+    skeleton: the one with whose lengths the frame was tracked; None when the message did not come so far.
     """
 
     stamp_ns: int
@@ -36,6 +38,7 @@ class Frame:
     person: str = ""
     detected: np.ndarray | None = None
     lens: Lens | None = None
+    skeleton: Skeleton | None = None
 
     @property
     def accepted(self) -> bool:

@@ -7,16 +7,17 @@ from collections.abc import Iterator
 from typing import Any
 
 from lassokin_ros import topics
+from lassokin_ros.body_description import BodyDescription
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.tracker import Status
 from lassokin_ros.diagnostics import Diagnostics
 from lassokin_ros.frame import Frame
 from lassokin_ros.frame_messages import FrameMessages, id_list
 from lassokin_ros.node_config import NodeConfig
 from lassokin_ros.offline_parameters import NODE_NAME
 from lassokin_ros.pipeline import Pipeline
-from lassokin_ros.urdf import urdf
 from msg_adapters.backends import Backend, RosbagsBackend
-from msg_adapters.outputs import DiagnosticArrayBuilder, StringBuilder
+from msg_adapters.outputs import DiagnosticArrayBuilder
 
 DIAGNOSTICS_PERIOD_NS = 1_000_000_000
 UNREADABLE = "not_deserialised"
@@ -33,6 +34,7 @@ class OfflineTracker:
         self.reprojection_px: list[float] = []
         """Of each accepted frame, px."""
         self.initialisations = 0
+        self._found_anew = 0
         self._backend = RosbagsBackend(types)
         self._status = DiagnosticArrayBuilder(self._backend)
         self._types = {topic.name: topic.message_type for topic in (*topics.PERSON_OUTPUTS, topics.DIAGNOSTICS_OUTPUT)}
@@ -46,6 +48,11 @@ class OfflineTracker:
         self._list = id_list(self._backend, node_config.rep155)
         self._diagnostics: Diagnostics | None = None
         self._next_diagnostics_ns = 0
+
+    @property
+    def times_lost(self) -> int:
+        """How often somebody who had been tracked was found anew, and once more when the end is lost."""
+        return self._found_anew + (self.pipeline.status is Status.LOST)
 
     def camera_info(self, message: Any, time_ns: int) -> Iterator[tuple[str, str, Any]]:
         """Take a CameraInfo; see `keypoints`. None stands for a message that could not be read."""
@@ -81,6 +88,7 @@ class OfflineTracker:
             return
         self.reprojection_px.append(frame.estimate.reprojection_px)
         self.initialisations += frame.estimate.initialised
+        self._found_anew += frame.estimate.initialised and frame.person in self._people
         if frame.person not in self._people:
             self._people[frame.person] = PersonMessages(self._backend, self.pipeline, frame.person)
         for topic, message in self._people[frame.person].build(frame):
@@ -110,22 +118,19 @@ class OfflineTracker:
 
 
 class PersonMessages:
-    """One person's messages, with the body's description before the first and whenever the camera's frame changes."""
+    """One person's messages, the body's description before those of the first frame that needs it."""
 
     def __init__(self, backend: Backend, pipeline: Pipeline, person: str) -> None:
         """person: the id, empty when one person is followed."""
-        self._skeleton, self._fallback = pipeline.tracker.skeleton, pipeline.config.base_frame
-        self._messages = FrameMessages(backend, self._skeleton, NODE_NAME, person, pipeline.config.publish_tf)
-        self._description = StringBuilder(backend)
-        self._prefix = f"{person}_" if person else ""
-        self._base_frame: str | None = None
+        skeleton, config = pipeline.tracker.skeleton, pipeline.config
+        self._messages = FrameMessages(backend, skeleton, NODE_NAME, person, config.publish_tf)
+        self._description = BodyDescription(backend, skeleton, config.base_frame, person)
 
     def build(self, frame: Frame) -> Iterator[tuple[str, Any]]:
         """(topic, message); a message is re-used for the next frame."""
-        if frame.frame_id != self._base_frame:
-            self._base_frame = frame.frame_id
-            text = urdf(self._skeleton, frame.frame_id or self._fallback, self._prefix)
-            yield topics.ROBOT_DESCRIPTION, self._description.fill(text)
+        description = self._description.follow(frame)
+        if description is not None:
+            yield topics.ROBOT_DESCRIPTION, description
         yield from self._messages.build(frame)
 
 

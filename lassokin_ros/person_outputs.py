@@ -12,14 +12,13 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from lassokin_ros import topics
+from lassokin_ros.body_description import BodyDescription
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.frame import Frame
 from lassokin_ros.frame_messages import FrameMessages, id_list
 from lassokin_ros.node_config import NodeConfig
-from lassokin_ros.urdf import urdf
 from msg_adapters.backends import RclpyBackend
-from msg_adapters.outputs import StringBuilder
 from msg_adapters.registry import full_type_name
 
 OUTPUT_DEPTH = 10
@@ -55,38 +54,39 @@ class PersonOutputs:
     def __init__(self, node: Node, skeleton: Skeleton, config: NodeConfig, title: str, person: str = "") -> None:
         """title: the node's name, in the certificate. Raises SkeletonError when config.base_frame cannot be a frame."""
         backend = RclpyBackend()
-        self._node, self._skeleton, self._person = node, skeleton, person
-        self._description, self._base_frame = StringBuilder(backend), ""
+        self._node = node
+        self._description = BodyDescription(backend, skeleton, config.base_frame, person)
         name = partial(topics.of_person, person=person, rep155=config.rep155)
         self._out = {t.name: advertise(node, t, name(t.name), not person) for t in topics.PERSON_OUTPUTS}
         if config.publish_tf:
             self._out[topics.TF] = advertise(node, topics.TF_OUTPUT, overridable=not person)
         self._messages = FrameMessages(backend, skeleton, title, person, config.publish_tf)
         if not person:
-            self.describe(config.base_frame)
+            self._out[topics.ROBOT_DESCRIPTION].publish(self._description.first())
 
     def publish(self, frame: Frame, copy_markers: Callable[[Any], None] | None = None) -> None:
         """Publish what somebody listens to of an accepted frame.
 
-        copy_markers: takes the person's markers too. Raises SkeletonError for a frame_id that is a link's name.
+        copy_markers: takes the person's markers too. Raises SkeletonError for a frame_id that is a link's name, after
+        everything else has been published.
         """
+        try:
+            description = self._description.follow(frame)
+            if description is not None:
+                self._out[topics.ROBOT_DESCRIPTION].publish(description)
+        finally:
+            self._publish_frame(frame, copy_markers)
+
+    def _publish_frame(self, frame: Frame, copy_markers: Callable[[Any], None] | None) -> None:
         for topic, message in self._messages.build(frame, lambda name: self._is_wanted(name, copy_markers)):
             self._out[topic].publish(message)
             if copy_markers is not None and topic == topics.MARKERS:
                 copy_markers(message)
-        if frame.frame_id and frame.frame_id != self._base_frame:
-            self.describe(frame.frame_id)
 
     def _is_wanted(self, topic: str, copy_markers: Callable[[Any], None] | None = None) -> bool:
         if topic == topics.MARKERS and copy_markers is not None:
             return True
         return self._out[topic].get_subscription_count() > 0
-
-    def describe(self, base_frame: str) -> None:
-        """Publish the body's description, once for each base frame."""
-        self._base_frame = base_frame
-        text = urdf(self._skeleton, base_frame, f"{self._person}_" if self._person else "")
-        self._out[topics.ROBOT_DESCRIPTION].publish(self._description.fill(text))
 
     def close(self) -> None:
         """End the topics."""

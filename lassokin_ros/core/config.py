@@ -51,7 +51,7 @@ class TrackerConfig:
         True, "try the last support before the solver is asked; kept only when KKT holds exactly", live=True
     )
     calibrate: bool = setting(
-        False, "learn the bones' proportions while tracking; robot_description keeps the given ones", live=True
+        False, "learn the bones' proportions while tracking; robot_description follows", live=True
     )
 
     def checked(self) -> TrackerConfig:
