@@ -13,6 +13,7 @@ MAINTAINER = MANIFEST.find("maintainer")
 ROS = ["ros-jazzy-rclpy[fastrtps]>=7.1.6", "ros-jazzy-common-interfaces>=5.3.6"]
 LENS = ["opencv-python-headless>=4.6"]
 REPLAY = ["rosbags>=0.11", *LENS]
+CLUSTER = ["distributed>=2024.8", *REPLAY]
 DEMO = ["matplotlib>=3.6", *ROS, *REPLAY]
 TEST = [
     "pytest>=7.4",
@@ -28,6 +29,7 @@ TEST = [
     "mypy>=1.11",
     "types-PyYAML>=6.0",
     *DEMO,
+    *CLUSTER,
 ]
 
 setup(
@@ -47,7 +49,7 @@ setup(
     ],
     python_requires=">=3.10",
     install_requires=["setuptools", "numpy>=1.26", "scipy>=1.11", "qpsolvers>=4.3", "proxsuite>=0.6.5", "PyYAML>=6.0"],
-    extras_require={"ros": ROS, "lens": LENS, "replay": REPLAY, "demo": DEMO, "test": TEST},
+    extras_require={"ros": ROS, "lens": LENS, "replay": REPLAY, "cluster": CLUSTER, "demo": DEMO, "test": TEST},
     zip_safe=False,
     entry_points={
         "console_scripts": [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -15,6 +16,10 @@ from lassokin_ros.core.errors import LassokinError
 STORAGES = ("sqlite3", "mcap")
 FILE_NAME = "recording"
 """Of the file inside a recording's folder: not the folder's, so that its bytes don't depend on what that is called."""
+
+
+WORKSHOP_SUFFIX = ".part"
+"""Of the hidden folder beside a recording in which it is written until it is complete."""
 
 
 class BagError(LassokinError):
@@ -180,7 +185,8 @@ class BagWriter:
 
     def __enter__(self) -> BagWriter:
         try:
-            self._workshop = Path(tempfile.mkdtemp(prefix=f".{self.path.name}.", suffix=".part", dir=self.path.parent))
+            prefix = f".{self.path.name}."
+            self._workshop = Path(tempfile.mkdtemp(prefix=prefix, suffix=WORKSHOP_SUFFIX, dir=self.path.parent))
         except OSError as error:
             raise BagError(f"'{self.path}' cannot be written: {error.strerror}") from None
         try:
@@ -217,6 +223,10 @@ class BagWriter:
         qos = [_latched_qos()] if latched else []
         return self._writer.add_connection(topic, message_type, typestore=self._types, offered_qos_profiles=qos)
 
+    def note(self, key: str, text: str) -> None:
+        """Put a text into the recording's metadata, as rosbag2's custom data."""
+        self._writer.set_custom_data(key, text)
+
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
             if kind is None:
@@ -236,6 +246,14 @@ class BagWriter:
             raise
         except Exception as error:
             raise BagError(f"'{self.path}' cannot be written: {error}") from None
+
+
+def remove_leftovers(path: Path) -> None:
+    """Remove what a writer of the recording `path` left behind when its process was killed; none may be at work."""
+    pattern = re.compile(rf"\.{re.escape(path.name)}\.[a-z0-9_]+{re.escape(WORKSHOP_SUFFIX)}")
+    for entry in path.parent.iterdir() if path.parent.is_dir() else ():
+        if pattern.fullmatch(entry.name):
+            shutil.rmtree(entry, ignore_errors=True)
 
 
 def _latched_qos() -> Any:

@@ -4,55 +4,72 @@ from __future__ import annotations
 
 import argparse
 import os
-import signal
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 from lassokin_ros import topics
 from lassokin_ros.bags import STORAGES, BagReader, BagWriter, RecordedTopic
 from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.interruption import Interrupted, interruptible
 from lassokin_ros.progress import Progress
+
+if TYPE_CHECKING:
+    from lassokin_ros.replay_record import Figures
 
 USAGE_ERROR = 2
 INTERRUPTED = 130
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
-
-
-class Interrupted(BaseException):
-    """SIGINT or SIGTERM. Not KeyboardInterrupt: when that passes through `exec`, Python dies of it though caught."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; the exit code: 0, 2 for input that cannot be used (one line on stderr), 130 when interrupted."""
     options = _parser().parse_args(arguments)
-    previous = [signal.signal(number, _interrupt) for number in SIGNALS]
     # The matrices are small: further threads of BLAS cost more than they bring.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     try:
-        print(replay(options))
+        with interruptible():
+            return run(options)
     except LassokinError as error:
         print(f"replay: {error}", file=sys.stderr)
         return USAGE_ERROR
-    except Interrupted:
-        print("replay: interrupted; nothing was written", file=sys.stderr)
+    except Interrupted as interrupted:
+        print(f"replay: interrupted; {interrupted}", file=sys.stderr)
         return INTERRUPTED
-    finally:
-        for number, handler in zip(SIGNALS, previous):
-            signal.signal(number, handler)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Replay one recording, or an archive of them; the exit code. Raises a LassokinError."""
+    from lassokin_ros.archive import is_archive, replay_archive
+
+    if is_archive(options):
+        return replay_archive(options)
+    (options.bag,) = options.bags
+    print(replay(options).summary)
     return 0
 
 
-def _interrupt(number: int, _: Any) -> None:
-    raise Interrupted(number)
+@dataclass(frozen=True)
+class Replayed:
+    """What is said of a replay: in words, in figures, and the median ms per frame, which is not repeatable."""
+
+    summary: str
+    figures: Figures
+    frame_ms: float
 
 
-def replay(options: argparse.Namespace) -> str:
-    """Track what is recorded in options.bag, write options.output; the summary. Raises a LassokinError."""
+def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Replayed:
+    """Track what is recorded in options.bag, write options.output. Raises a LassokinError.
+
+    progress_on: a stream for the progress bar, stderr by default.
+    """
+    import numpy as np
+
     from lassokin_ros.offline_parameters import offline_settings
     from lassokin_ros.offline_tracker import OfflineTracker
+    from lassokin_ros.replay_record import KEY, Record, origin_of
     from msg_adapters.registry import full_type_name
 
     tracker_config, node_config = offline_settings(options.params_file, options.p)
@@ -64,13 +81,18 @@ def replay(options: argparse.Namespace) -> str:
         output = options.output or Path(f"{options.bag.resolve().stem}_tracked")
         storage = options.storage or bag.storage
         with BagWriter(output, storage, bag.types, options.force) as writer:
-            seconds = _run(bag, keypoints, camera, tracker, writer)
-    return _summary(f"{options.bag} -> {output} ({storage})", (keypoints, camera), tracker, seconds)
+            progress = Progress(keypoints.count + camera.count, "messages", progress_on)
+            seconds = _run(bag, keypoints, camera, tracker, writer, progress)
+            figures = _figures(tracker)
+            writer.note(KEY, Record(origin_of(options), figures).text)
+    summary = _summary(f"{options.bag} -> {output} ({storage})", (keypoints, camera), tracker, seconds)
+    return Replayed(summary, figures, 1e3 * float(np.median(tracker.frame_seconds or [np.nan])))
 
 
-def _run(bag: BagReader, keypoints: RecordedTopic, camera: RecordedTopic, tracker: Any, writer: BagWriter) -> float:
+def _run(
+    bag: BagReader, keypoints: RecordedTopic, camera: RecordedTopic, tracker: Any, writer: BagWriter, progress: Progress
+) -> float:
     """Every message through the tracker, in seconds."""
-    progress = Progress(keypoints.count + camera.count, "messages")
     started = time.monotonic()
     try:
         for topic, time_ns, message in bag.messages([keypoints, camera]):
@@ -81,6 +103,16 @@ def _run(bag: BagReader, keypoints: RecordedTopic, camera: RecordedTopic, tracke
     finally:
         progress.close()
     return time.monotonic() - started
+
+
+def _figures(tracker: Any) -> Figures:
+    import numpy as np
+
+    from lassokin_ros.replay_record import Figures
+
+    counts, error = tracker.pipeline.counts, tracker.reprojection_px
+    median = round(float(np.median(error)), 3) if error else None
+    return Figures(counts["received"], counts["accepted"], tracker.times_lost, median)
 
 
 def _summary(title: str, inputs: Sequence[RecordedTopic], tracker: Any, seconds: float) -> str:
@@ -106,8 +138,19 @@ def _parser() -> argparse.ArgumentParser:
         prog="replay",
         description="Track the keypoints of a rosbag2 recording and write the node's topics to another one.",
     )
-    parser.add_argument("bag", type=Path, help="rosbag2 folder, or a single .mcap or .db3 file")
-    parser.add_argument("--output", "-o", type=Path, help="recording to write (default: <bag>_tracked, here)")
+    parser.add_argument(
+        "bags",
+        type=Path,
+        nargs="+",
+        metavar="BAG",
+        help="rosbag2 folder, a single .mcap or .db3 file, or a folder of recordings; several are an archive",
+    )
+    parser.add_argument(
+        "--output",
+        "-o",
+        type=Path,
+        help="recording to write (default: <bag>_tracked, here); for an archive the folder of all <bag>_tracked",
+    )
     parser.add_argument(
         "--params-file", type=Path, action="append", default=[], metavar="YAML", help="ROS parameter file"
     )
@@ -116,7 +159,18 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--camera-info-topic", metavar="TOPIC", help="needed when the recording has several")
     parser.add_argument("--storage", choices=STORAGES, help="of the output (default: the input's)")
     parser.add_argument("--force", action="store_true", help="replace an output that exists")
+    parser.add_argument(
+        "--jobs", type=_positive, metavar="N", help="processes for an archive (default: one for each core)"
+    )
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="of dask.distributed, whose workers do the archive")
     return parser
+
+
+def _positive(text: str) -> int:
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"{number}; expected 1 or more")
+    return number
 
 
 if __name__ == "__main__":

@@ -114,7 +114,7 @@ def test_two_cameras_are_not_guessed_at(folder, monkeypatch, capsys):
             bag.find("sensor_msgs/msg/CameraInfo", None, "keypoints", "--x")
 
 
-@pytest.mark.parametrize("arguments", [[], ["a", "b"], ["a", "--storage", "zip"], ["a", "--nonsense"]])
+@pytest.mark.parametrize("arguments", [[], ["a", "--jobs", "0"], ["a", "--storage", "zip"], ["a", "--nonsense"]])
 def test_usage_errors_end_with_code_2(arguments, capsys):
     with pytest.raises(SystemExit) as ended:
         main(arguments)

@@ -1,0 +1,55 @@
+"""An archive on a cluster: dask.distributed's workers do the recordings.
+
+All of them, and this process, see the same files under the same paths, and have this package installed. A recording
+whose worker dies is done again by another one; that is the scheduler's own doing.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Generator, Sequence
+from typing import Any
+
+from lassokin_ros.archive import ArchiveError, Result, Runner, Task, work
+from lassokin_ros.bags import remove_leftovers
+
+TIMEOUT_S = 10
+
+
+def on_cluster(address: str) -> Runner:
+    """A runner on the workers of the scheduler at `address`, such as tcp://10.0.0.1:8786. Raises ArchiveError."""
+    try:
+        import distributed
+    except ImportError:
+        raise ArchiveError(
+            "a cluster is reached with dask.distributed; install it with: pip install 'lassokin_ros[cluster]'"
+        ) from None
+
+    def run(tasks: Sequence[Task]) -> Generator[Result, None, None]:
+        try:
+            client = distributed.Client(address, timeout=TIMEOUT_S, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise ArchiveError(f"there is no scheduler at '{address}': {error}") from None
+        with client:
+            if not client.scheduler_info()["workers"]:
+                print(f"replay: the scheduler at {address} has no workers; waiting for some", file=sys.stderr)
+            futures = {client.submit(work, task, pure=False): task for task in tasks}
+            try:
+                for future in distributed.as_completed(list(futures)):
+                    yield _result(future, futures[future])
+            finally:
+                # Of what is left nothing is begun; a worker in the middle of a recording completes it.
+                client.cancel([future for future in futures if not future.done()])
+
+    return run
+
+
+def _result(future: Any, task: Task) -> Result:
+    if future.cancelled():
+        return Result(task.name, "failed: the scheduler went away, or cancelled it")
+    error = future.exception()
+    if error is None:
+        result: Result = future.result()
+        return result
+    remove_leftovers(task.options.output)  # of workers that died of it
+    return Result(task.name, f"failed: {type(error).__name__}: {' '.join(str(error).split())}")
