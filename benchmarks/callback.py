@@ -47,7 +47,7 @@ def measure_callback(observations: Sequence[Observation], distorted: bool = Fals
         )
     with _nodes() as (quiet, loud):
         whole = {"whole callback, nobody listens": quiet, "whole callback, all outputs subscribed": loud}
-        callbacks = {name: (node._on_camera_info, node._on_keypoints) for name, node in whole.items()}
+        callbacks = {name: (node._on_camera_info, node.work_on) for name, node in whole.items()}
         publish = {topic.name: loud._person._out[topic.name].publish for topic in topics.FRAME_OUTPUTS}
         records = _stages(observations, distorted, RclpyBackend(), lambda topic, m: publish[topic](m), callbacks)
     return "rclpy, real publishers", records

@@ -10,6 +10,7 @@ import numpy as np
 from lassokin_ros.core.tracker import Status
 from lassokin_ros.frame import Frame
 from lassokin_ros.pipeline import Pipeline
+from lassokin_ros.inbox import LOST, OVERTAKEN
 from msg_adapters.outputs import ERROR, OK, WARN, StatusLine
 
 SILENCE_S = 2.0
@@ -79,10 +80,9 @@ class Diagnostics:
             return WARN, "waiting for keypoints"
         if now - self._keypoints_at > SILENCE_S:
             return WARN, f"no keypoints for {now - self._keypoints_at:.1f} s"
-        refused = {key.partition(": ")[2]: n for key, n in recent.items() if key.startswith("rejected: ") and n > 0}
-        if refused:
-            listed = ", ".join(f"{reason} {count}" for reason, count in sorted(refused.items()))
-            return WARN, f"{pipeline.status.value}; rejected of {recent['received']}: {listed}"
+        unused = _unused(recent)
+        if unused:
+            return WARN, f"{pipeline.status.value}; {unused}"
         if pipeline.status is not Status.TRACKING:
             return WARN, pipeline.status.value
         return OK, pipeline.status.value
@@ -100,7 +100,7 @@ class Diagnostics:
             "callback time maximum [ms]": _figure(self._times_ms, 100),
             "reprojection error [px]": f"{self._reprojection_px:.2f}",
         }
-        for key in ("received", "accepted", "unstamped", "ignored while disabled"):
+        for key in ("received", "accepted", "unstamped", "ignored while disabled", OVERTAKEN, LOST):
             values[f"{key} [messages]"] = str(counts[key])
         values["resets"] = str(counts["resets"])
         if self._pipeline.people is not None:
@@ -114,6 +114,16 @@ class Diagnostics:
 
 def _age(now: float, then: float | None) -> str:
     return "never" if then is None else f"{now - then:.3f}"
+
+
+def _unused(recent: Counter[str]) -> str:
+    """Which messages of a period were not used, and why; empty when all were."""
+    refused = {key.partition(": ")[2]: n for key, n in recent.items() if key.startswith("rejected: ") and n > 0}
+    parts = [f"{key}: {recent[key]}" for key in (OVERTAKEN, LOST) if recent[key]]
+    if refused:
+        listed = ", ".join(f"{reason} {count}" for reason, count in sorted(refused.items()))
+        parts.insert(0, f"rejected of {recent['received']}: {listed}")
+    return "; ".join(parts)
 
 
 def _figure(values: list[float], percentile: int) -> str:

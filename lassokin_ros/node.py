@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import Any
 
@@ -18,6 +19,7 @@ from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.diagnostics import Diagnostics
 from lassokin_ros.frame import Frame
 from lassokin_ros.node_config import NodeConfig
+from lassokin_ros.inbox import Inbox
 from lassokin_ros.parameters import LiveParameters, Settings, declare, unknown_parameters
 from lassokin_ros.person_outputs import PeopleOutputs, PersonOutputs, advertise, message_class
 from lassokin_ros.pipeline import Pipeline
@@ -45,7 +47,8 @@ class TrackerNode(Node):
         self._diagnostics = Diagnostics(self._pipeline, name, time.monotonic())
         self._diagnostics_out = advertise(self, topics.DIAGNOSTICS_OUTPUT)
         self._open_outputs(settings[1], name)
-        self._listen(settings[1].keypoints_type, settings[1].queue_depth)
+        self._inbox = Inbox(settings[1].queue_depth, self._pipeline.counts)
+        self._listen(settings[1].keypoints_type)
         for line in unknown_parameters(self):
             self.get_logger().warning(line)
 
@@ -58,7 +61,7 @@ class TrackerNode(Node):
         else:
             self._person = PersonOutputs(self, skeleton, config, name)
 
-    def _listen(self, keypoints_type: str, depth: int) -> None:
+    def _listen(self, keypoints_type: str) -> None:
         """Subscriptions, service, timer and the watch on the clock."""
         subscribe = partial(
             self.create_subscription, qos_overriding_options=QoSOverridingOptions.with_default_policies()
@@ -69,7 +72,10 @@ class TrackerNode(Node):
             self._on_camera_info,
             _sensor_data(CAMERA_INFO_DEPTH),
         )
-        subscribe(message_class(keypoints_type), topics.KEYPOINTS, self._on_keypoints, _sensor_data(depth))
+        on_keypoints: Any = self._on_keypoints  # with message_info, which rclpy's type hints do not know
+        self._keypoints = subscribe(
+            message_class(keypoints_type), topics.KEYPOINTS, on_keypoints, _sensor_data(self._inbox.reserve)
+        )
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/set_enabled", self._on_set_enabled)
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # diagnostics go on while simulated time stands still
@@ -83,7 +89,24 @@ class TrackerNode(Node):
         if reason is not None:
             self._camera_warning.say(reason, f"camera_info refused: {self._pipeline.camera_fault}")
 
-    def _on_keypoints(self, message: Any) -> None:
+    def _on_keypoints(self, message: Any, info: Mapping[str, Any]) -> None:
+        waiting = [(message, info), *self._waiting()]
+        for chosen in self._inbox.choose(waiting, self._keypoints.get_publisher_count()):
+            if self.context.ok():
+                self.work_on(chosen)
+        self._inbox.done(time.time_ns())
+
+    def _waiting(self) -> Iterator[tuple[Any, Mapping[str, Any]]]:
+        """The keypoint messages that wait behind the one that the executor has taken."""
+        for _ in range(self._inbox.reserve):
+            with self._keypoints.handle:
+                taken = self._keypoints.handle.take_message(self._keypoints.msg_type, self._keypoints.raw)
+            if taken is None:
+                return
+            yield taken
+
+    def work_on(self, message: Any) -> None:
+        """Track who is in one keypoint message, and publish; never raises."""
         started = time.monotonic()
         now_ns = self.get_clock().now().nanoseconds
         try:

@@ -25,7 +25,12 @@ class NodeConfig:
         "camera_optical_frame", "base link of robot_description until the first keypoints say their frame_id"
     )
     queue_depth: int = setting(
-        5, "keypoint messages that wait while one is worked on; older ones are dropped", "", 1, 1000
+        5,
+        "keypoint messages that may wait and are all used, to catch up; when more wait the newest is, the others are "
+        "counted",
+        "",
+        1,
+        1000,
     )
     jump_back: float = setting(
         0.5,
