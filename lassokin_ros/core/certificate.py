@@ -41,6 +41,7 @@ class Certificate:
         return largest if math.isfinite(self.kkt1 + self.kkt2 + self.kkt3) else math.inf  # max() can pass over a NaN
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of a wrong answer's huge numbers; they certify nothing
 def certify(
     A: np.ndarray, B: np.ndarray, z: np.ndarray, alpha: np.ndarray, omega: np.ndarray, x: np.ndarray
 ) -> Certificate:

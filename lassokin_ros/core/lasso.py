@@ -122,6 +122,8 @@ class LassoSolver:
         """
         problem.check()
         reduced = eliminate_translation(problem)
+        if not np.isfinite(reduced.H.trace()):
+            raise SolverError("the squares of A overflow; expected values below 1e150")
         ratio = float((np.abs(reduced.g) / problem.alpha).max())
         if ratio <= 1:
             return _finished(problem, reduced, problem.alpha, np.zeros(len(problem.alpha)), "zero", True)
@@ -131,15 +133,26 @@ class LassoSolver:
             if mended is not None:
                 return _finished(problem, reduced, alpha, mended, "guess", True)
         for effort, steps in enumerate((8, 100, 100)):
-            omega = self._dual.solve(reduced.A, reduced.z, reduced.H, reduced.g, alpha, effort)
+            answer = self._ask(reduced, alpha, effort)
+            omega = np.zeros(len(alpha)) if answer is None else answer
             mended = _mend(reduced, alpha, omega, steps)
             exact = mended is not None
             if mended is None:
                 mended = _without_specks(reduced, alpha, omega)
-            solution = _finished(problem, reduced, alpha, mended, self._dual.name, exact)
+            method = "active set" if answer is None else self._dual.name
+            solution = _finished(problem, reduced, alpha, mended, method, exact)
             if solution.certified:
                 break
         return solution
+
+    def _ask(self, reduced: Reduced, alpha: np.ndarray, effort: int) -> np.ndarray | None:
+        """The QP solver's Omega (n,); None where it raises or gives no n finite numbers."""
+        try:
+            answer = self._dual.solve(reduced.A, reduced.z, reduced.H, reduced.g, alpha, effort)
+            omega = np.asarray(answer)
+        except Exception:  # solvers raise whatever they like; the certificate says what came of it
+            return None
+        return omega if omega.dtype == float and omega.shape == alpha.shape and np.isfinite(omega).all() else None
 
 
 def _finished(
@@ -153,6 +166,7 @@ def _finished(
     return LassoSolution(omega, x, alpha, certifier, method, exact)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # `solve` refuses what overflows
 def eliminate_translation(problem: Lasso) -> Reduced:
     """Project x out: KKT-3 (15) solved for x, which stays 0 along what is not seen (one landmark or none)."""
     A, B, z = problem.A, problem.B, problem.z

@@ -1,0 +1,42 @@
+"""Good frames for the core's tracker, with the truth beside them."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.kinematics import BodyState
+from lassokin_ros.core.projection import project
+from lassokin_ros.core.tracker import Observation
+from lassokin_ros.synthetic import motion
+
+FOCAL, RATE, NOISE_PX = 1000.0, 30.0, 2.0
+CONFIG = TrackerConfig(noise_px=NOISE_PX)
+TRACKED_WITHIN = 0.15
+"""m: mean error of the joints, pelvis on pelvis, up to which a state counts as tracked; a lost one is 0.3 m off."""
+
+
+def observations(tracker, seconds=2.0, start=0.0, noise_px=NOISE_PX, seed=0):
+    """(true pelvis-aligned pose, observation) of each frame of the synthetic motion."""
+    random = np.random.default_rng(seed)
+    times = start + np.arange(round(seconds * RATE)) / RATE
+    truth = tracker.kinematics.pose(motion(tracker.skeleton, times))
+    points = project(truth.landmarks)
+    points = points + random.normal(size=points.shape) * noise_px / FOCAL
+    return [
+        (truth.positions[i], Observation(t, points[i], np.ones(points.shape[1]), FOCAL)) for i, t in enumerate(times)
+    ]
+
+
+def frame(tracker, stamp=0.0):
+    return replace(observations(tracker, 1 / RATE)[0][1], stamp=stamp)
+
+
+def aligned_error(estimate, truth):
+    """Mean distance, m, of the joints once the pelvises lie on each other."""
+    mine = estimate.pose.positions
+    return np.linalg.norm((mine - mine[0]) - (truth - truth[0]), axis=-1).mean()
+
+
+def same(a: BodyState, b: BodyState) -> bool:
+    return np.array_equal(a.rotations, b.rotations) and np.array_equal(a.translation, b.translation)
