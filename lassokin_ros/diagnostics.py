@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from lassokin_ros.calibration_figures import calibration_figures
 from lassokin_ros.core.tracker import Status
 from lassokin_ros.frame import Frame
 from lassokin_ros.pipeline import Pipeline
@@ -109,6 +110,9 @@ class Diagnostics:
                 values[key] = str(counts[key])
         for key in sorted(key for key in counts if key.startswith("rejected: ")):
             values[f"{key} [messages]"] = str(counts[key])
+        calibrate = self._pipeline.tracker.config.calibrate
+        for person, calibration in self._pipeline.calibrations().items():
+            values |= calibration_figures(calibration, calibrate, person)
         return values
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
@@ -23,6 +24,7 @@ from lassokin_ros.inbox import Inbox
 from lassokin_ros.parameters import LiveParameters, Settings, declare, unknown_parameters
 from lassokin_ros.person_outputs import PeopleOutputs, PersonOutputs, advertise, message_class
 from lassokin_ros.pipeline import Pipeline
+from lassokin_ros.skeleton_file import save_all
 from lassokin_ros.throttle import Throttle
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.outputs import DiagnosticArrayBuilder
@@ -78,6 +80,7 @@ class TrackerNode(Node):
         )
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/set_enabled", self._on_set_enabled)
+        self.create_service(Trigger, "~/save_skeleton", self._on_save_skeleton)
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # diagnostics go on while simulated time stands still
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics, clock=steady)
         jump = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True)
@@ -157,6 +160,15 @@ class TrackerNode(Node):
             self._forget()
         response.success = True
         response.message = ("enabled" if request.data else "disabled") + ("" if changed else " already")
+        return response
+
+    def _on_save_skeleton(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            path = Path(self._pipeline.config.skeleton_output)
+            written = save_all(self._pipeline.calibrations(), path, self.get_clock().now().nanoseconds)
+            response.success, response.message = True, f"written: {', '.join(map(str, written))}"
+        except LassokinError as error:
+            response.success, response.message = False, str(error)
         return response
 
     def _on_clock_jump(self, jump: TimeJump) -> None:

@@ -56,6 +56,11 @@ class NodeConfig:
     publish_tf: bool = setting(
         False, "TF of the person's pelvis: frame body, or body_<id>, x to the front, y to the left, z up"
     )
+    skeleton_output: str = setting(
+        "~/.ros/lassokin_skeleton.yaml",
+        "file that ~/save_skeleton writes, for the parameter skeleton; of several people each their own, _<id> added",
+        live=True,
+    )
 
     @property
     def several_people(self) -> bool:

@@ -50,6 +50,11 @@ class People:
         return [name(number) for number in self._present]
 
     @property
+    def bodies(self) -> dict[str, Body]:
+        """Their bodies, by id."""
+        return {name(number): body for number, body in self._present.items()}
+
+    @property
     def status(self) -> Status:
         """The best of the people's."""
         states = [body.status for body in self._present.values()]

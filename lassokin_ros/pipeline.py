@@ -15,6 +15,7 @@ import numpy as np
 
 from lassokin_ros.body import Body, Detection
 from lassokin_ros.camera import Camera, View
+from lassokin_ros.core.calibration import Calibration
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.tracker import Status
 from lassokin_ros.frame import Frame
@@ -63,6 +64,11 @@ class Pipeline:
     def status(self) -> Status:
         """What is known of the person; of several people, of the one of whom most is known."""
         return self._body.status if self.people is None else self.people.status
+
+    def calibrations(self) -> dict[str, Calibration]:
+        """What is known of each person's lengths, by id; of one person alone under an empty id."""
+        bodies = {"": self._body} if self.people is None else self.people.bodies
+        return {person: body.tracker.calibration for person, body in bodies.items()}
 
     def reset(self) -> None:
         """Forget the person, or everybody; the camera and the counts stay."""

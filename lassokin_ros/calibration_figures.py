@@ -1,0 +1,28 @@
+"""What calibration knows, in figures for the diagnostics and for a saved file."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lassokin_ros.core.calibration import Calibration
+
+
+def length_changes(calibration: Calibration) -> dict[str, float]:
+    """Each length's change from the given skeleton, in % of it."""
+    return dict(zip(calibration.proportions.names, (100 * np.expm1(calibration.lengths)).tolist()))
+
+
+def calibration_figures(calibration: Calibration, enabled: bool, person: str = "") -> dict[str, str]:
+    """For /diagnostics: off, learning or final; motion seen, the least certain length, and each length's change.
+
+    enabled: the parameter calibrate; person: the id, empty when one person is followed.
+    """
+    title = f"{person} calibration" if person else "calibration"
+    state = "final" if calibration.frozen else "learning" if enabled else "off"
+    values = {title: state}
+    if calibration.moved > 0:
+        values[f"{title}: motion seen [s]"] = f"{calibration.moved:.2f}"
+        values[f"{title}: largest deviation [%]"] = f"{100 * float(np.max(calibration.spread, initial=0)):.2f}"
+        for name, change in length_changes(calibration).items():
+            values[f"{title}: {name} [%]"] = f"{change:+.2f}"
+    return values

@@ -1,0 +1,106 @@
+"""A calibrated skeleton as a YAML file that the parameter `skeleton` takes."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from datetime import datetime, timezone
+from pathlib import Path
+
+from lassokin_ros.calibration_figures import length_changes
+from lassokin_ros.core.calibration import Calibration
+from lassokin_ros.core.errors import SkeletonError
+from lassokin_ros.core.skeleton import Skeleton
+
+LEAST_MOTION = 1.0
+"""s of motion that calibration has to have seen before its skeleton is worth a file."""
+
+
+def save_all(calibrations: Mapping[str, Calibration], path: Path, now_ns: int) -> list[Path]:
+    """Write a file for everybody who has been calibrated; the paths.
+
+    calibrations: by id, an empty one where one person is followed. Raises SkeletonError when a file cannot be written,
+    or nobody has been calibrated, in which case nothing is written.
+    """
+    if not calibrations:
+        raise SkeletonError("nothing has been calibrated: nobody is there")
+    ready = {person: known for person, known in calibrations.items() if known.moved >= LEAST_MOTION}
+    return [
+        save_calibrated(known, for_person(path, person), now_ns) for person, known in (ready or calibrations).items()
+    ]
+
+
+def save_calibrated(calibration: Calibration, path: Path, now_ns: int) -> Path:
+    """Write what calibration knows by now; the path, `~` resolved.
+
+    now_ns: ns since 1970, for the comment. Raises SkeletonError when nothing has been calibrated, or the file cannot
+    be written; a file that was there before then stays as it was.
+    """
+    if calibration.moved < LEAST_MOTION:
+        raise SkeletonError(
+            f"nothing has been calibrated: {calibration.moved:.1f} s of motion seen, expected {LEAST_MOTION:g} or "
+            "more; set the parameter calibrate and let the person move"
+        )
+    skeleton = calibration.skeleton
+    state = "the lengths are final" if calibration.frozen else "the lengths were still being learned"
+    changes = [f"{name} {change:+.1f} %" for name, change in length_changes(calibration).items()]
+    return write_text(
+        path,
+        skeleton_text(
+            skeleton,
+            (
+                f"Calibrated by lassokin_ros, {_date(now_ns)}.",
+                f"For a height of {skeleton.height:g} m: use it with the same parameter height.",
+                f"{calibration.moved:g} s of motion counted; {state}.",
+                f"Changed from skeleton {_quoted(skeleton.name)}: {', '.join(changes)}.",
+            ),
+        ),
+    )
+
+
+def skeleton_text(skeleton: Skeleton, comments: Sequence[str] = ()) -> str:
+    """A skeleton in the YAML form that `Skeleton.load` reads, in metres."""
+    lines = [f"# {comment}" for comment in comments]
+    lines += [f"name: {_quoted(skeleton.name)}", "height_unit: metre", "joints:"]
+    for joint, name in enumerate(skeleton.joint_names):
+        parent = skeleton.parents[joint]
+        above = "null" if parent < 0 else _quoted(skeleton.joint_names[parent])
+        place = ", ".join(map(repr, skeleton.rest_positions[joint].tolist()))
+        axes = skeleton.axes[joint]
+        lines.append(f'  - {{name: {_quoted(name)}, parent: {above}, position: [{place}], axes: "{axes}"}}')
+    return "\n".join(lines) + "\n"
+
+
+def write_text(path: Path, text: str) -> Path:
+    """Write a file whole or not at all, its folder too; the path, `~` resolved. SkeletonError when it is impossible."""
+    try:
+        path = path.expanduser()
+        part = path.with_name(f".{path.name}.{os.getpid()}.part")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            with part.open("w", encoding="utf-8") as file:
+                file.write(text)
+                file.flush()
+                os.fsync(file.fileno())
+            part.replace(path)
+        finally:
+            part.unlink(missing_ok=True)
+    except (OSError, ValueError, RuntimeError) as problem:  # no name in the path, no home for `~`
+        reason = getattr(problem, "strerror", None) or problem
+        raise SkeletonError(f"'{path}' cannot be written: {reason}") from None
+    return path
+
+
+def for_person(path: Path, person: str) -> Path:
+    """The path of one of several people's files: the id at the end of its name."""
+    return path.with_name(f"{path.stem}_{person}{path.suffix}") if person and path.name else path
+
+
+def _date(now_ns: int) -> str:
+    return datetime.fromtimestamp(now_ns // 1_000_000_000, timezone.utc).strftime("%Y-%m-%d %H:%M:%S UTC")
+
+
+def _quoted(text: str) -> str:
+    """A YAML string; JSON's are."""
+    return json.dumps(text)

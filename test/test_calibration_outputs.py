@@ -1,0 +1,195 @@
+"""What calibration has learned reaches the URDF, the diagnostics and a file, live and in a replay."""
+
+import os
+
+import numpy as np
+import pytest
+from cases import body
+from description_check import DescribedBody
+
+from lassokin_ros.calibration_figures import calibration_figures
+from lassokin_ros.core.calibration import Calibration
+from lassokin_ros.core.errors import SkeletonError
+from lassokin_ros.core.prior import PosePrior, PriorRows
+from lassokin_ros.core.proportions import Proportions
+from lassokin_ros.core.skeleton import Skeleton
+from lassokin_ros.skeleton_file import save_all, skeleton_text, write_text
+
+NOW_NS = 1_700_000_000_123_456_789
+PROMISE_M = 1e-3
+
+
+def learned(seconds=5.0, seed=3):
+    """A calibration that has come to lengths of its own."""
+    kinematics = body()
+    calibration = Calibration(kinematics, PriorRows(PosePrior.load(kinematics.skeleton), kinematics))
+    calibration.lengths = np.random.default_rng(seed).normal(size=calibration.proportions.count) * 0.05
+    calibration.moved = seconds
+    return calibration
+
+
+def wrong_skeleton_file(folder, spread=0.08, seed=3):
+    """The built-in skeleton with other proportions, as a file."""
+    right = Skeleton.load("anthropometric", 1.75)
+    proportions = Proportions(body())
+    lengths = np.random.default_rng(seed).normal(size=proportions.count) * spread
+    return write_text(folder / "wrong.yaml", skeleton_text(right.with_offsets(proportions.offsets(lengths))))
+
+
+# The file ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_saved_skeleton_is_loaded_again_with_its_lengths(tmp_path):
+    calibration = learned()
+    (path,) = save_all({"": calibration}, tmp_path / "new" / "me.yaml", NOW_NS)
+    saved, known = Skeleton.load(str(path), 1.75), calibration.skeleton
+    assert np.abs(saved.offsets - known.offsets).max() < 1e-15
+    assert np.abs(saved.offsets - Skeleton.load("anthropometric", 1.75).offsets).max() > 0.01
+    assert (saved.name, saved.joint_names, saved.axes) == (known.name, known.joint_names, known.axes)
+    assert saved.parents.tolist() == known.parents.tolist()
+    comments = "".join(line for line in path.read_text().splitlines(True) if line.startswith("#"))
+    assert "2023-11-14 22:13:20 UTC" in comments and "height of 1.75 m" in comments and "5 s of motion" in comments
+    assert "still being learned" in comments and "thigh" in comments
+    assert [file.name for file in path.parent.iterdir()] == ["me.yaml"]
+
+
+def test_a_name_cannot_leave_its_comment_or_its_string(tmp_path):
+    skeleton = Skeleton.load("anthropometric", 1.75)
+    odd = skeleton_text(type(skeleton)('a"\njoints: []', *list(vars(skeleton).values())[1:6]), ["one"])
+    path = write_text(tmp_path / "odd.yaml", odd)
+    assert Skeleton.load(str(path), 1.75).name == 'a"\njoints: []'
+
+
+def test_everybody_who_has_been_calibrated_has_a_file(tmp_path):
+    people = {"p1": learned(), "p4": learned(0.0), "p9": learned(seed=4)}
+    written = save_all(people, tmp_path / "they.yaml", NOW_NS)
+    assert [path.name for path in written] == ["they_p1.yaml", "they_p9.yaml"]
+    loaded = [Skeleton.load(str(path), 1.75).offsets for path in written]
+    assert np.abs(loaded[0] - loaded[1]).max() > 0.005
+
+
+@pytest.mark.parametrize("people", [{}, {"": 0.0}, {"p1": 0.5, "p2": 0.0}], ids=["nobody", "one", "two"])
+def test_nothing_calibrated_is_refused(tmp_path, people):
+    with pytest.raises(SkeletonError, match="nothing has been calibrated"):
+        save_all({person: learned(moved) for person, moved in people.items()}, tmp_path / "me.yaml", NOW_NS)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_that_cannot_be_written_is_refused_and_the_old_one_stays(tmp_path, monkeypatch):
+    calibration, old = learned(), tmp_path / "me.yaml"
+    old.write_text("old")
+    (tmp_path / "folder").mkdir()
+    for path in (old / "below_a_file.yaml", tmp_path / "folder", type(old)("")):
+        with pytest.raises(SkeletonError, match="cannot be written"):
+            save_all({"": calibration}, path, NOW_NS)
+
+    def full(_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(SkeletonError, match="No space left"):
+        save_all({"": calibration}, old, NOW_NS)
+    assert old.read_text() == "old" and sorted(os.listdir(tmp_path)) == ["folder", "me.yaml"]
+
+
+def test_the_home_folder_may_be_written_as_a_tilde(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (path,) = save_all({"": learned()}, type(tmp_path)("~/.ros/me.yaml"), NOW_NS)
+    assert path == tmp_path / ".ros" / "me.yaml" and path.is_file()
+
+
+def test_figures_for_the_diagnostics():
+    calibration = learned()
+    values = calibration_figures(calibration, True, "p4")
+    assert values["p4 calibration"] == "learning" and values["p4 calibration: motion seen [s]"] == "5.00"
+    thigh = calibration.lengths[calibration.proportions.names.index("thigh")]
+    assert float(values["p4 calibration: thigh [%]"]) == pytest.approx(100 * np.expm1(thigh), abs=0.006)
+    assert float(values["p4 calibration: largest deviation [%]"]) == pytest.approx(5)
+    calibration.frozen = True
+    assert calibration_figures(calibration, True)["calibration"] == "final"
+    assert calibration_figures(learned(0.0), False) == {"calibration": "off"}
+
+
+# The URDF ------------------------------------------------------------------------------------------------------------
+
+
+def test_in_a_replay_every_frames_joints_are_those_of_the_newest_urdf(tmp_path):
+    pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
+    from recordings import RATE, read, write_recording
+
+    from lassokin_ros.replay import main
+
+    frames = 360
+    recording = write_recording(tmp_path / "walk", frames)
+    settings = ["-p", f"skeleton:={wrong_skeleton_file(tmp_path)}", "-p", "calibrate:=true"]
+    for name in ("once", "again"):
+        assert main([str(recording), "-o", str(tmp_path / name), *settings]) == 0
+    streams = {topic: read(tmp_path / "once", f"/{topic}") for topic in ("robot_description", "joint_states", "joints")}
+    descriptions = [(time_ns, DescribedBody(m.data)) for time_ns, m in streams["robot_description"]]
+    assert 4 < len(descriptions) <= 1 + frames / RATE
+    assert np.diff([time_ns for time_ns, _ in descriptions]).min() > 0.9e9
+    errors, first = [], descriptions[0][1]
+    for (time_ns, state), (_, joints) in zip(streams["joint_states"], streams["joints"]):
+        newest = [d for published, d in descriptions if published <= time_ns][-1]
+        errors.append((newest.error(state, joints), first.error(state, joints)))
+    assert len(errors) > 0.95 * frames
+    assert max(error for error, _ in errors) < PROMISE_M
+    assert errors[-1][1] > 5 * PROMISE_M  # the lengths have moved by much more
+    again = [(time_ns, m.data) for time_ns, m in read(tmp_path / "again", "/robot_description")]
+    assert again == [(time_ns, m.data) for time_ns, m in streams["robot_description"]]
+
+
+def test_the_running_node_describes_saves_and_reports_what_it_has_learned(tmp_path):
+    pytest.importorskip("rclpy")
+    from live import BACKEND, START_NS, NodeProcess, Peer, values_of
+    from messages import FRAME, camera_info, pixels_of_motion
+    from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+    from rcl_interfaces.srv import SetParameters
+    from std_srvs.srv import Trigger
+
+    from lassokin_ros import topics
+    from lassokin_ros.urdf import urdf
+
+    namespace, saved = "/calibrating", tmp_path / "me.yaml"
+    pixels = pixels_of_motion(200, 25.0)
+    settings = {"skeleton": wrong_skeleton_file(tmp_path), "calibrate": "true", "skeleton_output": saved}
+    options = [word for name, value in settings.items() for word in ("-p", f"{name}:={value}")]
+    with NodeProcess(namespace, *options) as node, Peer(namespace) as peer:
+        peer.listen(topics.DESCRIPTION_OUTPUT)
+        states, joints = peer.got[topics.JOINT_STATES], peer.got[topics.JOINTS]
+        texts = peer.got[topics.ROBOT_DESCRIPTION]
+        peer.start(pixels[0])
+        answer = peer.call(Trigger, "save_skeleton", Trigger.Request())
+        assert not answer.success and "nothing has been calibrated" in answer.message and not saved.exists()
+        peer.spin_until(lambda: texts and FRAME in texts[-1].data, what="the description in the camera's frame")
+        states.clear(), joints.clear()
+        del texts[:-1]
+        for i, xy in enumerate(pixels):
+            peer.camera.publish(camera_info(BACKEND))
+            peer.send(START_NS + i * 40_000_000, xy)
+            peer.spin_until(lambda: min(len(states), len(joints)) > i, what="the answer")  # noqa: B023
+        values = values_of(peer.next_diagnostics())
+        assert values["calibration"] == "learning" and float(values["calibration: motion seen [s]"]) > 4
+        assert any(abs(float(v)) > 1 for key, v in values.items() if key.startswith("calibration: ") and "%" in key)
+        assert 3 < len(texts) <= 9  # at most one a second
+        bodies, current = [DescribedBody(text.data) for text in texts], 0
+        for state, poses in zip(states, joints):  # topics overtake one another: in order, each with one of them
+            fits = [k for k in range(current, len(bodies)) if bodies[k].error(state, poses) < PROMISE_M]
+            assert fits, "no description reproduces this frame's joints"
+            current = fits[0]
+        assert current == len(bodies) - 1
+        answer = peer.call(Trigger, "save_skeleton", Trigger.Request())
+        assert answer.success and str(saved) in answer.message
+        peer.send(START_NS + len(pixels) * 40_000_000, pixels[-1])  # tracked with what has been saved
+        peer.spin_until(lambda: len(joints) == len(states) == len(pixels) + 1, what="the last answer")
+        described = DescribedBody(urdf(Skeleton.load(str(saved), 1.75), FRAME))
+        assert described.error(states[-1], joints[-1]) < 1e-6
+        impossible = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=str(saved / "below"))
+        request = SetParameters.Request(parameters=[Parameter(name="skeleton_output", value=impossible)])
+        assert peer.call(SetParameters, "set_parameters", request).results[0].successful
+        answer = peer.call(Trigger, "save_skeleton", Trigger.Request())
+        assert not answer.success and "cannot be written" in answer.message
+        peer.call(Trigger, "reset", Trigger.Request())
+        answer = peer.call(Trigger, "save_skeleton", Trigger.Request())
+        assert not answer.success and "nothing has been calibrated" in answer.message
+    assert "Traceback" not in node.said
