@@ -10,8 +10,8 @@ import numpy as np
 from lassokin_ros.calibration_figures import calibration_figures
 from lassokin_ros.core.tracker import Status
 from lassokin_ros.frame import Frame
-from lassokin_ros.pipeline import Pipeline
 from lassokin_ros.inbox import LOST, OVERTAKEN
+from lassokin_ros.pipeline import Pipeline
 from msg_adapters.outputs import ERROR, OK, WARN, StatusLine
 
 SILENCE_S = 2.0
@@ -116,10 +116,6 @@ class Diagnostics:
         return values
 
 
-def _age(now: float, then: float | None) -> str:
-    return "never" if then is None else f"{now - then:.3f}"
-
-
 def _unused(recent: Counter[str]) -> str:
     """Which messages of a period were not used, and why; empty when all were."""
     refused = {key.partition(": ")[2]: n for key, n in recent.items() if key.startswith("rejected: ") and n > 0}
@@ -128,6 +124,10 @@ def _unused(recent: Counter[str]) -> str:
         listed = ", ".join(f"{reason} {count}" for reason, count in sorted(refused.items()))
         parts.insert(0, f"rejected of {recent['received']}: {listed}")
     return "; ".join(parts)
+
+
+def _age(now: float, then: float | None) -> str:
+    return "never" if then is None else f"{now - then:.3f}"
 
 
 def _figure(values: list[float], percentile: int) -> str:

@@ -19,8 +19,8 @@ from lassokin_ros import topics
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.diagnostics import Diagnostics
 from lassokin_ros.frame import Frame
-from lassokin_ros.node_config import NodeConfig
 from lassokin_ros.inbox import Inbox
+from lassokin_ros.node_config import NodeConfig
 from lassokin_ros.parameters import LiveParameters, Settings, declare, unknown_parameters
 from lassokin_ros.person_outputs import PeopleOutputs, PersonOutputs, advertise, message_class
 from lassokin_ros.pipeline import Pipeline
