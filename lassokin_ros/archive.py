@@ -149,7 +149,7 @@ def _name(bag: Path) -> str:
 
 
 def work(task: Task) -> Result:
-    """Do one task, here and now; never raises for what a recording may hold. It may be done twice, or by two at once."""
+    """Do one task; never raises for what a recording may hold. It may be done twice, or by two at once."""
     from lassokin_ros.replay import replay
 
     options = task.options

@@ -35,7 +35,7 @@ def on_cluster(address: str) -> Runner:
                 print(f"replay: the scheduler at {address} has no workers; waiting for some", file=sys.stderr)
             futures = {client.submit(work, task, pure=False): task for task in tasks}
             try:
-                for future in distributed.as_completed(list(futures)):
+                for future in distributed.as_completed(list(futures), loop=client.loop):
                     yield _result(future, futures[future])
             finally:
                 # Of what is left nothing is begun; a worker in the middle of a recording completes it.
