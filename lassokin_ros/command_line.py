@@ -7,9 +7,12 @@ import os
 import re
 import signal
 import sys
+import time
 from typing import Any, Sequence
 
 USAGE_ERROR = 2
+PAUSE_S = 0.1
+"""s: after a callback that failed, so that one that fails each time does not take a whole core."""
 
 
 def tracker(arguments: Sequence[str] | None = None) -> int:
@@ -31,8 +34,7 @@ def tracker(arguments: Sequence[str] | None = None) -> int:
         _parser().parse_args(remove_ros_args(argv)[1:])
         rclpy.init(args=argv)
         node = TrackerNode()
-        if not stopped:
-            _spin(node)
+        _spin(node, stopped)
     except LassokinError as error:
         return _complain(str(error))
     except Exception as error:
@@ -46,14 +48,22 @@ def tracker(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _spin(node: Any) -> None:
-    import rclpy
-    from rclpy.executors import ExternalShutdownException
+def _spin(node: Any, stopped: list[int]) -> None:
+    """Serve the node until a signal or its context's end; an exception out of a callback is said, and survived."""
+    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
-    try:
-        rclpy.spin(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    while not stopped and node.context.ok():
+        try:
+            executor.spin()
+        except (KeyboardInterrupt, ExternalShutdownException):
+            break
+        except Exception as error:
+            if node.context.ok():
+                node.get_logger().error(f"a callback failed: {type(error).__name__}: {error}")
+                time.sleep(PAUSE_S)
+    executor.shutdown()
 
 
 def _catch_signals() -> list[int]:

@@ -88,7 +88,11 @@ class TrackerNode(Node):
 
     def _on_camera_info(self, message: Any) -> None:
         self._diagnostics.saw_camera(time.monotonic())
-        reason = self._pipeline.set_camera(message)
+        try:
+            reason = self._pipeline.set_camera(message)
+        except Exception as error:  # as with keypoints: no message ends the node
+            self._count_internal_error("a camera_info message", error)
+            return
         if reason is not None:
             self._camera_warning.say(reason, f"camera_info refused: {self._pipeline.camera_fault}")
 
@@ -117,12 +121,15 @@ class TrackerNode(Node):
             self._publish(frames)
             self._comment(frames)
         except Exception as error:  # the promise: no message, however strange, ends the node
-            if self.context.ok():
-                self._pipeline.counts["rejected: internal_error"] += 1
-                self._warning.say("internal_error", f"a keypoint message was dropped: {type(error).__name__}: {error}")
+            self._count_internal_error("a keypoint message", error)
             return
         ended = time.monotonic()
         self._diagnostics.saw_message(frames, now_ns, ended, ended - started)
+
+    def _count_internal_error(self, what: str, error: Exception) -> None:
+        if self.context.ok():
+            self._pipeline.counts["rejected: internal_error"] += 1
+            self._warning.say("internal_error", f"{what} was dropped: {type(error).__name__}: {error}")
 
     def _publish(self, frames: list[Frame]) -> None:
         accepted = [frame for frame in frames if frame.accepted]
