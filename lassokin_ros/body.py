@@ -67,7 +67,10 @@ class Body:
             detail = f"the tracker did not use this frame: {reason}"
             return Frame(stamp_ns, frame_id, estimate, reason, detail, None, None, person, seen.pixels, lens, skeleton)
         positions, velocities = self._joint_states(stamp_ns, estimate)
-        return Frame(stamp_ns, frame_id, estimate, None, "", positions, velocities, person, seen.pixels, lens, skeleton)
+        measure = self.tracker.uncertainty
+        return Frame(
+            stamp_ns, frame_id, estimate, None, "", positions, velocities, person, seen.pixels, lens, skeleton, measure
+        )
 
     def absent(self, stamp_ns: int, lens: Lens) -> None:
         """The person is not in the image of this stamp."""

@@ -32,6 +32,7 @@ class Diagnostics:
         self._begin(now)
         self._hardware_id = ""
         self._reprojection_px = float("nan")
+        self._newest: list[Frame] = []
 
     def _begin(self, now: float) -> None:
         self._since = now
@@ -54,9 +55,10 @@ class Diagnostics:
         for frame in frames[:1]:
             self._delays.append((arrival_ns - frame.stamp_ns) * 1e-9)
             self._hardware_id = frame.frame_id or self._hardware_id
-        errors = [f.estimate.reprojection_px for f in frames if f.accepted and f.estimate is not None]
-        if errors:
-            self._reprojection_px = max(errors)
+        accepted = [f for f in frames if f.accepted and f.estimate is not None]
+        if accepted:
+            self._newest = accepted
+            self._reprojection_px = max(f.estimate.reprojection_px for f in accepted if f.estimate is not None)
 
     def line(self, now: float) -> StatusLine:
         """The status of the period since the last call, which ends it."""
@@ -88,6 +90,9 @@ class Diagnostics:
             return WARN, pipeline.status.value
         return OK, pipeline.status.value
 
+    def _largest_deviation(self) -> float:
+        return max((float(f.uncertainty.deviation.max()) for f in self._newest), default=float("nan"))
+
     def _figures(self, now: float, period: float, recent: Counter[str]) -> dict[str, str]:
         counts = self._pipeline.counts
         values = {
@@ -100,6 +105,7 @@ class Diagnostics:
             "callback time median [ms]": _figure(self._times_ms, 50),
             "callback time maximum [ms]": _figure(self._times_ms, 100),
             "reprojection error [px]": f"{self._reprojection_px:.2f}",
+            "largest joint deviation [m]": f"{self._largest_deviation():.3f}",
         }
         for key in ("received", "accepted", "unstamped", "ignored while disabled", OVERTAKEN, LOST):
             values[f"{key} [messages]"] = str(counts[key])

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from lassokin_ros.core.projection import project
 from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.core.tracker import Estimate
+from lassokin_ros.core.uncertainty import JointUncertainty
 from lassokin_ros.lens import Lens
 
 
@@ -26,6 +29,7 @@ class Frame:
     detected: (l, 2) px, the landmarks as the detector gave them, NaN = missing; None when there were none.
     lens: what they were seen through; None when the message did not come so far.
     skeleton: the one with whose lengths the frame was tracked; None when the message did not come so far.
+    measure: makes the joints' uncertainty, see `uncertainty`.
     """
 
     stamp_ns: int
@@ -39,11 +43,19 @@ class Frame:
     detected: np.ndarray | None = None
     lens: Lens | None = None
     skeleton: Skeleton | None = None
+    measure: Callable[[Estimate], JointUncertainty] | None = None
 
     @property
     def accepted(self) -> bool:
         """True when there is something to publish."""
         return self.rejection is None
+
+    @cached_property
+    def uncertainty(self) -> JointUncertainty:
+        """How far off each joint may be, computed when asked first; ValueError when the frame was rejected."""
+        if self.measure is None or self.estimate is None:
+            raise ValueError("this frame was rejected; only an accepted one has an uncertainty")
+        return self.measure(self.estimate)
 
     @property
     def reprojected(self) -> np.ndarray | None:

@@ -16,6 +16,7 @@ from lassokin_ros.core.tracker import Estimate
 from lassokin_ros.frame import Frame
 from lassokin_ros.urdf import joint_names
 from msg_adapters.backends import Backend
+from msg_adapters.joint_uncertainty import UncertaintyCloudBuilder, UncertaintyMarkersBuilder
 from msg_adapters.markers import SkeletonMarkersBuilder
 from msg_adapters.outputs import (
     OK,
@@ -47,6 +48,8 @@ class FrameMessages:
         joints = PoseArrayBuilder(backend, skeleton.joint_count)
         markers = SkeletonMarkersBuilder(backend, skeleton.parents.tolist(), f"{person}/" if person else "")
         certificate = DiagnosticArrayBuilder(backend)
+        cloud = UncertaintyCloudBuilder(backend, skeleton.joint_count)
+        ellipsoids = UncertaintyMarkersBuilder(backend, skeleton.joint_count, f"{person}/" if person else "")
         title = f"{name}: {person}" if person else name
         self._makers: dict[str, Callable[[int, str, Any, Any], Any]] = {
             topics.JOINT_STATES: lambda t, f, frame, _: joint_states.fill(t, f, frame.positions, frame.velocities),
@@ -54,14 +57,19 @@ class FrameMessages:
             topics.JOINTS: lambda t, f, _, e: joints.fill(t, f, e.pose.positions, to_quaternion(e.pose.orientations)),
             topics.MARKERS: lambda t, f, _, e: markers.fill(t, f, e.pose.positions),
             topics.CERTIFICATE: lambda t, f, _, e: certificate.fill(t, f, [certificate_line(e, title, f)]),
+            topics.JOINT_UNCERTAINTY: lambda t, f, frame, e: cloud.fill(
+                t, f, e.pose.positions, frame.uncertainty.covariance, frame.uncertainty.deviation
+            ),
+            topics.UNCERTAINTY_MARKERS: lambda t, f, frame, e: ellipsoids.fill(
+                t, f, e.pose.positions, *principal_axes(frame.uncertainty.covariance)
+            ),
         }
-
         if tf:
             transform = TransformBuilder(backend, f"body_{person}" if person else "body")
             self._makers[topics.TF] = lambda t, f, _, e: transform.fill(t, f, e.state.translation, body_turn(e))
 
     def build(self, frame: Frame, wanted: Callable[[str], bool] = lambda topic: True) -> Iterator[tuple[str, Any]]:
-        """(topic, message) of each wanted output of an accepted frame, in the order of topics.FRAME_OUTPUTS."""
+        """(topic, message) of each wanted output of an accepted frame, in the order of topics.PERSON_OUTPUTS."""
         if not frame.accepted or frame.estimate is None:
             return
         for topic, make in self._makers.items():
@@ -75,6 +83,16 @@ def id_list(backend: Any, rep155: bool) -> Callable[[int, str, list[str]], Any]:
         return IdsListBuilder(backend).fill
     text = StringBuilder(backend)
     return lambda stamp_ns, frame_id, ids: text.fill(",".join(ids))
+
+
+def principal_axes(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(n, 4) quaternions and (n, 3) m: the axes of the ellipsoids of covariances (n, 3, 3) m^2, and half their lengths.
+
+    Along each axis one standard deviation.
+    """
+    variances, axes = np.linalg.eigh(covariance)
+    axes[np.linalg.det(axes) < 0, :, 0] *= -1
+    return to_quaternion(axes), np.sqrt(np.maximum(variances, 0.0))
 
 
 def body_turn(estimate: Estimate) -> np.ndarray:

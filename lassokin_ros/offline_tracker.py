@@ -131,7 +131,7 @@ class PersonMessages:
         description = self._description.follow(frame)
         if description is not None:
             yield topics.ROBOT_DESCRIPTION, description
-        yield from self._messages.build(frame)
+        yield from self._messages.build(frame, lambda topic: topic != topics.UNCERTAINTY_MARKERS)
 
 
 def add_type(types: Any, message_type: str, definition: str) -> None:

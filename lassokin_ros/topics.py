@@ -14,6 +14,8 @@ JOINTS = "joints"
 ROBOT_DESCRIPTION = "robot_description"
 MARKERS = "markers"
 CERTIFICATE = "~/certificate"
+JOINT_UNCERTAINTY = "joint_uncertainty"
+UNCERTAINTY_MARKERS = "uncertainty_markers"
 DIAGNOSTICS = "/diagnostics"
 TRACKED = "tracked"
 TF = "/tf"
@@ -34,8 +36,12 @@ FRAME_OUTPUTS = (
     OutputTopic(JOINTS, "geometry_msgs/msg/PoseArray"),
     OutputTopic(MARKERS, "visualization_msgs/msg/MarkerArray"),
     OutputTopic(CERTIFICATE, "diagnostic_msgs/msg/DiagnosticArray"),
+    OutputTopic(JOINT_UNCERTAINTY, "sensor_msgs/msg/PointCloud2"),
 )
 """One message for each accepted frame."""
+
+UNCERTAINTY_MARKERS_OUTPUT = OutputTopic(UNCERTAINTY_MARKERS, "visualization_msgs/msg/MarkerArray")
+"""The same as JOINT_UNCERTAINTY for the eye: live only, it would double the size of a replay's recording."""
 
 DESCRIPTION_OUTPUT = OutputTopic(ROBOT_DESCRIPTION, "std_msgs/msg/String", latched=True)
 DIAGNOSTICS_OUTPUT = OutputTopic(DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray")
@@ -45,7 +51,7 @@ OTHER_OUTPUTS = (DESCRIPTION_OUTPUT, DIAGNOSTICS_OUTPUT)
 TF_OUTPUT = OutputTopic(TF, "tf2_msgs/msg/TFMessage")
 """Where the person is, by parameter."""
 
-PERSON_OUTPUTS = (*FRAME_OUTPUTS, DESCRIPTION_OUTPUT)
+PERSON_OUTPUTS = (*FRAME_OUTPUTS, UNCERTAINTY_MARKERS_OUTPUT, DESCRIPTION_OUTPUT)
 """What there is for each person."""
 
 BODIES, REP155_BODIES = "bodies", "/humans/bodies"

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from msg_adapters.backends import Backend
+from msg_adapters.clouds import CloudBuilder
 from msg_adapters.outputs import set_header
 
 POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("confidence", "<f4"), ("id", "<i4")])
-FLOAT32, INT32 = 7, 5  # sensor_msgs/PointField
 
 
 def point_cloud(backend: Backend, stamp_ns: int, frame_id: str, pixels: np.ndarray, confidence: np.ndarray) -> Any:
@@ -22,21 +22,7 @@ def point_cloud(backend: Backend, stamp_ns: int, frame_id: str, pixels: np.ndarr
     points = np.empty(len(ids), POINT)
     points["x"], points["y"] = pixels[ids].T
     points["confidence"], points["id"] = confidence[ids], ids
-    message = backend.make("sensor_msgs/msg/PointCloud2")
-    set_header(message.header, stamp_ns, frame_id)
-    message.height, message.width = 1, len(ids)
-    message.fields = [_field(backend, name, 4 * place) for place, name in enumerate(POINT.names or ())]
-    message.point_step, message.row_step = POINT.itemsize, POINT.itemsize * len(ids)
-    message.data = backend.uint8(points.tobytes())
-    message.is_dense = True
-    return message
-
-
-def _field(backend: Backend, name: str, offset: int) -> Any:
-    field = backend.make("sensor_msgs/msg/PointField")
-    field.name, field.offset, field.count = name, offset, 1
-    field.datatype = INT32 if POINT[name].kind == "i" else FLOAT32
-    return field
+    return CloudBuilder(backend, POINT).fill(stamp_ns, frame_id, points)
 
 
 def camera_info(

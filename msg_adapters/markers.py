@@ -9,7 +9,7 @@ import numpy as np
 from msg_adapters.backends import Backend
 from msg_adapters.outputs import set_header
 
-SPHERE_LIST, LINE_LIST = 7, 5  # visualization_msgs/Marker
+SPHERE, SPHERE_LIST, LINE_LIST = 2, 7, 5  # visualization_msgs/Marker
 JOINT_SIZE, BONE_SIZE = 0.05, 0.025  # m
 JOINT_COLOUR, BONE_COLOUR = (0.10, 0.45, 0.85, 1.0), (0.95, 0.60, 0.10, 1.0)
 LIFETIME_NS = 500_000_000
@@ -45,7 +45,17 @@ def _marker(
     marker.ns, marker.id, marker.type = namespace, number, kind
     marker.pose.orientation.w = 1.0
     marker.scale.x = marker.scale.y = marker.scale.z = size
-    marker.color.r, marker.color.g, marker.color.b, marker.color.a = colour
-    marker.lifetime.sec, marker.lifetime.nanosec = divmod(LIFETIME_NS, 1_000_000_000)
+    paint(marker, colour)
+    lifetime(marker)
     marker.points = [backend.make("geometry_msgs/msg/Point") for _ in range(points)]
     return marker
+
+
+def paint(marker: Any, colour: tuple[float, ...]) -> None:
+    """Give a Marker a colour: red, green, blue, opacity, 0 to 1."""
+    marker.color.r, marker.color.g, marker.color.b, marker.color.a = colour
+
+
+def lifetime(marker: Any) -> None:
+    """Let a Marker disappear after LIFETIME_NS."""
+    marker.lifetime.sec, marker.lifetime.nanosec = divmod(LIFETIME_NS, 1_000_000_000)

@@ -49,7 +49,7 @@ def test_exactly_one_of_each_output_for_each_frame(reliable):
 
 def check_contents(got):
     """All outputs of a frame say the same."""
-    for state, point, joints, markers, certificate in zip(*(got[topic.name] for topic in topics.FRAME_OUTPUTS)):
+    for state, point, joints, markers, certificate, cloud in zip(*(got[topic.name] for topic in topics.FRAME_OUTPUTS)):
         assert state.name == joint_names(SKELETON)
         assert len(state.position) == len(state.velocity) == 75 and len(state.effort) == 0
         assert np.isfinite(state.position).all() and np.isfinite(state.velocity).all()
@@ -62,6 +62,7 @@ def check_contents(got):
         bones, balls = markers.markers
         assert np.array_equal([[p.x, p.y, p.z] for p in balls.points], places)
         assert len(bones.points) == 46
+        assert cloud.width == 24
         values = values_of(certificate)
         assert values["certified"] == "true"
         assert max(float(values[f"kkt{k} [alpha]"]) for k in (1, 2, 3)) < 1e-6
