@@ -51,10 +51,10 @@ def test_description_from_parameters(tmp_path):
 
 
 def test_rviz_and_foxglove_show_topics_that_exist():
-    names = {t.name for t in (*topics.FRAME_OUTPUTS, *topics.OTHER_OUTPUTS)}
+    names = {t.name for t in (*topics.PERSON_OUTPUTS, *topics.OTHER_OUTPUTS)}
     rviz = yaml.safe_load((CONFIG / "lassokin.rviz").read_text(encoding="utf-8"))["Visualization Manager"]
     used = [d[key]["Value"] for d in rviz["Displays"] for key in ("Topic", "Description Topic") if key in d]
-    assert len(used) == 3 and set(used) <= names
+    assert len(used) == 4 and set(used) <= names
     assert rviz["Global Options"]["Fixed Frame"] == NodeConfig().base_frame
     panels = json.loads((CONFIG / "foxglove_layout.json").read_text(encoding="utf-8"))["configById"]
     shown = [t.lstrip("/") for t in panels["3D!skeleton"]["topics"]]
