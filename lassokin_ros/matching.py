@@ -1,11 +1,8 @@
-"""Which detection is which person: distances between projected skeletons and detections, and the best assignment."""
+"""How far a detection is from a person: distances between projected skeletons and detections."""
 
 from __future__ import annotations
 
-from typing import Sequence
-
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from lassokin_ros.body import Detection
 
@@ -36,12 +33,3 @@ def distance(expected: np.ndarray, seen: Detection, min_confidence: float) -> fl
 def reach(unseen_s: float) -> float:
     """Distance up to which a detection may be a person who has been out of sight for so many seconds."""
     return min(NEAR + SPREAD_PER_S * unseen_s, FARTHEST - 1e-6)
-
-
-def assign(costs: np.ndarray, limits: Sequence[float]) -> list[tuple[int, int]]:
-    """(row, column) pairs of the least total cost; costs: (rows, columns); a row takes no cost above its limit."""
-    if costs.size == 0:
-        return []
-    allowed = costs <= np.asarray(limits, dtype=float)[:, None]
-    rows, columns = linear_sum_assignment(np.where(allowed, costs, 1e3))
-    return [(int(r), int(c)) for r, c in zip(rows, columns) if allowed[r, c]]

@@ -8,11 +8,12 @@ from typing import Sequence
 
 import numpy as np
 
+from lassokin_ros.assignment import assign
 from lassokin_ros.body import Body, Detection
 from lassokin_ros.core.tracker import Status
 from lassokin_ros.frame import Frame
 from lassokin_ros.lens import Lens
-from lassokin_ros.matching import NEAR, assign, distance, reach
+from lassokin_ros.matching import NEAR, distance, reach
 
 BIRTH_MESSAGES = 3
 """A person whom nobody has numbered is believed in after this many sightings; one message in between may miss them."""

@@ -9,7 +9,7 @@ frames = pipeline.frames(keypoints, arrival_ns)      # the same for one person o
 from __future__ import annotations
 
 from collections import Counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,10 +22,12 @@ from lassokin_ros.frame import Frame
 from lassokin_ros.lens import Lens
 from lassokin_ros.matching import distance, reach
 from lassokin_ros.node_config import MESSAGE, NodeConfig
-from lassokin_ros.people import People
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
 from msg_adapters.registry import keypoint_adapter
+
+if TYPE_CHECKING:
+    from lassokin_ros.people import People
 
 MOST_PEOPLE = 100
 """People in one message; more are refused before time is spent on them."""
@@ -44,7 +46,7 @@ class Pipeline:
         """While False, keypoints are counted and not looked at."""
         self.counts: Counter[str] = Counter()
         """Messages by what became of them: received, accepted, unstamped, resets and "rejected: <reason>"."""
-        self.people = People(bodies, self.counts) if self.config.several_people else None
+        self.people = _people(bodies, self.counts) if self.config.several_people else None
         """Who is there, when several people are followed; None when it is one."""
         self._adapter = keypoint_adapter(self.config.keypoints_type)
         self.camera = Camera(self.config.rectified)
@@ -199,3 +201,10 @@ class Pipeline:
         if apart[best] <= reach(body.unseen_s(stamp_ns)):
             return everybody[best]
         return Detection(np.full_like(expected, np.nan), np.zeros(len(expected)))
+
+
+def _people(bodies: list[Body], counts: Counter[str]) -> People:
+    """Imported when several people are followed: see assignment.py."""
+    from lassokin_ros.people import People
+
+    return People(bodies, counts)

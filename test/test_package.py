@@ -3,6 +3,8 @@
 import ast
 import configparser
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -58,3 +60,18 @@ def test_arrows_of_the_house(folder, forbidden):
     for path in sorted((ROOT / folder).rglob("*.py")):
         for module in imports_of(path):
             assert not any(module == name or module.startswith(name + ".") for name in forbidden), f"{path}: {module}"
+
+
+def test_who_follows_one_person_loads_no_more_than_that_needs():
+    """Memory and time to start; OpenCV comes with a lens that needs it, SciPy's optimisers with several people."""
+    code = """if True:
+        import sys
+        from lassokin_ros.core.config import TrackerConfig
+        from lassokin_ros.node_config import NodeConfig
+        from lassokin_ros.pipeline import Pipeline
+        Pipeline(TrackerConfig(), NodeConfig())
+        print(*sys.modules)
+    """
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout
+    assert "proxsuite" in loaded.split()
+    assert not {"scipy.optimize", "cv2", "matplotlib", "rosbags", "pandas"} & set(loaded.split())
