@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lassokin_ros.body import Detection
+from lassokin_ros.core.config import TrackerConfig
 
 FARTHEST = 1.0
 """A single point counts as no farther than this from its landmark, in sizes of the person: one wrong point decides
@@ -28,6 +29,12 @@ def distance(expected: np.ndarray, seen: Detection, min_confidence: float) -> fl
     size = float(np.linalg.norm(np.nanmax(expected, axis=0) - np.nanmin(expected, axis=0)))
     apart = np.linalg.norm(seen.points[usable] - expected[usable], axis=1)
     return float(np.minimum(apart / max(size, 1e-6), FARTHEST).mean())
+
+
+def usable(seen: Detection, config: TrackerConfig) -> bool:
+    """True when a detection has enough landmarks for a tracker of these settings."""
+    good = (seen.confidence >= max(config.min_confidence, 1e-9)) & np.isfinite(seen.points).all(axis=1)
+    return bool(np.count_nonzero(good) >= config.min_landmarks)
 
 
 def reach(unseen_s: float) -> float:

@@ -13,7 +13,7 @@ from lassokin_ros.body import Body, Detection
 from lassokin_ros.core.tracker import Status
 from lassokin_ros.frame import Frame
 from lassokin_ros.lens import Lens
-from lassokin_ros.matching import NEAR, distance, reach
+from lassokin_ros.matching import NEAR, distance, reach, usable
 
 BIRTH_MESSAGES = 3
 """A person whom nobody has numbered is believed in after this many sightings; one message in between may miss them."""
@@ -142,9 +142,7 @@ class People:
         return [candidate.seen for candidate in believed]
 
     def _usable(self, seen: Detection) -> bool:
-        config = next(iter([*self._idle, *self._present.values()])).tracker.config
-        good = (seen.confidence >= max(config.min_confidence, 1e-9)) & np.isfinite(seen.points).all(axis=1)
-        return bool(np.count_nonzero(good) >= config.min_landmarks)
+        return usable(seen, next(iter([*self._idle, *self._present.values()])).tracker.config)
 
     def _welcome(self, number: int, stamp_ns: int, pairs: dict[int, Detection]) -> bool:
         """Give somebody new a body; False, and counted, when there is none left."""

@@ -20,8 +20,9 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.tracker import Status
 from lassokin_ros.frame import Frame
 from lassokin_ros.lens import Lens
-from lassokin_ros.matching import distance, reach
+from lassokin_ros.matching import distance, reach, usable
 from lassokin_ros.node_config import MESSAGE, NodeConfig
+from lassokin_ros.stamps import StampWatch
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
 from msg_adapters.registry import keypoint_adapter
@@ -50,7 +51,8 @@ class Pipeline:
         """Who is there, when several people are followed; None when it is one."""
         self._adapter = keypoint_adapter(self.config.keypoints_type)
         self.camera = Camera(self.config.rectified)
-        self._forget()
+        self._stamps = StampWatch()
+        self._person: int | None = None
 
     @property
     def has_camera(self) -> bool:
@@ -73,14 +75,14 @@ class Pipeline:
         return {person: body.tracker.calibration for person, body in bodies.items()}
 
     def reset(self) -> None:
-        """Forget the person, or everybody; the camera and the counts stay."""
-        self._forget()
-        self.counts["resets"] += 1
+        """Forget the person, or everybody, and the time; the camera and the counts stay."""
+        self._stamps.reset()
+        self._forget_people()
 
-    def _forget(self) -> None:
+    def _forget_people(self) -> None:
         self._body.reset() if self.people is None else self.people.reset()
-        self._newest_ns: int | None = None
-        self._person: int | None = None
+        self._person = None
+        self.counts["resets"] += 1
 
     def tune(self, tracker_config: TrackerConfig, node_config: NodeConfig) -> None:
         """Take over live settings; they hold from the next frame on."""
@@ -131,15 +133,21 @@ class Pipeline:
                 self.counts["unstamped"] += 1
             else:
                 stamp_ns = keypoints.stamp_ns
-            self._watch_stamp(stamp_ns)
+            if self._stamps.check(stamp_ns, self.config.jump_back):
+                self._go_back(keypoints, stamp_ns, view.lens)
             if self.people is None:
                 seen = self._the_person(keypoints, stamp_ns, view.lens)
-                return [self._body.track(stamp_ns, frame_id, seen, view.lens)]
+                frame = self._body.track(stamp_ns, frame_id, seen, view.lens)
+                if frame.accepted:
+                    self._stamps.seen(stamp_ns, True)
+                return [frame]
             everybody = self._everybody(keypoints, view.lens)
         except AdapterError as error:
             return [Frame(stamp_ns, frame_id, None, error.reason, str(error))]
         lasting = self._lasting(keypoints)
-        return self.people.update(stamp_ns, frame_id, everybody, view.lens, lasting, self.config.forget_after)
+        frames = self.people.update(stamp_ns, frame_id, everybody, view.lens, lasting, self.config.forget_after)
+        self._stamps.seen(stamp_ns, bool(frames))
+        return frames
 
     def _decode(self, message: Any) -> tuple[Keypoints, View]:
         """The keypoints, and the camera that took their image."""
@@ -150,14 +158,12 @@ class Pipeline:
             keypoints = self._adapter.decode(message, view.size)
         return keypoints, view
 
-    def _watch_stamp(self, stamp_ns: int) -> None:
-        """Reset when time has jumped back (bag loop, seek); AdapterError for an old or repeated stamp."""
-        if self._newest_ns is not None and stamp_ns <= self._newest_ns:
-            behind = (self._newest_ns - stamp_ns) * 1e-9
-            if behind <= self.config.jump_back:
-                raise AdapterError("old_stamp", f"the stamp is {behind:.3f} s older than the newest one")
-            self.reset()
-        self._newest_ns = stamp_ns
+    def _go_back(self, keypoints: Keypoints, stamp_ns: int, lens: Lens) -> None:
+        """Forget everybody for a message from an earlier time; AdapterError for one that is of no use in any time."""
+        if not any(usable(seen, self.tracker.config) for seen in self._everybody(keypoints, lens)):
+            raise AdapterError("too_few_landmarks", "the message is from an earlier time, and nobody is in it")
+        self._forget_people()
+        self._stamps.seen(stamp_ns, True)
 
     def _lasting(self, keypoints: Keypoints) -> bool:
         """True when the message's numbers tell who is who."""

@@ -86,7 +86,8 @@ def test_stamps_and_frames(pipeline):
     assert frame(pipeline, 0).rejection == "old_stamp"
     assert frame(pipeline, 0, stamp_ns=START_NS - 400_000_000).rejection == "old_stamp"
     assert pipeline.counts["resets"] == 0
-    again = frame(pipeline, 0, stamp_ns=START_NS - 600_000_000)
+    assert frame(pipeline, 0, stamp_ns=START_NS - 600_000_000).rejection == "stamp_jump"
+    again = frame(pipeline, 0, stamp_ns=START_NS - 590_000_000)
     assert again.accepted and again.estimate.initialised and pipeline.counts["resets"] == 1
 
 
