@@ -153,6 +153,8 @@ class TrackerNode(Node):
         line = self._diagnostics.line(time.monotonic())
         now_ns = self.get_clock().now().nanoseconds
         self._diagnostics_out.publish(self._status.fill(now_ns, "", [line]))
+        if self._person is not None and self._person.state_publisher is not None:
+            self._person.state_publisher.push()
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._forget()

@@ -56,6 +56,9 @@ class NodeConfig:
     publish_tf: bool = setting(
         False, "TF of the person's pelvis: frame body, or body_<id>, x to the front, y to the left, z up"
     )
+    state_publisher: str = setting(
+        "", "name of the robot_state_publisher whose URDF is to follow robot_description (one person); empty for none"
+    )
     skeleton_output: str = setting(
         "~/.ros/lassokin_skeleton.yaml",
         "file that ~/save_skeleton writes, for the parameter skeleton; of several people each their own, _<id> added",

@@ -18,6 +18,7 @@ from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.frame import Frame
 from lassokin_ros.frame_messages import FrameMessages, id_list
 from lassokin_ros.node_config import NodeConfig
+from lassokin_ros.state_publisher import StatePublisher
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.registry import full_type_name
 
@@ -61,8 +62,11 @@ class PersonOutputs:
         if config.publish_tf:
             self._out[topics.TF] = advertise(node, topics.TF_OUTPUT, overridable=not person)
         self._messages = FrameMessages(backend, skeleton, title, person, config.publish_tf)
+        self.state_publisher = None
+        if not person and config.state_publisher:
+            self.state_publisher = StatePublisher(node, config.state_publisher)
         if not person:
-            self._out[topics.ROBOT_DESCRIPTION].publish(self._description.first())
+            self._describe(self._description.first())
 
     def publish(self, frame: Frame, copy_markers: Callable[[Any], None] | None = None) -> None:
         """Publish what somebody listens to of an accepted frame.
@@ -73,9 +77,14 @@ class PersonOutputs:
         try:
             description = self._description.follow(frame)
             if description is not None:
-                self._out[topics.ROBOT_DESCRIPTION].publish(description)
+                self._describe(description)
         finally:
             self._publish_frame(frame, copy_markers)
+
+    def _describe(self, description: Any) -> None:
+        self._out[topics.ROBOT_DESCRIPTION].publish(description)
+        if self.state_publisher is not None:
+            self.state_publisher.describe(description.data)
 
     def _publish_frame(self, frame: Frame, copy_markers: Callable[[Any], None] | None) -> None:
         for topic, message in self._messages.build(frame, lambda name: self._is_wanted(name, copy_markers)):

@@ -26,6 +26,7 @@ ARGUMENTS = {
     "frames": ("true", "TF of the limbs by robot_state_publisher (one person)"),
     "use_sim_time": ("", "time from /clock; empty: when a recording is played"),
 }
+STATE_PUBLISHER = "robot_state_publisher"
 PUBLISH_FREQUENCY = 120.0
 """Hz; by default robot_state_publisher passes on 20 joint states a second and drops the rest."""
 
@@ -46,24 +47,30 @@ def _start(context: LaunchContext) -> list:
         params = CONFIG / f"{params}.yaml"
     sim_time = {"use_sim_time": (given["use_sim_time"] or str(bool(given["bag"]))).lower() == "true"}
     own_frame = [{"base_frame": given["frame"]}] if given["frame"] else []
+    followers = [{"state_publisher": STATE_PUBLISHER}] if given["frames"].lower() == "true" else []
     camera_info = f"{given['camera'].rstrip('/')}/camera_info" if given["camera"] else "camera_info"
     tracker = Node(
         package="lassokin_ros",
         executable="tracker",
         name="tracker",
         output="screen",
-        parameters=[str(params), sim_time, *own_frame],
+        parameters=[str(params), sim_time, *own_frame, *followers],
         remappings=[("keypoints", given["keypoints"]), ("camera_info", camera_info)],
     )
     return [tracker, _frames(params, given["frame"], sim_time), _rviz(sim_time), *_bag(given["bag"])]
 
 
 def _frames(params: Path, frame: str, sim_time: dict) -> Node:
-    """TF from joint_states. It publishes its URDF too, under another name: the tracker's follows the camera's frame."""
+    """TF from joint_states.
+
+    It publishes its URDF too, under another name: the tracker's is the first to follow the camera's frame and the
+    calibrated lengths, and is handed on to it.
+    """
     description = ParameterValue(urdf_from_parameters(params, frame), value_type=str)
     return Node(
         package="robot_state_publisher",
         executable="robot_state_publisher",
+        name=STATE_PUBLISHER,
         parameters=[{"robot_description": description, "publish_frequency": PUBLISH_FREQUENCY}, sim_time],
         remappings=[("robot_description", "robot_state_publisher/robot_description")],
         condition=IfCondition(LaunchConfiguration("frames")),

@@ -65,6 +65,9 @@ def test_rviz_and_foxglove_show_topics_that_exist():
         assert order[int(path["value"].split("[")[1][:-1])] == path["label"]
 
 
+FOLLOWER = {"state_publisher": "robot_state_publisher"}
+
+
 class Recorded(SimpleNamespace):
     """Stands for any class of launch: it keeps what it was made with."""
 
@@ -111,7 +114,8 @@ def test_launch_by_default(launch_file):
     assert set(started) == {"lassokin_ros", "robot_state_publisher", "rviz2"}
     tracker, frames = started["lassokin_ros"], started["robot_state_publisher"]
     assert tracker.executable == "tracker"
-    assert tracker.parameters == [str(CONFIG / "tracker.yaml"), {"use_sim_time": False}]
+    assert tracker.parameters == [str(CONFIG / "tracker.yaml"), {"use_sim_time": False}, FOLLOWER]
+    assert frames.name == FOLLOWER["state_publisher"]
     assert tracker.remappings == [("keypoints", "keypoints"), ("camera_info", "camera_info")]
     assert frames.parameters[0]["publish_frequency"] >= 60
     assert frames.parameters[0]["robot_description"].args[0] == urdf_from_parameters(CONFIG / "tracker.yaml")
@@ -125,9 +129,9 @@ def test_launch_with_arguments(launch_file, tmp_path):
     given = {"keypoints": "/d/k", "camera": "/cam/", "params": str(file), "frame": "lens", "bag": "walk"}
     started = start(launch_file, **given)
     tracker = started["lassokin_ros"]
-    assert tracker.parameters == [str(file), {"use_sim_time": True}, {"base_frame": "lens"}]
+    assert tracker.parameters == [str(file), {"use_sim_time": True}, {"base_frame": "lens"}, FOLLOWER]
     assert tracker.remappings == [("keypoints", "/d/k"), ("camera_info", "/cam/camera_info")]
     assert 'link name="lens"' in started["robot_state_publisher"].parameters[0]["robot_description"].args[0]
     assert started["bag"].cmd == ["ros2", "bag", "play", "walk", "--clock"]
-    by_name = start(launch_file, params="webcam_yolo", bag="walk", use_sim_time="false")["lassokin_ros"]
+    by_name = start(launch_file, params="webcam_yolo", bag="walk", use_sim_time="false", frames="false")["lassokin_ros"]
     assert by_name.parameters == [str(CONFIG / "webcam_yolo.yaml"), {"use_sim_time": False}]

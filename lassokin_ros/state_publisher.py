@@ -1,0 +1,63 @@
+"""Keeps robot_state_publisher's URDF the same as ours: its TF then follows calibration and the camera's frame.
+
+robot_state_publisher of Jazzy takes its URDF from its parameter robot_description alone, which may be set while it
+runs.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.node import Node
+from rclpy.task import Future
+
+PATIENCE_S = 5.0
+"""s: after this an unanswered request is given up, and made again."""
+
+
+class StatePublisher:
+    """Sets the other node's parameter when it has to change; nothing waits for it."""
+
+    def __init__(self, node: Node, name: str) -> None:
+        """name: of robot_state_publisher, relative to the node's namespace."""
+        self._node, self._name = node, name
+        self._client = node.create_client(SetParameters, f"{name}/set_parameters")
+        self._text = self._known = self._refused = ""
+        self._asked: tuple[Future, float] | None = None
+
+    def describe(self, text: str) -> None:
+        """Here is another URDF."""
+        self._text = text
+        self.push()
+
+    def push(self) -> None:
+        """Send what the other node does not know yet, if it is there; call it again from time to time."""
+        if not self._client.service_is_ready():
+            self._known = ""  # it may come back as it was at its start
+            return
+        if self._asked is not None:
+            if time.monotonic() - self._asked[1] < PATIENCE_S:
+                return
+            self._client.remove_pending_request(self._asked[0])
+            self._asked = None
+        if self._text in (self._known, self._refused):
+            return
+        text = self._text
+        value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=text)
+        request = SetParameters.Request(parameters=[Parameter(name="robot_description", value=value)])
+        future = self._client.call_async(request)
+        self._asked = future, time.monotonic()
+        future.add_done_callback(lambda done: self._answered(done, text))
+
+    def _answered(self, future: Any, text: str) -> None:
+        self._asked = None
+        (result,) = future.result().results
+        if result.successful:
+            self._known, self._refused = text, ""
+        else:
+            self._refused = text
+            self._node.get_logger().warning(f"{self._name} refused our robot_description: {result.reason}")
+        self.push()

@@ -1,0 +1,69 @@
+"""robot_state_publisher's URDF follows ours, on real DDS: a node with its parameter stands where it would."""
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from live import NodeProcess, Peer  # noqa: E402
+from messages import FRAME, pixels_of_motion  # noqa: E402
+from rcl_interfaces.msg import SetParametersResult  # noqa: E402
+from rclpy.node import Node  # noqa: E402
+
+from lassokin_ros.core.skeleton import Skeleton  # noqa: E402
+from lassokin_ros.urdf import urdf  # noqa: E402
+
+SKELETON = Skeleton.load("anthropometric", 1.75)
+
+
+class StandIn:
+    """A node named robot_state_publisher; refuses what contains `bad`."""
+
+    def __init__(self, peer, bad="<nothing>"):
+        self.peer, self.asked = peer, []
+        self.node = Node("robot_state_publisher", namespace=peer.namespace, context=peer.context)
+        self.node.declare_parameter("robot_description", "from the launch file")
+
+        def check(parameters):
+            self.asked.append(parameters[0].value)
+            return SetParametersResult(successful=bad not in self.asked[-1], reason="it is bad")
+
+        self.node.add_on_set_parameters_callback(check)
+        peer.executor.add_node(self.node)
+
+    @property
+    def urdf(self):
+        return self.node.get_parameter("robot_description").value
+
+    def end(self):
+        self.peer.executor.remove_node(self.node)
+        self.node.destroy_node()
+
+
+def test_it_follows_the_frame_and_a_restart():
+    namespace, pixels = "/followed", pixels_of_motion(2)
+    with NodeProcess(namespace, "-p", "state_publisher:=robot_state_publisher") as node, Peer(namespace) as peer:
+        peer.next_diagnostics()  # the tracker is there first
+        other = StandIn(peer)
+        peer.spin_until(lambda: other.urdf == urdf(SKELETON, "camera_optical_frame"), what="the first description")
+        peer.start(pixels[0])
+        peer.spin_until(lambda: other.urdf == urdf(SKELETON, FRAME), what="the camera's frame")
+        assert len(other.asked) == 2
+        other.end()
+        peer.next_diagnostics()
+        peer.next_diagnostics()
+        again = StandIn(peer)
+        peer.spin_until(lambda: again.urdf == urdf(SKELETON, FRAME), what="the description after a restart")
+        again.end()
+    assert node.said == ""
+
+
+def test_a_refusal_is_said_once_and_harms_nothing():
+    namespace, pixels = "/refused", pixels_of_motion(2)
+    with NodeProcess(namespace, "-p", "state_publisher:=robot_state_publisher") as node, Peer(namespace) as peer:
+        other = StandIn(peer, bad=FRAME)
+        peer.start(pixels[0])
+        peer.spin_until(lambda: any(FRAME in text for text in other.asked), what="the description")
+        for _ in range(3):
+            peer.next_diagnostics()
+        assert sum(FRAME in text for text in other.asked) == 1
+    assert node.said.count("refused our robot_description: it is bad") == 1 and "Traceback" not in node.said
