@@ -14,7 +14,8 @@ ROS = ["ros-jazzy-rclpy[fastrtps]>=7.1.6", "ros-jazzy-common-interfaces>=5.3.6"]
 LENS = ["opencv-python-headless>=4.6"]
 REPLAY = ["rosbags>=0.11", *LENS]
 CLUSTER = ["distributed>=2024.8", *REPLAY]
-DEMO = ["matplotlib>=3.6", *ROS, *REPLAY]
+REPORT = ["plotly>=6.0", *REPLAY]
+DEMO = ["matplotlib>=3.6", *ROS, *REPORT]
 TEST = [
     "pytest>=7.4",
     "hypothesis>=6.100",
@@ -28,6 +29,7 @@ TEST = [
     "ruff>=0.6",
     "mypy>=1.11",
     "types-PyYAML>=6.0",
+    "playwright>=1.40",
     *DEMO,
     *CLUSTER,
 ]
@@ -40,7 +42,10 @@ setup(
     maintainer_email=MAINTAINER.get("email"),
     license=MANIFEST.findtext("license"),
     packages=find_packages(include=["lassokin_ros", "lassokin_ros.*", "msg_adapters", "msg_adapters.*"]),
-    package_data={"lassokin_ros.core": ["skeletons/*.yaml", "layouts/*.yaml", "priors/*.yaml"]},
+    package_data={
+        "lassokin_ros.core": ["skeletons/*.yaml", "layouts/*.yaml", "priors/*.yaml"],
+        "lassokin_ros.report": ["page.html", "page.css", "*.js"],
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -49,7 +54,15 @@ setup(
     ],
     python_requires=">=3.10",
     install_requires=["setuptools", "numpy>=1.26", "scipy>=1.11", "qpsolvers>=4.3", "proxsuite>=0.6.5", "PyYAML>=6.0"],
-    extras_require={"ros": ROS, "lens": LENS, "replay": REPLAY, "cluster": CLUSTER, "demo": DEMO, "test": TEST},
+    extras_require={
+        "ros": ROS,
+        "lens": LENS,
+        "replay": REPLAY,
+        "report": REPORT,
+        "cluster": CLUSTER,
+        "demo": DEMO,
+        "test": TEST,
+    },
     zip_safe=False,
     entry_points={
         "console_scripts": [

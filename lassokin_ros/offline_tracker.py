@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from lassokin_ros import topics
@@ -33,6 +33,8 @@ class OfflineTracker:
         """Duration of each frame's decoding and tracking, s."""
         self.reprojection_px: list[float] = []
         """Of each accepted frame, px."""
+        self.watchers: list[Callable[[Sequence[Frame], int, float], None]] = []
+        """Each is told of every keypoint message: its frames, its time of recording in ns, the s that it took."""
         self.initialisations = 0
         self._found_anew = 0
         self._backend = RosbagsBackend(types)
@@ -73,15 +75,22 @@ class OfflineTracker:
         if message is None:
             self.pipeline.counts["received"] += 1
             self.pipeline.counts[f"rejected: {UNREADABLE}"] += 1
+            unreadable = Frame(time_ns, "", None, UNREADABLE, "the message could not be deserialised")
+            self._tell([unreadable], time_ns, float("nan"))
             return
         started = time.perf_counter()
         frames = self.pipeline.frames(message, time_ns)
         self.frame_seconds.append(time.perf_counter() - started)
+        self._tell(frames, time_ns, self.frame_seconds[-1])
         assert self._diagnostics is not None
         self._diagnostics.saw_message(frames, time_ns, time_ns * 1e-9, float("nan"))  # its duration is not repeatable
         for frame in frames:
             yield from self._outputs(frame)
         yield from self._list_of_people(time_ns)
+
+    def _tell(self, frames: Sequence[Frame], time_ns: int, seconds: float) -> None:
+        for watcher in self.watchers:
+            watcher(frames, time_ns, seconds)
 
     def _outputs(self, frame: Frame) -> Iterator[tuple[str, str, Any]]:
         if not frame.accepted or frame.estimate is None:

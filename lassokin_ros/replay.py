@@ -19,6 +19,7 @@ from lassokin_ros.progress import Progress
 
 if TYPE_CHECKING:
     from lassokin_ros.replay_record import Figures
+    from lassokin_ros.report.command import Report
 
 USAGE_ERROR = 2
 INTERRUPTED = 130
@@ -42,9 +43,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def run(options: argparse.Namespace) -> int:
     """Replay one recording, or an archive of them; the exit code. Raises a LassokinError."""
-    from lassokin_ros.archive import is_archive, replay_archive
+    from lassokin_ros.archive import ArchiveError, is_archive, replay_archive
 
     if is_archive(options):
+        if options.report is not None:
+            raise ArchiveError("--report shows one recording; give one alone, without --scheduler")
         return replay_archive(options)
     (options.bag,) = options.bags
     print(replay(options).summary)
@@ -78,6 +81,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
         keypoints = bag.find(keypoints_type, options.keypoints_topic, topics.KEYPOINTS, "--keypoints-topic")
         camera = bag.find(topics.CAMERA_INFO_TYPE, options.camera_info_topic, topics.CAMERA_INFO, "--camera-info-topic")
         tracker = OfflineTracker(tracker_config, node_config, bag.types)
+        report = _report(options, tracker)
         output = options.output or Path(f"{options.bag.resolve().stem}_tracked")
         storage = options.storage or bag.storage
         with BagWriter(output, storage, bag.types, options.force) as writer:
@@ -85,6 +89,8 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
             seconds = _run(bag, keypoints, camera, tracker, writer, progress)
             figures = _figures(tracker)
             writer.note(KEY, Record(origin_of(options), figures).text)
+    if report is not None:
+        report.write(options.bag.resolve().name, (keypoints.name, camera.name))
     summary = _summary(f"{options.bag} -> {output} ({storage})", (keypoints, camera), tracker, seconds)
     return Replayed(summary, figures, 1e3 * float(np.median(tracker.frame_seconds or [np.nan])))
 
@@ -103,6 +109,17 @@ def _run(
     finally:
         progress.close()
     return time.monotonic() - started
+
+
+def _report(options: argparse.Namespace, tracker: Any) -> Report | None:
+    """What gathers for the page, None when none is wanted. Raises a LassokinError when it could not be written."""
+    if options.report is None:
+        return None
+    from lassokin_ros.report.command import Report
+
+    report = Report(options.report, tracker.pipeline, options.force)
+    tracker.watchers.append(report.add)
+    return report
 
 
 def _figures(tracker: Any) -> Figures:
@@ -158,6 +175,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--keypoints-topic", metavar="TOPIC", help="needed when the recording has several")
     parser.add_argument("--camera-info-topic", metavar="TOPIC", help="needed when the recording has several")
     parser.add_argument("--storage", choices=STORAGES, help="of the output (default: the input's)")
+    parser.add_argument(
+        "--report", type=Path, metavar="HTML", help="write a page with plots and the skeleton in 3D, for a browser"
+    )
     parser.add_argument("--force", action="store_true", help="replace an output that exists")
     parser.add_argument(
         "--jobs", type=_positive, metavar="N", help="processes for an archive (default: one for each core)"

@@ -1,0 +1,1 @@
+"""`replay --report`: one page that shows what became of a recording."""

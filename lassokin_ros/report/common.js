@@ -1,0 +1,49 @@
+// Data, colours and helpers of the page. All the scripts are one function when the page is made, see page.py.
+const element = (id) => document.getElementById(id);
+const read = (id) => JSON.parse(element(id).textContent);
+const data = read("data"), times = read("times");
+const SIDES = ["left", "right", "middle"];
+const COLOUR = { left: "#0072b2", right: "#d55e00", middle: "#4d4d4d" };
+const DETECTED = "#009e73", REPROJECTED = "#22262b", INK = "#22262b", LINE = "#e3e7eb", CURSOR = "#22262b";
+const TURNS = ["#e69f00", "#56b4e9", "#009e73"];
+const FONT = { family: "system-ui, 'Segoe UI', Roboto, Arial, 'Liberation Sans', sans-serif", size: 12, color: INK };
+const QUIET = { scrollZoom: true, displaylogo: false, responsive: true, displayModeBar: false };
+const HOME = { ...QUIET, displayModeBar: true, modeBarButtons: [["resetCameraDefault3d"]] };
+const TURN_PER_SECOND = 0.5;                             // rad
+const CURSOR_EVERY = 80;                                 // ms: moving the line in six plots costs more than the skeleton
+
+function fail(error) {
+  const item = document.createElement("li");
+  item.className = "error";
+  item.textContent = `This page could not be drawn: ${error && error.message ? error.message : error}`;
+  element("findings").prepend(item);
+  document.body.dataset.error = item.textContent;
+}
+window.addEventListener("error", (event) => fail(event.error || event.message));
+window.addEventListener("unhandledrejection", (event) => fail(event.reason));
+
+const plain = (text) => String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
+const side = (name) => (name.startsWith("left") ? "left" : name.startsWith("right") ? "right" : "middle");
+
+const none = (value) => (Number.isNaN(value) ? null : value);
+
+function unpack(packed) {
+  const bytes = Uint8Array.from(atob(packed.data), (letter) => letter.charCodeAt(0));
+  const view = new DataView(bytes.buffer), values = new Float64Array(bytes.length / 2);
+  for (let i = 0; i < values.length; i++) {
+    const count = view.getInt16(2 * i, true);
+    values[i] = count === -32768 ? NaN : count * packed.step;
+  }
+  const width = packed.shape.length > 2 ? packed.shape[2] : 1, rows = packed.shape[1];
+  return { at: (frame, row, column = 0) => values[(frame * rows + row) * width + column], count: packed.shape[0] };
+}
+for (const person of data.people) {
+  for (const name of ["positions", "angles", "bends", "deviations", "outline", "detected", "reprojected"]) {
+    person[name] = unpack(person[name]);
+  }
+}
+
+const J = data.joints.length, L = data.landmarks.length;
+const bones = { left: [], right: [], middle: [] };
+data.parents.forEach((parent, joint) => { if (parent >= 0) bones[side(data.joints[joint])].push([parent, joint]); });
+let me = data.people[0], frame = 0, playing = false, clock = 0, busy = false, cursorAt = 0;

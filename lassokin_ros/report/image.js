@@ -1,0 +1,63 @@
+// The image plane: what was detected, and the skeleton through the lens.
+function imageValues(axis) {
+  const detected = [], reprojected = [], between = [];
+  for (let l = 0; l < L; l++) {
+    const seen = none(me.detected.at(frame, l, axis)), back = none(me.reprojected.at(frame, l, axis));
+    detected.push(seen);
+    reprojected.push(back);
+    between.push(...(seen === null || back === null ? [null, null, null] : [seen, back, null]));
+  }
+  return [...SIDES.map((s) => segments(bones[s], (j) => me.outline.at(frame, j, axis))), between, detected, reprojected];
+}
+
+function box(frames) {
+  const sides = [[Infinity, -Infinity], [Infinity, -Infinity]];
+  for (const f of frames) {
+    for (const [points, count] of [[me.detected, L], [me.outline, J]]) {
+      for (let i = 0; i < count; i++) {
+        for (const axis of [0, 1]) {
+          const value = points.at(f, i, axis);
+          if (value < sides[axis][0]) sides[axis][0] = value;
+          if (value > sides[axis][1]) sides[axis][1] = value;
+        }
+      }
+    }
+  }
+  return sides;
+}
+
+function imageRanges() {
+  const view = element("view").value, every = me.time.map((_, f) => f);
+  let sides = view === "image" && data.image ? [[0, data.image[0]], [0, data.image[1]]] : box(view === "person" ? [frame] : every);
+  if (!(sides[0][0] <= sides[0][1] && sides[1][0] <= sides[1][1])) sides = box(every);
+  if (!(sides[0][0] <= sides[0][1] && sides[1][0] <= sides[1][1])) sides = [[0, 1280], [0, 720]];
+  const pad = 0.04 * Math.max(sides[0][1] - sides[0][0], sides[1][1] - sides[1][0]) + 5;
+  return [[sides[0][0] - pad, sides[0][1] + pad], [sides[1][1] + pad, sides[1][0] - pad]];
+}
+
+function drawImage() {
+  const x = imageValues(0), y = imageValues(1), [across, down] = imageRanges();
+  const names = data.landmarks.map(plain);
+  const traces = SIDES.map((s, i) => ({ type: "scatter", mode: "lines", x: x[i], y: y[i], hoverinfo: "skip",
+    line: { color: COLOUR[s], width: 2.5 } }));
+  traces.push({ type: "scatter", mode: "lines", x: x[3], y: y[3], hoverinfo: "skip", line: { color: "#777", width: 1 } });
+  traces.push({ type: "scatter", mode: "markers", x: x[4], y: y[4], text: names,
+    hovertemplate: "%{text}, detected<br>%{x:.1f}, %{y:.1f} px<extra></extra>",
+    marker: { color: DETECTED, size: 9, line: { color: "#fff", width: 1 } } });
+  traces.push({ type: "scatter", mode: "markers", x: x[5], y: y[5], text: names,
+    hovertemplate: "%{text}, reprojected<br>%{x:.1f}, %{y:.1f} px<extra></extra>",
+    marker: { color: REPROJECTED, size: 7, symbol: "x-thin", line: { color: REPROJECTED, width: 1.6 } } });
+  const axis = { showgrid: true, gridcolor: LINE, zeroline: false, ticks: "outside", tickcolor: "#aab3bc" };
+  const shapes = data.image ? [{ type: "rect", x0: 0, y0: 0, x1: data.image[0], y1: data.image[1], layer: "below",
+    line: { color: "#8a949e", width: 1.5 }, fillcolor: "#fbfcfd" }] : [];
+  return Plotly.react("image", traces, { xaxis: { ...axis, range: across, constrain: "domain", side: "top" },
+    yaxis: { ...axis, range: down, scaleanchor: "x", constrain: "domain" }, shapes, showlegend: false, font: FONT,
+    margin: { l: 42, r: 12, t: 26, b: 12 }, hovermode: "closest", dragmode: "pan", plot_bgcolor: "#f0f2f4",
+    paper_bgcolor: "#fff" }, QUIET);
+}
+function moveImage() {
+  const update = { x: imageValues(0), y: imageValues(1) };
+  if (element("view").value !== "person") return Plotly.restyle("image", update, [0, 1, 2, 3, 4, 5]);
+  const [across, down] = imageRanges();
+  return Plotly.update("image", update, { "xaxis.range": across, "yaxis.range": down }, [0, 1, 2, 3, 4, 5]);
+}

@@ -1,0 +1,103 @@
+// Time, person, and who moves them. The address may say where to begin: report.html#t=3.2&person=p2
+const now = () => (me.time.length ? me.time[frame] : 0);
+function nearest(time) {
+  let best = 0;
+  me.time.forEach((t, i) => { if (Math.abs(t - time) < Math.abs(me.time[best] - time)) best = i; });
+  return best;
+}
+function say() {
+  const refused = me.refused[frame];
+  element("time").textContent = `${now().toFixed(2)} s of ${data.duration.toFixed(2)} s` + (refused ? `, refused: ${refused}` : "");
+  element("slider").value = frame;
+  const absent = Number.isNaN(place[0](frame, 0));
+  for (const note of document.querySelectorAll(".absent")) {
+    note.hidden = !absent || !me.time.length;
+    note.textContent = `no skeleton at this time${refused ? `: ${refused}` : ""}`;
+  }
+}
+async function go(index, always = true) {
+  frame = Math.max(0, Math.min(index, me.time.length - 1));
+  say();
+  if (!me.time.length || busy) return;
+  busy = true;
+  let drawn;
+  do {                                                   // moved on meanwhile: draw the newest, never a queue of old ones
+    drawn = frame;
+    await Promise.all([moveSpace(), moveImage(), moveCursor(always)]);
+  } while (drawn !== frame);
+  busy = false;
+  document.body.dataset.frame = String(frame);
+}
+
+function play(on) {
+  playing = on && me.time.length > 1;
+  element("play").innerHTML = playing ? "&#10073;&#10073; Pause" : "&#9654; Play";
+  if (!playing) return void go(frame);
+  if (frame >= me.time.length - 1) frame = 0;
+  clock = now();
+  let before = performance.now();
+  const tick = (moment) => {
+    if (!playing) return;
+    clock += ((moment - before) / 1000) * Number(element("speed").value);
+    before = moment;
+    let index = frame;
+    while (index < me.time.length - 1 && me.time[index + 1] <= clock) index++;
+    if (index !== frame) go(index, false);
+    if (index >= me.time.length - 1) return play(false);
+    requestAnimationFrame(tick);
+  };
+  requestAnimationFrame(tick);
+}
+
+let turnedAt = null;
+async function turn(moment) {
+  if (!element("turn").checked) { turnedAt = null; return; }
+  const angle = turnedAt === null ? 0 : TURN_PER_SECOND * Math.min((moment - turnedAt) / 1000, 0.2);
+  turnedAt = moment;
+  const eye = element("space").layout.scene.camera.eye, c = Math.cos(angle), s = Math.sin(angle);
+  await Plotly.relayout("space", { "scene.camera.eye": { x: c * eye.x - s * eye.y, y: s * eye.x + c * eye.y, z: eye.z } });
+  requestAnimationFrame(turn);
+}
+
+async function choosePerson(index, time) {
+  me = data.people[index];
+  frame = nearest(time);
+  element("slider").max = Math.max(me.time.length - 1, 0);
+  say();
+  await Promise.all([drawSpace(), drawImage(), drawSeries(), drawLandmarks()]);
+  document.body.dataset.frame = String(frame);
+}
+
+function fill(select, names) {
+  for (const name of names) select.append(new Option(name, name));
+}
+
+async function start() {
+  data.people.forEach((person, i) => element("person").append(new Option(person.name || "the person", String(i))));
+  element("person-label").hidden = data.people.length < 2;
+  fill(element("joint"), [...Object.keys(GROUPS).filter((g) => GROUPS[g].some((j) => data.joints.includes(j))), ...data.joints]);
+  const stride = data.people.length ? data.people[0].stride : 1;
+  element("thinned").textContent = stride > 1 ? `Long recording: of the skeletons, image points and angles every ${stride}th frame ` +
+    "is in this page; the error, the gap and the latency are the largest of each stretch." : "";
+  const address = new URLSearchParams(location.hash.slice(1));
+  const first = Math.max(0, data.people.findIndex((person) => person.name === address.get("person")));
+  element("person").value = String(first);
+  element("person").onchange = () => { play(false); choosePerson(Number(element("person").value), now()); };
+  element("slider").oninput = () => { playing = false; element("play").innerHTML = "&#9654; Play"; go(Number(element("slider").value)); };
+  element("play").onclick = () => play(!playing);
+  element("joint").onchange = drawSeries;
+  element("follow").onchange = drawSpace;
+  element("view").onchange = drawImage;
+  element("turn").onchange = () => requestAnimationFrame(turn);
+  document.addEventListener("keydown", (event) => {
+    if (event.target.tagName === "SELECT" || event.target.tagName === "BUTTON") return;
+    const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+    if (event.key === " ") play(!playing);
+    else if (step) go(frame + step);
+    else return;
+    event.preventDefault();
+  });
+  if (data.people.length) await choosePerson(first, Number(address.get("t")) || 0);
+  document.body.dataset.drawn = "yes";
+}
+start().catch(fail);

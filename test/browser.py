@@ -1,0 +1,51 @@
+"""A real headless Chromium for the pages that this project makes."""
+
+import shutil
+from contextlib import contextmanager
+
+import pytest
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+FLAGS = (
+    "--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
+    "--disable-component-update --disable-sync"
+).split()
+
+
+@contextmanager
+def browser():
+    """The browser, of playwright; skips where it is not to be had."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright drives the browser")
+    program = next(filter(None, map(shutil.which, NAMES)), None)
+    if program is None:
+        pytest.skip("there is no Chromium on this machine: apt install chromium")
+    with playwright.sync_playwright() as driver:
+        running = driver.chromium.launch(executable_path=program, args=FLAGS)
+        try:
+            yield running
+        finally:
+            running.close()
+
+
+class Page:
+    """A file, opened; `errors` are its scripts', `requests` the addresses that it asked for."""
+
+    def __init__(self, running, path, hash=""):
+        self.errors, self.requests = [], []
+        self.page = running.new_page(viewport={"width": 1280, "height": 900})
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.page.on("console", lambda m: self.errors.append(m.text) if m.type == "error" else None)
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.goto(f"file://{path}{hash}")
+        self.page.wait_for_selector("body[data-drawn], body[data-error]", state="attached", timeout=60_000)
+
+    def value(self, script):
+        """Of a script in the page."""
+        return self.page.evaluate(script)
+
+    def reach(self, script, what):
+        """Wait until a script says true."""
+        try:
+            self.page.wait_for_function(script, timeout=30_000)
+        except Exception as error:
+            raise AssertionError(f"{what} did not come: {error}") from None
