@@ -36,7 +36,7 @@ class StampWatch:
             return False
         ahead = (stamp_ns - self._newest) * 1e-9
         if -jump_back <= ahead <= 0:
-            raise AdapterError("old_stamp", f"the stamp is {-ahead:.3f} s older than the newest one")
+            raise AdapterError("old_stamp", f"the stamp is {abs(ahead):.3f} s older than the newest one")
         if 0 < ahead <= LONGEST_PAUSE_S:
             self._jump = None
             return False
