@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 from lassokin_ros import topics
@@ -16,6 +17,7 @@ from lassokin_ros.frame_messages import FrameMessages, id_list
 from lassokin_ros.node_config import NodeConfig
 from lassokin_ros.offline_parameters import NODE_NAME
 from lassokin_ros.pipeline import Pipeline
+from lassokin_ros.skeleton_file import save_all
 from msg_adapters.backends import Backend, RosbagsBackend
 from msg_adapters.outputs import DiagnosticArrayBuilder
 
@@ -49,12 +51,16 @@ class OfflineTracker:
             add_type(types, self._tracked.message_type, "std_msgs/Header header\nstring[] ids")
         self._list = id_list(self._backend, node_config.rep155)
         self._diagnostics: Diagnostics | None = None
-        self._next_diagnostics_ns = 0
+        self._next_diagnostics_ns = self._newest_ns = 0
 
     @property
     def times_lost(self) -> int:
         """How often somebody who had been tracked was found anew, and once more when the end is lost."""
         return self._found_anew + (self.pipeline.status is Status.LOST)
+
+    def save_skeleton(self, path: Path) -> list[Path]:
+        """Write what calibration knows by now, as `skeleton_file.save_all` does. Raises SkeletonError."""
+        return save_all(self.pipeline.calibrations(), path, self._newest_ns)
 
     def camera_info(self, message: Any, time_ns: int) -> Iterator[tuple[str, str, Any]]:
         """Take a CameraInfo; see `keypoints`. None stands for a message that could not be read."""
@@ -116,6 +122,7 @@ class OfflineTracker:
 
     def _tick(self, time_ns: int) -> Iterator[tuple[str, str, Any]]:
         """The diagnostics that have become due."""
+        self._newest_ns = time_ns
         if self._diagnostics is None:
             self._diagnostics = Diagnostics(self.pipeline, NODE_NAME, time_ns * 1e-9)
             self._next_diagnostics_ns = time_ns + DIAGNOSTICS_PERIOD_NS

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from lassokin_ros import topics
 from lassokin_ros.bags import STORAGES, BagReader, BagWriter, RecordedTopic
-from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.core.errors import ConfigurationError, LassokinError
 from lassokin_ros.interruption import Interrupted, interruptible
 from lassokin_ros.progress import Progress
 
@@ -48,6 +48,8 @@ def run(options: argparse.Namespace) -> int:
     if is_archive(options):
         if options.report is not None:
             raise ArchiveError("--report shows one recording; give one alone, without --scheduler")
+        if options.save_skeleton is not None:
+            raise ArchiveError("--save-skeleton is of one recording; give one alone, without --scheduler")
         return replay_archive(options)
     (options.bag,) = options.bags
     print(replay(options).summary)
@@ -76,6 +78,8 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
     from msg_adapters.registry import full_type_name
 
     tracker_config, node_config = offline_settings(options.params_file, options.p)
+    if options.save_skeleton is not None and not tracker_config.calibrate:
+        raise ConfigurationError("--save-skeleton has nothing to save without calibration; add -p calibrate:=true")
     with BagReader(options.bag) as bag:
         keypoints_type = full_type_name(node_config.keypoints_type)
         keypoints = bag.find(keypoints_type, options.keypoints_topic, topics.KEYPOINTS, "--keypoints-topic")
@@ -92,6 +96,9 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
     if report is not None:
         report.write(options.bag.resolve().name, (keypoints.name, camera.name))
     summary = _summary(f"{options.bag} -> {output} ({storage})", (keypoints, camera), tracker, seconds)
+    if options.save_skeleton is not None:
+        written = tracker.save_skeleton(options.save_skeleton)
+        summary += f"\n{'skeleton':<15} {', '.join(map(str, written))}"
     return Replayed(summary, figures, 1e3 * float(np.median(tracker.frame_seconds or [np.nan])))
 
 
@@ -177,6 +184,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--storage", choices=STORAGES, help="of the output (default: the input's)")
     parser.add_argument(
         "--report", type=Path, metavar="HTML", help="write a page with plots and the skeleton in 3D, for a browser"
+    )
+    parser.add_argument(
+        "--save-skeleton",
+        type=Path,
+        metavar="YAML",
+        help="write the calibrated skeleton of who is there at the end; of several people each their own, _<id> added",
     )
     parser.add_argument("--force", action="store_true", help="replace an output that exists")
     parser.add_argument(

@@ -139,6 +139,34 @@ def test_in_a_replay_every_frames_joints_are_those_of_the_newest_urdf(tmp_path):
     assert again == [(time_ns, m.data) for time_ns, m in streams["robot_description"]]
 
 
+def test_replay_saves_the_skeleton(tmp_path, capsys):
+    pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
+    from recordings import read, write_recording
+
+    from lassokin_ros.replay import main
+    from lassokin_ros.urdf import urdf
+
+    recording, saved = write_recording(tmp_path / "walk", 150), tmp_path / "me.yaml"
+    wrong = wrong_skeleton_file(tmp_path)
+    given = [str(recording), "--save-skeleton", str(saved), "-p", f"skeleton:={wrong}", "--force"]
+    assert main([*given, "-o", str(tmp_path / "out")]) == 2 and "calibrate:=true" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+    calibrated = [*given, "-p", "calibrate:=true", "-o", str(tmp_path / "out")]
+    assert main(calibrated) == 0
+    assert capsys.readouterr().out.splitlines()[-1].split() == ["skeleton", str(saved)]
+    text = saved.read_text()
+    assert "2023-11-14 22:13:24 UTC" in text  # the recording's time
+    last = read(tmp_path / "out", "/robot_description")[-1][1].data
+    states, joints = (read(tmp_path / "out", topic)[-1][1] for topic in ("/joint_states", "/joints"))
+    described = DescribedBody(urdf(Skeleton.load(str(saved), 1.75), "camera_optical_frame"))
+    assert described.error(states, joints) < PROMISE_M and DescribedBody(last).error(states, joints) < PROMISE_M
+    assert main(calibrated) == 0 and saved.read_text() == text
+    short = write_recording(tmp_path / "short", 15)
+    assert main([str(short), *calibrated[1:], "-o", str(tmp_path / "brief")]) == 2
+    assert "nothing has been calibrated" in capsys.readouterr().err and saved.read_text() == text
+    assert main([str(short), *calibrated]) == 2 and "one recording" in capsys.readouterr().err
+
+
 def test_the_running_node_describes_saves_and_reports_what_it_has_learned(tmp_path):
     pytest.importorskip("rclpy")
     from live import BACKEND, START_NS, NodeProcess, Peer, values_of
