@@ -223,6 +223,11 @@ class BagWriter:
         qos = [_latched_qos()] if latched else []
         return self._writer.add_connection(topic, message_type, typestore=self._types, offered_qos_profiles=qos)
 
+    @property
+    def folder(self) -> Path:
+        """The recording's folder while it is made: what is put there besides will be there under its name."""
+        return self._workshop / FILE_NAME
+
     def note(self, key: str, text: str) -> None:
         """Put a text into the recording's metadata, as rosbag2's custom data."""
         self._writer.set_custom_data(key, text)

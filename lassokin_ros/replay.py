@@ -18,6 +18,7 @@ from lassokin_ros.interruption import Interrupted, interruptible
 from lassokin_ros.progress import Progress
 
 if TYPE_CHECKING:
+    from lassokin_ros.exports.command import Exports
     from lassokin_ros.replay_record import Figures
     from lassokin_ros.report.command import Report
 
@@ -50,6 +51,10 @@ def run(options: argparse.Namespace) -> int:
             raise ArchiveError("--report shows one recording; give one alone, without --scheduler")
         if options.save_skeleton is not None:
             raise ArchiveError("--save-skeleton is of one recording; give one alone, without --scheduler")
+        if options.export:
+            from lassokin_ros.exports.command import check_archive_exports
+
+            check_archive_exports(options.export)
         return replay_archive(options)
     (options.bag,) = options.bags
     print(replay(options).summary)
@@ -86,6 +91,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
         camera = bag.find(topics.CAMERA_INFO_TYPE, options.camera_info_topic, topics.CAMERA_INFO, "--camera-info-topic")
         tracker = OfflineTracker(tracker_config, node_config, bag.types)
         report = _report(options, tracker)
+        exports = _exports(options, tracker)
         output = options.output or Path(f"{options.bag.resolve().stem}_tracked")
         storage = options.storage or bag.storage
         with BagWriter(output, storage, bag.types, options.force) as writer:
@@ -93,12 +99,16 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
             seconds = _run(bag, keypoints, camera, tracker, writer, progress)
             figures = _figures(tracker)
             writer.note(KEY, Record(origin_of(options), figures).text)
+            files = [] if exports is None else exports.write(writer.folder)
     if report is not None:
         report.write(options.bag.resolve().name, (keypoints.name, camera.name))
     summary = _summary(f"{options.bag} -> {output} ({storage})", (keypoints, camera), tracker, seconds)
     if options.save_skeleton is not None:
         written = tracker.save_skeleton(options.save_skeleton)
         summary += f"\n{'skeleton':<15} {', '.join(map(str, written))}"
+    if exports is not None:
+        names = [str(output / file.name if file.parent == writer.folder else file) for file in files]
+        summary += f"\n{'exported':<15} {', '.join(names) or 'nothing: nobody was tracked'}"
     return Replayed(summary, figures, 1e3 * float(np.median(tracker.frame_seconds or [np.nan])))
 
 
@@ -127,6 +137,19 @@ def _report(options: argparse.Namespace, tracker: Any) -> Report | None:
     report = Report(options.report, tracker.pipeline, options.force)
     tracker.watchers.append(report.add)
     return report
+
+
+def _exports(options: argparse.Namespace, tracker: Any) -> Exports | None:
+    """What gathers for the exports, None when none is wanted. Raises a LassokinError when one could not be written."""
+    if not options.export:
+        return None
+    from lassokin_ros.exports.command import Exports
+    from lassokin_ros.motion import MotionRecorder
+
+    pipeline = tracker.pipeline
+    recorder = MotionRecorder(pipeline.tracker.layout.names)
+    tracker.watchers.append(recorder.add)
+    return Exports(options.export, recorder, pipeline.config.several_people, options.force)
 
 
 def _figures(tracker: Any) -> Figures:
@@ -184,6 +207,14 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--storage", choices=STORAGES, help="of the output (default: the input's)")
     parser.add_argument(
         "--report", type=Path, metavar="HTML", help="write a page with plots and the skeleton in 3D, for a browser"
+    )
+    parser.add_argument(
+        "--export",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="write the motion to a .csv, .npz, .bvh or .amass.npz too; a suffix alone: into the output's folder",
     )
     parser.add_argument(
         "--save-skeleton",

@@ -1,0 +1,95 @@
+"""`replay --export`: which formats there are, where the files go, and when they are written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import BinaryIO
+
+from lassokin_ros.exports.amass_file import write_amass
+from lassokin_ros.exports.bvh_file import write_bvh
+from lassokin_ros.exports.csv_file import write_csv
+from lassokin_ros.exports.errors import ExportError
+from lassokin_ros.exports.npz_file import write_npz
+from lassokin_ros.motion import Motion, MotionRecorder
+from lassokin_ros.whole_files import WholeFiles, refuse_existing
+
+TABLES: dict[str, Callable[[Sequence[Motion], BinaryIO], None]] = {".csv": write_csv, ".npz": write_npz}
+"""Suffix -> writer of all people into one file."""
+PERSONS: dict[str, Callable[[Motion, BinaryIO], None]] = {".bvh": write_bvh, ".amass.npz": write_amass}
+"""Suffix -> writer of one person."""
+INSIDE = "motion"
+"""What a file is called that goes into the output's folder."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """One file that is wanted. folder: None stands for the output's own."""
+
+    stem: str
+    suffix: str
+    folder: Path | None
+
+    def path(self, output: Path, person: str = "") -> Path:
+        """Where a person's file goes; person: empty for all, or the one who is followed."""
+        name = f"{self.stem}_{person}{self.suffix}" if person else f"{self.stem}{self.suffix}"
+        return (output if self.folder is None else self.folder) / name
+
+
+def target_of(wanted: Path) -> Target:
+    """What --export names: a file, or a suffix alone for a file in the output's folder. Raises ExportError."""
+    name = wanted.name
+    for suffix in sorted([*TABLES, *PERSONS], key=len, reverse=True):
+        if name == suffix == str(wanted):
+            return Target(INSIDE, suffix, None)
+        if name.endswith(suffix) and name != suffix:
+            return Target(name.removesuffix(suffix), suffix, wanted.parent)
+    known = ", ".join([*TABLES, *PERSONS])
+    raise ExportError(f"--export '{wanted}': the format is told by the suffix; expected one of: {known}")
+
+
+def check_archive_exports(wanted: Sequence[Path]) -> None:
+    """Raise ExportError for a file name where there are many recordings: only suffixes make sense there."""
+    for target in map(target_of, wanted):
+        if target.folder is not None:
+            raise ExportError(
+                f"--export '{target.path(Path())}' names one file for many recordings; give the suffix alone, "
+                f"--export {target.suffix}, for a file in each output's folder"
+            )
+
+
+class Exports:
+    """The exports of one replay: gathers while it runs, writes at its end."""
+
+    def __init__(self, wanted: Sequence[Path], recorder: MotionRecorder, several: bool, replace: bool) -> None:
+        """several: more than one person may be followed. Raises ExportError for what could not be written: now."""
+        self._targets = list(dict.fromkeys(map(target_of, wanted)))
+        self._recorder, self._replace = recorder, replace
+        for target in self._targets:
+            if target.folder is not None:
+                refuse_existing(target.path(Path()), replace, ExportError)
+                if several and target.suffix in PERSONS and not replace:
+                    for path in target.folder.glob(f"{target.stem}_p*{target.suffix}"):
+                        refuse_existing(path, replace, ExportError)
+
+    def write(self, output: Path) -> list[Path]:
+        """Write all files, or none; their paths. output: the folder for those that name none. Raises ExportError."""
+        motions = self._recorder.motions()
+        paths: list[Path] = []
+        with WholeFiles(self._replace, ExportError) as files:
+            for target in self._targets:
+                for path, fill in _jobs(target, output, motions):
+                    files.write(path, fill)
+                    paths.append(path)
+        return paths
+
+
+def _jobs(target: Target, output: Path, motions: list[Motion]) -> list[tuple[Path, Callable[[BinaryIO], None]]]:
+    """(path, what writes it) of a target's files; none when nobody was tracked."""
+    if not motions:
+        return []
+    if target.suffix in TABLES:
+        return [(target.path(output), partial(TABLES[target.suffix], motions))]
+    return [(target.path(output, motion.person), partial(PERSONS[target.suffix], motion)) for motion in motions]

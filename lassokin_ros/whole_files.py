@@ -1,0 +1,60 @@
+"""Files that appear under their name only when they are complete, all of a set or none."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import BinaryIO
+
+from lassokin_ros.core.errors import LassokinError
+
+
+def refuse_existing(path: Path, replace: bool, error: type[LassokinError]) -> None:
+    """Raise `error` when a file cannot come into being at `path`; replace: one that is there gives way."""
+    if path.is_dir():
+        raise error(f"'{path}' is a folder; expected the name of a file")
+    if path.exists() and not replace:
+        raise error(f"'{path}' exists already; choose another name or say --force")
+    if not path.parent.is_dir():
+        raise error(f"there is no folder '{path.parent}' for '{path.name}'")
+
+
+class WholeFiles:
+    """A set of files that are renamed to their places together, at the end of a `with` statement without an error."""
+
+    def __init__(self, replace: bool, error: type[LassokinError]) -> None:
+        """replace: files that are there give way; error: what is raised when a file cannot be written."""
+        self._replace, self._error = replace, error
+        self._parts: dict[Path, Path] = {}
+
+    def write(self, path: Path, fill: Callable[[BinaryIO], None]) -> None:
+        """Have `fill` write a file that will be at `path`."""
+        refuse_existing(path, self._replace, self._error)
+        part = path.with_name(f".{path.name}.{os.getpid()}.part")
+        self._parts[path] = part
+        try:
+            with part.open("wb") as file:
+                fill(file)
+        except OSError as problem:
+            raise self._error(f"'{path}' cannot be written: {problem.strerror or problem}") from None
+
+    def __enter__(self) -> WholeFiles:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        try:
+            if kind is None:
+                self._finish()
+        finally:
+            for part in self._parts.values():
+                part.unlink(missing_ok=True)
+
+    def _finish(self) -> None:
+        for path in self._parts:  # once more: something may have come into being meanwhile
+            refuse_existing(path, self._replace, self._error)
+        for path, part in self._parts.items():
+            try:
+                part.replace(path)
+            except OSError as problem:
+                raise self._error(f"'{path}' cannot be written: {problem.strerror or problem}") from None
