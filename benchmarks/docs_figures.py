@@ -1,0 +1,241 @@
+"""Draws the figures of docs/tuning.md: `python benchmarks/docs_figures.py [NAME ...] [--folder docs/figures]`.
+
+Every figure is one parameter's effect on synthetic motion with a simulated detector, which anybody can repeat.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import numpy as np  # noqa: E402
+
+from benchmarks.docs_scenes import (  # noqa: E402
+    NO_GAPS,
+    averages,
+    error,
+    far_off,
+    follow_people,
+    given,
+    milliseconds,
+    people_crossing,
+    run,
+    scene,
+    shake,
+    support,
+    with_gap,
+    with_poor_points,
+)
+from lassokin_ros.synthetic import Detector  # noqa: E402
+
+TRUE, COLOURS = "#8a8a8a", ("#d1495b", "#1f6fb4", "#2a9d4a", "#e08d20")
+LEFT_KNEE = 4
+SEEDS = (0, 1, 2)
+"""Of the detector's noise; what is said in figures is the mean over them."""
+
+
+def knee_depth(joints: np.ndarray) -> np.ndarray:
+    """(f,) mm, the left knee's depth from the pelvis: depth is what one camera sees worst."""
+    return 1e3 * (joints[:, LEFT_KNEE, 2] - joints[:, 0, 2])
+
+
+def height(axes: Any) -> None:
+    """A wrong height scales everything."""
+    seen = scene(6, 30)
+    axes[0].plot(seen.times, seen.joints[:, 0, 2], color=TRUE, lw=3, label="true (height 1.75 m)")
+    heights = (1.60, 1.75, 1.90)
+    for value, colour in zip(heights, COLOURS):
+        axes[0].plot(seen.times, run(seen, height=value).joints[:, 0, 2], color=colour, label=f"height {value:.2f}")
+    axes[0].set(xlabel="time [s]", ylabel="pelvis' distance [m]", ylim=(2.9, 4.9))
+    axes[0].legend(fontsize=8)
+    values = np.linspace(1.5, 2.0, 6)
+    ratio = [np.nanmedian(run(seen, height=v).joints[:, 0, 2] / seen.joints[:, 0, 2]) for v in values]
+    axes[1].plot(100 * (values / 1.75 - 1), 100 * (np.array(ratio) - 1), "o-", color=COLOURS[1])
+    axes[1].set(xlabel="height wrong by [%]", ylabel="distance wrong by [%]")
+
+
+def noise_px(axes: Any) -> None:
+    """Too small follows the noise, too large is slow."""
+    seen = scene(12, 30)
+    part = (seen.times > 3.0) & (seen.times < 6.0)
+    axes[0].plot(seen.times[part], knee_depth(seen.joints)[part], color=TRUE, lw=3, label="true")
+    for value, colour in zip((0.3, 3.0, 30.0), COLOURS):
+        depth = knee_depth(run(seen, noise_px=value).joints)
+        axes[0].plot(seen.times[part], depth[part], color=colour, lw=1, label=f"noise_px {value:g}")
+    axes[0].set(xlabel="time [s]", ylabel="left knee's depth\nfrom the pelvis [mm]")
+    axes[0].legend(fontsize=8)
+    values = (0.3, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 40.0)
+    scenes = [scene(12, 30, seed=seed) for seed in SEEDS]
+    _two_curves(
+        axes[1],
+        values,
+        ("mean error [mm]", "acceleration [m/s²]"),
+        averages(scenes, "noise_px", values, error, shake),
+    )
+    axes[1].axvline(NO_GAPS.noise_px, color=TRUE, ls=":")
+    axes[1].set(xlabel="noise_px (the detector's own noise: dotted)")
+
+
+def sparsity(axes: Any) -> None:
+    """More of it moves fewer joints a frame."""
+    seen = scene(12, 30)
+    part = (seen.times > 3.0) & (seen.times < 6.0)
+    for value, colour in zip((0.005, 0.05, 1.0), COLOURS):
+        moving = run(seen, sparsity=value).moving
+        axes[0].plot(seen.times[part], moving[part], color=colour, lw=1, label=f"sparsity {value:g}")
+    axes[0].set(xlabel="time [s]", ylabel="degrees of freedom\nthat move in a frame", ylim=(0, 60))
+    axes[0].legend(fontsize=8)
+    values = (0.002, 0.01, 0.05, 0.2, 0.5, 1.0, 2.0, 5.0, 20.0)
+    scenes = [scene(12, 30, seed=seed) for seed in SEEDS]
+    _two_curves(
+        axes[1],
+        values,
+        ("mean error [mm]", "degrees of freedom that move"),
+        averages(scenes, "sparsity", values, error, support),
+    )
+    axes[1].set(xlabel="sparsity")
+
+
+def relinearisations(axes: Any) -> None:
+    """A second lasso a frame pays where frames are far apart."""
+    values = (1, 2, 3, 4)
+    for rate, colour in zip((10, 15, 30), COLOURS):
+        scenes = [scene(12, rate, seed=seed) for seed in SEEDS]
+        label = f"{rate} frames a second"
+        for axis, curve in zip(axes, averages(scenes, "relinearisations", values, error, milliseconds)):
+            axis.plot(values, curve, "o-", color=colour, label=label)
+    axes[0].set(xlabel="relinearisations", ylabel="mean error [mm]", xticks=values, ylim=(0, None))
+    axes[1].set(xlabel="relinearisations", ylabel="time of one frame [ms]", xticks=values, ylim=(0, None))
+    axes[0].legend(fontsize=8)
+
+
+def min_confidence(axes: Any) -> None:
+    """What a detector guesses is left out, as long as enough is left."""
+    seen = with_poor_points(scene(12, 30))
+    for value, colour in zip((0.0, 0.4), COLOURS):
+        axes[0].plot(
+            seen.times, run(seen, min_confidence=value).error_mm, color=colour, label=f"min_confidence {value}"
+        )
+    for start in (0.0, 4.0, 8.0):
+        axes[0].axvspan(start, start + 2, color="#eeeeee", zorder=0)
+    axes[0].set(xlabel="time [s] (grey: an arm and a leg are guessed)", ylabel="error [mm]")
+    axes[0].legend(fontsize=8)
+    values = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95])
+    scenes = [with_poor_points(scene(12, 30, seed=seed)) for seed in SEEDS]
+    _two_curves(
+        axes[1],
+        values,
+        ("mean error [mm]", "frames with an output [%]"),
+        averages(scenes, "min_confidence", values, error, given),
+        logarithmic=False,
+    )
+    axes[1].set(xlabel="min_confidence")
+
+
+def lost_after(axes: Any) -> None:
+    """How old may the last state be from which the next one is found?"""
+    seen = with_gap(scene(6, 30, start=6.0), 2.0, 3.5)
+    axes[0].axvspan(2.0, 3.5, color="#eeeeee", zorder=0)
+    for value, colour in zip((10.0, 0.5), COLOURS):
+        tracked = run(seen, lost_after=value)
+        axes[0].plot(seen.times, tracked.error_mm, color=colour, label=f"lost_after {value:g} s")
+        if tracked.lost.any():
+            start, end = seen.times[tracked.lost][[0, -1]]
+            axes[0].axvspan(start, end, color="#d5e3f2", zorder=0, label="state: lost")
+    axes[0].set(xlabel="time [s] (grey and blue: no keypoints)", ylabel="error [mm]", ylim=(0, 150))
+    axes[0].legend(fontsize=8)
+    gaps = (0.3, 0.6, 1.0, 2.0, 4.0)
+    for value, label, colour in ((60.0, "goes on from the old state", 0), (0.05, "found anew", 1)):
+        errors = []
+        for gap in gaps:
+            scenes = [with_gap(scene(gap + 2.5, 30, seed=n, start=1.5 * n), 2.0, 2.0 + gap) for n in range(8)]
+            errors.append(np.mean([np.nanmean(run(s, lost_after=value).error_mm[-15:]) for s in scenes]))
+        axes[1].plot(gaps, errors, "o-", color=COLOURS[colour], label=label)
+    axes[1].set(xlabel="time without keypoints [s]", ylabel="error in the 0.5 s\nafterwards [mm]", ylim=(0, None))
+    axes[1].legend(fontsize=8)
+
+
+def person_ids(axes: Any) -> None:
+    """A detector that mixes two people up half-way."""
+    scenes, numbers = people_crossing()
+    for axis, lasting in zip(axes, (True, False)):
+        for person in scenes:
+            axis.plot(person.times, person.joints[:, 0, 0], color=TRUE, lw=4, label="true" * (person is scenes[0]))
+        for colour, (name, path) in zip(COLOURS, follow_people(scenes, numbers, lasting).items()):
+            axis.plot(scenes[0].times, path, color=colour, label=f"bodies/{name}")
+        axis.set(xlabel="time [s]", ylabel="pelvis' x [m]", title=f"person_ids: {'message' if lasting else 'node'}")
+        axis.legend(fontsize=8)
+
+
+def frame_rate(axes: Any) -> None:
+    """The same motion at other rates, and with other detectors."""
+    rates = (5, 10, 15, 30, 60)
+    for noise, colour in zip((1.0, 3.0, 8.0), COLOURS):
+        points = []
+        for rate in rates:
+            scenes = [scene(12, rate, Detector(noise, 0.0, 0.0), seed) for seed in SEEDS]
+            points.append(averages(scenes, "noise_px", (noise,), error, far_off))
+        for axis, curve in zip(axes, np.concatenate(points, axis=1)):
+            axis.plot(rates, curve, "o-", color=colour, label=f"detector's noise {noise:g} px")
+    axes[0].set(xlabel="frames a second", ylabel="mean error [mm]", ylim=(0, None))
+    axes[1].set(xlabel="frames a second", ylabel="frames off by more\nthan 100 mm [%]", ylim=(0, None))
+    axes[0].legend(fontsize=8)
+
+
+FIGURES: dict[str, Callable[[Any], None]] = {
+    drawing.__name__: drawing
+    for drawing in (
+        height, noise_px, sparsity, relinearisations, min_confidence, lost_after, person_ids, frame_rate
+    )
+}  # fmt: skip
+
+
+def _two_curves(axis: Any, values: Any, labels: Sequence[str], curves: Any, logarithmic: bool = True) -> None:
+    """Two measures over a parameter, each with an axis of its own."""
+    for side, label, figures, colour in zip((axis, axis.twinx()), labels, curves, COLOURS):
+        side.plot(values, figures, "o-", color=colour, ms=4)
+        side.set_ylabel(label, color=colour)
+        side.tick_params(axis="y", labelcolor=colour)
+        side.set_ylim(0, 1.1 * np.nanmax(figures))
+    if logarithmic:
+        axis.set_xscale("log")
+
+
+def draw(name: str, folder: Path) -> Path:
+    """Write one figure; its file."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(1, 2, figsize=(9, 3.2), layout="constrained")
+    FIGURES[name](axes)
+    for axis in axes:
+        axis.grid(alpha=0.3)
+    path = folder / f"{name}.png"
+    figure.savefig(path, dpi=80)
+    plt.close(figure)
+    return path
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(FIGURES)}; all by default")
+    parser.add_argument("--folder", type=Path, default=Path("docs/figures"))
+    options = parser.parse_args()
+    unknown = sorted(set(options.names) - set(FIGURES))
+    if unknown:
+        parser.error(f"no figure is called {', '.join(unknown)}; there are: {', '.join(FIGURES)}")
+    options.folder.mkdir(parents=True, exist_ok=True)
+    for name in options.names or FIGURES:
+        print(draw(name, options.folder))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
