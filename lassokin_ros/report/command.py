@@ -18,9 +18,9 @@ class Report:
     def __init__(self, path: Path, pipeline: Pipeline, replace: bool = False) -> None:
         """Raises ReportError when it could not be written: now rather than after the work."""
         check_report(path, replace)
-        self._path, self._pipeline = path, pipeline
+        self._path, self._pipeline, self._replace = path, pipeline, replace
         self._skeleton = pipeline.tracker.skeleton  # as given: calibration may make another of it
-        self._log = ReplayLog(pipeline.config.jump_back)
+        self._log = ReplayLog()
 
     def add(self, frames: Sequence[Frame], time_ns: int, seconds: float) -> None:
         """A keypoint message that was worked on, see `OfflineTracker.watchers`."""
@@ -35,4 +35,4 @@ class Report:
         names = tracker.layout.names
         counts = dict(pipeline.counts)
         facts = Facts(title, topics, self._log, counts, tracker.config, pipeline.config, self._skeleton, names, size)
-        write_report(self._path, facts)
+        write_report(self._path, facts, self._replace)

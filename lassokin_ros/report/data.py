@@ -30,8 +30,9 @@ FARTHEST_M, FARTHEST_PX = 100.0, 1e5
 
 def packed(values: Any, step: float, farthest: float = np.inf) -> dict[str, Any]:
     """Any array as {shape, step, data}: int16 counts of steps in base64, MISSING for what is not finite."""
-    array = np.clip(np.asarray(values, dtype=float), -farthest, farthest)
+    array = np.asarray(values, dtype=float)
     finite = np.isfinite(array)
+    array = np.clip(array, -farthest, farthest)
     step = max(step, float(np.abs(array[finite]).max(initial=0.0)) / LARGEST)
     counts = np.where(finite, np.round(np.where(finite, array, 0.0) / step), MISSING).astype("<i2")
     return {"shape": list(array.shape), "step": step, "data": base64.b64encode(counts.tobytes()).decode()}

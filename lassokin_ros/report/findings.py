@@ -166,8 +166,9 @@ def _stamps(facts: Facts) -> Iterator[Finding]:
         more = f", and {len(jumps) - 1} times more" if len(jumps) > 1 else ""
         yield Finding(
             PROBLEM,
-            f"Stamps are not monotonic: at {first.time:.1f} s they jump back by {first.back:.1f} s{more} (a bag "
-            "that was played in a loop?); everybody was forgotten there, and time goes on in this page.",
+            f"Stamps are not monotonic: at {first.time:.1f} s they jump {'ahead' if first.ahead > 0 else 'back'} by "
+            f"{abs(first.ahead):.1f} s{more} (a bag played in a loop, another clock?); everybody was forgotten "
+            "there, and time goes on in this page.",
         )
     unstamped = facts.counts.get("unstamped", 0)
     if unstamped:
@@ -215,13 +216,19 @@ def _place(facts: Facts) -> Iterator[Finding]:
     depth = float(np.median(depths))
     if not NEAREST_M < depth < FARTHEST_M:
         yield Finding(PROBLEM, f"The person is {depth:.2g} m away: check camera_info (K) and `height`.")
-    names = facts.skeleton.joint_names
-    if "head" not in names:
+
+
+def _upside_down(facts: Facts) -> Iterator[Finding]:
+    groups = [[i for i, name in enumerate(facts.landmarks) if part in name] for part in ("shoulder", "ankle")]
+    seen = [row.detected for person in facts.people for row in facts.rows(person) if row.detected is not None]
+    if not seen or not all(groups):
         return
-    head = names.index("head")
-    upside_down = [row.positions[head, 1] > row.positions[0, 1] for row in facts.tracks if row.positions is not None]
-    if np.mean(upside_down) > 0.5:
-        yield Finding(PROBLEM, "The head is below the pelvis most of the time: is the image upside down?")
+    heights = [np.array(seen)[:, group, 1].mean(axis=1) for group in groups]
+    both = np.isfinite(heights[0]) & np.isfinite(heights[1])
+    if both.any() and np.mean(heights[0][both] > heights[1][both]) > 0.5:
+        yield Finding(
+            PROBLEM, "In the image the shoulders are below the ankles most of the time: is the image upside down?"
+        )
 
 
 def _people(facts: Facts) -> Iterator[Finding]:
@@ -255,6 +262,7 @@ RULES: tuple[Callable[[Facts], Iterator[Finding]], ...] = (
     _reprojection,
     _landmarks,
     _place,
+    _upside_down,
     _gaps,
     _found_anew,
     _rate,

@@ -12,6 +12,10 @@ from lassokin_ros.core.rotations import logarithm
 from lassokin_ros.core.tracker import Estimate
 from lassokin_ros.frame import Frame
 
+STAMP_REASONS = ("old_stamp", "stamp_jump", "bad_stamp")
+LONGEST_AHEAD_S = 10.0
+"""s: stamps that run ahead of the recording by more from one message to the next have jumped."""
+
 
 @dataclass(frozen=True)
 class MessageRow:
@@ -65,12 +69,12 @@ class PersonRow:
         return np.nan if self.deviations is None else 1e3 * float(self.deviations.max())
 
 
-@dataclass
+@dataclass(frozen=True)
 class Jump:
-    """A stamp that lies back: at `time` s of the page by `back` s."""
+    """Stamps that jumped: at `time` s of the page, `ahead` by so many s, back where negative."""
 
     time: float
-    back: float
+    ahead: float
 
 
 @dataclass
@@ -80,20 +84,18 @@ class ReplayLog:
     details: the first refused message's explanation, by reason.
     """
 
-    jump_back: float
     messages: list[MessageRow] = field(default_factory=list)
     people: dict[str, list[PersonRow]] = field(default_factory=dict)
     details: dict[str, str] = field(default_factory=dict)
     jumps: list[Jump] = field(default_factory=list)
-    image_size: tuple[int, int] | None = None
     first_stamp_ns: int | None = None
     _last: tuple[float, int, int] | None = None
 
     def add(self, frames: Sequence[Frame], time_ns: int, seconds: float) -> None:
         """A keypoint message that was worked on; time_ns: of recording; seconds: that it took."""
         stamp_ns = frames[0].stamp_ns if frames else time_ns
-        time = self._clock(stamp_ns, time_ns)
         refused = next((f.rejection for f in frames if not f.accepted), None)
+        time = self._clock(stamp_ns, time_ns, refused not in STAMP_REASONS)
         accepted = sum(frame.accepted for frame in frames)
         self.messages.append(MessageRow(time, (time_ns - stamp_ns) * 1e-9, seconds, accepted, refused))
         for frame in frames:
@@ -102,18 +104,21 @@ class ReplayLog:
             if frame.detected is not None or frame.accepted:
                 self.people.setdefault(frame.person, []).append(person_row(frame, time))
 
-    def _clock(self, stamp_ns: int, time_ns: int) -> float:
-        """s on the page's axis: the stamps', which goes on at the recording's pace where they jump back."""
+    def _clock(self, stamp_ns: int, time_ns: int, believed: bool) -> float:
+        """s on the page's axis: the stamps', which goes on at the recording's pace where they jump.
+
+        believed: the message was not refused for its stamp.
+        """
         if self._last is None:
             self._last, self.first_stamp_ns = (0.0, stamp_ns, time_ns), stamp_ns
             return 0.0
         time, last_stamp, last_time = self._last
-        step = (stamp_ns - last_stamp) * 1e-9
-        if step < -self.jump_back:
-            step = max((time_ns - last_time) * 1e-9, 0.0)
-            self.jumps.append(Jump(time + step, (last_stamp - stamp_ns) * 1e-9))
-        elif step < 0:  # an old message, which is refused: the axis neither goes back nor takes it as its last
-            return time
+        step, recorded = (stamp_ns - last_stamp) * 1e-9, max((time_ns - last_time) * 1e-9, 0.0)
+        if not believed:
+            return time + recorded
+        if step < 0 or step > recorded + LONGEST_AHEAD_S:
+            self.jumps.append(Jump(time + recorded, step))
+            step = recorded
         self._last = time + step, stamp_ns, time_ns
         return time + step
 

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 from collections.abc import Iterator
 from datetime import datetime, timezone
 from html import escape
 from importlib import resources
 from pathlib import Path
 from string import Template
-from typing import Any
+from typing import Any, BinaryIO
 
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.report import tables
 from lassokin_ros.report.data import page_data, timing_data
 from lassokin_ros.report.facts import Facts
 from lassokin_ros.report.findings import findings
-
+from lassokin_ros.whole_files import WholeFiles, refuse_existing
 
 SCRIPTS = ("common", "space", "image", "series", "page")
 """In the page they are one function, in this order."""
@@ -31,30 +29,18 @@ class ReportError(LassokinError):
 def check_report(path: Path, replace: bool = False) -> None:
     """Raise ReportError when a report could not be made at `path`: said before the work rather than after it."""
     _plotly()
-    if path.is_dir():
-        raise ReportError(f"the report '{path}' is a folder; expected the name of an HTML file")
-    if path.exists() and not replace:
-        raise ReportError(f"the report '{path}' exists already; choose another name or say --force")
-    if not path.parent.is_dir():
-        raise ReportError(f"there is no folder '{path.parent}' for the report '{path.name}'")
+    refuse_existing(path, replace, ReportError)
 
 
-def write_report(path: Path, facts: Facts) -> None:
+def write_report(path: Path, facts: Facts, replace: bool = False) -> None:
     """Write the page, all or nothing. Raises ReportError."""
-    text = page(facts)
-    try:
-        with tempfile.NamedTemporaryFile(
-            "w", encoding="utf-8", dir=path.parent, prefix=f".{path.name}.", delete=False
-        ) as file:
-            file.write(text)
-        try:
-            os.chmod(file.name, 0o666 & ~_umask())
-            os.replace(file.name, path)
-        except BaseException:
-            os.unlink(file.name)
-            raise
-    except OSError as error:
-        raise ReportError(f"the report '{path}' cannot be written: {error.strerror}") from None
+    text = page(facts).encode()
+    with WholeFiles(replace, ReportError) as files:
+        files.write(path, lambda file: _write(file, text))
+
+
+def _write(file: BinaryIO, text: bytes) -> None:
+    file.write(text)
 
 
 def page(facts: Facts) -> str:
@@ -108,9 +94,3 @@ def _plotly() -> str:
     except ImportError:
         raise ReportError("the report is drawn with plotly; install it with: pip install plotly") from None
     return str(get_plotlyjs())
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

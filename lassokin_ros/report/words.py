@@ -15,7 +15,12 @@ REASONS: dict[str, tuple[str, str]] = {
     "not_finite": ("numbers that are not finite", "the camera's focal length or a stamp is no number"),
     "wrong_shape": ("wrong number of values", "the message's shape is not what `keypoints_type` and `landmarks` say"),
     "old_stamp": ("old stamps", "stamps are not monotonic: two detectors on one topic, or messages out of order?"),
+    "stamp_jump": (
+        "stamps from another time",
+        "one message is somebody's mistake, two in a row are taken for a new time",
+    ),
     "bad_stamp": ("stamps that are no time", "the detector fills header.stamp with something else"),
+    "bad_frame_id": ("a frame_id that is no name", "look at header.frame_id of the keypoints"),
     "no_camera_info": ("no camera_info yet", "camera_info must come before the keypoints; record it from the start"),
     "camera_unusable": ("a lens that cannot be used", "look at camera_info: model, D, K, or P when `rectified` is set"),
     "camera_uncalibrated": ("a camera that is not calibrated", "camera_info has K[0] = 0: calibrate the camera"),
