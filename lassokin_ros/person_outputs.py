@@ -6,6 +6,7 @@ from functools import partial
 from importlib import import_module
 from typing import Any, Callable
 
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -46,7 +47,11 @@ def advertise(node: Node, topic: topics.OutputTopic, name: str = "", overridable
     qos = QoSProfile(depth=1 if topic.latched else OUTPUT_DEPTH, durability=durability)
     override = QoSOverridingOptions.with_default_policies() if overridable else None
     kind = message_class(topic.message_type)
-    return node.create_publisher(kind, name or topic.name, qos, qos_overriding_options=override)
+    # A subscriber whose QoS does not match is told so on its own side. Here, two events for each publisher would be
+    # waited for with every message: half of the executor's work for one person, most of it for several.
+    events = PublisherEventCallbacks(use_default_callbacks=False)
+    name = name or topic.name
+    return node.create_publisher(kind, name, qos, qos_overriding_options=override, event_callbacks=events)
 
 
 class PersonOutputs:
