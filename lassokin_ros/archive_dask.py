@@ -6,8 +6,11 @@ whose worker dies is done again by another one; that is the scheduler's own doin
 
 from __future__ import annotations
 
+import json
 import sys
+import time
 from collections.abc import Generator, Sequence
+from pathlib import Path
 from typing import Any
 
 from lassokin_ros.archive import ArchiveError, Result, Runner, Task, work
@@ -17,7 +20,10 @@ TIMEOUT_S = 10
 
 
 def on_cluster(address: str) -> Runner:
-    """A runner on the workers of the scheduler at `address`, such as tcp://10.0.0.1:8786. Raises ArchiveError."""
+    """A runner on a scheduler's workers. Raises ArchiveError without dask.distributed.
+
+    address: such as tcp://10.0.0.1:8786, or the .json file that `dask scheduler --scheduler-file` writes.
+    """
     try:
         import distributed
     except ImportError:
@@ -27,7 +33,7 @@ def on_cluster(address: str) -> Runner:
 
     def run(tasks: Sequence[Task]) -> Generator[Result, None, None]:
         try:
-            client = distributed.Client(address, timeout=TIMEOUT_S, set_as_default=False)
+            client = distributed.Client(_address(address), timeout=TIMEOUT_S, set_as_default=False)
         except (OSError, ValueError) as error:
             raise ArchiveError(f"there is no scheduler at '{address}': {error}") from None
         with client:
@@ -42,6 +48,19 @@ def on_cluster(address: str) -> Runner:
                 client.cancel([future for future in futures if not future.done()])
 
     return run
+
+
+def _address(given: str) -> str:
+    """The scheduler's address; its file is awaited for a while, as it may have been started just now."""
+    path, deadline = Path(given), time.monotonic() + TIMEOUT_S
+    while path.suffix == ".json":
+        try:
+            return str(json.loads(path.read_text(encoding="utf-8"))["address"])
+        except (OSError, ValueError, KeyError) as error:  # not there yet, or written in this moment
+            if time.monotonic() > deadline:
+                raise ArchiveError(f"'{given}' is no scheduler file: {error}") from None
+        time.sleep(0.05)
+    return given
 
 
 def _result(future: Any, task: Task) -> Result:

@@ -226,7 +226,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--jobs", type=_positive, metavar="N", help="processes for an archive (default: one for each core)"
     )
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="of dask.distributed, whose workers do the archive")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="of dask.distributed, or its scheduler file")
     return parser
 
 

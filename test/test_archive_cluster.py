@@ -80,12 +80,20 @@ def test_an_archive_on_two_workers_of_which_one_is_killed(tmp_path, capsys):
         assert contents(output / f"{name}_tracked") == contents(tmp_path / name)
 
 
-def test_no_scheduler_is_one_line(tmp_path, capsys, monkeypatch):
+@pytest.mark.parametrize(
+    "address, expected",
+    [
+        (f"tcp://{HERE}:9", f"there is no scheduler at 'tcp://{HERE}:9'"),
+        ("nowhere", "there is no scheduler at 'nowhere'"),
+        ("nix.json", "'nix.json' is no scheduler file: [Errno 2] No such file or directory: 'nix.json'"),
+    ],
+)
+def test_no_scheduler_is_one_line(tmp_path, capsys, monkeypatch, address, expected):
     import lassokin_ros.archive_dask as archive_dask
 
     monkeypatch.setattr(archive_dask, "TIMEOUT_S", 0.3)
     archive = write_archive(tmp_path / "in")
-    assert main([str(archive), "--output", str(tmp_path / "out"), "--scheduler", f"tcp://{HERE}:9"]) == 2
+    assert main([str(archive), "--output", str(tmp_path / "out"), "--scheduler", address]) == 2
     said = capsys.readouterr()
-    assert said.out == "" and said.err.startswith(f"replay: there is no scheduler at 'tcp://{HERE}:9'")
+    assert said.out == "" and said.err.startswith(f"replay: {expected}")
     assert said.err.count("\n") == 1
