@@ -1,7 +1,7 @@
 """`make demo`: the real node on real DDS follows a synthetic person, and what came out is held against the truth.
 
 Everything is made here: a recording of keypoints with a detector's noise and a lens' distortion, its playback into the
-node at its own pace, the recording of the outputs, a table, and a picture.
+node at its own pace, the recording of the outputs, a table, a picture, and a page to look at it in a browser.
 """
 
 from __future__ import annotations
@@ -152,6 +152,25 @@ def _result(live, tracker, times, stamps, truth, pixels, confidence) -> DemoResu
     )
 
 
+def write_page(folder: Path) -> None:
+    """The report of a replay of `keypoints` below folder: report.html. Raises a LassokinError."""
+    from lassokin_ros.bags import BagReader
+    from lassokin_ros.keypoint_recording import CAMERA_INFO, KEYPOINTS
+    from lassokin_ros.node_config import NodeConfig
+    from lassokin_ros.offline_tracker import OfflineTracker
+    from lassokin_ros.report.command import Report
+
+    with BagReader(folder / "keypoints") as bag:
+        tracker = OfflineTracker(TrackerConfig(), NodeConfig(), bag.types)
+        report = Report(folder / "report.html", tracker.pipeline, replace=True)
+        tracker.watchers.append(report.add)
+        for topic, time_ns, message in bag.messages(bag.topics):
+            take = tracker.keypoints if topic == KEYPOINTS else tracker.camera_info
+            for _ in take(message, time_ns):
+                pass  # the node's outputs are recorded already; the page is what is wanted
+    report.write("the demo's keypoints", (KEYPOINTS, CAMERA_INFO))
+
+
 def table(result: DemoResult) -> str:
     """The figures beside what is promised."""
     broken = result.broken_promises()
@@ -185,10 +204,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("and outliers, into the tracker on DDS (its body's proportions are the person's; nothing else is told).")
         result = run(options.output, options.seconds)
         draw(result, options.output / "skeleton.png")
+        write_page(options.output)
     except (ImportError, OSError, LassokinError) as error:
         print(f"demo: {error}", file=sys.stderr)
         return 2
     print(table(result))
+    print(f"to look at in a browser: {options.output / 'report.html'} (the same motion replayed: replay --report)")
     print(f"picture: {options.output / 'skeleton.png'}   recordings: {options.output}/keypoints, /tracked (rosbag2)")
     broken = result.broken_promises()
     if broken:

@@ -37,7 +37,10 @@ def test_the_command_keeps_its_promises_and_leaves_what_it_says(tmp_path):
     assert f"{frames}/{frames} frames" in done.stderr  # progress, in a few lines where there is no terminal
     for name in PROMISES:
         assert name in done.stdout
-    assert sorted(os.listdir(tmp_path / "out")) == ["keypoints", "skeleton.png", "tracked"]
+    assert sorted(os.listdir(tmp_path / "out")) == ["keypoints", "report.html", "skeleton.png", "tracked"]
+    assert "report.html" in done.stdout
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert f"{frames} ({1:.1%})" in page and "No problem was noticed" in page
     assert (tmp_path / "out" / "skeleton.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
     with BagReader(tmp_path / "out" / "tracked") as bag:
         counts = {topic.name: topic.count for topic in bag.topics}
