@@ -30,6 +30,7 @@ TEST = [
     "mypy>=1.11",
     "types-PyYAML>=6.0",
     "playwright>=1.40",
+    "pybvh>=0.9",
     *DEMO,
     *CLUSTER,
 ]
@@ -44,6 +45,7 @@ setup(
     packages=find_packages(include=["lassokin_ros", "lassokin_ros.*", "msg_adapters", "msg_adapters.*"]),
     package_data={
         "lassokin_ros.core": ["skeletons/*.yaml", "layouts/*.yaml", "priors/*.yaml"],
+        "lassokin_ros.skeleton_readers": ["names.yaml"],
         "lassokin_ros.report": ["page.html", "page.css", "*.js"],
     },
     data_files=[

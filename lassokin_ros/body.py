@@ -9,6 +9,7 @@ import numpy as np
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.joint_angles import JointAngleReader
 from lassokin_ros.core.projection import project
+from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.core.tracker import Estimate, Observation, Status, Tracker
 from lassokin_ros.frame import Frame
 from lassokin_ros.lens import Lens
@@ -37,9 +38,9 @@ class Detection:
 class Body:
     """Follows one person; its times are ns, of which only differences matter."""
 
-    def __init__(self, config: TrackerConfig) -> None:
-        """Raises a LassokinError when the configuration cannot be used."""
-        self.tracker = Tracker(config)
+    def __init__(self, config: TrackerConfig, skeleton: Skeleton | None = None) -> None:
+        """skeleton: instead of the configuration's. Raises a LassokinError when these cannot be used."""
+        self.tracker = Tracker(config, skeleton)
         self._reader = JointAngleReader(self.tracker.skeleton.axes)
         self.reset()
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.offline_parameters import offline_settings
+from lassokin_ros.skeleton_readers.load import load_skeleton
 from lassokin_ros.urdf import urdf
 
 
 def urdf_from_parameters(parameter_file: Path, base_frame: str = "") -> str:
     """The URDF as XML text; base_frame: instead of the parameter's. Raises a LassokinError."""
     tracker, node = offline_settings([parameter_file], [])
-    return urdf(Skeleton.load(tracker.skeleton, tracker.height), base_frame or node.base_frame)
+    return urdf(load_skeleton(tracker.skeleton, tracker.height), base_frame or node.base_frame)

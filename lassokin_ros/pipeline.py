@@ -22,6 +22,7 @@ from lassokin_ros.frame import Frame
 from lassokin_ros.lens import Lens
 from lassokin_ros.matching import distance, reach, usable
 from lassokin_ros.node_config import MESSAGE, NodeConfig
+from lassokin_ros.skeleton_readers.load import load_skeleton
 from lassokin_ros.stamps import StampWatch
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
@@ -40,7 +41,8 @@ class Pipeline:
     def __init__(self, tracker_config: TrackerConfig, node_config: NodeConfig) -> None:
         """Raises a LassokinError when the configuration cannot be used."""
         self.config = node_config.checked()
-        bodies = [Body(tracker_config) for _ in range(self.config.max_people)]
+        skeleton = load_skeleton(tracker_config.checked().skeleton, tracker_config.height)
+        bodies = [Body(tracker_config, skeleton) for _ in range(self.config.max_people)]
         self._bodies, self._body = bodies, bodies[0]
         self.tracker = bodies[0].tracker
         self.enabled = True

@@ -30,7 +30,7 @@ class TrackerConfig:
     """Settings of the tracker; `checked` raises ConfigurationError for a value out of its range."""
 
     height: float = setting(1.75, "the person's height; sets the scale, which one camera cannot see", "m", 0.3, 2.6)
-    skeleton: str = setting("anthropometric", "built-in skeleton, or path of a YAML file")
+    skeleton: str = setting("anthropometric", "built-in skeleton, or path of a YAML, SMPL npz, BVH or URDF file")
     landmarks: str = setting("coco17", "landmark layout of the detector, or path of a YAML file")
     solver: str = setting("proxqp", "QP solver of the lasso's dual: proxqp, or any that qpsolvers has")
     noise_px: float = setting(

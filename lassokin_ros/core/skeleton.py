@@ -122,6 +122,11 @@ def skeleton_source(name_or_path: str) -> tuple[str, str]:
         file = resources.files("lassokin_ros.core") / "skeletons" / f"{name_or_path}.yaml"
         return f"skeleton '{name_or_path}'", file.read_text(encoding="utf-8")
     path = Path(name_or_path)
+    if path.suffix.lower() in (".npz", ".bvh", ".urdf"):
+        raise SkeletonError(
+            f"{path}: the core reads skeletons from YAML only; read this one with "
+            "lassokin_ros.skeleton_readers.load.load_skeleton, and give it to Tracker as `skeleton`"
+        )
     if not path.is_file():
         raise SkeletonError(
             f"skeleton '{name_or_path}' is neither built in ({', '.join(built_in_skeletons())}) nor a YAML file"

@@ -1,0 +1,39 @@
+"""A tree of joints at rest as a file has it, and the way from there to a Skeleton."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lassokin_ros.core.errors import SkeletonError
+from lassokin_ros.core.skeleton import Skeleton
+
+MOST_JOINTS = 1000
+
+
+@dataclass(frozen=True, eq=False)
+class RestTree:
+    """names: n joints; parents: (n,) index, -1 for the root, before its children; positions: (n, 3); axes: n orders."""
+
+    names: tuple[str, ...]
+    parents: tuple[int, ...]
+    positions: np.ndarray
+    axes: tuple[str, ...]
+
+
+def to_skeleton(tree: RestTree, height: float, source: str, name: str) -> Skeleton:
+    """The skeleton of a tree in metres and body axes; it is checked as one from YAML. Raises SkeletonError."""
+    if len(tree.names) > MOST_JOINTS:
+        raise SkeletonError(f"{source} has {len(tree.names)} joints; expected at most {MOST_JOINTS}")
+    positions = tree.positions - tree.positions[0]
+    joints = [
+        {
+            "name": joint,
+            "parent": None if parent < 0 else tree.names[parent],
+            "position": position,
+            "axes": order,
+        }
+        for joint, parent, position, order in zip(tree.names, tree.parents, positions.tolist(), tree.axes)
+    ]
+    return Skeleton.from_mapping({"name": name, "height_unit": "metre", "joints": joints}, height, source)

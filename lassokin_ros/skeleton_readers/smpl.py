@@ -1,0 +1,112 @@
+"""A skeleton from a user's own SMPL model file; nothing of the model is shipped.
+
+SMPL's joints are J = J_regressor (v_template + shapedirs betas), its equation (8)-(10) at rest.
+"""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from lassokin_ros.core.errors import SkeletonError
+from lassokin_ros.core.skeleton import HEIGHT_RANGE, Skeleton
+from lassokin_ros.skeleton_readers.naming import OURS
+from lassokin_ros.skeleton_readers.rest_tree import RestTree, to_skeleton
+
+LARGEST = 2**28
+"""bytes of one array: SMPL's largest that is read, 6890 vertices by 300 shapes, has 50 MB."""
+MOST_VERTICES = 100_000
+ADVICE = "see docs/files.md for how to make the file from SMPL's own"
+
+
+def read_smpl(path: Path, height: float) -> Skeleton:
+    """The skeleton of an npz with J_regressor (24, V), v_template (V, 3) m, and if there are, shapedirs and betas.
+
+    shapedirs: (V, 3, b); betas: (k,), k <= b, the person's shape, zero without them. Lengths are the model's, in
+    metres; height has no part in them. Raises SkeletonError.
+    """
+    source = str(path)
+    arrays = _read(path, ("J_regressor", "v_template", "shapedirs", "betas"))
+    for name in ("J_regressor", "v_template"):
+        if name not in arrays:
+            raise SkeletonError(f"{source} has no array '{name}'; {ADVICE}")
+    regressor, vertices = arrays["J_regressor"], arrays["v_template"]
+    ours = Skeleton.load(OURS, 1.0)
+    count = len(vertices) if vertices.ndim == 2 else 0
+    if vertices.shape != (count, 3) or not 0 < count <= MOST_VERTICES:
+        raise SkeletonError(f"{source}: v_template has the shape {vertices.shape}; expected (V, 3)")
+    if regressor.shape != (ours.joint_count, count):
+        raise SkeletonError(
+            f"{source}: J_regressor has the shape {regressor.shape}; expected ({ours.joint_count}, {count}), SMPL's 24 "
+            "joints; SMPL-H and SMPL-X have others, of which the first 22 are the same"
+        )
+    vertices = vertices + _shape(arrays, count, source)
+    positions = regressor @ vertices
+    _check_posture(positions, vertices, ours, source)
+    return to_skeleton(RestTree(ours.joint_names, tuple(ours.parents.tolist()), positions, ours.axes), height, source,
+                       path.stem)  # fmt: skip
+
+
+def _read(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """Those of the arrays that the file has, as float64. Raises SkeletonError; nothing is unpickled."""
+    arrays: dict[str, np.ndarray] = {}
+    try:
+        with zipfile.ZipFile(path) as archive:
+            sizes = {info.filename: info.file_size for info in archive.infolist()}
+        with np.load(path, allow_pickle=False) as file:
+            for name in names:
+                if name not in file:
+                    continue
+                if sizes.get(f"{name}.npy", 0) > LARGEST:
+                    raise SkeletonError(f"{path}: array '{name}' has more than {LARGEST >> 20} MB")
+                arrays[name] = _numbers(file, name, path)
+    except SkeletonError:
+        raise
+    except (OSError, ValueError, EOFError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error) as problem:
+        raise SkeletonError(f"{path} cannot be read as an npz: {problem or type(problem).__name__}") from None
+    return arrays
+
+
+def _numbers(file: np.lib.npyio.NpzFile, name: str, path: Path) -> np.ndarray:
+    try:
+        array = file[name]
+    except ValueError as problem:
+        if "pickle" not in str(problem):
+            raise
+        raise SkeletonError(
+            f"{path}: '{name}' is a pickled object (a sparse matrix most likely), which is not read because it can run "
+            f"code; store it as a dense array: {ADVICE}"
+        ) from None
+    if array.dtype.kind not in "fiu":
+        raise SkeletonError(f"{path}: '{name}' holds {array.dtype}; expected numbers")
+    array = array.astype(np.float64)
+    if not np.isfinite(array).all():
+        raise SkeletonError(f"{path}: '{name}' has values that are not finite")
+    return array
+
+
+def _shape(arrays: dict[str, np.ndarray], count: int, source: str) -> np.ndarray | float:
+    """(V, 3) m that the shape adds to the template."""
+    betas = arrays.get("betas")
+    if betas is None or not betas.any():
+        return 0.0
+    betas = betas.reshape(-1)
+    shapes = arrays.get("shapedirs")
+    if shapes is None or shapes.ndim != 3 or shapes.shape[:2] != (count, 3) or shapes.shape[2] < len(betas):
+        found = "no shapedirs" if shapes is None else f"shapedirs of the shape {shapes.shape}"
+        raise SkeletonError(f"{source}: {len(betas)} betas, but {found}; expected ({count}, 3, {len(betas)} or more)")
+    return shapes[:, :, : len(betas)] @ betas
+
+
+def _check_posture(positions: np.ndarray, vertices: np.ndarray, ours: Skeleton, source: str) -> None:
+    """Raise SkeletonError unless this is a person in metres who stands along y."""
+    stature = float(np.ptp(vertices[:, 1]))
+    upright = positions[ours.index("head"), 1] > positions[0, 1] > positions[ours.index("left_ankle"), 1]
+    if not upright or not HEIGHT_RANGE[0] <= stature <= HEIGHT_RANGE[1]:
+        raise SkeletonError(
+            f"{source}: a body {stature:.2f} m along y, head, pelvis and ankles {'' if upright else 'not '}above one "
+            f"another; expected SMPL's template, in metres, y up, {HEIGHT_RANGE[0]} to {HEIGHT_RANGE[1]} m tall"
+        )

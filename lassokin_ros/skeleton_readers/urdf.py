@@ -1,0 +1,168 @@
+"""The rest pose of a URDF: where its links are when all its joints are at zero.
+
+The XML is read with the standard library's parser. It fetches nothing from outside, and a document type, with which
+entities could be declared that grow when they are read, is refused before any is expanded.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lassokin_ros.core.errors import SkeletonError
+from lassokin_ros.core.skeleton import Skeleton
+from lassokin_ros.core.yaml_files import read_text
+from lassokin_ros.skeleton_readers.naming import in_our_names
+from lassokin_ros.skeleton_readers.rest_pose import in_our_pose
+from lassokin_ros.skeleton_readers.rest_tree import RestTree, to_skeleton
+from lassokin_ros.urdf import ROOT_JOINTS
+
+MOST_LINKS = 4000
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """A joint of the file: parent and child are links; axis "x", "y", "z", empty for any other; number: its place."""
+
+    number: int
+    name: str
+    parent: str
+    child: str
+    xyz: np.ndarray
+    rotation: np.ndarray
+    axis: str
+
+
+def read_urdf(path: Path, height: float) -> Skeleton:
+    """The skeleton of a URDF, for a person of `height` m; lengths are in metres, as URDF has them.
+
+    One of our own gives the skeleton of which it was made. In any other the links' names are looked up (see naming),
+    and the pose at zero is brought into a T-pose. Raises SkeletonError.
+    """
+    source = str(path)
+    robot = _root(read_text(path, SkeletonError), source)
+    joints = _joints(robot, source)
+    name = robot.get("name") or path.stem
+    if set(ROOT_JOINTS) <= {joint.name for joint in joints}:
+        return to_skeleton(_our_own(joints), height, source, name)
+    named = in_our_names(_links(joints), source)
+    if named is None:
+        raise SkeletonError(
+            f"{source} has none of the link names that are known (see skeleton_readers/names.yaml); rename the links "
+            "to pelvis, left_hip, ..., or describe the skeleton in YAML"
+        )
+    return to_skeleton(in_our_pose(named, source), height, source, name)
+
+
+class _NoDoctype(ElementTree.TreeBuilder):
+    def doctype(self, name: str, public: str | None, system: str | None) -> None:
+        raise SkeletonError("has a document type (DOCTYPE), which a URDF needs not; remove it")
+
+
+def _root(text: str, source: str) -> ElementTree.Element:
+    try:
+        robot = ElementTree.fromstring(text, ElementTree.XMLParser(target=_NoDoctype()))
+    except SkeletonError as problem:
+        raise SkeletonError(f"{source} {problem}") from None
+    except (ElementTree.ParseError, ValueError) as problem:
+        raise SkeletonError(f"{source} is no valid XML: {problem}") from None
+    if robot.tag != "robot":
+        raise SkeletonError(f"{source} is no URDF: its root is <{robot.tag}>; expected <robot>")
+    return robot
+
+
+def _joints(robot: ElementTree.Element, source: str) -> list[Joint]:
+    """All joints, each behind that of its parent link. Raises SkeletonError when they make no tree."""
+    waiting: dict[str, list[Joint]] = {}
+    children: set[str] = set()
+    for number, element in enumerate(robot.findall("joint")):
+        joint = _joint(number, element, source)
+        if joint.child in children:
+            raise SkeletonError(f"{source}: link '{joint.child}' hangs on two joints; expected a tree")
+        children.add(joint.child)
+        waiting.setdefault(joint.parent, []).append(joint)
+    if len(children) > MOST_LINKS:
+        raise SkeletonError(f"{source} has {len(children)} links; expected at most {MOST_LINKS}")
+    roots = [parent for parent in waiting if parent not in children]
+    if len(roots) != 1:
+        raise SkeletonError(f"{source}: {len(roots)} links are above others and below none; expected one, the root")
+    order: list[Joint] = []
+    links = list(roots)
+    for link in links:  # grows
+        order += waiting.get(link, [])
+        links += [joint.child for joint in waiting.get(link, [])]
+    return order
+
+
+def _joint(number: int, element: ElementTree.Element, source: str) -> Joint:
+    name = element.get("name", "")
+    try:
+        parent, child = element.find("parent").get("link"), element.find("child").get("link")  # type: ignore[union-attr]
+    except AttributeError:
+        parent = child = None
+    if not name or not parent or not child:
+        raise SkeletonError(f"{source}: joint '{name}' lacks a name, parent or child")
+    origin = element.find("origin")
+    xyz, rpy = (_numbers(None if origin is None else origin.get(key), source, name) for key in ("xyz", "rpy"))
+    axis = element.find("axis")
+    about = _numbers(None if axis is None else axis.get("xyz"), source, name)
+    letters = {(1, 0, 0): "x", (0, 1, 0): "y", (0, 0, 1): "z"}
+    rotation = Rotation.from_euler("xyz", rpy).as_matrix() if rpy.any() else np.eye(3)
+    return Joint(number, name, parent, child, xyz, rotation, letters.get(tuple(about.tolist()), ""))
+
+
+def _numbers(text: str | None, source: str, joint: str) -> np.ndarray:
+    try:
+        numbers = np.array([float(word) for word in (text or "0 0 0").split()])
+    except ValueError:
+        numbers = np.zeros(0)
+    if numbers.shape != (3,) or not np.isfinite(numbers).all():
+        raise SkeletonError(f"{source}: joint '{joint}' has '{text}'; expected three finite numbers")
+    return numbers
+
+
+def _placed(joints: list[Joint]) -> dict[str, np.ndarray]:
+    """(3,) m of each link at zero, in the root link's frame."""
+    poses = {joints[0].parent: (np.zeros(3), np.eye(3))}
+    for joint in joints:
+        place, turn = poses[joint.parent]
+        poses[joint.child] = place + turn @ joint.xyz, turn @ joint.rotation
+    return {link: place for link, (place, _) in poses.items()}
+
+
+def _links(joints: list[Joint]) -> RestTree:
+    """Every link as a joint of the tree."""
+    places = _placed(joints)
+    names = list(places)
+    parents = {joint.child: names.index(joint.parent) for joint in joints}
+    return RestTree(
+        tuple(names),
+        tuple(parents.get(name, -1) for name in names),
+        np.array([places[name] for name in names]),
+        ("xzy",) * len(names),
+    )
+
+
+def _our_own(joints: list[Joint]) -> RestTree:
+    """The ball joints, each of which is three revolute joints in a row, see lassokin_ros.urdf."""
+    places = _placed(joints)
+    ball_of: dict[str, str] = {}  # link -> the ball joint that it belongs to
+    parents: dict[str, str] = {}
+    orders: dict[str, str] = {}
+    at: dict[str, np.ndarray] = {}
+    for joint in sorted(joints, key=lambda joint: joint.number):  # as they were written: in the skeleton's order
+        if joint.name in ROOT_JOINTS:
+            continue
+        ball = joint.name.rpartition("_")[0]
+        if ball not in orders:
+            parents[ball] = ball_of.get(joint.parent, "")
+            orders[ball], at[ball] = "", places[joint.child]
+        orders[ball] += joint.axis
+        ball_of[joint.child] = ball
+    names = list(orders)
+    above = tuple(names.index(parents[name]) if parents[name] else -1 for name in names)
+    return RestTree(tuple(names), above, np.array([at[name] for name in names]), tuple(orders.values()))
