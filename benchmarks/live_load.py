@@ -1,0 +1,222 @@
+"""The real process `tracker` under load on real DDS: fed at a steady pace, its answers timed, its figures kept."""
+
+from __future__ import annotations
+
+import os
+import signal
+import struct
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from benchmarks.people_in_view import HEIGHT, LANDMARKS, view
+from benchmarks.processes import Usage
+from benchmarks.report import Record
+from benchmarks.soak import latency_rows, row, usage_rows
+from lassokin_ros import topics
+from lassokin_ros.body import Body, Detection
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.inbox import LOST, OVERTAKEN
+from lassokin_ros.progress import Progress
+from lassokin_ros.synthetic import WEBCAM
+from msg_adapters.backends import RclpyBackend
+from msg_adapters.inputs import camera_info
+
+NAMESPACE, FRAME_ID = "/soak", "camera_optical_frame"
+CYCLE_S, WARM_UP_S, DEADLINE_S = 24.0, 5.0, 30.0
+STEPS = 500
+MOST_MEMORY_MB, MOST_CPU, MOST_CORE_CPU, PROMISED_PEOPLE, PROMISED_HZ = 150.0, 8.0, 4.0, 1, 30.0
+CPU, CORE_CPU = "process, % of a core", "of it the core's steps, % of a core"
+
+
+def soak_live(seconds: float, people: int, hz: float) -> list[Record]:
+    """Rows of the table of benchmarks/soak.py."""
+    messages = _messages(people, hz)
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    os.environ.setdefault("ROS_DOMAIN_ID", str(30 + os.getpid() % 60))
+    with Load(people) as load:
+        load.feed(messages, hz, WARM_UP_S)
+        before = load.counts()
+        load.forget()
+        begin, started = load.usage(), time.monotonic()
+        sent = load.feed(messages, hz, seconds)
+        end, spent = load.usage(), time.monotonic() - started
+        counts = {key: number - before.get(key, 0) for key, number in load.counts().items()}
+        latencies = np.array(load.latencies_ms)
+        exit_code, said = load.end()
+    lost = sent - counts["received"] - counts[LOST]
+    return [
+        *usage_rows(begin, end),
+        *_promises(people, hz, end.memory_mb, 100 * (end.cpu_s - begin.cpu_s) / spent),
+        *latency_rows("sent to joint_states", latencies),
+        row("messages sent", "", sent),
+        *(row(f"messages {key}", "", number) for key, number in counts.items() if number),
+        row("messages neither received nor counted", "", lost, lost == 0),
+        row("messages answered for everybody", "", len(latencies)),
+        row("exit code at SIGINT, lines said", "", f"{exit_code}, {len(said)}", exit_code == 0),
+    ]
+
+
+def _promises(people: int, hz: float, memory_mb: float, cpu: float) -> list[Record]:
+    """Memory and processor time; their bounds are promised for one person at 30 Hz."""
+    core = _core_share(people, hz)
+    if people > PROMISED_PEOPLE or hz > PROMISED_HZ:
+        return [row(CPU, "", f"{cpu:.1f}"), row(CORE_CPU, "", f"{core:.1f}")]
+    return [
+        row(f"memory below {MOST_MEMORY_MB:g} MB", "", "", memory_mb < MOST_MEMORY_MB),
+        row(f"{CPU}, below {MOST_CPU:g}", "", f"{cpu:.1f}", cpu < MOST_CPU),
+        row(f"{CORE_CPU}, below {MOST_CORE_CPU:g}", "", f"{core:.1f}", core < MOST_CORE_CPU),
+    ]
+
+
+def _core_share(people: int, hz: float) -> float:
+    """% of a core that the core's steps alone take for these people: processor time of a step, times steps per s."""
+    body, seen = Body(TrackerConfig(height=HEIGHT, landmarks=LANDMARKS)), view(0, STEPS, hz, 1)
+    lens, times = WEBCAM.lens, []
+    for number, (pixels, confidence) in enumerate(zip(seen.pixels[:, 0], seen.confidence[:, 0])):
+        found = Detection(lens.normalise(pixels), confidence)
+        start = time.thread_time()
+        body.track(round(number * 1e9 / hz), "", found, lens)
+        times.append(time.thread_time() - start)
+    return 100 * float(np.mean(times[1:])) * people * hz
+
+
+def _messages(people: int, hz: float) -> list[bytes]:
+    """A cycle of serialised keypoint messages; their stamps are written when they are sent."""
+    from rclpy.serialization import serialize_message
+    from sensor_msgs.msg import PointCloud2, PointField
+    from std_msgs.msg import Header
+
+    kinds = {"x": PointField.FLOAT32, "y": PointField.FLOAT32, "confidence": PointField.FLOAT32,
+             "id": PointField.INT32, "person": PointField.INT32}  # fmt: skip
+    dtype = np.dtype([(name, "<f4" if kind == PointField.FLOAT32 else "<i4") for name, kind in kinds.items()])
+    fields = [PointField(name=n, offset=4 * i, datatype=k, count=1) for i, (n, k) in enumerate(kinds.items())]
+    result, seen = [], view(0, round(CYCLE_S * hz), hz, people)
+    for pixels, confidence in zip(seen.pixels, seen.confidence):
+        points = np.zeros(confidence.shape, dtype)
+        points["x"], points["y"], points["confidence"] = pixels[..., 0], pixels[..., 1], confidence
+        points["id"], points["person"] = np.arange(confidence.shape[1]), np.arange(people)[:, None]
+        data = points[confidence > 0].tobytes()
+        width = len(data) // dtype.itemsize
+        result.append(serialize_message(PointCloud2(
+            header=Header(frame_id=FRAME_ID), height=1, width=width, fields=fields, point_step=dtype.itemsize,
+            row_step=len(data), data=data, is_dense=True)))  # fmt: skip
+    return result
+
+
+class Load:
+    """The node as a child process and a peer in this one. Use it in a `with` statement."""
+
+    def __init__(self, people: int) -> None:
+        self._people = people
+        self._arrived: dict[int, int] = {}
+        self._status: dict[str, str] = {}
+        self._statuses = 0
+        self.latencies_ms: list[float] = []
+        """From the sending of each message to the last person's joint states."""
+
+    def __enter__(self) -> Load:
+        import rclpy
+        from diagnostic_msgs.msg import DiagnosticArray
+        from rclpy.executors import SingleThreadedExecutor
+        from sensor_msgs.msg import CameraInfo, JointState, PointCloud2
+
+        arguments = ["-r", f"__ns:={NAMESPACE}", "-p", f"height:={HEIGHT}", "-p", f"max_people:={self._people}"]
+        command = [sys.executable, "-m", "lassokin_ros.command_line", "--ros-args", *arguments]
+        self._process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        rclpy.init()
+        self._node = rclpy.create_node("load", namespace=NAMESPACE)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._camera_info = camera_info(RclpyBackend(), 0, FRAME_ID, WEBCAM.K, WEBCAM.D, WEBCAM.size)
+        self._camera = self._node.create_publisher(CameraInfo, topics.CAMERA_INFO, 1)
+        self._keypoints = self._node.create_publisher(PointCloud2, topics.KEYPOINTS, 10)
+        for person in [""] if self._people == 1 else [f"p{number}" for number in range(self._people)]:
+            name = topics.of_person(topics.JOINT_STATES, person)
+            self._node.create_subscription(JointState, name, self._on_answer, 100, raw=True)
+        self._node.create_subscription(DiagnosticArray, topics.DIAGNOSTICS, self._on_diagnostics, 10)
+        self._spin_until(lambda: self._statuses and self._keypoints.get_subscription_count(), "the node")
+        return self
+
+    def _on_answer(self, data: bytes) -> None:
+        seconds, nanoseconds = struct.unpack_from("<iI", data, 4)
+        stamp_ns = seconds * 1_000_000_000 + nanoseconds
+        answers = self._arrived.pop(stamp_ns, 0) + 1
+        if answers == self._people:
+            self.latencies_ms.append(1e-6 * (time.time_ns() - stamp_ns))
+        else:
+            self._arrived[stamp_ns] = answers
+
+    def _on_diagnostics(self, message: Any) -> None:
+        if message.status[0].name.startswith(NAMESPACE[1:]):
+            self._status = {pair.key: pair.value for pair in message.status[0].values}
+            self._statuses += 1
+
+    def feed(self, messages: list[bytes], hz: float, seconds: float) -> int:
+        """Publish keypoints and camera_info at a steady pace, from a thread of its own; the number sent."""
+        count, sent = round(seconds * hz), 0
+        progress = Progress(count, "messages")
+
+        def send() -> None:
+            nonlocal sent
+            started = time.monotonic()
+            for number in range(count):
+                time.sleep(max(started + number / hz - time.monotonic(), 0))
+                self._camera.publish(self._camera_info)
+                data = bytearray(messages[number % len(messages)])
+                struct.pack_into("<iI", data, 4, *divmod(time.time_ns(), 1_000_000_000))
+                self._keypoints.publish(bytes(data))
+                sent += 1
+                progress.advance()
+
+        thread = threading.Thread(target=send)
+        thread.start()
+        while thread.is_alive():
+            self._executor.spin_once(timeout_sec=0.05)
+        progress.close()
+        return sent
+
+    def counts(self) -> dict[str, int]:
+        """The node's counters, of diagnostics that began after now."""
+        wanted = self._statuses + 2
+        self._spin_until(lambda: self._statuses >= wanted, "the diagnostics")
+        names = {key.removesuffix(" [messages]"): v for key, v in self._status.items() if key.endswith(" [messages]")}
+        first = ("received", "accepted", OVERTAKEN, LOST)
+        return {key: int(names[key]) for key in (*first, *(k for k in names if k not in first))}
+
+    def forget(self) -> None:
+        """Forget the latencies so far."""
+        self.latencies_ms.clear()
+        self._arrived.clear()
+
+    def usage(self) -> Usage:
+        """What the node's process takes now."""
+        return Usage.of(self._process.pid)
+
+    def end(self) -> tuple[int, list[str]]:
+        """Stop the node as a user would; its exit code and what it said on stderr."""
+        self._process.send_signal(signal.SIGINT)
+        said = self._process.communicate(timeout=DEADLINE_S)[1]
+        return self._process.returncode, said.splitlines()
+
+    def __exit__(self, *_: object) -> None:
+        import rclpy
+
+        if self._process.poll() is None:
+            self._process.kill()
+        self._process.communicate()
+        self._executor.shutdown()
+        self._node.destroy_node()
+        rclpy.try_shutdown()
+
+    def _spin_until(self, condition: Callable[[], Any], what: str) -> None:
+        end = time.monotonic() + DEADLINE_S
+        while not condition():
+            if time.monotonic() > end or self._process.poll() is not None:
+                raise SystemExit(f"{what} did not come within {DEADLINE_S:g} s, or the node has ended")
+            self._executor.spin_once(timeout_sec=0.05)

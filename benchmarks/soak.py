@@ -1,0 +1,132 @@
+"""Does it stay what it was? Hours of motion through the core, or minutes of the real node on real DDS.
+
+    python benchmarks/soak.py [--hours 1]                                   # of motion at 60 Hz, as fast as the machine
+    python benchmarks/soak.py --live [--minutes 10] [--people 4] [--hz 120] # the process `tracker`, fed over DDS
+    python benchmarks/soak.py --live --minutes 6 --people 1 --hz 30         # 10,000 frames: memory, share of a core
+
+Memory, file descriptors and latencies at the beginning and at the end, every counter, and whether anything was lost
+without being counted. Exit code 1 when a promise does not hold. --json FILE keeps the figures. Linux.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from benchmarks.report import Record, table, write_json  # isort: skip  (one thread, before numpy comes)
+import numpy as np
+
+from benchmarks.people_in_view import HEIGHT, LANDMARKS, view
+from benchmarks.processes import Usage
+from lassokin_ros.body import Body, Detection
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.progress import Progress
+from lassokin_ros.synthetic import WEBCAM
+
+HZ, CHUNK = 60.0, 1200
+MOST_GROWTH_MB = 5.0
+LARGEST_DEVIATION = 1e-9
+COLUMNS = {"what": "<", "begin": "", "end": "", "holds": ""}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Command line; the exit code."""
+    options = parser().parse_args(arguments)
+    if options.live:
+        from benchmarks.live_load import soak_live
+
+        records = soak_live(options.minutes * 60, options.people, options.hz)
+    else:
+        records = soak_core(round(options.hours * 3600 * HZ))
+    print(table(records, COLUMNS))
+    write_json(options.json, records)
+    return int(any(record["holds"] == "NO" for record in records))
+
+
+def parser() -> argparse.ArgumentParser:
+    """Its options."""
+    result = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    result.add_argument("--hours", type=float, default=1.0, help="of motion through the core")
+    result.add_argument("--live", action="store_true", help="the real node on real DDS instead")
+    result.add_argument("--minutes", type=float, default=10.0, help="of the live run")
+    result.add_argument("--people", type=int, default=4)
+    result.add_argument("--hz", type=float, default=120.0, help="of the live run's keypoints")
+    result.add_argument("--json", type=Path)
+    return result
+
+
+def soak_core(frames: int) -> list[Record]:
+    """One person, frame by frame, state checked after each."""
+    body, lens = Body(TrackerConfig(height=HEIGHT, landmarks=LANDMARKS)), WEBCAM.lens
+    counts: Counter[str] = Counter()
+    times, deviation, begin = np.zeros(frames, np.float32), 0.0, None
+    progress = Progress(frames, "frames", plain_lines=10)
+    for first in range(0, frames, CHUNK):
+        seen = view(first, min(CHUNK, frames - first), HZ, 1)
+        for number, (pixels, confidence) in enumerate(zip(seen.pixels[:, 0], seen.confidence[:, 0]), first):
+            found = Detection(lens.normalise(pixels), confidence)
+            start = time.perf_counter()
+            frame = body.track(round(number * 1e9 / HZ), "", found, lens)
+            times[number] = time.perf_counter() - start
+            counts[frame.rejection or "accepted"] += 1
+            if frame.accepted:
+                deviation = max(deviation, _deviation(frame.estimate.state.rotations, frame.positions))
+                counts["initialised"] += frame.estimate.initialised
+        begin = begin or Usage.of()
+        progress.advance(min(CHUNK, frames - first))
+    progress.close()
+    assert begin is not None
+    return [
+        *usage_rows(begin, Usage.of()),
+        *latency_rows("step", 1e3 * times),
+        row("frames", "", frames),
+        *(row(f"frames, {key}", "", number) for key, number in sorted(counts.items())),
+        row("largest element of R^T R - 1", "", f"{deviation:.1e}", deviation < LARGEST_DEVIATION),
+    ]
+
+
+def _deviation(rotations: np.ndarray, positions: np.ndarray) -> float:
+    """How far rotations (n, 3, 3) are from orthonormal; infinite when anything is not finite."""
+    if not (np.isfinite(positions).all() and np.isfinite(rotations).all()):
+        return float("inf")
+    return float(np.abs(rotations.transpose(0, 2, 1) @ rotations - np.eye(3)).max())
+
+
+def row(what: str, begin: object, end: object, holds: bool | None = None) -> Record:
+    """One row of the table."""
+    return {
+        "what": what,
+        "begin": str(begin),
+        "end": str(end),
+        "holds": "" if holds is None else "yes" if holds else "NO",
+    }
+
+
+def usage_rows(begin: Usage, end: Usage) -> list[Record]:
+    """Memory, descriptors and threads, which must not grow."""
+    grown = end.memory_mb - begin.memory_mb
+    return [
+        row("memory, MB", f"{begin.memory_mb:.1f}", f"{end.memory_mb:.1f}", grown < MOST_GROWTH_MB),
+        row("file descriptors", begin.descriptors, end.descriptors, end.descriptors <= begin.descriptors),
+        row("threads", begin.threads, end.threads, end.threads <= begin.threads),
+    ]
+
+
+def latency_rows(what: str, times_ms: np.ndarray) -> list[Record]:
+    """Percentiles of the first and the last tenth."""
+    tenth = max(len(times_ms) // 10, 1)
+    first, last = times_ms[:tenth], times_ms[-tenth:]
+    return [
+        row(f"{what} p{p}, ms, first and last tenth", f"{np.percentile(first, p):.2f}", f"{np.percentile(last, p):.2f}")
+        for p in (50, 99)
+    ]
+
+
+if __name__ == "__main__":
+    sys.exit(main())
