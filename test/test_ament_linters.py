@@ -1,4 +1,4 @@
-"""ament's own linters, where they are installed (apt install ros-$ROS_DISTRO-ament-lint-common)."""
+"""ament's own linters, with the plugins that ROS machines have (apt install ros-$ROS_DISTRO-ament-lint-common)."""
 
 from importlib.util import find_spec
 from pathlib import Path
