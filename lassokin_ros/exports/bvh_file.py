@@ -29,14 +29,18 @@ def write_bvh(motion: Motion, file: BinaryIO) -> None:
     rotations = track.rotations.copy()
     rotations[:, 0] = WORLD_FROM_CAMERA @ rotations[:, 0]
     places = track.translations @ WORLD_FROM_CAMERA.T
-    lines = ["HIERARCHY", *_joint(skeleton, 0, 0), "MOTION", f"Frames: {len(places)}"]
-    lines.append(f"Frame Time: {track.period:.9f}")
-    file.write(("\n".join(lines) + "\n").encode())
+    head = f"{hierarchy(skeleton)}MOTION\nFrames: {len(places)}\nFrame Time: {track.period:.9f}\n"
+    file.write(head.encode())
     order, joints = channel_order(skeleton)
     reader = JointAngleReader(skeleton.axes)
     for place, turns in zip(places, rotations):
         angles = np.degrees(reader.read(turns))[joints, order]
         file.write((" ".join(f"{value:.6f}" for value in (*place, *angles.reshape(-1))) + "\n").encode())
+
+
+def hierarchy(skeleton: Skeleton) -> str:
+    """The file's first part, the skeleton at rest."""
+    return "\n".join(["HIERARCHY", *_joint(skeleton, 0, 0)]) + "\n"
 
 
 def channel_order(skeleton: Skeleton) -> tuple[np.ndarray, np.ndarray]:

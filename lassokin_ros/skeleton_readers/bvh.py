@@ -14,7 +14,7 @@ from lassokin_ros.skeleton_readers.rest_pose import in_metres, in_our_pose
 from lassokin_ros.skeleton_readers.rest_tree import MOST_JOINTS, RestTree, to_skeleton
 
 
-def read_bvh(path: Path, height: float) -> Skeleton:
+def read(path: Path, height: float) -> Skeleton:
     """The skeleton of a BVH file, for a person of `height` m. Raises SkeletonError.
 
     Names that are known (see naming) are hung into our tree, brought to metres and into a T-pose; a file with other

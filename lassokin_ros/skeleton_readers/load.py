@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 
 from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.core.skeleton import Skeleton
-from lassokin_ros.skeleton_readers.bvh import read_bvh
-from lassokin_ros.skeleton_readers.smpl import read_smpl
-from lassokin_ros.skeleton_readers.urdf import read_urdf
 
-READERS: dict[str, Callable[[Path, float], Skeleton]] = {".npz": read_smpl, ".bvh": read_bvh, ".urdf": read_urdf}
+READERS = {".npz": "smpl", ".bvh": "bvh", ".urdf": "urdf"}
+"""Suffix -> module here with `read(path, height)`; imported when such a file turns up."""
 
 
 def load_skeleton(name_or_path: str, height: float) -> Skeleton:
@@ -21,9 +19,10 @@ def load_skeleton(name_or_path: str, height: float) -> Skeleton:
     a file in metres keeps its lengths. Raises SkeletonError.
     """
     path = Path(name_or_path)
-    reader = READERS.get(path.suffix.lower())
-    if reader is None:
+    module = READERS.get(path.suffix.lower())
+    if module is None:
         return Skeleton.load(name_or_path, height)
     if not path.is_file():
         raise SkeletonError(f"there is no skeleton file '{name_or_path}'")
-    return reader(path, height)
+    skeleton: Skeleton = import_module(f"{__package__}.{module}").read(path, height)
+    return skeleton

@@ -22,7 +22,7 @@ MOST_VERTICES = 100_000
 ADVICE = "see docs/files.md for how to make the file from SMPL's own"
 
 
-def read_smpl(path: Path, height: float) -> Skeleton:
+def read(path: Path, height: float) -> Skeleton:
     """The skeleton of an npz with J_regressor (24, V), v_template (V, 3) m, and if there are, shapedirs and betas.
 
     shapedirs: (V, 3, b); betas: (k,), k <= b, the person's shape, zero without them. Lengths are the model's, in

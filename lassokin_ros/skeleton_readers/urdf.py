@@ -37,7 +37,7 @@ class Joint:
     axis: str
 
 
-def read_urdf(path: Path, height: float) -> Skeleton:
+def read(path: Path, height: float) -> Skeleton:
     """The skeleton of a URDF, for a person of `height` m; lengths are in metres, as URDF has them.
 
     One of our own gives the skeleton of which it was made. In any other the links' names are looked up (see naming),
