@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from msg_adapters.errors import AdapterError
+from msg_adapters.keypoints import frame_name
 
 COEFFICIENTS = {
     "plumb_bob": (4, 5),
@@ -16,6 +17,11 @@ COEFFICIENTS = {
     "fisheye": (4,),
 }
 """Distortion model -> numbers of coefficients that it may have; `fisheye` is another word for `equidistant`."""
+MOST_COEFFICIENTS = 32
+LONGEST_NAME = 64
+"""Characters of the distortion model's name that are looked at."""
+LARGEST = 1e7
+"""px: no focal length or centre is this large."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,20 +54,27 @@ def decode_camera_info(message: Any) -> Intrinsics:
     positive focal length, skew) or `camera_distortion` (unknown model, wrong number of coefficients).
     """
     K, R, P = (np.array(values, dtype=float) for values in (message.k, message.r, message.p))
-    D = np.array(message.d[:32], dtype=float)
+    if len(message.d) > MOST_COEFFICIENTS:
+        raise AdapterError(
+            "camera_distortion", f"{len(message.d)} coefficients D; expected at most {MOST_COEFFICIENTS}"
+        )
+    D = np.array(message.d, dtype=float)
     if not all(np.isfinite(values).all() for values in (K, R, P, D)):
         raise AdapterError("camera_not_finite", "camera_info holds a value that is not finite")
     if K[0] == 0:
         raise AdapterError("camera_uncalibrated", "camera_info has K[0] = 0: the camera is not calibrated")
-    if not (0 < K[0] < 1e7 and 0 < K[4] < 1e7 and np.abs(K).max() < 1e7):
+    if not (0 < K[0] and 0 < K[4] and np.abs(K).max() < LARGEST):
         raise AdapterError("camera_matrix", f"K is {K.tolist()}; expected focal lengths above 0, in px")
     if K[1] or K[3] or K[6] or K[7]:
         raise AdapterError("camera_matrix", f"K is {K.tolist()}; expected [fx 0 cx, 0 fy cy, 0 0 1], without skew")
-    model, D = _distortion(message.distortion_model, D)
+    model, D = _distortion(message.distortion_model[:LONGEST_NAME], D)
+    frame_id = frame_name(message.header)
     K, P = K.reshape(3, 3), P.reshape(3, 4)
     K[2] = 0, 0, 1
     width, height = _apply_window(message, K, P)
-    return Intrinsics(K, D, model, R.reshape(3, 3), P, width, height, message.header.frame_id)
+    if min(K[0, 0], K[1, 1]) < 1 or np.abs(K).max() >= LARGEST:
+        raise AdapterError("camera_matrix", f"after binning and region of interest K is {K.tolist()}; expected px")
+    return Intrinsics(K, D, model, R.reshape(3, 3), P, width, height, frame_id)
 
 
 def _distortion(model: str, D: np.ndarray) -> tuple[str, np.ndarray]:

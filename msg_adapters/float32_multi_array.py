@@ -23,7 +23,8 @@ class Float32MultiArrayAdapter:
             raise AdapterError(
                 "wrong_shape", f"{size} values, data_offset {offset}, dimensions {shape}; expected N x 3 values"
             )
-        values = np.asarray(message.data, dtype=float)[offset:].reshape(rows, 3)
+        with np.errstate(invalid="ignore"):  # a NaN may be a signalling one
+            values = np.asarray(message.data, dtype=float)[offset:].reshape(rows, 3)
         return Keypoints(None, "", np.arange(rows), values[:, :2], values[:, 2])
 
 

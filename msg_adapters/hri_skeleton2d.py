@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from msg_adapters.errors import AdapterError
-from msg_adapters.keypoints import Keypoints, check_count, header_stamp
+from msg_adapters.keypoints import Keypoints, check_count, frame_name, header_stamp
 
 
 class HriSkeleton2DAdapter:
@@ -27,4 +27,4 @@ class HriSkeleton2DAdapter:
             )
         values = np.array([(p.x, p.y, p.c) for p in points], dtype=float).reshape(-1, 3)
         xy = values[:, :2] * image_size
-        return Keypoints(stamp, message.header.frame_id, np.arange(len(values)), xy, values[:, 2])
+        return Keypoints(stamp, frame_name(message.header), np.arange(len(values)), xy, values[:, 2])

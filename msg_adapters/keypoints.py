@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,10 @@ LARGEST_PIXEL = 1e6
 
 LARGEST_CONFIDENCE = 2.0
 """Scores from heat maps overshoot 1 a little and are cut to 1; beyond this the unit is another (percent, say)."""
+
+
+LONGEST_FRAME_ID = 256
+"""Characters; it goes into every output and into XML."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +73,18 @@ class Keypoints:
         points[ids] = self.xy[present]
         confidence[ids] = np.minimum(scores, 1.0)
         return points, confidence
+
+
+def frame_name(header: Any) -> str:
+    """A header's frame_id. Raises AdapterError for one that no frame can have: too long, or not printable."""
+    name: str = header.frame_id
+    if len(name) > LONGEST_FRAME_ID or not name.isprintable():
+        raise AdapterError(
+            "bad_frame_id",
+            f"frame_id begins with {ascii(name[:40])} and has {len(name)} characters; expected printable ones, at most "
+            f"{LONGEST_FRAME_ID}",
+        )
+    return name
 
 
 def header_stamp(header: object) -> int | None:

@@ -8,9 +8,13 @@ from typing import Any
 import numpy as np
 
 from msg_adapters.errors import AdapterError
-from msg_adapters.keypoints import Keypoints, check_count, header_stamp
+from msg_adapters.keypoints import Keypoints, check_count, frame_name, header_stamp
 
 MAX_FIELDS = 64
+MAX_POINT_STEP = 4096
+"""Bytes; a keypoint takes 16 to 32, and further fields of the sender's a few more."""
+LONGEST_NAME = 32
+"""Characters of a field's name that are looked at: names are repeated in what is said of a cloud."""
 ALIASES = {"u": "x", "v": "y"}
 DATATYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}  # sensor_msgs/PointField
 INTEGERS, FLOATS = (1, 2, 3, 4, 5, 6), (7, 8)
@@ -26,13 +30,19 @@ class PointCloud2Adapter:
         check_count(message.width * message.height)
         if len(message.fields) > MAX_FIELDS:
             raise AdapterError("wrong_fields", f"the cloud has {len(message.fields)} fields; expected x, y, ...")
-        fields = tuple((f.name, f.offset, f.datatype, f.count) for f in message.fields)
+        if message.point_step > MAX_POINT_STEP:
+            raise AdapterError(
+                "wrong_layout", f"point_step is {message.point_step}; expected at most {MAX_POINT_STEP} bytes"
+            )
+        fields = tuple((f.name[:LONGEST_NAME], f.offset, f.datatype, f.count) for f in message.fields)
         points = _points(message, _dtype(fields, message.point_step, bool(message.is_bigendian)))
         xy = np.empty((len(points), 2))
-        xy[:, 0], xy[:, 1] = points["x"], points["y"]
+        with np.errstate(invalid="ignore"):  # a NaN may be a signalling one
+            xy[:, 0], xy[:, 1] = points["x"], points["y"]
+            confidence = points["confidence"].astype(float)
         persons = points["person"].astype(np.int64) if "person" in (points.dtype.names or ()) else None
         ids = points["id"].astype(np.int64)
-        return Keypoints(stamp, message.header.frame_id, ids, xy, points["confidence"].astype(float), persons)
+        return Keypoints(stamp, frame_name(message.header), ids, xy, confidence, persons)
 
 
 @lru_cache(maxsize=16)
@@ -58,7 +68,7 @@ def _dtype(fields: tuple[tuple[str, int, int, int], ...], point_step: int, big_e
         formats[name] = order + DATATYPES[datatype], offset
     missing = [name for name in ("x", "y", "confidence", "id") if name not in formats]
     if missing:
-        there = ", ".join(name for name, *_ in fields)
+        there = ", ".join(name for name, *_ in fields[:16]) or "none"
         raise AdapterError("wrong_fields", f"the cloud has no field {', '.join(missing)}; its fields are: {there}")
     return np.dtype(
         {

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from msg_adapters.keypoints import Keypoints, check_count, header_stamp
+from msg_adapters.keypoints import Keypoints, check_count, frame_name, header_stamp
 
 
 class PolygonStampedAdapter:
@@ -18,4 +18,4 @@ class PolygonStampedAdapter:
         points = message.polygon.points
         check_count(len(points))
         values = np.array([(p.x, p.y, p.z) for p in points], dtype=float).reshape(-1, 3)
-        return Keypoints(stamp, message.header.frame_id, np.arange(len(values)), values[:, :2], values[:, 2])
+        return Keypoints(stamp, frame_name(message.header), np.arange(len(values)), values[:, :2], values[:, 2])

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from msg_adapters.errors import AdapterError
-from msg_adapters.keypoints import MAX_POINTS, Keypoints, check_count, header_stamp
+from msg_adapters.keypoints import MAX_POINTS, Keypoints, check_count, frame_name, header_stamp
 from msg_adapters.people import gather
 
 
@@ -25,4 +25,4 @@ class YoloDetectionsAdapter:
         people = [[(p.id - 1, p.point.x, p.point.y, p.score) for p in d.keypoints.data] for d in seen]
         if any(point[0] < 0 for person in people for point in person):
             raise AdapterError("unknown_id", "a keypoint has an id below 1; expected COCO's index plus 1")
-        return gather(stamp, message.header.frame_id, people, [d.id for d in seen])
+        return gather(stamp, frame_name(message.header), people, [d.id for d in seen])

@@ -35,16 +35,21 @@ class ZedObjectsAdapter:
             for o in message.objects
             if o.skeleton_available and (not o.tracking_available or o.tracking_state == TRACKED)
         ]
+        check_count(sum(_count(body) for body in bodies))
         people = [_points(body) for body in bodies]
         ids = [str(body.label_id) if body.tracking_available else "" for body in bodies]
         return gather(stamp, "", people, ids)
 
 
-def _points(body: Any) -> list[tuple[int, float, float, float]]:
-    """(landmark, x, y, confidence) of one body; a point that was not found has negative coordinates or NaN."""
+def _count(body: Any) -> int:
     if not 0 <= body.body_format < len(COUNTS):
         raise AdapterError("wrong_shape", f"body_format is {body.body_format}; expected 0 to {len(COUNTS) - 1}")
-    count = COUNTS[body.body_format]
+    return COUNTS[body.body_format]
+
+
+def _points(body: Any) -> list[tuple[int, float, float, float]]:
+    """(landmark, x, y, confidence) of one body; a point that was not found has negative coordinates or NaN."""
+    count = _count(body)
     pixels = [point.kp for point in body.skeleton_2d.keypoints[:count]]
     own = [float(value) for value in getattr(body, "skeleton_keypoint_confidence", ())[:count]]
     if not any(value > 0 for value in own):

@@ -1,0 +1,44 @@
+"""How many cases the fuzz tests run, and how they are counted.
+
+LASSOKIN_FUZZ_CASES is their number over all fuzz tests together: a few thousand by default, the same ones every time;
+`make fuzz` asks for more, and those are new ones each time. A failing case is printed with what it was drawn from.
+"""
+
+import os
+from collections import Counter
+
+from hypothesis import HealthCheck, Phase, settings
+
+DEFAULT_CASES = 3000
+CASES = int(os.environ.get("LASSOKIN_FUZZ_CASES", DEFAULT_CASES))
+COUNTED: Counter[str] = Counter()
+"""Cases by test and what became of them: conftest.py prints them at the end."""
+
+
+def fuzz(share):
+    """Settings of a test that runs this share of all cases."""
+    return settings(
+        max_examples=max(20, round(CASES * share)),
+        deadline=None,
+        database=None,
+        derandomize=CASES <= DEFAULT_CASES,
+        suppress_health_check=list(HealthCheck),
+        phases=[Phase.explicit, Phase.generate, Phase.shrink],
+        print_blob=False,
+    )
+
+
+def count(test, outcome):
+    """One case more."""
+    COUNTED[f"{test}: {outcome}"] += 1
+
+
+def report():
+    """Lines: cases in all, and by test and outcome."""
+    if not COUNTED:
+        return []
+    lines = [f"fuzzing: {sum(COUNTED.values())} cases (LASSOKIN_FUZZ_CASES={CASES})"]
+    if CASES > DEFAULT_CASES:
+        width = max(map(len, COUNTED))
+        lines += [f"  {outcome:<{width}} {n:>7}" for outcome, n in sorted(COUNTED.items())]
+    return lines
