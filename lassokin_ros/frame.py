@@ -62,4 +62,9 @@ class Frame:
         """(l, 2) px, the skeleton's landmarks in the image, through the lens; None when the frame was rejected."""
         if self.estimate is None or self.estimate.pose is None or self.lens is None:
             return None
-        return self.lens.distort(project(self.estimate.pose.landmarks))
+        return self.in_image(self.estimate.pose.landmarks)
+
+    def in_image(self, points: np.ndarray) -> np.ndarray:
+        """(k, 3) m in the camera's frame -> (k, 2) px, through the lens of an accepted frame."""
+        assert self.lens is not None
+        return self.lens.distort(project(points))

@@ -9,6 +9,7 @@ import numpy as np
 
 from lassokin_ros import topics
 from lassokin_ros.core.lasso import KKT_TOLERANCE
+from lassokin_ros.core.projection import project
 from lassokin_ros.core.recovery import theorem1_literal, theorem1_projected
 from lassokin_ros.core.rotations import to_quaternion
 from lassokin_ros.core.skeleton import Skeleton
@@ -16,6 +17,7 @@ from lassokin_ros.core.tracker import Estimate
 from lassokin_ros.frame import Frame
 from lassokin_ros.urdf import joint_names
 from msg_adapters.backends import Backend
+from msg_adapters.image_markers import ImageMarkerBuilder, KeypointMarkerBuilder
 from msg_adapters.joint_uncertainty import UncertaintyCloudBuilder, UncertaintyMarkersBuilder
 from msg_adapters.markers import SkeletonMarkersBuilder
 from msg_adapters.outputs import (
@@ -50,6 +52,8 @@ class FrameMessages:
         certificate = DiagnosticArrayBuilder(backend)
         cloud = UncertaintyCloudBuilder(backend, skeleton.joint_count)
         ellipsoids = UncertaintyMarkersBuilder(backend, skeleton.joint_count, f"{person}/" if person else "")
+        image = ImageMarkerBuilder(backend, skeleton.parents.tolist())
+        keypoints = KeypointMarkerBuilder(backend, f"{person}/" if person else "")
         title = f"{name}: {person}" if person else name
         self._makers: dict[str, Callable[[int, str, Any, Any], Any]] = {
             topics.JOINT_STATES: lambda t, f, frame, _: joint_states.fill(t, f, frame.positions, frame.velocities),
@@ -62,6 +66,12 @@ class FrameMessages:
             ),
             topics.UNCERTAINTY_MARKERS: lambda t, f, frame, e: ellipsoids.fill(
                 t, f, e.pose.positions, *principal_axes(frame.uncertainty.covariance)
+            ),
+            topics.IMAGE_MARKERS: lambda t, f, frame, e: image.fill(
+                t, f, frame.in_image(e.pose.positions), frame.detected, frame.reprojected
+            ),
+            topics.KEYPOINT_MARKERS: lambda t, f, frame, e: keypoints.fill(
+                t, f, frame.lens.normalise(frame.detected), project(e.pose.landmarks)
             ),
         }
         if tf:

@@ -22,6 +22,7 @@ from msg_adapters.backends import Backend, RosbagsBackend
 from msg_adapters.outputs import DiagnosticArrayBuilder
 
 DIAGNOSTICS_PERIOD_NS = 1_000_000_000
+LIVE_ONLY = {topic.name for topic in topics.LIVE_OUTPUTS}
 UNREADABLE = "not_deserialised"
 
 
@@ -147,7 +148,7 @@ class PersonMessages:
         description = self._description.follow(frame)
         if description is not None:
             yield topics.ROBOT_DESCRIPTION, description
-        yield from self._messages.build(frame, lambda topic: topic != topics.UNCERTAINTY_MARKERS)
+        yield from self._messages.build(frame, lambda topic: topic not in LIVE_ONLY)
 
 
 def add_type(types: Any, message_type: str, definition: str) -> None:

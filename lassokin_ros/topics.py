@@ -16,8 +16,11 @@ MARKERS = "markers"
 CERTIFICATE = "~/certificate"
 JOINT_UNCERTAINTY = "joint_uncertainty"
 UNCERTAINTY_MARKERS = "uncertainty_markers"
+IMAGE_MARKERS = "image_markers"
+KEYPOINT_MARKERS = "keypoint_markers"
 DIAGNOSTICS = "/diagnostics"
 TRACKED = "tracked"
+SKELETON2D = "skeleton2d"
 TF = "/tf"
 
 
@@ -41,7 +44,12 @@ FRAME_OUTPUTS = (
 """One message for each accepted frame."""
 
 UNCERTAINTY_MARKERS_OUTPUT = OutputTopic(UNCERTAINTY_MARKERS, "visualization_msgs/msg/MarkerArray")
-"""The same as JOINT_UNCERTAINTY for the eye: live only, it would double the size of a replay's recording."""
+LIVE_OUTPUTS = (
+    UNCERTAINTY_MARKERS_OUTPUT,
+    OutputTopic(IMAGE_MARKERS, "visualization_msgs/msg/ImageMarker"),
+    OutputTopic(KEYPOINT_MARKERS, "visualization_msgs/msg/Marker"),
+)
+"""What JOINT_UNCERTAINTY and the 2D points are for the eye: live only, they would double a replay's recording."""
 
 DESCRIPTION_OUTPUT = OutputTopic(ROBOT_DESCRIPTION, "std_msgs/msg/String", latched=True)
 DIAGNOSTICS_OUTPUT = OutputTopic(DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray")
@@ -51,7 +59,7 @@ OTHER_OUTPUTS = (DESCRIPTION_OUTPUT, DIAGNOSTICS_OUTPUT)
 TF_OUTPUT = OutputTopic(TF, "tf2_msgs/msg/TFMessage")
 """Where the person is, by parameter."""
 
-PERSON_OUTPUTS = (*FRAME_OUTPUTS, UNCERTAINTY_MARKERS_OUTPUT, DESCRIPTION_OUTPUT)
+PERSON_OUTPUTS = (*FRAME_OUTPUTS, *LIVE_OUTPUTS, DESCRIPTION_OUTPUT)
 """What there is for each person."""
 
 BODIES, REP155_BODIES = "bodies", "/humans/bodies"

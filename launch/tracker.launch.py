@@ -57,7 +57,8 @@ def _start(context: LaunchContext) -> list:
         parameters=[str(params), sim_time, *own_frame, *followers],
         remappings=[("keypoints", given["keypoints"]), ("camera_info", camera_info)],
     )
-    return [tracker, _frames(params, given["frame"], sim_time), _rviz(sim_time), *_bag(given["bag"])]
+    rviz = _rviz(given["camera"].rstrip("/"), given["frame"], sim_time)
+    return [tracker, _frames(params, given["frame"], sim_time), rviz, *_bag(given["bag"])]
 
 
 def _frames(params: Path, frame: str, sim_time: dict) -> Node:
@@ -77,12 +78,15 @@ def _frames(params: Path, frame: str, sim_time: dict) -> Node:
     )
 
 
-def _rviz(sim_time: dict) -> Node:
+def _rviz(camera: str, frame: str, sim_time: dict) -> Node:
+    """RViz with the camera's image; it derives the name of camera_info from the image's, both as they are remapped."""
+    own_frame = ["-f", frame] if frame else []
     return Node(
         package="rviz2",
         executable="rviz2",
-        arguments=["-d", str(CONFIG / "lassokin.rviz")],
+        arguments=["-d", str(CONFIG / "lassokin.rviz"), *own_frame],
         parameters=[sim_time],
+        remappings=[(name, f"{camera}/{name}") for name in ("image_raw", "camera_info")] if camera else [],
         condition=IfCondition(LaunchConfiguration("rviz")),
     )
 

@@ -54,7 +54,7 @@ def test_both_backends_say_the_same(pipeline):
     tracked = [frame(pipeline, i) for i in range(3)][-1]
     skeleton = pipeline.tracker.skeleton
     ours, theirs = (dict(FrameMessages(b, skeleton).build(tracked)) for b in (RclpyBackend(), BACKEND))
-    expected = [topic.name for topic in (*topics.FRAME_OUTPUTS, topics.UNCERTAINTY_MARKERS_OUTPUT)]
+    expected = [topic.name for topic in (*topics.FRAME_OUTPUTS, *topics.LIVE_OUTPUTS)]
     assert list(ours) == list(theirs) == expected
     for name in ours:
         assert as_plain(ours[name]) == as_plain(theirs[name]), name

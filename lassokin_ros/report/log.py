@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lassokin_ros.core.projection import project
 from lassokin_ros.core.rotations import logarithm
 from lassokin_ros.core.tracker import Estimate
 from lassokin_ros.frame import Frame
@@ -135,7 +134,7 @@ def person_row(frame: Frame, time: float) -> PersonRow:
         None,
         frame.detected,
         frame.reprojected,
-        frame.lens.distort(project(positions)),
+        frame.in_image(positions),
         positions,
         np.degrees(frame.positions[3:]).reshape(-1, 3),
         np.degrees(np.linalg.norm(logarithm(estimate.state.rotations), axis=-1)),
