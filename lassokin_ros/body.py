@@ -64,6 +64,8 @@ class Body:
         estimate = self.tracker.track(Observation(seconds, seen.points, seen.confidence, lens.focal))
         self.status = estimate.status
         if estimate.rejection is not None:
+            if self.seen_ns is None:
+                self._origin_ns = None  # time begins with the first frame that is used
             reason = estimate.rejection.value
             detail = f"the tracker did not use this frame: {reason}"
             return Frame(stamp_ns, frame_id, estimate, reason, detail, None, None, person, seen.pixels, lens, skeleton)
