@@ -1,7 +1,5 @@
 """The README's code runs as it stands, and does what the text beside it says."""
 
-import contextlib
-import io
 import re
 from pathlib import Path
 
@@ -10,7 +8,7 @@ import pytest
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.tracker import Tracker
-from lassokin_ros.synthetic import WEBCAM, exact_pixels, motion
+from lassokin_ros.synthetic import Camera, exact_pixels, motion
 from msg_adapters.registry import keypoint_adapter
 
 README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
@@ -22,22 +20,23 @@ def code_with(text):
     return block
 
 
-def test_tracking_without_ros():
-    times = np.arange(20) / 30
-    tracker = Tracker(TrackerConfig(height=1.80))
-    pixels = exact_pixels(tracker.kinematics, motion(tracker.skeleton, times))
-    frames = [(t, p, np.ones(17)) for t, p in zip(times, pixels)]
-    names = {"frames": frames, "K": WEBCAM.K, "D": WEBCAM.D}
-    with contextlib.redirect_stdout(io.StringIO()) as printed:
-        exec(compile(code_with("Tracker(TrackerConfig"), "README.md", "exec"), names)
-    assert printed.getvalue().count("[[") == len(frames)
-    error = np.linalg.norm(exact_pixels_of(names["estimate"]) - pixels[-1], axis=-1)
-    assert np.median(error) < 5
-
-
-def exact_pixels_of(estimate):
-    points = estimate.pose.landmarks
-    return WEBCAM.lens.distort(points[:, :2] / points[:, 2:])
+def test_tracking_without_ros(tmp_path, monkeypatch, capsys):
+    """The ten lines, on keypoints of which the truth is known."""
+    monkeypatch.chdir(tmp_path)
+    code = code_with("Tracker(TrackerConfig")
+    assert len([line for line in code.splitlines() if line]) == 10
+    body = Tracker(TrackerConfig(height=1.80))
+    truth = motion(body.skeleton, np.arange(20) / 30)
+    camera = Camera(np.array([[920.0, 0, 640], [0, 920, 360], [0, 0, 1]]), np.zeros(5), (1280, 720))
+    pixels = exact_pixels(body.kinematics, truth, camera)
+    pixels[5] = np.nan  # one frame in which nobody is seen
+    np.save("keypoints.npy", np.concatenate([pixels, np.ones((20, 17, 1))], axis=-1))
+    names: dict = {}
+    exec(compile(code, "README.md", "exec"), names)
+    printed = capsys.readouterr().out
+    assert printed.count("[[") == 19 and printed.count("TOO_FEW_LANDMARKS") == 1
+    found, expected = names["estimate"].pose.positions, body.kinematics.pose(truth).positions[-1]
+    assert np.linalg.norm((found - found[0]) - (expected - expected[0]), axis=1).mean() < 0.08
 
 
 def test_the_message_of_a_detector():
