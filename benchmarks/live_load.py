@@ -164,9 +164,10 @@ class Load:
 
         def send() -> None:
             nonlocal sent
-            started = time.monotonic()
+            due = time.monotonic()
             for number in range(count):
-                time.sleep(max(started + number / hz - time.monotonic(), 0))
+                time.sleep(max(due - time.monotonic(), 0))
+                due = max(due + 1 / hz, time.monotonic())  # a sender that was held up does not make up for it
                 self._camera.publish(self._camera_info)
                 data = bytearray(messages[number % len(messages)])
                 struct.pack_into("<iI", data, 4, *divmod(time.time_ns(), 1_000_000_000))
