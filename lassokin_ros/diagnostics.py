@@ -110,8 +110,8 @@ class Diagnostics:
         for key in ("received", "accepted", "unstamped", "ignored while disabled", OVERTAKEN, LOST):
             values[f"{key} [messages]"] = str(counts[key])
         values["resets"] = str(counts["resets"])
-        if self._pipeline.people is not None:
-            values["people"] = ", ".join(self._pipeline.people.ids) or "nobody"
+        if self._pipeline.ids is not None:
+            values["people"] = ", ".join(self._pipeline.ids) or "nobody"
             for key in ("people come", "people left", "people beyond max_people"):
                 values[key] = str(counts[key])
         for key in sorted(key for key in counts if key.startswith("rejected: ")):

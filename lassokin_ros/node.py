@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,12 +16,14 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_srvs.srv import SetBool, Trigger
 
 from lassokin_ros import topics
+from lassokin_ros.body_topics import BodyTopics
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.diagnostics import Diagnostics
 from lassokin_ros.frame import Frame
 from lassokin_ros.inbox import Inbox
 from lassokin_ros.node_config import NodeConfig
 from lassokin_ros.parameters import LiveParameters, Settings, declare, unknown_parameters
+from lassokin_ros.per_body_pipeline import PerBodyPipeline
 from lassokin_ros.person_outputs import PeopleOutputs, PersonOutputs, advertise, message_class
 from lassokin_ros.pipeline import Pipeline
 from lassokin_ros.skeleton_file import save_all
@@ -41,7 +43,7 @@ class TrackerNode(Node):
         super().__init__("tracker", **options)
         settings = declare(self)
         self._live_parameters = LiveParameters(self, settings, self._tune)
-        self._pipeline = Pipeline(*settings)
+        self._pipeline = (PerBodyPipeline if settings[1].topic_per_body else Pipeline)(*settings)
         self._camera_warning = Throttle(self.get_logger().warning, time.monotonic)
         self._warning = Throttle(self.get_logger().warning, time.monotonic)
         name = self.get_fully_qualified_name().lstrip("/")  # /diagnostics is shared by the trackers of all namespaces
@@ -50,7 +52,7 @@ class TrackerNode(Node):
         self._diagnostics_out = advertise(self, topics.DIAGNOSTICS_OUTPUT)
         self._open_outputs(settings[1], name)
         self._inbox = Inbox(settings[1].queue_depth, self._pipeline.counts)
-        self._listen(settings[1].keypoints_type)
+        self._listen(settings[1])
         for line in unknown_parameters(self):
             self.get_logger().warning(line)
 
@@ -63,8 +65,8 @@ class TrackerNode(Node):
         else:
             self._person = PersonOutputs(self, skeleton, config, name)
 
-    def _listen(self, keypoints_type: str) -> None:
-        """Subscriptions, service, timer and the watch on the clock."""
+    def _listen(self, config: NodeConfig) -> None:
+        """Subscriptions, services, timer and the watch on the clock."""
         subscribe = partial(
             self.create_subscription, qos_overriding_options=QoSOverridingOptions.with_default_policies()
         )
@@ -74,10 +76,14 @@ class TrackerNode(Node):
             self._on_camera_info,
             _sensor_data(CAMERA_INFO_DEPTH),
         )
-        on_keypoints: Any = self._on_keypoints  # with message_info, which rclpy's type hints do not know
-        self._keypoints = subscribe(
-            message_class(keypoints_type), topics.KEYPOINTS, on_keypoints, _sensor_data(self._inbox.reserve)
-        )
+        self._bodies = None
+        if isinstance(self._pipeline, PerBodyPipeline):
+            qos = _sensor_data(config.queue_depth)
+            self._bodies = BodyTopics(self, config.keypoints_type, qos, self._on_bodies, self._on_body)
+        else:
+            on_keypoints: Any = self._on_keypoints  # with message_info, which rclpy's type hints do not know
+            kind, qos = message_class(config.keypoints_type), _sensor_data(self._inbox.reserve)
+            self._keypoints = subscribe(kind, topics.KEYPOINTS, on_keypoints, qos)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/set_enabled", self._on_set_enabled)
         self.create_service(Trigger, "~/save_skeleton", self._on_save_skeleton)
@@ -112,12 +118,22 @@ class TrackerNode(Node):
                 return
             yield taken
 
-    def work_on(self, message: Any) -> None:
-        """Track who is in one keypoint message, and publish; never raises."""
+    def _on_bodies(self, ids: Sequence[str]) -> Sequence[str]:
+        assert isinstance(self._pipeline, PerBodyPipeline) and self._people is not None
+        self._pipeline.keep(ids)
+        self._people.keep(self._pipeline.ids)
+        return self._pipeline.ids
+
+    def _on_body(self, person: str, message: Any) -> None:
+        assert isinstance(self._pipeline, PerBodyPipeline)
+        self.work_on(message, partial(self._pipeline.frames_of, person))
+
+    def work_on(self, message: Any, frames_in: Callable[[Any, int], list[Frame]] | None = None) -> None:
+        """Track who is in one keypoint message, and publish; never raises. frames_in: instead of the pipeline's."""
         started = time.monotonic()
         now_ns = self.get_clock().now().nanoseconds
         try:
-            frames = self._pipeline.frames(message, now_ns)
+            frames = (frames_in or self._pipeline.frames)(message, now_ns)
             self._publish(frames)
             self._comment(frames)
         except Exception as error:  # the promise: no message, however strange, ends the node
@@ -134,8 +150,8 @@ class TrackerNode(Node):
     def _publish(self, frames: list[Frame]) -> None:
         accepted = [frame for frame in frames if frame.accepted]
         try:
-            if self._people is not None and self._pipeline.people is not None:
-                self._people.publish(accepted, self._pipeline.people.ids)
+            if self._people is not None and self._pipeline.ids is not None:
+                self._people.publish(accepted, self._pipeline.ids)
             elif self._person is not None and accepted:
                 self._person.publish(accepted[0])
         except LassokinError as error:
@@ -150,6 +166,8 @@ class TrackerNode(Node):
             self._warning.say("unstamped", "keypoints without a stamp: outputs carry the time of their arrival")
 
     def _publish_diagnostics(self) -> None:
+        if self._bodies is not None:
+            self._bodies.look_around()
         line = self._diagnostics.line(time.monotonic())
         now_ns = self.get_clock().now().nanoseconds
         self._diagnostics_out.publish(self._status.fill(now_ns, "", [line]))
@@ -187,7 +205,7 @@ class TrackerNode(Node):
     def _forget(self) -> None:
         self._pipeline.reset()
         if self._people is not None:
-            self._people.keep([])
+            self._people.keep(self._pipeline.ids or [])
 
     def _tune(self, settings: Settings) -> None:
         self._pipeline.tune(*settings)

@@ -9,6 +9,8 @@ from lassokin_ros.core.errors import ConfigurationError
 from msg_adapters.registry import ADAPTERS, full_type_name
 
 MESSAGE, NODE = "message", "node"
+PER_BODY_TYPE = "hri_msgs/msg/Skeleton2D"
+"""Keypoints of one person, who is named by the topic."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,11 @@ class NodeConfig:
     def several_people(self) -> bool:
         """True when topics are one set for each person."""
         return self.max_people > 1 or self.rep155
+
+    @property
+    def topic_per_body(self) -> bool:
+        """True when each person's keypoints come on a topic of their own."""
+        return self.rep155 and full_type_name(self.keypoints_type) == PER_BODY_TYPE
 
     def checked(self) -> NodeConfig:
         """Itself, when every value has the right type and range."""

@@ -119,11 +119,13 @@ class PeopleOutputs:
         self._people: dict[str, PersonOutputs] = {}
         self._ids: list[str] = []
         self._node, backend = node, RclpyBackend()
-        self._tracked = advertise(node, topics.REP155_TRACKED_OUTPUT if config.rep155 else topics.TRACKED_OUTPUT)
+        self._tracked = None  # the list of bodies that come on topics of their own is the detector's
+        if not config.topic_per_body:
+            self._tracked = advertise(node, topics.REP155_TRACKED_OUTPUT if config.rep155 else topics.TRACKED_OUTPUT)
         self._list = id_list(backend, config.rep155)
         everybody = next(t for t in topics.FRAME_OUTPUTS if t.name == topics.MARKERS)
         self._markers = advertise(node, everybody)
-        self._tracked.publish(self._list(node.get_clock().now().nanoseconds, "", []))
+        self._publish_list()
 
     def publish(self, frames: list[Frame], ids: list[str]) -> None:
         """Publish everybody's frame; ids: of all who are there, with a frame or without."""
@@ -141,4 +143,8 @@ class PeopleOutputs:
             self._people.pop(person).close()
         if gone or ids != self._ids:
             self._ids = list(ids)
-            self._tracked.publish(self._list(self._node.get_clock().now().nanoseconds, "", ids))
+            self._publish_list()
+
+    def _publish_list(self) -> None:
+        if self._tracked is not None:
+            self._tracked.publish(self._list(self._node.get_clock().now().nanoseconds, "", self._ids))

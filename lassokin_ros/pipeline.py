@@ -67,6 +67,11 @@ class Pipeline:
         return self.camera.fault
 
     @property
+    def ids(self) -> list[str] | None:
+        """Of the people who are there; None when one person is followed."""
+        return None if self.people is None else self.people.ids
+
+    @property
     def status(self) -> Status:
         """What is known of the person; of several people, of the one of whom most is known."""
         return self._body.status if self.people is None else self.people.status
