@@ -18,6 +18,8 @@ MOST_SPANS = 6
 """Lost spans that are told one by one."""
 FEW = 0.02
 """Share of the messages below which refused ones are a note, no problem."""
+SELDOM_HARMFUL = ("too_few_landmarks", "stamp_jump")
+"""Of these a few are usual: somebody turns away, a clock is set."""
 LARGE_ERROR = 3.5
 """Times noise_px: a median reprojection error above this has another cause than noise."""
 SMALL_ERROR = 0.3
@@ -60,7 +62,7 @@ def _refused(facts: Facts) -> Iterator[Finding]:
     received = max(facts.counts.get("received", 0), 1)
     for key, count in facts.rejected.items():
         reason, _, of_person = key.partition(" (")
-        level = PROBLEM if count > FEW * received or reason != "too_few_landmarks" else NOTE
+        level = PROBLEM if count > FEW * received or reason not in SELDOM_HARMFUL else NOTE
         what = "frames of single people" if of_person else "camera_info messages" if _of_camera(reason) else "frames"
         detail = facts.log.details.get(reason, "")
         first = f" The first: {detail}." if detail and not detail.startswith("the tracker did not") else ""

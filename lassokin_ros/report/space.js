@@ -31,15 +31,15 @@ function scene() {
   const centred = element("follow").checked;
   const ranges = [extent(0, centred), extent(1, centred), extent(2, false)];
   ranges[2][0] += 0.12;                                  // the floor is where the lowest foot has been
-  const sizes = ranges.map(([low, high]) => high - low), largest = Math.max(...sizes);
+  const sizes = ranges.map(([low, high]) => high - low), largest = Math.max(...sizes), diagonal = Math.hypot(...sizes);
   const axis = (text, range, floor) => ({ title: { text, font: { size: 12 } }, range, autorange: false, dtick: 0.5,
     gridcolor: "#cfd6dc", zeroline: false, showbackground: floor, backgroundcolor: "#eef1f4", tickfont: { size: 10 },
     showspikes: false, tickformat: ".1f" });
   if (largest > 5) ranges.forEach((_, i) => { ranges[i].step = largest > 12 ? 2 : 1; });
   const made = [axis(centred ? "to the right of the pelvis, m" : "to the right, m", ranges[0], false),
-    axis(centred ? "behind the pelvis, m" : "depth, m", ranges[1], false), axis("up, m", ranges[2], true)];
+    axis(centred ? "behind the pelvis, m" : "depth, m", ranges[1], false), axis("above the camera, m", ranges[2], true)];
   made.forEach((one, i) => { if (ranges[i].step) one.dtick = ranges[i].step; });
-  const ratio = sizes.map((size) => (1.35 * size) / largest);
+  const ratio = sizes.map((size) => (1.95 * size) / diagonal);
   return { xaxis: made[0], yaxis: made[1], zaxis: made[2], aspectmode: "manual",
     aspectratio: { x: ratio[0], y: ratio[1], z: ratio[2] }, dragmode: "orbit",
     camera: { eye: { x: 0.8, y: -2.1, z: 0.4 }, center: { x: 0, y: 0, z: -0.12 }, up: { x: 0, y: 0, z: 1 } } };
