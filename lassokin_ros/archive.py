@@ -16,6 +16,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
+from lassokin_ros import archive_files
 from lassokin_ros.bags import remove_leftovers
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.interruption import Interrupted
@@ -69,6 +70,7 @@ def replay_archive(options: argparse.Namespace) -> int:
 
     Raises a LassokinError when the settings cannot be used or two outputs would have the same name.
     """
+    archive_files.check(options)
     tasks = tasks_of(options)
     origin_of(tasks[0].options)  # settings that cannot be used are said once, before anything starts
     progress = Progress(len(tasks), "recordings")
@@ -115,12 +117,13 @@ def tasks_of(options: argparse.Namespace) -> list[Task]:
             alone = copy.copy(options)
             alone.bag, alone.output, alone.bags = bag.absolute(), output, [bag.absolute()]
             alone.params_file = [file.absolute() for file in options.params_file]
+            archive_files.give_own(alone, name)
             tasks[output] = Task(name, alone)
-    for output in tasks:
+    for needed in {place for task in tasks.values() for place in archive_files.folders(task.options)}:
         try:
-            output.parent.mkdir(parents=True, exist_ok=True)
+            needed.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise ArchiveError(f"'{output.parent}' cannot be made: {error.strerror}") from None
+            raise ArchiveError(f"'{needed}' cannot be made: {error.strerror}") from None
     return sorted(tasks.values(), key=lambda task: task.name)
 
 
@@ -158,6 +161,8 @@ def work(task: Task) -> Result:
         if done is not None:
             return done
         remove_leftovers(options.output)
+        if options.output.exists():  # of these settings, but without an export, say, that was not wanted then
+            options = archive_files.made_anew(options)
         replayed = replay(options, io.StringIO())
     except LassokinError as error:
         # Another worker, taken for dead, may have finished it meanwhile.
@@ -166,16 +171,18 @@ def work(task: Task) -> Result:
 
 
 def _done_before(task: Task, quiet: bool = False) -> Result | None:
-    """The result when the output is there already and of this input and these settings; None when it is not there.
+    """The result when the output is there already, of this input and these settings, with all that belongs to it.
 
-    Raises ArchiveError for one of another input or other settings, unless `quiet`.
+    None when it is to be made, or made again. Raises ArchiveError for one of another input or other settings, unless
+    `quiet`.
     """
     options = task.options
     if options.force or not options.output.exists():
         return None
     record = record_of(options.output)
     if record is not None and record.origin == origin_of(options):
-        return Result(task.name, DONE_BEFORE, record.figures)
+        nobody = record.figures.frames_out == 0  # there is nothing to export
+        return Result(task.name, DONE_BEFORE, record.figures) if nobody or archive_files.all_there(options) else None
     if quiet:
         return None
     raise ArchiveError(f"'{options.output}' exists and is of another input, version or settings; say --force")

@@ -13,6 +13,8 @@ from collections import deque
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.process import BaseProcess
+from threading import Thread
 from types import FrameType
 
 from lassokin_ros.archive import Result, Runner, Task, work
@@ -97,8 +99,19 @@ def _worker() -> ProcessPoolExecutor:
 
 
 def _begin() -> None:
-    """In the new process: Ctrl-C reaches all processes of a terminal; the first one tells the others what to do."""
+    """In the new process: Ctrl-C reaches all processes of a terminal; the first one tells the others what to do.
+
+    Without the first one, killed perhaps, nobody would: then this one ends too.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    first = multiprocessing.parent_process()
+    if first is not None:
+        Thread(target=_end_with, args=(first,), daemon=True).start()
+
+
+def _end_with(process: BaseProcess) -> None:
+    process.join()
+    os._exit(1)
 
 
 def _work(task: Task) -> Result:

@@ -44,17 +44,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def run(options: argparse.Namespace) -> int:
     """Replay one recording, or an archive of them; the exit code. Raises a LassokinError."""
-    from lassokin_ros.archive import ArchiveError, is_archive, replay_archive
+    from lassokin_ros.archive import is_archive, replay_archive
 
     if is_archive(options):
-        if options.report is not None:
-            raise ArchiveError("--report shows one recording; give one alone, without --scheduler")
-        if options.save_skeleton is not None:
-            raise ArchiveError("--save-skeleton is of one recording; give one alone, without --scheduler")
-        if options.export:
-            from lassokin_ros.exports.command import check_archive_exports
-
-            check_archive_exports(options.export)
         return replay_archive(options)
     (options.bag,) = options.bags
     print(replay(options).summary)
@@ -206,7 +198,10 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--camera-info-topic", metavar="TOPIC", help="needed when the recording has several")
     parser.add_argument("--storage", choices=STORAGES, help="of the output (default: the input's)")
     parser.add_argument(
-        "--report", type=Path, metavar="HTML", help="write a page with plots and the skeleton in 3D, for a browser"
+        "--report",
+        type=Path,
+        metavar="HTML",
+        help="write a page with plots and the skeleton in 3D, for a browser; of an archive: a folder of pages",
     )
     parser.add_argument(
         "--export",

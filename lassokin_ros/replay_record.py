@@ -16,7 +16,6 @@ from typing import Any
 
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.yaml_files import load_mapping, read_text
-from lassokin_ros.exports.command import target_of
 from lassokin_ros.offline_parameters import offline_settings
 
 KEY = "lassokin_ros"
@@ -75,9 +74,7 @@ def origin_of(options: argparse.Namespace) -> Origin:
         settings[name] = _digest([path]) if path.is_file() else settings[name]
     for name in ("keypoints_topic", "camera_info_topic", "storage"):
         settings[f"--{name}"] = getattr(options, name)
-    # Files beside the output have no part in it; those within it must be there before it counts as done.
-    inside = sorted(target.suffix for target in map(target_of, options.export) if target.folder is None)
-    settings |= {"--export": inside} if inside else {}
+    # Exports have no part in it: with them or without, the recording is the same (see archive_files for their absence).
     text = json.dumps(settings, sort_keys=True)
     return Origin(_version(), _digest(_files(options.bag)), hashlib.sha256(text.encode()).hexdigest())
 

@@ -1,6 +1,7 @@
 """What the tests of archives share: recordings, the command as its own process, and who holds a recording."""
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -32,7 +33,7 @@ def start_replay(*arguments, **options):
     return subprocess.Popen(command, cwd=ROOT, start_new_session=True, **pipes, **options)
 
 
-def holder(running, output, deadline_s=40.0, but=()):
+def holder(running, output, deadline_s=25.0, but=()):
     """The id of the process that is writing the recording `output`: it has a file open in the hidden folder beside.
 
     running: of `start_replay`, which must not end before. but: processes that don't count.
@@ -43,7 +44,7 @@ def holder(running, output, deadline_s=40.0, but=()):
             if process not in but and any(path.startswith(hidden) for path in _open_files(process)):
                 return process
         time.sleep(0.02)
-    running.kill()
+    os.killpg(running.pid, signal.SIGKILL)
     raise AssertionError(f"nobody has begun to write {output}: {running.communicate()}")
 
 

@@ -94,6 +94,21 @@ def test_an_output_of_other_settings_or_input_is_not_taken_for_done(tmp_path, ca
     assert record_of(tmp_path / "out" / "a_tracked").figures.frames_in == 13
 
 
+def test_exports_and_reports_are_each_recordings_own(archive, one_by_one, tmp_path, capsys):
+    arguments = [archive / "day1", "--output", tmp_path / "out", "--jobs", 1]
+    assert replayed(capsys, *arguments)[0] == 0
+    arguments += ["--export", ".csv", "--export", ".amass.npz", "--report", tmp_path / "pages"]
+    for outcome in ("tracked", "done before"):
+        code, said = replayed(capsys, *arguments)
+        assert code == 0 and outcomes(said) == {"walk": outcome, "wave": outcome}
+    for name in ("walk", "wave"):
+        there = contents(tmp_path / "out" / f"{name}_tracked")
+        assert len((there.pop("motion.csv")).splitlines()) == BAGS[f"day1/{name}"] + 1
+        assert there.pop("motion.amass.npz").startswith(b"PK")
+        assert there == contents(one_by_one / "day1" / f"{name}_tracked")
+        assert (tmp_path / "pages" / f"{name}.html").read_text().startswith("<!")
+
+
 def test_outputs_among_the_recordings_are_not_replayed(tmp_path, capsys, monkeypatch):
     write_recording(tmp_path / "a", 12)
     monkeypatch.chdir(tmp_path)
@@ -108,6 +123,11 @@ def test_outputs_among_the_recordings_are_not_replayed(tmp_path, capsys, monkeyp
     [
         (["x/a", "y/a"], "would both be written to"),
         (["x", "y/a", "-o", "x/a"], "is no folder for several outputs"),
+        (["x", "--export", "all.csv"], "names one file for many recordings; give the suffix alone"),
+        (
+            ["x", "--save-skeleton", "x.yaml", "-p", "calibrate:=true"],
+            "names one file for many recordings; name a folder",
+        ),
         (["x", "-p", "hight:=2"], "there is no parameter 'hight'; did you mean 'height'?"),
     ],
 )
@@ -154,6 +174,16 @@ def test_a_recording_that_kills_every_process_is_given_up(tmp_path):
     assert running.returncode == 2
     assert outcomes(said) == {"z_long0": "failed: its process died 3 times", "short": "tracked"}
     assert os.listdir(output) == ["short_tracked"]
+
+
+@needs_proc
+def test_processes_end_with_the_command_even_when_that_is_killed(tmp_path):
+    archive, output = write_archive(tmp_path / "in", long=1), tmp_path / "out"
+    running = start_replay(archive / "z_long0", archive / "squat.v2", "--output", output, "--jobs", 1)
+    worker = holder(running, output / "z_long0_tracked")
+    running.kill()
+    running.communicate(timeout=20)  # ends when the last process that holds the other end of the pipes has ended
+    assert not Path(f"/proc/{worker}/fd").is_dir() or not list(Path(f"/proc/{worker}/fd").iterdir())
 
 
 @needs_proc

@@ -201,7 +201,7 @@ CASES = {
             "6 frames refused: old stamps: stamps are not monotonic: two detectors on one topic, or messages out",
         ),
     ),
-    "one stamp": ({"spoil": one_stamp}, ("problem", "1 frame refused: stamps from another time: one message is")),
+    "one stamp": ({"spoil": one_stamp}, ("note", "1 frame refused: stamps from another time: one message is")),
     "noisy": (
         {"spoil": noisy},
         (
@@ -308,7 +308,7 @@ BAD = {
     ),
     "a folder": (["--report", "."], "'.' is a folder; expected the name of a file"),
     "no folder": (["--report", "nix/page.html"], "there is no folder 'nix' for 'page.html'"),
-    "an archive": (["second", "--report", "page.html"], "--report shows one recording; give one alone"),
+    "an archive": (["second", "--report", "page.html"], "--report 'page.html' names one file for many recordings"),
 }
 
 
