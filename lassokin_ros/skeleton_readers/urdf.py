@@ -100,10 +100,7 @@ def _joints(robot: ElementTree.Element, source: str) -> list[Joint]:
 
 def _joint(number: int, element: ElementTree.Element, source: str) -> Joint:
     name = element.get("name", "")
-    try:
-        parent, child = element.find("parent").get("link"), element.find("child").get("link")  # type: ignore[union-attr]
-    except AttributeError:
-        parent = child = None
+    parent, child = (None if link is None else link.get("link") for link in map(element.find, ("parent", "child")))
     if not name or not parent or not child:
         raise SkeletonError(f"{source}: joint '{name}' lacks a name, parent or child")
     origin = element.find("origin")
