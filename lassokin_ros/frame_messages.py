@@ -42,9 +42,19 @@ class FrameMessages:
     """Turns accepted frames into messages. A message is re-used: publish or serialise it before the next frame."""
 
     def __init__(
-        self, backend: Backend, skeleton: Skeleton, name: str = "tracker", person: str = "", tf: bool = False
+        self,
+        backend: Backend,
+        skeleton: Skeleton,
+        name: str = "tracker",
+        person: str = "",
+        tf: bool = False,
+        tf_at_hips: bool = False,
     ) -> None:
-        """backend: of msg_adapters.backends; name: the node's, in the certificate; person: of several; tf: TF too."""
+        """Make every message once.
+
+        backend: of msg_adapters.backends; name: the node's, in the certificate; person: of several; tf: TF too;
+        tf_at_hips: of the place midway between the hips, as in REP-155, in place of the pelvis.
+        """
         joint_states = JointStateBuilder(backend, joint_names(skeleton))
         translation = PointStampedBuilder(backend)
         joints = PoseArrayBuilder(backend, skeleton.joint_count)
@@ -76,7 +86,10 @@ class FrameMessages:
         }
         if tf:
             transform = TransformBuilder(backend, f"body_{person}" if person else "body")
-            self._makers[topics.TF] = lambda t, f, _, e: transform.fill(t, f, e.state.translation, body_turn(e))
+            origin = body_origin(skeleton, tf_at_hips)
+            self._makers[topics.TF] = lambda t, f, _, e: transform.fill(
+                t, f, e.pose.positions[origin].mean(axis=0), body_turn(e)
+            )
 
     def build(self, frame: Frame, wanted: Callable[[str], bool] = lambda topic: True) -> Iterator[tuple[str, Any]]:
         """(topic, message) of each wanted output of an accepted frame, in the order of topics.PERSON_OUTPUTS."""
@@ -103,6 +116,12 @@ def principal_axes(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     variances, axes = np.linalg.eigh(covariance)
     axes[np.linalg.det(axes) < 0, :, 0] *= -1
     return to_quaternion(axes), np.sqrt(np.maximum(variances, 0.0))
+
+
+def body_origin(skeleton: Skeleton, at_hips: bool) -> list[int]:
+    """The joints whose mean is the origin of the frame `body`: both hips, if asked for and there, or the root."""
+    hips = [i for i, name in enumerate(skeleton.joint_names) if name in ("left_hip", "right_hip")]
+    return hips if at_hips and len(hips) == 2 else [0]
 
 
 def body_turn(estimate: Estimate) -> np.ndarray:

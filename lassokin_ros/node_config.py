@@ -56,7 +56,8 @@ class NodeConfig:
     )
 
     publish_tf: bool = setting(
-        False, "TF of the person's pelvis: frame body, or body_<id>, x to the front, y to the left, z up"
+        False,
+        "TF of the person's pelvis (rep155: midway between the hips): frame body, or body_<id>, x front, y left, z up",
     )
     state_publisher: str = setting(
         "", "name of the robot_state_publisher whose URDF is to follow robot_description (one person); empty for none"

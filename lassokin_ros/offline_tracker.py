@@ -140,7 +140,7 @@ class PersonMessages:
     def __init__(self, backend: Backend, pipeline: Pipeline, person: str) -> None:
         """person: the id, empty when one person is followed."""
         skeleton, config = pipeline.tracker.skeleton, pipeline.config
-        self._messages = FrameMessages(backend, skeleton, NODE_NAME, person, config.publish_tf)
+        self._messages = FrameMessages(backend, skeleton, NODE_NAME, person, config.publish_tf, config.rep155)
         self._description = BodyDescription(backend, skeleton, config.base_frame, person)
 
     def build(self, frame: Frame) -> Iterator[tuple[str, Any]]:

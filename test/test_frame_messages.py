@@ -80,6 +80,15 @@ def test_tf_says_where_the_pelvis_is_and_which_way_is_front(pipeline):
     assert np.allclose(left, tracked.estimate.pose.orientations[0][:, 0])
 
 
+def test_rep155s_body_is_midway_between_the_hips(pipeline):
+    tracked = frame(pipeline, 0)
+    messages = FrameMessages(BACKEND, pipeline.tracker.skeleton, tf=True, tf_at_hips=True)
+    place = dict(messages.build(tracked))[topics.TF].transforms[0].transform.translation
+    hips = tracked.estimate.pose.positions[[1, 2]]
+    assert np.allclose([place.x, place.y, place.z], hips.mean(axis=0))
+    assert np.linalg.norm(hips.mean(axis=0) - tracked.positions[:3]) > 0.05
+
+
 def test_stamps_and_frames(pipeline):
     first = frame(pipeline, 0)
     assert (first.stamp_ns, first.frame_id, first.accepted) == (START_NS, FRAME, True)
