@@ -1,5 +1,6 @@
 # make demo   play a bag of keypoints through the node and show what comes out
 # make test   the whole test suite
+# make fuzz   the fuzz tests alone with 100,000 cases and more, new ones every time; half an hour
 # Both make .venv once; nothing of ROS has to be installed. PYTHON=python3.12 make test chooses another Python.
 
 PYTHON ?= python3
@@ -7,13 +8,16 @@ VENV := .venv
 INSTALLED := $(VENV)/.installed
 RUN := OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=1
 
-.PHONY: demo test lint clean
+.PHONY: demo test fuzz lint clean
 
 demo: $(INSTALLED)
 	$(RUN) $(VENV)/bin/python -m lassokin_ros.demo
 
 test: $(INSTALLED)
 	$(RUN) $(VENV)/bin/python -m pytest
+
+fuzz: $(INSTALLED)
+	$(RUN) LASSOKIN_FUZZ_CASES=$(or $(CASES),90000) $(VENV)/bin/python -m pytest test/test_fuzz_adapters.py test/test_fuzz_pipeline.py test/test_fuzz_tracker.py
 
 lint: $(INSTALLED)
 	$(VENV)/bin/ruff check .

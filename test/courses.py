@@ -75,28 +75,30 @@ def message_of(message_type, pixels, stamp_ns, numbers):
     return zed_objects(BACKEND, stamp_ns, pixels, numbers)
 
 
-def fingerprint(frame):
-    """Everything that is published of a frame, as bytes."""
+def fingerprint(frame, person):
+    """Everything that is published of a frame, as bytes; person: the id it goes by."""
     state = frame.estimate.state
     arrays = (frame.positions, frame.velocities, state.rotations, state.translation, frame.estimate.pose.positions)
     certificate = frame.estimate.certificate
-    words = f"{frame.person} {frame.stamp_ns} {frame.frame_id} {certificate} {frame.estimate.reprojection_px!r}"
+    words = f"{person} {frame.stamp_ns} {frame.frame_id} {certificate} {frame.estimate.reprojection_px!r}"
     return b"".join(a.tobytes() for a in arrays) + words.encode()
 
 
 class Course:
     """One kind of message, one person or two, and where on the way the pipeline is."""
 
-    def __init__(self, message_type, several=False, person_ids="message"):
+    backend = BACKEND
+
+    def __init__(self, message_type, several=False, person_ids="message", **settings):
         self.message_type = message_type
-        self.several = several
+        self.several, self._ids_here = several, person_ids == "node"
         alone, both = people(LAYOUTS[message_type])
         chosen = both if several else [alone]
         self.truth = [joints for joints, _ in chosen]
         self._pixels = [pixels for _, pixels in chosen]
         self._config = (
             TrackerConfig(landmarks=LAYOUTS[message_type]),
-            NodeConfig(keypoints_type=message_type, max_people=3 if several else 1, person_ids=person_ids),
+            NodeConfig(keypoints_type=message_type, max_people=3 if several else 1, person_ids=person_ids, **settings),
         )
         self.camera = camera_info(BACKEND)
         self.start_anew()
@@ -140,7 +142,9 @@ class Course:
 
     def _fingerprints(self, frames):
         assert all(frame.accepted for frame in frames), [frame.detail for frame in frames]
-        return [fingerprint(frame) for frame in frames]
+        # Ids that are given here are never given again, so that after a restart they are others: their order counts.
+        names = [str(i) if self._ids_here else frame.person for i, frame in enumerate(frames)]
+        return [fingerprint(frame, name) for frame, name in zip(frames, names)]
 
     def tracked(self, frames, index):
         """True when each frame is certified and near one of the people."""

@@ -9,7 +9,7 @@ from collections import Counter
 
 from hypothesis import HealthCheck, Phase, settings
 
-DEFAULT_CASES = 3000
+DEFAULT_CASES = 2000
 CASES = int(os.environ.get("LASSOKIN_FUZZ_CASES", DEFAULT_CASES))
 COUNTED: Counter[str] = Counter()
 """Cases by test and what became of them: conftest.py prints them at the end."""

@@ -37,6 +37,9 @@ from lassokin_ros.core.upright import Upright
 CHALLENGERS = 4
 """States that are followed beside the published one, see `challengers`."""
 
+FOCAL_RANGE = 1e-3, 1e9
+"""px: beyond, weights lose their digits."""
+
 ACCELERATION = 3.5
 """m/s^2: standard deviation of a body point's acceleration, typical of everyday motion."""
 
@@ -222,7 +225,7 @@ class Tracker:
         none = np.zeros(count)
         if observation.points.shape != (count, 2) or observation.confidence.shape != (count,):
             return Rejection.WRONG_SHAPE, none
-        if not (np.isfinite(observation.stamp) and np.isfinite(observation.focal) and observation.focal > 0):
+        if not (np.isfinite(observation.stamp) and FOCAL_RANGE[0] < observation.focal < FOCAL_RANGE[1]):
             return Rejection.NOT_FINITE, none
         if observation.stamp <= self._seen:
             return Rejection.OLD_STAMP, none

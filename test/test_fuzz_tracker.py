@@ -1,0 +1,139 @@
+"""Any observation is used or refused by the core, and the state stays one that can be tracked on."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fuzzing import count, fuzz
+from hypothesis import given
+from hypothesis import strategies as st
+from sequences import CONFIG, TRACKED_WITHIN, aligned_error, observations
+from spoil import odd, some
+
+from lassokin_ros.core.tracker import Rejection, Tracker
+
+STAMPS = (np.nan, np.inf, -np.inf, -1e300, -1.0, 0.0, 1e-300)
+FOCALS = (0.0, -1000.0, np.nan, np.inf, 1e-300, 1e-9, 1.0, 1e5, 1e9, 1e300)
+FRAMES = 24
+
+
+def points(observation, random):
+    changed = observation.points.copy()
+    for place in some(random, len(changed)):
+        changed[place, random.integers(2)] = odd(random)
+    return replace(observation, points=changed)
+
+
+def scattered(observation, random):
+    """Anywhere, all at one place, in a line, turned upside down, far too large: no body looks like this."""
+    kind = random.integers(5)
+    count = len(observation.points)
+    if kind == 0:
+        changed = random.uniform(-1, 1, (count, 2))
+    elif kind == 1:
+        changed = np.repeat(random.uniform(-1, 1, (1, 2)), count, axis=0)
+    elif kind == 2:
+        changed = random.uniform(-1, 1, (count, 1)) * random.uniform(-1, 1, (1, 2))
+    elif kind == 3:
+        changed = -observation.points
+    else:
+        changed = observation.points * 10 ** random.uniform(-6, 1.5)
+    return replace(observation, points=changed)
+
+
+def confidence(observation, random):
+    changed = observation.confidence.copy()
+    for place in some(random, len(changed)):
+        changed[place] = odd(random)
+    return replace(observation, confidence=changed)
+
+
+def shape(observation, random):
+    count = [0, 1, 16, 18, 5000][random.integers(5)]
+    kind = random.integers(3)
+    if kind == 0:
+        return replace(observation, points=np.resize(observation.points, (count, 2)))
+    if kind == 1:
+        return replace(observation, confidence=np.resize(observation.confidence, count))
+    return replace(observation, points=np.resize(observation.points, (17, 3)))
+
+
+def focal(observation, random):
+    return replace(observation, focal=FOCALS[random.integers(len(FOCALS))])
+
+
+def stamp(observation, random):
+    return replace(observation, stamp=STAMPS[random.integers(len(STAMPS))])
+
+
+WAYS = {f.__name__: f for f in (points, scattered, confidence, shape, focal, stamp)}
+
+
+class Twins:
+    """A tracker that gets bad observations too, and what one gives that does not."""
+
+    def __init__(self):
+        self.tracker = Tracker(CONFIG)
+        self.frames = observations(self.tracker, FRAMES / 30)
+        self.expected = [self._bytes(self.tracker.track(o)) for _, o in self.frames]
+        self.restart()
+
+    def restart(self):
+        self.tracker.reset()
+        self.index = 0
+
+    def next_good(self):
+        self.index += 1
+        return self.tracker.track(self.frames[self.index - 1][1])
+
+    @staticmethod
+    def _bytes(estimate):
+        assert estimate.accepted and estimate.certificate.kkt_residual <= 1e-6
+        return estimate.state.rotations.tobytes() + estimate.state.translation.tobytes()
+
+    def same_as_ever(self):
+        index = self.index
+        assert self._bytes(self.next_good()) == self.expected[index], f"frame {index} differs"
+
+
+TWINS = Twins()
+FAULTS = st.tuples(
+    st.lists(st.sampled_from(sorted(WAYS)), min_size=1, max_size=2),
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([0, *[None] * 9]),
+)
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@fuzz(0.12)
+@given(FAULTS)
+def test_after_any_observation_a_good_one_tracks_as_ever(fault):
+    ways, seed, before = fault
+    twins = TWINS
+    try:
+        if before == 0 or twins.index > FRAMES - 6:
+            twins.restart()
+        while twins.index < (4 if before is None else 0):
+            twins.same_as_ever()
+        random = np.random.default_rng(seed)
+        good = twins.frames[twins.index][1]
+        bad = replace(good, stamp=good.stamp - 0.01)
+        for way in ways:
+            bad = WAYS[way](bad, random)
+        estimate = twins.tracker.track(bad)
+        gated = estimate.rejection is Rejection.TOO_FEW_LANDMARKS and "scattered" in ways + ["points"] and twins.index
+        if estimate.rejection is not None and not gated:
+            twins.same_as_ever()
+            count("tracker", estimate.rejection.value)
+            return
+        if estimate.accepted:
+            assert estimate.certificate.kkt_residual <= 1e-6 and np.isfinite(estimate.pose.positions).all()
+        if twins.index:
+            answers = [twins.next_good() for _ in range(3)]
+            assert answers[-1].accepted
+            assert aligned_error(answers[-1], twins.frames[twins.index - 1][0]) < TRACKED_WITHIN
+        twins.restart()
+        count("tracker", "taken" if estimate.accepted else "taken by the point filter alone")
+    except BaseException:
+        TWINS.__init__()
+        raise
