@@ -10,6 +10,7 @@ const FONT = { family: "system-ui, 'Segoe UI', Roboto, Arial, 'Liberation Sans',
 const QUIET = { scrollZoom: true, displaylogo: false, responsive: true, displayModeBar: false };
 const HOME = { ...QUIET, displayModeBar: true, modeBarButtons: [["resetCameraDefault3d"]] };
 const TURN_PER_SECOND = 0.5;                             // rad
+const OUTLYING_M = 0.3, OUTLYING_PX = 100;              // a few wild frames must not make everything else small
 const CURSOR_EVERY = 80;                                 // ms: moving the line in six plots costs more than the skeleton
 
 function fail(error) {
@@ -24,6 +25,13 @@ window.addEventListener("unhandledrejection", (event) => fail(event.reason));
 
 const plain = (text) => String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
 const side = (name) => (name.startsWith("left") ? "left" : name.startsWith("right") ? "right" : "middle");
+
+function usual(values, outlying) {                       // the least and the largest, of outliers those that nearly all reach
+  const sorted = Float64Array.from(values.filter((value) => !Number.isNaN(value))).sort(), last = sorted.length - 1;
+  if (last < 0) return [Infinity, -Infinity];
+  const low = sorted[Math.floor(0.01 * last)], high = sorted[Math.ceil(0.99 * last)];
+  return [sorted[0] < low - outlying ? low : sorted[0], sorted[last] > high + outlying ? high : sorted[last]];
+}
 
 const none = (value) => (Number.isNaN(value) ? null : value);
 

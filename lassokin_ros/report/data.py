@@ -25,7 +25,8 @@ MISSING = -32768
 LARGEST = 32000
 MM, TENTH = 1e-3, 0.1
 """Steps in which metres, and px and degrees, are kept; coarser where numbers are large."""
-FARTHEST_M, FARTHEST_PX = 100.0, 1e5
+FARTHEST_M, FARTHEST_PX = 32.0, 3200.0
+"""What lies farther out is drawn there; for images larger than FARTHEST_PX it is their size."""
 
 
 def packed(values: Any, step: float, farthest: float = np.inf) -> dict[str, Any]:
@@ -50,6 +51,7 @@ def person_data(facts: Facts, person: str, stride: int) -> dict[str, Any]:
         return packed(np.array([empty if v is None else v for v in values]).reshape(-1, *empty.shape), step, farthest)
 
     error, seen = landmark_errors(accepted, landmarks)
+    border = max(FARTHEST_PX, *(facts.image_size or (0, 0)))
     return {
         "name": person,
         "stride": stride,
@@ -59,9 +61,9 @@ def person_data(facts: Facts, person: str, stride: int) -> dict[str, Any]:
         "angles": of("angles", nowhere["j3"], TENTH, np.inf),
         "bends": of("bends", np.full(joints, np.nan), TENTH, np.inf),
         "deviations": of("deviations", np.full(joints, np.nan), MM, FARTHEST_M),
-        "outline": of("outline", nowhere["j2"], TENTH, FARTHEST_PX),
-        "detected": of("detected", nowhere["l2"], TENTH, FARTHEST_PX),
-        "reprojected": of("reprojected", nowhere["l2"], TENTH, FARTHEST_PX),
+        "outline": of("outline", nowhere["j2"], TENTH, border),
+        "detected": of("detected", nowhere["l2"], TENTH, border),
+        "reprojected": of("reprojected", nowhere["l2"], TENTH, border),
         "series": {
             "reprojection": _series(rows, "reprojection_px"),
             "deviation": _series(rows, "mean_deviation_mm"),

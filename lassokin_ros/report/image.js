@@ -11,19 +11,13 @@ function imageValues(axis) {
 }
 
 function box(frames) {
-  const sides = [[Infinity, -Infinity], [Infinity, -Infinity]];
+  const values = [[], []];
   for (const f of frames) {
     for (const [points, count] of [[me.detected, L], [me.outline, J]]) {
-      for (let i = 0; i < count; i++) {
-        for (const axis of [0, 1]) {
-          const value = points.at(f, i, axis);
-          if (value < sides[axis][0]) sides[axis][0] = value;
-          if (value > sides[axis][1]) sides[axis][1] = value;
-        }
-      }
+      for (let i = 0; i < count; i++) for (const axis of [0, 1]) values[axis].push(points.at(f, i, axis));
     }
   }
-  return sides;
+  return values.map((all) => usual(all, OUTLYING_PX));
 }
 
 function imageRanges() {

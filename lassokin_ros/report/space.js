@@ -15,15 +15,12 @@ const spaceValues = (axis) => {
 const deviations = () => data.joints.map((_, j) => none(1e3 * me.deviations.at(frame, j)));
 
 function extent(axis, centred) {
-  let low = Infinity, high = -Infinity;
+  const values = [];
   for (let f = 0; f < me.positions.count; f++) {
     const middle = centred ? place[axis](f, 0) : 0;
-    for (let j = 0; j < J; j++) {
-      const value = place[axis](f, j) - middle;
-      if (value < low) low = value;
-      if (value > high) high = value;
-    }
+    for (let j = 0; j < J; j++) values.push(place[axis](f, j) - middle);
   }
+  const [low, high] = usual(values, OUTLYING_M);
   return low < high ? [low - 0.12, high + 0.12] : [-1, 1];
 }
 
