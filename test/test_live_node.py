@@ -47,6 +47,12 @@ def feed(peer, count=1, **options):
     return stamps
 
 
+def from_the_beginning(peer):
+    """Nothing has been seen, not even a time."""
+    assert peer.call(Trigger, "reset", Trigger.Request()).success
+    peer.frames_sent = 0
+
+
 def send_next(peer, **options):
     stamp = START_NS + peer.frames_sent * 16_666_667
     peer.send(stamp, PIXELS[peer.frames_sent % len(PIXELS)], **options)
@@ -147,6 +153,44 @@ def test_a_live_change_holds_from_the_next_frame_on(running):
     feed(running, confidence=0.5)
 
 
+def test_a_live_change_of_noise_px_counts_in_the_next_frame(running):
+    """The same frames twice; up to the change they give the same to the bit, and from the next one on they do not."""
+
+    def joints(count):
+        feed(running, count)
+        poses = running.got[topics.JOINTS][-count:]
+        return np.array([[(p.position.x, p.position.y, p.position.z) for p in m.poses] for m in poses])
+
+    rounds = []
+    for noise_px in (3.0, 30.0):
+        from_the_beginning(running)
+        before = joints(8)
+        assert set_parameters(running, noise_px=noise_px)[0].successful
+        rounds.append((before, joints(1)))
+    assert set_parameters(running, noise_px=3.0)[0].successful
+    (before, same), (again, other) = rounds
+    assert np.array_equal(before, again)
+    assert np.abs(same - other).max() > 1e-4
+
+
+def test_a_read_only_value_takes_the_others_of_its_request_with_it(running):
+    values = [parameter("sparsity", 0.5), parameter("height", 1.9)]
+    request = SetParametersAtomically.Request(parameters=values)
+    result = running.call(SetParametersAtomically, "set_parameters_atomically", request).result
+    assert not result.successful and "read-only" in result.reason
+    assert (get_parameter(running, "sparsity"), get_parameter(running, "height")) == (0.05, 1.75)
+
+
+def test_a_stamp_of_zero_is_the_time_of_arrival(running):
+    before = running.node.get_clock().now().nanoseconds
+    states = running.got[topics.JOINT_STATES]
+    count = len(states)
+    running.spin_until(lambda: [running.send(0, PIXELS[0])] and len(states) > count, what="an output")
+    running.settle()
+    assert before < stamp_of(states[-1]) < running.node.get_clock().now().nanoseconds
+    running.call(Trigger, "reset", Trigger.Request())
+
+
 def test_reset_forgets_the_state(running):
     feed(running, 2)
     assert values_of(running.got[topics.CERTIFICATE][-1])["initialised"] == "false"
@@ -226,6 +270,7 @@ def test_refused_keypoints_are_counted_by_reason_and_the_state_stays(running):
 
 
 def test_a_stamp_that_jumps_back_starts_anew(running):
+    from_the_beginning(running)
     feed(running, 40)  # more than jump_back
     before = int(values_of(running.next_diagnostics())["resets"])
     running.frames_sent = 0  # the bag loops
@@ -236,6 +281,7 @@ def test_a_stamp_that_jumps_back_starts_anew(running):
 
 
 def test_a_bag_looped_three_times_gives_the_same_joints_each_time(running):
+    from_the_beginning(running)
     feed(running, 40)
     rounds = []
     for _ in range(3):
