@@ -107,6 +107,10 @@ def test_exports_and_reports_are_each_recordings_own(archive, one_by_one, tmp_pa
         assert there.pop("motion.amass.npz").startswith(b"PK")
         assert there == contents(one_by_one / "day1" / f"{name}_tracked")
         assert (tmp_path / "pages" / f"{name}.html").read_text().startswith("<!")
+    code, said = replayed(capsys, *arguments[:-6], "--export", ".npz")
+    assert code == 0 and outcomes(said) == {"walk": "tracked", "wave": "tracked"}
+    kept = {"motion.csv", "motion.npz", "motion.amass.npz", "metadata.yaml"}
+    assert kept < set(contents(tmp_path / "out" / "walk_tracked"))
 
 
 def test_outputs_among_the_recordings_are_not_replayed(tmp_path, capsys, monkeypatch):
