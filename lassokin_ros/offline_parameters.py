@@ -8,11 +8,9 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError
-from lassokin_ros.core.yaml_files import load_mapping, read_text
+from lassokin_ros.core.yaml_files import load_mapping, load_value, read_text
 from lassokin_ros.node_config import NodeConfig
 
 NODE_NAME = "tracker"
@@ -60,10 +58,7 @@ def _from_file(file: Path) -> dict[str, Any]:
 def _value(name: str, text: str) -> Any:
     """A value as rcl reads it: YAML."""
     _find(name, "-p")
-    try:
-        return yaml.safe_load(text)
-    except (yaml.YAMLError, RecursionError):
-        raise ConfigurationError(f"-p {name}:={text}; the value is no valid YAML") from None
+    return load_value(text, f"-p {name}:={text[:40]}", ConfigurationError)
 
 
 def _find(name: str, source: str) -> None:

@@ -73,7 +73,7 @@ BAD = {
     "wrong kind": (["good", "--params-file", "type.yaml"], "height is 'tall'; expected a value of type float"),
     "unknown option": (["good", "-p", "colour:=red"], "-p: there is no parameter 'colour'; expected one of: height, "),
     "no value": (["good", "-p", "height=1.8"], "-p 'height=1.8'; expected name:=value, such as height:=1.80"),
-    "no YAML value": (["good", "-p", "height:=["], "-p height:=[; the value is no valid YAML"),
+    "no YAML value": (["good", "-p", "height:=["], "-p height:=[ is no valid YAML: "),
     "wrong tree": (
         ["good", "-p", "skeleton:=body.yaml"],
         "body.yaml: joint 'a' has parent 'b'; the first joint, and no other, is the root (null)",

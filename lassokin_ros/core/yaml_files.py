@@ -1,4 +1,4 @@
-"""YAML read safely: no object construction, a bounded size, one clear error."""
+"""YAML read safely: no object construction, no aliases, a bounded size, one clear error."""
 
 from __future__ import annotations
 
@@ -23,17 +23,31 @@ def read_text(path: Path, error: type[LassokinError]) -> str:
         raise error(f"{path} cannot be read: {problem.strerror}") from None
 
 
-def load_mapping(text: str, source: str, error: type[LassokinError]) -> dict[str, Any]:
-    """Parse YAML text that must be a mapping; `error` is raised, with `source` and the place, when it is not."""
+class _Loader(yaml.SafeLoader):
+    """PyYAML's safe one, without aliases: a few lines of them stand for more than any memory holds."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError(f"line {self.peek_event().start_mark.line + 1}: aliases (*name) are not read")
+        return super().compose_node(parent, index)
+
+
+def load_value(text: str, source: str, error: type[LassokinError]) -> Any:
+    """Parse YAML text of any kind; `error` is raised, with `source` and the place, when it is none."""
     if len(text) > MAX_CHARACTERS:
         raise error(f"{source} is too long; expected at most {MAX_CHARACTERS} characters")
     try:
-        data = yaml.safe_load(text)
+        return yaml.load(text, Loader=_Loader)  # a safe one
     except RecursionError:
         raise error(f"{source} is nested too deeply") from None
-    except yaml.YAMLError as problem:
-        reason = " ".join(str(problem).split())
+    except Exception as problem:  # besides YAMLError, whatever !!int, !!timestamp and the like make of their text
+        reason = " ".join(str(problem).split())[:300]
         raise error(f"{source} is no valid YAML: {reason}") from None
+
+
+def load_mapping(text: str, source: str, error: type[LassokinError]) -> dict[str, Any]:
+    """Parse YAML text that must be a mapping; `error` is raised, with `source` and the place, when it is not."""
+    data = load_value(text, source, error)
     if not isinstance(data, dict):
         raise error(f"{source} holds {type(data).__name__}; expected a mapping at the top level")
     return data
