@@ -7,6 +7,7 @@ whose worker dies is done again by another one; that is the scheduler's own doin
 from __future__ import annotations
 
 import json
+import logging
 import sys
 import time
 from collections.abc import Generator, Sequence
@@ -30,6 +31,9 @@ def on_cluster(address: str) -> Runner:
         raise ArchiveError(
             "a cluster is reached with dask.distributed; install it with: pip install 'lassokin_ros[cluster]'"
         ) from None
+
+    # A scheduler that goes away is said in the table; its tracebacks say no more.
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
 
     def run(tasks: Sequence[Task]) -> Generator[Result, None, None]:
         try:

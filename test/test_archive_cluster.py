@@ -40,7 +40,7 @@ def process(*command):
 
 @contextmanager
 def cluster(folder):
-    """(address of a scheduler at a free port, ids of two workers with one thread each)."""
+    """(address of a scheduler at a free port, ids of two workers with one thread each, the scheduler's process)."""
     with ExitStack() as stack:
         facts = folder / "scheduler.json"
         scheduler = stack.enter_context(
@@ -53,12 +53,22 @@ def cluster(folder):
         while not (facts.exists() and facts.stat().st_size):
             assert time.monotonic() < deadline and scheduler.poll() is None
             time.sleep(0.05)
-        yield json.loads(facts.read_text())["address"], [worker.pid for worker in workers]
+        yield json.loads(facts.read_text())["address"], [worker.pid for worker in workers], scheduler
+
+
+def lose_the_scheduler(archive, output, address, scheduler):
+    """It dies with all that it knew: what is not done is said in the table, in place of tracebacks."""
+    running = start_replay(archive / "z_long0", archive / "squat.v2", "--output", output, "--scheduler", address)
+    holder(running, output / "z_long0_tracked")
+    scheduler.kill()
+    said, complained = running.communicate(timeout=30)
+    assert running.returncode == 2 and complained == ""
+    assert outcomes(said)["z_long0"] == "failed: the scheduler went away, or cancelled it"
 
 
 def test_an_archive_on_two_workers_of_which_one_is_killed(tmp_path, capsys):
     archive, output = write_archive(tmp_path / "in", long=1), tmp_path / "out"
-    with cluster(tmp_path) as (address, workers):
+    with cluster(tmp_path) as (address, workers, scheduler):
         assert address.startswith(f"tcp://{HERE}:")
         arguments = (archive, "--output", output, "--scheduler", address)
         running = start_replay(*arguments)
@@ -75,6 +85,7 @@ def test_an_archive_on_two_workers_of_which_one_is_killed(tmp_path, capsys):
         assert main([*map(str, arguments)]) == 2
         again = outcomes(capsys.readouterr().out)
         assert again.pop("torn").startswith("failed: ") and set(again.values()) == {"done before"}
+        lose_the_scheduler(archive, tmp_path / "gone", address, scheduler)
     for name in ("z_long0", "squat.v2"):
         assert main([str(archive / name), "--output", str(tmp_path / name)]) == 0
         assert contents(output / f"{name}_tracked") == contents(tmp_path / name)
