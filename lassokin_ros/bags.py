@@ -113,7 +113,7 @@ class BagReader:
     def messages(self, topics: Sequence[RecordedTopic]) -> Iterator[tuple[str, int, Any]]:
         """(topic, time of recording in ns, message) in the order of recording; None for a message of wrong content.
 
-        Raises BagError where the recording ends in the middle.
+        Raises BagError where the recording ends in the middle, or at the end when messages are missing.
         """
         for connection in self._chosen(topics):
             self._register(connection)
@@ -134,13 +134,17 @@ class BagReader:
         return [connection for connection in self._reader.connections if connection.topic in names]
 
     def _items(self, topics: Sequence[RecordedTopic]) -> Iterator[Any]:
-        source = iter(self._reader.messages(self._chosen(topics)))
+        source, read = iter(self._reader.messages(self._chosen(topics))), 0
         while True:
             with self._clear_errors():
                 item = next(source, None)
             if item is None:
-                return
+                break
+            read += 1
             yield item
+        expected = sum(topic.count for topic in topics)
+        if read < expected:
+            raise BagError(f"{self.path} is damaged: {read} of the {expected} messages that it should have can be read")
 
     def _register(self, connection: Any) -> None:
         """Learn a message type that Jazzy does not have from the definition in the recording."""
@@ -203,8 +207,8 @@ class BagWriter:
         self._writer = Writer(self._workshop / FILE_NAME, version=9, storage_plugin=plugin)
         try:
             self._writer.open()
-        except OSError as error:
-            raise BagError(f"'{self.path}' cannot be written: {error.strerror}") from None
+        except Exception as error:  # OSError or the storage's own
+            raise BagError(f"'{self.path}' cannot be written: {error}") from None
 
     def write(self, topic: str, message_type: str, time_ns: int, message: Any, latched: bool = False) -> None:
         """Append a message; time_ns: time of recording. latched: late subscribers of a playback get it too."""
