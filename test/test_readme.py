@@ -48,3 +48,17 @@ def test_the_message_of_a_detector():
     keypoints = keypoint_adapter("sensor_msgs/msg/PointCloud2").decode(message, None)
     points, found = keypoints.as_landmarks(17)
     assert np.array_equal(points, xy) and np.allclose(found, confidence)
+
+
+def test_the_tests_that_are_named_exist():
+    """Every row of the table of faults names a test file that is there, and a test in it where one is named."""
+    section = README.split("## When things go wrong")[1].split("\n## ")[0]
+    rows = [line for line in section.splitlines() if line.startswith("|")][2:]
+    assert len(rows) >= 15
+    for row in rows:
+        named = re.findall(r"`(test_\w+\.py)(?:::(test_\w+))?`", row.split("|")[3])
+        assert named, row
+        for file, test in named:
+            path = Path(__file__).parent / file
+            assert path.is_file(), f"{file} does not exist"
+            assert not test or f"def {test}(" in path.read_text(encoding="utf-8"), f"{file} has no {test}"

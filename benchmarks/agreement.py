@@ -1,0 +1,91 @@
+"""Do results agree between versions of Python, numpy and scipy? Track a fixed sequence, keep the joints, compare.
+
+    python benchmarks/agreement.py --save here.npz              # in one environment
+    python benchmarks/agreement.py --compare here.npz there.npz # the largest difference of any joint, mm
+
+Needs the core's own dependencies only.
+"""
+
+from __future__ import annotations
+
+import argparse
+import platform
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import numpy as np  # noqa: E402
+import proxsuite  # noqa: E402
+import scipy  # noqa: E402
+
+from lassokin_ros.core.projection import project  # noqa: E402
+from lassokin_ros.core.tracker import Observation, Tracker  # noqa: E402
+from lassokin_ros.synthetic import motion  # noqa: E402
+
+FRAMES, RATE, FOCAL, NOISE_PX = 600, 30.0, 1000.0, 2.0
+
+
+def versions() -> str:
+    """What may differ from one environment to the next."""
+    found = {"numpy": np.__version__, "scipy": scipy.__version__, "proxsuite": proxsuite.__version__}
+    return f"Python {platform.python_version()}, " + ", ".join(f"{name} {version}" for name, version in found.items())
+
+
+def joints() -> np.ndarray:
+    """(FRAMES, n, 3) m: the synthetic motion with noise, gaps and wrong points, tracked; NaN where refused."""
+    tracker = Tracker()
+    random = np.random.RandomState(0)  # its stream is the same in all versions, that of default_rng is not promised
+    times = np.arange(FRAMES) / RATE
+    points = project(tracker.kinematics.pose(motion(tracker.skeleton, times)).landmarks)
+    points = points + random.normal(size=points.shape) * NOISE_PX / FOCAL
+    wrong = random.uniform(size=points.shape[:2]) < 0.02
+    points[wrong] += random.normal(size=(wrong.sum(), 2)) * 0.05
+    confidence = np.where(random.uniform(size=points.shape[:2]) < 0.05, 0.0, 0.9)
+    found = np.full((FRAMES, tracker.skeleton.joint_count, 3), np.nan)
+    for i, stamp in enumerate(times):
+        estimate = tracker.track(Observation(float(stamp), points[i], confidence[i], FOCAL))
+        if estimate.pose is not None:
+            found[i] = estimate.pose.positions
+    return found
+
+
+def save(file: Path) -> None:
+    np.savez_compressed(file, joints=joints(), versions=versions())
+    print(f"{file}: {versions()}")
+
+
+def load(file: Path) -> tuple[str, np.ndarray]:
+    """The versions and the joints of a file that `save` has written."""
+    with np.load(file, allow_pickle=False) as data:
+        return str(data["versions"]), data["joints"]
+
+
+def difference_mm(one: np.ndarray, other: np.ndarray) -> float:
+    """The largest distance of a joint from itself, mm; infinite where only one of the two has a frame."""
+    if (np.isnan(one) != np.isnan(other)).any():
+        return float("inf")
+    return 1e3 * float(np.nanmax(np.linalg.norm(one - other, axis=-1)))
+
+
+def compare(files: list[Path]) -> None:
+    """A table of each file against the first."""
+    (first, reference), *others = [load(file) for file in files]
+    print(f"{FRAMES} frames; largest difference of a joint, mm, against {first}")
+    for name, found in others:
+        print(f"  {name:<60} {difference_mm(reference, found):.2e}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--save", type=Path, metavar="FILE")
+    parser.add_argument("--compare", type=Path, nargs="+", metavar="FILE")
+    options = parser.parse_args()
+    if options.save:
+        save(options.save)
+    if options.compare:
+        compare(options.compare)
+
+
+if __name__ == "__main__":
+    main()
