@@ -10,6 +10,7 @@ from typing import Any
 from lassokin_ros import topics
 from lassokin_ros.body_description import BodyDescription
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.core.tracker import Status
 from lassokin_ros.diagnostics import Diagnostics
 from lassokin_ros.frame import Frame
@@ -24,6 +25,8 @@ from msg_adapters.outputs import DiagnosticArrayBuilder
 DIAGNOSTICS_PERIOD_NS = 1_000_000_000
 LIVE_ONLY = {topic.name for topic in topics.LIVE_OUTPUTS}
 UNREADABLE = "not_deserialised"
+LINK_AS_FRAME = "frame_id is a link's name"
+"""Counted where robot_description could not follow a frame_id."""
 
 
 class OfflineTracker:
@@ -142,10 +145,15 @@ class PersonMessages:
         skeleton, config = pipeline.tracker.skeleton, pipeline.config
         self._messages = FrameMessages(backend, skeleton, NODE_NAME, person, config.publish_tf, config.rep155)
         self._description = BodyDescription(backend, skeleton, config.base_frame, person)
+        self._counts = pipeline.counts
 
     def build(self, frame: Frame) -> Iterator[tuple[str, Any]]:
         """(topic, message); a message is re-used for the next frame."""
-        description = self._description.follow(frame)
+        try:
+            description = self._description.follow(frame)
+        except SkeletonError:  # a frame_id that is a link's name: as live, the frame is published, the URDF stays
+            description = None
+            self._counts[LINK_AS_FRAME] += 1
         if description is not None:
             yield topics.ROBOT_DESCRIPTION, description
         yield from self._messages.build(frame, lambda topic: topic not in LIVE_ONLY)

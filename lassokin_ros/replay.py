@@ -168,6 +168,8 @@ def _summary(title: str, inputs: Sequence[RecordedTopic], tracker: Any, seconds:
         "time per frame": f"{np.median(times):.2f} ms median, {np.percentile(times, 99):.2f} ms 99th percentile",
         "in all": f"{seconds:.1f} s, {counts['received'] / max(seconds, 1e-9):.0f} frames/s",
     }
+    if counts["frame_id is a link's name"]:
+        lines["base frame"] = "a frame_id is the name of one of the body's links; robot_description has another base"
     read = [f"{name:<15} {topic}" for name, topic in zip((topics.KEYPOINTS, topics.CAMERA_INFO), inputs)]
     return "\n".join([title, *read, *(f"{name:<15} {text}" for name, text in lines.items())])
 

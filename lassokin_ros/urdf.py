@@ -35,7 +35,7 @@ def urdf(skeleton: Skeleton, base_frame: str, prefix: str = "") -> str:
     stands before the names of the body's links, so that several bodies go into one tree of frames; joints keep theirs.
     Raises SkeletonError when the base link's name is empty or one of the body's own links.
     """
-    if not base_frame or base_frame in [prefix + joint for joint in skeleton.joint_names]:
+    if not base_frame or base_frame in _link_names(skeleton, prefix):
         raise SkeletonError(f"base frame is '{base_frame}'; expected a name that is not one of the skeleton's joints")
     robot = ElementTree.Element("robot", name=skeleton.name)
     for side, colour in _COLOURS.items():
@@ -53,6 +53,11 @@ def urdf(skeleton: Skeleton, base_frame: str, prefix: str = "") -> str:
         _add_ball_joint(robot, skeleton, index, above if parent < 0 else prefix + skeleton.joint_names[parent], prefix)
     ElementTree.indent(robot)
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding="unicode") + "\n"
+
+
+def _link_names(skeleton: Skeleton, prefix: str) -> set[str]:
+    between = [f"{name}_link" for name in joint_names(skeleton)]
+    return {prefix + name for name in (*skeleton.joint_names, *between)}
 
 
 def _add_ball_joint(robot: ElementTree.Element, skeleton: Skeleton, index: int, above: str, prefix: str) -> None:

@@ -96,7 +96,7 @@ class Course:
         chosen = both if several else [alone]
         self.truth = [joints for joints, _ in chosen]
         self._pixels = [pixels for _, pixels in chosen]
-        self._config = (
+        self.settings = (
             TrackerConfig(landmarks=LAYOUTS[message_type]),
             NodeConfig(keypoints_type=message_type, max_people=3 if several else 1, person_ids=person_ids, **settings),
         )
@@ -107,7 +107,7 @@ class Course:
 
     def start_anew(self):
         """With a new pipeline."""
-        self.pipeline = Pipeline(*self._config)
+        self.pipeline = Pipeline(*self.settings)
         assert self.pipeline.set_camera(self.camera) is None
         self.index = 0
 

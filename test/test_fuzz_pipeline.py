@@ -12,10 +12,25 @@ from hypothesis import strategies as st
 
 pytest.importorskip("rosbags", reason="rosbags makes the messages")
 
-from courses import ARRAY, CLOUD, FRAMES, HRI, POLYGON, YOLO, ZED, Course, over_the_wire, stamp_of  # noqa: E402
+from courses import (  # noqa: E402
+    ARRAY,
+    CLOUD,
+    FRAMES,
+    HRI,
+    POLYGON,
+    START_NS,
+    TYPES,
+    YOLO,
+    ZED,
+    Course,
+    over_the_wire,
+    stamp_of,
+)
 from fuzzing import count, fuzz  # noqa: E402
 from messages import camera_info  # noqa: E402
 from spoil import STEP_NS, WAYS, spoil  # noqa: E402
+
+from lassokin_ros.offline_tracker import LINK_AS_FRAME, OfflineTracker  # noqa: E402
 
 INFO = "sensor_msgs/msg/CameraInfo"
 COURSES = {
@@ -119,6 +134,50 @@ def test_after_any_camera_info_a_good_frame_tracks_as_ever(rectified):
             raise
 
     case()
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_whatever_comes_in_what_goes_out_can_be_serialised():
+    """Messages and camera_info as they come, one after another, through the replay's tracker: outputs are messages."""
+    course = Course(CLOUD)
+    tracker = OfflineTracker(*course.settings, TYPES)
+    clock = iter(range(START_NS, 2**63, STEP_NS))
+
+    @fuzz(0.05)
+    @given(faults(CLOUD), faults(INFO), st.sampled_from(["keypoints", "camera_info", "good", "unreadable"]))
+    def case(fault, camera_fault, kind):
+        now_ns = next(clock)
+        index = (now_ns - START_NS) // STEP_NS % FRAMES
+        message = course.good(index)
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(now_ns, 10**9)
+        if kind == "camera_info":
+            camera = spoil(INFO, camera_info(course.backend), *camera_fault[:2], now_ns)
+            outputs = [*tracker.camera_info(camera, now_ns), *tracker.camera_info(course.camera, now_ns)]
+        elif kind == "unreadable":
+            outputs = [*tracker.camera_info(None, now_ns), *tracker.keypoints(None, now_ns)]
+        else:
+            if kind == "keypoints":
+                message = spoil(CLOUD, message, *fault[:2], now_ns)
+            outputs = [
+                (topic, TYPES.serialize_cdr(out, output_type))
+                for topic, output_type, out in tracker.keypoints(over_the_wire(CLOUD, message), now_ns)
+            ]
+        count("outputs", f"{kind}: {'some' if outputs else 'none'}")
+
+    case()
+
+
+@pytest.mark.parametrize("name", ["head", "left_knee_x_link", "root_x_link"])
+def test_a_frame_id_that_is_a_links_name_stops_no_output(name):
+    course = Course(CLOUD)
+    tracker = OfflineTracker(*course.settings, TYPES)
+    list(tracker.camera_info(course.camera, START_NS))
+    usual = {topic for topic, *_ in tracker.keypoints(course.good(0), stamp_of(0))}
+    message = course.good(1)
+    message.header.frame_id = name
+    outputs = {topic: out for topic, _, out in tracker.keypoints(message, stamp_of(1))}
+    assert set(outputs) == usual - {"/robot_description"} and outputs["/joints"].header.frame_id == name
+    assert tracker.pipeline.counts[LINK_AS_FRAME] == 1
 
 
 def test_the_twin_is_no_tautology():
