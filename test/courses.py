@@ -140,6 +140,18 @@ class Course:
         index = self.index
         assert self._fingerprints(self.send_good()) == self.expected[index], f"frame {index} differs"
 
+    def same_or_tracked(self):
+        """As `same_as_ever`; where the bytes differ, the next frame is certified and near the truth all the same.
+
+        The points of a frame that has come as far as the tracker may have been filtered before it was refused.
+        """
+        index = self.index
+        frames = self.send_good()
+        if all(frame.accepted for frame in frames) and self._fingerprints(frames) == self.expected[index]:
+            return
+        assert self.tracked(self.send_good(), index + 1)
+        self.restart()
+
     def _fingerprints(self, frames):
         assert all(frame.accepted for frame in frames), [frame.detail for frame in frames]
         # Ids that are given here are never given again, so that after a restart they are others: their order counts.

@@ -40,6 +40,12 @@ CHALLENGERS = 4
 FOCAL_RANGE = 1e-3, 1e9
 """px: beyond, weights lose their digits."""
 
+SMALLEST = 3.0
+"""Height of the person in the image, in noise_px, below which nothing can be seen: nonsense fits far away best."""
+
+STUCK_AFTER = 3
+"""Frames in a row without a certificate after which the state is found anew: it is one that leads nowhere."""
+
 ACCELERATION = 3.5
 """m/s^2: standard deviation of a body point's acceleration, typical of everyday motion."""
 
@@ -60,6 +66,7 @@ class Rejection(str, Enum):
     OLD_STAMP = "old_stamp"
     TOO_FEW_LANDMARKS = "too_few_landmarks"
     NOT_CERTIFIED = "not_certified"
+    TOO_SMALL = "too_small"
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +131,7 @@ class Tracker:
     def reset(self) -> None:
         """Forget the state; the next usable frame initialises anew."""
         self._state: BodyState | None = None
-        self._seen = -np.inf
+        self._seen, self._uncertified = -np.inf, 0
         self._status = Status.SEARCHING
         self._successor: BodyState | None = None
         self._guess: np.ndarray | None = None
@@ -158,12 +165,16 @@ class Tracker:
         points, weights = self._filter.update(observation.stamp, seen, weights, ACCELERATION / depth)
         if np.count_nonzero(weights) < self.config.min_landmarks:
             return self._refused(observation, Rejection.TOO_FEW_LANDMARKS)
-        initialised = self._state is None or lost
+        initialised = self._state is None or lost or self._uncertified >= STUCK_AFTER
         start = self._initialiser.fit(points, weights).best if initialised else self._successor or self._state
         assert start is not None
         problem, solution, state, omega = self._follow(start, points, weights)
         if not solution.certified:
+            self._uncertified += 1
             return self._refused(observation, Rejection.NOT_CERTIFIED, solution.certificate)
+        self._uncertified = 0
+        if self.skeleton.height * observation.focal < SMALLEST * self.config.noise_px * state.translation[2]:
+            return self._refused(observation, Rejection.TOO_SMALL, solution.certificate)
         self._state = replace(state, rotations=orthonormalised(state.rotations))
         if initialised:
             self._challengers.start(points, weights)
@@ -215,7 +226,9 @@ class Tracker:
         self, observation: Observation, rejection: Rejection, certificate: Certificate | None = None
     ) -> Estimate:
         """The answer to a frame that is not used: only the status may change, when too long nothing was usable."""
-        if observation.stamp - self._seen > self.config.lost_after and self._state is not None:
+        if self._state is None:
+            self._filter.reset()
+        elif observation.stamp - self._seen > self.config.lost_after:
             self._status = Status.LOST
         return Estimate(observation.stamp, self._status, rejection, certificate=certificate)
 

@@ -12,6 +12,10 @@ REASONS: dict[str, tuple[str, str]] = {
         "no certified answer",
         "the optimum could not be proved, so that nothing was published: try `solver: proxqp`, `warm_start: false`",
     ),
+    "too_small": (
+        "a body too small to be seen",
+        "what was found would be smaller in the image than the noise: are the keypoints pixels, is camera_info theirs?",
+    ),
     "not_finite": ("numbers that are not finite", "the camera's focal length or a stamp is no number"),
     "wrong_shape": ("wrong number of values", "the message's shape is not what `keypoints_type` and `landmarks` say"),
     "old_stamp": ("old stamps", "stamps are not monotonic: two detectors on one topic, or messages out of order?"),
