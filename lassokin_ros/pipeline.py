@@ -140,7 +140,7 @@ class Pipeline:
                 self.counts["unstamped"] += 1
             else:
                 stamp_ns = keypoints.stamp_ns
-            if self._stamps.check(stamp_ns, self.config.jump_back):
+            if self._stamps.check(stamp_ns, arrival_ns, self.config.jump_back):
                 self._go_back(keypoints, stamp_ns, view.lens)
             if self.people is None:
                 seen = self._the_person(keypoints, stamp_ns, view.lens)
