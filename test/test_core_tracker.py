@@ -39,9 +39,9 @@ def test_every_frame_is_tracked_certified_and_consistent():
         assert estimate.reprojection_px == pytest.approx(np.sqrt(np.mean(np.sum(shown**2, axis=-1))), rel=0.5)
         if last is not None:  # what is reported as the step leads from the last state to this one
             stepped = last.retract(estimate.omega, estimate.translation_step)
-            assert np.abs(stepped.rotations - rotations).max() < 1e-9
-            assert np.abs(stepped.translation - estimate.state.translation).max() < 1e-9
-        last = estimate.state
+            assert np.abs(stepped.rotations - estimate.solved.rotations).max() < 1e-9
+            assert np.abs(stepped.translation - estimate.solved.translation).max() < 1e-9
+        last = estimate.solved
         errors.append(aligned_error(estimate, truth))
     assert np.median(errors) < 0.08 and estimate.reprojection_px < 4 * NOISE_PX
 

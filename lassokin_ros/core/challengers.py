@@ -41,6 +41,8 @@ class Challengers:
         self._count = count
         self._states: BodyState | None = None
         self._pose: BodyPose | None = None
+        self.published: BodyPose | None = None
+        """The pose of the state that `advance` was given last, which it needs anyhow."""
 
     def start(self, points: np.ndarray, weights: np.ndarray) -> None:
         """Begin with a pool of new challengers for this frame's points (l, 2) and weights (l,)."""
@@ -68,6 +70,7 @@ class Challengers:
         omega: (live,) rad, the increment that led to the published `state`; motion_cost: (live,) cost per rad of each
         degree of freedom's increment, the tracker's alpha, which the challengers pay like the published state.
         """
+        self.published = None
         if self._states is None or self._count == 0:
             return None
         factor = np.ones(self._count)
@@ -82,6 +85,7 @@ class Challengers:
         )
         pose = self._kinematics.pose(everyone)
         self._pose = BodyPose(pose.orientations[:-1], pose.positions[:-1], pose.landmarks[:-1])
+        self.published = BodyPose(pose.orientations[-1], pose.positions[-1].copy(), pose.landmarks[-1])
         cost = self._initialiser.cost(everyone, points, weights, pose)
         cost += np.abs(np.concatenate([increments, omega[None]])) @ motion_cost
         counted = self._age - COUNTED_FROM

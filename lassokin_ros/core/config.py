@@ -42,17 +42,18 @@ class TrackerConfig:
     )
     min_landmarks: int = setting(4, "fewest visible landmarks in a frame that is used", "", 2, 100, live=True)
     relinearisations: int = setting(
-        2, "lassos solved per frame, each about the last one's answer", "", 1, 10, live=True
+        1, "lassos solved per frame, each about the last one's answer", "", 1, 10, live=True
     )
     lost_after: float = setting(
         1.0, "time without a usable frame after which the state is found anew", "s", 0.05, 3600.0, live=True
     )
+    smoothing: float = setting(
+        0.02, "time over which the published pose is steadied, without lag in steady motion", "s", 0.0, 1.0, live=True
+    )
     warm_start: bool = setting(
         True, "try the last support before the solver is asked; kept only when KKT holds exactly", live=True
     )
-    calibrate: bool = setting(
-        False, "learn the bones' proportions while tracking; robot_description follows", live=True
-    )
+    calibrate: bool = setting(True, "learn the bones' proportions while tracking; robot_description follows", live=True)
 
     def checked(self) -> TrackerConfig:
         """Itself, when every value has the right type and range."""

@@ -21,7 +21,7 @@ FIRST_VELOCITY = 1.0
 """1/s: standard deviation of a new track's velocity, normalised image coordinates."""
 ADAPTION = 0.05
 """Share of each frame's surprise that enters a track's liveliness."""
-CORRELATION = 0.6
+CORRELATION = 0.75
 """Filtered errors last several frames; this factor on the weights accounts for it."""
 
 _GAIN_OF, _ENTRY_OF = np.array([0, 0, 1]), np.array([0, 1, 1])  # a correction takes gain * entry off each covariance

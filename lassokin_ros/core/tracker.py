@@ -6,7 +6,8 @@
 It follows the paper's method frame by frame in a closed loop: the observation is compared with the projection of the
 present state (not with the last observation, which drifts), the model is linearised about it (12), the lasso is
 solved for the increment of all joints and the translation, certified, and retracted onto SO(3). Each frame is
-linearised anew a second time about the first answer, with the l1 penalty on the frame's total increment.
+linearised anew `relinearisations` - 1 times about the answer, with the l1 penalty on the frame's total increment. What
+is published is that state, steadied over a few frames (see `steadying`); the next frame starts from it as solved.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from lassokin_ros.core.projection import project
 from lassokin_ros.core.robust import huber_weights
 from lassokin_ros.core.rotations import orthonormalised, right_jacobian
 from lassokin_ros.core.skeleton import Skeleton
+from lassokin_ros.core.steadying import Steadying
 from lassokin_ros.core.uncertainty import JointUncertainty, UncertaintyModel
 from lassokin_ros.core.upright import Upright
 
@@ -85,7 +87,11 @@ class Observation:
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """The tracker's answer to one observation. Fields below `status` are None when the frame was rejected."""
+    """The tracker's answer to one observation. Fields below `status` are None when the frame was rejected.
+
+    state, pose: what is to be published; solved: the state that the certificate is about, to which omega (3 n,) and
+    translation_step (3,) led from the last frame's, before it was steadied.
+    """
 
     stamp: float
     status: Status
@@ -99,6 +105,7 @@ class Estimate:
     initialised: bool = False
     problem: Lasso | None = None
     solution: LassoSolution | None = None
+    solved: BodyState | None = None
 
     @property
     def accepted(self) -> bool:
@@ -120,6 +127,7 @@ class Tracker:
         self._upright = Upright()
         self._initialiser = Initialiser(self.kinematics, prior, self._prior, self._upright)
         self._challengers = Challengers(self._initialiser, self.kinematics, CHALLENGERS)
+        self._steadying = Steadying(self.kinematics.joint_count)
         self._filter = PointFilter(self.kinematics.landmark_count)
         self.calibration = Calibration(self.kinematics, self._prior)
         self._uncertainty = UncertaintyModel(self.kinematics, prior)
@@ -137,6 +145,7 @@ class Tracker:
         self._guess: np.ndarray | None = None
         self._pose: BodyPose | None = None  # of the present state, as long as the skeleton stays
         self._filter.reset()
+        self._steadying.reset()
         self._upright.reset()
         self._challengers.stop()
         self.calibration.reset()
@@ -175,23 +184,19 @@ class Tracker:
         self._uncertified = 0
         if self.skeleton.height * observation.focal < SMALLEST * self.config.noise_px * state.translation[2]:
             return self._refused(observation, Rejection.TOO_SMALL, solution.certificate)
-        self._state = replace(state, rotations=orthonormalised(state.rotations))
-        if initialised:
-            self._challengers.start(points, weights)
-            self._successor = None
-        else:
-            self._successor = self._challengers.advance(self._state, omega[self._live], points, weights, problem.alpha)
-            self._upright.learn(self._state.rotations[0], observation.stamp - self._seen)
-        self._seen, self._status = observation.stamp, Status.TRACKING
-        self._pose = pose = self.kinematics.pose(self._state)
+        step = observation.stamp - self._seen
+        state = self._take(state, initialised, omega, points, weights, problem.alpha, step)
+        steady = self._steadying.steadied(state, omega, solution.x, step, self.config.smoothing)
+        pose = self.kinematics.pose(steady)
         error = (seen - project(pose.landmarks))[visible] * observation.focal
+        self._seen, self._status = observation.stamp, Status.TRACKING
         if self.config.calibrate:
             self._calibrate(observation.stamp, initialised, points, weights)
         return Estimate(
             observation.stamp,
             self._status,
             None,
-            self._state,
+            steady,
             pose,
             omega,
             solution.x,
@@ -200,7 +205,31 @@ class Tracker:
             initialised,
             problem,
             solution,
+            state,
         )
+
+    def _take(
+        self,
+        state: BodyState,
+        initialised: bool,
+        omega: np.ndarray,
+        points: np.ndarray,
+        weights: np.ndarray,
+        alpha: np.ndarray,
+        step: float,
+    ) -> BodyState:
+        """Make a certified state the present one, which is returned, and let the challengers see the same points."""
+        if initialised or self._successor is not None:
+            self._steadying.reset()  # it is another explanation: where the last one was going says nothing of it
+        self._state = state = replace(state, rotations=orthonormalised(state.rotations))
+        self._successor = self._pose = None
+        if initialised:
+            self._challengers.start(points, weights)
+            return state
+        self._successor = self._challengers.advance(state, omega[self._live], points, weights, alpha)
+        self._pose = self._challengers.published
+        self._upright.learn(state.rotations[0], step)
+        return state
 
     def uncertainty(self, estimate: Estimate) -> JointUncertainty:
         """How far off each joint of an estimate may be, computed when asked; ValueError for one not accepted."""
