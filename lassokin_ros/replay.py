@@ -157,6 +157,8 @@ def _figures(tracker: Any) -> Figures:
 def _summary(title: str, inputs: Sequence[RecordedTopic], tracker: Any, seconds: float) -> str:
     import numpy as np
 
+    from lassokin_ros.offline_tracker import LINK_AS_FRAME
+
     counts, error = tracker.pipeline.counts, tracker.reprojection_px
     rejected = {key.partition(": ")[2]: n for key, n in sorted(counts.items()) if key.startswith("rejected: ")}
     times = 1e3 * np.array(tracker.frame_seconds or [np.nan])
@@ -168,7 +170,7 @@ def _summary(title: str, inputs: Sequence[RecordedTopic], tracker: Any, seconds:
         "time per frame": f"{np.median(times):.2f} ms median, {np.percentile(times, 99):.2f} ms 99th percentile",
         "in all": f"{seconds:.1f} s, {counts['received'] / max(seconds, 1e-9):.0f} frames/s",
     }
-    if counts["frame_id is a link's name"]:
+    if counts[LINK_AS_FRAME]:
         lines["base frame"] = "a frame_id is the name of one of the body's links; robot_description has another base"
     read = [f"{name:<15} {topic}" for name, topic in zip((topics.KEYPOINTS, topics.CAMERA_INFO), inputs)]
     return "\n".join([title, *read, *(f"{name:<15} {text}" for name, text in lines.items())])

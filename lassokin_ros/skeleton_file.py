@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping, Sequence
 from datetime import datetime, timezone
 from pathlib import Path
@@ -12,6 +11,7 @@ from lassokin_ros.calibration_figures import length_changes
 from lassokin_ros.core.calibration import Calibration
 from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.core.skeleton import Skeleton
+from lassokin_ros.whole_files import WholeFiles
 
 LEAST_MOTION = 1.0
 """s of motion that calibration has to have seen before its skeleton is worth a file."""
@@ -76,16 +76,11 @@ def write_text(path: Path, text: str) -> Path:
     """Write a file whole or not at all, its folder too; the path, `~` resolved. SkeletonError when it is impossible."""
     try:
         path = path.expanduser()
-        part = path.with_name(f".{path.name}.{os.getpid()}.part")
         path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            with part.open("w", encoding="utf-8") as file:
-                file.write(text)
-                file.flush()
-                os.fsync(file.fileno())
-            part.replace(path)
-        finally:
-            part.unlink(missing_ok=True)
+        with WholeFiles(replace=True, error=SkeletonError) as files:
+            files.write_text(path, text)
+    except SkeletonError:
+        raise
     except (OSError, ValueError, RuntimeError) as problem:  # no name in the path, no home for `~`
         reason = getattr(problem, "strerror", None) or problem
         raise SkeletonError(f"'{path}' cannot be written: {reason}") from None

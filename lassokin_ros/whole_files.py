@@ -36,8 +36,15 @@ class WholeFiles:
         try:
             with part.open("wb") as file:
                 fill(file)
+                file.flush()
+                os.fsync(file.fileno())  # what has its name is on the disk, even when the power fails
         except OSError as problem:
             raise self._error(f"'{path}' cannot be written: {problem.strerror or problem}") from None
+
+    def write_text(self, path: Path, text: str) -> None:
+        """A file of this text, in UTF-8."""
+        data = text.encode()
+        self.write(path, lambda file: _put(file, data))
 
     def __enter__(self) -> WholeFiles:
         return self
@@ -58,3 +65,7 @@ class WholeFiles:
                 part.replace(path)
             except OSError as problem:
                 raise self._error(f"'{path}' cannot be written: {problem.strerror or problem}") from None
+
+
+def _put(file: BinaryIO, data: bytes) -> None:
+    file.write(data)

@@ -15,9 +15,10 @@ from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.exports.bvh_file import hierarchy
 from lassokin_ros.node_config import NodeConfig
 from lassokin_ros.pipeline import Pipeline
+from lassokin_ros.skeleton_readers import smpl
 from lassokin_ros.skeleton_readers.load import load_skeleton
 from lassokin_ros.skeleton_readers.naming import tables
-from lassokin_ros.urdf import urdf
+from lassokin_ros.urdf import ROOT_JOINTS, urdf
 
 BUILT_IN = Skeleton.load("anthropometric", 1.8)
 VERTICES = 200
@@ -107,9 +108,9 @@ def test_damaged_npz_files_are_refused(tmp_path):
         path.write_bytes(whole[:cut])
         with pytest.raises(SkeletonError):
             load_skeleton(str(path), 1.8)
-    for _ in range(40):
+    for attempt in range(80):
         damaged = bytearray(whole)
-        for place in random.integers(len(whole), size=20):
+        for place in random.integers(len(whole) if attempt % 2 else 300, size=20):  # headers are in the first bytes
             damaged[place] = random.integers(256)
         path.write_bytes(bytes(damaged))
         try:
@@ -118,12 +119,19 @@ def test_damaged_npz_files_are_refused(tmp_path):
             pass
 
 
-def test_an_array_of_absurd_size_is_not_unpacked(tmp_path):
+@pytest.mark.parametrize("member", ["J_regressor.npy", "J_regressor"])
+def test_an_array_of_absurd_size_is_not_unpacked(tmp_path, monkeypatch, member):
+    monkeypatch.setattr(smpl, "LARGEST", 2**20)
     with zipfile.ZipFile(tmp_path / "model.npz", "w", zipfile.ZIP_DEFLATED) as archive:
-        with archive.open("J_regressor.npy", "w", force_zip64=True) as file:
-            for _ in range(300):
-                file.write(bytes(2**20))
-    with pytest.raises(SkeletonError, match="'J_regressor' has more than 256 MB"):
+        archive.writestr(member, bytes(2**20 + 1))
+    with pytest.raises(SkeletonError, match="'J_regressor' has more than 1 MB"):
+        load_skeleton(str(tmp_path / "model.npz"), 1.8)
+
+
+def test_members_that_are_no_arrays_are_refused(tmp_path):
+    with zipfile.ZipFile(tmp_path / "model.npz", "w") as archive:
+        archive.writestr("J_regressor.npy", b"no array")
+    with pytest.raises(SkeletonError, match="'J_regressor' is no numpy array; see docs/files.md"):
         load_skeleton(str(tmp_path / "model.npz"), 1.8)
 
 
@@ -250,6 +258,11 @@ BAD_URDF = {
         "<robot>" + LINK.format("j", "a", "b", '<origin xyz="1 2 x"/>') + "</robot>",
         "joint 'j' has '1 2 x'; expected three finite numbers",
     ),
+    "the root alone": (
+        "<robot>" + "".join(LINK.format(j, f"l{i}", f"l{i + 1}", "") for i, j in enumerate(ROOT_JOINTS)) + "</robot>",
+        "has the joints of the root alone",
+    ),
+    "too long": ("<robot>" + " " * 1_000_000, "is too long; expected at most 1000000 characters"),
     "lacking": ("<robot><joint name='j'/></robot>", "joint 'j' lacks a name, parent or child"),
 }
 HEAD = "HIERARCHY\nROOT a\n{\n"

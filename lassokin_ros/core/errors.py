@@ -21,9 +21,5 @@ class ConfigurationError(LassokinError, ValueError):
     """A setting is out of its range or has the wrong type."""
 
 
-class ObservationError(LassokinError, ValueError):
-    """An observation has the wrong shape or values that cannot be used."""
-
-
 class SolverError(LassokinError, RuntimeError):
     """A lasso was not posed correctly, or its solver is not available."""

@@ -78,7 +78,7 @@ class Jump:
 
 @dataclass
 class ReplayLog:
-    """Grows with each message; `people` holds rows by id, "" when one person is followed.
+    """Grows with each message, by about 4 kB for each person in it; `people` holds rows by id, "" for one alone.
 
     details: the first refused message's explanation, by reason.
     """

@@ -9,7 +9,7 @@ from html import escape
 from importlib import resources
 from pathlib import Path
 from string import Template
-from typing import Any, BinaryIO
+from typing import Any
 
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.report import tables
@@ -34,13 +34,9 @@ def check_report(path: Path, replace: bool = False) -> None:
 
 def write_report(path: Path, facts: Facts, replace: bool = False) -> None:
     """Write the page, all or nothing. Raises ReportError."""
-    text = page(facts).encode()
+    text = page(facts)
     with WholeFiles(replace, ReportError) as files:
-        files.write(path, lambda file: _write(file, text))
-
-
-def _write(file: BinaryIO, text: bytes) -> None:
-    file.write(text)
+        files.write_text(path, text)
 
 
 def page(facts: Facts) -> str:

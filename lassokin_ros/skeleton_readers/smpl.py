@@ -6,7 +6,6 @@ SMPL's joints are J = J_regressor (v_template + shapedirs betas), its equation (
 from __future__ import annotations
 
 import zipfile
-import zlib
 from pathlib import Path
 
 import numpy as np
@@ -60,12 +59,12 @@ def _read(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
             for name in names:
                 if name not in file:
                     continue
-                if sizes.get(f"{name}.npy", 0) > LARGEST:
+                if sizes.get(f"{name}.npy", sizes.get(name, 0)) > LARGEST:
                     raise SkeletonError(f"{path}: array '{name}' has more than {LARGEST >> 20} MB")
                 arrays[name] = _numbers(file, name, path)
     except SkeletonError:
         raise
-    except (OSError, ValueError, EOFError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error) as problem:
+    except Exception as problem:  # numpy's and zipfile's reaction to broken files has many forms
         raise SkeletonError(f"{path} cannot be read as an npz: {problem or type(problem).__name__}") from None
     return arrays
 
@@ -80,6 +79,8 @@ def _numbers(file: np.lib.npyio.NpzFile, name: str, path: Path) -> np.ndarray:
             f"{path}: '{name}' is a pickled object (a sparse matrix most likely), which is not read because it can run "
             f"code; store it as a dense array: {ADVICE}"
         ) from None
+    if not isinstance(array, np.ndarray):  # bytes, of a member that is no array
+        raise SkeletonError(f"{path}: '{name}' is no numpy array; {ADVICE}")
     if array.dtype.kind not in "fiu":
         raise SkeletonError(f"{path}: '{name}' holds {array.dtype}; expected numbers")
     array = array.astype(np.float64)

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.core.skeleton import Skeleton
-from lassokin_ros.core.yaml_files import read_text
+from lassokin_ros.core.yaml_files import MAX_CHARACTERS, read_text
 from lassokin_ros.skeleton_readers.naming import in_our_names
 from lassokin_ros.skeleton_readers.rest_pose import in_our_pose
 from lassokin_ros.skeleton_readers.rest_tree import RestTree, to_skeleton
@@ -48,7 +48,7 @@ def read(path: Path, height: float) -> Skeleton:
     joints = _joints(robot, source)
     name = robot.get("name") or path.stem
     if set(ROOT_JOINTS) <= {joint.name for joint in joints}:
-        return to_skeleton(_our_own(joints), height, source, name)
+        return to_skeleton(_our_own(joints, source), height, source, name)
     named = in_our_names(_links(joints), source)
     if named is None:
         raise SkeletonError(
@@ -64,6 +64,8 @@ class _NoDoctype(ElementTree.TreeBuilder):
 
 
 def _root(text: str, source: str) -> ElementTree.Element:
+    if len(text) > MAX_CHARACTERS:
+        raise SkeletonError(f"{source} is too long; expected at most {MAX_CHARACTERS} characters")
     try:
         robot = ElementTree.fromstring(text, ElementTree.XMLParser(target=_NoDoctype()))
     except SkeletonError as problem:
@@ -144,7 +146,7 @@ def _links(joints: list[Joint]) -> RestTree:
     )
 
 
-def _our_own(joints: list[Joint]) -> RestTree:
+def _our_own(joints: list[Joint], source: str) -> RestTree:
     """The ball joints, each of which is three revolute joints in a row, see lassokin_ros.urdf."""
     places = _placed(joints)
     ball_of: dict[str, str] = {}  # link -> the ball joint that it belongs to
@@ -160,6 +162,8 @@ def _our_own(joints: list[Joint]) -> RestTree:
             orders[ball], at[ball] = "", places[joint.child]
         orders[ball] += joint.axis
         ball_of[joint.child] = ball
+    if not orders:
+        raise SkeletonError(f"{source} has the joints of the root alone; expected a body below them")
     names = list(orders)
     above = tuple(names.index(parents[name]) if parents[name] else -1 for name in names)
     return RestTree(tuple(names), above, np.array([at[name] for name in names]), tuple(orders.values()))
