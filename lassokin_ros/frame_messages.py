@@ -28,10 +28,12 @@ from msg_adapters.outputs import (
     JointStateBuilder,
     PointStampedBuilder,
     PoseArrayBuilder,
+    StampedBuilder,
     StatusLine,
     StringBuilder,
     TransformBuilder,
 )
+from msg_adapters.ready_made import ReadyMade
 
 BODY_FROM_ROOT = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 """The root joint's frame (x to the person's left, y up, z front) in REP-103's for a body (x front, y left, z up): its
@@ -49,45 +51,52 @@ class FrameMessages:
         person: str = "",
         tf: bool = False,
         tf_at_hips: bool = False,
+        ready_made: bool = False,
     ) -> None:
         """Make every message once.
 
         backend: of msg_adapters.backends; name: the node's, in the certificate; person: of several; tf: TF too;
-        tf_at_hips: of the place midway between the hips, as in REP-155, in place of the pelvis.
+        tf_at_hips: of the place midway between the hips, as in REP-155, in place of the pelvis; ready_made: give bytes
+        in place of messages, where that is quicker (rclpy's publishers take both).
         """
-        joint_states = JointStateBuilder(backend, joint_names(skeleton))
-        translation = PointStampedBuilder(backend)
-        joints = PoseArrayBuilder(backend, skeleton.joint_count)
-        markers = SkeletonMarkersBuilder(backend, skeleton.parents.tolist(), f"{person}/" if person else "")
-        certificate = DiagnosticArrayBuilder(backend)
-        cloud = UncertaintyCloudBuilder(backend, skeleton.joint_count)
-        ellipsoids = UncertaintyMarkersBuilder(backend, skeleton.joint_count, f"{person}/" if person else "")
-        image = ImageMarkerBuilder(backend, skeleton.parents.tolist())
-        keypoints = KeypointMarkerBuilder(backend, f"{person}/" if person else "")
+
+        def fill(builder: StampedBuilder) -> Callable[..., Any]:
+            return ReadyMade(builder, backend).fill if ready_made else builder.fill
+
+        prefix = f"{person}/" if person else ""
+        joint_states = fill(JointStateBuilder(backend, joint_names(skeleton)))
+        translation = fill(PointStampedBuilder(backend))
+        joints = fill(PoseArrayBuilder(backend, skeleton.joint_count))
+        markers = fill(SkeletonMarkersBuilder(backend, skeleton.parents.tolist(), prefix))
+        certificate = DiagnosticArrayBuilder(backend).fill
+        cloud = fill(UncertaintyCloudBuilder(backend, skeleton.joint_count))
+        ellipsoids = fill(UncertaintyMarkersBuilder(backend, skeleton.joint_count, prefix))
+        image = fill(ImageMarkerBuilder(backend, skeleton.parents.tolist()))
+        keypoints = fill(KeypointMarkerBuilder(backend, prefix))
         title = f"{name}: {person}" if person else name
         self._makers: dict[str, Callable[[int, str, Any, Any], Any]] = {
-            topics.JOINT_STATES: lambda t, f, frame, _: joint_states.fill(t, f, frame.positions, frame.velocities),
-            topics.TRANSLATION: lambda t, f, _, e: translation.fill(t, f, e.state.translation),
-            topics.JOINTS: lambda t, f, _, e: joints.fill(t, f, e.pose.positions, to_quaternion(e.pose.orientations)),
-            topics.MARKERS: lambda t, f, _, e: markers.fill(t, f, e.pose.positions),
-            topics.CERTIFICATE: lambda t, f, _, e: certificate.fill(t, f, [certificate_line(e, title, f)]),
-            topics.JOINT_UNCERTAINTY: lambda t, f, frame, e: cloud.fill(
+            topics.JOINT_STATES: lambda t, f, frame, _: joint_states(t, f, frame.positions, frame.velocities),
+            topics.TRANSLATION: lambda t, f, _, e: translation(t, f, e.state.translation),
+            topics.JOINTS: lambda t, f, _, e: joints(t, f, e.pose.positions, to_quaternion(e.pose.orientations)),
+            topics.MARKERS: lambda t, f, _, e: markers(t, f, e.pose.positions),
+            topics.CERTIFICATE: lambda t, f, _, e: certificate(t, f, [certificate_line(e, title, f)]),
+            topics.JOINT_UNCERTAINTY: lambda t, f, frame, e: cloud(
                 t, f, e.pose.positions, frame.uncertainty.covariance, frame.uncertainty.deviation
             ),
-            topics.UNCERTAINTY_MARKERS: lambda t, f, frame, e: ellipsoids.fill(
+            topics.UNCERTAINTY_MARKERS: lambda t, f, frame, e: ellipsoids(
                 t, f, e.pose.positions, *principal_axes(frame.uncertainty.covariance)
             ),
-            topics.IMAGE_MARKERS: lambda t, f, frame, e: image.fill(
+            topics.IMAGE_MARKERS: lambda t, f, frame, e: image(
                 t, f, frame.in_image(e.pose.positions), frame.detected, frame.reprojected
             ),
-            topics.KEYPOINT_MARKERS: lambda t, f, frame, e: keypoints.fill(
+            topics.KEYPOINT_MARKERS: lambda t, f, frame, e: keypoints(
                 t, f, frame.lens.normalise(frame.detected), project(e.pose.landmarks)
             ),
         }
         if tf:
-            transform = TransformBuilder(backend, f"body_{person}" if person else "body")
+            transform = fill(TransformBuilder(backend, f"body_{person}" if person else "body"))
             origin = body_origin(skeleton, tf_at_hips)
-            self._makers[topics.TF] = lambda t, f, _, e: transform.fill(
+            self._makers[topics.TF] = lambda t, f, _, e: transform(
                 t, f, e.pose.positions[origin].mean(axis=0), body_turn(e)
             )
 

@@ -66,7 +66,7 @@ class PersonOutputs:
         self._out = {t.name: advertise(node, t, name(t.name), not person) for t in topics.PERSON_OUTPUTS}
         if config.publish_tf:
             self._out[topics.TF] = advertise(node, topics.TF_OUTPUT, overridable=not person)
-        self._messages = FrameMessages(backend, skeleton, title, person, config.publish_tf, config.rep155)
+        self._messages = FrameMessages(backend, skeleton, title, person, config.publish_tf, config.rep155, True)
         self.state_publisher = None
         if not person and config.state_publisher:
             self.state_publisher = StatePublisher(node, config.state_publisher)

@@ -28,6 +28,14 @@ class Backend(Protocol):
         """The content of a uint8[] field."""
         ...
 
+    def serialise(self, message: Any) -> bytes:
+        """The message as it goes over the wire and into recordings: CDR."""
+        ...
+
+    def alike(self, serialised: bytes, message: Any) -> bool:
+        """Whether a serialised message says the same as a message."""
+        ...
+
 
 class RclpyBackend:
     """Messages for publishers; needs rclpy's message packages."""
@@ -48,6 +56,16 @@ class RclpyBackend:
     def uint8(self, content: bytes) -> array:
         """See Backend.uint8."""
         return array("B", content)
+
+    def serialise(self, message: Any) -> bytes:
+        """See Backend.serialise."""
+        serialised: bytes = import_module("rclpy.serialization").serialize_message(message)
+        return serialised
+
+    def alike(self, serialised: bytes, message: Any) -> bool:
+        """See Backend.alike. Read, not compared: between the fields are bytes of no meaning, which are random."""
+        read = import_module("rclpy.serialization").deserialize_message
+        return bool(read(serialised, type(message)) == read(self.serialise(message), type(message)))
 
 
 class RosbagsBackend:
@@ -88,3 +106,11 @@ class RosbagsBackend:
     def uint8(self, content: bytes) -> np.ndarray:
         """See Backend.uint8."""
         return np.frombuffer(content, dtype=np.uint8)
+
+    def serialise(self, message: Any) -> bytes:
+        """See Backend.serialise."""
+        return bytes(self._typestore.serialize_cdr(message, message.__msgtype__))
+
+    def alike(self, serialised: bytes, message: Any) -> bool:
+        """See Backend.alike."""
+        return serialised == self.serialise(message)

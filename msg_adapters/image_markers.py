@@ -10,7 +10,7 @@ import numpy as np
 
 from msg_adapters.backends import Backend
 from msg_adapters.markers import SPHERE_LIST, lifetime
-from msg_adapters.outputs import set_header
+from msg_adapters.outputs import StampedBuilder
 
 IMAGE_LINE_LIST = 2  # visualization_msgs/ImageMarker
 LINE_WIDTH = 2.0  # px
@@ -21,7 +21,7 @@ PLANE, BALL = 1.0, 0.008
 """m: the plane's distance from the camera, and the diameter of a point on it."""
 
 
-class ImageMarkerBuilder:
+class ImageMarkerBuilder(StampedBuilder):
     """One ImageMarker of lines, a colour each: bones, an upright cross where a point was detected, an oblique one where
     the skeleton has it. One message, since a viewer keeps one for each topic.
     """
@@ -29,52 +29,53 @@ class ImageMarkerBuilder:
     def __init__(self, backend: Backend, parents: Sequence[int]) -> None:
         """parents: (n,) index of each joint's parent, -1 for the root."""
         self._ends = np.array([(int(p), child) for child, p in enumerate(parents) if p >= 0], dtype=int).reshape(-1, 2)
-        self._message = backend.make("visualization_msgs/msg/ImageMarker")
-        self._message.ns, self._message.type, self._message.scale = "skeleton", IMAGE_LINE_LIST, LINE_WIDTH
-        _paint(self._message.outline_color, BONE)
-        lifetime(self._message)
+        message = backend.make("visualization_msgs/msg/ImageMarker")
+        message.ns, message.type, message.scale = "skeleton", IMAGE_LINE_LIST, LINE_WIDTH
+        _paint(message.outline_color, BONE)
+        lifetime(message)
         self._pool = PointPool(backend)
-        self._colours = {c: _colour(backend, c) for c in (BONE, DETECTED, REPROJECTED)}
+        self._colours = [_colour(backend, c) for c in (BONE, DETECTED, REPROJECTED)]
+        super().__init__(message, [message.header])
 
-    def fill(
-        self, stamp_ns: int, frame_id: str, outline: np.ndarray, detected: np.ndarray, reprojected: np.ndarray
-    ) -> Any:
+    def numbers(self, outline: np.ndarray, detected: np.ndarray, reprojected: np.ndarray) -> np.ndarray:
         """outline: (n, 2) px, the joints in the image; detected, reprojected: (l, 2) px, NaN = missing."""
-        lines, colours = [outline[self._ends]], [BONE] * len(self._ends)
-        for points, cross, colour in ((detected, UPRIGHT, DETECTED), (reprojected, OBLIQUE, REPROJECTED)):
-            seen = points[np.isfinite(points).all(axis=1)]
-            lines.append((seen[:, None, None] + CROSS * cross).reshape(-1, 2, 2))
-            colours += [colour] * (2 * len(seen))
-        ends = np.concatenate(lines).reshape(-1, 2).tolist()
-        set_header(self._message.header, stamp_ns, frame_id)
-        self._message.points = self._pool.place([(x, y, 0.0) for x, y in ends])
-        self._message.outline_colors = [self._colours[colour] for colour in colours]
-        return self._message
+        lines = [outline[self._ends]]
+        for points, cross in ((detected, UPRIGHT), (reprojected, OBLIQUE)):
+            lines.append((_present(points)[:, None, None] + CROSS * cross).reshape(-1, 2, 2))
+        self.shape = self._counts = tuple(map(len, lines))
+        return _at_depth(np.concatenate(lines).reshape(-1, 2), 0.0)
+
+    def write(self, numbers: np.ndarray) -> None:
+        """See StampedBuilder.write."""
+        self._message.points = self._pool.place(numbers)
+        self._message.outline_colors = _repeated(self._colours, self._counts)
 
 
-class KeypointMarkerBuilder:
+class KeypointMarkerBuilder(StampedBuilder):
     """One Marker of balls on the plane PLANE m in front of the camera, where the rays of the image's points meet it."""
 
     def __init__(self, backend: Backend, prefix: str = "") -> None:
         """prefix: of the marker's namespace."""
-        self._message = backend.make("visualization_msgs/msg/Marker")
-        self._message.ns, self._message.type = f"{prefix}keypoints", SPHERE_LIST
-        self._message.pose.orientation.w = 1.0
-        scale = self._message.scale
-        scale.x = scale.y = scale.z = BALL
-        self._message.color.a = 1.0
-        lifetime(self._message)
+        message = backend.make("visualization_msgs/msg/Marker")
+        message.ns, message.type = f"{prefix}keypoints", SPHERE_LIST
+        message.pose.orientation.w = 1.0
+        message.scale.x = message.scale.y = message.scale.z = BALL
+        message.color.a = 1.0
+        lifetime(message)
         self._pool = PointPool(backend)
-        self._colours = {c: _colour(backend, c) for c in (DETECTED, REPROJECTED)}
+        self._colours = [_colour(backend, c) for c in (DETECTED, REPROJECTED)]
+        super().__init__(message, [message.header])
 
-    def fill(self, stamp_ns: int, frame_id: str, detected: np.ndarray, reprojected: np.ndarray) -> Any:
+    def numbers(self, detected: np.ndarray, reprojected: np.ndarray) -> np.ndarray:
         """detected, reprojected: (l, 2) normalised image coordinates, NaN = missing."""
-        seen = [points[np.isfinite(points).all(axis=1)] for points in (detected, reprojected)]
-        set_header(self._message.header, stamp_ns, frame_id)
-        self._message.points = self._pool.place([(x, y, PLANE) for x, y in (PLANE * np.concatenate(seen)).tolist()])
-        colours = [DETECTED] * len(seen[0]) + [REPROJECTED] * len(seen[1])
-        self._message.colors = [self._colours[colour] for colour in colours]
-        return self._message
+        seen = [_present(points) for points in (detected, reprojected)]
+        self.shape = self._counts = tuple(map(len, seen))
+        return _at_depth(PLANE * np.concatenate(seen), PLANE)
+
+    def write(self, numbers: np.ndarray) -> None:
+        """See StampedBuilder.write."""
+        self._message.points = self._pool.place(numbers)
+        self._message.colors = _repeated(self._colours, self._counts)
 
 
 class PointPool:
@@ -84,13 +85,30 @@ class PointPool:
         self._backend = backend
         self._points: list[Any] = []
 
-    def place(self, places: Sequence[tuple[float, float, float]]) -> list[Any]:
-        """As many points as places, there."""
+    def place(self, numbers: np.ndarray) -> list[Any]:
+        """As many points as there are times three numbers, there."""
+        places = numbers.reshape(-1, 3).tolist()
         while len(self._points) < len(places):
             self._points.append(self._backend.make("geometry_msgs/msg/Point"))
         for point, (x, y, z) in zip(self._points, places):
             point.x, point.y, point.z = x, y, z
         return self._points[: len(places)]
+
+
+def _present(points: np.ndarray) -> np.ndarray:
+    seen: np.ndarray = points[np.isfinite(points).all(axis=1)]
+    return seen
+
+
+def _at_depth(points: np.ndarray, depth: float) -> np.ndarray:
+    """(k, 2) -> (3 k,): x, y and the depth of each."""
+    places = np.full((len(points), 3), depth)
+    places[:, :2] = points
+    return places.reshape(-1)
+
+
+def _repeated(things: Sequence[Any], counts: Sequence[int]) -> list[Any]:
+    return [thing for thing, count in zip(things, counts) for _ in range(count)]
 
 
 def _colour(backend: Backend, values: tuple[float, ...]) -> Any:

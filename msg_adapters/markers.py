@@ -7,7 +7,7 @@ from typing import Any, Sequence
 import numpy as np
 
 from msg_adapters.backends import Backend
-from msg_adapters.outputs import set_header
+from msg_adapters.outputs import StampedBuilder
 
 SPHERE, SPHERE_LIST, LINE_LIST = 2, 7, 5  # visualization_msgs/Marker
 JOINT_SIZE, BONE_SIZE = 0.05, 0.025  # m
@@ -16,26 +16,28 @@ LIFETIME_NS = 500_000_000
 """A marker that is not renewed disappears after this time: a lost person leaves no ghost in RViz."""
 
 
-class SkeletonMarkersBuilder:
+class SkeletonMarkersBuilder(StampedBuilder):
     """The message is made once; each frame moves its points."""
 
     def __init__(self, backend: Backend, parents: Sequence[int], prefix: str = "") -> None:
         """parents: (n,) index of each joint's parent, -1 for the root; prefix: of the markers' namespaces."""
-        self._message = backend.make("visualization_msgs/msg/MarkerArray")
-        self._ends = [joint for child, parent in enumerate(parents) if parent >= 0 for joint in (int(parent), child)]
-        bones = _marker(backend, 0, f"{prefix}bones", LINE_LIST, BONE_SIZE, BONE_COLOUR, len(self._ends))
+        message = backend.make("visualization_msgs/msg/MarkerArray")
+        ends = [joint for child, parent in enumerate(parents) if parent >= 0 for joint in (int(parent), child)]
+        bones = _marker(backend, 0, f"{prefix}bones", LINE_LIST, BONE_SIZE, BONE_COLOUR, len(ends))
         joints = _marker(backend, 1, f"{prefix}joints", SPHERE_LIST, JOINT_SIZE, JOINT_COLOUR, len(parents))
-        self._message.markers = [bones, joints]
+        message.markers = [bones, joints]
+        self._order = np.array([*ends, *range(len(parents))])
+        super().__init__(message, [bones.header, joints.header])
 
-    def fill(self, stamp_ns: int, frame_id: str, positions: np.ndarray) -> Any:
+    def numbers(self, positions: np.ndarray) -> np.ndarray:
         """positions: (n, 3) m."""
+        return positions.take(self._order, axis=0).reshape(-1)
+
+    def write(self, numbers: np.ndarray) -> None:
+        """See StampedBuilder.write."""
         bones, joints = self._message.markers
-        places = positions.tolist()
-        for marker, points in ((bones, [places[i] for i in self._ends]), (joints, places)):
-            set_header(marker.header, stamp_ns, frame_id)
-            for target, place in zip(marker.points, points):
-                target.x, target.y, target.z = place
-        return self._message
+        for target, place in zip([*bones.points, *joints.points], numbers.reshape(-1, 3).tolist()):
+            target.x, target.y, target.z = place
 
 
 def _marker(

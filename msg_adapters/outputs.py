@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import Any, Mapping, Sequence
+from typing import Any, Hashable, Mapping, Sequence
 
 import numpy as np
 
@@ -19,70 +20,110 @@ def set_header(header: Any, stamp_ns: int, frame_id: str) -> None:
     header.frame_id = frame_id
 
 
-class JointStateBuilder:
+class StampedBuilder(ABC):
+    """A message with a stamp of which, from frame to frame, numbers change, and now and then how many there are."""
+
+    shape: Hashable = None
+    """What else but the count of the last numbers decides where they stand in the message."""
+
+    def __init__(self, message: Any, headers: Sequence[Any]) -> None:
+        """headers: every std_msgs/Header in the message."""
+        self._message, self._headers = message, headers
+
+    @abstractmethod
+    def numbers(self, *content: Any) -> np.ndarray:
+        """(k,) float64, or uint8 where the message holds bytes: the content in the order of the message's fields."""
+
+    @abstractmethod
+    def write(self, numbers: np.ndarray) -> None:
+        """Put what `numbers` gave into the message's fields."""
+
+    def place(self, stamp_ns: int, frame_id: str, numbers: np.ndarray) -> Any:
+        """The message of this stamp with these numbers, as many and of the same shape as `numbers` gave last."""
+        for header in self._headers:
+            set_header(header, stamp_ns, frame_id)
+        self.write(numbers)
+        return self._message
+
+    def fill(self, stamp_ns: int, frame_id: str, *content: Any) -> Any:
+        """The message of this stamp; content: as of `numbers`."""
+        return self.place(stamp_ns, frame_id, self.numbers(*content))
+
+
+class JointStateBuilder(StampedBuilder):
     """sensor_msgs/JointState with constant names."""
 
     def __init__(self, backend: Backend, names: Sequence[str]) -> None:
         self._float64 = backend.float64
-        self._message = backend.make("sensor_msgs/msg/JointState")
-        self._message.name = list(names)
+        message = backend.make("sensor_msgs/msg/JointState")
+        message.name = list(names)
+        super().__init__(message, [message.header])
 
-    def fill(self, stamp_ns: int, frame_id: str, positions: np.ndarray, velocities: np.ndarray) -> Any:
+    def numbers(self, positions: np.ndarray, velocities: np.ndarray) -> np.ndarray:
         """positions, velocities: (number of names,), m and m/s or rad and rad/s."""
-        set_header(self._message.header, stamp_ns, frame_id)
-        self._message.position = self._float64(positions)
-        self._message.velocity = self._float64(velocities)
-        return self._message
+        return np.concatenate([positions, velocities])
+
+    def write(self, numbers: np.ndarray) -> None:
+        """See StampedBuilder.write."""
+        half = len(numbers) // 2
+        self._message.position, self._message.velocity = self._float64(numbers[:half]), self._float64(numbers[half:])
 
 
-class PointStampedBuilder:
+class PointStampedBuilder(StampedBuilder):
     """geometry_msgs/PointStamped."""
 
     def __init__(self, backend: Backend) -> None:
-        self._message = backend.make("geometry_msgs/msg/PointStamped")
+        message = backend.make("geometry_msgs/msg/PointStamped")
+        super().__init__(message, [message.header])
 
-    def fill(self, stamp_ns: int, frame_id: str, point: np.ndarray) -> Any:
+    def numbers(self, point: np.ndarray) -> np.ndarray:
         """point: (3,) m."""
-        set_header(self._message.header, stamp_ns, frame_id)
+        return point
+
+    def write(self, numbers: np.ndarray) -> None:
+        """See StampedBuilder.write."""
         target = self._message.point
-        target.x, target.y, target.z = point.tolist()
-        return self._message
+        target.x, target.y, target.z = numbers.tolist()
 
 
-class PoseArrayBuilder:
+class PoseArrayBuilder(StampedBuilder):
     """geometry_msgs/PoseArray of a constant number of poses."""
 
     def __init__(self, backend: Backend, count: int) -> None:
-        self._message = backend.make("geometry_msgs/msg/PoseArray")
-        self._message.poses = [backend.make("geometry_msgs/msg/Pose") for _ in range(count)]
-        self._parts = [(pose.position, pose.orientation) for pose in self._message.poses]
+        message = backend.make("geometry_msgs/msg/PoseArray")
+        message.poses = [backend.make("geometry_msgs/msg/Pose") for _ in range(count)]
+        super().__init__(message, [message.header])
 
-    def fill(self, stamp_ns: int, frame_id: str, positions: np.ndarray, quaternions: np.ndarray) -> Any:
+    def numbers(self, positions: np.ndarray, quaternions: np.ndarray) -> np.ndarray:
         """positions: (n, 3) m; quaternions: (n, 4), x, y, z, w."""
-        set_header(self._message.header, stamp_ns, frame_id)
-        for (p, q), place, turn in zip(self._parts, positions.tolist(), quaternions.tolist()):
-            p.x, p.y, p.z = place
-            q.x, q.y, q.z, q.w = turn
-        return self._message
+        return np.concatenate([positions, quaternions], axis=1).reshape(-1)
+
+    def write(self, numbers: np.ndarray) -> None:
+        """See StampedBuilder.write."""
+        for pose, values in zip(self._message.poses, numbers.reshape(-1, 7).tolist()):
+            p, q = pose.position, pose.orientation
+            p.x, p.y, p.z, q.x, q.y, q.z, q.w = values
 
 
-class TransformBuilder:
+class TransformBuilder(StampedBuilder):
     """tf2_msgs/TFMessage of one frame."""
 
     def __init__(self, backend: Backend, child_frame: str) -> None:
         """child_frame: the name of the frame that is placed."""
-        self._message = backend.make("tf2_msgs/msg/TFMessage")
+        message = backend.make("tf2_msgs/msg/TFMessage")
         self._transform = backend.make("geometry_msgs/msg/TransformStamped")
         self._transform.child_frame_id = child_frame
-        self._message.transforms = [self._transform]
+        message.transforms = [self._transform]
+        super().__init__(message, [self._transform.header])
 
-    def fill(self, stamp_ns: int, frame_id: str, position: np.ndarray, quaternion: np.ndarray) -> Any:
+    def numbers(self, position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
         """position: (3,) m; quaternion: (4,), x, y, z, w; both in frame_id."""
-        set_header(self._transform.header, stamp_ns, frame_id)
+        return np.concatenate([position, quaternion])
+
+    def write(self, numbers: np.ndarray) -> None:
+        """See StampedBuilder.write."""
         place, turn = self._transform.transform.translation, self._transform.transform.rotation
-        place.x, place.y, place.z = position.tolist()
-        turn.x, turn.y, turn.z, turn.w = quaternion.tolist()
-        return self._message
+        place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w = numbers.tolist()
 
 
 class StringBuilder:
