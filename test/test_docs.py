@@ -2,17 +2,24 @@
 
 import ast
 import os
+import pickle
 import re
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
+import textwrap
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy import sparse
+
+from lassokin_ros.core.skeleton import Skeleton
+from lassokin_ros.skeleton_readers.load import load_skeleton
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -121,6 +128,20 @@ def run_python(pending, workplace):
         program = "\n".join(block.text for block in pending)
         run(pending[0], [sys.executable, "-c", program], workplace)
         pending.clear()
+
+
+def test_the_recipe_for_smpls_files_makes_a_skeleton(tmp_path):
+    """On a pickle in SMPL's form, of no model: each joint is the mean of two vertices."""
+    (recipe,) = re.findall(r"\n\n((?:    .*\n|\n)+)", (DOCS / "files.md").read_text(encoding="utf-8"))
+    ours = Skeleton.load("anthropometric", 1.7)
+    joints = ours.rest_positions
+    vertices = np.concatenate([joints - 0.03, joints + 0.03])
+    regressor = sparse.csc_matrix(np.hstack([np.eye(24), np.eye(24)]) / 2)
+    model = {"J_regressor": regressor, "v_template": vertices, "shapedirs": np.zeros((48, 3, 10)), "f": None}
+    (tmp_path / "SMPL_NEUTRAL.pkl").write_bytes(pickle.dumps(model))
+    subprocess.run([sys.executable, "-c", textwrap.dedent(recipe)], cwd=tmp_path, check=True, timeout=60)
+    skeleton = load_skeleton(str(tmp_path / "smpl.npz"), 1.75)
+    assert np.abs(skeleton.offsets - ours.offsets).max() < 1e-9
 
 
 LINK = re.compile(r"!?\[([^\]]*)\]\(([^)\s]+)\)")

@@ -4,6 +4,7 @@ import csv
 import os
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -72,6 +73,12 @@ def test_csv(tracked, published):
             assert abs(float(row[f"{joint} angle {axis} [rad]"]) - angle) < 1e-6
         assert 0 < float(row["reprojection [px]"]) < 30
     assert len(rows[0]) == 2 + 2 * 72 + 1
+
+
+def test_every_array_of_the_npz_is_in_the_documentation(tracked):
+    page = (Path(__file__).parents[1] / "docs" / "files.md").read_text(encoding="utf-8")
+    with np.load(tracked / "motion.npz", allow_pickle=False) as file:
+        assert not [name for name in file if f"`{name}`" not in page]
 
 
 def test_npz(tracked, published):
