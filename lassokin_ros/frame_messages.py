@@ -149,9 +149,10 @@ def certificate_line(estimate: Estimate, name: str, hardware_id: str) -> StatusL
     assert problem is not None and solution is not None
     certificate = solution.certificate
     used = replace(problem, alpha=solution.alpha)
-    signs = np.sign(solution.omega[solution.support])
-    literal = theorem1_literal(used, solution.x, solution.support, signs)
-    projected = theorem1_projected(used, solution.support, signs)
+    support = solution.support
+    signs = np.sign(solution.omega[support])
+    literal = theorem1_literal(used, solution.x, support, signs)
+    projected = theorem1_projected(used, support, signs, solution.reduced)
     values = {
         "kkt1 [alpha]": certificate.kkt1,
         "kkt2 [alpha]": certificate.kkt2,

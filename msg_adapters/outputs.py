@@ -163,26 +163,30 @@ class StatusLine:
 
 
 class DiagnosticArrayBuilder:
-    """diagnostic_msgs/DiagnosticArray."""
+    """diagnostic_msgs/DiagnosticArray. Lines and values are used again: making them takes longer than filling them."""
 
     def __init__(self, backend: Backend) -> None:
         self._backend = backend
         self._message = backend.make("diagnostic_msgs/msg/DiagnosticArray")
+        self._lines: list[Any] = []
+        self._pairs: list[list[Any]] = []
 
     def fill(self, stamp_ns: int, frame_id: str, lines: Sequence[StatusLine]) -> Any:
         """One status for each line."""
         set_header(self._message.header, stamp_ns, frame_id)
-        self._message.status = [self._status(line) for line in lines]
+        while len(self._lines) < len(lines):
+            self._lines.append(self._backend.make("diagnostic_msgs/msg/DiagnosticStatus"))
+            self._pairs.append([])
+        for status, pairs, line in zip(self._lines, self._pairs, lines):
+            self._write(status, pairs, line)
+        self._message.status = self._lines[: len(lines)]
         return self._message
 
-    def _status(self, line: StatusLine) -> Any:
-        status = self._backend.make("diagnostic_msgs/msg/DiagnosticStatus")
+    def _write(self, status: Any, pairs: list[Any], line: StatusLine) -> None:
         status.level = self._backend.byte(line.level)
         status.name, status.message, status.hardware_id = line.name, line.message, line.hardware_id
-        pairs = []
-        for key, value in line.values.items():
-            pair = self._backend.make("diagnostic_msgs/msg/KeyValue")
+        while len(pairs) < len(line.values):
+            pairs.append(self._backend.make("diagnostic_msgs/msg/KeyValue"))
+        for pair, (key, value) in zip(pairs, line.values.items()):
             pair.key, pair.value = key, value
-            pairs.append(pair)
-        status.values = pairs
-        return status
+        status.values = pairs[: len(line.values)]

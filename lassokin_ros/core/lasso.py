@@ -81,6 +81,7 @@ class LassoSolution:
     """Omega (n,) rad, x (3,) m, the alpha (n,) used after clamping, what certifies them, and how they were got.
 
     exact: KKT holds to rounding on H; enough for an answer that is only where the next linearisation starts.
+    reduced: the problem as it was solved, for whoever asks more of it.
     """
 
     omega: np.ndarray
@@ -89,6 +90,7 @@ class LassoSolution:
     certifier: Callable[[], Certificate]
     method: str
     exact: bool = False
+    reduced: Reduced | None = None
 
     @cached_property
     def certificate(self) -> Certificate:
@@ -163,7 +165,7 @@ def _finished(
     def certifier() -> Certificate:
         return certify(problem.A, problem.B, problem.z, alpha, omega, x)
 
-    return LassoSolution(omega, x, alpha, certifier, method, exact)
+    return LassoSolution(omega, x, alpha, certifier, method, exact, reduced)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # `solve` refuses what overflows

@@ -13,10 +13,15 @@ the columns A_k / alpha_k and alpha = 1.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Callable
 
 import numpy as np
+from scipy.linalg import lapack
 
-from lassokin_ros.core.lasso import Lasso, eliminate_translation
+from lassokin_ros.core.lasso import Lasso, Reduced, eliminate_translation
+
+DEPENDENT = 1e-6
+"""Of the Cholesky factor's diagonal, smallest to largest: below, columns count as dependent."""
 
 
 @dataclass(frozen=True)
@@ -43,28 +48,51 @@ def theorem1_literal(problem: Lasso, x: np.ndarray, support: np.ndarray, signs: 
 
     x: (3,) m; support: indices V; signs: (len(V),) of Omega on V.
     """
-    return _conditions(problem.A, problem.B, problem.z - problem.B @ x, problem.alpha, support, signs)
+    A_V = problem.A.take(support, axis=1).T
+    return _conditions(
+        A_V @ problem.A, A_V @ (problem.z - problem.B @ x), A_V @ problem.B, problem.alpha, support, signs
+    )
 
 
-def theorem1_projected(problem: Lasso, support: np.ndarray, signs: np.ndarray) -> RecoveryConditions:
-    """Conditions 1-3 with the translation eliminated: M A for A and M z for z*."""
-    reduced = eliminate_translation(problem)
-    return _conditions(reduced.A, problem.B, reduced.z, problem.alpha, support, signs)
+def theorem1_projected(
+    problem: Lasso, support: np.ndarray, signs: np.ndarray, reduced: Reduced | None = None
+) -> RecoveryConditions:
+    """Conditions 1-3 with the translation eliminated: M A for A and M z for z*.
+
+    reduced: the problem with the translation eliminated, where it is known already.
+    """
+    reduced = reduced or eliminate_translation(problem)
+    across = reduced.A.take(support, axis=1).T @ problem.B
+    return _conditions(reduced.H.take(support, axis=0), reduced.g[support], across, problem.alpha, support, signs)
 
 
 def _conditions(
-    A: np.ndarray, B: np.ndarray, z: np.ndarray, alpha: np.ndarray, support: np.ndarray, signs: np.ndarray
+    gram: np.ndarray, seen: np.ndarray, across: np.ndarray, alpha: np.ndarray, support: np.ndarray, signs: np.ndarray
 ) -> RecoveryConditions:
+    """From products with the support's columns: gram (v, n) with all, seen (v,) with z*, across (v, 3) with B.
+
+    With G = A_V^T A_V, (A_V)^{+T} = A_V G^-1 and (A_V)^+ = G^-1 A_V^T; columns over alpha put alpha beside the signs.
+    """
     if len(support) == 0:
         return RecoveryConditions(0.0, float("inf"), 0.0)
-    columns = A / alpha
-    A_V = columns[:, support]
-    pseudo_inverse = np.linalg.pinv(A_V)
-    direction = pseudo_inverse.T @ signs  # (A_V)^{+T} Sigma_V
-    outside = np.ones(A.shape[1], dtype=bool)
-    outside[support] = False
-    condition1 = float(np.max(np.abs(columns[:, outside].T @ direction), initial=0.0))
-    estimate = pseudo_inverse @ z
-    shrunk = estimate - np.linalg.pinv(A_V.T @ A_V) @ np.sign(estimate)
-    kept = np.sign(estimate) * shrunk / alpha[support]
-    return RecoveryConditions(condition1, float(np.min(kept)), float(np.linalg.norm(B.T @ direction)))
+    alpha_V = alpha[support]
+    right = np.array([alpha_V * signs, seen]).T
+    answers, again = _solved(gram.take(support, axis=1), alpha_V, right)
+    direction, estimate = answers.T  # (A_V)^{+T} Sigma_V is A_V times the first
+    left = np.abs(direction @ gram) / alpha
+    left[support] = 0.0
+    sign = np.sign(estimate)
+    kept = sign * (estimate - (direction if np.array_equal(sign, signs) else again(alpha_V * sign)))
+    return RecoveryConditions(float(left.max()), float(kept.min()), float(np.linalg.norm(direction @ across)))
+
+
+def _solved(
+    G: np.ndarray, alpha: np.ndarray, right: np.ndarray
+) -> tuple[np.ndarray, Callable[[np.ndarray], np.ndarray]]:
+    """G^-1 right, and G^-1 for more; a pseudo-inverse, of the columns over alpha, where columns are dependent."""
+    factor, answers, failed = lapack.dposv(G, right, lower=1)
+    diagonal = factor.diagonal()
+    if not failed and diagonal.min() > DEPENDENT * diagonal.max():
+        return answers, lambda more: lapack.dpotrs(factor, more, lower=1)[0]
+    inverse = np.linalg.pinv(G / alpha / alpha[:, None], rcond=DEPENDENT**2, hermitian=True) / alpha / alpha[:, None]
+    return inverse @ right, lambda more: inverse @ more
