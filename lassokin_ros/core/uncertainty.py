@@ -19,6 +19,7 @@ from scipy.linalg import lapack
 from lassokin_ros.core.kinematics import BodyPose, Kinematics
 from lassokin_ros.core.lasso import Lasso
 from lassokin_ros.core.prior import PosePrior
+from lassokin_ros.core.rotations import hat
 
 FACTOR = 1.1
 """On the posterior's standard deviation s."""
@@ -74,8 +75,10 @@ def position_jacobian(kinematics: Kinematics, pose: BodyPose, root: int) -> np.n
     Like `Kinematics.jacobian` for landmarks: w x (p_i - p_j) where joint j carries joint i.
     """
     n = kinematics.joint_count
-    levers = pose.positions[:, None] - pose.positions[None]
-    axes = np.swapaxes(pose.orientations, -1, -2)
-    columns = np.cross(axes[None], levers[:, :, None]) * kinematics.skeleton.ancestors[:, :, None, None]
-    columns -= columns[root]
-    return np.moveaxis(columns, -1, 1).reshape(3 * n, 3 * n)
+    places = pose.positions - pose.positions[root]
+    # w x p as one product: rows p, columns by component of the result, joint and axis w.
+    turn = hat(np.swapaxes(pose.orientations, -1, -2)).transpose(3, 2, 0, 1)
+    carried = (places @ turn.reshape(3, -1)).reshape(n, 3, n, 3)
+    carried -= np.einsum("jb,bajk->ajk", places, turn)
+    carried *= kinematics.skeleton.ancestors[:, None, :, None]
+    return carried.reshape(3 * n, 3 * n)
