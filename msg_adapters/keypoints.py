@@ -66,7 +66,7 @@ class Keypoints:
         if ids.min() < 0 or ids.max() >= count:
             wrong = ids[(ids < 0) | (ids >= count)][0]
             raise AdapterError("unknown_id", f"keypoint id {wrong}; expected 0 to {count - 1} of the landmark layout")
-        if len(np.unique(ids)) < len(ids):
+        if np.bincount(ids).max() > 1:
             raise AdapterError("repeated_id", "a keypoint id stands twice; several people need the field 'person'")
         if scores.max() > LARGEST_CONFIDENCE:
             raise AdapterError("confidence_range", f"a confidence is {scores.max():g}; expected 0 to 1")

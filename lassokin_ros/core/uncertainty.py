@@ -47,9 +47,9 @@ class UncertaintyModel:
     def __init__(self, kinematics: Kinematics, prior: PosePrior) -> None:
         self._kinematics = kinematics
         self._live = np.flatnonzero(kinematics.live)
-        dead = ~kinematics.live
+        self._dead = np.flatnonzero(~kinematics.live)
         #: The problem does not hold what no landmark sees; of it the prior alone is known.
-        self._dead_variance = np.where(dead, np.diagonal(prior.covariance), 0.0)
+        self._dead_deviation = np.sqrt(np.diagonal(prior.covariance)[self._dead])
         self._root = int(np.flatnonzero(kinematics.skeleton.parents < 0)[0])
 
     def of(self, pose: BodyPose, problem: Lasso) -> JointUncertainty:
@@ -61,9 +61,10 @@ class UncertaintyModel:
         factor, _ = lapack.dpotrf(H, lower=1)
         half, _ = lapack.dtrtri(factor, lower=1)  # H^-1 = half^T half
         n = self._kinematics.joint_count
-        spread = (J[:, self._live] @ half[:, : len(self._live)].T).reshape(n, 3, -1)
-        unseen = (J * np.sqrt(self._dead_variance)).reshape(n, 3, -1)
-        covariance = spread @ np.swapaxes(spread, -1, -2) + unseen @ np.swapaxes(unseen, -1, -2)
+        seen = J.take(self._live, axis=1) @ half[:, : len(self._live)].T
+        unseen = J.take(self._dead, axis=1) * self._dead_deviation
+        spread = np.concatenate([seen, unseen], axis=1).reshape(n, 3, -1)
+        covariance = spread @ np.swapaxes(spread, -1, -2)
         size = np.trace(covariance, axis1=-2, axis2=-1) / LARGEST**2
         covariance *= (FACTOR**2 / (1 + size))[:, None, None]
         return JointUncertainty(covariance)
@@ -79,6 +80,7 @@ def position_jacobian(kinematics: Kinematics, pose: BodyPose, root: int) -> np.n
     # w x p as one product: rows p, columns by component of the result, joint and axis w.
     turn = hat(np.swapaxes(pose.orientations, -1, -2)).transpose(3, 2, 0, 1)
     carried = (places @ turn.reshape(3, -1)).reshape(n, 3, n, 3)
-    carried -= np.einsum("jb,bajk->ajk", places, turn)
+    own = np.arange(n)
+    carried -= carried[own, :, own].swapaxes(0, 1)  # a joint's own turn leaves it where it is
     carried *= kinematics.skeleton.ancestors[:, None, :, None]
     return carried.reshape(3 * n, 3 * n)
