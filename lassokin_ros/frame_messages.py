@@ -148,11 +148,12 @@ def certificate_line(estimate: Estimate, name: str, hardware_id: str) -> StatusL
     problem, solution = estimate.problem, estimate.solution
     assert problem is not None and solution is not None
     certificate = solution.certificate
-    used = replace(problem, alpha=solution.alpha)
+    same = np.array_equal(solution.alpha, problem.alpha)  # as it nearly always is: what was solved is known already
+    used = problem if same else replace(problem, alpha=solution.alpha)
     support = solution.support
     signs = np.sign(solution.omega[support])
     literal = theorem1_literal(used, solution.x, support, signs)
-    projected = theorem1_projected(used, support, signs, solution.reduced)
+    projected = theorem1_projected(used, support, signs)
     values = {
         "kkt1 [alpha]": certificate.kkt1,
         "kkt2 [alpha]": certificate.kkt2,

@@ -45,6 +45,11 @@ class Lasso:
     z: np.ndarray
     alpha: np.ndarray
 
+    @cached_property
+    def reduced(self) -> Reduced:
+        """With the translation eliminated; computed once, for the solver and for who asks more of the problem."""
+        return eliminate_translation(self)
+
     def check(self) -> None:
         """Raise SolverError when shapes do not fit, a value is not finite, or an alpha is not positive.
 
@@ -81,7 +86,6 @@ class LassoSolution:
     """Omega (n,) rad, x (3,) m, the alpha (n,) used after clamping, what certifies them, and how they were got.
 
     exact: KKT holds to rounding on H; enough for an answer that is only where the next linearisation starts.
-    reduced: the problem as it was solved, for whoever asks more of it.
     """
 
     omega: np.ndarray
@@ -90,7 +94,6 @@ class LassoSolution:
     certifier: Callable[[], Certificate]
     method: str
     exact: bool = False
-    reduced: Reduced | None = None
 
     @cached_property
     def certificate(self) -> Certificate:
@@ -123,7 +126,7 @@ class LassoSolver:
         Raises SolverError when the problem is not posed correctly; a solve that fails is returned uncertified.
         """
         problem.check()
-        reduced = eliminate_translation(problem)
+        reduced = problem.reduced
         if not np.isfinite(reduced.H.trace()):
             raise SolverError("the squares of A overflow; expected values below 1e150")
         ratio = float((np.abs(reduced.g) / problem.alpha).max())
@@ -165,7 +168,7 @@ def _finished(
     def certifier() -> Certificate:
         return certify(problem.A, problem.B, problem.z, alpha, omega, x)
 
-    return LassoSolution(omega, x, alpha, certifier, method, exact, reduced)
+    return LassoSolution(omega, x, alpha, certifier, method, exact)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # `solve` refuses what overflows

@@ -18,7 +18,7 @@ from typing import Callable
 import numpy as np
 from scipy.linalg import lapack
 
-from lassokin_ros.core.lasso import Lasso, Reduced, eliminate_translation
+from lassokin_ros.core.lasso import Lasso
 
 DEPENDENT = 1e-6
 """Of the Cholesky factor's diagonal, smallest to largest: below, columns count as dependent."""
@@ -54,14 +54,9 @@ def theorem1_literal(problem: Lasso, x: np.ndarray, support: np.ndarray, signs: 
     )
 
 
-def theorem1_projected(
-    problem: Lasso, support: np.ndarray, signs: np.ndarray, reduced: Reduced | None = None
-) -> RecoveryConditions:
-    """Conditions 1-3 with the translation eliminated: M A for A and M z for z*.
-
-    reduced: the problem with the translation eliminated, where it is known already.
-    """
-    reduced = reduced or eliminate_translation(problem)
+def theorem1_projected(problem: Lasso, support: np.ndarray, signs: np.ndarray) -> RecoveryConditions:
+    """Conditions 1-3 with the translation eliminated: M A for A and M z for z*."""
+    reduced = problem.reduced
     across = reduced.A.take(support, axis=1).T @ problem.B
     return _conditions(reduced.H.take(support, axis=0), reduced.g[support], across, problem.alpha, support, signs)
 

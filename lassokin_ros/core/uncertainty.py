@@ -1,8 +1,9 @@
 """How uncertain each joint's place is: the posterior covariance of the frame's own problem, taken to the joints.
 
 The l2 rows of a frame's lasso (image, prior, limits, uprightness, each in standard deviations) make a Gaussian of the
-increment and the translation with the inverse covariance [A B]^T [A B]. Through the joints' Jacobian it becomes a
-covariance of each joint's place relative to the pelvis, in the camera frame. The l1 term, which says how people move
+increment and the translation with the inverse covariance [A B]^T [A B]; of the increment alone, whatever the
+translation, it is A^T M A, which the solver has made. Through the joints' Jacobian it becomes a covariance of each
+joint's place relative to the pelvis, in the camera frame. The l1 term, which says how people move
 and not where they are, has no part in it. A Gaussian about one explanation does not know of others (a limb mirrored in
 depth), and a limb swings on a sphere, so no error grows with the linear model's for ever: `FACTOR` and `LARGEST` stand
 for both. They were fitted on the prior's training clips (first view each, 2 px, and 4 px with missing and wrong points)
@@ -26,7 +27,7 @@ FACTOR = 1.1
 LARGEST = 0.09
 """m: s becomes FACTOR s / sqrt(1 + (s / LARGEST)^2)."""
 WEAKEST = 1e-3
-"""1/rad^2, 1/m^2: information that every unknown is given, so that what nothing observes has a finite variance."""
+"""1/rad^2: information that every unknown is given, so that what nothing observes has a finite variance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,15 +56,13 @@ class UncertaintyModel:
     def of(self, pose: BodyPose, problem: Lasso) -> JointUncertainty:
         """From a frame's last problem and the pose that its solution led to."""
         J = position_jacobian(self._kinematics, pose, self._root)
-        rows = np.concatenate([problem.A, problem.B], axis=1)
-        H = rows.T @ rows
-        H.flat[:: len(H) + 1] += WEAKEST
-        factor, _ = lapack.dpotrf(H, lower=1)
-        half, _ = lapack.dtrtri(factor, lower=1)  # H^-1 = half^T half
+        information = problem.reduced.H.copy()
+        information.flat[:: len(information) + 1] += WEAKEST
+        factor, _ = lapack.dpotrf(information, lower=1)
         n = self._kinematics.joint_count
-        seen = J.take(self._live, axis=1) @ half[:, : len(self._live)].T
+        seen, _ = lapack.dtrtrs(factor, J.take(self._live, axis=1).T, lower=1)  # J H^-1 J^T = seen^T seen
         unseen = J.take(self._dead, axis=1) * self._dead_deviation
-        spread = np.concatenate([seen, unseen], axis=1).reshape(n, 3, -1)
+        spread = np.concatenate([seen.T, unseen], axis=1).reshape(n, 3, -1)
         covariance = spread @ np.swapaxes(spread, -1, -2)
         size = np.trace(covariance, axis1=-2, axis2=-1) / LARGEST**2
         covariance *= (FACTOR**2 / (1 + size))[:, None, None]
@@ -79,8 +78,10 @@ def position_jacobian(kinematics: Kinematics, pose: BodyPose, root: int) -> np.n
     places = pose.positions - pose.positions[root]
     # w x p as one product: rows p, columns by component of the result, joint and axis w.
     turn = hat(np.swapaxes(pose.orientations, -1, -2)).transpose(3, 2, 0, 1)
-    carried = (places @ turn.reshape(3, -1)).reshape(n, 3, n, 3)
+    carried = places @ turn.reshape(3, -1)
     own = np.arange(n)
-    carried -= carried[own, :, own].swapaxes(0, 1)  # a joint's own turn leaves it where it is
-    carried *= kinematics.skeleton.ancestors[:, None, :, None]
+    of_own_place = carried.reshape(n, 3, n, 3)[own, :, own].swapaxes(0, 1)  # what a joint's turn leaves where it is
+    carried -= of_own_place.reshape(-1)
+    carried = carried.reshape(n, 3, 3 * n)
+    carried *= np.repeat(kinematics.skeleton.ancestors, 3, axis=1)[:, None]
     return carried.reshape(3 * n, 3 * n)
