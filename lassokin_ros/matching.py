@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Sequence
+
 import numpy as np
 
 from lassokin_ros.body import Detection
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.robust import norm
 
 FARTHEST = 1.0
 """A single point counts as no farther than this from its landmark, in sizes of the person: one wrong point decides
@@ -21,14 +24,26 @@ FEWEST_POINTS = 3
 """A distance over fewer common points says nothing."""
 
 
+def distances(expected: np.ndarray, seen: Sequence[Detection], min_confidence: float) -> np.ndarray:
+    """(p, d) mean distances of detections from expected points (p, l, 2), in sizes of the latter.
+
+    Infinite when unknown. All pairs at once: one by one, 16 people take as long to tell apart as four to track.
+    """
+    if len(expected) == 0 or len(seen) == 0:
+        return np.zeros((len(expected), len(seen)))
+    points, confidence = np.stack([d.points for d in seen]), np.stack([d.confidence for d in seen])
+    apart = norm(points - expected[:, None])
+    usable = (confidence >= max(min_confidence, 1e-9)) & np.isfinite(apart)
+    size = norm(np.fmax.reduce(expected, axis=1) - np.fmin.reduce(expected, axis=1))
+    share = np.minimum(apart / np.maximum(size, 1e-6)[:, None, None], FARTHEST)
+    counts = np.count_nonzero(usable, axis=-1)
+    mean = np.sum(np.where(usable, share, 0.0), axis=-1) / np.maximum(counts, 1)
+    return np.where(counts < FEWEST_POINTS, np.inf, mean)
+
+
 def distance(expected: np.ndarray, seen: Detection, min_confidence: float) -> float:
-    """Mean distance of a detection from expected points (l, 2), in sizes of the latter; infinite when unknown."""
-    usable = (seen.confidence >= max(min_confidence, 1e-9)) & np.isfinite(seen.points + expected).all(axis=1)
-    if np.count_nonzero(usable) < FEWEST_POINTS:
-        return float("inf")
-    size = float(np.linalg.norm(np.nanmax(expected, axis=0) - np.nanmin(expected, axis=0)))
-    apart = np.linalg.norm(seen.points[usable] - expected[usable], axis=1)
-    return float(np.minimum(apart / max(size, 1e-6), FARTHEST).mean())
+    """Of one detection from one person's expected points (l, 2): see `distances`."""
+    return float(distances(expected[None], [seen], min_confidence)[0, 0])
 
 
 def usable(seen: Detection, config: TrackerConfig) -> bool:

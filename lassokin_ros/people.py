@@ -13,7 +13,7 @@ from lassokin_ros.body import Body, Detection
 from lassokin_ros.core.tracker import Status
 from lassokin_ros.frame import Frame
 from lassokin_ros.lens import Lens
-from lassokin_ros.matching import NEAR, distance, reach, usable
+from lassokin_ros.matching import NEAR, distance, distances, reach, usable
 
 BIRTH_MESSAGES = 3
 """A person whom nobody has numbered is believed in after this many sightings; one message in between may miss them."""
@@ -105,30 +105,30 @@ class People:
         usable = [d for d in seen if self._usable(d)]
         numbers = list(self._present)
         limits = [reach(self._present[n].unseen_s(stamp_ns)) for n in numbers]
-        costs = np.array([[self._distance(n, stamp_ns, d) for d in usable] for n in numbers])
+        costs = self._distances(stamp_ns, usable)
         matched = assign(costs, limits)
         pairs = {numbers[row]: usable[column] for row, column in matched}
-        taken = {column for _, column in matched}
-        left = [d for column, d in enumerate(usable) if column not in taken]
-        known = list(pairs)
-        strangers = [d for d in left if all(self._distance(n, stamp_ns, d) > SAME_BODY for n in known)]
+        known, taken = [row for row, _ in matched], {column for _, column in matched}
+        strangers = [d for i, d in enumerate(usable) if i not in taken and np.all(costs[known, i] > SAME_BODY)]
         for stranger in self._believed(_each_once(strangers)):
             number = self._next
             if self._welcome(number, stamp_ns, pairs):
                 pairs[number] = stranger
         return pairs
 
-    def _distance(self, number: int, stamp_ns: int, seen: Detection) -> float:
-        body = self._present[number]
-        expected = body.expected(stamp_ns)
-        if expected is None:
-            return float("inf")
-        return distance(expected, seen, body.tracker.config.min_confidence)
+    def _distances(self, stamp_ns: int, seen: Sequence[Detection]) -> np.ndarray:
+        """Of detections (columns) from where present people (rows) are expected; infinite for who was never seen."""
+        if not self._present or not seen:
+            return np.zeros((len(self._present), len(seen)))
+        nowhere = np.full_like(seen[0].points, np.nan)
+        expected = [body.expected(stamp_ns) for body in self._present.values()]
+        places = np.stack([nowhere if points is None else points for points in expected])
+        return distances(places, seen, next(iter(self._present.values())).tracker.config.min_confidence)
 
     def _believed(self, strangers: Sequence[Detection]) -> list[Detection]:
         """Those who have been seen in enough messages; the others stay candidates, or become ones."""
-        costs = np.array([[distance(c.seen.points, d, 0.0) for d in strangers] for c in self._candidates])
-        found = dict(assign(costs, [NEAR] * len(self._candidates)))
+        candidates = np.array([c.seen.points for c in self._candidates])
+        found = dict(assign(distances(candidates, strangers, 0.0), [NEAR] * len(self._candidates)))
         fresh = [Candidate(d) for i, d in enumerate(strangers) if i not in found.values()]
         for row, candidate in enumerate(self._candidates):
             if row in found:

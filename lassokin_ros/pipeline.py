@@ -20,7 +20,7 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.tracker import Status
 from lassokin_ros.frame import Frame
 from lassokin_ros.lens import Lens
-from lassokin_ros.matching import distance, reach, usable
+from lassokin_ros.matching import distances, reach, usable
 from lassokin_ros.node_config import MESSAGE, NodeConfig
 from lassokin_ros.skeleton_readers.load import load_skeleton
 from lassokin_ros.stamps import StampWatch
@@ -209,7 +209,7 @@ class Pipeline:
         """The detection nearest to where the person is expected; an empty one when none is near."""
         expected, body = self._body.expected(stamp_ns), self._body
         assert expected is not None
-        apart = [distance(expected, seen, body.tracker.config.min_confidence) for seen in everybody]
+        apart = distances(expected[None], everybody, body.tracker.config.min_confidence)[0]
         best = int(np.argmin(apart))
         if apart[best] <= reach(body.unseen_s(stamp_ns)):
             return everybody[best]
