@@ -1,9 +1,10 @@
 """Challengers: other explanations of the same images, followed beside the published state until one is clearly better.
 
 From one camera a limb, or the whole body, fits almost as well when it is mirrored in depth; a tracker that started on
-the wrong side, or slipped to it, stays there. So a few states are fitted along with the frames, each begun from the
-mean pose turned to another side and refined by one Gauss-Newton step a frame, coarse to fine. One whose cost, averaged
-over its last frames, is lower than the published state's by a margin takes its place in the next frame.
+the wrong side, or slipped to it, stays there. So a few states are fitted along with the frames, begun in turn from the
+mean pose turned to another side and from the present state with one limb mirrored, and refined by one Gauss-Newton step
+a frame, coarse to fine. One whose cost, averaged over its last frames, is lower than the present state's by a margin
+takes its place in the next frame.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from lassokin_ros.core.robust import norm
 
 COARSE = ((4, 8.0), (7, 2.0))
 """(frames of age, factor on the noise) while a challenger is young."""
+MIRRORED_AGE = 5
+"""Frames of age with which a mirrored one begins: it need not find the whole body first."""
 COUNTED_FROM = 10
 """Frames of age from which its cost counts."""
 OLD_ENOUGH = 14
@@ -43,6 +46,8 @@ class Challengers:
         self._pose: BodyPose | None = None
         self.published: BodyPose | None = None
         """The pose of the state that `advance` was given last, which it needs anyhow."""
+        self.cost = float("nan")
+        """Its cost by image, prior and uprightness: a negative log-likelihood."""
 
     def start(self, points: np.ndarray, weights: np.ndarray) -> None:
         """Begin with a pool of new challengers for this frame's points (l, 2) and weights (l,)."""
@@ -50,9 +55,9 @@ class Challengers:
         self._states = BodyState(np.zeros((self._count, n, 3, 3)), np.zeros((self._count, 3)))
         self._age = np.zeros(self._count)
         self._advantage = np.zeros(self._count)
-        self._next_side = 0  # the same images lead to the same states, whatever was before
+        self._next_side = self._next_limb = self._renewals = 0  # the same images lead to the same states
         for slot in range(self._count):
-            self._renew(slot, points, weights)
+            self._renew_turned(slot, points, weights)
 
     def stop(self) -> None:
         """Drop the pool."""
@@ -87,6 +92,7 @@ class Challengers:
         self._pose = BodyPose(pose.orientations[:-1], pose.positions[:-1], pose.landmarks[:-1])
         self.published = BodyPose(pose.orientations[-1], pose.positions[-1].copy(), pose.landmarks[-1])
         cost = self._initialiser.cost(everyone, points, weights, pose)
+        self.cost = float(cost[-1])
         cost += np.abs(np.concatenate([increments, omega[None]])) @ motion_cost
         counted = self._age - COUNTED_FROM
         share = 1 / np.minimum(np.maximum(counted, 1), MEMORY)
@@ -96,7 +102,7 @@ class Challengers:
         if not ripe.any():
             return None
         winner = self._exchange(ripe, state, pose.positions)
-        self._recycle(ripe, pose.positions, points, weights)
+        self._recycle(ripe, pose.positions, points, weights, winner or state)
         return winner
 
     def _exchange(self, ripe: np.ndarray, state: BodyState, positions: np.ndarray) -> BodyState | None:
@@ -117,20 +123,32 @@ class Challengers:
         self._advantage[best] = -0.5 * MARGIN
         return winner
 
-    def _recycle(self, ripe: np.ndarray, positions: np.ndarray, points: np.ndarray, weights: np.ndarray) -> None:
+    def _recycle(
+        self, ripe: np.ndarray, positions: np.ndarray, points: np.ndarray, weights: np.ndarray, state: BodyState
+    ) -> None:
         """Renew at most one challenger a frame: one that is too old, hopeless, or has become the published state."""
         relative = positions - positions[:, :1]
         alike = norm(relative[:-1] - relative[-1]).mean(-1) < ALIKE
         done = ripe & (alike | (self._advantage < HOPELESS) | (self._age > GIVEN_UP_AT))
-        if done.any():
-            worth = self._advantage - 100.0 * alike
-            self._renew(int(np.argmin(np.where(done, worth, np.inf))), points, weights)
+        if not done.any():
+            return
+        worth = self._advantage - 100.0 * alike
+        slot = int(np.argmin(np.where(done, worth, np.inf)))
+        self._renewals += 1
+        limbs = len(self._initialiser.mirroring.variants)
+        if self._renewals % 2 and limbs:
+            self._next_limb = (self._next_limb + 3) % limbs  # 3 has no common divisor with 2, 4 or 8 either
+            self._begin(slot, self._initialiser.mirroring.mirrored(state, self._next_limb), MIRRORED_AGE)
+        else:
+            self._renew_turned(slot, points, weights)
 
-    def _renew(self, slot: int, points: np.ndarray, weights: np.ndarray) -> None:
-        assert self._states is not None
+    def _renew_turned(self, slot: int, points: np.ndarray, weights: np.ndarray) -> None:
         self._next_side = (self._next_side + 3) % STARTS  # 3 and 8 have no common divisor: every side has its turn
-        start = self._initialiser.start(self._next_side, points, weights)
+        self._begin(slot, self._initialiser.start(self._next_side, points, weights), 0)
+
+    def _begin(self, slot: int, start: BodyState, age: int) -> None:
+        assert self._states is not None
         self._states.rotations[slot] = start.rotations
         self._states.translation[slot] = start.translation
         self._pose = None
-        self._age[slot] = self._advantage[slot] = 0.0
+        self._age[slot], self._advantage[slot] = age, 0.0

@@ -2,7 +2,8 @@
 
 Several starts (the mean pose, turned about the vertical) are fitted at once by damped Gauss-Newton on the same rows
 as the tracker's, coarse to fine, without the l1 term (there is no earlier state from which motion could be sparse).
-The lowest cost wins; how clearly it wins over starts that ended elsewhere is the start's confidence.
+The best one's limbs are then mirrored in depth, one by one, and fitted too. The lowest cost wins; how clearly it wins
+over what ended elsewhere is the start's confidence.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from lassokin_ros.core.kinematics import BodyPose, BodyState, Kinematics
+from lassokin_ros.core.mirroring import Mirroring
 from lassokin_ros.core.observation_model import linearise
 from lassokin_ros.core.prior import PosePrior, PriorRows
 from lassokin_ros.core.projection import project
@@ -22,15 +24,22 @@ from lassokin_ros.core.upright import Upright
 
 STARTS = 8
 SCHEDULE = ((8.0, 8), (2.0, 6), (1.0, 6))  # (factor on the noise, iterations)
+MIRRORED_SCHEDULE = ((2.0, 4), (1.0, 6))
+ELSEWHERE = 0.05
+"""m: mean distance of joints, relative to the pelvis, from which a fit is another explanation than the best."""
 DAMPING = 1e-3  # 1/rad^2, keeps what nothing observes where it is
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """States of S starts with their costs (S,), best first."""
+    """States of S starts with their costs (S,), best first.
+
+    confidence: 0 to 1, how likely the best is beside the best of those that ended elsewhere, by their costs alone.
+    """
 
     states: BodyState
     costs: np.ndarray
+    confidence: float = 1.0
 
     @property
     def best(self) -> BodyState:
@@ -47,6 +56,7 @@ class Initialiser:
         self._upright = upright
         self._rows = rows
         self._mean = exponential(prior.mean)
+        self.mirroring = Mirroring(kinematics)
         self._live = np.flatnonzero(kinematics.live)
         self._damping = np.diag(np.append(np.full(len(self._live), DAMPING), np.full(3, 1e-6)))
 
@@ -55,9 +65,23 @@ class Initialiser:
 
         points: (l, 2) normalised; weights: (l,), 1 / standard deviation, 0 = missing; at least two visible.
         """
-        fit = self.refine(self._starts(points, weights, np.arange(STARTS)), points, weights, SCHEDULE)
-        order = np.argsort(fit.costs)
-        return Fit(BodyState(fit.states.rotations[order], fit.states.translation[order]), fit.costs[order])
+        turned = self.refine(self._starts(points, weights, np.arange(STARTS)), points, weights, SCHEDULE)
+        best = int(np.argmin(turned.costs))
+        mirrored = self.mirroring.all(BodyState(turned.states.rotations[best], turned.states.translation[best]))
+        fits = (turned, self.refine(mirrored, points, weights, MIRRORED_SCHEDULE))
+        costs = np.concatenate([fit.costs for fit in fits])
+        order = np.argsort(costs, kind="stable")
+        rotations = np.concatenate([fit.states.rotations for fit in fits])[order]
+        translation = np.concatenate([fit.states.translation for fit in fits])[order]
+        states = BodyState(rotations, translation)
+        return Fit(states, costs[order], self._confidence(states, costs[order]))
+
+    def _confidence(self, states: BodyState, costs: np.ndarray) -> float:
+        """1 / (1 + exp(c1 - c2)): c1 the lowest cost, a negative log-likelihood, c2 the lowest of those elsewhere."""
+        positions = self._kinematics.pose(states).positions
+        relative = positions - positions[:, :1]
+        elsewhere = norm(relative - relative[0]).mean(-1) > ELSEWHERE
+        return float(1 / (1 + np.exp(costs[0] - costs[elsewhere][0]))) if elsewhere.any() else 1.0
 
     def refine(
         self, states: BodyState, points: np.ndarray, weights: np.ndarray, schedule: tuple[tuple[float, int], ...]

@@ -1,0 +1,62 @@
+"""Limbs mirrored in depth: the other explanation that an image nearly always has of a limb.
+
+A bone that leans towards the camera looks like one that leans away. Mirrored, each bone of a limb keeps its place in
+the image (weak perspective) and its component along the line of sight changes sign.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lassokin_ros.core.kinematics import BodyState, Kinematics
+from lassokin_ros.core.rotations import hat
+
+LIMBS = (
+    ("left_shoulder", "left_elbow", "left_wrist"),
+    ("right_shoulder", "right_elbow", "right_wrist"),
+    ("left_hip", "left_knee", "left_ankle"),
+    ("right_hip", "right_knee", "right_ankle"),
+)
+"""Chains of joints: a turn at each but the last moves the bone to the next."""
+
+
+class Mirroring:
+    """Mirrors the limbs that a skeleton has."""
+
+    def __init__(self, kinematics: Kinematics) -> None:
+        names = kinematics.skeleton.joint_names
+        self._kinematics = kinematics
+        chains = [[names.index(joint) for joint in limb] for limb in LIMBS if set(limb) <= set(names)]
+        self.variants = [chain[first:] for chain in chains for first in (0, 1)]
+        """Of each limb that the skeleton has, the whole of it and its outer bone alone: joints from the trunk out."""
+
+    def all(self, state: BodyState) -> BodyState:
+        """The state with each of `variants` mirrored, (v, n, 3, 3) and (v, 3)."""
+        states = [self.mirrored(state, variant) for variant in range(len(self.variants))]
+        n = self._kinematics.joint_count
+        rotations = np.array([mirrored.rotations for mirrored in states]).reshape(-1, n, 3, 3)
+        return BodyState(rotations, np.array([mirrored.translation for mirrored in states]).reshape(-1, 3))
+
+    def mirrored(self, state: BodyState, variant: int) -> BodyState:
+        """The state with one of `variants` mirrored."""
+        chain = self.variants[variant]
+        rotations = state.rotations.copy()
+        pose = self._kinematics.pose(state)
+        sight = pose.positions[chain[0]] / np.linalg.norm(pose.positions[chain[0]])
+        mirror = np.eye(3) - 2 * np.outer(sight, sight)
+        parent = pose.orientations[chain[0]] @ rotations[chain[0]].T
+        for joint, child in zip(chain, chain[1:]):
+            orientation = parent @ rotations[joint]
+            there = pose.positions[child] - pose.positions[joint]
+            bone = orientation @ self._kinematics.skeleton.offsets[child]
+            rotations[joint] = parent.T @ _turn(bone, mirror @ there) @ orientation
+            parent = parent @ rotations[joint]
+        return BodyState(rotations, state.translation)
+
+
+def _turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The least rotation (3, 3) that takes a's direction to b's."""
+    a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
+    axis, cosine = np.cross(a, b), float(a @ b)
+    skew = hat(axis)
+    return np.eye(3) + skew + skew @ skew / max(1 + cosine, 1e-6)

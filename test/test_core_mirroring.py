@@ -1,0 +1,77 @@
+"""Limbs mirrored in depth: the image stays, the lean along the line of sight turns round, lengths and the rest stay."""
+
+import numpy as np
+import pytest
+from cases import FACING, body, random_body
+from scipy.spatial.transform import Rotation
+
+from lassokin_ros.core.kinematics import BodyState
+from lassokin_ros.core.mirroring import LIMBS, Mirroring
+
+
+def state(seed):
+    random = np.random.default_rng(seed)
+    rotations = Rotation.from_rotvec(0.5 * random.normal(size=(24, 3))).as_matrix()
+    rotations[0] = FACING @ rotations[0]
+    return BodyState(rotations, np.array([0.4, -0.2, 4.0]))
+
+
+@pytest.mark.parametrize("variant", range(2 * len(LIMBS)))
+def test_each_bone_turns_round_along_the_line_of_sight(variant):
+    kinematics = body()
+    mirroring = Mirroring(kinematics)
+    chain = mirroring.variants[variant]
+    before = state(variant)
+    after = mirroring.mirrored(before, variant)
+    old, new = kinematics.pose(before).positions, kinematics.pose(after).positions
+    sight = old[chain[0]] / np.linalg.norm(old[chain[0]])
+    for joint, child in zip(chain, chain[1:]):
+        was, is_now = old[child] - old[joint], new[child] - new[joint]
+        assert np.linalg.norm(is_now) == pytest.approx(np.linalg.norm(was))
+        assert is_now @ sight == pytest.approx(-was @ sight, abs=1e-9)
+        assert np.allclose(is_now - sight * (is_now @ sight), was - sight * (was @ sight))
+    carried = kinematics.skeleton.ancestors[:, chain[0]].astype(bool)
+    assert np.allclose(new[~carried], old[~carried])
+    products = np.swapaxes(after.rotations, -1, -2) @ after.rotations
+    assert np.abs(products - np.eye(3)).max() < 1e-12 and np.linalg.det(after.rotations).min() > 0
+
+
+def test_twice_mirrored_is_where_it_was():
+    kinematics = body()
+    mirroring = Mirroring(kinematics)
+    before = state(3)
+    for variant in range(len(mirroring.variants)):
+        back = mirroring.mirrored(mirroring.mirrored(before, variant), variant)
+        assert np.allclose(kinematics.pose(back).positions, kinematics.pose(before).positions)
+
+
+def test_all_is_every_variant():
+    mirroring = Mirroring(body())
+    together = mirroring.all(state(5))
+    assert together.rotations.shape == (8, 24, 3, 3) and together.translation.shape == (8, 3)
+    assert np.array_equal(together.rotations[6], mirroring.mirrored(state(5), 6).rotations)
+
+
+def test_a_bone_along_the_line_of_sight_is_turned_right_round():
+    kinematics = body()
+    mirroring = Mirroring(kinematics)
+    shoulder, elbow, _ = mirroring.variants[0]
+    before = state(7)
+    pose = kinematics.pose(before)
+    sight = pose.positions[shoulder] / np.linalg.norm(pose.positions[shoulder])
+    bone = pose.positions[elbow] - pose.positions[shoulder]
+    along, _ = Rotation.align_vectors(sight[None], bone[None])
+    parent = pose.orientations[shoulder] @ before.rotations[shoulder].T
+    before.rotations[shoulder] = parent.T @ along.as_matrix() @ pose.orientations[shoulder]
+    after = mirroring.mirrored(before, 0)
+    assert np.isfinite(after.rotations).all()
+    products = np.swapaxes(after.rotations, -1, -2) @ after.rotations
+    assert np.abs(products - np.eye(3)).max() < 1e-9
+
+
+def test_a_skeleton_without_limbs_has_none():
+    kinematics = random_body(np.random.default_rng(0))
+    mirroring = Mirroring(kinematics)
+    n = kinematics.joint_count
+    none = mirroring.all(BodyState(np.tile(np.eye(3), (n, 1, 1)), np.array([0.0, 0.0, 3.0])))
+    assert mirroring.variants == [] and none.rotations.shape == (0, n, 3, 3) and none.translation.shape == (0, 3)
