@@ -5,8 +5,9 @@
 Every method gets the same keypoints and initialises by itself. Of each clip it is given what a user could measure:
 the person's bone lengths, or with --generic-skeleton the height alone; and the detector's noise in pixels.
 --initialisation measures first frames alone, --gap a stretch without any landmark, --detections FILE real detector
-output, --uncertainty the tracker's own figure of its error against the error. Clips that the shipped prior was learned
-from do not count: they are left out, or with --all-clips and --clips run, marked with * and kept out of the summary.
+output, --uncertainty and --doubt the tracker's own figures of its error against the error. Clips that the shipped
+prior was learned from do not count: they are left out, or with --all-clips and --clips run, marked with * and kept out
+of the summary.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from typing import Any, Callable, Sequence, TypeVar
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from benchmarks import doubt
 from benchmarks.accuracy_table import head, report, told
 from benchmarks.detections import detection_jobs, run_detections
 from benchmarks.experiment import METHODS, Job, run
@@ -43,9 +45,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except LassokinError as error:
         print(f"accuracy.py: {error}", file=sys.stderr)
         return 2
-    if options.uncertainty:
+    if options.uncertainty or options.doubt:
         print(head(options))
-        print(table(records, UNCERTAINTY))
+        print(table(records, UNCERTAINTY if options.uncertainty else doubt.COLUMNS))
     else:
         report(options, records)
         ends = [record["ends_lost"] for record in records if "ends_lost" in record]
@@ -83,6 +85,7 @@ def parser() -> argparse.ArgumentParser:
     add("--per-clip", type=int, default=6, help="with --initialisation: frames per clip and view (6)")
     add("--gap", type=float, metavar="S", help="no landmark at all for S s in the middle of each clip")
     add("--uncertainty", action="store_true", help="predicted against actual error of the joints, in bins, lasso only")
+    add("--doubt", action="store_true", help="how likely poses are called wrong against how many are, lasso only")
     add("--jobs", type=int, default=os.cpu_count(), help="processes (one per core)")
     add("--json", type=Path, metavar="FILE", help="write the records as a JSON list")
     return result
@@ -102,6 +105,10 @@ def measure(options: argparse.Namespace) -> list[Record]:
     ]  # fmt: skip
     if options.uncertainty:
         return binned(in_parallel(uncertainty_of, [job for job in jobs if job.method == "lasso"], options.jobs))
+    if options.doubt:
+        followed = in_parallel(doubt.doubts_of, [job for job in jobs if job.method == "lasso"], options.jobs)
+        print(doubt.ranking(followed))
+        return doubt.binned(followed)
     if options.initialisation:
         frames = in_parallel(initialise_frames, [(job, options.per_clip) for job in jobs], options.jobs)
         return _marked([record for group in frames for record in group])

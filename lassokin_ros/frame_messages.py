@@ -170,6 +170,8 @@ def certificate_line(estimate: Estimate, name: str, hardware_id: str) -> StatusL
         "theorem 1 literal, condition 2 (> 0) [rad]": literal.condition2,
         "theorem 1 literal, condition 3 (= 0)": literal.condition3,
         "initialised": str(estimate.initialised).lower(),
+        "start's confidence": estimate.confidence,
+        "likely wrong": estimate.doubt,
     }
     level, message = (OK, "certified") if solution.certified else (WARN, "not certified")
     text = {key: value if isinstance(value, str) else f"{value:.6g}" for key, value in values.items()}

@@ -21,7 +21,8 @@ from lassokin_ros.core.calibration import Calibration
 from lassokin_ros.core.certificate import Certificate
 from lassokin_ros.core.challengers import Challengers
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.initialisation import Initialiser
+from lassokin_ros.core.doubt import doubt
+from lassokin_ros.core.initialisation import Fit, Initialiser
 from lassokin_ros.core.kinematics import BodyPose, BodyState, Kinematics
 from lassokin_ros.core.landmarks import Layout
 from lassokin_ros.core.lasso import Lasso, LassoSolution, LassoSolver
@@ -90,7 +91,8 @@ class Estimate:
     """The tracker's answer to one observation. Fields below `status` are None when the frame was rejected.
 
     state, pose: what is to be published; solved: the state that the certificate is about, to which omega (3 n,) and
-    translation_step (3,) led from the last frame's, before it was steadied.
+    translation_step (3,) led from the last frame's, before it was steadied; cost: its negative log-likelihood (see
+    `doubt`); confidence: of an initialised frame, how likely the start is beside the next best, else NaN.
     """
 
     stamp: float
@@ -106,11 +108,18 @@ class Estimate:
     problem: Lasso | None = None
     solution: LassoSolution | None = None
     solved: BodyState | None = None
+    cost: float = float("nan")
+    confidence: float = float("nan")
 
     @property
     def accepted(self) -> bool:
         """True when the frame was used and there is a state to publish."""
         return self.rejection is None
+
+    @property
+    def doubt(self) -> float:
+        """0 to 1: how likely the pose is wrong, by more than 100 mm on average."""
+        return doubt(self.cost)
 
 
 class Tracker:
@@ -142,6 +151,7 @@ class Tracker:
         self._seen, self._uncertified = -np.inf, 0
         self._status = Status.SEARCHING
         self._successor: BodyState | None = None
+        self._cost = float("nan")
         self._guess: np.ndarray | None = None
         self._pose: BodyPose | None = None  # of the present state, as long as the skeleton stays
         self._filter.reset()
@@ -175,7 +185,8 @@ class Tracker:
         if np.count_nonzero(weights) < self.config.min_landmarks:
             return self._refused(observation, Rejection.TOO_FEW_LANDMARKS)
         initialised = self._state is None or lost or self._uncertified >= STUCK_AFTER
-        start = self._initialiser.fit(points, weights).best if initialised else self._successor or self._state
+        fit = self._initialiser.fit(points, weights) if initialised else None
+        start = fit.best if fit is not None else self._successor or self._state
         assert start is not None
         problem, solution, state, omega = self._follow(start, points, weights)
         if not solution.certified:
@@ -185,7 +196,7 @@ class Tracker:
         if self.skeleton.height * observation.focal < SMALLEST * self.config.noise_px * state.translation[2]:
             return self._refused(observation, Rejection.TOO_SMALL, solution.certificate)
         step = observation.stamp - self._seen
-        state = self._take(state, initialised, omega, points, weights, problem.alpha, step)
+        state = self._take(state, fit, omega, points, weights, problem.alpha, step)
         steady = self._steadying.steadied(state, omega, solution.x, step, self.config.smoothing)
         pose = self.kinematics.pose(steady)
         error = (seen - project(pose.landmarks))[visible] * observation.focal
@@ -206,28 +217,34 @@ class Tracker:
             problem,
             solution,
             state,
+            self._cost,
+            float("nan") if fit is None else fit.confidence,
         )
 
     def _take(
         self,
         state: BodyState,
-        initialised: bool,
+        fit: Fit | None,
         omega: np.ndarray,
         points: np.ndarray,
         weights: np.ndarray,
         alpha: np.ndarray,
         step: float,
     ) -> BodyState:
-        """Make a certified state the present one, which is returned, and let the challengers see the same points."""
-        if initialised or self._successor is not None:
+        """Make a certified state the present one, which is returned, and let the challengers see the same points.
+
+        fit: where the state was found anew, what it was found as.
+        """
+        if fit is not None or self._successor is not None:
             self._steadying.reset()  # it is another explanation: where the last one was going says nothing of it
         self._state = state = replace(state, rotations=orthonormalised(state.rotations))
         self._successor = self._pose = None
-        if initialised:
+        if fit is not None:
             self._challengers.start(points, weights)
+            self._cost = float(fit.costs[0])
             return state
         self._successor = self._challengers.advance(state, omega[self._live], points, weights, alpha)
-        self._pose = self._challengers.published
+        self._pose, self._cost = self._challengers.published, self._challengers.cost
         self._upright.learn(state.rotations[0], step)
         return state
 
