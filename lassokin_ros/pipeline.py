@@ -185,12 +185,11 @@ class Pipeline:
 
     def _everybody(self, keypoints: Keypoints, lens: Lens) -> list[Detection]:
         """One detection for each person in the message."""
-        if keypoints.persons is None:
-            return [self._detection(keypoints, None, lens)]
-        numbers = np.unique(keypoints.persons)
+        numbers, pixels, confidence = keypoints.everybody(self.tracker.kinematics.landmark_count)
         if len(numbers) > MOST_PEOPLE:
             raise AdapterError("too_many_people", f"{len(numbers)} people; expected at most {MOST_PEOPLE}")
-        return [self._detection(keypoints, int(number), lens) for number in numbers]
+        points = lens.normalise(pixels.reshape(-1, 2)).reshape(pixels.shape)
+        return [Detection(points[i], confidence[i], number, pixels[i]) for i, number in enumerate(numbers.tolist())]
 
     def _the_person(self, keypoints: Keypoints, stamp_ns: int, lens: Lens) -> Detection:
         """The one who is followed until lost; first, and then anew, the one seen with the highest confidence in all."""

@@ -55,23 +55,43 @@ class Keypoints:
         the layout does not have (the layout is the wrong one), when an id stands twice (two people in one message
         without `person`), or when a confidence is no fraction of 1: such a frame is refused, never guessed at.
         """
-        points, confidence = np.full((count, 2), np.nan), np.zeros(count)
-        with np.errstate(invalid="ignore"):
-            present = (self.confidence > 0) & (np.abs(self.xy) <= LARGEST_PIXEL).all(axis=1)
+        present = self._present()
         if person is not None and self.persons is not None:
             present &= self.persons == person
+        return self._placed(self.ids, present, count, count)
+
+    def everybody(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The people's numbers (p,), and points (p, count, 2) and confidence (p, count) of each: see `as_landmarks`."""
+        if self.persons is None:
+            points, confidence = self.as_landmarks(count)
+            return np.zeros(1, dtype=np.int64), points[None], confidence[None]
+        numbers, index = np.unique(self.persons, return_inverse=True)
+        places = index.reshape(-1) * count + self.ids
+        points, confidence = self._placed(places, self._present(), count, len(numbers) * count)
+        return numbers, points.reshape(-1, count, 2), confidence.reshape(-1, count)
+
+    def _present(self) -> np.ndarray:
+        """(k,) bool: what is not missing."""
+        with np.errstate(invalid="ignore"):
+            present: np.ndarray = (self.confidence > 0) & (np.abs(self.xy) <= LARGEST_PIXEL).all(axis=1)
+        return present
+
+    def _placed(self, places: np.ndarray, present: np.ndarray, count: int, rows: int) -> tuple[np.ndarray, np.ndarray]:
+        """Points (rows, 2) and confidence (rows,), the present ones at their places (k,); count: the layout's."""
+        points, confidence = np.full((rows, 2), np.nan), np.zeros(rows)
         ids, scores = self.ids[present], self.confidence[present]
         if len(ids) == 0:
             return points, confidence
         if ids.min() < 0 or ids.max() >= count:
             wrong = ids[(ids < 0) | (ids >= count)][0]
             raise AdapterError("unknown_id", f"keypoint id {wrong}; expected 0 to {count - 1} of the landmark layout")
-        if np.bincount(ids).max() > 1:
+        places = places[present]
+        if np.bincount(places).max() > 1:
             raise AdapterError("repeated_id", "a keypoint id stands twice; several people need the field 'person'")
         if scores.max() > LARGEST_CONFIDENCE:
             raise AdapterError("confidence_range", f"a confidence is {scores.max():g}; expected 0 to 1")
-        points[ids] = self.xy[present]
-        confidence[ids] = np.minimum(scores, 1.0)
+        points[places] = self.xy[present]
+        confidence[places] = np.minimum(scores, 1.0)
         return points, confidence
 
 
