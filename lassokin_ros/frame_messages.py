@@ -23,7 +23,6 @@ from msg_adapters.markers import SkeletonMarkersBuilder
 from msg_adapters.outputs import (
     OK,
     WARN,
-    DiagnosticArrayBuilder,
     IdsListBuilder,
     JointStateBuilder,
     PointStampedBuilder,
@@ -34,6 +33,7 @@ from msg_adapters.outputs import (
     TransformBuilder,
 )
 from msg_adapters.ready_made import ReadyMade
+from msg_adapters.ready_status import ReadyStatus
 
 BODY_FROM_ROOT = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 """The root joint's frame (x to the person's left, y up, z front) in REP-103's for a body (x front, y left, z up): its
@@ -68,7 +68,7 @@ class FrameMessages:
         translation = fill(PointStampedBuilder(backend))
         joints = fill(PoseArrayBuilder(backend, skeleton.joint_count))
         markers = fill(SkeletonMarkersBuilder(backend, skeleton.parents.tolist(), prefix))
-        certificate = DiagnosticArrayBuilder(backend).fill
+        certificate = ReadyStatus(backend, ready_made).fill
         cloud = fill(UncertaintyCloudBuilder(backend, skeleton.joint_count))
         ellipsoids = fill(UncertaintyMarkersBuilder(backend, skeleton.joint_count, prefix))
         image = fill(ImageMarkerBuilder(backend, skeleton.parents.tolist()))
@@ -79,7 +79,7 @@ class FrameMessages:
             topics.TRANSLATION: lambda t, f, _, e: translation(t, f, e.state.translation),
             topics.JOINTS: lambda t, f, _, e: joints(t, f, e.pose.positions, to_quaternion(e.pose.orientations)),
             topics.MARKERS: lambda t, f, _, e: markers(t, f, e.pose.positions),
-            topics.CERTIFICATE: lambda t, f, _, e: certificate(t, f, [certificate_line(e, title, f)]),
+            topics.CERTIFICATE: lambda t, f, _, e: certificate(t, f, certificate_line(e, title, f)),
             topics.JOINT_UNCERTAINTY: lambda t, f, frame, e: cloud(
                 t, f, e.pose.positions, frame.uncertainty.covariance, frame.uncertainty.deviation
             ),

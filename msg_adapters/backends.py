@@ -70,13 +70,8 @@ class RclpyBackend:
 
     def alike(self, serialised: bytes, message: Any) -> bool:
         """See Backend.alike. Read, not compared: between the fields are bytes of no meaning, which are random."""
-        read = import_module("rclpy.serialization").deserialize_message
-        return bool(read(serialised, type(message)) == read(self.serialise(message), type(message)))
-
-
-def _doubles(field: Any) -> int:
-    """How many a field of rclpy's holds; -1 for a field of another kind."""
-    return len(field) if isinstance(field, array) and field.typecode == "d" else -1
+        rclpy, kind = import_module("rclpy.serialization"), type(message)
+        return bool(self._read(rclpy, serialised, kind) == self._read(rclpy, self.serialise(message), kind))
 
 
 class RosbagsBackend:

@@ -44,6 +44,7 @@ def test_bytes_of_other_numbers_stamps_or_frames_are_told_apart(backend):
     message, point = PointStampedBuilder(backend), np.array([1.0, 2.0, 3.0])
     serialised = backend.serialise(message.fill(START_NS, "a", point))
     assert backend.alike(serialised, message.fill(START_NS, "a", point))
+    assert not backend.alike(serialised[:-8], message.fill(START_NS, "a", point))
     for other in ((START_NS + 1, "a", point), (START_NS, "b", point), (START_NS, "a", point + 1e-9)):
         assert not backend.alike(serialised, message.fill(*other))
 
@@ -66,10 +67,10 @@ def test_texts_of_any_length_and_script(backend):
     texts = ["", "a", "ab", "abc", "abcd", "Größe", "身長"]
     for i, text in enumerate(texts):
         line = StatusLine(i % 3, text, texts[i - 1], texts[i - 2], {text: "value", "key": text})
-        for lines in ([line], [line, StatusLine(0, "x", "y", text)], []):
-            serialised = ready.fill(START_NS + i, text, lines)
+        for filled in (line, StatusLine(0, "x", "y", text)):
+            serialised = ready.fill(START_NS + i, text, filled)
             assert isinstance(serialised, bytes)
-            assert backend.alike(serialised, builder.fill(START_NS + i, text, lines))
+            assert backend.alike(serialised, builder.fill(START_NS + i, text, [filled]))
 
 
 class Otherwise(RosbagsBackend):
@@ -85,7 +86,7 @@ def test_where_the_places_are_not_found_the_message_itself_is_given():
     for i in range(2):
         message = ReadyMade(builder, backend).fill(START_NS + i, "camera", np.array([1.0, i]), np.array([3.0, 4.0]))
         assert list(message.position) == [1.0, i] and message.header.stamp.nanosec == i
-        message = ReadyStatus(backend).fill(START_NS + i, "camera", [StatusLine(0, "name", "said")])
+        message = ReadyStatus(backend).fill(START_NS + i, "camera", StatusLine(0, "name", "said"))
         assert message.status[0].message == "said" and message.header.stamp.nanosec == i
 
 
