@@ -21,6 +21,8 @@ from msg_adapters.backends import RclpyBackend
 
 DEADLINE_S = 30.0
 START_NS = 1_000_000_000_000
+SIMULATED_NS = 10**18
+"""Stamps before this are not the system clock's."""
 BACKEND = RclpyBackend()
 ROOT = Path(__file__).resolve().parent.parent
 TRACKER = [sys.executable, "-m", "lassokin_ros.command_line"]
@@ -67,7 +69,7 @@ class Peer:
         self.keypoints = self.node.create_publisher(message_class(keypoints_type), topics.KEYPOINTS, qos)
         self.camera = self.node.create_publisher(message_class(topics.CAMERA_INFO_TYPE), topics.CAMERA_INFO, qos)
         self.got = {topic.name: [] for topic in (*topics.FRAME_OUTPUTS, *topics.OTHER_OUTPUTS)}
-        self.namespace = namespace
+        self.namespace, self.per_frame = namespace, set()
         if outputs:
             for topic in topics.FRAME_OUTPUTS:
                 self.listen(topic)
@@ -75,6 +77,8 @@ class Peer:
 
     def listen(self, topic):
         """Collect a topic's messages in `got`."""
+        if topic in (*topics.FRAME_OUTPUTS, *topics.LIVE_OUTPUTS):
+            self.per_frame.add(topic.name)
         durability = DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE
         qos = QoSProfile(depth=1000, durability=durability)
         name = topic.name.replace("~", "tracker")
@@ -96,18 +100,22 @@ class Peer:
         self.keypoints.publish(cloud(BACKEND, stamp_ns, xy, **options))
 
     def start(self, xy, frame_id=FRAME):
-        """Send camera_info and a frame again and again until joint states come and every publisher has matched us."""
-        sent = 0
+        """Send camera_info and a frame again and again until the newest is answered on every topic."""
+        stamp_ns, next_at, pause = START_NS - 1_000_000_000, 0.0, 0.1
 
         def answered():
-            nonlocal sent
-            self.camera.publish(camera_info(BACKEND, frame_id=frame_id))
-            self.send(START_NS - 1_000_000_000 + sent * 10_000_000, xy, frame_id=frame_id)
-            sent += 1
-            return all(self.got[topic.name] for topic in topics.FRAME_OUTPUTS)
+            nonlocal stamp_ns, next_at, pause
+            newest = [messages and stamp_of(messages[-1]) for messages in map(self.got.get, names)]
+            if newest == [stamp_ns] * len(names):
+                return True
+            if time.monotonic() > next_at:
+                stamp_ns, next_at, pause = stamp_ns + 5_000_000, time.monotonic() + pause, 1.1 * pause
+                self.camera.publish(camera_info(BACKEND, frame_id=frame_id))
+                self.send(stamp_ns, xy, frame_id=frame_id)
+            return False
 
+        names = sorted(self.per_frame)
         self.spin_until(answered, what="the first output of every topic")
-        self.settle()
 
     def settle(self):
         """Wait until nothing more comes: two diagnostics in a row with the same number of messages received."""
@@ -125,14 +133,16 @@ class Peer:
             messages.clear()
 
     def next_diagnostics(self, condition=lambda status: True):
-        """The first status from now on for which the condition holds."""
-        self.got[topics.DIAGNOSTICS].clear()
+        """The first status that is sent from now on and for which the condition holds."""
+        messages, now_ns = self.got[topics.DIAGNOSTICS], time.time_ns()
+        messages.clear()
 
         def met():
-            return any(condition(m.status[0]) for m in self.got[topics.DIAGNOSTICS])
+            # What was sent before may still wait to be read. (In simulated time nobody knows.)
+            return [s for s in messages if not SIMULATED_NS < stamp_of(s) < now_ns and condition(s.status[0])]
 
         self.spin_until(met, what="the diagnostics")
-        return next(m.status[0] for m in self.got[topics.DIAGNOSTICS] if condition(m.status[0]))
+        return met()[0].status[0]
 
     def call(self, service_type, name, request):
         """The response of a service of the node."""

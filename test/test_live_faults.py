@@ -206,8 +206,8 @@ def test_killed_and_started_again_it_answers_within_a_second_of_the_first_usable
 
 
 def test_signals_under_load():
-    """Three nodes that follow the same keypoints, so that the test is short."""
-    namespace, signals = "/under_load", [(INT,), (INT, INT), (TERM,)]
+    """Nodes that follow the same keypoints, so that the test is short."""
+    namespace, signals = "/under_load", [(INT,), (INT, INT), (TERM,), (TERM, TERM)]
     with endpoint("source", namespace), Peer(namespace) as peer, ExitStack() as stack:
         names = [f"tracker_{number}" for number in range(len(signals))]
         nodes = [stack.enter_context(NodeProcess(namespace, "-r", f"__node:={name}")) for name in names]

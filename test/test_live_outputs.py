@@ -12,7 +12,7 @@ from lassokin_ros import topics  # noqa: E402
 from lassokin_ros.core.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.urdf import joint_names, urdf  # noqa: E402
 
-FRAMES, AHEAD = 300, 3
+FRAMES, AHEAD = 150, 3
 SKELETON = Skeleton.load("anthropometric", 1.75)
 
 

@@ -15,8 +15,9 @@ from lassokin_ros import topics  # noqa: E402
 INT, TERM = signal.SIGINT, signal.SIGTERM
 
 
-@pytest.mark.parametrize("signals", [(INT,), (TERM,), (INT, INT), (TERM, TERM)], ids=["int", "term", "int2", "term2"])
+@pytest.mark.parametrize("signals", [(INT,), (TERM, TERM)], ids=["int", "term2"])
 def test_a_signal_ends_it_with_exit_code_0(signals):
+    """While nothing is to be done; under load see test_live_faults."""
     namespace = "/signals_" + "_".join(str(int(s)) for s in signals)
     with NodeProcess(namespace) as node, Peer(namespace) as peer:
         peer.start(pixels_of_motion(1)[0])
