@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -48,20 +49,22 @@ def spans_of(rows: Sequence[PersonRow], messages: Sequence[MessageRow], lost_aft
     seen = [row.time for row in rows if row.rejection is None]
     if not messages:
         return []
-    limit = max(SHORTEST_S, PERIODS * usual_period(np.array([m.time for m in messages])))
-    first, last = messages[0].time, max(m.time for m in messages)
+    limit = max(SHORTEST_S, PERIODS * usual_period(np.array([message.time for message in messages])))
+    messages = sorted(messages, key=lambda message: message.time)
+    times = [message.time for message in messages]
+    first, last = times[0], times[-1]
     edges = [first, *seen, last] if whole else seen
     spans = []
     for index, (start, end) in enumerate(zip(edges, edges[1:])):
         if end - start > limit or (not seen and whole):
             at_start = whole and index == 0
-            reasons = _reasons(messages, start, end, at_start)
+            inside = slice((bisect_left if at_start else bisect_right)(times, start), bisect_right(times, end))
+            reasons = _reasons(messages[inside])
             spans.append(Span(start, end, end - start > lost_after, at_start, reasons))
     return spans
 
 
-def _reasons(messages: Sequence[MessageRow], start: float, end: float, at_start: bool) -> Counter[str]:
-    """How many of the messages in the span were refused for what."""
-    inside = [m for m in messages if (start <= m.time if at_start else start < m.time) and m.time <= end]
+def _reasons(inside: Sequence[MessageRow]) -> Counter[str]:
+    """How many of the messages in a span were refused for what."""
     reasons = Counter(m.rejection or NOBODY for m in inside if m.rejection is not None or m.people == 0)
     return reasons if inside else Counter({NO_MESSAGE: 1})
