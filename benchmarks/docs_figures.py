@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -114,6 +115,18 @@ def relinearisations(axes: Any) -> None:
     axes[0].legend(fontsize=8)
 
 
+def smoothing(axes: Any) -> None:
+    """Steadier against later: what the published pose gains and loses."""
+    values = (0.0, 0.01, 0.02, 0.03, 0.05, 0.1)
+    for noise, colour in zip((2.0, 6.0), COLOURS):
+        scenes = [scene(12, 30, replace(NO_GAPS, noise_px=noise), seed=seed) for seed in SEEDS]
+        for axis, curve in zip(axes, averages(scenes, "smoothing", values, shake, error)):
+            axis.plot(values, curve, "o-", color=colour, label=f"detector's noise {noise:.0f} px")
+    axes[0].set(xlabel="smoothing [s]", ylabel="acceleration [m/s²]", ylim=(0, None))
+    axes[1].set(xlabel="smoothing [s]", ylabel="mean error [mm]", ylim=(0, None))
+    axes[0].legend(fontsize=8)
+
+
 def min_confidence(axes: Any) -> None:
     """What a detector guesses is left out, as long as enough is left."""
     seen = with_poor_points(scene(12, 30))
@@ -190,7 +203,7 @@ def frame_rate(axes: Any) -> None:
 FIGURES: dict[str, Callable[[Any], None]] = {
     drawing.__name__: drawing
     for drawing in (
-        height, noise_px, sparsity, relinearisations, min_confidence, lost_after, person_ids, frame_rate
+        height, noise_px, smoothing, sparsity, relinearisations, min_confidence, lost_after, person_ids, frame_rate
     )
 }  # fmt: skip
 

@@ -66,9 +66,11 @@ class Initialiser:
         points: (l, 2) normalised; weights: (l,), 1 / standard deviation, 0 = missing; at least two visible.
         """
         turned = self.refine(self._starts(points, weights, np.arange(STARTS)), points, weights, SCHEDULE)
-        best = int(np.argmin(turned.costs))
-        mirrored = self.mirroring.all(BodyState(turned.states.rotations[best], turned.states.translation[best]))
-        fits = (turned, self.refine(mirrored, points, weights, MIRRORED_SCHEDULE))
+        fits = [turned]
+        if self.mirroring.variants:
+            best = int(np.argmin(turned.costs))
+            mirrored = self.mirroring.all(BodyState(turned.states.rotations[best], turned.states.translation[best]))
+            fits.append(self.refine(mirrored, points, weights, MIRRORED_SCHEDULE))
         costs = np.concatenate([fit.costs for fit in fits])
         order = np.argsort(costs, kind="stable")
         rotations = np.concatenate([fit.states.rotations for fit in fits])[order]
