@@ -15,8 +15,8 @@ from lassokin_ros import topics
 from lassokin_ros.person_outputs import message_class
 
 LIST_DEPTH = 10
-ID = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
-"""An id that can be a part of a topic's name."""
+ID = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,99}")
+"""An id that can be a part of a topic's name, which has a largest length."""
 OF_A_BODY = re.compile(rf"{topics.REP155_BODIES}/({ID.pattern})/{topics.SKELETON2D}")
 
 

@@ -150,6 +150,17 @@ def started(namespace, **settings):
     return NodeProcess(namespace, *(word for item in settings.items() for word in ("-p", "{}:={}".format(*item))))
 
 
+def test_ids_that_are_taken_make_names_of_topics():
+    rclpy = pytest.importorskip("rclpy.validate_full_topic_name")
+    from lassokin_ros.body_topics import ID
+
+    for person in ("abc", "_", "a" * 100):
+        assert ID.fullmatch(person)
+        for topic in topics.PERSON_OUTPUTS:
+            rclpy.validate_full_topic_name(topics.of_person(topic.name, person, True))  # raises for one that is none
+    assert not any(map(ID.fullmatch, ("", "9a", "a/b", "a b", "a\n", "\u00e4", "a" * 101, "a" * 10_000)))
+
+
 @live
 def test_the_node_follows_the_bodies_of_the_list():
     from live import Peer, stamp_of, values_of
