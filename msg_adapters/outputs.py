@@ -10,7 +10,7 @@ import numpy as np
 
 from msg_adapters.backends import Backend
 
-OK, WARN, ERROR, STALE = 0, 1, 2, 3
+OK, WARN, ERROR = 0, 1, 2
 """Levels of diagnostic_msgs/DiagnosticStatus."""
 
 
@@ -153,7 +153,7 @@ class IdsListBuilder:
 
 @dataclass(frozen=True)
 class StatusLine:
-    """One diagnostic_msgs/DiagnosticStatus: level (OK, WARN, ERROR, STALE), texts, and values by key."""
+    """One diagnostic_msgs/DiagnosticStatus: level (OK, WARN, ERROR), texts, and values by key."""
 
     level: int
     name: str
