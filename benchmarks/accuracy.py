@@ -66,6 +66,7 @@ def parser() -> argparse.ArgumentParser:
     add("--noise-px", type=float, default=2.0, help="Gaussian noise of a keypoint, px (2)")
     add("--missing", type=float, default=0.0, help="share of keypoints missing, in bursts of 5-30 frames (0)")
     add("--outliers", type=float, default=0.0, help="share of keypoints 30-150 px off at full confidence (0)")
+    add("--swaps", type=float, default=0.0, help="share of frames with a limb's left and right swapped, in bursts (0)")
     add("--fps", type=float, default=60.0, help="frame rate, by leaving out frames (60)")
     add("--landmarks", default="coco17", help="landmark layout (coco17)")
     add("--views", type=int, default=2, help="cameras per clip (2)")
@@ -97,7 +98,7 @@ def measure(options: argparse.Namespace) -> list[Record]:
     if options.detections:
         recordings = detection_jobs(options.detections, options.methods, options.measured_bones, told(options))
         return in_parallel(run_detections, recordings, options.jobs)
-    condition = Condition(options.noise_px, options.missing, options.outliers, options.fps)
+    condition = Condition(options.noise_px, options.missing, options.outliers, options.fps, options.swaps)
     jobs = [
         Job(file, view, method, condition, options.landmarks, options.seed, options.generic_skeleton,
             options.bone_error, options.symmetric, told(options), options.score_from)

@@ -61,7 +61,8 @@ def head(options: argparse.Namespace) -> str:
     noise = options.tracker_noise_px or max(1.0, options.noise_px)
     lines = [
         f"{options.fps:g} Hz, noise {options.noise_px:g} px, {options.missing:.0%} missing, {options.outliers:.0%} "
-        f"outliers, {options.landmarks}; {options.views} views per clip, seed {options.seed}.",
+        f"outliers, {options.swaps:.0%} swapped, {options.landmarks}; {options.views} views per clip, "
+        f"seed {options.seed}.",
         f"Given of each clip: {given}; noise {noise:g} px. Settings {dict(options.set) or 'default'}. "
         "Automatic initialisation.",
         f"Prior learned from (never in a summary): {' '.join(TRAINING)}",

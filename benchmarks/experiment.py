@@ -116,6 +116,7 @@ def described(job: Job, scene: Scene) -> Record:
         "noise_px": job.condition.noise_px,
         "missing": job.condition.missing,
         "outliers": job.condition.outliers,
+        "swaps": job.condition.swaps,
         "landmarks": job.landmarks,
         "method": job.method,
         "seed": job.seed,

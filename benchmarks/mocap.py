@@ -6,6 +6,7 @@ A clip file is an npz with `joints`, `root_trans`, `local_rot_wxyz`, `offsets`, 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -215,12 +216,16 @@ class View:
 
 @dataclass(frozen=True)
 class Condition:
-    """What happens to the exact projections: pixels of noise, shares missing (in bursts) and wrong, frame rate."""
+    """What happens to the exact projections: pixels of noise, shares missing (in bursts) and wrong, frame rate.
+
+    swaps: share of the frames in which some limb's left and right are taken for each other, in bursts.
+    """
 
     noise_px: float = 2.0
     missing: float = 0.0
     outliers: float = 0.0
     fps: float = 60.0
+    swaps: float = 0.0
 
 
 def view_of(clip: Clip, layout: Layout, skeleton: Skeleton, condition: Condition, view: int, seed: int) -> View:
@@ -248,7 +253,28 @@ def view_of(clip: Clip, layout: Layout, skeleton: Skeleton, condition: Condition
     pixels = exact + random.normal(size=exact.shape) * condition.noise_px
     confidence = np.ones(exact.shape[:2])
     _spoil(pixels, confidence, condition, random)
+    if condition.swaps > 0:
+        swap_sides(pixels, confidence, layout.names, condition.swaps, random)
     return View(clip, clip.fps / step, focal, centre_px, truth, root, pixels, confidence)
+
+
+SWAPPED = (("hip", "knee", "ankle"), ("knee", "ankle"), ("shoulder", "elbow", "wrist"), ("elbow", "wrist"))
+"""What a detector takes for the other side's together."""
+LONGEST_SWAP = 12
+"""frames: swaps last 1 to this many."""
+
+
+def swap_sides(
+    pixels: np.ndarray, confidence: np.ndarray, names: Sequence[str], share: float, random: np.random.Generator
+) -> None:
+    """Change left and right of limbs, in place, each of `SWAPPED` in its part of the share; pixels (f, l, 2)."""
+    begins = share / len(SWAPPED) / (0.5 * (1 + LONGEST_SWAP))
+    for limb in SWAPPED:
+        left, right = ([names.index(f"{side}_{joint}") for joint in limb] for side in ("left", "right"))
+        for first in np.flatnonzero(random.random(len(pixels)) < begins):
+            burst = slice(max(first, 1), first + random.integers(1, LONGEST_SWAP + 1))  # the first frame stays
+            for values in (pixels, confidence):
+                values[burst, left + right] = values[burst, right + left]
 
 
 def landmark_positions(clip: Clip, layout: Layout, skeleton: Skeleton) -> np.ndarray:

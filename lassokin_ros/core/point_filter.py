@@ -3,11 +3,14 @@
 Each landmark follows a constant-velocity Kalman filter of its own (white acceleration; Bar-Shalom, Li, Kirubarajan,
 Estimation with Applications to Tracking and Navigation, 2001, sec. 6.3). In the image both position and velocity are
 seen, so predicting there is safe; predicting joint angles is not, since their depth is not seen. A point too far from
-its prediction is left out; when it stays there, the track starts anew from it. How lively a track is, is learned from
-how well it was predicted.
+its prediction is left out; when it stays there, the track starts anew from it. Two points that a detector has taken for
+each other, left for right, are each far from their own prediction and near the other's: they are changed back. How
+lively a track is, is learned from how well it was predicted.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -15,6 +18,8 @@ GATE = 5.0
 """Standard deviations of the prediction beyond which a point is taken for wrong."""
 CONVINCED_AFTER = 3
 """Frames in a row that a point must be off before its track starts anew there."""
+SWAPPED_AT_MOST = 0.5
+"""s for which a pair's points are changed back; if they still seem swapped then, it was the tracks that were."""
 FORGOTTEN_AFTER = 0.3
 """s without a good point after which a track starts anew."""
 FIRST_VELOCITY = 1.0
@@ -30,8 +35,12 @@ _GAIN_OF, _ENTRY_OF = np.array([0, 0, 1]), np.array([0, 1, 1])  # a correction t
 class PointFilter:
     """Tracks of l landmarks; all landmarks are updated at once."""
 
-    def __init__(self, count: int) -> None:
-        self._count = count
+    def __init__(self, names: Sequence[str]) -> None:
+        """names: of the landmarks; those that differ in left_ and right_ alone are pairs."""
+        self._count = len(names)
+        place = {name: index for index, name in enumerate(names)}
+        #: (l,) of each landmark the one on the other side; itself where there is none.
+        self._other = np.array([place.get(_other_side(name), index) for index, name in enumerate(names)], dtype=int)
         self.reset()
 
     def reset(self) -> None:
@@ -43,6 +52,7 @@ class PointFilter:
         self._known = np.zeros(count, dtype=bool)
         self._off = np.zeros(count)
         self._unseen = np.zeros(count)
+        self._swapped = np.zeros(count)
         self._liveliness = np.ones(count)
 
     def update(
@@ -60,9 +70,10 @@ class PointFilter:
         seen = weights > 0
         variance = 1 / np.where(seen, weights, 1.0) ** 2
         self._predict(step, acceleration)
-        innovation = points - self._position
-        spread = self._covariance[0] + variance
-        surprise = 0.5 * (innovation[:, 0] ** 2 + innovation[:, 1] ** 2) / spread
+        innovation, spread, surprise = self._compared(points, variance)
+        if ((surprise > GATE * GATE) & seen & self._known).any():
+            points, variance, seen = self._unswapped(points, variance, seen, surprise, step)
+            innovation, spread, surprise = self._compared(points, variance)
         off = seen & self._known & (surprise > GATE * GATE)
         self._off = np.where(off, self._off + 1, 0)
         anew = seen & (~self._known | (self._off >= CONVINCED_AFTER))
@@ -76,6 +87,24 @@ class PointFilter:
         coasting = self._known & (~seen | (self._off == 1))
         filtered = np.where(good | coasting, 1 / np.sqrt(np.maximum(self._covariance[0], 1e-12)), 0.0)
         return self._position.copy(), CORRELATION * filtered
+
+    def _compared(self, points: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(innovation (l, 2), its variance (l,), its squared size in standard deviations (l,)) of points."""
+        innovation = points - self._position
+        spread = self._covariance[0] + variance
+        return innovation, spread, 0.5 * (innovation[:, 0] ** 2 + innovation[:, 1] ** 2) / spread
+
+    def _unswapped(
+        self, points: np.ndarray, variance: np.ndarray, seen: np.ndarray, surprise: np.ndarray, step: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The points, variances and what is seen, with those pairs changed that fit their tracks only crosswise."""
+        other = self._other
+        _, _, crosswise = self._compared(points[other], variance[other])
+        odd = seen & self._known & (surprise > GATE * GATE) & (crosswise < GATE * GATE)
+        odd &= odd[other] & (other != np.arange(self._count))
+        self._swapped = np.where(odd, self._swapped + step, 0.0)
+        order = np.where(odd & (self._swapped < SWAPPED_AT_MOST), other, np.arange(self._count))
+        return points[order], variance[order], seen[order]
 
     def _predict(self, step: float, acceleration: float) -> None:
         transition = np.array([[1.0, 2 * step, step**2], [0.0, 1.0, step], [0.0, 0.0, 1.0]])
@@ -99,3 +128,11 @@ class PointFilter:
         self._covariance = np.where(anew, fresh, self._covariance)
         self._liveliness = np.where(anew, 1.0, self._liveliness)
         self._off = np.where(anew, 0, self._off)
+
+
+def _other_side(name: str) -> str:
+    """left_knee for right_knee and the other way round; the name itself where it has no side."""
+    for side, other in (("left_", "right_"), ("right_", "left_")):
+        if name.startswith(side):
+            return other + name.removeprefix(side)
+    return name

@@ -137,7 +137,7 @@ class Tracker:
         self._initialiser = Initialiser(self.kinematics, prior, self._prior, self._upright)
         self._challengers = Challengers(self._initialiser, self.kinematics, CHALLENGERS)
         self._steadying = Steadying(self.kinematics.joint_count)
-        self._filter = PointFilter(self.kinematics.landmark_count)
+        self._filter = PointFilter(self.layout.names)
         self.calibration = Calibration(self.kinematics, self._prior)
         self._uncertainty = UncertaintyModel(self.kinematics, prior)
         self._solver = LassoSolver(self.config.solver)
