@@ -40,6 +40,12 @@ def test_swapped_points_are_changed_back(length):
         assert np.array_equal(a, b) and np.array_equal(u, v)
 
 
+def test_the_time_is_of_one_swap_not_of_all():
+    swapped = [frame for start in (20, 60, 100, 140) for frame in range(start, start + 20)]
+    for (a, u), (b, v) in zip(filtered(180), filtered(180, swapped)):
+        assert np.array_equal(a, b) and np.array_equal(u, v)
+
+
 def test_weights_go_with_their_points():
     weights = np.array([500.0, 500.0, 100.0, 500.0])
     for (a, u), (b, v) in zip(filtered(40, (), weights), filtered(40, range(20, 25), weights)):

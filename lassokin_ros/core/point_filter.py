@@ -74,6 +74,8 @@ class PointFilter:
         if ((surprise > GATE * GATE) & seen & self._known).any():
             points, variance, seen = self._unswapped(points, variance, seen, surprise, step)
             innovation, spread, surprise = self._compared(points, variance)
+        else:
+            self._swapped[:] = 0.0  # it is the time of one swap, not of all
         off = seen & self._known & (surprise > GATE * GATE)
         self._off = np.where(off, self._off + 1, 0)
         anew = seen & (~self._known | (self._off >= CONVINCED_AFTER))
