@@ -49,14 +49,18 @@ class Mirroring:
             orientation = parent @ rotations[joint]
             there = pose.positions[child] - pose.positions[joint]
             bone = orientation @ self._kinematics.skeleton.offsets[child]
-            rotations[joint] = parent.T @ _turn(bone, mirror @ there) @ orientation
+            rotations[joint] = parent.T @ least_turn(bone, mirror @ there) @ orientation
             parent = parent @ rotations[joint]
         return BodyState(rotations, state.translation)
 
 
-def _turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The least rotation (3, 3) that takes a's direction to b's."""
+def least_turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The least rotation (3, 3) that takes the direction of a (3,) to b's; half a turn where they are opposite."""
     a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
-    axis, cosine = np.cross(a, b), float(a @ b)
-    skew = hat(axis)
-    return np.eye(3) + skew + skew @ skew / max(1 + cosine, 1e-6)
+    cosine = float(a @ b)
+    if cosine < -1 + 1e-6:  # about any axis across: theirs has no digits left
+        axis = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
+        axis /= np.linalg.norm(axis)
+        return 2 * np.outer(axis, axis) - np.eye(3)
+    skew = hat(np.cross(a, b))
+    return np.eye(3) + skew + skew @ skew / (1 + cosine)
