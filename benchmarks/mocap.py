@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from lassokin_ros.core.kinematics import BodyState, Kinematics
 from lassokin_ros.core.landmarks import Layout
+from lassokin_ros.core.rotations import least_turn
 from lassokin_ros.core.skeleton import Skeleton
 
 EVALUATED = (
@@ -107,7 +108,7 @@ def _smpl_orientations(world: np.ndarray, rest: np.ndarray, parents: np.ndarray,
         turn = np.eye(3)
         if direction is not None:
             bone = rest[index[end]] - rest[index[start]]
-            turn = _shortest_turn(np.array(direction), bone / np.linalg.norm(bone))
+            turn = least_turn(np.array(direction), bone)
         result[:, smpl.index(joint)] = world[:, index[start]] @ turn
 
     spine, neck, thorax = index["spine"], index["neck"], index["thorax"]
@@ -132,14 +133,6 @@ def _smpl_orientations(world: np.ndarray, rest: np.ndarray, parents: np.ndarray,
     result[:, smpl.index("head")] = world[:, index["head"]]
     assert result.shape == (frames, 24, 3, 3)
     return result
-
-
-def _shortest_turn(source: np.ndarray, target: np.ndarray) -> np.ndarray:
-    axis = np.cross(source, target)
-    sine, cosine = np.linalg.norm(axis), source @ target
-    if sine < 1e-12:
-        return np.eye(3)
-    return Rotation.from_rotvec(axis / sine * np.arctan2(sine, cosine)).as_matrix()
 
 
 def clip_height(clip: Clip) -> float:

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from lassokin_ros.core.rotations import (
     exponential,
     hat,
+    least_turn,
     logarithm,
     orthonormalised,
     right_jacobian,
@@ -105,3 +106,22 @@ def test_rotations_stay_rotations_over_many_steps():
     for _ in range(20_000):
         matrix = orthonormalised(matrix @ exponential(random.normal(size=3) * 0.1))
     assert np.abs(matrix.T @ matrix - np.eye(3)).max() < 1e-14
+
+
+@pytest.mark.parametrize(
+    "angle", [0.0, 1e-16, 1e-9, 1e-3, 1.0, 3.0, *(np.pi - np.array([1e-2, 1e-4, 1e-7, 1e-9, 0.0]))]
+)
+def test_the_least_turn_takes_one_direction_to_the_other_and_no_farther(angle):
+    for a in directions(10):
+        across = np.cross(a, np.roll(a, 1) + [0.1, 0.0, 0.0])
+        b = Rotation.from_rotvec(angle * across / np.linalg.norm(across)).apply(a)
+        turn = least_turn(3.0 * a, 0.2 * b)
+        assert np.abs(turn.T @ turn - np.eye(3)).max() < 1e-12 and np.linalg.det(turn) == pytest.approx(1)
+        assert np.linalg.norm(turn @ a - b) < 1e-9
+        assert Rotation.from_matrix(turn).magnitude() == pytest.approx(angle, abs=1e-8)
+
+
+def test_the_least_turn_to_the_exact_opposite_is_half_a_turn_across():
+    for a in [*np.eye(3), *-np.eye(3), np.array([0.3, -0.2, 0.9])]:
+        assert np.allclose(least_turn(a, -a) @ a, -a, atol=1e-15)
+        assert np.trace(least_turn(a, -a)) == pytest.approx(-1)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from lassokin_ros.core.kinematics import BodyState, Kinematics
-from lassokin_ros.core.rotations import hat
+from lassokin_ros.core.rotations import least_turn
 
 LIMBS = (
     ("left_shoulder", "left_elbow", "left_wrist"),
@@ -52,15 +52,3 @@ class Mirroring:
             rotations[joint] = parent.T @ least_turn(bone, mirror @ there) @ orientation
             parent = parent @ rotations[joint]
         return BodyState(rotations, state.translation)
-
-
-def least_turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The least rotation (3, 3) that takes the direction of a (3,) to b's; half a turn where they are opposite."""
-    a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
-    cosine = float(a @ b)
-    if cosine < -1 + 1e-6:  # about any axis across: theirs has no digits left
-        axis = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
-        axis /= np.linalg.norm(axis)
-        return 2 * np.outer(axis, axis) - np.eye(3)
-    skew = hat(np.cross(a, b))
-    return np.eye(3) + skew + skew @ skew / (1 + cosine)

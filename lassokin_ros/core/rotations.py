@@ -120,3 +120,22 @@ def orthonormalised(matrices: Array) -> Array:
     """One Newton step towards the nearest rotation, R (3 I - R^T R) / 2: enough for rounding drift, (..., 3, 3)."""
     gram = np.swapaxes(matrices, -1, -2) @ matrices
     return matrices @ (_ONE_AND_A_HALF - 0.5 * gram)
+
+
+def least_turn(a: Array, b: Array) -> Array:
+    """The least rotation (3, 3) that takes the direction of a (3,) to b's; half a turn where they are opposite.
+
+    Its quaternion is (a - b) x (a + b) / (2 |a + b|) and |a + b| / 2: near the opposite, a + b has digits that a . b
+    and a x b have lost.
+    """
+    a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
+    together = a + b
+    size = float(np.linalg.norm(together))
+    if size > 1e-10:
+        vector = np.cross(a - b, together) / (2 * size)
+    else:  # about any axis across
+        vector = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
+        vector = vector / np.linalg.norm(vector)
+    skew = hat(vector)
+    result: Array = np.eye(3) + size * skew + 2 * skew @ skew
+    return result

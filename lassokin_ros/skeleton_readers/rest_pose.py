@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from lassokin_ros.core.errors import SkeletonError
-from lassokin_ros.core.rotations import exponential
+from lassokin_ros.core.rotations import least_turn
 from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.skeleton_readers.naming import OURS, SIDES
 from lassokin_ros.skeleton_readers.rest_tree import RestTree
@@ -69,7 +69,7 @@ def _straight_limbs(tree: RestTree) -> RestTree:
             bone, wanted = positions[end] - positions[start], ours.offsets[ours.index(far)]
             if np.linalg.norm(bone) < 1e-6 or _angle(bone, wanted) <= STRAIGHT_ENOUGH:
                 continue
-            turn = _shortest_turn(bone, wanted)
+            turn = least_turn(bone, wanted)
             below = [joint for joint in range(start + 1, len(tree.names)) if _is_below(tree, joint, start)]
             positions[below] = positions[start] + (positions[below] - positions[start]) @ turn.T
     return replace(tree, positions=positions)
@@ -77,15 +77,6 @@ def _straight_limbs(tree: RestTree) -> RestTree:
 
 def _angle(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
-
-
-def _shortest_turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(3, 3) the rotation that brings a's direction to b's."""
-    axis = np.cross(a, b)
-    if np.linalg.norm(axis) < 1e-9:  # opposite: any axis across
-        axis = np.cross(a, np.roll(_nearest_axis(a), 1))
-    turn: np.ndarray = exponential(_angle(a, b) * axis / np.linalg.norm(axis))
-    return turn
 
 
 def _is_below(tree: RestTree, joint: int, top: int) -> bool:
