@@ -67,6 +67,7 @@ def parser() -> argparse.ArgumentParser:
     add("--missing", type=float, default=0.0, help="share of keypoints missing, in bursts of 5-30 frames (0)")
     add("--outliers", type=float, default=0.0, help="share of keypoints 30-150 px off at full confidence (0)")
     add("--swaps", type=float, default=0.0, help="share of frames with a limb's left and right swapped, in bursts (0)")
+    add("--duplicates", type=_count, default=1, metavar="K", help="each detection comes K times, at the frame rate (1)")
     add("--fps", type=float, default=60.0, help="frame rate, by leaving out frames (60)")
     add("--landmarks", default="coco17", help="landmark layout (coco17)")
     add("--views", type=int, default=2, help="cameras per clip (2)")
@@ -98,7 +99,8 @@ def measure(options: argparse.Namespace) -> list[Record]:
     if options.detections:
         recordings = detection_jobs(options.detections, options.methods, options.measured_bones, told(options))
         return in_parallel(run_detections, recordings, options.jobs)
-    condition = Condition(options.noise_px, options.missing, options.outliers, options.fps, options.swaps)
+    o = options
+    condition = Condition(o.noise_px, o.missing, o.outliers, o.fps, o.swaps, o.duplicates)
     jobs = [
         Job(file, view, method, condition, options.landmarks, options.seed, options.generic_skeleton,
             options.bone_error, options.symmetric, told(options), options.score_from)
@@ -150,6 +152,12 @@ def _marked(records: list[Record]) -> list[Record]:
 
 def _names(text: str) -> list[str]:
     return [name for name in text.replace(",", " ").split() if name]
+
+
+def _count(text: str) -> int:
+    if int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text}; expected 1 or more")
+    return int(text)
 
 
 def _setting(text: str) -> tuple[str, Any]:

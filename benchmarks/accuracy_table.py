@@ -68,6 +68,8 @@ def head(options: argparse.Namespace) -> str:
         f"Prior learned from (never in a summary): {' '.join(TRAINING)}",
         f"Times with {options.jobs} processes at once, one thread each.",
     ]
+    if options.duplicates > 1:
+        lines.append(f"Each detection comes {options.duplicates} times; every frame counts against its own truth.")
     if options.score_from:
         lines.append(f"Scored from {options.score_from:g} s on; clips that end before are left out.")
     return "\n".join(lines) + "\n"

@@ -117,6 +117,7 @@ def described(job: Job, scene: Scene) -> Record:
         "missing": job.condition.missing,
         "outliers": job.condition.outliers,
         "swaps": job.condition.swaps,
+        "duplicates": job.condition.duplicates,
         "landmarks": job.landmarks,
         "method": job.method,
         "seed": job.seed,

@@ -212,6 +212,7 @@ class Condition:
     """What happens to the exact projections: pixels of noise, shares missing (in bursts) and wrong, frame rate.
 
     swaps: share of the frames in which some limb's left and right are taken for each other, in bursts.
+    duplicates: frames for which each detection stands, under stamps of their own: a detector slower than the camera.
     """
 
     noise_px: float = 2.0
@@ -219,6 +220,7 @@ class Condition:
     outliers: float = 0.0
     fps: float = 60.0
     swaps: float = 0.0
+    duplicates: int = 1
 
 
 def view_of(clip: Clip, layout: Layout, skeleton: Skeleton, condition: Condition, view: int, seed: int) -> View:
@@ -248,6 +250,8 @@ def view_of(clip: Clip, layout: Layout, skeleton: Skeleton, condition: Condition
     _spoil(pixels, confidence, condition, random)
     if condition.swaps > 0:
         swap_sides(pixels, confidence, layout.names, condition.swaps, random)
+    detected = np.arange(len(pixels)) // condition.duplicates * condition.duplicates
+    pixels, confidence = pixels[detected], confidence[detected]
     return View(clip, clip.fps / step, focal, centre_px, truth, root, pixels, confidence)
 
 

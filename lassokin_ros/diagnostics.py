@@ -9,13 +9,15 @@ import numpy as np
 
 from lassokin_ros.calibration_figures import calibration_figures
 from lassokin_ros.core.tracker import Status
-from lassokin_ros.frame import Frame
+from lassokin_ros.frame import Frame, repeated_s
 from lassokin_ros.inbox import LOST, OVERTAKEN
 from lassokin_ros.pipeline import Pipeline
 from msg_adapters.outputs import ERROR, OK, WARN, StatusLine
 
 SILENCE_S = 2.0
 """s: keypoints that stay away this long are worth a warning."""
+FROZEN_S = 1.0
+"""s: so are the same keypoints again and again for longer than this."""
 
 
 class Diagnostics:
@@ -33,6 +35,7 @@ class Diagnostics:
         self._hardware_id = ""
         self._reprojection_px = float("nan")
         self._newest: list[Frame] = []
+        self._repeated_s = 0.0
 
     def _begin(self, now: float) -> None:
         self._since = now
@@ -51,6 +54,7 @@ class Diagnostics:
         the last output.
         """
         self._keypoints_at = now
+        self._repeated_s = repeated_s(frames)
         self._times_ms.append(1e3 * callback_s)
         for frame in frames[:1]:
             self._delays.append((arrival_ns - frame.stamp_ns) * 1e-9)
@@ -83,6 +87,11 @@ class Diagnostics:
             return WARN, "waiting for keypoints"
         if now - self._keypoints_at > SILENCE_S:
             return WARN, f"no keypoints for {now - self._keypoints_at:.1f} s"
+        if self._repeated_s > FROZEN_S:
+            return WARN, (
+                f"keypoints are frozen: the same ones for {self._repeated_s:.1f} s; does the camera's image move, and "
+                "does the detector get it?"
+            )
         unused = _unused(recent)
         if unused:
             return WARN, f"{pipeline.status.value}; {unused}"
@@ -107,7 +116,7 @@ class Diagnostics:
             "reprojection error [px]": f"{self._reprojection_px:.2f}",
             "largest joint deviation [m]": f"{self._largest_deviation():.3f}",
         }
-        for key in ("received", "accepted", "unstamped", "ignored while disabled", OVERTAKEN, LOST):
+        for key in ("received", "accepted", "duplicated", "unstamped", "ignored while disabled", OVERTAKEN, LOST):
             values[f"{key} [messages]"] = str(counts[key])
         values["resets"] = str(counts["resets"])
         if self._pipeline.ids is not None:

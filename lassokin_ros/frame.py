@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -68,3 +68,9 @@ class Frame:
         """(k, 3) m in the camera's frame -> (k, 2) px, through the lens of an accepted frame."""
         assert self.lens is not None
         return self.lens.distort(project(points))
+
+
+def repeated_s(frames: Sequence[Frame]) -> float:
+    """s for which everybody's keypoints in a message have been the same; 0 where somebody's are new, or nobody is."""
+    accepted = [frame.estimate.repeated for frame in frames if frame.accepted and frame.estimate is not None]
+    return min(accepted, default=0.0)

@@ -18,7 +18,7 @@ from lassokin_ros.camera import Camera, View
 from lassokin_ros.core.calibration import Calibration
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.tracker import Status
-from lassokin_ros.frame import Frame
+from lassokin_ros.frame import Frame, repeated_s
 from lassokin_ros.lens import Lens
 from lassokin_ros.matching import distances, reach, usable
 from lassokin_ros.node_config import MESSAGE, NodeConfig
@@ -48,7 +48,7 @@ class Pipeline:
         self.enabled = True
         """While False, keypoints are counted and not looked at."""
         self.counts: Counter[str] = Counter()
-        """Messages by what became of them: received, accepted, unstamped, resets and "rejected: <reason>"."""
+        """Messages by what became of them: received, accepted, duplicated, unstamped, resets, "rejected: <reason>"."""
         self.people = _people(bodies, self.counts) if self.config.several_people else None
         """Who is there, when several people are followed; None when it is one."""
         self._adapter = keypoint_adapter(self.config.keypoints_type)
@@ -129,6 +129,8 @@ class Pipeline:
         frames = self._frames(message, arrival_ns)
         rejection = frames[0].rejection if frames else None
         self.counts["accepted" if rejection is None else f"rejected: {rejection}"] += 1
+        if repeated_s(frames) > 0:
+            self.counts["duplicated"] += 1
         return frames
 
     def _frames(self, message: Any, arrival_ns: int) -> list[Frame]:

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,9 @@ import pytest
 
 from benchmarks.accuracy import main
 from benchmarks.detections import height_of, measured
-from benchmarks.experiment import Job, bone_scales
+from benchmarks.experiment import Job, bone_scales, scene_of
 from benchmarks.learn_prior import TRAINING
+from benchmarks.mocap import Condition
 from benchmarks.report import data_folder
 from lassokin_ros.core.kinematics import BodyState, Kinematics
 from lassokin_ros.core.landmarks import Layout
@@ -142,3 +144,15 @@ def test_measured_bones_are_the_reference_s():
         apart = found.rest_positions[shoulders] - found.rest_positions[hips]
         wanted = truth.rest_positions[shoulders] - truth.rest_positions[hips]
         assert apart[height_or_width] == pytest.approx(wanted[height_or_width], abs=2e-3)
+
+
+@needs_clips
+def test_duplicates_are_the_same_keypoints_against_each_frames_truth(capsys):
+    job = Job(MOCAP / "exp_running_1.npz", 0, "lasso")
+    single, view = (scene_of(replace(job, condition=Condition(duplicates=k))).view for k in (1, 3))
+    assert np.array_equal(view.truth, single.truth) and not np.array_equal(view.truth[3], view.truth[4])
+    for frame in range(len(view.pixels)):
+        assert np.array_equal(view.pixels[frame], single.pixels[frame - frame % 3])
+    with pytest.raises(SystemExit):
+        main(["--duplicates", "0"])
+    assert "expected 1 or more" in capsys.readouterr().err

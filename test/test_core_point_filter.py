@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sequences import CONFIG, aligned_error, observations
 
-from lassokin_ros.core.point_filter import SWAPPED_AT_MOST, PointFilter
+from lassokin_ros.core.point_filter import LONGEST_COURSE, SWAPPED_AT_MOST, TRUST, PointFilter
 from lassokin_ros.core.tracker import Tracker
 
 NAMES = ("nose", "left_knee", "right_knee", "left_ankle")
@@ -85,3 +85,20 @@ def test_the_tracker_keeps_the_limbs_of_a_detector_that_mixes_them_up():
         errors.append((right, aligned_error(mixed.track(replace(observation, points=points)), truth)))
     plainly, mixed_up = np.median(errors, axis=0)
     assert mixed_up < plainly + 0.01
+
+
+def test_what_is_expected_goes_on_for_a_while_and_teaches_nothing():
+    plain, asked = PointFilter(NAMES), PointFilter(NAMES)
+    weights = np.full(4, 1 / NOISE)
+    random = np.random.default_rng(0)
+    for frame in range(60):
+        points = places(frame) + NOISE * random.normal(size=(4, 2))
+        a, u = plain.update(frame / RATE, points, weights, 1.0)
+        b, v = asked.update(frame / RATE, points, weights, 1.0)
+        assert np.array_equal(a, b) and np.array_equal(u, v)
+        soon, less = asked.expected((frame + 0.5) / RATE)
+        assert np.array_equal(less, TRUST * v)
+    assert np.allclose(soon - b, 0.5 / RATE * asked._velocity) and np.abs(soon - places(59.5)).max() < 5 * NOISE
+    latest = asked.expected(59 / RATE + LONGEST_COURSE)[0]
+    assert np.allclose(latest - b, LONGEST_COURSE * asked._velocity)
+    assert np.allclose(asked.expected(1e9)[0], latest, rtol=0, atol=1e-12)

@@ -34,7 +34,7 @@ def running():
     namespace = "/faults"
     with NodeProcess(namespace) as node, Peer(namespace) as peer:
         peer.start(PIXELS[0])
-        peer.frames_sent, peer.newest_ns = 0, START_NS
+        peer.frames_sent, peer.newest_ns = 1, START_NS
         yield node.process, peer
 
 

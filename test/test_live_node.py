@@ -242,6 +242,23 @@ def test_diagnostics_while_tracking(running):
     assert stamp_of(message) > 1e18  # the wall clock's time
 
 
+def test_frozen_keypoints_are_answered_and_said(running):
+    feed(running, 2)
+    count, last = values_of(running.next_diagnostics())["duplicated [messages]"], running.frames_sent - 1
+    for _ in range(5):
+        running.frames_sent += 18  # 0.3 s
+        outputs = len(running.got[topics.JOINT_STATES])
+        running.send(START_NS + running.frames_sent * 16_666_667, PIXELS[last % len(PIXELS)])
+        running.spin_until(lambda: len(running.got[topics.JOINT_STATES]) > outputs, what="an answer")  # noqa: B023
+    status = running.next_diagnostics(lambda s: "frozen" in s.message)
+    assert status.level == WARN and "the same ones for 1.5 s" in status.message
+    assert int(values_of(status)["duplicated [messages]"]) == int(count) + 5
+    running.frames_sent += 1
+    feed(running)
+    running.next_diagnostics(lambda s: s.message == "tracking")
+    assert values_of(running.got[topics.CERTIFICATE][-1])["initialised"] == "true"  # nobody knows what was between
+
+
 def test_refused_keypoints_are_counted_by_reason_and_the_state_stays(running):
     feed(running, 3)
     old = START_NS + (running.frames_sent - 1) * 16_666_667

@@ -169,6 +169,11 @@ def half_seen(stamps, pixels, confidence):
     confidence[::3, 3] = confidence[1::3, 3] = 0
 
 
+def repeated(stamps, pixels, confidence):
+    for values in (pixels, confidence):
+        values[1::2] = values[: len(values[1::2]) * 2 : 2]
+
+
 CASES = {
     "lost": (
         {"spoil": absent(20, 60)},
@@ -219,6 +224,7 @@ CASES = {
         {"times": lambda s: s, "spoil": lambda s, p, c: s.__iadd__((s - s[0]) * 4)},
         ("note", "Keypoints come at 6.0 Hz; "),
     ),
+    "repeated": ({"spoil": repeated}, ("note", f"{FRAMES // 2} of {FRAMES} messages repeat the keypoints before")),
     "late": ({"times": lambda s: s + 2_500_000_000}, ("note", "Keypoints were recorded 2.5 s after their stamps: ")),
     "no stamps": (
         {"spoil": lambda s, p, c: s.__imul__(0)},

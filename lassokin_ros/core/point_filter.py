@@ -28,6 +28,10 @@ ADAPTION = 0.05
 """Share of each frame's surprise that enters a track's liveliness."""
 CORRELATION = 0.75
 """Filtered errors last several frames; this factor on the weights accounts for it."""
+LONGEST_COURSE = 0.05
+"""s for which points are expected to go on with their velocities; longer, more is lost than won."""
+TRUST = 0.5
+"""Factor on the weights of points that are expected, not seen."""
 
 _GAIN_OF, _ENTRY_OF = np.array([0, 0, 1]), np.array([0, 1, 1])  # a correction takes gain * entry off each covariance
 
@@ -54,6 +58,7 @@ class PointFilter:
         self._unseen = np.zeros(count)
         self._swapped = np.zeros(count)
         self._liveliness = np.ones(count)
+        self._weights = np.zeros(count)
 
     def update(
         self, stamp: float, points: np.ndarray, weights: np.ndarray, acceleration: float
@@ -88,7 +93,16 @@ class PointFilter:
         self._known = (self._known | anew) & (self._unseen < FORGOTTEN_AFTER)
         coasting = self._known & (~seen | (self._off == 1))
         filtered = np.where(good | coasting, 1 / np.sqrt(np.maximum(self._covariance[0], 1e-12)), 0.0)
-        return self._position.copy(), CORRELATION * filtered
+        self._weights = CORRELATION * filtered
+        return self._position.copy(), self._weights
+
+    def expected(self, stamp: float) -> tuple[np.ndarray, np.ndarray]:
+        """Points (l, 2) and weights (l,) of a frame that tells nothing new, by the tracks, which stay as they are.
+
+        The weights do not fall with time: where nothing new comes for long, the last points are still the best known.
+        """
+        step = min(max(stamp - self._stamp, 0.0), LONGEST_COURSE)
+        return self._position + step * self._velocity, TRUST * self._weights
 
     def _compared(self, points: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(innovation (l, 2), its variance (l,), its squared size in standard deviations (l,)) of points."""

@@ -30,6 +30,7 @@ from lassokin_ros.core.observation_model import linearise
 from lassokin_ros.core.point_filter import PointFilter
 from lassokin_ros.core.prior import PosePrior, PriorRows
 from lassokin_ros.core.projection import project
+from lassokin_ros.core.repeats import Repeats
 from lassokin_ros.core.robust import huber_weights
 from lassokin_ros.core.rotations import orthonormalised, right_jacobian
 from lassokin_ros.core.skeleton import Skeleton
@@ -110,6 +111,7 @@ class Estimate:
     solved: BodyState | None = None
     cost: float = float("nan")
     confidence: float = float("nan")
+    repeated: float = 0.0
 
     @property
     def accepted(self) -> bool:
@@ -137,7 +139,7 @@ class Tracker:
         self._initialiser = Initialiser(self.kinematics, prior, self._prior, self._upright)
         self._challengers = Challengers(self._initialiser, self.kinematics, CHALLENGERS)
         self._steadying = Steadying(self.kinematics.joint_count)
-        self._filter = PointFilter(self.layout.names)
+        self._repeats, self._filter = Repeats(), PointFilter(self.layout.names)
         self.calibration = Calibration(self.kinematics, self._prior)
         self._uncertainty = UncertaintyModel(self.kinematics, prior)
         self._solver = LassoSolver(self.config.solver)
@@ -148,12 +150,14 @@ class Tracker:
     def reset(self) -> None:
         """Forget the state; the next usable frame initialises anew."""
         self._state: BodyState | None = None
-        self._seen, self._uncertified = -np.inf, 0
+        self._seen = self._informed = -np.inf  # stamps of the last frame that was used, of the last with new keypoints
+        self._uncertified = 0
         self._status = Status.SEARCHING
         self._successor: BodyState | None = None
         self._cost = float("nan")
         self._guess: np.ndarray | None = None
         self._pose: BodyPose | None = None  # of the present state, as long as the skeleton stays
+        self._repeats.reset()
         self._filter.reset()
         self._steadying.reset()
         self._upright.reset()
@@ -175,13 +179,14 @@ class Tracker:
         rejection, weights = self._admit(observation)
         if rejection is not None:
             return self._refused(observation, rejection)
-        lost = observation.stamp - self._seen > self.config.lost_after
+        repeated = self._repeats.age(observation.stamp, observation.points, observation.confidence)
+        lost = observation.stamp - (self._seen if repeated else self._informed) > self.config.lost_after
         if lost:
             self._filter.reset()
-        depth = 3.5 if self._state is None else self._state.translation[2]
+            repeated = 0.0
         visible = weights > 0
         seen = np.where(visible[:, None], observation.points, 0.0)
-        points, weights = self._filter.update(observation.stamp, seen, weights, ACCELERATION / depth)
+        points, weights = self._filtered(observation.stamp, seen, weights, repeated > 0)
         if np.count_nonzero(weights) < self.config.min_landmarks:
             return self._refused(observation, Rejection.TOO_FEW_LANDMARKS)
         initialised = self._state is None or lost or self._uncertified >= STUCK_AFTER
@@ -196,12 +201,15 @@ class Tracker:
         if self.skeleton.height * observation.focal < SMALLEST * self.config.noise_px * state.translation[2]:
             return self._refused(observation, Rejection.TOO_SMALL, solution.certificate)
         step = observation.stamp - self._seen
-        state = self._take(state, fit, omega, points, weights, problem.alpha, step)
+        news = observation.stamp - self._informed if repeated == 0 else 0.0
+        state = self._take(state, fit, omega, points, weights, problem.alpha, news)
         steady = self._steadying.steadied(state, omega, solution.x, step, self.config.smoothing)
         pose = self.kinematics.pose(steady)
         error = (seen - project(pose.landmarks))[visible] * observation.focal
         self._seen, self._status = observation.stamp, Status.TRACKING
-        if self.config.calibrate:
+        if repeated == 0:
+            self._informed = observation.stamp
+        if self.config.calibrate and (initialised or repeated == 0):
             self._calibrate(observation.stamp, initialised, points, weights)
         return Estimate(
             observation.stamp,
@@ -219,7 +227,17 @@ class Tracker:
             state,
             self._cost,
             float("nan") if fit is None else fit.confidence,
+            repeated,
         )
+
+    def _filtered(
+        self, stamp: float, points: np.ndarray, weights: np.ndarray, repeated: bool
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What the points' tracks make of a frame; a repeated one teaches them nothing, least of all a standstill."""
+        if repeated:
+            return self._filter.expected(stamp)
+        depth = 3.5 if self._state is None else self._state.translation[2]
+        return self._filter.update(stamp, points, weights, ACCELERATION / depth)
 
     def _take(
         self,
@@ -229,11 +247,12 @@ class Tracker:
         points: np.ndarray,
         weights: np.ndarray,
         alpha: np.ndarray,
-        step: float,
+        news: float,
     ) -> BodyState:
         """Make a certified state the present one, which is returned, and let the challengers see the same points.
 
-        fit: where the state was found anew, what it was found as.
+        fit: where the state was found anew, what it was found as; news: s since there were new keypoints before these;
+        0 where these are repeated, and no further evidence.
         """
         if fit is not None or self._successor is not None:
             self._steadying.reset()  # it is another explanation: where the last one was going says nothing of it
@@ -243,9 +262,11 @@ class Tracker:
             self._challengers.start(points, weights)
             self._cost = float(fit.costs[0])
             return state
+        if news == 0:
+            return state
         self._successor = self._challengers.advance(state, omega[self._live], points, weights, alpha)
         self._pose, self._cost = self._challengers.published, self._challengers.cost
-        self._upright.learn(state.rotations[0], step)
+        self._upright.learn(state.rotations[0], news)
         return state
 
     def uncertainty(self, estimate: Estimate) -> JointUncertainty:
@@ -273,6 +294,7 @@ class Tracker:
     ) -> Estimate:
         """The answer to a frame that is not used: only the status may change, when too long nothing was usable."""
         if self._state is None:
+            self._repeats.reset()
             self._filter.reset()
         elif observation.stamp - self._seen > self.config.lost_after:
             self._status = Status.LOST

@@ -194,6 +194,16 @@ def _rate(facts: Facts) -> Iterator[Finding]:
         )
 
 
+def _repeated(facts: Facts) -> Iterator[Finding]:
+    repeated, received = facts.counts.get("duplicated", 0), facts.counts.get("received", 0)
+    if repeated > FEW * max(received, 1):
+        yield Finding(
+            NOTE,
+            f"{repeated} of {received} messages repeat the keypoints before them: a detector slower than the camera, "
+            "or an image that stands still.",
+        )
+
+
 def _found_anew(facts: Facts) -> Iterator[Finding]:
     for person in facts.people:
         times = [row.time for row in facts.accepted(person) if row.initialised]
@@ -268,6 +278,7 @@ RULES: tuple[Callable[[Facts], Iterator[Finding]], ...] = (
     _gaps,
     _found_anew,
     _rate,
+    _repeated,
     _people,
     _bones,
 )
