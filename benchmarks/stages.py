@@ -16,14 +16,15 @@ CORE = "lassokin_ros.core"
 STAGES = {
     "filter the keypoints": "point_filter:PointFilter.update",
     "forward kinematics": "kinematics:Kinematics.pose",
-    "project, Jacobian, assemble": "tracker:linearise",
-    "prior's rows": "prior:PriorRows.linearise_live",
+    "project, Jacobian, assemble": "frame_rows:FrameRows.linearise",
+    "prior's columns": "prior:PriorRows.live_columns",
     "solve": "lasso:LassoSolver.solve",
     "solve: eliminate the translation": "lasso:eliminate_translation",
     "solve: QP": "dual:DualSolver.solve",
     "solve: mend on the support": "lasso:_mend",
     "solve: certify": "lasso:certify",
-    "challengers": "challengers:Challengers.advance",
+    "challengers: a step": "challengers:Challengers.advance",
+    "challengers: compare, renew": "challengers:Challengers.compete",
     "retract": "kinematics:BodyState.retract",
 }
 """Stage -> module:function as it is looked up when called. One that a later version lacks is left out of the table."""

@@ -10,9 +10,11 @@ from description_check import DescribedBody
 from lassokin_ros.calibration_figures import calibration_figures
 from lassokin_ros.core.calibration import Calibration
 from lassokin_ros.core.errors import SkeletonError
+from lassokin_ros.core.frame_rows import FrameRows
 from lassokin_ros.core.prior import PosePrior, PriorRows
 from lassokin_ros.core.proportions import Proportions
 from lassokin_ros.core.skeleton import Skeleton
+from lassokin_ros.core.upright import Upright
 from lassokin_ros.skeleton_file import save_all, skeleton_text, write_text
 
 NOW_NS = 1_700_000_000_123_456_789
@@ -22,7 +24,8 @@ PROMISE_M = 1e-3
 def learned(seconds=5.0, seed=3):
     """A calibration that has come to lengths of its own."""
     kinematics = body()
-    calibration = Calibration(kinematics, PriorRows(PosePrior.load(kinematics.skeleton), kinematics))
+    prior = PriorRows(PosePrior.load(kinematics.skeleton), kinematics)
+    calibration = Calibration(FrameRows(kinematics, prior, Upright()))
     calibration.lengths = np.random.default_rng(seed).normal(size=calibration.proportions.count) * 0.05
     calibration.moved = seconds
     return calibration

@@ -6,6 +6,7 @@ from cases import FACING, body, central_difference, random_body, random_state, r
 
 from lassokin_ros.core.calibration import Calibration
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.frame_rows import FrameRows
 from lassokin_ros.core.kinematics import BodyState
 from lassokin_ros.core.prior import PosePrior, PriorRows
 from lassokin_ros.core.projection import project
@@ -89,12 +90,12 @@ def recovered(right, prior, seed):
     given, changes = wrong_skeleton(seed=seed)
     kinematics = body()
     kinematics.reshape(given)
-    calibration = Calibration(kinematics, PriorRows(prior, kinematics))
+    calibration = Calibration(FrameRows(kinematics, PriorRows(prior, kinematics), Upright()))
     states = postures(prior, 150, seed)
     points = project(right.pose(states).landmarks)
     for i, seen in enumerate(points):
         state = BodyState(states.rotations[i], states.translation[i])
-        if calibration.advance(i * 0.14, state, seen, np.full(17, FOCAL / 2), Upright()):
+        if calibration.advance(i * 0.14, state, seen, np.full(17, FOCAL / 2)):
             kinematics.reshape(calibration.skeleton)
     return changes, calibration
 

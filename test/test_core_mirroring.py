@@ -5,6 +5,7 @@ import pytest
 from cases import FACING, body, random_body
 from scipy.spatial.transform import Rotation
 
+from lassokin_ros.core.frame_rows import FrameRows
 from lassokin_ros.core.initialisation import Initialiser
 from lassokin_ros.core.kinematics import BodyState
 from lassokin_ros.core.mirroring import LIMBS, Mirroring
@@ -78,7 +79,7 @@ def test_a_skeleton_without_limbs_has_none():
     n = kinematics.joint_count
     none = mirroring.all(BodyState(np.tile(np.eye(3), (n, 1, 1)), np.array([0.0, 0.0, 3.0])))
     prior = PosePrior.load(kinematics.skeleton)
-    initialiser = Initialiser(kinematics, prior, PriorRows(prior, kinematics), Upright())
+    initialiser = Initialiser(kinematics, prior, FrameRows(kinematics, PriorRows(prior, kinematics), Upright()))
     points = 0.1 * np.random.default_rng(1).normal(size=(kinematics.landmark_count, 2))
     assert np.isfinite(initialiser.fit(points, np.full(len(points), 300.0)).costs).all()
     assert mirroring.variants == [] and none.rotations.shape == (0, n, 3, 3) and none.translation.shape == (0, 3)

@@ -10,6 +10,7 @@ import pytest
 from cases import FACING, relative_error
 from sequences import CONFIG, FOCAL, NOISE_PX, RATE, aligned_error, frame, observations, same
 
+from lassokin_ros.core.frame_rows import FrameRows
 from lassokin_ros.core.initialisation import Initialiser
 from lassokin_ros.core.kinematics import BodyState
 from lassokin_ros.core.landmarks import built_in_layouts
@@ -307,7 +308,8 @@ def test_initialisation_finds_the_way_a_person_faces(yaw):
     random = np.random.default_rng(yaw)
     points = project(truth.landmarks) + random.normal(size=(17, 2)) * NOISE_PX / FOCAL
     weights = np.full(17, FOCAL / NOISE_PX)
-    fit = Initialiser(kinematics, prior, PriorRows(prior, kinematics), Upright()).fit(points, weights)
+    rows = FrameRows(kinematics, PriorRows(prior, kinematics), Upright())
+    fit = Initialiser(kinematics, prior, rows).fit(points, weights)
     assert np.all(np.diff(fit.costs) >= 0)
     front = fit.best.rotations[0] @ [0, 0, 1]
     angle = np.degrees(np.arccos(np.clip(front @ (rotations[0] @ [0, 0, 1]), -1, 1)))

@@ -15,14 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import lapack
 
-from lassokin_ros.core.kinematics import BodyState, Kinematics
-from lassokin_ros.core.observation_model import linearise
-from lassokin_ros.core.prior import PriorRows
+from lassokin_ros.core.frame_rows import FrameRows
+from lassokin_ros.core.kinematics import BodyState
+from lassokin_ros.core.projection import project, projection_jacobian
 from lassokin_ros.core.proportions import Proportions
-from lassokin_ros.core.robust import huber_cost, huber_weights
+from lassokin_ros.core.robust import huber_cost, huber_weights, norm
 from lassokin_ros.core.rotations import exponential
 from lassokin_ros.core.skeleton import Skeleton
-from lassokin_ros.core.upright import Upright
 
 MODELS = (0.003, 0.05, 0.12)
 """What the given lengths may be: measured, good guesses, or somebody else's; standard deviation of a log-length about
@@ -87,9 +86,9 @@ class KeptFrame:
 class Calibration:
     """Learns the lengths of one person; `advance` with every tracked frame, then take `skeleton`."""
 
-    def __init__(self, kinematics: Kinematics, rows: PriorRows) -> None:
+    def __init__(self, rows: FrameRows) -> None:
+        self._kinematics = kinematics = rows.kinematics
         self.proportions = Proportions(kinematics)
-        self._kinematics = kinematics
         self._rows = rows
         self._live = np.flatnonzero(kinematics.live)
         self.reset()
@@ -122,9 +121,7 @@ class Calibration:
         """The state was found anew: wait until it has settled before frames are kept."""
         self._kept_at = stamp + SETTLED
 
-    def advance(
-        self, stamp: float, state: BodyState, points: np.ndarray, weights: np.ndarray, upright: Upright
-    ) -> bool:
+    def advance(self, stamp: float, state: BodyState, points: np.ndarray, weights: np.ndarray) -> bool:
         """Use a tracked frame (arguments as in `Tracker`); True when the lengths have changed."""
         if self.frozen or stamp - self._worked_at < WORK_EVERY:
             return False
@@ -136,29 +133,29 @@ class Calibration:
         if stamp - self._kept_at >= self._interval:
             self.moved += self._interval
             self._kept_at = stamp
-            self._keep(state, points, weights, upright)
+            self._keep(state, points, weights)
         elif self._frames:
             self._turn = (self._turn + 1) % len(self._frames)
-            self._linearise(self._frames[self._turn], upright)
+            self._linearise(self._frames[self._turn])
         if stamp - self._updated_at < UPDATE_EVERY or len(self._frames) < 4:
             return False
         self._updated_at = stamp
         self._update()
         return True
 
-    def _keep(self, state: BodyState, points: np.ndarray, weights: np.ndarray, upright: Upright) -> None:
+    def _keep(self, state: BodyState, points: np.ndarray, weights: np.ndarray) -> None:
         if len(self._frames) >= KEPT:
             pairs = zip(self._frames[::2], self._frames[1::2])
             self._frames = [a if a.cost < b.cost else b for a, b in pairs]
             self._interval *= 2
         count = self.proportions.count
         frame = KeptFrame(state, points, weights, self.lengths, np.zeros((count, count)), np.zeros(count))
-        self._linearise(frame, upright)
+        self._linearise(frame)
         self._frames.append(frame)
 
-    def _linearise(self, frame: KeptFrame, upright: Upright) -> None:
+    def _linearise(self, frame: KeptFrame) -> None:
         """Renew a frame's normal equations at the present lengths, and take one Gauss-Newton step of its pose."""
-        J, C, z, cost = self._frame_rows(frame, upright)
+        J, C, z, cost = self._frame_rows(frame)
         H = J.T @ J
         H.flat[:: len(H) + 1] += DAMPING
         right = np.column_stack([J.T @ C, J.T @ z])
@@ -190,32 +187,23 @@ class Calibration:
         states = self._moved(frame.state, -VOLUME_STEP * coupling.T)
         offsets = self.proportions.offsets(self.lengths + VOLUME_STEP * np.eye(count))
         pose = self._kinematics.pose(states, offsets)
-        model = linearise(self._kinematics, pose, frame.points, frame.weights)
-        J = np.concatenate([model.A[..., self._live], model.B], axis=-1)
-        there = np.linalg.slogdet(np.swapaxes(J, -1, -2) @ J + prior)[1]
+        F = projection_jacobian(pose.landmarks) * frame.weights[:, None, None]
+        columns = np.empty((count, len(prior), 2 * len(frame.points)))
+        self._rows.image_columns(pose, F, None, columns)
+        there = np.linalg.slogdet(columns @ np.swapaxes(columns, -1, -2) + prior)[1]
         return np.clip((there - at_present) / VOLUME_STEP, -STEEPEST, STEEPEST)
 
-    def _frame_rows(self, frame: KeptFrame, upright: Upright) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    def _frame_rows(self, frame: KeptFrame) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
         """(J, C, z, cost): rows ||z - J [Omega, x] - C dlengths||^2 of a frame, and its robust cost."""
-        kinematics = self._kinematics
-        pose = kinematics.pose(frame.state)
-        model = linearise(kinematics, pose, frame.points, frame.weights)
-        size = np.linalg.norm(model.residual.reshape(-1, 2), axis=-1)
-        robust = np.repeat(np.sqrt(huber_weights(size)), 2)
-        prior_A, prior_z = self._rows.linearise(frame.state.rotations)
-        upright_A, upright_z = upright.linearise(frame.state.rotations[0])
-        images, priors = len(robust), len(prior_z)
-        A = np.zeros((images + priors + upright.count, len(prior_A[0])))
-        A[:images], A[images:-3], A[-3:, :3] = model.A * robust[:, None], prior_A, upright_A
-        J = np.zeros((len(A), len(self._live) + 3))
-        J[:, :-3] = A[:, self._live]
-        J[:images, -3:] = model.B * robust[:, None]
-        C = np.zeros((len(A), self.proportions.count))
-        by_length = self.proportions.jacobian(pose, self.lengths)
-        C[:images] = (model.B.reshape(-1, 2, 3) @ by_length).reshape(images, -1) * robust[:, None]
-        z = np.concatenate([model.residual * robust, prior_z, upright_z])
-        cost = float(huber_cost(size).sum() + 0.5 * prior_z @ prior_z)
-        return J, C, z, cost
+        about = self._rows.hypotheses(frame.state)
+        rows = self._rows.linearise(about, frame.points, frame.weights, huber_weights)
+        images = 2 * len(frame.points)
+        by_length = self.proportions.jacobian(about.pose, self.lengths)
+        C = np.zeros((len(rows.z), self.proportions.count))
+        C[:images] = (rows.columns[-3:, :images].T.reshape(-1, 2, 3) @ by_length).reshape(images, -1)
+        size = norm(frame.points - project(about.pose.landmarks)) * frame.weights
+        prior = about.posture.residual
+        return rows.columns.T, C, rows.z, float(huber_cost(size).sum() + 0.5 * prior @ prior)
 
     def _update(self) -> None:
         """Solve for the lengths by all kept frames, and end when they are certain."""

@@ -9,11 +9,15 @@ takes its place in the next frame.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from lassokin_ros.core.initialisation import STARTS, Initialiser
-from lassokin_ros.core.kinematics import BodyPose, BodyState, Kinematics
-from lassokin_ros.core.robust import norm
+from lassokin_ros.core.frame_rows import FrameRows, Hypotheses, Rows
+from lassokin_ros.core.initialisation import STARTS, Initialiser, in_front
+from lassokin_ros.core.kinematics import BodyState
+from lassokin_ros.core.robust import CAP, huber_weights, norm
+from lassokin_ros.core.rotations import orthonormalised
 
 COARSE = ((4, 8.0), (7, 2.0))
 """(frames of age, factor on the noise) while a challenger is young."""
@@ -36,64 +40,76 @@ ALIKE = 0.02
 
 
 class Challengers:
-    """A pool of states that run beside the published one."""
+    """A pool of states that run beside the published one, with it: what a frame asks of one, it asks of all at once."""
 
-    def __init__(self, initialiser: Initialiser, kinematics: Kinematics, count: int) -> None:
+    def __init__(self, initialiser: Initialiser, rows: FrameRows, count: int) -> None:
         self._initialiser = initialiser
-        self._kinematics = kinematics
+        self._rows = rows
         self._count = count
-        self._states: BodyState | None = None
-        self._pose: BodyPose | None = None
-        self.published: BodyPose | None = None
-        """The pose of the state that `advance` was given last, which it needs anyhow."""
+        #: Of the present published state, the last, to which those led that are first.
+        self._everyone: Hypotheses | None = None
+        #: Standard deviations beyond which a point does not count: for the published state it always does.
+        self._caps = np.append(np.full(count, CAP), np.inf)[:, None]
         self.cost = float("nan")
-        """Its cost by image, prior and uprightness: a negative log-likelihood."""
+        """The published state's cost by image, prior and uprightness: a negative log-likelihood."""
 
-    def start(self, points: np.ndarray, weights: np.ndarray) -> None:
-        """Begin with a pool of new challengers for this frame's points (l, 2) and weights (l,)."""
-        n = self._kinematics.joint_count
-        self._states = BodyState(np.zeros((self._count, n, 3, 3)), np.zeros((self._count, 3)))
+    def start(self, state: BodyState, points: np.ndarray, weights: np.ndarray) -> None:
+        """Begin with a pool of new challengers for this frame's points (l, 2) and weights (l,), beside `state`."""
         self._age = np.zeros(self._count)
         self._advantage = np.zeros(self._count)
         self._next_side = self._next_limb = self._renewals = 0  # the same images lead to the same states
-        for slot in range(self._count):
-            self._renew_turned(slot, points, weights)
+        turned = [self._turned(points, weights) for _ in range(self._count)]
+        self._everyone = self._rows.hypotheses(_stacked([*turned, state]))
 
     def stop(self) -> None:
         """Drop the pool."""
-        self._states = None
+        self._everyone = None
 
-    def forget_pose(self) -> None:
-        """The skeleton has changed: the pool's pose, kept from one frame for the next, is no longer right."""
-        self._pose = None
+    def refresh(self) -> None:
+        """The skeleton has changed: what follows from the states is no longer right."""
+        if self._everyone is not None:
+            self._everyone = self._rows.hypotheses(self._everyone.state)
 
-    def advance(
-        self, state: BodyState, omega: np.ndarray, points: np.ndarray, weights: np.ndarray, motion_cost: np.ndarray
-    ) -> BodyState | None:
-        """One Gauss-Newton step for every challenger; the state that should replace `state`, or None.
-
-        omega: (live,) rad, the increment that led to the published `state`; motion_cost: (live,) cost per rad of each
-        degree of freedom's increment, the tracker's alpha, which the challengers pay like the published state.
-        """
-        self.published = None
-        if self._states is None or self._count == 0:
-            return None
-        factor = np.ones(self._count)
+    def linearise(self, points: np.ndarray, weights: np.ndarray) -> Rows:
+        """The rows of a frame about the published state; those about the others stay here for `advance`."""
+        assert self._everyone is not None
+        factor = np.ones((self._count + 1, 1))
         for age, value in reversed(COARSE):
-            factor[self._age < age] = value
-        self._states, increments = self._initialiser.step(self._states, points, weights / factor[:, None], self._pose)
-        self._age += 1
-        # The published state joins the batch as its last row.
-        everyone = BodyState(
-            np.concatenate([self._states.rotations, state.rotations[None]]),
-            np.concatenate([self._states.translation, state.translation[None]]),
-        )
-        pose = self._kinematics.pose(everyone)
-        self._pose = BodyPose(pose.orientations[:-1], pose.positions[:-1], pose.landmarks[:-1])
-        self.published = BodyPose(pose.orientations[-1], pose.positions[-1].copy(), pose.landmarks[-1])
-        cost = self._initialiser.cost(everyone, points, weights, pose)
+            factor[:-1][self._age < age] = value
+        rows = self._rows.linearise(self._everyone, points, weights / factor, self._robust)
+        self._linearised = Rows(rows.columns[:-1], rows.z[:-1])
+        return Rows(rows.columns[-1].copy(), rows.z[-1].copy())  # alone: who keeps these does not keep all
+
+    def _robust(self, size: np.ndarray) -> np.ndarray:
+        return np.where(size > self._caps, 0.0, huber_weights(size))
+
+    def advance(self, omega: np.ndarray, x: np.ndarray, all_of_them: bool = True) -> BodyState:
+        """Move the published state by a frame's increment, which is returned, and the challengers by Gauss-Newton.
+
+        omega: (3 n,) rad, x: (3,) m: the increment, from where `linearise` found the published state; all_of_them:
+        False when the challengers are to stay, in a frame that is no evidence.
+        """
+        assert self._everyone is not None
+        omegas, steps = np.zeros((self._count, len(omega))), np.zeros((self._count, 3))
+        if all_of_them:
+            omegas, steps = self._initialiser.step(self._linearised)
+            self._age += 1
+        self._increments = np.concatenate([omegas, omega[None]])
+        moved = self._everyone.state.retract(self._increments, np.concatenate([steps, x[None]]))
+        in_front(BodyState(moved.rotations[:-1], moved.translation[:-1]))
+        moved.rotations[-1] = orthonormalised(moved.rotations[-1])
+        self._everyone = self._rows.hypotheses(moved)
+        return BodyState(moved.rotations[-1], moved.translation[-1])
+
+    def compete(self, points: np.ndarray, weights: np.ndarray, motion_cost: np.ndarray) -> BodyState | None:
+        """Compare all on the frame's points: the state that should replace the published one, or None.
+
+        motion_cost: (live,) cost per rad of each degree of freedom's increment, the tracker's alpha, which all pay.
+        """
+        assert self._everyone is not None
+        cost = self._rows.cost(self._everyone, points, weights)
         self.cost = float(cost[-1])
-        cost += np.abs(np.concatenate([increments, omega[None]])) @ motion_cost
+        cost += np.abs(self._increments.take(self._rows.live, axis=-1)) @ motion_cost
         counted = self._age - COUNTED_FROM
         share = 1 / np.minimum(np.maximum(counted, 1), MEMORY)
         gain = cost[-1] - cost[:-1] - self._advantage
@@ -101,32 +117,27 @@ class Challengers:
         ripe = self._age >= OLD_ENOUGH
         if not ripe.any():
             return None
-        winner = self._exchange(ripe, state, pose.positions)
-        self._recycle(ripe, pose.positions, points, weights, winner or state)
+        winner = self._exchange(ripe)
+        self._recycle(ripe, points, weights)
         return winner
 
-    def _exchange(self, ripe: np.ndarray, state: BodyState, positions: np.ndarray) -> BodyState | None:
-        """Take the winner out of the pool, if there is one, and put the published state in its place.
-
-        positions: (count + 1, n, 3) of the pool's joints, the published ones last; they change places likewise.
-        """
-        assert self._states is not None
+    def _exchange(self, ripe: np.ndarray) -> BodyState | None:
+        """Let the winner, if there is one, change places with the published state."""
+        assert self._everyone is not None
         best = int(np.argmax(np.where(ripe, self._advantage, -np.inf)))
         if self._advantage[best] <= MARGIN:
             return None
-        winner = BodyState(self._states.rotations[best].copy(), self._states.translation[best].copy())
-        self._states.rotations[best] = state.rotations
-        self._states.translation[best] = state.translation
-        self._pose = None
-        positions[[best, -1]] = positions[[-1, best]]
+        order = np.arange(self._count + 1)
+        order[[best, -1]] = order[[-1, best]]
+        self._everyone = self._everyone[order]
         self._advantage -= self._advantage[best]
         self._advantage[best] = -0.5 * MARGIN
-        return winner
+        return self._everyone[-1].state
 
-    def _recycle(
-        self, ripe: np.ndarray, positions: np.ndarray, points: np.ndarray, weights: np.ndarray, state: BodyState
-    ) -> None:
+    def _recycle(self, ripe: np.ndarray, points: np.ndarray, weights: np.ndarray) -> None:
         """Renew at most one challenger a frame: one that is too old, hopeless, or has become the published state."""
+        assert self._everyone is not None
+        positions = self._everyone.pose.positions
         relative = positions - positions[:, :1]
         alike = norm(relative[:-1] - relative[-1]).mean(-1) < ALIKE
         done = ripe & (alike | (self._advantage < HOPELESS) | (self._age > GIVEN_UP_AT))
@@ -135,20 +146,20 @@ class Challengers:
         worth = self._advantage - 100.0 * alike
         slot = int(np.argmin(np.where(done, worth, np.inf)))
         self._renewals += 1
+        self._age[slot], self._advantage[slot] = 0, 0.0
         limbs = len(self._initialiser.mirroring.variants)
         if self._renewals % 2 and limbs:
             self._next_limb = (self._next_limb + 3) % limbs  # 3 has no common divisor with 2, 4 or 8 either
-            self._begin(slot, self._initialiser.mirroring.mirrored(state, self._next_limb), MIRRORED_AGE)
+            self._age[slot] = MIRRORED_AGE
+            start = self._initialiser.mirroring.mirrored(self._everyone[-1].state, self._next_limb)
         else:
-            self._renew_turned(slot, points, weights)
+            start = self._turned(points, weights)
+        self._everyone[slot] = self._rows.hypotheses(start)
 
-    def _renew_turned(self, slot: int, points: np.ndarray, weights: np.ndarray) -> None:
+    def _turned(self, points: np.ndarray, weights: np.ndarray) -> BodyState:
         self._next_side = (self._next_side + 3) % STARTS  # 3 and 8 have no common divisor: every side has its turn
-        self._begin(slot, self._initialiser.start(self._next_side, points, weights), 0)
+        return self._initialiser.start(self._next_side, points, weights)
 
-    def _begin(self, slot: int, start: BodyState, age: int) -> None:
-        assert self._states is not None
-        self._states.rotations[slot] = start.rotations
-        self._states.translation[slot] = start.translation
-        self._pose = None
-        self._age[slot], self._advantage[slot] = age, 0.0
+
+def _stacked(states: Sequence[BodyState]) -> BodyState:
+    return BodyState(np.stack([s.rotations for s in states]), np.stack([s.translation for s in states]))

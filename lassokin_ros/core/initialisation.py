@@ -13,14 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import lapack
 
-from lassokin_ros.core.kinematics import BodyPose, BodyState, Kinematics
+from lassokin_ros.core.frame_rows import FrameRows, Rows
+from lassokin_ros.core.kinematics import BodyState, Kinematics
 from lassokin_ros.core.mirroring import Mirroring
-from lassokin_ros.core.observation_model import linearise
-from lassokin_ros.core.prior import PosePrior, PriorRows
-from lassokin_ros.core.projection import project
-from lassokin_ros.core.robust import capped_cost, capped_weights, norm
+from lassokin_ros.core.prior import PosePrior
+from lassokin_ros.core.robust import capped_weights, norm
 from lassokin_ros.core.rotations import exponential
-from lassokin_ros.core.upright import Upright
 
 STARTS = 8
 SCHEDULE = ((8.0, 8), (2.0, 6), (1.0, 6))  # (factor on the noise, iterations)
@@ -28,6 +26,10 @@ MIRRORED_SCHEDULE = ((2.0, 4), (1.0, 6))
 ELSEWHERE = 0.05
 """m: mean distance of joints, relative to the pelvis, from which a fit is another explanation than the best."""
 DAMPING = 1e-3  # 1/rad^2, keeps what nothing observes where it is
+LARGEST_TURN = 0.7
+"""rad: of any degree of freedom in one step."""
+NEAREST = 0.3
+"""m: depth at which a fit that would come nearer to the camera, or behind it, is held."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,10 +52,9 @@ class Fit:
 class Initialiser:
     """Finds a first state for one kinematics and prior."""
 
-    def __init__(self, kinematics: Kinematics, prior: PosePrior, rows: PriorRows, upright: Upright) -> None:
+    def __init__(self, kinematics: Kinematics, prior: PosePrior, rows: FrameRows) -> None:
         """The tracker's own rows: what it learns of the vertical holds here too."""
         self._kinematics = kinematics
-        self._upright = upright
         self._rows = rows
         self._mean = exponential(prior.mean)
         self.mirroring = Mirroring(kinematics)
@@ -91,18 +92,9 @@ class Initialiser:
         """Gauss-Newton from S states at once, (S, n, 3, 3) and (S, 3)."""
         for factor, iterations in schedule:
             for _ in range(iterations):
-                states, _ = self.step(states, points, weights / factor)
-        return Fit(states, self.cost(states, points, weights))
-
-    def cost(
-        self, states: BodyState, points: np.ndarray, weights: np.ndarray, pose: BodyPose | None = None
-    ) -> np.ndarray:
-        """(S,) robust reprojection cost plus the prior's, in units of variance; pose: theirs, where it is known."""
-        landmarks = (pose or self._kinematics.pose(states)).landmarks
-        error = (points - project(landmarks)) * weights[:, None]
-        prior = self._rows.residual(states.rotations)
-        upright = self._upright.cost(states.rotations[:, 0])
-        return capped_cost(norm(error)).sum(-1) + 0.5 * (prior * prior).sum(-1) + upright
+                rows = self._rows.linearise(self._rows.hypotheses(states), points, weights / factor, capped_weights)
+                states = in_front(states.retract(*self.step(rows)))
+        return Fit(states, self._rows.cost(self._rows.hypotheses(states), points, weights))
 
     def start(self, side: int, points: np.ndarray, weights: np.ndarray) -> BodyState:
         """The mean pose turned to one of the `STARTS` sides, placed where the points are: one start."""
@@ -131,35 +123,23 @@ class Initialiser:
         translation[:, 2] = np.maximum(translation[:, 2], 0.5)
         return translation
 
-    def step(
-        self, states: BodyState, points: np.ndarray, weights: np.ndarray, pose: BodyPose | None = None
-    ) -> tuple[BodyState, np.ndarray]:
-        """One damped Gauss-Newton step of S states, and its increments (S, live).
-
-        weights: (l,) or (S, l); pose: the states', where it is known.
-        """
-        kinematics, live = self._kinematics, self._live
-        count, first = len(live), self._rows.first
-        pose = pose or kinematics.pose(states)
-        model = linearise(kinematics, pose, points, weights, robust=capped_weights)
-        P, prior_z = self._rows.linearise_live(states.rotations)
-        J = np.concatenate([model.A.take(live, axis=-1), model.B], axis=-1)
-        H = np.swapaxes(J, -1, -2) @ J
+    def step(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
+        """One damped Gauss-Newton step by the rows about S states: increments Omega (S, 3 n) and x (S, 3)."""
+        count = len(self._live)
+        H = rows.columns @ np.swapaxes(rows.columns, -1, -2)
         H += self._damping
-        H[..., first:count, first:count] += P @ np.swapaxes(P, -1, -2)
-        U, upright_z = self._upright.linearise(states.rotations[:, 0])
-        H[..., :3, :3] += np.swapaxes(U, -1, -2) @ U
-        g = (model.residual[..., None, :] @ J)[..., 0, :]
-        g[..., first:count] += (P @ prior_z[..., None])[..., 0]
-        g[..., :3] += (upright_z[..., None, :] @ U)[..., 0, :]
-        step = _solved(H, g)
-        increment = step[..., :count]
-        increment *= np.minimum(1.0, 0.7 / np.maximum(np.abs(increment).max(axis=-1, keepdims=True), 1e-12))
-        omega = np.zeros(step.shape[:-1] + (3 * kinematics.joint_count,))
-        omega[..., live] = increment
-        moved = states.retract(omega, step[..., count:])
-        np.maximum(moved.translation[..., 2], 0.3, out=moved.translation[..., 2])
-        return moved, increment
+        step = _solved(H, (rows.columns @ rows.z[..., None])[..., 0])
+        turns = step[..., :count]
+        turns *= np.minimum(1.0, LARGEST_TURN / np.maximum(np.abs(turns).max(axis=-1, keepdims=True), 1e-12))
+        omega = np.zeros(step.shape[:-1] + (3 * self._kinematics.joint_count,))
+        omega[..., self._live] = turns
+        return omega, step[..., count:]
+
+
+def in_front(states: BodyState) -> BodyState:
+    """The states, which are changed, with all depths at least `NEAREST`."""
+    np.maximum(states.translation[..., 2], NEAREST, out=states.translation[..., 2])
+    return states
 
 
 def _solved(H: np.ndarray, g: np.ndarray) -> np.ndarray:

@@ -65,6 +65,8 @@ class Kinematics:
         self.reach = np.repeat(reach, 3, axis=1)
         self._row_reach = np.repeat(self.reach, 2, axis=0)
         self.joint_count, self.landmark_count = n, len(layout.names)
+        self._live = np.flatnonzero(self.live)
+        self._live_reach = np.ascontiguousarray(self._row_reach[:, self._live].T)
 
     def reshape(self, skeleton: Skeleton) -> None:
         """Take over the lengths of a skeleton that is otherwise the same (same tree, same landmarks)."""
@@ -109,8 +111,9 @@ class Kinematics:
         product = np.empty(rotations.shape[:-3] + (self.joint_count + 1, 3, 3))
         product[..., :-1, :, :] = rotations
         product[..., -1, :, :] = _IDENTITY
-        for above in self._jumps:
-            product = product.take(above, axis=-3) @ product
+        for first, above in self._jumps:
+            below = product[..., first:-1, :, :]
+            below[:] = product.take(above, axis=-3) @ below
         return product[..., :-1, :, :]
 
     def jacobian(self, pose: BodyPose) -> np.ndarray:
@@ -126,37 +129,56 @@ class Kinematics:
         blocks = np.moveaxis(columns, -1, -3).reshape(*shape, self.landmark_count, 3, 3 * self.joint_count)
         return (blocks * self.reach[:, None, :]).reshape(*shape, 3 * self.landmark_count, 3 * self.joint_count)
 
-    def image_jacobian(self, pose: BodyPose, rows: np.ndarray, axes: np.ndarray | None = None) -> np.ndarray:
+    def image_jacobian(self, pose: BodyPose, rows: np.ndarray) -> np.ndarray:
         """P L of (9)-(12), (..., 2 l, 3 n), without forming L.
-
-        axes: (..., n, 3, 3), in each matrix's columns the axes (camera frame) about which the joint's three degrees of
-        freedom turn; the joint's own by default.
 
         rows: (..., 2 l, 3), the rows f of P's blocks F(q_i) of (8), possibly weighted. Since
         f . (w x (q - p)) = w . (q x f) - (w x p) . f, all entries are one product of the landmarks' (q x f, f) with
         the degrees of freedom's (w, p x w), and a mask. Lengths are taken from the root, which keeps them small.
         """
-        root = pose.positions[..., :1, :]
-        axes = pose.orientations if axes is None else axes
-        shape = axes.shape[:-3]
-        twists = np.empty(shape + (6, self.joint_count, 3))  # of each degree of freedom, w above p x w
-        twists[..., :3, :, :] = np.swapaxes(axes, -2, -3)
-        twists[..., 3:, :, :] = np.swapaxes(hat(pose.positions - root) @ axes, -2, -3)
-        wrenches = np.empty(shape + (self.landmark_count, 2, 6))  # q x f = f^T hat(-q), and f
-        by_landmark = rows.reshape(*shape, self.landmark_count, 2, 3)
-        wrenches[..., :3] = by_landmark @ hat(root - pose.landmarks)
+        columns = self._twists(pose, pose.orientations) @ np.swapaxes(self._wrenches(pose, rows), -1, -2)
+        return np.swapaxes(columns, -1, -2) * self._row_reach
+
+    def live_columns(
+        self, pose: BodyPose, rows: np.ndarray, axes: np.ndarray | None = None, out: np.ndarray | None = None
+    ) -> np.ndarray:
+        """The columns of `image_jacobian` of the live degrees of freedom, as rows: (..., live, 2 l), in `out` if given.
+
+        axes: (..., n, 3, 3), in each matrix's columns the axes (camera frame) about which the joint's three degrees of
+        freedom turn; the joint's own by default.
+        """
+        twists = self._twists(pose, pose.orientations if axes is None else axes).take(self._live, axis=-2)
+        columns: np.ndarray = np.matmul(twists, np.swapaxes(self._wrenches(pose, rows), -1, -2), out=out)
+        columns *= self._live_reach
+        return columns
+
+    def _twists(self, pose: BodyPose, axes: np.ndarray) -> np.ndarray:
+        """(..., 3 n, 6): of each degree of freedom w, and p x w."""
+        axes = np.swapaxes(axes, -2, -1)
+        twists = np.empty(axes.shape[:-1] + (6,))
+        twists[..., :3] = axes
+        np.matmul(axes, hat(pose.positions[..., :1, :] - pose.positions), out=twists[..., 3:])  # w^T hat(-p)
+        return twists.reshape(*axes.shape[:-3], -1, 6)
+
+    def _wrenches(self, pose: BodyPose, rows: np.ndarray) -> np.ndarray:
+        """(..., 2 l, 6): of each row q x f = f^T hat(-q), and f."""
+        by_landmark = rows.reshape(*pose.landmarks.shape[:-1], 2, 3)
+        wrenches = np.empty(by_landmark.shape[:-1] + (6,))
+        np.matmul(by_landmark, hat(pose.positions[..., :1, :] - pose.landmarks), out=wrenches[..., :3])
         wrenches[..., 3:] = by_landmark
-        result: np.ndarray = wrenches.reshape(*shape, -1, 6) @ twists.reshape(*shape, 6, -1)
-        result *= self._row_reach
-        return result
+        return wrenches.reshape(*rows.shape[:-1], 6)
 
 
-def _pointer_doubling(parents: np.ndarray) -> list[np.ndarray]:
-    """(n + 1,) for every doubling step: the joint 2^k levels above each; n, which is its own parent, above the root."""
+def _pointer_doubling(parents: np.ndarray) -> list[tuple[int, np.ndarray]]:
+    """For every doubling step the first joint with one 2^k levels above it, and from there on those above; n for none.
+
+    Joints before the first are done; in the usual order, from the root outwards, so are few of the others.
+    """
     top = len(parents)
     above = np.append(np.where(parents < 0, top, parents), top)
     steps = []
     while np.any(above != top):
-        steps.append(above)
+        first = int(np.argmax(above != top))
+        steps.append((first, above[first:-1]))
         above = above[above]
     return steps

@@ -1,19 +1,17 @@
 """The stacked model of landmark motion, (9)-(12): y = P Gamma x + P L Omega.
 
-`linearise` gives the weighted blocks that the tracker needs in one pass; `stacked_matrices` gives P, Gamma and L
-as the seed writes them, for whoever wants to read or check them.
+`linearise` gives its weighted blocks in one pass; `stacked_matrices` gives P, Gamma and L as the seed writes them. Both
+are for whoever wants to read or check them: what the tracker uses of them each frame is in `frame_rows.py`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Callable
 
 import numpy as np
 
 from lassokin_ros.core.kinematics import BodyPose, Kinematics
 from lassokin_ros.core.projection import project_with_jacobian, projection_jacobian
-from lassokin_ros.core.robust import norm
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,28 +28,20 @@ class Linearisation:
 
 
 def linearise(
-    kinematics: Kinematics,
-    pose: BodyPose,
-    points: np.ndarray,
-    weights: np.ndarray,
-    axes: np.ndarray | None = None,
-    robust: Callable[[np.ndarray], np.ndarray] | None = None,
+    kinematics: Kinematics, pose: BodyPose, points: np.ndarray, weights: np.ndarray
 ) -> Linearisation:
     """Linearise the projection about a pose.
 
     points: (..., l, 2) observed, normalised image coordinates (any finite value where the weight is 0);
-    weights: (..., l), 1 / standard deviation in the same unit, 0 = missing; axes: see `Kinematics.image_jacobian`;
-    robust: factors on the landmarks' squared errors, of their sizes in standard deviations (see `robust.py`).
+    weights: (..., l), 1 / standard deviation in the same unit, 0 = missing.
     """
     shape = pose.landmarks.shape[:-2]
     v, F = project_with_jacobian(pose.landmarks)
     residual = points - v
-    if robust is not None:
-        weights = weights * np.sqrt(robust(norm(residual) * weights))
     F *= weights[..., None, None]
     B = F.reshape(*shape, -1, 3)  # P Gamma: Gamma stacks l identities, so P Gamma stacks the F(q_i)
     residual *= weights[..., None]
-    return Linearisation(kinematics.image_jacobian(pose, B, axes), B, residual.reshape(*shape, -1))
+    return Linearisation(kinematics.image_jacobian(pose, B), B, residual.reshape(*shape, -1))
 
 
 def stacked_matrices(kinematics: Kinematics, pose: BodyPose) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

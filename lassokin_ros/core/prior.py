@@ -92,6 +92,14 @@ def _components(joints: list[int]) -> np.ndarray:
     return (3 * np.array(joints, dtype=int)[:, None] + np.arange(3)).reshape(-1)
 
 
+@dataclass(frozen=True, eq=False)
+class Posture:
+    """theta: (..., joints, 3) rad, the rotation vectors of the prior's joints; residual: (..., k + m), its rows' z."""
+
+    theta: np.ndarray
+    residual: np.ndarray
+
+
 class PriorRows:
     """The prior's rows for one kinematics: of the joints that can move a landmark, root excepted."""
 
@@ -130,36 +138,43 @@ class PriorRows:
         """Number of rows, the prior's and the limits'."""
         return len(self.W) + len(self._low)
 
+    def posture(self, rotations: np.ndarray) -> Posture:
+        """What rows and cost of a posture are made of; rotations: (..., n, 3, 3)."""
+        theta = logarithm(rotations.take(self.joints, axis=-3))
+        return Posture(theta, self._right_side(theta))
+
     def residual(self, rotations: np.ndarray) -> np.ndarray:
         """Right sides (..., k + m): W (mean - theta), then how far each limit is passed, in standard deviations."""
-        return self._right_side(logarithm(rotations.take(self.joints, axis=-3)))
+        return self.posture(rotations).residual
 
-    def linearise(self, rotations: np.ndarray, turn: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """(A, z): rows (..., k + m, 3 n) and right sides (..., k + m) so that they read ||z - A Omega||^2.
-
-        d theta / d Omega is the inverse right Jacobian of SO(3) at theta; turn: (..., n, 3, 3), a further factor on the
-        right of each joint's block (the right Jacobian of an increment already made).
-        """
-        columns, z = self._columns(rotations, turn)
+    def linearise(self, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(A, z): rows (..., k + m, 3 n) and right sides (..., k + m) so that they read ||z - A Omega||^2."""
+        posture = self.posture(rotations)
+        columns, z = self._columns(posture, None), posture.residual
         A = np.zeros((*z.shape, self._n, 3))
         A[..., self.joints, :] = np.swapaxes(columns, -1, -2).reshape(*z.shape, len(self.joints), 3)
         return A.reshape(*z.shape, 3 * self._n), z
 
-    def linearise_live(self, rotations: np.ndarray, turn: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """(A^T, z) as `linearise`, A^T (..., live - first, k + m) of the live degrees of freedom after the root's."""
-        columns, z = self._columns(rotations, turn)
-        return columns.take(self._live, axis=-2), z
+    def live_columns(self, posture: Posture, turn: np.ndarray | None = None) -> np.ndarray:
+        """A's columns of the live degrees of freedom after the root's, as rows: (..., live - first, k + m).
 
-    def _columns(self, rotations: np.ndarray, turn: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        """(..., 3 joints, k + m), the columns of A as rows, in which order no product needs a copy; z."""
-        theta = logarithm(rotations.take(self.joints, axis=-3))
+        turn: (..., n, 3, 3), a further factor on the right of each joint's block (the right Jacobian of an increment
+        already made).
+        """
+        return self._columns(posture, turn).take(self._live, axis=-2)
+
+    def _columns(self, posture: Posture, turn: np.ndarray | None) -> np.ndarray:
+        """(..., 3 joints, k + m), the columns of A as rows, in which order no product needs a copy.
+
+        d theta / d Omega is the inverse right Jacobian of SO(3) at theta.
+        """
+        theta, z = posture.theta, posture.residual
         inner = right_jacobian_inverse(theta)
         if turn is not None:
             inner = inner @ turn.take(self.joints, axis=-3)
-        z = self._right_side(theta)
         columns = (np.swapaxes(inner, -1, -2) @ self._columns_by_joint).reshape(*theta.shape[:-2], -1, self.count)
         columns[..., len(self.W) :] *= (z[..., len(self.W) :] != 0)[..., None, :]
-        return columns, z
+        return columns
 
     def _right_side(self, theta: np.ndarray) -> np.ndarray:
         z: np.ndarray = theta.reshape(*theta.shape[:-2], -1) @ self._rows_transposed

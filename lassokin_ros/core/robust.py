@@ -8,10 +8,15 @@ THRESHOLD = 3.0
 """Standard deviations beyond which an error counts linearly."""
 
 
+def squared_norm(errors: np.ndarray) -> np.ndarray:
+    """Squared lengths (...) of vectors (..., d)."""
+    squares: np.ndarray = (errors * errors) @ np.ones(errors.shape[-1])
+    return squares
+
+
 def norm(errors: np.ndarray) -> np.ndarray:
     """Lengths (...) of vectors (..., d)."""
-    squares: np.ndarray = (errors * errors) @ np.ones(errors.shape[-1])
-    return np.sqrt(squares, out=squares)
+    return np.sqrt(squared_norm(errors))
 
 
 def huber_weights(size: np.ndarray, threshold: float = THRESHOLD) -> np.ndarray:

@@ -22,11 +22,11 @@ from lassokin_ros.core.certificate import Certificate
 from lassokin_ros.core.challengers import Challengers
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.doubt import doubt
+from lassokin_ros.core.frame_rows import FrameRows, Rows
 from lassokin_ros.core.initialisation import Fit, Initialiser
 from lassokin_ros.core.kinematics import BodyPose, BodyState, Kinematics
 from lassokin_ros.core.landmarks import Layout
 from lassokin_ros.core.lasso import Lasso, LassoSolution, LassoSolver
-from lassokin_ros.core.observation_model import linearise
 from lassokin_ros.core.point_filter import PointFilter
 from lassokin_ros.core.prior import PosePrior, PriorRows
 from lassokin_ros.core.projection import project
@@ -134,13 +134,13 @@ class Tracker:
         self.layout = Layout.load(self.config.landmarks, self.skeleton)
         self.kinematics = Kinematics(self.skeleton, self.layout)
         prior = PosePrior.load(self.skeleton)
-        self._prior = PriorRows(prior, self.kinematics)
         self._upright = Upright()
-        self._initialiser = Initialiser(self.kinematics, prior, self._prior, self._upright)
-        self._challengers = Challengers(self._initialiser, self.kinematics, CHALLENGERS)
+        self._rows = FrameRows(self.kinematics, PriorRows(prior, self.kinematics), self._upright)
+        self._initialiser = Initialiser(self.kinematics, prior, self._rows)
+        self._challengers = Challengers(self._initialiser, self._rows, CHALLENGERS)
         self._steadying = Steadying(self.kinematics.joint_count)
         self._repeats, self._filter = Repeats(), PointFilter(self.layout.names)
-        self.calibration = Calibration(self.kinematics, self._prior)
+        self.calibration = Calibration(self._rows)
         self._uncertainty = UncertaintyModel(self.kinematics, prior)
         self._solver = LassoSolver(self.config.solver)
         self._live = np.flatnonzero(self.kinematics.live)
@@ -156,7 +156,6 @@ class Tracker:
         self._successor: BodyState | None = None
         self._cost = float("nan")
         self._guess: np.ndarray | None = None
-        self._pose: BodyPose | None = None  # of the present state, as long as the skeleton stays
         self._repeats.reset()
         self._filter.reset()
         self._steadying.reset()
@@ -193,16 +192,18 @@ class Tracker:
         fit = self._initialiser.fit(points, weights) if initialised else None
         start = fit.best if fit is not None else self._successor or self._state
         assert start is not None
-        problem, solution, state, omega = self._follow(start, points, weights)
+        rows = self._rows_about(start, points, weights) if initialised else self._challengers.linearise(points, weights)
+        problem, solution, omega = self._follow(start, rows, points, weights)
         if not solution.certified:
             self._uncertified += 1
             return self._refused(observation, Rejection.NOT_CERTIFIED, solution.certificate)
         self._uncertified = 0
-        if self.skeleton.height * observation.focal < SMALLEST * self.config.noise_px * state.translation[2]:
+        depth = start.translation[2] + solution.x[2]
+        if self.skeleton.height * observation.focal < SMALLEST * self.config.noise_px * depth:
             return self._refused(observation, Rejection.TOO_SMALL, solution.certificate)
         step = observation.stamp - self._seen
         news = observation.stamp - self._informed if repeated == 0 else 0.0
-        state = self._take(state, fit, omega, points, weights, problem.alpha, news)
+        state = self._take(start, fit, omega, solution.x, points, weights, problem.alpha, news)
         steady = self._steadying.steadied(state, omega, solution.x, step, self.config.smoothing)
         pose = self.kinematics.pose(steady)
         error = (seen - project(pose.landmarks))[visible] * observation.focal
@@ -241,32 +242,34 @@ class Tracker:
 
     def _take(
         self,
-        state: BodyState,
+        start: BodyState,
         fit: Fit | None,
         omega: np.ndarray,
+        x: np.ndarray,
         points: np.ndarray,
         weights: np.ndarray,
         alpha: np.ndarray,
         news: float,
     ) -> BodyState:
-        """Make a certified state the present one, which is returned, and let the challengers see the same points.
+        """Make the state after a certified increment the present one, and let the challengers see the same points.
 
         fit: where the state was found anew, what it was found as; news: s since there were new keypoints before these;
         0 where these are repeated, and no further evidence.
         """
         if fit is not None or self._successor is not None:
             self._steadying.reset()  # it is another explanation: where the last one was going says nothing of it
-        self._state = state = replace(state, rotations=orthonormalised(state.rotations))
-        self._successor = self._pose = None
+        self._successor = None
         if fit is not None:
-            self._challengers.start(points, weights)
+            state = start.retract(omega, x)
+            self._state = state = replace(state, rotations=orthonormalised(state.rotations))
+            self._challengers.start(state, points, weights)
             self._cost = float(fit.costs[0])
             return state
-        if news == 0:
-            return state
-        self._successor = self._challengers.advance(state, omega[self._live], points, weights, alpha)
-        self._pose, self._cost = self._challengers.published, self._challengers.cost
-        self._upright.learn(state.rotations[0], news)
+        self._state = state = self._challengers.advance(omega, x, news > 0)
+        if news > 0:
+            self._successor = self._challengers.compete(points, weights, alpha)
+            self._cost = self._challengers.cost
+            self._upright.learn(state.rotations[0], news)
         return state
 
     def uncertainty(self, estimate: Estimate) -> JointUncertainty:
@@ -280,14 +283,13 @@ class Tracker:
         assert self._state is not None
         if initialised or self._successor is not None:
             self.calibration.restart_clock(stamp)
-        elif self.calibration.advance(stamp, self._state, points, weights, self._upright):
+        elif self.calibration.advance(stamp, self._state, points, weights):
             self._take_lengths()
 
     def _take_lengths(self) -> None:
         self.skeleton = self.calibration.skeleton
         self.kinematics.reshape(self.skeleton)
-        self._challengers.forget_pose()
-        self._pose = None
+        self._challengers.refresh()
 
     def _refused(
         self, observation: Observation, rejection: Rejection, certificate: Certificate | None = None
@@ -319,43 +321,33 @@ class Tracker:
         return None, np.sqrt(confidence) / deviation
 
     def _follow(
-        self, start: BodyState, points: np.ndarray, weights: np.ndarray
-    ) -> tuple[Lasso, LassoSolution, BodyState, np.ndarray]:
-        """One frame's lassos: the last problem and solution, the state they lead to, the total Omega (3 n,)."""
+        self, start: BodyState, rows: Rows, points: np.ndarray, weights: np.ndarray
+    ) -> tuple[Lasso, LassoSolution, np.ndarray]:
+        """One frame's lassos, the first with the rows about `start`: last problem and solution, total Omega (3 n,)."""
         omega = np.zeros(3 * self.kinematics.joint_count)
         x = np.zeros(3)
-        state = start
-        for _ in range(self.config.relinearisations):
-            problem = self._pose_problem(state, points, weights, omega, x)
+        for number in range(self.config.relinearisations):
+            if number > 0:
+                rows = self._rows_about(start.retract(omega, x), points, weights, omega)
+            problem = self._problem(rows, omega, x)
             solution = self._solver.solve(problem, self._guess if self.config.warm_start else None)
             if not (solution.exact or solution.certified):  # the last one, which is published, is certified below
                 break
             self._guess = solution.omega  # of the next problem, or of the next frame's first
             omega[self._live], x = solution.omega, solution.x
-            state = start.retract(omega, x)
-        return problem, solution, state, omega
+        return problem, solution, omega
 
-    def _pose_problem(
-        self, state: BodyState, points: np.ndarray, weights: np.ndarray, omega: np.ndarray, x: np.ndarray
-    ) -> Lasso:
-        """The lasso in the frame's total increment, linearised about `state` = start * exp(omega), + x.
+    def _rows_about(
+        self, state: BodyState, points: np.ndarray, weights: np.ndarray, omega: np.ndarray | None = None
+    ) -> Rows:
+        """The frame's rows about a state; in the total increment where it was moved already, start * exp(omega).
 
-        With exp(omega + d) = exp(omega) exp(J_r(omega) d), the axes of all columns are turned by J_r, and what has been
-        moved already is added back to z.
+        With exp(omega + d) = exp(omega) exp(J_r(omega) d), the axes of all columns are turned by J_r.
         """
-        pose = self._pose if state is self._state and self._pose is not None else self.kinematics.pose(state)
-        turn = right_jacobian(omega.reshape(-1, 3)) if omega.any() else None
-        axes = None if turn is None else pose.orientations @ turn
-        image = linearise(self.kinematics, pose, points, weights, axes, huber_weights)
-        prior_columns, prior_z = self._prior.linearise_live(state.rotations, turn)
-        upright_A, upright_z = self._upright.linearise(state.rotations[0])
-        images, first = len(image.residual), self._prior.first  # the root's live columns come before the prior's
-        A = np.zeros((images + len(prior_z) + self._upright.count, len(self._live)))
-        A[:images], A[images:-3, first:] = image.A.take(self._live, axis=1), prior_columns.T
-        A[-3:, :first] = (upright_A if turn is None else upright_A @ turn[0])[:, self._live[:first]]
-        B = np.zeros((len(A), 3))
-        B[:images] = image.B
-        z = np.concatenate([image.residual, prior_z, upright_z]) + B @ x
-        if turn is not None:
-            z += A @ omega[self._live]
-        return Lasso(A, B, z, self.config.sparsity / self._motion)
+        turn = None if omega is None else right_jacobian(omega.reshape(-1, 3))
+        return self._rows.linearise(self._rows.hypotheses(state), points, weights, huber_weights, turn)
+
+    def _problem(self, rows: Rows, omega: np.ndarray, x: np.ndarray) -> Lasso:
+        """The lasso in the frame's total increment: what has been moved already, (omega, x), is added back to z."""
+        A, B = rows.columns[:-3].T, rows.columns[-3:].T
+        return Lasso(A, B, rows.z + A @ omega[self._live] + B @ x, self.config.sparsity / self._motion)

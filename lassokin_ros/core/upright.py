@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from lassokin_ros.core.robust import squared_norm
+
 SPREAD = 0.12
 """rad: standard deviation of the lean."""
 LEARNED_IN = 5.0
@@ -40,12 +42,12 @@ class Upright:
         The lean is up - vertical; with root R and R exp(hat(w)) it changes by -R hat(e_y) w = [R e_z, 0, -R e_x] w.
         """
         lean = root[..., :, 1] - self.vertical
-        weight = 1 / np.sqrt(SPREAD**2 + 0.25 * np.sum(lean * lean, axis=-1))
+        weight = 1 / np.sqrt(SPREAD**2 + 0.25 * squared_norm(lean))[..., None]
         rows = np.zeros(root.shape)
-        rows[..., 0], rows[..., 2] = root[..., :, 2], -root[..., :, 0]
-        return weight[..., None, None] * rows, -weight[..., None] * lean
+        rows[..., 0], rows[..., 2] = weight * root[..., :, 2], -weight * root[..., :, 0]
+        return rows, -weight * lean
 
     def cost(self, root: np.ndarray) -> np.ndarray:
         """(...,) what the rows' weights are the derivative of: 2 log(1 + lean^2 / (2 SPREAD)^2); root (..., 3, 3)."""
         lean = root[..., :, 1] - self.vertical
-        return 2 * np.log1p(np.sum(lean * lean, axis=-1) / (4 * SPREAD**2))
+        return np.asarray(2 * np.log1p(squared_norm(lean) / (4 * SPREAD**2)))
