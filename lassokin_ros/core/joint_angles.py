@@ -74,7 +74,7 @@ class JointAngleReader:
         first, middle, last = angles
         both = np.array([angles, [first + np.pi, np.pi - middle, last + np.pi]])
         step = both - self._last
-        step -= _TURN * np.round(step / _TURN)
-        distance = np.sum(step * step, axis=1)
+        step -= _TURN * np.rint(step / _TURN)
+        distance = np.add.reduce(step * step, axis=1)
         second = (distance[1] < distance[0]) & ~self._locked
         return self._last + np.where(second, step[1], step[0])

@@ -21,9 +21,21 @@ _HAT = np.array([
 _HAT_AND_IDENTITY = np.vstack([_HAT, np.eye(3).reshape(1, 9)])
 #: (9, 4): of a flattened matrix, twice the vector of its skew part, and its trace.
 _SKEW_AND_TRACE = np.vstack([_HAT, np.eye(3).reshape(1, 9)]).T.copy()
-#: Places in a flattened matrix m of the pairs whose sums are 4 xy, 4 yz, 4 zx and whose differences 4 wz, 4 wx, 4 wy.
-_FORWARD, _BACK = np.array([3, 7, 2]), np.array([1, 5, 6])
-#: (4, 4): where x^2, y^2, z^2, w^2 and then those sums and differences stand in each row of q q^T.
+#: (9, 10): of a flattened rotation matrix, 4 q q^T of its quaternion less `_UNIT`: xx yy zz ww, xy yz zx, wz wx wy.
+_PRODUCTS = np.array([
+    [1, 0, 0, 0, -1, 0, 0, 0, -1],
+    [-1, 0, 0, 0, 1, 0, 0, 0, -1],
+    [-1, 0, 0, 0, -1, 0, 0, 0, 1],
+    [1, 0, 0, 0, 1, 0, 0, 0, 1],
+    [0, 1, 0, 1, 0, 0, 0, 0, 0],
+    [0, 0, 0, 0, 0, 1, 0, 1, 0],
+    [0, 0, 1, 0, 0, 0, 1, 0, 0],
+    [0, -1, 0, 1, 0, 0, 0, 0, 0],
+    [0, 0, 0, 0, 0, -1, 0, 1, 0],
+    [0, 0, 1, 0, 0, 0, -1, 0, 0],
+], dtype=float).T.copy()  # fmt: skip
+_UNIT = np.array([1.0, 1, 1, 1, 0, 0, 0, 0, 0, 0])
+#: (4, 4): where the rows of q q^T, q = x y z w, stand among those products.
 _ROWS = np.array([[0, 4, 6, 8], [4, 1, 5, 9], [6, 5, 2, 7], [8, 9, 7, 3]])
 _ONES = np.ones(3)  # a product with it costs half of sum(axis=-1) on arrays this small
 _ONE_AND_A_HALF = 1.5 * np.eye(3)
@@ -103,14 +115,10 @@ def _logarithm_of_quaternion(quaternion: Array) -> Array:
 
 def to_quaternion(matrices: Array) -> Array:
     """Unit quaternions (x, y, z, w), w >= 0, of rotation matrices: (..., 3, 3) -> (..., 4)."""
-    m = matrices.reshape(-1, 9)
-    diagonal = m[:, ::4]
-    trace = (diagonal[:, 0] + diagonal[:, 1] + diagonal[:, 2])[:, None]
-    # Rows of 4 q q^T - I by component; the row with the largest diagonal is the well-conditioned one (Shepperd 1978).
-    squares = np.concatenate([1 + 2 * diagonal - trace, 1 + trace], axis=1)
-    forward, back = m.take(_FORWARD, axis=1), m.take(_BACK, axis=1)
-    products = np.concatenate([squares, forward + back, forward - back], axis=1)
-    quaternion: Array = products[np.arange(len(m))[:, None], _ROWS[squares.argmax(axis=1)]]
+    products = matrices.reshape(-1, 9) @ _PRODUCTS
+    products += _UNIT
+    # The row of q q^T with the largest diagonal is the well-conditioned one (Shepperd 1978).
+    quaternion: Array = products[np.arange(len(products))[:, None], _ROWS[products[:, :4].argmax(axis=1)]]
     quaternion /= np.sqrt(np.add.reduce(quaternion * quaternion, axis=1, keepdims=True))
     np.negative(quaternion, out=quaternion, where=quaternion[:, 3:] < 0)
     return quaternion.reshape(matrices.shape[:-2] + (4,))
