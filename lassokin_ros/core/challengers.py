@@ -151,7 +151,8 @@ class Challengers:
         if self._renewals % 2 and limbs:
             self._next_limb = (self._next_limb + 3) % limbs  # 3 has no common divisor with 2, 4 or 8 either
             self._age[slot] = MIRRORED_AGE
-            start = self._initialiser.mirroring.mirrored(self._everyone[-1].state, self._next_limb)
+            published = self._everyone[-1]
+            start = self._initialiser.mirroring.mirrored(published.state, self._next_limb, published.pose)
         else:
             start = self._turned(points, weights)
         self._everyone[slot] = self._rows.hypotheses(start)

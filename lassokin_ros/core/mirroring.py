@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lassokin_ros.core.kinematics import BodyState, Kinematics
+from lassokin_ros.core.kinematics import BodyPose, BodyState, Kinematics
 from lassokin_ros.core.rotations import least_turn
 
 LIMBS = (
@@ -32,16 +32,17 @@ class Mirroring:
 
     def all(self, state: BodyState) -> BodyState:
         """The state with each of `variants` mirrored, (v, n, 3, 3) and (v, 3)."""
-        states = [self.mirrored(state, variant) for variant in range(len(self.variants))]
+        pose = self._kinematics.pose(state)
+        states = [self.mirrored(state, variant, pose) for variant in range(len(self.variants))]
         n = self._kinematics.joint_count
         rotations = np.array([mirrored.rotations for mirrored in states]).reshape(-1, n, 3, 3)
         return BodyState(rotations, np.array([mirrored.translation for mirrored in states]).reshape(-1, 3))
 
-    def mirrored(self, state: BodyState, variant: int) -> BodyState:
-        """The state with one of `variants` mirrored."""
+    def mirrored(self, state: BodyState, variant: int, pose: BodyPose | None = None) -> BodyState:
+        """The state with one of `variants` mirrored; pose: the state's, where it is known."""
         chain = self.variants[variant]
         rotations = state.rotations.copy()
-        pose = self._kinematics.pose(state)
+        pose = pose or self._kinematics.pose(state)
         sight = pose.positions[chain[0]] / np.linalg.norm(pose.positions[chain[0]])
         mirror = np.eye(3) - 2 * np.outer(sight, sight)
         parent = pose.orientations[chain[0]] @ rotations[chain[0]].T

@@ -140,7 +140,7 @@ def least_turn(a: Array, b: Array) -> Array:
     together = a + b
     size = float(np.linalg.norm(together))
     if size > 1e-10:
-        vector = np.cross(a - b, together) / (2 * size)
+        vector = hat(a - b) @ together / (2 * size)  # np.cross takes as long as all the rest
     else:  # about any axis across
         vector = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
         vector = vector / np.linalg.norm(vector)
