@@ -8,7 +8,7 @@ from typing import Protocol, Sequence
 
 import numpy as np
 
-from lassokin_ros.core.tracker import Estimate, Observation
+from lassokin_ros.core.tracker import Estimate, Observation, Tracker
 
 
 class Follower(Protocol):
@@ -49,17 +49,25 @@ def follow(follower: Follower, observations: Sequence[Observation], joints: int,
     reprojection, frame_ms = np.full(count, np.nan), np.full(count, np.nan)
     rejected = np.ones(count, dtype=bool)
     init_ms = np.nan
+
+    def take(estimates: Sequence[Estimate]) -> None:
+        nonlocal init_ms
+        for estimate in estimates:
+            if not estimate.accepted or estimate.pose is None:
+                continue
+            target = frame_of[estimate.stamp]
+            positions[target], points[target] = estimate.pose.positions, estimate.pose.landmarks
+            reprojection[target], rejected[target] = estimate.reprojection_px, False
+            if np.isnan(init_ms):
+                init_ms = frame_ms[target]
+
     for frame, observation in enumerate(observations):
         start = time.perf_counter()
         estimate = follower.track(observation)
         frame_ms[frame] = 1000 * (time.perf_counter() - start)
-        if not estimate.accepted or estimate.pose is None:
-            continue
-        target = frame_of[estimate.stamp]
-        positions[target], points[target] = estimate.pose.positions, estimate.pose.landmarks
-        reprojection[target], rejected[target] = estimate.reprojection_px, False
-        if np.isnan(init_ms):
-            init_ms = frame_ms[frame]
+        take(follower.published if isinstance(follower, Tracker) else [estimate])
+    if isinstance(follower, Tracker):
+        take(follower.flush())
     return Track(_held(positions), _held(points), reprojection, rejected, frame_ms, float(init_ms))
 
 

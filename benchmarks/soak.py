@@ -72,7 +72,7 @@ def soak_core(frames: int) -> list[Record]:
         for number, (pixels, confidence) in enumerate(zip(seen.pixels[:, 0], seen.confidence[:, 0]), first):
             found = Detection(lens.normalise(pixels), confidence)
             start = time.perf_counter()
-            frame = body.track(round(number * 1e9 / HZ), "", found, lens)
+            (frame,) = body.track(round(number * 1e9 / HZ), "", found, lens)
             times[number] = time.perf_counter() - start
             counts[frame.rejection or "accepted"] += 1
             if frame.accepted:

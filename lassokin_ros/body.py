@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -52,11 +54,17 @@ class Body:
         self.seen_ns: int | None = None
         self._origin_ns: int | None = None
         self._last: tuple[int, np.ndarray] | None = None
+        self._waiting: deque[Frame] = deque()
+        self._place: np.ndarray | None = None
         self._landmarks: np.ndarray | None = None
         self._velocity = np.zeros(3)
 
-    def track(self, stamp_ns: int, frame_id: str, seen: Detection, lens: Lens, person: str = "") -> Frame:
-        """Use one detection of this person, taken through this lens."""
+    def track(self, stamp_ns: int, frame_id: str, seen: Detection, lens: Lens, person: str = "") -> list[Frame]:
+        """Use one detection of this person, taken through this lens.
+
+        What is now to be published, and last, when this detection is refused, the frame that says why. Without
+        `smoothing_lag` that is this detection's frame and no other.
+        """
         if self._origin_ns is None:
             self._origin_ns = stamp_ns
         seconds = (stamp_ns - self._origin_ns) * 1e-9
@@ -68,25 +76,57 @@ class Body:
                 self._origin_ns = None  # time begins with the first frame that is used
             reason = estimate.rejection.value
             detail = f"the tracker did not use this frame: {reason}"
-            return Frame(stamp_ns, frame_id, estimate, reason, detail, None, None, person, seen.pixels, lens, skeleton)
-        positions, velocities = self._joint_states(stamp_ns, estimate)
+            refused = Frame(
+                stamp_ns, frame_id, estimate, reason, detail, None, None, person, seen.pixels, lens, skeleton
+            )
+            return [*self._due(self.tracker.published, stamp_ns), refused]
+        self._learn_course(stamp_ns, estimate)
         measure = self.tracker.uncertainty
-        return Frame(
-            stamp_ns, frame_id, estimate, None, "", positions, velocities, person, seen.pixels, lens, skeleton, measure
+        self._waiting.append(
+            Frame(stamp_ns, frame_id, estimate, None, "", None, None, person, seen.pixels, lens, skeleton, measure)
         )
+        return self._due(self.tracker.published, stamp_ns)
 
-    def absent(self, stamp_ns: int, lens: Lens) -> None:
-        """The person is not in the image of this stamp."""
+    def absent(self, stamp_ns: int, lens: Lens) -> list[Frame]:
+        """The person is not in the image of this stamp; the frames that were waiting and are now to be published."""
         count = self.tracker.kinematics.landmark_count
-        self.track(stamp_ns, "", Detection(np.full((count, 2), np.nan), np.zeros(count)), lens)
+        *due, _ = self.track(stamp_ns, "", Detection(np.full((count, 2), np.nan), np.zeros(count)), lens)
+        return due
+
+    def flush(self) -> list[Frame]:
+        """The frames that wait for their `smoothing_lag`: no detection will come after them."""
+        return self._due(self.tracker.flush(), self.seen_ns or 0)
+
+    def _due(self, estimates: Sequence[Estimate], now_ns: int) -> list[Frame]:
+        """The waiting frames that these estimates belong to, with joint states; the tracker keeps the same order."""
+        frames = []
+        for estimate in estimates:
+            frame = self._waiting.popleft()
+            while frame.estimate is None or frame.estimate.stamp < estimate.stamp:  # after an error between the two
+                frame = self._waiting.popleft()
+            positions, velocities = self._joint_states(frame.stamp_ns, estimate)
+            held_s = (now_ns - frame.stamp_ns) * 1e-9
+            frames.append(replace(frame, estimate=estimate, positions=positions, velocities=velocities, held_s=held_s))
+        return frames
+
+    def _learn_course(self, stamp_ns: int, estimate: Estimate) -> None:
+        """Where the person is and is going, by the newest frame, whether it is published yet or not."""
+        assert estimate.state is not None and estimate.pose is not None
+        place = estimate.state.translation
+        if estimate.initialised or self._place is None or self.seen_ns is None:
+            self._velocity[:] = 0.0
+        else:
+            seconds = (stamp_ns - self.seen_ns) * 1e-9
+            share = 1 - np.exp(-seconds / VELOCITY_MEMORY_S)
+            self._velocity += share * ((place - self._place) / seconds - self._velocity)
+        self._place, self._landmarks, self.seen_ns = place, estimate.pose.landmarks, stamp_ns
 
     def _joint_states(self, stamp_ns: int, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
         """Positions and velocities: differences of angles over stamps, 0 after initialisation."""
-        assert estimate.state is not None and estimate.pose is not None
+        assert estimate.state is not None
         if estimate.initialised:
             self._reader.reset()
             self._last = None
-            self._velocity[:] = 0.0
         angles = self._reader.read(estimate.state.rotations)
         positions = np.concatenate([estimate.state.translation, angles.ravel()])
         if self._last is None:
@@ -94,9 +134,7 @@ class Body:
         else:
             seconds = (stamp_ns - self._last[0]) * 1e-9
             velocities = (positions - self._last[1]) / seconds
-            self._velocity += (1 - np.exp(-seconds / VELOCITY_MEMORY_S)) * (velocities[:3] - self._velocity)
         self._last = stamp_ns, positions
-        self.seen_ns, self._landmarks = stamp_ns, estimate.pose.landmarks
         return positions, velocities
 
     def unseen_s(self, stamp_ns: int) -> float:

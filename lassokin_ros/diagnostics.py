@@ -57,7 +57,7 @@ class Diagnostics:
         self._repeated_s = repeated_s(frames)
         self._times_ms.append(1e3 * callback_s)
         for frame in frames[:1]:
-            self._delays.append((arrival_ns - frame.stamp_ns) * 1e-9)
+            self._delays.append((arrival_ns - frame.stamp_ns) * 1e-9 - frame.held_s)
             self._hardware_id = frame.frame_id or self._hardware_id
         accepted = [f for f in frames if f.accepted and f.estimate is not None]
         if accepted:

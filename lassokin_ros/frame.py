@@ -19,6 +19,8 @@ from lassokin_ros.lens import Lens
 class Frame:
     """What became of one keypoint message, or of one person in it.
 
+    With `smoothing_lag` an accepted frame comes later than its message; what it says is of that message all the same.
+
     Attributes
     ----------
     stamp_ns: ns, the message's; its arrival where it has none. frame_id: the message's, the camera's where it has none.
@@ -30,6 +32,7 @@ class Frame:
     lens: what they were seen through; None when the message did not come so far.
     skeleton: the one with whose lengths the frame was tracked; None when the message did not come so far.
     measure: makes the joints' uncertainty, see `uncertainty`.
+    held_s: s, by stamps, for which the frame waited for later ones (`smoothing_lag`).
     """
 
     stamp_ns: int
@@ -44,6 +47,7 @@ class Frame:
     lens: Lens | None = None
     skeleton: Skeleton | None = None
     measure: Callable[[Estimate], JointUncertainty] | None = None
+    held_s: float = 0.0
 
     @property
     def accepted(self) -> bool:

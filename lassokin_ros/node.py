@@ -149,13 +149,16 @@ class TrackerNode(Node):
 
     def _publish(self, frames: list[Frame]) -> None:
         accepted = [frame for frame in frames if frame.accepted]
-        try:
-            if self._people is not None and self._pipeline.ids is not None:
-                self._people.publish(accepted, self._pipeline.ids)
-            elif self._person is not None and accepted:
-                self._person.publish(accepted[0])
-        except LassokinError as error:
-            self._warning.say("base_frame", str(error))
+        outputs: list[Callable[[], None]] = []
+        if self._people is not None and self._pipeline.ids is not None:
+            outputs = [partial(self._people.publish, accepted, self._pipeline.ids)]
+        elif self._person is not None:
+            outputs = [partial(self._person.publish, frame) for frame in accepted]
+        for publish in outputs:
+            try:
+                publish()
+            except LassokinError as error:
+                self._warning.say("base_frame", str(error))
 
     def _comment(self, frames: list[Frame]) -> None:
         """What is said in the log."""

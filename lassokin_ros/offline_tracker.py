@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
+from itertools import groupby
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +42,9 @@ class OfflineTracker:
         self.reprojection_px: list[float] = []
         """Of each accepted frame, px."""
         self.watchers: list[Callable[[Sequence[Frame], int, float], None]] = []
-        """Each is told of every keypoint message: its frames, its time of recording in ns, the s that it took."""
+        """Each is told of every keypoint message: its frames, its time of recording in ns, the s that it took.
+
+        With `smoothing_lag` of every message's frames when they have become due."""
         self.initialisations = 0
         self._found_anew = 0
         self._backend = RosbagsBackend(types)
@@ -55,7 +59,9 @@ class OfflineTracker:
             add_type(types, self._tracked.message_type, "std_msgs/Header header\nstring[] ids")
         self._list = id_list(self._backend, node_config.rep155)
         self._diagnostics: Diagnostics | None = None
-        self._next_diagnostics_ns = self._newest_ns = 0
+        self._next_diagnostics_ns = 0
+        self.newest_ns = 0
+        """Time of recording of the newest message, ns."""
 
     @property
     def times_lost(self) -> int:
@@ -64,7 +70,7 @@ class OfflineTracker:
 
     def save_skeleton(self, path: Path) -> list[Path]:
         """Write what calibration knows by now, as `skeleton_file.save_all` does. Raises SkeletonError."""
-        return save_all(self.pipeline.calibrations(), path, self._newest_ns)
+        return save_all(self.pipeline.calibrations(), path, self.newest_ns)
 
     def camera_info(self, message: Any, time_ns: int) -> Iterator[tuple[str, str, Any]]:
         """Take a CameraInfo; see `keypoints`. None stands for a message that could not be read."""
@@ -98,9 +104,22 @@ class OfflineTracker:
             yield from self._outputs(frame)
         yield from self._list_of_people(time_ns)
 
+    def finish(self) -> Iterator[tuple[str, str, Any]]:
+        """What waits for its `smoothing_lag` when the recording has ended; see `keypoints`."""
+        frames = self.pipeline.flush()
+        if frames:
+            self._tell(frames, self.newest_ns, float("nan"))
+        for frame in frames:
+            yield from self._outputs(frame)
+
     def _tell(self, frames: Sequence[Frame], time_ns: int, seconds: float) -> None:
-        for watcher in self.watchers:
-            watcher(frames, time_ns, seconds)
+        stamp = attrgetter("stamp_ns")
+        messages = [list(group) for _, group in groupby(sorted(frames, key=stamp), stamp)]
+        if not messages and self.pipeline.tracker.config.smoothing_lag == 0:
+            messages = [[]]  # nobody was there; with a lag, nobody yet
+        for number, message in enumerate(messages, 1):
+            for watcher in self.watchers:
+                watcher(message, time_ns, seconds if number == len(messages) else float("nan"))
 
     def _outputs(self, frame: Frame) -> Iterator[tuple[str, str, Any]]:
         if not frame.accepted or frame.estimate is None:
@@ -126,7 +145,7 @@ class OfflineTracker:
 
     def _tick(self, time_ns: int) -> Iterator[tuple[str, str, Any]]:
         """The diagnostics that have become due."""
-        self._newest_ns = time_ns
+        self.newest_ns = time_ns
         if self._diagnostics is None:
             self._diagnostics = Diagnostics(self.pipeline, NODE_NAME, time_ns * 1e-9)
             self._next_diagnostics_ns = time_ns + DIAGNOSTICS_PERIOD_NS

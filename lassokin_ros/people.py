@@ -61,6 +61,14 @@ class People:
         states = [body.status for body in self._present.values()]
         return next((s for s in (Status.TRACKING, Status.LOST) if s in states), Status.SEARCHING)
 
+    def tracked_at(self, stamp_ns: int) -> bool:
+        """True when somebody was tracked in the message of this stamp."""
+        return any(body.seen_ns == stamp_ns for body in self._present.values())
+
+    def flush(self) -> list[Frame]:
+        """Everybody's frames that wait for their `smoothing_lag`."""
+        return [frame for body in self._present.values() for frame in body.flush()]
+
     def reset(self) -> None:
         """Forget everybody. Numbers are not used again, so that nobody inherits another's id."""
         for number in list(self._present):
@@ -89,14 +97,14 @@ class People:
         frames = []
         for number, body in list(self._present.items()):
             if number not in pairs:
-                body.absent(stamp_ns, lens)
+                frames += body.absent(stamp_ns, lens)
                 continue
-            frame = body.track(stamp_ns, frame_id, pairs[number], lens, name(number))
-            if frame.accepted:
-                frames.append(frame)
-                continue
-            self._counts[f"rejected: {frame.rejection} (a person)"] += 1
-            if body.seen_ns is None:  # not even once: nobody to remember
+            answers = body.track(stamp_ns, frame_id, pairs[number], lens, name(number))
+            frames += [frame for frame in answers if frame.accepted]
+            refused = [frame for frame in answers if not frame.accepted]
+            for frame in refused:
+                self._counts[f"rejected: {frame.rejection} (a person)"] += 1
+            if refused and body.seen_ns is None:  # not even once: nobody to remember
                 self._let_go(number)
         return frames
 

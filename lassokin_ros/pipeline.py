@@ -112,7 +112,7 @@ class Pipeline:
         return None
 
     def process(self, message: Any, arrival_ns: int) -> Frame:
-        """Track the one person in a keypoint message; arrival_ns stamps those that have no stamp."""
+        """Track the one person in a keypoint message, without `smoothing_lag`; arrival_ns stamps what has no stamp."""
         (frame,) = self.frames(message, arrival_ns)
         return frame
 
@@ -120,14 +120,14 @@ class Pipeline:
         """Track everybody in a keypoint message: one accepted frame for each, none when nobody is there.
 
         A message that is refused, and one in which the one person who is followed was not tracked, gives one frame
-        that says why.
+        that says why. With `smoothing_lag`, accepted frames are those of earlier messages that have become due.
         """
         self.counts["received"] += 1
         if not self.enabled:
             self.counts["ignored while disabled"] += 1
             return []
         frames = self._frames(message, arrival_ns)
-        rejection = frames[0].rejection if frames else None
+        rejection = next((frame.rejection for frame in frames if not frame.accepted), None)
         self.counts["accepted" if rejection is None else f"rejected: {rejection}"] += 1
         if repeated_s(frames) > 0:
             self.counts["duplicated"] += 1
@@ -146,17 +146,21 @@ class Pipeline:
                 self._go_back(keypoints, stamp_ns, view.lens)
             if self.people is None:
                 seen = self._the_person(keypoints, stamp_ns, view.lens)
-                frame = self._body.track(stamp_ns, frame_id, seen, view.lens)
-                if frame.accepted:
+                frames = self._body.track(stamp_ns, frame_id, seen, view.lens)
+                if all(frame.accepted for frame in frames):
                     self._stamps.seen(stamp_ns, True)
-                return [frame]
+                return frames
             everybody = self._everybody(keypoints, view.lens)
         except AdapterError as error:
             return [Frame(stamp_ns, frame_id, None, error.reason, str(error))]
         lasting = self._lasting(keypoints)
         frames = self.people.update(stamp_ns, frame_id, everybody, view.lens, lasting, self.config.forget_after)
-        self._stamps.seen(stamp_ns, bool(frames))
+        self._stamps.seen(stamp_ns, self.people.tracked_at(stamp_ns))
         return frames
+
+    def flush(self) -> list[Frame]:
+        """The frames that wait for their `smoothing_lag`: no message will come after them."""
+        return self._body.flush() if self.people is None else self.people.flush()
 
     def _decode(self, message: Any) -> tuple[Keypoints, View]:
         """The keypoints, and the camera that took their image."""

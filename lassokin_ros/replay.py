@@ -115,6 +115,8 @@ def _run(
             for name, message_type, output in take(message, time_ns):
                 writer.write(name, message_type, time_ns, output, topics.is_latched(name))
             progress.advance(note=tracker.pipeline.status.value)
+        for name, message_type, output in tracker.finish():
+            writer.write(name, message_type, tracker.newest_ns, output, topics.is_latched(name))
     finally:
         progress.close()
     return time.monotonic() - started

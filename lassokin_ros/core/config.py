@@ -50,6 +50,9 @@ class TrackerConfig:
     smoothing: float = setting(
         0.02, "time over which the published pose is steadied, without lag in steady motion", "s", 0.0, 1.0, live=True
     )
+    smoothing_lag: float = setting(
+        0.0, "the pose is published this much later, smoothed with the frames since", "s", 0.0, 1.0, live=True
+    )
     warm_start: bool = setting(
         True, "try the last support before the solver is asked; kept only when KKT holds exactly", live=True
     )

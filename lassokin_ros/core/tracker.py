@@ -8,12 +8,14 @@ present state (not with the last observation, which drifts), the model is linear
 solved for the increment of all joints and the translation, certified, and retracted onto SO(3). Each frame is
 linearised anew `relinearisations` - 1 times about the answer, with the l1 penalty on the frame's total increment. What
 is published is that state, steadied over a few frames (see `steadying`); the next frame starts from it as solved.
+With `smoothing_lag`, what `track` returns is still the newest frame's; `published` holds what has become due.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import Enum
+from functools import partial
 
 import numpy as np
 
@@ -22,6 +24,7 @@ from lassokin_ros.core.certificate import Certificate
 from lassokin_ros.core.challengers import Challengers
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.doubt import doubt
+from lassokin_ros.core.fixed_lag import FixedLag
 from lassokin_ros.core.frame_rows import FrameRows, Rows
 from lassokin_ros.core.initialisation import Fit, Initialiser
 from lassokin_ros.core.kinematics import BodyPose, BodyState, Kinematics
@@ -139,6 +142,7 @@ class Tracker:
         self._initialiser = Initialiser(self.kinematics, prior, self._rows)
         self._challengers = Challengers(self._initialiser, self._rows, CHALLENGERS)
         self._steadying = Steadying(self.kinematics.joint_count)
+        self._lag = FixedLag(self.kinematics)
         self._repeats, self._filter = Repeats(), PointFilter(self.layout.names)
         self.calibration = Calibration(self._rows)
         self._uncertainty = UncertaintyModel(self.kinematics, prior)
@@ -159,6 +163,10 @@ class Tracker:
         self._repeats.reset()
         self._filter.reset()
         self._steadying.reset()
+        self._lag.reset()
+        self.published: list[Estimate] = []
+        """What became due with the last observation, in order: its own estimate, or with `smoothing_lag` earlier ones,
+        smoothed, each under the stamp of its own frame."""
         self._upright.reset()
         self._challengers.stop()
         self.calibration.reset()
@@ -206,13 +214,14 @@ class Tracker:
         state = self._take(start, fit, omega, solution.x, points, weights, problem.alpha, news)
         steady = self._steadying.steadied(state, omega, solution.x, step, self.config.smoothing)
         pose = self.kinematics.pose(steady)
-        error = (seen - project(pose.landmarks))[visible] * observation.focal
+        reprojection_px = partial(_reprojection_px, seen, visible, observation.focal)
+        offsets = self.skeleton.offsets
         self._seen, self._status = observation.stamp, Status.TRACKING
         if repeated == 0:
             self._informed = observation.stamp
         if self.config.calibrate and (initialised or repeated == 0):
             self._calibrate(observation.stamp, initialised, points, weights)
-        return Estimate(
+        estimate = Estimate(
             observation.stamp,
             self._status,
             None,
@@ -221,7 +230,7 @@ class Tracker:
             omega,
             solution.x,
             solution.certificate,
-            float(np.sqrt(np.vdot(error, error) / len(error))),
+            reprojection_px(pose),
             initialised,
             problem,
             solution,
@@ -230,6 +239,14 @@ class Tracker:
             float("nan") if fit is None else fit.confidence,
             repeated,
         )
+        assert self._steadying.forward is not None
+        self._lag.add(estimate, self._steadying.forward, offsets, reprojection_px)
+        self.published = self._lag.due(observation.stamp, self.config.smoothing_lag)
+        return estimate
+
+    def flush(self) -> list[Estimate]:
+        """Those that still wait for their `smoothing_lag`, in order: no observation will come after them."""
+        return self._lag.flush()
 
     def _filtered(
         self, stamp: float, points: np.ndarray, weights: np.ndarray, repeated: bool
@@ -300,6 +317,9 @@ class Tracker:
             self._filter.reset()
         elif observation.stamp - self._seen > self.config.lost_after:
             self._status = Status.LOST
+        self.published = []
+        if rejection is not Rejection.NOT_FINITE:  # time goes on for those that wait
+            self.published = self._lag.due(observation.stamp, self.config.smoothing_lag)
         return Estimate(observation.stamp, self._status, rejection, certificate=certificate)
 
     def _admit(self, observation: Observation) -> tuple[Rejection | None, np.ndarray]:
@@ -351,3 +371,9 @@ class Tracker:
         """The lasso in the frame's total increment: what has been moved already, (omega, x), is added back to z."""
         A, B = rows.columns[:-3].T, rows.columns[-3:].T
         return Lasso(A, B, rows.z + A @ omega[self._live] + B @ x, self.config.sparsity / self._motion)
+
+
+def _reprojection_px(points: np.ndarray, visible: np.ndarray, focal: float, pose: BodyPose) -> float:
+    """px: root of the mean squared distance of the visible points (l, 2) from the pose's landmarks."""
+    error = (points - project(pose.landmarks))[visible] * focal
+    return float(np.sqrt(np.vdot(error, error) / len(error)))

@@ -20,7 +20,7 @@ class Report:
         check_report(path, replace)
         self._path, self._pipeline, self._replace = path, pipeline, replace
         self._skeleton = pipeline.tracker.skeleton  # as given: calibration may make another of it
-        self._log = ReplayLog()
+        self._log = ReplayLog(late=pipeline.tracker.config.smoothing_lag)
 
     def add(self, frames: Sequence[Frame], time_ns: int, seconds: float) -> None:
         """A keypoint message that was worked on, see `OfflineTracker.watchers`."""
@@ -29,6 +29,7 @@ class Report:
     def write(self, title: str, topics: tuple[str, str]) -> None:
         """Write the page; title: the recording's name; topics: of keypoints and camera_info. Raises ReportError."""
         pipeline = self._pipeline
+        self._log.in_order()
         view = pipeline.camera.view
         size = view.size if view is not None and min(view.size) > 0 else None
         tracker = pipeline.tracker

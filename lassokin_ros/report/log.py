@@ -80,7 +80,8 @@ class Jump:
 class ReplayLog:
     """Grows with each message, by about 4 kB for each person in it; `people` holds rows by id, "" for one alone.
 
-    details: the first refused message's explanation, by reason.
+    details: the first refused message's explanation, by reason; late: s by which frames may come after those of later
+    messages (`smoothing_lag`).
     """
 
     messages: list[MessageRow] = field(default_factory=list)
@@ -88,6 +89,7 @@ class ReplayLog:
     details: dict[str, str] = field(default_factory=dict)
     jumps: list[Jump] = field(default_factory=list)
     first_stamp_ns: int | None = None
+    late: float = 0.0
     _last: tuple[float, int, int] | None = None
 
     def add(self, frames: Sequence[Frame], time_ns: int, seconds: float) -> None:
@@ -103,6 +105,13 @@ class ReplayLog:
             if frame.detected is not None or frame.accepted:
                 self.people.setdefault(frame.person, []).append(person_row(frame, time))
 
+    def in_order(self) -> None:
+        """Sort by time what came late."""
+        if self.late > 0:
+            self.messages.sort(key=lambda row: row.time)
+            for rows in self.people.values():
+                rows.sort(key=lambda row: row.time)
+
     def _clock(self, stamp_ns: int, time_ns: int, believed: bool) -> float:
         """s on the page's axis: the stamps', which goes on at the recording's pace where they jump.
 
@@ -115,6 +124,8 @@ class ReplayLog:
         step, recorded = (stamp_ns - last_stamp) * 1e-9, max((time_ns - last_time) * 1e-9, 0.0)
         if not believed:
             return time + recorded
+        if -self.late <= step < 0:
+            return time + step
         if step < 0 or step > recorded + LONGEST_AHEAD_S:
             self.jumps.append(Jump(time + recorded, step))
             step = recorded

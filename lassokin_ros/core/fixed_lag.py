@@ -1,0 +1,110 @@
+"""Poses smoothed with the frames after them, for those who can wait: fixed-lag smoothing of the steadying's own model.
+
+`Steadying` goes forwards. Here a frame waits until one has come that is a lag younger, and its state is corrected by
+what has been seen since, in the backward pass of Rauch, Tung and Striebel (Bar-Shalom, Li, Kirubarajan, Estimation with
+Applications to Tracking and Navigation, 2001, sec. 8.6). Nothing is carried over a start anew of the filter: behind it
+is another explanation, or a motion that nobody saw.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lassokin_ros.core.kinematics import BodyPose, Kinematics
+from lassokin_ros.core.steadying import Forward
+
+if TYPE_CHECKING:
+    from lassokin_ros.core.tracker import Estimate
+
+TOLERANCE = 0.003
+"""s by which a lag may be short: of 0.067 s four frames at 60 Hz lack 0.3 ms, and cameras are not more exact."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Waiting:
+    """A frame that waits: its filtering, the offsets (n, 3) m of its skeleton, and the measure of its reprojection."""
+
+    estimate: Estimate
+    forward: Forward
+    offsets: np.ndarray
+    reprojection_px: Callable[[BodyPose], float]
+
+
+class FixedLag:
+    """Holds accepted estimates, and gives them back in their order."""
+
+    def __init__(self, kinematics: Kinematics) -> None:
+        self._kinematics = kinematics
+        self.reset()
+
+    def reset(self) -> None:
+        """Drop who waits."""
+        self._waiting: deque[_Waiting] = deque()
+
+    def add(
+        self,
+        estimate: Estimate,
+        forward: Forward,
+        offsets: np.ndarray,
+        reprojection_px: Callable[[BodyPose], float],
+    ) -> None:
+        """Let the newest frame's accepted estimate wait; see `_Waiting`."""
+        self._waiting.append(_Waiting(estimate, forward, offsets, reprojection_px))
+
+    def due(self, now: float, lag: float) -> list[Estimate]:
+        """Those who have waited for the lag, s, at the stamp `now`, s: with a lag of 0 all, as they came."""
+        latest = now - max(lag - TOLERANCE, 0.0)
+        return self._released(sum(waiting.estimate.stamp <= latest for waiting in self._waiting))
+
+    def flush(self) -> list[Estimate]:
+        """All who wait: nothing comes after them."""
+        return self._released(len(self._waiting))
+
+    def _released(self, count: int) -> list[Estimate]:
+        """The oldest `count`, each smoothed with all that came after it; they wait no longer."""
+        if count == 0:
+            return []
+        released = []
+        for index in range(len(self._waiting) - 1, -1, -1):
+            this = self._waiting[index]
+            after = self._waiting[index + 1].forward if index + 1 < len(self._waiting) else None
+            alone = after is None or after.begins
+            if after is None or after.begins:
+                departure, velocity = this.forward.departure, this.forward.velocity
+            else:
+                departure, velocity = _corrected(this.forward, after, departure, velocity)
+            if index < count:
+                released.append(this.estimate if alone else self._smoothed(this, departure))
+        for _ in range(count):
+            self._waiting.popleft()
+        return released[::-1]
+
+    def _smoothed(self, waiting: _Waiting, departure: np.ndarray) -> Estimate:
+        estimate = waiting.estimate
+        assert estimate.solved is not None
+        state = estimate.solved.retract(departure[:-1].reshape(-1), departure[-1])
+        pose = self._kinematics.pose(state, waiting.offsets)
+        return replace(estimate, state=state, pose=pose, reprojection_px=waiting.reprojection_px(pose))
+
+
+def _corrected(
+    this: Forward, after: Forward, departure: np.ndarray, velocity: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Departure and velocity of a frame by those, smoothed already, of the frame after it; (n + 1, 3) each.
+
+    With the gain P F^T P'^-1: P is this frame's covariance, P' the one predicted from it, F = [1, step; 0, 1].
+    """
+    value, both, speed = this.covariance
+    A, B, C = after.predicted_covariance
+    ahead, moving = value + after.step * both, both + after.step * speed
+    size = A * C - B * B
+    off, faster = departure - after.predicted, velocity - this.velocity
+    return (
+        this.departure + (ahead * C - both * B) / size * off + (both * A - ahead * B) / size * faster,
+        this.velocity + (moving * C - speed * B) / size * off + (speed * A - moving * B) / size * faster,
+    )
