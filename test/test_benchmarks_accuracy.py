@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.accuracy import main
 from benchmarks.detections import height_of, measured
-from benchmarks.experiment import Job, bone_scales, scene_of
+from benchmarks.experiment import Job, bone_scales, run, scene_of
 from benchmarks.learn_prior import TRAINING
 from benchmarks.mocap import Condition
 from benchmarks.report import data_folder
@@ -156,3 +156,10 @@ def test_duplicates_are_the_same_keypoints_against_each_frames_truth(capsys):
     with pytest.raises(SystemExit):
         main(["--duplicates", "0"])
     assert "expected 1 or more" in capsys.readouterr().err
+
+
+@needs_clips
+def test_a_lagged_pose_is_scored_against_its_own_frame():
+    at_once, late = (run(Job(MOCAP / "exp_running_1.npz", 0, "lasso", settings={"smoothing_lag": s})) for s in (0, 0.1))
+    assert at_once["frames"] == late["frames"] and late["rejected"] == 0 and not late["ends_lost"]
+    assert late["accel_error"] < 0.7 * at_once["accel_error"] and late["mpjpe_mm"] < at_once["mpjpe_mm"] + 1

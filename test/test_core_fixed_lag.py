@@ -1,0 +1,179 @@
+"""Poses smoothed with the frames after them: against the textbook's matrices, and who is published when."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cases import FACING, body
+from sequences import CONFIG, RATE, observations, same
+
+from lassokin_ros.core.fixed_lag import FixedLag
+from lassokin_ros.core.kinematics import BodyState
+from lassokin_ros.core.steadying import Steadying
+from lassokin_ros.core.tracker import Estimate, Status, Tracker
+
+TIME = 0.03
+LAGGED = replace(CONFIG, smoothing_lag=0.1)  # three frames
+
+
+def textbook(values, steps, time):
+    """Rauch, Tung and Striebel on (f, k) values: their smoothed (f, k), of unit noise."""
+    f = len(values)
+    means, covariances, ahead = np.zeros((f, 2, values.shape[1])), np.zeros((f, 2, 2)), np.zeros((f, 2, 2))
+    means[0, 0], covariances[0] = values[0], np.diag([1.0, time**-2])
+    for i in range(1, f):
+        F = np.array([[1.0, steps[i]], [0.0, 1.0]])
+        G = np.array([[steps[i] ** 2 / 2], [steps[i]]]) / time**2
+        ahead[i] = F @ covariances[i - 1] @ F.T + G @ G.T
+        gain = ahead[i][:, :1] / (ahead[i][0, 0] + 1)
+        means[i] = F @ means[i - 1] + gain * (values[i] - (F @ means[i - 1])[0])
+        covariances[i] = ahead[i] - gain @ ahead[i][:1]
+    for i in range(f - 2, -1, -1):
+        F = np.array([[1.0, steps[i + 1]], [0.0, 1.0]])
+        gain = covariances[i] @ F.T @ np.linalg.inv(ahead[i + 1])
+        means[i] = means[i] + gain @ (means[i + 1] - F @ means[i])
+    return means[:, 0]
+
+
+def lagging(values, steps, offsets=None):
+    """A FixedLag in which frames wait: the body moved by values (f, 3), m; the angles stay."""
+    kinematics = body()
+    steadying, lag = Steadying(kinematics.joint_count), FixedLag(kinematics)
+    rotations = np.tile(np.eye(3), (kinematics.joint_count, 1, 1))
+    rotations[0], none = FACING, np.zeros(3 * kinematics.joint_count)
+    last, stamp = values[0], 0.0
+    for place, step in zip(values, steps):
+        stamp += step
+        state = BodyState(rotations, np.array(place))
+        steady = steadying.steadied(state, none, place - last, step, TIME)
+        estimate = Estimate(stamp, Status.TRACKING, None, steady, solved=state)
+        own = kinematics.skeleton.offsets if offsets is None else offsets
+        lag.add(estimate, steadying.forward, own, lambda pose: float(pose.positions[0, 0]))
+        last = place
+    return lag
+
+
+def test_it_is_the_textbooks_smoother():
+    random = np.random.default_rng(0)
+    values = np.cumsum(0.01 * random.normal(size=(40, 3)), axis=0) + [0.0, 0.0, 3.0]
+    steps = random.uniform(0.01, 0.05, 40)
+    smooth = lagging(values, steps).flush()
+    assert np.abs(np.array([e.state.translation for e in smooth]) - textbook(values, steps, TIME)).max() < 1e-9
+    stamps = np.cumsum(steps)
+    lag = lagging(values, steps)
+    due = lag.due(stamps[-1], 0.2)
+    assert [e.stamp for e in due] == [t for t in stamps if t <= stamps[-1] - 0.197]
+    assert [e.stamp for e in due + lag.flush()] == list(stamps) and lag.flush() == []
+
+
+def test_pose_and_reprojection_are_of_the_smoothed_state_and_the_frames_own_skeleton():
+    random = np.random.default_rng(1)
+    values = 0.01 * random.normal(size=(5, 3)) + [0.0, 0.0, 3.0]
+    offsets = 1.1 * body().skeleton.offsets
+    for estimate in lagging(values, np.full(5, 0.02), offsets).due(0.1, 0.02):
+        assert np.allclose(estimate.pose.positions[0], estimate.state.translation)
+        assert estimate.reprojection_px == estimate.pose.positions[0, 0]
+        bones = estimate.pose.positions[1:] - estimate.pose.positions[body().skeleton.parents[1:]]
+        assert np.allclose(np.linalg.norm(bones, axis=1), np.linalg.norm(offsets[1:], axis=1))
+
+
+def test_without_a_lag_what_is_published_is_the_answer_itself():
+    tracker = Tracker(CONFIG)
+    for _, observation in observations(tracker, 1.0):
+        estimate = tracker.track(observation)
+        assert len(tracker.published) == 1 and tracker.published[0] is estimate
+    assert not tracker.track(observation).accepted and tracker.published == [] == tracker.flush()
+
+
+def test_each_frame_once_in_order_after_its_lag_and_the_tracking_is_the_same():
+    plain, lagged = Tracker(CONFIG), Tracker(LAGGED)
+    sequence = [observation for _, observation in observations(plain, 2.0)]
+    published = []
+    for i, observation in enumerate(sequence):
+        now, later = plain.track(observation), lagged.track(observation)
+        assert same(now.solved, later.solved) and same(now.state, later.state)
+        assert [e.stamp for e in lagged.published] == [sequence[i - 3].stamp][: i >= 3]
+        published += lagged.published
+    published += lagged.flush()
+    assert [e.stamp for e in published] == [o.stamp for o in sequence]
+    assert [e.initialised for e in published] == [i == 0 for i in range(len(sequence))]
+
+
+def test_it_is_smoother_and_nearer():
+    figures = []
+    for lag in (0.0, 0.034, 0.1):
+        tracker = Tracker(replace(CONFIG, smoothing_lag=lag))
+        sequence, published = observations(tracker, 6.0), []
+        for _, observation in sequence:
+            tracker.track(observation)
+            published += tracker.published
+        published += tracker.flush()
+        error = [e.pose.positions - e.pose.positions[0] - (t - t[0]) for e, (t, _) in zip(published, sequence)]
+        jerk = np.linalg.norm(np.diff(error, 2, axis=0), axis=-1).mean() * RATE**2
+        figures.append((np.linalg.norm(error, axis=-1).mean(), jerk))
+    errors, jerks = zip(*figures)
+    assert jerks[1] < 0.75 * jerks[0] and jerks[2] <= 1.02 * jerks[1] and max(errors[1:]) < errors[0]
+
+
+def test_refused_frames_are_time_too():
+    tracker = Tracker(LAGGED)
+    sequence = [observation for _, observation in observations(tracker, 0.5)]
+    for observation in sequence:
+        tracker.track(observation)
+    nothing, last = np.zeros(17), sequence[-1].stamp
+    stamps = []
+    for i in range(4):
+        assert not tracker.track(replace(sequence[-1], stamp=last + (i + 1) / RATE, confidence=nothing)).accepted
+        stamps.append([e.stamp for e in tracker.published])
+    assert stamps == [[sequence[-3].stamp], [sequence[-2].stamp], [last], []]
+    tracker.track(replace(sequence[-1], stamp=last + 0.2))
+    for stamp in (np.nan, np.inf, last):
+        tracker.track(replace(sequence[-1], stamp=stamp))
+        assert tracker.published == []
+
+
+def test_nothing_is_mixed_across_a_state_that_was_found_anew():
+    """What waits when the person is lost is published as if nothing had come after it."""
+    ended, went_on = Tracker(LAGGED), Tracker(LAGGED)
+    sequence = [observation for _, observation in observations(ended, 1.0)]
+    for observation in sequence:
+        ended.track(observation)
+        went_on.track(observation)
+    assert went_on.track(replace(sequence[0], stamp=sequence[-1].stamp + 2.0)).initialised
+    rest = ended.flush()
+    assert len(rest) == len(went_on.published) == 3
+    for a, b in zip(rest, went_on.published):
+        assert a.stamp == b.stamp and same(a.state, b.state)
+
+
+def test_reset_drops_what_waits():
+    tracker = Tracker(LAGGED)
+    for _, observation in observations(tracker, 0.5):
+        tracker.track(observation)
+    tracker.reset()
+    assert tracker.published == [] == tracker.flush()
+
+
+def test_the_lag_can_change_while_tracking():
+    tracker = Tracker(CONFIG)
+    sequence = [observation for _, observation in observations(tracker, 2.7)]
+    counts, published = [], []
+    for i, observation in enumerate(sequence):
+        if i % 20 == 0:
+            tracker.tune(replace(CONFIG, smoothing_lag=(0.0, 0.1, 0.034, 0.0)[i // 20 % 4]))
+        tracker.track(observation)
+        counts.append(len(tracker.published))
+        published += tracker.published
+    assert [e.stamp for e in published] == [o.stamp for o in sequence] and not tracker.flush()
+    assert counts[:20] == [1] * 20 and counts[20:24] == [0, 0, 0, 1]
+    assert counts[40:42] == [3, 1] and counts[-1] == 1
+
+
+@pytest.mark.parametrize("smoothing", [0.0, 0.02])
+def test_without_smoothing_frames_only_wait(smoothing):
+    tracker = Tracker(replace(LAGGED, smoothing=smoothing))
+    answers, published = [], []
+    for _, observation in observations(tracker, 1.0):
+        answers.append(tracker.track(observation))
+        published += tracker.published
+    assert all(same(a.state, b.state) for a, b in zip(answers, published)) == (smoothing == 0.0)
