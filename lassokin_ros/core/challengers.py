@@ -46,7 +46,7 @@ class Challengers:
         self._initialiser = initialiser
         self._rows = rows
         self._count = count
-        #: Of the present published state, the last, to which those led that are first.
+        #: The challengers and, last, the published state.
         self._everyone: Hypotheses | None = None
         #: Standard deviations beyond which a point does not count: for the published state it always does.
         self._caps = np.append(np.full(count, CAP), np.inf)[:, None]
@@ -84,7 +84,7 @@ class Challengers:
         return np.where(size > self._caps, 0.0, huber_weights(size))
 
     def advance(self, omega: np.ndarray, x: np.ndarray, all_of_them: bool = True) -> BodyState:
-        """Move the published state by a frame's increment, which is returned, and the challengers by Gauss-Newton.
+        """The published state after a frame's increment; the challengers take a Gauss-Newton step each.
 
         omega: (3 n,) rad, x: (3,) m: the increment, from where `linearise` found the published state; all_of_them:
         False when the challengers are to stay, in a frame that is no evidence.
