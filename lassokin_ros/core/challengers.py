@@ -83,17 +83,15 @@ class Challengers:
     def _robust(self, size: np.ndarray) -> np.ndarray:
         return np.where(size > self._caps, 0.0, huber_weights(size))
 
-    def advance(self, omega: np.ndarray, x: np.ndarray, all_of_them: bool = True) -> BodyState:
+    def advance(self, omega: np.ndarray, x: np.ndarray, counts: bool = True) -> BodyState:
         """The published state after a frame's increment; the challengers take a Gauss-Newton step each.
 
-        omega: (3 n,) rad, x: (3,) m: the increment, from where `linearise` found the published state; all_of_them:
-        False when the challengers are to stay, in a frame that is no evidence.
+        omega: (3 n,) rad, x: (3,) m: the increment, from where `linearise` found the published state; counts: False
+        for a frame that is no further evidence: they come nearer to the same image, and are none the older for it.
         """
         assert self._everyone is not None
-        omegas, steps = np.zeros((self._count, len(omega))), np.zeros((self._count, 3))
-        if all_of_them:
-            omegas, steps = self._initialiser.step(self._linearised)
-            self._age += 1
+        omegas, steps = self._initialiser.step(self._linearised)
+        self._age += counts
         self._increments = np.concatenate([omegas, omega[None]])
         moved = self._everyone.state.retract(self._increments, np.concatenate([steps, x[None]]))
         in_front(BodyState(moved.rotations[:-1], moved.translation[:-1]))
