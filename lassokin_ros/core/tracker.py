@@ -51,7 +51,8 @@ SMALLEST = 3.0
 """Height of the person in the image, in noise_px, below which nothing can be seen: nonsense fits far away best."""
 
 STUCK_AFTER = 3
-"""Frames in a row without a certificate after which the state is found anew: it is one that leads nowhere."""
+"""Frames in a row without a certificate, or with one for a body behind the camera, after which the state is found anew:
+it is one that leads nowhere."""
 
 ACCELERATION = 3.5
 """m/s^2: standard deviation of a body point's acceleration, typical of everyday motion."""
@@ -205,8 +206,11 @@ class Tracker:
         if not solution.certified:
             self._uncertified += 1
             return self._refused(observation, Rejection.NOT_CERTIFIED, solution.certificate)
-        self._uncertified = 0
         depth = start.translation[2] + solution.x[2]
+        if depth <= 0:  # behind the camera: an answer to nonsense, from where no image leads back
+            self._uncertified += 1
+            return self._refused(observation, Rejection.TOO_SMALL, solution.certificate)
+        self._uncertified = 0
         if self.skeleton.height * observation.focal < SMALLEST * self.config.noise_px * depth:
             return self._refused(observation, Rejection.TOO_SMALL, solution.certificate)
         step = observation.stamp - self._seen
