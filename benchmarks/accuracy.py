@@ -7,7 +7,7 @@ the person's bone lengths, or with --generic-skeleton the height alone; and the 
 --initialisation measures first frames alone, --gap a stretch without any landmark, --detections FILE real detector
 output, --uncertainty and --doubt the tracker's own figures of its error against the error. Clips that the shipped
 prior was learned from do not count: they are left out, or with --all-clips and --clips run, marked with * and kept out
-of the summary.
+of the summary. With --leave-one-out every clip counts: each is run with a prior learned from all the others.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import argparse
 import multiprocessing
 import os
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any, Callable, Sequence, TypeVar
 
@@ -26,6 +27,7 @@ from benchmarks.accuracy_table import head, report, told
 from benchmarks.detections import detection_jobs, run_detections
 from benchmarks.experiment import METHODS, Job, run
 from benchmarks.learn_prior import TRAINING
+from benchmarks.leave_one_out import under_its_prior
 from benchmarks.mocap import Condition
 from benchmarks.report import Record, data_folder, table, write_json
 from benchmarks.special import initialise_frames, run_gap
@@ -75,7 +77,8 @@ def parser() -> argparse.ArgumentParser:
     add("--methods", type=_names, default=["lasso"], help=f"comma-separated, of {','.join(METHODS)} (lasso)")
     add("--clips", type=_names, help="comma-separated names (default: all but the training clips)")
     add("--all-clips", action="store_true", help="run the training clips too")
-    add("--exclude-training", action=switch, default=None, help="default: on, unless --clips or --all-clips is given")
+    add("--exclude-training", action=switch, default=None, help="default: on, unless another option names the clips")
+    add("--leave-one-out", action="store_true", help="all clips, each with a prior learned from the folder's others")
     add("--generic-skeleton", action="store_true", help="give the person's height alone")
     add("--measured-bones", action="store_true", help="with --detections: bones as the reference has them")
     add("--bone-error", type=float, default=0.0, help="standard deviation of the given bones' relative error (0)")
@@ -97,28 +100,34 @@ def measure(options: argparse.Namespace) -> list[Record]:
     """The records of what the options ask for."""
     _check_methods(options.methods)
     if options.detections:
+        if options.leave_one_out:
+            raise SystemExit("--leave-one-out is for clips; no --detections were among what the prior was learned from")
         recordings = detection_jobs(options.detections, options.methods, options.measured_bones, told(options))
         return in_parallel(run_detections, recordings, options.jobs)
     o = options
     condition = Condition(o.noise_px, o.missing, o.outliers, o.fps, o.swaps, o.duplicates)
+    methods = ["lasso"] if o.uncertainty or o.doubt else o.methods
     jobs = [
-        Job(file, view, method, condition, options.landmarks, options.seed, options.generic_skeleton,
-            options.bone_error, options.symmetric, told(options), options.score_from)
-        for file in clip_files(options) for view in range(options.views) for method in options.methods
+        Job(file, view, method, condition, o.landmarks, o.seed, o.generic_skeleton, o.bone_error, o.symmetric,
+            told(o), o.score_from, o.leave_one_out)
+        for file in clip_files(options) for view in range(o.views) for method in methods
     ]  # fmt: skip
-    if options.uncertainty:
-        return binned(in_parallel(uncertainty_of, [job for job in jobs if job.method == "lasso"], options.jobs))
-    if options.doubt:
-        followed = in_parallel(doubt.doubts_of, [job for job in jobs if job.method == "lasso"], options.jobs)
+
+    def results(function: Callable[[Job], T]) -> list[T]:
+        return in_parallel(partial(under_its_prior, function), jobs, o.jobs)
+
+    if o.uncertainty:
+        return binned(results(uncertainty_of))
+    if o.doubt:
+        followed = results(doubt.doubts_of)
         print(doubt.ranking(followed))
         return doubt.binned(followed)
-    if options.initialisation:
-        frames = in_parallel(initialise_frames, [(job, options.per_clip) for job in jobs], options.jobs)
-        return _marked([record for group in frames for record in group])
-    if options.gap:
-        gaps = in_parallel(run_gap, [(job, options.gap) for job in jobs], options.jobs)
-        return _marked([record for record in gaps if record])
-    return _marked([record for record in in_parallel(run, jobs, options.jobs) if record["frames"]])
+    if o.initialisation:
+        groups = results(partial(initialise_frames, count=o.per_clip))
+        return _marked(options, [record for group in groups for record in group])
+    if o.gap:
+        return _marked(options, [record for record in results(partial(run_gap, seconds=o.gap)) if record])
+    return _marked(options, [record for record in results(run) if record["frames"]])
 
 
 def in_parallel(function: Callable[[Any], T], jobs: Sequence[Any], processes: int) -> list[T]:
@@ -142,12 +151,14 @@ def clip_files(options: argparse.Namespace) -> list[Path]:
         files = [file for file in files if file.stem in options.clips]
     exclude = options.exclude_training
     if exclude is None:
-        exclude = not (options.clips or options.all_clips)
+        exclude = not (options.clips or options.all_clips or options.leave_one_out)
     return [file for file in files if not (exclude and file.stem in TRAINING)]
 
 
-def _marked(records: list[Record]) -> list[Record]:
-    return [{**record, "training": record["clip"] in TRAINING} for record in records]
+def _marked(options: argparse.Namespace, records: list[Record]) -> list[Record]:
+    """Each record says whether its prior was learned from its clip."""
+    seen = [] if options.leave_one_out else TRAINING
+    return [{**record, "training": record["clip"] in seen} for record in records]
 
 
 def _names(text: str) -> list[str]:

@@ -26,6 +26,11 @@ COLUMNS = {
 GAP = {"before_mm": ".1f", "gap_end_mm": ".1f", "after_mm": ".1f", "after_no_gap_mm": ".1f", "rise_mm": ".1f"}
 INITIALISATION = {"init_median_mm": ".1f", "init_p90_mm": ".1f", "front_back_percent": ".1f", "ms_p50": ".0f"}
 
+PRIOR_OF_OTHERS = (
+    "Prior of each clip learned from all the other clips of its folder: every clip is unseen by it, and counts.\n"
+    "The tracker's constants were not learned anew; other clips of the same person may be in the prior."
+)
+
 
 def report(options: argparse.Namespace, records: Sequence[Record]) -> None:
     """Print head, rows and summary; training clips never stand in the summary."""
@@ -65,7 +70,7 @@ def head(options: argparse.Namespace) -> str:
         f"seed {options.seed}.",
         f"Given of each clip: {given}; noise {noise:g} px. Settings {dict(options.set) or 'default'}. "
         "Automatic initialisation.",
-        f"Prior learned from (never in a summary): {' '.join(TRAINING)}",
+        PRIOR_OF_OTHERS if options.leave_one_out else f"Prior learned from (never in a summary): {' '.join(TRAINING)}",
         f"Times with {options.jobs} processes at once, one thread each.",
     ]
     if options.duplicates > 1:

@@ -28,6 +28,7 @@ class Job:
 
     bone_error: standard deviation of the bones' relative error; symmetric: left and right bones get the same one.
     settings: of TrackerConfig, beside height, landmarks and noise_px. score_from: s, earlier frames are not scored.
+    left_out: the prior is learned from the folder's other clips (benchmarks/leave_one_out.py).
     """
 
     file: Path
@@ -41,6 +42,7 @@ class Job:
     symmetric: bool = True
     settings: Mapping[str, Any] | None = None
     score_from: float = 0.0
+    left_out: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,6 +125,7 @@ def described(job: Job, scene: Scene) -> Record:
         "seed": job.seed,
         "skeleton": "height" if job.generic_skeleton else "bones",
         "bone_error": job.bone_error,
+        "prior": "other clips" if job.left_out else "shipped",
         "height_m": scene.config.height,
     }
 

@@ -8,7 +8,10 @@ Every clip counts alike, every pose also in its mirror image. The training clips
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -49,16 +52,42 @@ def _other_side(name: str) -> str:
 
 def learn(clips: list[Clip]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(mean (24, 3), covariance (72, 72), motion (24, 3)) over clips of equal weight."""
+    return combined([sample for clip in clips for sample in moments(clip)])
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """What is learned of one clip's poses, means over its frames.
+
+    first: (72,) rotation vectors; second: (72, 72) their products; motion: (24, 3) the size of their change per frame.
+    """
+
+    first: np.ndarray
+    second: np.ndarray
+    motion: np.ndarray
+
+
+def moments(clip: Clip) -> list[Moments]:
+    """Of the clip, and of its mirror image."""
+    vectors = rotation_vectors(clip)
+    return [_moments(v) for v in (vectors, mirrored(vectors, Skeleton.load("anthropometric", 1.75)))]
+
+
+def _moments(vectors: np.ndarray) -> Moments:
+    flat = vectors.reshape(len(vectors), 72)
+    return Moments(flat.mean(0), flat.T @ flat / len(flat), np.abs(np.diff(vectors, axis=0)).mean(0))
+
+
+def combined(samples: Sequence[Moments]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(mean (24, 3), covariance (72, 72), motion (24, 3)) over samples of equal weight."""
     skeleton = Skeleton.load("anthropometric", 1.75)
     first = np.zeros(72)
     second = np.zeros((72, 72))
     motion = np.zeros((24, 3))
-    samples = [v for clip in clips for v in (_both_sides(clip, skeleton))]
-    for vectors in samples:
-        flat = vectors.reshape(len(vectors), 72)
-        first += flat.mean(0) / len(samples)
-        second += flat.T @ flat / len(flat) / len(samples)
-        motion += np.abs(np.diff(vectors, axis=0)).mean(0) / len(samples)
+    for sample in samples:
+        first += sample.first / len(samples)
+        second += sample.second / len(samples)
+        motion += sample.motion / len(samples)
     covariance = second - np.outer(first, first)
     diagonal = np.diag(covariance)
     covariance = (1 - SHRINKAGE) * covariance + np.diag(SHRINKAGE * diagonal + FLOOR**2)
@@ -67,14 +96,18 @@ def learn(clips: list[Clip]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return first.reshape(24, 3), covariance, motion
 
 
-def _both_sides(clip: Clip, skeleton: Skeleton) -> list[np.ndarray]:
-    vectors = rotation_vectors(clip)
-    return [vectors, mirrored(vectors, skeleton)]
+def mapping(mean: np.ndarray, covariance: np.ndarray, motion: np.ndarray) -> dict[str, Any]:
+    """The form that PosePrior reads: root left out, covariance as its lower triangle by rows."""
+    return {
+        "joints": list(Skeleton.load("anthropometric", 1.75).joint_names[1:]),
+        "mean": mean[1:],
+        "motion": motion[1:],
+        "covariance": [covariance[3 + i, 3 : 4 + i] for i in range(69)],
+    }
 
 
-def write(path: Path, clips: list[Clip], mean: np.ndarray, covariance: np.ndarray, motion: np.ndarray) -> None:
-    """Write the YAML form that PosePrior reads (root left out)."""
-    skeleton = Skeleton.load("anthropometric", 1.75)
+def write(path: Path, clips: list[Clip], prior: Mapping[str, Any]) -> None:
+    """Write `mapping`'s form as YAML, rounded."""
     lines = [
         "# A Gaussian on the rotation vectors (rad, SMPL's tree and T-pose) of all joints but the pelvis, and the mean",
         "# size of their change per frame at 60 Hz (rad). Written by benchmarks/learn_prior.py; do not edit.",
@@ -82,13 +115,13 @@ def write(path: Path, clips: list[Clip], mean: np.ndarray, covariance: np.ndarra
         "# from NSF EIA-0196217.",
         f"# Training clips, each with its mirror image, of equal weight: {', '.join(c.name for c in clips)}",
         f"# Shrinkage to the diagonal {SHRINKAGE}, floor of spreads {FLOOR} rad. covariance: lower triangle by rows.",
-        f"joints: [{', '.join(skeleton.joint_names[1:])}]",
+        f"joints: [{', '.join(prior['joints'])}]",
         "mean:",
-        *(f"  - [{', '.join(f'{v:.4f}' for v in row)}]" for row in mean[1:]),
+        *(f"  - [{', '.join(f'{v:.4f}' for v in row)}]" for row in prior["mean"]),
         "motion:",
-        *(f"  - [{', '.join(f'{v:.5f}' for v in row)}]" for row in motion[1:]),
+        *(f"  - [{', '.join(f'{v:.5f}' for v in row)}]" for row in prior["motion"]),
         "covariance:",
-        *(f"  - [{', '.join(f'{v:.5g}' for v in covariance[3 + i, 3 : 4 + i])}]" for i in range(69)),
+        *(f"  - [{', '.join(f'{v:.5g}' for v in row)}]" for row in prior["covariance"]),
     ]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
@@ -100,8 +133,7 @@ def main() -> None:
     parser.add_argument("--output", type=Path, required=True, help="YAML file to write")
     arguments = parser.parse_args()
     clips = load_clips(arguments.data, TRAINING)
-    mean, covariance, motion = learn(clips)
-    write(arguments.output, clips, mean, covariance, motion)
+    write(arguments.output, clips, mapping(*learn(clips)))
     print(f"{len(clips)} clips, {sum(len(c.standard) for c in clips)} frames -> {arguments.output}")
 
 

@@ -11,9 +11,8 @@ from benchmarks.report import Record
 from benchmarks.runs import Track, follow
 
 
-def initialise_frames(arguments: tuple[Job, int]) -> list[Record]:
-    """A new follower per frame, for frames spread evenly over the clip: one record each."""
-    job, count = arguments
+def initialise_frames(job: Job, count: int) -> list[Record]:
+    """A new follower per frame, for `count` frames spread evenly over the clip: one record each."""
     scene = scene_of(job)
     observations = scene.observations
     joints, landmarks = scene.skeleton.joint_count, observations[0].points.shape[0]
@@ -32,13 +31,12 @@ def initialise_frames(arguments: tuple[Job, int]) -> list[Record]:
     return records
 
 
-def run_gap(arguments: tuple[Job, float]) -> Record | None:
-    """Follow a clip with a gap in its middle, and without, and compare around it; None when the clip is too short.
+def run_gap(job: Job, seconds: float) -> Record | None:
+    """Follow a clip with a gap of `seconds` in its middle, and without; None when the clip is too short.
 
     before: mean over the last 0.2 s before the gap; gap_end: the gap's last frame (the last estimate, held);
     after: mean from 0.15 to 0.25 s after the first frame seen again; after_no_gap: the same frames without a gap.
     """
-    job, seconds = arguments
     scene = scene_of(job)
     fps, observations = scene.view.fps, scene.observations
     length = round(seconds * fps)
