@@ -59,7 +59,8 @@ def learn(clips: list[Clip]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 class Moments:
     """What is learned of one clip's poses, means over its frames.
 
-    first: (72,) rotation vectors; second: (72, 72) their products; motion: (24, 3) the size of their change per frame.
+    first: (72,) rotation vectors; second: (72, 72) their products; motion: (24, 3) the size of their change
+    in 1/60 s.
     """
 
     first: np.ndarray
@@ -70,12 +71,12 @@ class Moments:
 def moments(clip: Clip) -> list[Moments]:
     """Of the clip, and of its mirror image."""
     vectors = rotation_vectors(clip)
-    return [_moments(v) for v in (vectors, mirrored(vectors, Skeleton.load("anthropometric", 1.75)))]
+    return [_moments(v, clip.fps) for v in (vectors, mirrored(vectors, Skeleton.load("anthropometric", 1.75)))]
 
 
-def _moments(vectors: np.ndarray) -> Moments:
+def _moments(vectors: np.ndarray, fps: float) -> Moments:
     flat = vectors.reshape(len(vectors), 72)
-    return Moments(flat.mean(0), flat.T @ flat / len(flat), np.abs(np.diff(vectors, axis=0)).mean(0))
+    return Moments(flat.mean(0), flat.T @ flat / len(flat), np.abs(np.diff(vectors, axis=0)).mean(0) * (fps / 60))
 
 
 def combined(samples: Sequence[Moments]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
