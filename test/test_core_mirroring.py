@@ -20,19 +20,19 @@ def state(seed):
     return BodyState(rotations, np.array([0.4, -0.2, 4.0]))
 
 
-@pytest.mark.parametrize("variant", range(2 * len(LIMBS)))
-def test_each_bone_turns_round_along_the_line_of_sight(variant):
+@pytest.mark.parametrize("variant", range(3 * len(LIMBS)))
+def test_each_mirrored_bone_turns_round_along_the_line_of_sight(variant):
     kinematics = body()
     mirroring = Mirroring(kinematics)
-    chain = mirroring.variants[variant]
+    chain, bones = mirroring.variants[variant]
     before = state(variant)
     after = mirroring.mirrored(before, variant)
     old, new = kinematics.pose(before).positions, kinematics.pose(after).positions
     sight = old[chain[0]] / np.linalg.norm(old[chain[0]])
-    for joint, child in zip(chain, chain[1:]):
+    for joint, child, mirrored in zip(chain, chain[1:], bones):
         was, is_now = old[child] - old[joint], new[child] - new[joint]
         assert np.linalg.norm(is_now) == pytest.approx(np.linalg.norm(was))
-        assert is_now @ sight == pytest.approx(-was @ sight, abs=1e-9)
+        assert is_now @ sight == pytest.approx(-was @ sight if mirrored else was @ sight, abs=1e-9)
         assert np.allclose(is_now - sight * (is_now @ sight), was - sight * (was @ sight))
     carried = kinematics.skeleton.ancestors[:, chain[0]].astype(bool)
     assert np.allclose(new[~carried], old[~carried])
@@ -49,17 +49,23 @@ def test_twice_mirrored_is_where_it_was():
         assert np.allclose(kinematics.pose(back).positions, kinematics.pose(before).positions)
 
 
+def test_a_limb_has_each_choice_of_its_bones_once():
+    mirroring = Mirroring(body())
+    choices = {(tuple(chain), bones) for chain, bones in mirroring.variants}
+    assert len(choices) == len(mirroring.variants) == 3 * len(LIMBS) and all(any(bones) for _, bones in choices)
+
+
 def test_all_is_every_variant():
     mirroring = Mirroring(body())
     together = mirroring.all(state(5))
-    assert together.rotations.shape == (8, 24, 3, 3) and together.translation.shape == (8, 3)
+    assert together.rotations.shape == (12, 24, 3, 3) and together.translation.shape == (12, 3)
     assert np.array_equal(together.rotations[6], mirroring.mirrored(state(5), 6).rotations)
 
 
 def test_a_bone_along_the_line_of_sight_is_turned_right_round():
     kinematics = body()
     mirroring = Mirroring(kinematics)
-    shoulder, elbow, _ = mirroring.variants[0]
+    (shoulder, elbow, _), _ = mirroring.variants[0]
     before = state(7)
     pose = kinematics.pose(before)
     sight = pose.positions[shoulder] / np.linalg.norm(pose.positions[shoulder])

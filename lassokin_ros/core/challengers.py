@@ -1,10 +1,9 @@
 """Challengers: other explanations of the same images, followed beside the published state until one is clearly better.
 
-From one camera a limb, or the whole body, fits almost as well when it is mirrored in depth; a tracker that started on
-the wrong side, or slipped to it, stays there. So a few states are fitted along with the frames, begun in turn from the
-mean pose turned to another side and from the present state with one limb mirrored, and refined by one Gauss-Newton step
-a frame, coarse to fine. One whose cost, averaged over its last frames, is lower than the present state's by a margin
-takes its place in the next frame.
+From one camera a body fits almost as well when it is turned round; a tracker that started on the wrong side, or slipped
+to it, stays there. So a few states are fitted along with the frames, begun from the mean pose turned to one side after
+another, and refined by one Gauss-Newton step a frame, coarse to fine. One whose cost, averaged over its last frames, is
+lower than the present state's by a margin takes its place in the next frame. Single limbs are `limb_search`'s.
 """
 
 from __future__ import annotations
@@ -21,8 +20,6 @@ from lassokin_ros.core.rotations import orthonormalised
 
 COARSE = ((4, 8.0), (7, 2.0))
 """(frames of age, factor on the noise) while a challenger is young."""
-MIRRORED_AGE = 5
-"""Frames of age with which a mirrored one begins: it need not find the whole body first."""
 COUNTED_FROM = 10
 """Frames of age from which its cost counts."""
 OLD_ENOUGH = 14
@@ -57,7 +54,7 @@ class Challengers:
         """Begin with a pool of new challengers for this frame's points (l, 2) and weights (l,), beside `state`."""
         self._age = np.zeros(self._count)
         self._advantage = np.zeros(self._count)
-        self._next_side = self._next_limb = self._renewals = 0  # the same images lead to the same states
+        self._next_side = 0  # the same images lead to the same states
         turned = [self._turned(points, weights) for _ in range(self._count)]
         self._everyone = self._rows.hypotheses(_stacked([*turned, state]))
 
@@ -69,6 +66,12 @@ class Challengers:
         """The skeleton has changed: what follows from the states is no longer right."""
         if self._everyone is not None:
             self._everyone = self._rows.hypotheses(self._everyone.state)
+
+    @property
+    def published(self) -> Hypotheses:
+        """The published state, with what follows from it."""
+        assert self._everyone is not None
+        return self._everyone[-1]
 
     def linearise(self, points: np.ndarray, weights: np.ndarray) -> Rows:
         """The rows of a frame about the published state; those about the others stay here for `advance`."""
@@ -119,6 +122,12 @@ class Challengers:
         self._recycle(ripe, points, weights)
         return winner
 
+    def replace_published(self, state: BodyState) -> None:
+        """Let another state take the published one's place from the next frame on."""
+        assert self._everyone is not None
+        self._everyone = self._everyone[np.arange(self._count + 1)]  # a copy: this frame's answer stays as it is
+        self._everyone[-1] = self._rows.hypotheses(state)
+
     def _exchange(self, ripe: np.ndarray) -> BodyState | None:
         """Let the winner, if there is one, change places with the published state."""
         assert self._everyone is not None
@@ -143,17 +152,8 @@ class Challengers:
             return
         worth = self._advantage - 100.0 * alike
         slot = int(np.argmin(np.where(done, worth, np.inf)))
-        self._renewals += 1
         self._age[slot], self._advantage[slot] = 0, 0.0
-        limbs = len(self._initialiser.mirroring.variants)
-        if self._renewals % 2 and limbs:
-            self._next_limb = (self._next_limb + 3) % limbs  # 3 has no common divisor with 2, 4 or 8 either
-            self._age[slot] = MIRRORED_AGE
-            published = self._everyone[-1]
-            start = self._initialiser.mirroring.mirrored(published.state, self._next_limb, published.pose)
-        else:
-            start = self._turned(points, weights)
-        self._everyone[slot] = self._rows.hypotheses(start)
+        self._everyone[slot] = self._rows.hypotheses(self._turned(points, weights))
 
     def _turned(self, points: np.ndarray, weights: np.ndarray) -> BodyState:
         self._next_side = (self._next_side + 3) % STARTS  # 3 and 8 have no common divisor: every side has its turn

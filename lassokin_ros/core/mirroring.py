@@ -27,8 +27,9 @@ class Mirroring:
         names = kinematics.skeleton.joint_names
         self._kinematics = kinematics
         chains = [[names.index(joint) for joint in limb] for limb in LIMBS if set(limb) <= set(names)]
-        self.variants = [chain[first:] for chain in chains for first in (0, 1)]
-        """Of each limb that the skeleton has, the whole of it and its outer bone alone: joints from the trunk out."""
+        self.variants = [(chain, bones) for chain in chains for bones in ((True, True), (False, True), (True, False))]
+        """Of each limb that the skeleton has, three one after another: its joints from the trunk out, and which of its two
+        bones are mirrored."""
 
     def all(self, state: BodyState) -> BodyState:
         """The state with each of `variants` mirrored, (v, n, 3, 3) and (v, 3)."""
@@ -40,16 +41,16 @@ class Mirroring:
 
     def mirrored(self, state: BodyState, variant: int, pose: BodyPose | None = None) -> BodyState:
         """The state with one of `variants` mirrored; pose: the state's, where it is known."""
-        chain = self.variants[variant]
+        chain, bones = self.variants[variant]
         rotations = state.rotations.copy()
         pose = pose or self._kinematics.pose(state)
         sight = pose.positions[chain[0]] / np.linalg.norm(pose.positions[chain[0]])
         mirror = np.eye(3) - 2 * np.outer(sight, sight)
         parent = pose.orientations[chain[0]] @ rotations[chain[0]].T
-        for joint, child in zip(chain, chain[1:]):
+        for joint, child, other_side in zip(chain, chain[1:], bones):
             orientation = parent @ rotations[joint]
             there = pose.positions[child] - pose.positions[joint]
             bone = orientation @ self._kinematics.skeleton.offsets[child]
-            rotations[joint] = parent.T @ least_turn(bone, mirror @ there) @ orientation
+            rotations[joint] = parent.T @ least_turn(bone, mirror @ there if other_side else there) @ orientation
             parent = parent @ rotations[joint]
         return BodyState(rotations, state.translation)

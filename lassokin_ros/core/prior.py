@@ -163,6 +163,17 @@ class PriorRows:
         """
         return self._columns(posture, turn).take(self._live, axis=-2)
 
+    def columns_of(self, theta: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of h postures theta (h, joints, 3) the columns (h, c, 3, k + m) of some joints, and right sides (h, k + m).
+
+        places: (h, c), which of the prior's joints.
+        """
+        z = self._right_side(theta)
+        inner = right_jacobian_inverse(theta[np.arange(len(theta))[:, None], places])
+        columns = np.swapaxes(inner, -1, -2) @ self._columns_by_joint[places]
+        columns[..., len(self.W) :] *= (z[:, len(self.W) :] != 0)[:, None, None, :]
+        return columns, z
+
     def _columns(self, posture: Posture, turn: np.ndarray | None) -> np.ndarray:
         """(..., 3 joints, k + m), the columns of A as rows, in which order no product needs a copy.
 

@@ -30,6 +30,7 @@ from lassokin_ros.core.initialisation import Fit, Initialiser
 from lassokin_ros.core.kinematics import BodyPose, BodyState, Kinematics
 from lassokin_ros.core.landmarks import Layout
 from lassokin_ros.core.lasso import Lasso, LassoSolution, LassoSolver
+from lassokin_ros.core.limb_search import LimbSearch
 from lassokin_ros.core.point_filter import PointFilter
 from lassokin_ros.core.prior import PosePrior, PriorRows
 from lassokin_ros.core.projection import project
@@ -41,7 +42,7 @@ from lassokin_ros.core.steadying import Steadying
 from lassokin_ros.core.uncertainty import JointUncertainty, UncertaintyModel
 from lassokin_ros.core.upright import Upright
 
-CHALLENGERS = 4
+CHALLENGERS = 2
 """States that are followed beside the published one, see `challengers`."""
 
 FOCAL_RANGE = 1e-3, 1e9
@@ -142,6 +143,7 @@ class Tracker:
         self._rows = FrameRows(self.kinematics, PriorRows(prior, self.kinematics), self._upright)
         self._initialiser = Initialiser(self.kinematics, prior, self._rows)
         self._challengers = Challengers(self._initialiser, self._rows, CHALLENGERS)
+        self._limbs = LimbSearch(self.kinematics, self._rows.prior, self._initialiser.mirroring)
         self._steadying = Steadying(self.kinematics.joint_count)
         self._lag = FixedLag(self.kinematics)
         self._repeats, self._filter = Repeats(), PointFilter(self.layout.names)
@@ -159,6 +161,7 @@ class Tracker:
         self._uncertified = 0
         self._status = Status.SEARCHING
         self._successor: BodyState | None = None
+        self._another_body = False  # the successor differs by more than a limb
         self._cost = float("nan")
         self._guess: np.ndarray | None = None
         self._repeats.reset()
@@ -284,14 +287,28 @@ class Tracker:
             state = start.retract(omega, x)
             self._state = state = replace(state, rotations=orthonormalised(state.rotations))
             self._challengers.start(state, points, weights)
+            self._limbs.start(state)
             self._cost = float(fit.costs[0])
             return state
         self._state = state = self._challengers.advance(omega, x, news > 0)
         if news > 0:
             self._successor = self._challengers.compete(points, weights, alpha)
+            self._another_body = self._successor is not None
+            if self._successor is not None:
+                self._limbs.start(self._successor)
+            else:
+                self._search_limbs(points, weights)
             self._cost = self._challengers.cost
             self._upright.learn(state.rotations[0], news)
         return state
+
+    def _search_limbs(self, points: np.ndarray, weights: np.ndarray) -> None:
+        """Let a limb's other explanation follow, if it has become better than the one that is published."""
+        published = self._challengers.published
+        self._limbs.advance(published, points, weights)
+        self._successor = self._limbs.exchange(published)
+        if self._successor is not None:
+            self._challengers.replace_published(self._successor)
 
     def uncertainty(self, estimate: Estimate) -> JointUncertainty:
         """How far off each joint of an estimate may be, computed when asked; ValueError for one not accepted."""
@@ -302,9 +319,9 @@ class Tracker:
     def _calibrate(self, stamp: float, initialised: bool, points: np.ndarray, weights: np.ndarray) -> None:
         """Let a tracked frame speak about the bones' lengths; what is learned counts from the next frame on."""
         assert self._state is not None
-        if initialised or self._successor is not None:
+        if initialised or self._another_body:
             self.calibration.restart_clock(stamp)
-        elif self.calibration.advance(stamp, self._state, points, weights):
+        elif self._successor is None and self.calibration.advance(stamp, self._state, points, weights):
             self._take_lengths()
 
     def _take_lengths(self) -> None:

@@ -1,0 +1,198 @@
+"""Limbs on the other side: each limb's mirror images in depth are followed beside the limb as it is published.
+
+What one camera takes for something else is nearly always one bone of one limb, leaning away where it leans towards the
+camera (see `mirroring`). So of every limb all such explanations are kept: both bones mirrored, the outer one, the inner
+one. They turn the limb's own joints alone, with the rest of the body as published, by one Gauss-Newton step a frame for
+all of them at once. One whose cost, averaged over some frames, is lower takes the limb's place in the next frame.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lassokin_ros.core.frame_rows import Hypotheses
+from lassokin_ros.core.kinematics import BodyPose, BodyState, Kinematics
+from lassokin_ros.core.mirroring import Mirroring
+from lassokin_ros.core.prior import PriorRows
+from lassokin_ros.core.projection import project, project_with_jacobian
+from lassokin_ros.core.robust import capped_cost, capped_weights, norm, squared_norm
+from lassokin_ros.core.rotations import exponential, hat, logarithm
+
+COUNTED_FROM = 3
+"""Frames of age from which an explanation's cost counts: it has settled."""
+OLD_ENOUGH = 5
+"""Frames of age from which it may win or be given up."""
+MEMORY = 10.0
+"""Frames over which costs are averaged."""
+MARGIN = 0.6
+"""By how much (a negative log-likelihood) it must be better; less than for another body, of which more may change."""
+HOPELESS = -6.0
+"""One that is worse by this is mirrored anew."""
+ALIKE = 0.01
+"""m: distance of the limb's joints below which it has become the published one."""
+DAMPING = 1e-3
+"""1/rad^2, keeps turns that nothing observes where they are."""
+LARGEST_TURN = 0.7
+"""rad: no joint's degree of freedom turns more in a frame."""
+
+
+class LimbSearch:
+    """The h other explanations of one skeleton's limbs, three of each limb.
+
+    A limb is a chain of joints from the trunk out. What is fixed to its last joint, a foot or a hand, stays as it is
+    published relative to that; the last joint itself turns only where landmarks show it.
+    """
+
+    def __init__(self, kinematics: Kinematics, prior: PriorRows, mirroring: Mirroring) -> None:
+        self._kinematics, self._prior, self._mirroring = kinematics, prior, mirroring
+        #: (h, 3) joints.
+        self._chains = np.array([chain for chain, _ in mirroring.variants], dtype=int).reshape(-1, 3)
+        self.count = len(self._chains)
+        self._explanation = np.arange(self.count)[:, None]
+        if self.count:
+            self._find_landmarks()
+            self._find_turns()
+
+    def _find_landmarks(self) -> None:
+        """(h, c) of each limb its landmarks, padded, and which of its joints, 0 to 2, carries each."""
+        skeleton, joints = self._kinematics.skeleton, self._kinematics.layout.joints
+        #: (h, l) bool: landmarks that the limb carries.
+        self._carries = skeleton.ancestors[joints][:, self._chains[:, 0]].T
+        most = self._carries.sum(axis=1).max()
+        self._landmarks = np.argsort(~self._carries, axis=1, kind="stable")[:, :most]
+        self._real = np.take_along_axis(self._carries, self._landmarks, axis=1)
+        carried = skeleton.ancestors[joints[self._landmarks][:, :, None], self._chains[:, None, :]]
+        self._carrier = np.maximum(carried.sum(axis=-1) - 1, 0)
+        self._carrying_joint = self._chains[self._explanation, self._carrier]
+        self._reach = carried[..., None, None]
+
+    def _find_turns(self) -> None:
+        """How many joints from the trunk out turn (t), and their places among the prior's; 0 for those it has not."""
+        joints = list(self._prior.joints)
+        known = np.isin(self._chains, joints)
+        self._turning = turning = int(np.flatnonzero(known.any(axis=0))[-1]) + 1 if known.any() else 0
+        places = [[joints.index(joint) if joint in joints else 0 for joint in chain] for chain in self._chains]
+        self._places, self._known = np.array(places)[:, :turning], known[:, :turning]
+        self._reach = self._reach[:, :, :turning]
+        self._damping = DAMPING * np.eye(3 * turning)
+
+    def start(self, state: BodyState) -> None:
+        """Mirror all limbs of a state anew."""
+        self._age, self._advantage = np.zeros(self.count), np.zeros(self.count)
+        #: (h, 3, 3, 3) of each explanation the local rotations of its chain.
+        self._rotations = self._mirroring.all(state).rotations[self._explanation, self._chains]
+
+    def advance(self, published: Hypotheses, points: np.ndarray, weights: np.ndarray) -> None:
+        """One Gauss-Newton step of every explanation on a frame, and its cost beside the published limb's.
+
+        points: (l, 2) normalised; weights: (l,) 1 / standard deviation, 0 = missing.
+        """
+        if not self.count:
+            return
+        pose = self._posed(published)
+        image, image_z, image_cost = self._image_rows(pose, points, weights)
+        prior, prior_z = self._prior_rows(published)
+        columns = np.concatenate([image, prior], axis=-1)
+        H = columns @ np.swapaxes(columns, -1, -2) + self._damping
+        g = columns @ np.concatenate([image_z, prior_z], axis=-1)[..., None]
+        step = np.linalg.solve(H, g)[..., 0]
+        # What it costs after the step, by its own model.
+        cost = image_cost + 0.5 * squared_norm(prior_z) - 0.5 * (g[..., 0] * step).sum(axis=-1)
+        self._compare(self._published_cost(published, points, weights) - cost)
+        step *= np.minimum(1.0, LARGEST_TURN / np.maximum(np.abs(step).max(axis=-1, keepdims=True), 1e-12))
+        self._rotations[:, : self._turning] @= exponential(step.reshape(self.count, self._turning, 3))
+        self._apart = norm(pose.positions - published.pose.positions[self._chains]).max(axis=-1)
+
+    def _compare(self, gain: np.ndarray) -> None:
+        self._age += 1
+        counted = self._age - COUNTED_FROM
+        share = np.where(counted > 0, 1 / np.minimum(np.maximum(counted, 1), MEMORY), 0.0)
+        self._advantage += share * (gain - self._advantage)
+
+    def exchange(self, published: Hypotheses) -> BodyState | None:
+        """The published state with a limb that explains more, or None.
+
+        Without one, at most one explanation is mirrored anew: one that is hopeless, or has become the published limb.
+        """
+        if not self.count:
+            return None
+        ripe, other = self._age >= OLD_ENOUGH, self._apart > ALIKE
+        best = int(np.argmax(np.where(ripe & other, self._advantage, -np.inf)))
+        if ripe[best] and other[best] and self._advantage[best] > MARGIN:
+            return self._exchanged(best, published.state)
+        done = ripe & (~other | (self._advantage < HOPELESS))
+        if done.any():
+            self._renew(int(np.argmax(np.where(done, self._age, 0.0))), published)
+        return None
+
+    def _exchanged(self, best: int, state: BodyState) -> BodyState:
+        """The state with one explanation's limb, which the state's own replaces here.
+
+        Of the limb's other two explanations each is now, seen from the published limb, what the other one was.
+        """
+        chain, rotations = self._chains[best], state.rotations.copy()
+        rotations[chain] = self._rotations[best]
+        self._rotations[best] = state.rotations[chain]
+        self._age[best] = COUNTED_FROM + MEMORY  # one frame is not enough to change back
+        limb = np.arange(3) + best - best % 3
+        self._advantage[limb] -= self._advantage[best]
+        self._advantage[best] = -MARGIN
+        one, two = (slot for slot in limb if slot != best)
+        for values in (self._rotations, self._advantage, self._age):
+            values[[one, two]] = values[[two, one]]
+        return BodyState(rotations, state.translation)
+
+    def _renew(self, explanation: int, published: Hypotheses) -> None:
+        mirrored = self._mirroring.mirrored(published.state, explanation, published.pose)
+        self._rotations[explanation] = mirrored.rotations[self._chains[explanation]]
+        self._age[explanation] = self._advantage[explanation] = 0.0
+
+    def _posed(self, published: Hypotheses) -> BodyPose:
+        """Orientations (h, 3, 3, 3) and positions (h, 3, 3) of the chains' joints, landmarks (h, c, 3)."""
+        pose, chains, rotations = published.pose, self._chains, self._rotations
+        root, bones = chains[:, 0], self._kinematics.skeleton.offsets[chains][..., None]
+        orientations, positions = np.empty(rotations.shape), np.empty(chains.shape + (3,))
+        orientation = pose.orientations[root] @ np.swapaxes(published.state.rotations[root], -1, -2)
+        positions[:, 0] = pose.positions[root]
+        for joint in range(3):
+            if joint:
+                positions[:, joint] = positions[:, joint - 1] + (orientation @ bones[:, joint])[..., 0]
+            orientation = orientations[:, joint] = orientation @ rotations[:, joint]
+        # The landmarks stay, as they are published, in the frame of the joint that carries them.
+        away = pose.landmarks[self._landmarks] - pose.positions[self._carrying_joint]
+        turn = orientations[self._explanation, self._carrier] @ np.swapaxes(
+            pose.orientations[self._carrying_joint], -1, -2
+        )
+        landmarks = positions[self._explanation, self._carrier] + (turn @ away[..., None])[..., 0]
+        return BodyPose(orientations, positions, landmarks)
+
+    def _image_rows(
+        self, pose: BodyPose, points: np.ndarray, weights: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The image's columns (h, 3 t, 2 c) as rows, right sides (h, 2 c), and robust cost (h,)."""
+        places, F = project_with_jacobian(pose.landmarks)
+        error = points[self._landmarks] - places
+        weight = weights[self._landmarks] * self._real
+        size = norm(error) * weight
+        weight = weight * np.sqrt(capped_weights(size))
+        F *= weight[..., None, None]
+        error *= weight[..., None]
+        orientations, positions = pose.orientations[:, : self._turning], pose.positions[:, : self._turning]
+        levers = hat(positions[:, None] - pose.landmarks[:, :, None])
+        columns = (F[:, :, None] @ levers @ orientations[:, None]) * self._reach  # (h, c, t, 2, 3)
+        columns = columns.transpose(0, 2, 4, 1, 3).reshape(self.count, 3 * self._turning, -1)
+        return columns, error.reshape(self.count, -1), capped_cost(size).sum(axis=-1)
+
+    def _prior_rows(self, published: Hypotheses) -> tuple[np.ndarray, np.ndarray]:
+        """The prior's columns (h, 3 t, k + m) as rows and right sides (h, k + m), other joints as published."""
+        theta = np.repeat(published.posture.theta[None], self.count, axis=0)
+        own, known = theta[self._explanation, self._places], self._known[..., None]
+        theta[self._explanation, self._places] = np.where(known, logarithm(self._rotations[:, : self._turning]), own)
+        columns, z = self._prior.columns_of(theta, self._places)
+        columns *= known[..., None]
+        return columns.reshape(self.count, 3 * self._turning, -1), z
+
+    def _published_cost(self, published: Hypotheses, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """(h,) of each explanation's limb as it is published, by the same terms."""
+        size = norm(points - project(published.pose.landmarks)) * weights
+        return self._carries @ capped_cost(size) + 0.5 * squared_norm(published.posture.residual)

@@ -1,0 +1,165 @@
+"""Limbs on the other side: posed, linearised and costed like the whole body, exchanged when they explain more."""
+
+import numpy as np
+import pytest
+from cases import FACING, body, central_difference, random_body, relative_error
+
+from lassokin_ros.core.frame_rows import FrameRows
+from lassokin_ros.core.initialisation import Initialiser
+from lassokin_ros.core.kinematics import BodyState
+from lassokin_ros.core.limb_search import MARGIN, OLD_ENOUGH, LimbSearch
+from lassokin_ros.core.mirroring import Mirroring
+from lassokin_ros.core.prior import PosePrior, PriorRows
+from lassokin_ros.core.projection import project
+from lassokin_ros.core.robust import capped_weights
+from lassokin_ros.core.rotations import exponential
+from lassokin_ros.core.upright import Upright
+
+LAYOUTS = "coco17", "body25", "mediapipe33"
+NOISE = 0.002
+
+
+class Scene:
+    """A body near the mean pose, and what a camera sees of it."""
+
+    def __init__(self, layout="coco17", seed=0):
+        random = np.random.default_rng(seed)
+        self.kinematics = body(layout)
+        prior = PosePrior.load(self.kinematics.skeleton)
+        self.rows = FrameRows(self.kinematics, PriorRows(prior, self.kinematics), Upright())
+        self.mirroring = Mirroring(self.kinematics)
+        self.search = LimbSearch(self.kinematics, self.rows.prior, self.mirroring)
+        self.initialiser = Initialiser(self.kinematics, prior, self.rows)
+        rotations = exponential(prior.mean + 0.1 * random.normal(size=prior.mean.shape))
+        rotations[0] = FACING
+        self.state = BodyState(rotations, np.array([0.2, 0.1, 3.6]))
+        seen = project(self.kinematics.pose(self.state).landmarks)
+        self.points = seen + NOISE * random.normal(size=seen.shape)
+        self.weights = np.full(len(seen), 1 / NOISE)
+
+    def settled(self, state):
+        """The nearest state of least cost."""
+        states = BodyState(state.rotations[None], state.translation[None])
+        return self.initialiser.refine(states, self.points, self.weights, ((1.0, 30),)).best
+
+    def cost(self, state):
+        """Of the whole body."""
+        return float(self.rows.cost(self.rows.hypotheses(state), self.points, self.weights))
+
+    def whole(self, explanation, published):
+        """The whole body with the limb of one explanation."""
+        rotations = published.state.rotations.copy()
+        rotations[self.search._chains[explanation]] = self.search._rotations[explanation]
+        return self.rows.hypotheses(BodyState(rotations, published.state.translation))
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_limb_is_posed_as_in_the_whole_body(layout):
+    scene = Scene(layout, 1)
+    published = scene.rows.hypotheses(scene.state)
+    scene.search.start(scene.state)
+    pose = scene.search._posed(published)
+    for explanation in range(scene.search.count):
+        whole = scene.whole(explanation, published).pose
+        assert np.allclose(pose.positions[explanation], whole.positions[scene.search._chains[explanation]], atol=1e-12)
+        own = scene.search._landmarks[explanation][scene.search._real[explanation]]
+        assert len(own) and np.allclose(pose.landmarks[explanation][: len(own)], whole.landmarks[own], atol=1e-12)
+        rest = np.setdiff1d(np.arange(len(scene.points)), own)
+        assert np.allclose(whole.landmarks[rest], published.pose.landmarks[rest], atol=1e-12)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_limb_costs_more_or_less_by_what_the_whole_body_does(layout):
+    scene = Scene(layout, 2)
+    published = scene.rows.hypotheses(scene.state)
+    scene.search.start(scene.state)
+    scene.weights[3] = 0.0
+    *_, image = scene.search._image_rows(scene.search._posed(published), scene.points, scene.weights)
+    _, z = scene.search._prior_rows(published)
+    own = image + 0.5 * np.sum(z * z, axis=-1) - scene.search._published_cost(published, scene.points, scene.weights)
+    before = scene.rows.cost(published, scene.points, scene.weights)
+    for explanation in range(scene.search.count):
+        after = scene.rows.cost(scene.whole(explanation, published), scene.points, scene.weights)
+        assert own[explanation] == pytest.approx(after - before, abs=1e-8)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_rows_are_the_derivative_of_what_they_stand_for(layout):
+    scene = Scene(layout, 3)
+    published, search = scene.rows.hypotheses(scene.state), scene.search
+    search.start(scene.state)
+    scene.weights *= 0.01  # so that no point is cut off, whose weight then would depend on the turn
+    there, turning = search._rotations.copy(), search._turning
+
+    def right_sides(increment):
+        search._rotations = there.copy()
+        search._rotations[:, :turning] @= exponential(increment.reshape(turning, 3))
+        _, image, _ = search._image_rows(search._posed(published), scene.points, scene.weights)
+        return np.concatenate([image, search._prior_rows(published)[1]], axis=-1)
+
+    image, _, _ = search._image_rows(search._posed(published), scene.points, scene.weights)
+    columns = np.concatenate([image, search._prior_rows(published)[0]], axis=-1)
+    numeric = -central_difference(right_sides, 3 * turning).reshape(search.count, -1, 3 * turning)
+    known = np.repeat(search._known, 3, axis=1)
+    for explanation in range(search.count):
+        live = known[explanation]
+        actual, expected = columns[explanation][live], numeric[explanation].T[live]
+        assert relative_error(actual, expected) < 1e-6
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_limb_on_the_wrong_side_is_exchanged_soon_and_alone(seed):
+    scene = Scene(seed=seed)
+    right = scene.initialiser.fit(scene.points, scene.weights).best
+    wrongs = [scene.settled(scene.mirroring.mirrored(right, variant)) for variant in range(scene.search.count)]
+    variant = int(np.argmax([scene.cost(wrong) for wrong in wrongs]))
+    (chain, _), wrong = scene.mirroring.variants[variant], wrongs[variant]
+    gain = scene.cost(wrong) - scene.cost(right)
+    assert gain > 2 * MARGIN, "a scene in which image and prior tell"
+    published = scene.rows.hypotheses(wrong)
+    scene.search.start(wrong)
+    for frame in range(1, 4 * OLD_ENOUGH):
+        scene.search.advance(published, scene.points, scene.weights)
+        winner = scene.search.exchange(published)
+        if winner is not None:
+            break
+    assert winner is not None and frame >= OLD_ENOUGH
+    rest = np.setdiff1d(np.arange(24), chain)
+    assert np.array_equal(winner.rotations[rest], wrong.rotations[rest])
+    assert np.array_equal(winner.translation, wrong.translation)
+    assert scene.cost(scene.settled(winner)) < scene.cost(wrong) - 0.5 * gain
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_limb_on_the_right_side_stays_there(seed):
+    scene = Scene(seed=seed)
+    published = scene.rows.hypotheses(scene.initialiser.fit(scene.points, scene.weights).best)
+    scene.search.start(published.state)
+    for _ in range(60):
+        scene.search.advance(published, scene.points, scene.weights)
+        assert scene.search.exchange(published) is None
+    assert np.isfinite(scene.search._rotations).all()
+
+
+def test_without_points_nothing_but_the_prior_counts():
+    scene = Scene()
+    published = scene.rows.hypotheses(scene.state)
+    scene.search.start(scene.state)
+    for _ in range(20):
+        scene.search.advance(published, np.zeros_like(scene.points), np.zeros_like(scene.weights))
+    products = np.swapaxes(scene.search._rotations, -1, -2) @ scene.search._rotations
+    assert np.abs(products - np.eye(3)).max() < 1e-9
+
+
+def test_a_skeleton_without_limbs_is_left_alone():
+    kinematics = random_body(np.random.default_rng(0))
+    prior = PosePrior.load(kinematics.skeleton)
+    rows = FrameRows(kinematics, PriorRows(prior, kinematics), Upright())
+    search = LimbSearch(kinematics, rows.prior, Mirroring(kinematics))
+    n = kinematics.joint_count
+    state = BodyState(np.tile(np.eye(3), (n, 1, 1)), np.array([0.0, 0.0, 3.0]))
+    published = rows.hypotheses(state)
+    points = np.zeros((kinematics.landmark_count, 2))
+    search.start(state)
+    search.advance(published, points, capped_weights(np.ones(len(points))))
+    assert search.count == 0 and search.exchange(published) is None
