@@ -28,8 +28,8 @@ class Mirroring:
         self._kinematics = kinematics
         chains = [[names.index(joint) for joint in limb] for limb in LIMBS if set(limb) <= set(names)]
         self.variants = [(chain, bones) for chain in chains for bones in ((True, True), (False, True), (True, False))]
-        """Of each limb that the skeleton has, three one after another: its joints from the trunk out, and which of its two
-        bones are mirrored."""
+        """Of each limb that the skeleton has three, one after another: its joints from the trunk out, and which of its
+        two bones are mirrored."""
 
     def all(self, state: BodyState) -> BodyState:
         """The state with each of `variants` mirrored, (v, n, 3, 3) and (v, 3)."""
