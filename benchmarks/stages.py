@@ -25,6 +25,8 @@ STAGES = {
     "solve: certify": "lasso:certify",
     "challengers: a step": "challengers:Challengers.advance",
     "challengers: compare, renew": "challengers:Challengers.compete",
+    "limbs: a step": "limb_search:LimbSearch.advance",
+    "limbs: exchange, renew": "limb_search:LimbSearch.exchange",
     "retract": "kinematics:BodyState.retract",
 }
 """Stage -> module:function as it is looked up when called. One that a later version lacks is left out of the table."""

@@ -32,6 +32,8 @@ MARGIN = 1.0
 """By how much (in units of a variance-weighted cost, the negative log-likelihood) a challenger must be better."""
 HOPELESS = -2.0
 """One that is worse by this is given up early."""
+SIDES = 4, 2, 6, 3, 5, 1, 7
+"""Eighths of a turn from where the published state faces, in this order: it is the back that is taken for the front."""
 ALIKE = 0.02
 """m: mean distance of joints below which a challenger has become the published state."""
 
@@ -54,8 +56,8 @@ class Challengers:
         """Begin with a pool of new challengers for this frame's points (l, 2) and weights (l,), beside `state`."""
         self._age = np.zeros(self._count)
         self._advantage = np.zeros(self._count)
-        self._next_side = 0  # the same images lead to the same states
-        turned = [self._turned(points, weights) for _ in range(self._count)]
+        self._turns = 0
+        turned = [self._turned(state, points, weights) for _ in range(self._count)]
         self._everyone = self._rows.hypotheses(_stacked([*turned, state]))
 
     def stop(self) -> None:
@@ -153,11 +155,14 @@ class Challengers:
         worth = self._advantage - 100.0 * alike
         slot = int(np.argmin(np.where(done, worth, np.inf)))
         self._age[slot], self._advantage[slot] = 0, 0.0
-        self._everyone[slot] = self._rows.hypotheses(self._turned(points, weights))
+        self._everyone[slot] = self._rows.hypotheses(self._turned(self.published.state, points, weights))
 
-    def _turned(self, points: np.ndarray, weights: np.ndarray) -> BodyState:
-        self._next_side = (self._next_side + 3) % STARTS  # 3 and 8 have no common divisor: every side has its turn
-        return self._initialiser.start(self._next_side, points, weights)
+    def _turned(self, published: BodyState, points: np.ndarray, weights: np.ndarray) -> BodyState:
+        turn = np.diag([1.0, -1.0, -1.0]) @ published.rotations[0]  # as `Initialiser.start` counts the sides
+        facing = np.arctan2(turn[0, 2], turn[2, 2]) * STARTS / (2 * np.pi)
+        side = round(facing + SIDES[self._turns % len(SIDES)]) % STARTS
+        self._turns += 1
+        return self._initialiser.start(side, points, weights)
 
 
 def _stacked(states: Sequence[BodyState]) -> BodyState:

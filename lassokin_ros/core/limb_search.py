@@ -18,11 +18,13 @@ from lassokin_ros.core.projection import project, project_with_jacobian
 from lassokin_ros.core.robust import capped_cost, capped_weights, norm, squared_norm
 from lassokin_ros.core.rotations import exponential, hat, logarithm
 
-COUNTED_FROM = 3
-"""Frames of age from which an explanation's cost counts: it has settled."""
-OLD_ENOUGH = 5
-"""Frames of age from which it may win or be given up."""
-MEMORY = 10.0
+COUNTED_FROM = 2
+"""Frames of age from which an explanation's cost counts: by then it has found its place."""
+OLD_ENOUGH = 4
+"""Frames of age from which it may win."""
+GIVEN_UP_FROM = 10
+"""Frames of age from which it may be mirrored anew."""
+MEMORY = 6.0
 """Frames over which costs are averaged."""
 MARGIN = 0.6
 """By how much (a negative log-likelihood) it must be better; less than for another body, of which more may change."""
@@ -120,7 +122,7 @@ class LimbSearch:
         best = int(np.argmax(np.where(ripe & other, self._advantage, -np.inf)))
         if ripe[best] and other[best] and self._advantage[best] > MARGIN:
             return self._exchanged(best, published.state)
-        done = ripe & (~other | (self._advantage < HOPELESS))
+        done = (self._age >= GIVEN_UP_FROM) & (~other | (self._advantage < HOPELESS))
         if done.any():
             self._renew(int(np.argmax(np.where(done, self._age, 0.0))), published)
         return None

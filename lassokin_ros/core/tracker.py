@@ -42,8 +42,9 @@ from lassokin_ros.core.steadying import Steadying
 from lassokin_ros.core.uncertainty import JointUncertainty, UncertaintyModel
 from lassokin_ros.core.upright import Upright
 
-CHALLENGERS = 2
-"""States that are followed beside the published one, see `challengers`."""
+CHALLENGERS = 1
+"""States that are followed beside the published one, see `challengers`. With the other side's turn first, a second one
+found back from a wrong side no sooner."""
 
 FOCAL_RANGE = 1e-3, 1e9
 """px: beyond, weights lose their digits."""
