@@ -55,6 +55,22 @@ def test_a_limb_has_each_choice_of_its_bones_once():
     assert len(choices) == len(mirroring.variants) == 3 * len(LIMBS) and all(any(bones) for _, bones in choices)
 
 
+def test_pairs_are_both_legs_in_each_way():
+    kinematics = body()
+    mirroring = Mirroring(kinematics)
+    names = kinematics.skeleton.joint_names
+    for pair in mirroring.pairs:
+        (left, its), (right, other) = (mirroring.variants[variant] for variant in pair)
+        assert (names[left[0]], names[right[0]]) == ("left_hip", "right_hip") and its == other
+    assert len(mirroring.pairs) == 3
+    one, two = mirroring.pairs[0]
+    both = kinematics.pose(mirroring.both(state(4), mirroring.pairs[0])).positions
+    for variant in (one, two):
+        chain, _ = mirroring.variants[variant]
+        alone = kinematics.pose(mirroring.mirrored(state(4), variant)).positions
+        assert np.allclose(both[chain], alone[chain])
+
+
 def test_all_is_every_variant():
     mirroring = Mirroring(body())
     together = mirroring.all(state(5))
@@ -88,4 +104,5 @@ def test_a_skeleton_without_limbs_has_none():
     initialiser = Initialiser(kinematics, prior, FrameRows(kinematics, PriorRows(prior, kinematics), Upright()))
     points = 0.1 * np.random.default_rng(1).normal(size=(kinematics.landmark_count, 2))
     assert np.isfinite(initialiser.fit(points, np.full(len(points), 300.0)).costs).all()
-    assert mirroring.variants == [] and none.rotations.shape == (0, n, 3, 3) and none.translation.shape == (0, 3)
+    assert mirroring.variants == mirroring.pairs == []
+    assert none.rotations.shape == (0, n, 3, 3) and none.translation.shape == (0, 3)

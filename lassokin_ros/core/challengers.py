@@ -1,9 +1,11 @@
 """Challengers: other explanations of the same images, followed beside the published state until one is clearly better.
 
 From one camera a body fits almost as well when it is turned round; a tracker that started on the wrong side, or slipped
-to it, stays there. So a few states are fitted along with the frames, begun from the mean pose turned to one side after
-another, and refined by one Gauss-Newton step a frame, coarse to fine. One whose cost, averaged over its last frames, is
-lower than the present state's by a margin takes its place in the next frame. Single limbs are `limb_search`'s.
+to it, stays there. So does one that takes somebody who squats for somebody who leans. So a few states are fitted along
+with the frames, begun in turn from the mean pose turned to one side after another and from the present state with both
+legs mirrored in depth, and refined by one Gauss-Newton step a frame, coarse to fine. One whose cost, averaged over its
+last frames, is lower than the present state's by a margin takes its place in the next frame. Single limbs are
+`limb_search`'s.
 """
 
 from __future__ import annotations
@@ -34,6 +36,8 @@ HOPELESS = -2.0
 """One that is worse by this is given up early."""
 SIDES = 4, 2, 6, 3, 5, 1, 7
 """Eighths of a turn from where the published state faces, in this order: it is the back that is taken for the front."""
+MIRRORED_AGE = 5
+"""Frames of age with which a mirrored one begins: it need not find the whole body first."""
 ALIKE = 0.02
 """m: mean distance of joints below which a challenger has become the published state."""
 
@@ -56,7 +60,7 @@ class Challengers:
         """Begin with a pool of new challengers for this frame's points (l, 2) and weights (l,), beside `state`."""
         self._age = np.zeros(self._count)
         self._advantage = np.zeros(self._count)
-        self._turns = 0
+        self._turns = self._renewals = 0
         turned = [self._turned(state, points, weights) for _ in range(self._count)]
         self._everyone = self._rows.hypotheses(_stacked([*turned, state]))
 
@@ -155,7 +159,14 @@ class Challengers:
         worth = self._advantage - 100.0 * alike
         slot = int(np.argmin(np.where(done, worth, np.inf)))
         self._age[slot], self._advantage[slot] = 0, 0.0
-        self._everyone[slot] = self._rows.hypotheses(self._turned(self.published.state, points, weights))
+        self._renewals += 1
+        pairs = self._initialiser.mirroring.pairs
+        if self._renewals % 2 and pairs:
+            self._age[slot] = MIRRORED_AGE
+            start = self._initialiser.mirroring.both(self.published.state, pairs[self._renewals // 2 % len(pairs)])
+        else:
+            start = self._turned(self.published.state, points, weights)
+        self._everyone[slot] = self._rows.hypotheses(start)
 
     def _turned(self, published: BodyState, points: np.ndarray, weights: np.ndarray) -> BodyState:
         turn = np.diag([1.0, -1.0, -1.0]) @ published.rotations[0]  # as `Initialiser.start` counts the sides

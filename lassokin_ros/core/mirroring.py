@@ -31,6 +31,19 @@ class Mirroring:
         """Of each limb that the skeleton has three, one after another: its joints from the trunk out, and which of its
         two bones are mirrored."""
 
+        self.pairs = [
+            (one, other)
+            for one, (chain, bones) in enumerate(self.variants)
+            for other, (its_chain, its_bones) in enumerate(self.variants)
+            if one < other and bones == its_bones and "hip" in names[chain[0]] and "hip" in names[its_chain[0]]
+        ]
+        """Both legs mirrored alike, in each of the ways: two of `variants`. Somebody who squats bends both."""
+
+    def both(self, state: BodyState, pair: tuple[int, int]) -> BodyState:
+        """The state with one of `pairs` mirrored."""
+        one, other = pair
+        return self.mirrored(self.mirrored(state, one), other)
+
     def all(self, state: BodyState) -> BodyState:
         """The state with each of `variants` mirrored, (v, n, 3, 3) and (v, 3)."""
         pose = self._kinematics.pose(state)
