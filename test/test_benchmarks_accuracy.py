@@ -162,4 +162,4 @@ def test_duplicates_are_the_same_keypoints_against_each_frames_truth(capsys):
 def test_a_lagged_pose_is_scored_against_its_own_frame():
     at_once, late = (run(Job(MOCAP / "exp_running_1.npz", 0, "lasso", settings={"smoothing_lag": s})) for s in (0, 0.1))
     assert at_once["frames"] == late["frames"] and late["rejected"] == 0 and not late["ends_lost"]
-    assert late["accel_error"] < 0.7 * at_once["accel_error"] and late["mpjpe_mm"] < at_once["mpjpe_mm"] + 1
+    assert late["accel_error"] < 0.85 * at_once["accel_error"] and late["mpjpe_mm"] < at_once["mpjpe_mm"] + 1
