@@ -1,0 +1,41 @@
+"""A limb's exchange belongs to the next frame: each answer is where its own certified increment led."""
+
+import numpy as np
+import pytest
+
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.tracker import Observation, Tracker
+from lassokin_ros.synthetic import WEBCAM, detections, exact_pixels, motion
+
+RATE = 30.0
+
+
+def scene(seconds, seed=1):
+    """(tracker, observations) of the demo's person."""
+    tracker = Tracker(TrackerConfig())
+    times = np.arange(round(seconds * RATE)) / RATE
+    states = motion(tracker.skeleton, times)
+    pixels, confidence = detections(exact_pixels(tracker.kinematics, states), RATE, seed=seed)
+    lens = WEBCAM.lens
+    observations = [
+        Observation(float(t), lens.normalise(p.astype(float)), c.astype(float), lens.focal)
+        for t, p, c in zip(times, pixels, confidence)
+    ]
+    return tracker, observations
+
+
+@pytest.mark.parametrize("smoothing", [0.0, 0.02])
+def test_a_limb_is_exchanged_in_the_next_frame_and_leaves_this_ones_answer(smoothing):
+    tracker, observations = scene(10.0)
+    tracker.tune(TrackerConfig(smoothing=smoothing))
+    exchanges, before, waiting = 0, None, []
+    for observation in observations:
+        estimate = tracker.track(observation)
+        if before is not None and not estimate.initialised:
+            led = before.solved if not waiting else waiting[0]
+            expected = led.retract(estimate.omega, estimate.translation_step)
+            assert np.allclose(estimate.solved.rotations, expected.rotations, atol=1e-9)
+        waiting = [tracker._successor] if tracker._successor is not None else []
+        exchanges += len(waiting)
+        before = estimate
+    assert exchanges > 0
