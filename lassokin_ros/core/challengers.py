@@ -4,8 +4,9 @@ From one camera a body fits almost as well when it is turned round; a tracker th
 to it, stays there. So does one that takes somebody who squats for somebody who leans. So a few states are fitted along
 with the frames, begun in turn from the mean pose turned to one side after another and from the present state with both
 legs mirrored in depth, and refined by one Gauss-Newton step a frame, coarse to fine. One whose cost, averaged over its
-last frames, is lower than the present state's by a margin takes its place in the next frame. Single limbs are
-`limb_search`'s.
+last frames, is lower than the present state's by a margin takes its place in the next frame. Motion is part of that
+cost; so that a challenger doesn't pay for following the noise, which the lasso's l1 term keeps the published state from,
+a ridge of the same spread holds it once it has found its place. Single limbs are `limb_search`'s.
 """
 
 from __future__ import annotations
@@ -30,7 +31,9 @@ GIVEN_UP_AT = 30
 """Frames of age at which one that has not won is replaced."""
 MEMORY = 20.0
 """Frames over which costs are averaged."""
-MARGIN = 1.0
+STEADY_FROM = 10
+"""Frames of age from which its motion is held as the published state's is."""
+MARGIN = 2.0
 """By how much (in units of a variance-weighted cost, the negative log-likelihood) a challenger must be better."""
 HOPELESS = -2.0
 """One that is worse by this is given up early."""
@@ -92,14 +95,16 @@ class Challengers:
     def _robust(self, size: np.ndarray) -> np.ndarray:
         return np.where(size > self._caps, 0.0, huber_weights(size))
 
-    def advance(self, omega: np.ndarray, x: np.ndarray, counts: bool = True) -> BodyState:
+    def advance(self, omega: np.ndarray, x: np.ndarray, alpha: np.ndarray, counts: bool = True) -> BodyState:
         """The published state after a frame's increment; the challengers take a Gauss-Newton step each.
 
-        omega: (3 n,) rad, x: (3,) m: the increment, from where `linearise` found the published state; counts: False
-        for a frame that is no further evidence: they come nearer to the same image, and are none the older for it.
+        omega: (3 n,) rad, x: (3,) m: the increment, from where `linearise` found the published state; alpha: (live,)
+        the cost per rad of each degree of freedom that it paid, a Laplace density's, of variance 2 / alpha^2; counts:
+        False for a frame that is no further evidence: they come nearer to the same image, and are none the older.
         """
         assert self._everyone is not None
-        omegas, steps = self._initialiser.step(self._linearised)
+        steady = (self._age >= STEADY_FROM)[:, None]
+        omegas, steps = self._initialiser.step(self._linearised, steady * (0.5 * alpha**2))
         self._age += counts
         self._increments = np.concatenate([omegas, omega[None]])
         moved = self._everyone.state.retract(self._increments, np.concatenate([steps, x[None]]))
@@ -108,15 +113,15 @@ class Challengers:
         self._everyone = self._rows.hypotheses(moved)
         return BodyState(moved.rotations[-1], moved.translation[-1])
 
-    def compete(self, points: np.ndarray, weights: np.ndarray, motion_cost: np.ndarray) -> BodyState | None:
+    def compete(self, points: np.ndarray, weights: np.ndarray, alpha: np.ndarray) -> BodyState | None:
         """Compare all on the frame's points: the state that should replace the published one, or None.
 
-        motion_cost: (live,) cost per rad of each degree of freedom's increment, the tracker's alpha, which all pay.
+        alpha: (live,) cost per rad of each degree of freedom's increment, which all pay.
         """
         assert self._everyone is not None
         cost = self._rows.cost(self._everyone, points, weights)
         self.cost = float(cost[-1])
-        cost += np.abs(self._increments.take(self._rows.live, axis=-1)) @ motion_cost
+        cost += np.abs(self._increments.take(self._rows.live, axis=-1)) @ alpha
         counted = self._age - COUNTED_FROM
         share = 1 / np.minimum(np.maximum(counted, 1), MEMORY)
         gain = cost[-1] - cost[:-1] - self._advantage

@@ -123,11 +123,17 @@ class Initialiser:
         translation[:, 2] = np.maximum(translation[:, 2], 0.5)
         return translation
 
-    def step(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
-        """One damped Gauss-Newton step by the rows about S states: increments Omega (S, 3 n) and x (S, 3)."""
+    def step(self, rows: Rows, ridge: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """One damped Gauss-Newton step by the rows about S states: increments Omega (S, 3 n) and x (S, 3).
+
+        ridge: (S, live) 1/rad^2, what holds each degree of freedom beyond that.
+        """
         count = len(self._live)
         H = rows.columns @ np.swapaxes(rows.columns, -1, -2)
         H += self._damping
+        if ridge is not None:
+            angles = np.arange(count)
+            H[:, angles, angles] += ridge
         step = _solved(H, (rows.columns @ rows.z[..., None])[..., 0])
         turns = step[..., :count]
         turns *= np.minimum(1.0, LARGEST_TURN / np.maximum(np.abs(turns).max(axis=-1, keepdims=True), 1e-12))

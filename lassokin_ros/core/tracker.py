@@ -291,7 +291,7 @@ class Tracker:
             self._limbs.start(state)
             self._cost = float(fit.costs[0])
             return state
-        self._state = state = self._challengers.advance(omega, x, news > 0)
+        self._state = state = self._challengers.advance(omega, x, alpha, news > 0)
         if news > 0:
             self._successor = self._challengers.compete(points, weights, alpha)
             self._another_body = self._successor is not None
