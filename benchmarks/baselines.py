@@ -17,13 +17,14 @@ from scipy.linalg import cho_factor, cho_solve
 
 from lassokin_ros.core.certificate import Certificate
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.estimate import Estimate, Observation, Rejection, Status
 from lassokin_ros.core.kinematics import BodyState
 from lassokin_ros.core.lasso import Lasso, LassoSolution, LassoSolver, eliminate_translation
 from lassokin_ros.core.observation_model import Linearisation, linearise
 from lassokin_ros.core.projection import project
 from lassokin_ros.core.rotations import orthonormalised
 from lassokin_ros.core.skeleton import Skeleton
-from lassokin_ros.core.tracker import Estimate, Observation, Rejection, Status, Tracker
+from lassokin_ros.core.tracker import Tracker
 
 PLAIN_ALPHA = 30.0  # 1/rad, with residuals in standard deviations
 RIDGE_WEIGHT = 10.0  # rho
@@ -135,7 +136,7 @@ class RidgeTracker(Tracker):
 
     def __init__(self, config: TrackerConfig, skeleton: Skeleton) -> None:
         super().__init__(config, skeleton)
-        self._solver = RidgeSolver()  # type: ignore[assignment]
+        self._increments.lasso = RidgeSolver()  # type: ignore[assignment]
 
 
 FOLLOWERS = {"lasso": Tracker, "plain": PlainLasso, "ridge": RidgeTracker, "dls": DampedLeastSquares}

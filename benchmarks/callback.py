@@ -20,7 +20,7 @@ from benchmarks.report import Record
 from benchmarks.stages import Clock, percentiles
 from lassokin_ros import topics
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.tracker import Observation
+from lassokin_ros.core.estimate import Observation
 from lassokin_ros.frame_messages import FrameMessages
 from lassokin_ros.node_config import NodeConfig
 from lassokin_ros.pipeline import Pipeline

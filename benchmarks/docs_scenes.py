@@ -11,8 +11,9 @@ import numpy as np
 
 from benchmarks.metrics import mpjpe
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.estimate import Observation, Status
 from lassokin_ros.core.kinematics import BodyState
-from lassokin_ros.core.tracker import Observation, Status, Tracker
+from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.synthetic import WEBCAM, Detector, detections, exact_pixels, motion
 
 HEIGHT, LANDMARKS = 1.75, 17

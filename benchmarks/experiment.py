@@ -15,9 +15,9 @@ from benchmarks.report import Record
 from benchmarks.runs import Follower, Track, follow
 from benchmarks.smplify import fit_clip
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.estimate import Observation
 from lassokin_ros.core.landmarks import Layout
 from lassokin_ros.core.skeleton import Skeleton
-from lassokin_ros.core.tracker import Observation
 
 METHODS = (*FOLLOWERS, "smplify")
 

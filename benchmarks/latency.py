@@ -27,8 +27,9 @@ from benchmarks.robot_ik import PinkTracker, PinocchioLeastSquares, available
 from benchmarks.stages import percentiles, profile
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.core.estimate import Observation
 from lassokin_ros.core.kinematics import BodyState
-from lassokin_ros.core.tracker import Observation, Tracker
+from lassokin_ros.core.tracker import Tracker
 
 BODIES = Path(__file__).resolve().parent / "bodies"
 PARTS = ("core", "callback", "landmarks", "joints", "people", "peers")

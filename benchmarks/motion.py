@@ -12,12 +12,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.mocap import clip_skeleton, load_clip, true_state
+from lassokin_ros.core.estimate import Observation
 from lassokin_ros.core.kinematics import BodyState, Kinematics
 from lassokin_ros.core.landmarks import Layout
 from lassokin_ros.core.projection import project
 from lassokin_ros.core.rotations import exponential
 from lassokin_ros.core.skeleton import Skeleton
-from lassokin_ros.core.tracker import Observation
 from lassokin_ros.synthetic import motion as synthetic_motion
 
 CLIPS = ("02_05", "02_07")  # boxing, swordplay: 2053 frames

@@ -18,6 +18,7 @@ from scipy.optimize import least_squares
 
 from benchmarks.runs import Track
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.estimate import Observation
 from lassokin_ros.core.kinematics import BodyPose, BodyState, Kinematics
 from lassokin_ros.core.observation_model import linearise
 from lassokin_ros.core.prior import PosePrior, PriorRows
@@ -25,7 +26,7 @@ from lassokin_ros.core.projection import project
 from lassokin_ros.core.robust import THRESHOLD, huber_weights
 from lassokin_ros.core.rotations import exponential, logarithm, right_jacobian
 from lassokin_ros.core.skeleton import Skeleton
-from lassokin_ros.core.tracker import Observation, Tracker
+from lassokin_ros.core.tracker import Tracker
 
 WINDOW, OVERLAP = 60, 16  # frames
 SMOOTH = 0.003  # m: standard deviation of a landmark's second difference at 60 Hz

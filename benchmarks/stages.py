@@ -10,7 +10,8 @@ import numpy as np
 
 from benchmarks.motion import Motion
 from benchmarks.report import Record
-from lassokin_ros.core.tracker import Observation, Tracker
+from lassokin_ros.core.estimate import Observation
+from lassokin_ros.core.tracker import Tracker
 
 CORE = "lassokin_ros.core"
 STAGES = {

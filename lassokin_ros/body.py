@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.estimate import Estimate, Observation, Status
 from lassokin_ros.core.joint_angles import JointAngleReader
 from lassokin_ros.core.projection import project
 from lassokin_ros.core.skeleton import Skeleton
-from lassokin_ros.core.tracker import Estimate, Observation, Status, Tracker
+from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.frame import Frame
 from lassokin_ros.lens import Lens
 

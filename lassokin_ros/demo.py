@@ -17,7 +17,8 @@ import numpy as np
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import LassokinError
-from lassokin_ros.core.tracker import Status, Tracker
+from lassokin_ros.core.estimate import Status
+from lassokin_ros.core.tracker import Tracker
 
 RATE = 30.0  # Hz
 SECONDS = 18.0

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lassokin_ros.calibration_figures import calibration_figures
-from lassokin_ros.core.tracker import Status
+from lassokin_ros.core.estimate import Status
 from lassokin_ros.frame import Frame, repeated_s
 from lassokin_ros.inbox import LOST, OVERTAKEN
 from lassokin_ros.pipeline import Pipeline

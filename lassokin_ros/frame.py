@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
+from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.projection import project
 from lassokin_ros.core.skeleton import Skeleton
-from lassokin_ros.core.tracker import Estimate
 from lassokin_ros.core.uncertainty import JointUncertainty
 from lassokin_ros.lens import Lens
 

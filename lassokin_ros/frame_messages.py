@@ -8,12 +8,12 @@ from typing import Any, Callable, Iterator
 import numpy as np
 
 from lassokin_ros import topics
+from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.lasso import KKT_TOLERANCE
 from lassokin_ros.core.projection import project
 from lassokin_ros.core.recovery import theorem1_literal, theorem1_projected
 from lassokin_ros.core.rotations import to_quaternion
 from lassokin_ros.core.skeleton import Skeleton
-from lassokin_ros.core.tracker import Estimate
 from lassokin_ros.frame import Frame
 from lassokin_ros.urdf import joint_names
 from msg_adapters.backends import Backend

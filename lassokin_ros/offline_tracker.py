@@ -13,7 +13,7 @@ from lassokin_ros import topics
 from lassokin_ros.body_description import BodyDescription
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import SkeletonError
-from lassokin_ros.core.tracker import Status
+from lassokin_ros.core.estimate import Status
 from lassokin_ros.diagnostics import Diagnostics
 from lassokin_ros.frame import Frame
 from lassokin_ros.frame_messages import FrameMessages, id_list

@@ -10,7 +10,7 @@ import numpy as np
 
 from lassokin_ros.assignment import assign
 from lassokin_ros.body import Body, Detection
-from lassokin_ros.core.tracker import Status
+from lassokin_ros.core.estimate import Status
 from lassokin_ros.frame import Frame
 from lassokin_ros.lens import Lens
 from lassokin_ros.matching import NEAR, distance, distances, reach, usable

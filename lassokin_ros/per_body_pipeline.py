@@ -13,7 +13,7 @@ from typing import Any
 
 from lassokin_ros.core.calibration import Calibration
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.tracker import Status
+from lassokin_ros.core.estimate import Status
 from lassokin_ros.frame import Frame
 from lassokin_ros.node_config import NodeConfig
 from lassokin_ros.pipeline import Pipeline

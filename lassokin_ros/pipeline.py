@@ -17,7 +17,7 @@ from lassokin_ros.body import Body, Detection
 from lassokin_ros.camera import Camera, View
 from lassokin_ros.core.calibration import Calibration
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.tracker import Status
+from lassokin_ros.core.estimate import Status
 from lassokin_ros.frame import Frame, repeated_s
 from lassokin_ros.lens import Lens
 from lassokin_ros.matching import distances, reach, usable

@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.estimate import Observation
 from lassokin_ros.core.kinematics import BodyState
 from lassokin_ros.core.projection import project
-from lassokin_ros.core.tracker import Observation
-from lassokin_ros.synthetic import motion
+from lassokin_ros.core.tracker import Tracker
+from lassokin_ros.synthetic import WEBCAM, detections, exact_pixels, motion
 
 FOCAL, RATE, NOISE_PX = 1000.0, 30.0, 2.0
 CONFIG = TrackerConfig(noise_px=NOISE_PX)
@@ -25,6 +26,17 @@ def observations(tracker, seconds=2.0, start=0.0, noise_px=NOISE_PX, seed=0):
     points = points + random.normal(size=points.shape) * noise_px / FOCAL
     return [
         (truth.positions[i], Observation(t, points[i], np.ones(points.shape[1]), FOCAL)) for i, t in enumerate(times)
+    ]
+
+
+def detected(seconds, seed=1):
+    """(tracker, observations) of the demo's person, as its detector sees it."""
+    tracker, lens = Tracker(TrackerConfig()), WEBCAM.lens
+    times = np.arange(round(seconds * RATE)) / RATE
+    pixels, confidence = detections(exact_pixels(tracker.kinematics, motion(tracker.skeleton, times)), RATE, seed=seed)
+    return tracker, [
+        Observation(float(t), lens.normalise(p.astype(float)), c.astype(float), lens.focal)
+        for t, p, c in zip(times, pixels, confidence)
     ]
 
 

@@ -6,8 +6,8 @@ import pytest
 from benchmarks.metrics import acceleration_error, flipped_frames, mpjpe, pa_mpjpe, procrustes, yaw_error
 from benchmarks.report import summarise, table
 from benchmarks.runs import follow
+from lassokin_ros.core.estimate import Estimate, Observation, Rejection, Status
 from lassokin_ros.core.rotations import exponential
-from lassokin_ros.core.tracker import Estimate, Observation, Rejection, Status
 
 NAMES = ["l_hip", "r_hip", "l_knee", "l_ankle"]
 

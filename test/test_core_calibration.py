@@ -6,6 +6,7 @@ from cases import FACING, body, central_difference, random_body, random_state, r
 
 from lassokin_ros.core.calibration import Calibration
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.estimate import Observation
 from lassokin_ros.core.frame_rows import FrameRows
 from lassokin_ros.core.kinematics import BodyState
 from lassokin_ros.core.prior import PosePrior, PriorRows
@@ -13,7 +14,7 @@ from lassokin_ros.core.projection import project
 from lassokin_ros.core.proportions import Proportions
 from lassokin_ros.core.rotations import exponential
 from lassokin_ros.core.skeleton import Skeleton
-from lassokin_ros.core.tracker import Observation, Tracker
+from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.core.upright import Upright
 from lassokin_ros.synthetic import motion
 

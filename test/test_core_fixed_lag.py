@@ -7,10 +7,11 @@ import pytest
 from cases import FACING, body
 from sequences import CONFIG, RATE, observations, same
 
+from lassokin_ros.core.estimate import Estimate, Status
 from lassokin_ros.core.fixed_lag import FixedLag
 from lassokin_ros.core.kinematics import BodyState
 from lassokin_ros.core.steadying import Steadying
-from lassokin_ros.core.tracker import Estimate, Status, Tracker
+from lassokin_ros.core.tracker import Tracker
 
 TIME = 0.03
 LAGGED = replace(CONFIG, smoothing_lag=0.1)  # three frames

@@ -2,31 +2,14 @@
 
 import numpy as np
 import pytest
+from sequences import detected
 
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.tracker import Observation, Tracker
-from lassokin_ros.synthetic import WEBCAM, detections, exact_pixels, motion
-
-RATE = 30.0
-
-
-def scene(seconds, seed=1):
-    """(tracker, observations) of the demo's person."""
-    tracker = Tracker(TrackerConfig())
-    times = np.arange(round(seconds * RATE)) / RATE
-    states = motion(tracker.skeleton, times)
-    pixels, confidence = detections(exact_pixels(tracker.kinematics, states), RATE, seed=seed)
-    lens = WEBCAM.lens
-    observations = [
-        Observation(float(t), lens.normalise(p.astype(float)), c.astype(float), lens.focal)
-        for t, p, c in zip(times, pixels, confidence)
-    ]
-    return tracker, observations
 
 
 @pytest.mark.parametrize("smoothing", [0.0, 0.02])
 def test_a_limb_is_exchanged_in_the_next_frame_and_leaves_this_ones_answer(smoothing):
-    tracker, observations = scene(10.0)
+    tracker, observations = detected(10.0)
     tracker.tune(TrackerConfig(smoothing=smoothing))
     exchanges, before, waiting = 0, None, []
     for observation in observations:

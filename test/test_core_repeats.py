@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from sequences import CONFIG, FOCAL, RATE, frame, observations, same
 
+from lassokin_ros.core.estimate import Status
 from lassokin_ros.core.projection import project
 from lassokin_ros.core.repeats import Repeats
-from lassokin_ros.core.tracker import Status, Tracker
+from lassokin_ros.core.tracker import Tracker
 
 NOW = replace(CONFIG, smoothing=0.0)
 

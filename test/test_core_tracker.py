@@ -10,6 +10,7 @@ import pytest
 from cases import FACING, relative_error
 from sequences import CONFIG, FOCAL, NOISE_PX, RATE, aligned_error, frame, observations, same
 
+from lassokin_ros.core.estimate import Observation, Rejection, Status
 from lassokin_ros.core.frame_rows import FrameRows
 from lassokin_ros.core.initialisation import Initialiser
 from lassokin_ros.core.kinematics import BodyState
@@ -17,7 +18,7 @@ from lassokin_ros.core.landmarks import built_in_layouts
 from lassokin_ros.core.prior import PosePrior, PriorRows
 from lassokin_ros.core.projection import project
 from lassokin_ros.core.rotations import exponential
-from lassokin_ros.core.tracker import Observation, Rejection, Status, Tracker
+from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.core.upright import Upright
 from lassokin_ros.synthetic import motion
 
@@ -288,7 +289,7 @@ def test_an_uncertified_solve_does_not_move_the_state(monkeypatch):
         tracker.track(observation)
     before = tracker.state
     with monkeypatch.context() as patch:
-        patch.setattr(tracker._solver._dual, "solve", lambda A, *_: np.full(A.shape[1], 1e3))
+        patch.setattr(tracker._increments.lasso._dual, "solve", lambda A, *_: np.full(A.shape[1], 1e3))
         patch.setattr("lassokin_ros.core.lasso._mend", lambda *_: None)
         answer = tracker.track(sequence[4])
     assert answer.rejection is Rejection.NOT_CERTIFIED and answer.certificate.kkt_residual > 1e-6

@@ -7,8 +7,9 @@ import pytest
 from cases import body, central_difference, random_state, relative_error
 
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.estimate import Observation
 from lassokin_ros.core.projection import project
-from lassokin_ros.core.tracker import Observation, Tracker
+from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.core.uncertainty import position_jacobian
 from lassokin_ros.synthetic import motion
 

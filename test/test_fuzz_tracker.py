@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from sequences import CONFIG, TRACKED_WITHIN, aligned_error, observations
 from spoil import odd, some
 
-from lassokin_ros.core.tracker import Rejection, Tracker
+from lassokin_ros.core.estimate import Rejection
+from lassokin_ros.core.tracker import Tracker
 
 STAMPS = (np.nan, np.inf, -np.inf, -1e300, -1.0, 0.0, 1e-300)
 FOCALS = (0.0, -1000.0, np.nan, np.inf, 1e-300, 1e-9, 1.0, 1e5, 1e9, 1e300)

@@ -15,7 +15,7 @@ pytest.importorskip("plotly", reason="the report is drawn with plotly")
 from recordings import START_NS, read, synthetic_pixels, webcam_info, write_messages, write_recording  # noqa: E402
 
 from lassokin_ros.bags import typestore  # noqa: E402
-from lassokin_ros.core.tracker import Rejection  # noqa: E402
+from lassokin_ros.core.estimate import Rejection  # noqa: E402
 from lassokin_ros.replay import main  # noqa: E402
 from lassokin_ros.report import data  # noqa: E402
 from lassokin_ros.report.words import REASONS  # noqa: E402

@@ -10,8 +10,9 @@ from sequences import CONFIG, RATE, TRACKED_WITHIN, aligned_error, observations
 
 from lassokin_ros.core.dual import DualSolver
 from lassokin_ros.core.errors import SolverError
+from lassokin_ros.core.estimate import Rejection, Status
 from lassokin_ros.core.lasso import Lasso, LassoSolver, eliminate_translation
-from lassokin_ros.core.tracker import Rejection, Status, Tracker
+from lassokin_ros.core.tracker import Tracker
 
 LASSOS = Lassos()
 LONGEST_S = 0.05
@@ -62,7 +63,7 @@ FAULTS = {
 def with_solver(answer, mended, monkeypatch, **settings):
     """A tracker whose every lasso goes to a faulty solver; mended: whether the active set may make it good."""
     tracker = Tracker(replace(CONFIG, warm_start=False, **settings))
-    faulty = tracker._solver._dual = FaultySolver(answer)
+    faulty = tracker._increments.lasso._dual = FaultySolver(answer)
     if not mended:
         monkeypatch.setattr("lassokin_ros.core.lasso._mend", lambda *_: None)
     return tracker, faulty
@@ -75,11 +76,11 @@ def test_a_faulty_solver_moves_no_state_uncertified(fault, mended, monkeypatch):
     frames = observations(good, 14 / RATE)
     with monkeypatch.context() as patch:
         tracker, faulty = with_solver(FAULTS[fault], mended, patch)
-        right = tracker._solver._dual._right
-        tracker._solver._dual = right
+        right = tracker._increments.lasso._dual._right
+        tracker._increments.lasso._dual = right
         for _, observation in frames[:6]:
             assert tracker.track(observation).accepted
-        tracker._solver._dual = faulty
+        tracker._increments.lasso._dual = faulty
         for _, observation in frames[6:10]:
             before = tracker.state
             estimate = tracker.track(observation)
@@ -89,7 +90,7 @@ def test_a_faulty_solver_moves_no_state_uncertified(fault, mended, monkeypatch):
                 assert estimate.rejection is Rejection.NOT_CERTIFIED and tracker.state is before
         assert faulty.calls >= 4
         assert mended or tracker._status is Status.TRACKING
-    tracker._solver._dual = right
+    tracker._increments.lasso._dual = right
     for truth, observation in frames[10:]:
         estimate = tracker.track(observation)
         assert estimate.accepted and estimate.certificate.kkt_residual <= 1e-6
@@ -106,7 +107,7 @@ def test_a_faulty_solver_in_the_first_frames_is_no_start_either(fault, monkeypat
             before = tracker.state
             estimate = tracker.track(observation)
             assert estimate.solution.certified if estimate.accepted else tracker.state is before
-    tracker._solver._dual = faulty._right
+    tracker._increments.lasso._dual = faulty._right
     for truth, observation in frames[3:]:
         estimate = tracker.track(observation)
         assert estimate.accepted and aligned_error(estimate, truth) < TRACKED_WITHIN

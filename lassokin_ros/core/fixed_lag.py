@@ -11,15 +11,12 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.kinematics import BodyPose, Kinematics
 from lassokin_ros.core.steadying import Forward
-
-if TYPE_CHECKING:
-    from lassokin_ros.core.tracker import Estimate
 
 TOLERANCE = 0.003
 """s by which a lag may be short: of 0.067 s four frames at 60 Hz lack 0.3 ms, and cameras are not more exact."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.rotations import logarithm
-from lassokin_ros.core.tracker import Estimate
 from lassokin_ros.frame import Frame
 
 STAMP_REASONS = ("old_stamp", "stamp_jump", "bad_stamp")
