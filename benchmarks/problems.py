@@ -74,6 +74,6 @@ def _recorder(follower: Follower, degrees_of_freedom: int) -> Recorder:
         follower._lasso = recorder  # type: ignore[assignment]
         return recorder
     assert isinstance(follower, Tracker)
-    recorder = Recorder(follower._solver, degrees_of_freedom)
-    follower._solver = recorder  # type: ignore[assignment]
+    recorder = Recorder(follower._increments.lasso, degrees_of_freedom)
+    follower._increments.lasso = recorder  # type: ignore[assignment]
     return recorder
