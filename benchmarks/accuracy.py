@@ -74,6 +74,7 @@ def parser() -> argparse.ArgumentParser:
     add("--landmarks", default="coco17", help="landmark layout (coco17)")
     add("--views", type=int, default=2, help="cameras per clip (2)")
     add("--seed", type=int, default=0, help="of cameras, noise and bone errors (0)")
+    add("--seeds", type=_count, default=1, metavar="N", help="so many seeds, from --seed on, in one summary (1)")
     add("--methods", type=_names, default=["lasso"], help=f"comma-separated, of {','.join(METHODS)} (lasso)")
     add("--clips", type=_names, help="comma-separated names (default: all but the training clips)")
     add("--all-clips", action="store_true", help="run the training clips too")
@@ -108,8 +109,9 @@ def measure(options: argparse.Namespace) -> list[Record]:
     condition = Condition(o.noise_px, o.missing, o.outliers, o.fps, o.swaps, o.duplicates)
     methods = ["lasso"] if o.uncertainty or o.doubt else o.methods
     jobs = [
-        Job(file, view, method, condition, o.landmarks, o.seed, o.generic_skeleton, o.bone_error, o.symmetric,
+        Job(file, view, method, condition, o.landmarks, seed, o.generic_skeleton, o.bone_error, o.symmetric,
             told(o), o.score_from, o.leave_one_out)
+        for seed in range(o.seed, o.seed + o.seeds)
         for file in clip_files(options) for view in range(o.views) for method in methods
     ]  # fmt: skip
 

@@ -44,7 +44,8 @@ def report(options: argparse.Namespace, records: Sequence[Record]) -> None:
     columns = GAP if options.gap else COLUMNS
     if not options.initialisation:
         shown = [{**r, "clip": r["clip"] + (" *" if r.get("training") else "")} for r in records]
-        lead = {"clip": "<", "view": "d", "method": "<"} | ({} if options.gap else {"frames": "d"})
+        seed = {"seed": "d"} if options.seeds > 1 and not options.detections else {}
+        lead = {"clip": "<", "view": "d"} | seed | {"method": "<"} | ({} if options.gap else {"frames": "d"})
         print(table(shown, lead | columns))
     for title, group in (("", counted), ("training clips, not to be reported:", training)):
         if not group:
@@ -67,7 +68,7 @@ def head(options: argparse.Namespace) -> str:
     lines = [
         f"{options.fps:g} Hz, noise {options.noise_px:g} px, {options.missing:.0%} missing, {options.outliers:.0%} "
         f"outliers, {options.swaps:.0%} swapped, {options.landmarks}; {options.views} views per clip, "
-        f"seed {options.seed}.",
+        f"{_seeds(options)}.",
         f"Given of each clip: {given}; noise {noise:g} px. Settings {dict(options.set) or 'default'}. "
         "Automatic initialisation.",
         PRIOR_OF_OTHERS if options.leave_one_out else f"Prior learned from (never in a summary): {' '.join(TRAINING)}",
@@ -78,6 +79,11 @@ def head(options: argparse.Namespace) -> str:
     if options.score_from:
         lines.append(f"Scored from {options.score_from:g} s on; clips that end before are left out.")
     return "\n".join(lines) + "\n"
+
+
+def _seeds(options: argparse.Namespace) -> str:
+    last = options.seed + options.seeds - 1
+    return f"seed {options.seed}" if last == options.seed else f"seeds {options.seed} to {last}"
 
 
 def detections_head(options: argparse.Namespace) -> str:

@@ -60,6 +60,19 @@ def test_records_hold_what_the_contract_says_and_do_not_depend_on_jobs(tmp_path,
 
 
 @needs_clips
+def test_several_seeds_are_one_summary_of_all_their_runs(tmp_path, capsys):
+    def records(*options):
+        file = tmp_path / "records.json"
+        assert main(["--clips", "exp_running_1", "--views", "1", "--fps", "30", "--json", str(file), *options]) == 0
+        return untimed(json.loads(file.read_text(encoding="utf-8")))
+
+    both = records("--seed", "3", "--seeds", "2")
+    text = capsys.readouterr().out
+    assert both == records("--seed", "3") + records("--seed", "4") and both[0]["mpjpe_mm"] != both[1]["mpjpe_mm"]
+    assert "seeds 3 to 4" in text and "lasso   median        2" in text
+
+
+@needs_clips
 def test_training_clips_are_marked_and_kept_out_of_the_summary(capsys):
     assert main(["--clips", "02_03", "--views", "1", "--jobs", "1", "--fps", "30"]) == 0
     text = capsys.readouterr().out
