@@ -53,6 +53,11 @@ class Scene:
         return self.rows.hypotheses(BodyState(rotations, published.state.translation))
 
 
+def prior_rows(search, published):
+    """The prior's columns and right sides, of the explanations and as published."""
+    return search._limb_prior.linearise(published.posture, search._rotations[:, : search._turning])
+
+
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_a_limb_is_posed_as_in_the_whole_body(layout):
     scene = Scene(layout, 1)
@@ -75,12 +80,30 @@ def test_a_limb_costs_more_or_less_by_what_the_whole_body_does(layout):
     scene.search.start(scene.state)
     scene.weights[3] = 0.0
     *_, image = scene.search._image_rows(scene.search._posed(published), scene.points, scene.weights)
-    _, z = scene.search._prior_rows(published)
-    own = image + 0.5 * np.sum(z * z, axis=-1) - scene.search._published_cost(published, scene.points, scene.weights)
+    prior, as_published = 0.5 * np.sum(prior_rows(scene.search, published)[1] ** 2, axis=-1)
+    own = image + prior - as_published - scene.search._published_image_cost(published, scene.points, scene.weights)
     before = scene.rows.cost(published, scene.points, scene.weights)
     for explanation in range(scene.search.count):
         after = scene.rows.cost(scene.whole(explanation, published), scene.points, scene.weights)
         assert own[explanation] == pytest.approx(after - before, abs=1e-8)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_the_limbs_own_rows_of_the_prior_say_the_same_as_the_whole_bodys(layout):
+    scene = Scene(layout, 5)
+    scene.state.rotations[1:] = exponential(1.5 * np.random.default_rng(5).normal(size=(23, 3)))  # beyond some limits
+    published, search = scene.rows.hypotheses(scene.state), scene.search
+    search.start(scene.state)
+    columns, z = prior_rows(search, published)
+    passed = 0
+    for explanation in range(search.count):
+        chain = search._chains[explanation, : search._turning]
+        A, right = scene.rows.prior.linearise(scene.whole(explanation, published).state.rotations)
+        A = A.reshape(len(A), -1, 3)[:, chain].reshape(len(A), -1)
+        assert np.allclose(columns[explanation] @ columns[explanation].T, A.T @ A, rtol=1e-9, atol=1e-9)
+        assert np.allclose(columns[explanation] @ z[0, explanation], A.T @ right, rtol=1e-9, atol=1e-8)
+        passed += np.count_nonzero(z[0, explanation, 3 * search._turning :])
+    assert passed > 5
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
@@ -95,10 +118,10 @@ def test_rows_are_the_derivative_of_what_they_stand_for(layout):
         search._rotations = there.copy()
         search._rotations[:, :turning] @= exponential(increment.reshape(turning, 3))
         _, image, _ = search._image_rows(search._posed(published), scene.points, scene.weights)
-        return np.concatenate([image, search._prior_rows(published)[1]], axis=-1)
+        return np.concatenate([image, prior_rows(search, published)[1][0]], axis=-1)
 
     image, _, _ = search._image_rows(search._posed(published), scene.points, scene.weights)
-    columns = np.concatenate([image, search._prior_rows(published)[0]], axis=-1)
+    columns = np.concatenate([image, prior_rows(search, published)[0]], axis=-1)
     numeric = -central_difference(right_sides, 3 * turning).reshape(search.count, -1, 3 * turning)
     known = np.repeat(search._known, 3, axis=1)
     for explanation in range(search.count):
