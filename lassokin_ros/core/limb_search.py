@@ -157,8 +157,7 @@ class LimbSearch:
         return BodyState(rotations, state.translation)
 
     def _renew(self, explanation: int, published: Hypotheses) -> None:
-        mirrored = self._mirroring.mirrored(published.state, explanation, published.pose)
-        self._rotations[explanation] = mirrored.rotations[self._chains[explanation]]
+        self._rotations[explanation] = self._mirroring.limb(published.state, explanation, published.pose)
         self._age[explanation] = self._advantage[explanation] = 0.0
 
     def _posed(self, published: Hypotheses) -> BodyPose:
