@@ -94,7 +94,7 @@ class FrameRows:
         self.image_columns(pose, F, axes, columns[..., :images])
         columns[..., :first, images:-3] = columns[..., count:, images:] = columns[..., first:count, -3:] = 0.0
         columns[..., first:count, images:-3] = self.prior.live_columns(about.posture, turn)
-        columns[..., :first, -3:] = np.swapaxes(upright, -1, -2)[..., self.live[:first], :]
+        columns[..., :first, -3:] = upright.swapaxes(-1, -2).take(self.live[:first], axis=-2)
         z = np.concatenate([error.reshape(*shape, images), about.posture.residual, upright_z], axis=-1)
         return Rows(columns, z)
 
@@ -102,7 +102,7 @@ class FrameRows:
         """Fill `out` (..., live + 3, 2 l) with the image's columns, by weighted blocks F (..., l, 2, 3) of P."""
         rows, count = F.reshape(*F.shape[:-3], -1, 3), len(self.live)
         self.kinematics.live_columns(pose, rows, axes, out[..., :count, :])
-        out[..., count:, :] = np.swapaxes(rows, -1, -2)
+        out[..., count:, :] = rows.swapaxes(-1, -2)
 
     def cost(self, hypotheses: Hypotheses, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """(...,) negative log-likelihood by image (robust, see `capped_cost`), prior and uprightness."""

@@ -129,7 +129,7 @@ class Initialiser:
         ridge: (S, live) 1/rad^2, what holds each degree of freedom beyond that.
         """
         count = len(self._live)
-        H = rows.columns @ np.swapaxes(rows.columns, -1, -2)
+        H = rows.columns @ rows.columns.swapaxes(-1, -2)
         H += self._damping
         if ridge is not None:
             angles = np.arange(count)

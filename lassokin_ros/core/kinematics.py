@@ -123,7 +123,7 @@ class Kinematics:
         its unit axis and p_j the joint's centre, both in the camera frame.
         """
         levers = pose.landmarks[..., :, None, :] - pose.positions[..., None, :, :]
-        axes = np.swapaxes(pose.orientations, -1, -2)
+        axes = pose.orientations.swapaxes(-1, -2)
         columns = np.cross(axes[..., None, :, :, :], levers[..., :, :, None, :])
         shape = pose.landmarks.shape[:-2]
         blocks = np.moveaxis(columns, -1, -3).reshape(*shape, self.landmark_count, 3, 3 * self.joint_count)
@@ -136,8 +136,8 @@ class Kinematics:
         f . (w x (q - p)) = w . (q x f) - (w x p) . f, all entries are one product of the landmarks' (q x f, f) with
         the degrees of freedom's (w, p x w), and a mask. Lengths are taken from the root, which keeps them small.
         """
-        columns = twists(pose, pose.orientations) @ np.swapaxes(wrenches(pose, rows), -1, -2)
-        return np.swapaxes(columns, -1, -2) * self._row_reach
+        columns = twists(pose, pose.orientations) @ wrenches(pose, rows).swapaxes(-1, -2)
+        return columns.swapaxes(-1, -2) * self._row_reach
 
     def live_columns(
         self, pose: BodyPose, rows: np.ndarray, axes: np.ndarray | None = None, out: np.ndarray | None = None
@@ -148,14 +148,14 @@ class Kinematics:
         freedom turn; the joint's own by default.
         """
         moving = twists(pose, pose.orientations if axes is None else axes).take(self._live, axis=-2)
-        columns: np.ndarray = np.matmul(moving, np.swapaxes(wrenches(pose, rows), -1, -2), out=out)
+        columns: np.ndarray = np.matmul(moving, wrenches(pose, rows).swapaxes(-1, -2), out=out)
         columns *= self._live_reach
         return columns
 
 
 def twists(pose: BodyPose, axes: np.ndarray) -> np.ndarray:
     """(..., 3 n, 6): of each degree of freedom w, and p x w; axes: (..., n, 3, 3), w in each matrix's columns."""
-    axes = np.swapaxes(axes, -2, -1)
+    axes = axes.swapaxes(-2, -1)
     result = np.empty(axes.shape[:-1] + (6,))
     result[..., :3] = axes
     np.matmul(axes, hat(pose.positions[..., :1, :] - pose.positions), out=result[..., 3:])  # w^T hat(-p)

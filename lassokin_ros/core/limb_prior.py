@@ -50,7 +50,7 @@ class LimbPrior:
             self._rows[limb][np.ix_(own, mine)] = axes
             self._low[limb, own], self._high[limb, own] = prior.low[rows], prior.high[rows]
         #: (h, t, 3, r).
-        self._columns = np.swapaxes(self._rows, -1, -2).reshape(h, -1, 3, count).copy()
+        self._columns = self._rows.swapaxes(-1, -2).reshape(h, -1, 3, count).copy()
 
     def linearise(self, published: Posture, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Columns (h, 3 t, r) as rows, of limbs (h, t, 3, 3); right sides (2, h, r), of those and as published."""
@@ -61,6 +61,6 @@ class LimbPrior:
         self._low[:, :angles] = self._high[:, :angles] = self._fixed - self._linear @ published.theta.reshape(-1)
         z = np.minimum(np.maximum(values, self._low), self._high) - values
         inner = right_jacobian_inverse(theta[0])
-        columns = (np.swapaxes(inner, -1, -2) @ self._columns).reshape(h, angles, -1)
+        columns = (inner.swapaxes(-1, -2) @ self._columns).reshape(h, angles, -1)
         columns[..., angles:] *= z[0, :, None, angles:] != 0
         return columns, z

@@ -75,7 +75,7 @@ class LimbSearch:
         self._sums[:, 3:, :2] = carrier[:, :, None] > np.arange(2)
         self._sums[:, 3 + np.arange(most), 2 + np.arange(most)] = 1.0
         #: (h, 9, 2 c): which of the chain's turns moves which row.
-        self._reach = np.kron(np.swapaxes(carried, 1, 2), np.ones((3, 2)))
+        self._reach = np.kron(carried.swapaxes(1, 2), np.ones((3, 2)))
 
     def _find_turns(self, prior: PriorRows) -> None:
         """How many joints from the trunk out turn (t), and their places among the prior's; 0 for those it has not."""
@@ -105,7 +105,7 @@ class LimbSearch:
         image, image_z, image_cost = self._image_rows(pose, points, weights)
         prior, prior_z = self._limb_prior.linearise(published.posture, self._rotations[:, : self._turning])
         columns = np.concatenate([image, prior], axis=-1)
-        H = columns @ np.swapaxes(columns, -1, -2) + self._damping
+        H = columns @ columns.swapaxes(-1, -2) + self._damping
         g = columns @ np.concatenate([image_z, prior_z[0]], axis=-1)[..., None]
         step = np.linalg.solve(H, g)[..., 0]
         prior_cost, published_prior_cost = 0.5 * squared_norm(prior_z)
@@ -164,7 +164,7 @@ class LimbSearch:
         """Orientations (h, 3, 3, 3) and positions (h, 3, 3) of the chains' joints, landmarks (h, c, 3)."""
         pose, rotations = published.pose, self._rotations
         there, centres = pose.orientations.take(self._chains, axis=0), pose.positions.take(self._chains, axis=0)
-        orientation = there[:, 0] @ np.swapaxes(published.state.rotations.take(self._chains[:, 0], axis=0), -1, -2)
+        orientation = there[:, 0] @ published.state.rotations.take(self._chains[:, 0], axis=0).swapaxes(-1, -2)
         orientations = np.empty(rotations.shape)
         for joint in range(3):
             orientation = orientations[:, joint] = orientation @ rotations[:, joint]
@@ -173,7 +173,7 @@ class LimbSearch:
         np.subtract(centres[:, 1:], centres[:, :-1], out=vectors[:, :2, :, 0])
         landmarks, carriers = pose.landmarks.take(self._landmarks, axis=0), pose.positions.take(self._carriers, axis=0)
         np.subtract(landmarks, carriers, out=vectors[:, 2:, :, 0])
-        turns = (orientations @ np.swapaxes(there, -1, -2)).reshape(-1, 3, 3).take(self._turned_by, axis=0)
+        turns = (orientations @ there.swapaxes(-1, -2)).reshape(-1, 3, 3).take(self._turned_by, axis=0)
         places = self._sums @ (turns @ vectors)[..., 0]
         places += centres[:, :1]
         return BodyPose(orientations, places[:, :3], places[:, 3:])
@@ -190,7 +190,7 @@ class LimbSearch:
         F *= weight[..., None, None]
         error *= weight[..., None]
         turning = twists(pose, pose.orientations)[:, : 3 * self._turning]
-        columns = turning @ np.swapaxes(wrenches(pose, F.reshape(self.count, -1, 3)), -1, -2)
+        columns = turning @ wrenches(pose, F.reshape(self.count, -1, 3)).swapaxes(-1, -2)
         columns *= self._reach
         return columns, error.reshape(self.count, -1), capped_cost(size).sum(axis=-1)
 

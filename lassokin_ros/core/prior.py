@@ -154,7 +154,7 @@ class PriorRows:
         posture = self.posture(rotations)
         columns, z = self._columns(posture, None), posture.residual
         A = np.zeros((*z.shape, self._n, 3))
-        A[..., self.joints, :] = np.swapaxes(columns, -1, -2).reshape(*z.shape, len(self.joints), 3)
+        A[..., self.joints, :] = columns.swapaxes(-1, -2).reshape(*z.shape, len(self.joints), 3)
         return A.reshape(*z.shape, 3 * self._n), z
 
     def live_columns(self, posture: Posture, turn: np.ndarray | None = None) -> np.ndarray:
@@ -174,7 +174,7 @@ class PriorRows:
         inner = right_jacobian_inverse(theta)
         if turn is not None:
             inner = inner @ turn.take(self.joints, axis=-3)
-        columns = (np.swapaxes(inner, -1, -2) @ self._columns_by_joint).reshape(*theta.shape[:-2], -1, self.count)
+        columns = (inner.swapaxes(-1, -2) @ self._columns_by_joint).reshape(*theta.shape[:-2], -1, self.count)
         columns[..., len(self.W) :] *= (z[..., len(self.W) :] != 0)[..., None, :]
         return columns
 
