@@ -46,6 +46,14 @@ class Scene:
         """Of the whole body."""
         return float(self.rows.cost(self.rows.hypotheses(state), self.points, self.weights))
 
+    def image_costs(self, published):
+        """Of each landmark as it is published."""
+        return self.rows.image_costs(published.pose, self.points, self.weights)
+
+    def advance(self, published):
+        """One frame."""
+        self.search.advance(published, self.points, self.weights, self.image_costs(published))
+
     def whole(self, explanation, published):
         """The whole body with the limb of one explanation."""
         rotations = published.state.rotations.copy()
@@ -81,7 +89,7 @@ def test_a_limb_costs_more_or_less_by_what_the_whole_body_does(layout):
     scene.weights[3] = 0.0
     *_, image = scene.search._image_rows(scene.search._posed(published), scene.points, scene.weights)
     prior, as_published = 0.5 * np.sum(prior_rows(scene.search, published)[1] ** 2, axis=-1)
-    own = image + prior - as_published - scene.search._published_image_cost(published, scene.points, scene.weights)
+    own = image + prior - as_published - scene.search._carries @ scene.image_costs(published)
     before = scene.rows.cost(published, scene.points, scene.weights)
     for explanation in range(scene.search.count):
         after = scene.rows.cost(scene.whole(explanation, published), scene.points, scene.weights)
@@ -142,7 +150,7 @@ def test_a_limb_on_the_wrong_side_is_exchanged_soon_and_alone(seed):
     published = scene.rows.hypotheses(wrong)
     scene.search.start(wrong)
     for frame in range(1, 4 * OLD_ENOUGH):
-        scene.search.advance(published, scene.points, scene.weights)
+        scene.advance(published)
         winner = scene.search.exchange(published)
         if winner is not None:
             break
@@ -159,7 +167,7 @@ def test_a_limb_on_the_right_side_stays_there(seed):
     published = scene.rows.hypotheses(scene.initialiser.fit(scene.points, scene.weights).best)
     scene.search.start(published.state)
     for _ in range(60):
-        scene.search.advance(published, scene.points, scene.weights)
+        scene.advance(published)
         assert scene.search.exchange(published) is None
     assert np.isfinite(scene.search._rotations).all()
 
@@ -169,7 +177,8 @@ def test_without_points_nothing_but_the_prior_counts():
     published = scene.rows.hypotheses(scene.state)
     scene.search.start(scene.state)
     for _ in range(20):
-        scene.search.advance(published, np.zeros_like(scene.points), np.zeros_like(scene.weights))
+        nothing = np.zeros_like(scene.weights)
+        scene.search.advance(published, np.zeros_like(scene.points), nothing, nothing)
     products = np.swapaxes(scene.search._rotations, -1, -2) @ scene.search._rotations
     assert np.abs(products - np.eye(3)).max() < 1e-9
 
@@ -184,5 +193,5 @@ def test_a_skeleton_without_limbs_is_left_alone():
     published = rows.hypotheses(state)
     points = np.zeros((kinematics.landmark_count, 2))
     search.start(state)
-    search.advance(published, points, capped_weights(np.ones(len(points))))
+    search.advance(published, points, capped_weights(np.ones(len(points))), np.zeros(len(points)))
     assert search.count == 0 and search.exchange(published) is None

@@ -58,6 +58,8 @@ class Challengers:
         self._caps = np.append(np.full(count, CAP), np.inf)[:, None]
         self.cost = float("nan")
         """The published state's cost by image, prior and uprightness: a negative log-likelihood."""
+        self.image_costs = np.empty(0)
+        """(l,) what each landmark has of it."""
 
     def start(self, state: BodyState, points: np.ndarray, weights: np.ndarray) -> None:
         """Begin with a pool of new challengers for this frame's points (l, 2) and weights (l,), beside `state`."""
@@ -119,7 +121,9 @@ class Challengers:
         alpha: (live,) cost per rad of each degree of freedom's increment, which all pay.
         """
         assert self._everyone is not None
-        cost = self._rows.cost(self._everyone, points, weights)
+        images = self._rows.image_costs(self._everyone.pose, points, weights)
+        cost = images.sum(axis=-1) + self._rows.own_cost(self._everyone)
+        self.image_costs = images[-1]
         self.cost = float(cost[-1])
         cost += np.abs(self._increments.take(self._rows.live, axis=-1)) @ alpha
         counted = self._age - COUNTED_FROM

@@ -104,9 +104,16 @@ class FrameRows:
         self.kinematics.live_columns(pose, rows, axes, out[..., :count, :])
         out[..., count:, :] = rows.swapaxes(-1, -2)
 
-    def cost(self, hypotheses: Hypotheses, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """(...,) negative log-likelihood by image (robust, see `capped_cost`), prior and uprightness."""
-        error = (points - project(hypotheses.pose.landmarks)) * weights[:, None]
-        prior = hypotheses.posture.residual
+    def image_costs(self, pose: BodyPose, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """(..., l) of each landmark, robust (see `capped_cost`)."""
+        error = points - project(pose.landmarks)
+        return capped_cost(norm(error) * weights)
+
+    def own_cost(self, hypotheses: Hypotheses) -> np.ndarray:
+        """(...,) by prior and uprightness, whatever the image."""
         upright = self.upright.cost(hypotheses.state.rotations[..., 0, :, :])
-        return np.asarray(capped_cost(norm(error)).sum(-1) + 0.5 * squared_norm(prior) + upright)
+        return np.asarray(0.5 * squared_norm(hypotheses.posture.residual) + upright)
+
+    def cost(self, hypotheses: Hypotheses, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """(...,) negative log-likelihood by image, prior and uprightness."""
+        return np.asarray(self.image_costs(hypotheses.pose, points, weights).sum(-1) + self.own_cost(hypotheses))

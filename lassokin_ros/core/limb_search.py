@@ -15,7 +15,7 @@ from lassokin_ros.core.kinematics import BodyPose, BodyState, Kinematics, twists
 from lassokin_ros.core.limb_prior import LimbPrior
 from lassokin_ros.core.mirroring import Mirroring
 from lassokin_ros.core.prior import PriorRows
-from lassokin_ros.core.projection import project, project_with_jacobian
+from lassokin_ros.core.projection import project_with_jacobian
 from lassokin_ros.core.robust import capped_cost, capped_weights, norm, squared_norm
 from lassokin_ros.core.rotations import exponential
 
@@ -94,10 +94,13 @@ class LimbSearch:
         #: (h, 3, 3, 3) of each explanation the local rotations of its chain.
         self._rotations = self._mirroring.all(state).rotations[np.arange(self.count)[:, None], self._chains]
 
-    def advance(self, published: Hypotheses, points: np.ndarray, weights: np.ndarray) -> None:
+    def advance(
+        self, published: Hypotheses, points: np.ndarray, weights: np.ndarray, image_costs: np.ndarray
+    ) -> None:
         """One Gauss-Newton step of every explanation on a frame, and its cost beside the published limb's.
 
-        points: (l, 2) normalised; weights: (l,) 1 / standard deviation, 0 = missing.
+        points: (l, 2) normalised; weights: (l,) 1 / standard deviation, 0 = missing; image_costs: (l,) the landmarks',
+        as published.
         """
         if not self.count:
             return
@@ -111,8 +114,7 @@ class LimbSearch:
         prior_cost, published_prior_cost = 0.5 * squared_norm(prior_z)
         # What it costs after the step, by its own model.
         cost = image_cost + prior_cost - 0.5 * (g[..., 0] * step).sum(axis=-1)
-        published_cost = self._published_image_cost(published, points, weights) + published_prior_cost
-        self._compare(published_cost - cost)
+        self._compare(self._carries @ image_costs + published_prior_cost - cost)
         step *= np.minimum(1.0, LARGEST_TURN / np.maximum(np.abs(step).max(axis=-1, keepdims=True), 1e-12))
         self._rotations[:, : self._turning] @= exponential(step.reshape(self.count, self._turning, 3))
         self._apart = norm(pose.positions - published.pose.positions.take(self._chains, axis=0)).max(axis=-1)
@@ -193,7 +195,3 @@ class LimbSearch:
         columns = turning @ wrenches(pose, F.reshape(self.count, -1, 3)).swapaxes(-1, -2)
         columns *= self._reach
         return columns, error.reshape(self.count, -1), capped_cost(size).sum(axis=-1)
-
-    def _published_image_cost(self, published: Hypotheses, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """(h,) the robust cost of the image of each explanation's limb as it is published."""
-        return self._carries @ capped_cost(norm(points - project(published.pose.landmarks)) * weights)
