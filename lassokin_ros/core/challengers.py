@@ -21,8 +21,8 @@ from lassokin_ros.core.kinematics import BodyState
 from lassokin_ros.core.robust import CAP, huber_weights, norm
 from lassokin_ros.core.rotations import orthonormalised
 
-COARSE = ((4, 8.0), (7, 2.0))
-"""(frames of age, factor on the noise) while a challenger is young."""
+COARSE = np.array([8.0, 8.0, 8.0, 8.0, 2.0, 2.0, 2.0, 1.0])
+"""Factor on the noise while a challenger is young, by its age in frames."""
 COUNTED_FROM = 10
 """Frames of age from which its cost counts."""
 OLD_ENOUGH = 14
@@ -63,7 +63,7 @@ class Challengers:
 
     def start(self, state: BodyState, points: np.ndarray, weights: np.ndarray) -> None:
         """Begin with a pool of new challengers for this frame's points (l, 2) and weights (l,), beside `state`."""
-        self._age = np.zeros(self._count)
+        self._age = np.zeros(self._count, dtype=int)
         self._advantage = np.zeros(self._count)
         self._turns = self._renewals = 0
         turned = [self._turned(state, points, weights) for _ in range(self._count)]
@@ -88,8 +88,7 @@ class Challengers:
         """The rows of a frame about the published state; those about the others stay here for `advance`."""
         assert self._everyone is not None
         factor = np.ones((self._count + 1, 1))
-        for age, value in reversed(COARSE):
-            factor[:-1][self._age < age] = value
+        factor[:-1, 0] = COARSE.take(self._age, mode="clip")
         rows = self._rows.linearise(self._everyone, points, weights / factor, self._robust)
         self._linearised = Rows(rows.columns[:-1], rows.z[:-1])
         return Rows(rows.columns[-1].copy(), rows.z[-1].copy())  # alone: who keeps these does not keep all

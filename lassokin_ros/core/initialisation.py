@@ -136,7 +136,7 @@ class Initialiser:
             diagonal[:, :count] += ridge
         step = _solved(H, (rows.columns @ rows.z[..., None])[..., 0])
         turns = step[..., :count]
-        turns *= np.minimum(1.0, LARGEST_TURN / np.maximum(np.abs(turns).max(axis=-1, keepdims=True), 1e-12))
+        turns *= LARGEST_TURN / np.maximum(np.abs(turns).max(axis=-1, keepdims=True), LARGEST_TURN)
         omega = np.zeros(step.shape[:-1] + (3 * self._kinematics.joint_count,))
         omega[..., self._live] = turns
         return omega, step[..., count:]

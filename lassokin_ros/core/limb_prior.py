@@ -62,5 +62,5 @@ class LimbPrior:
         z = np.minimum(np.maximum(values, self._low), self._high) - values
         inner = right_jacobian_inverse(theta[0])
         columns = (inner.swapaxes(-1, -2) @ self._columns).reshape(h, angles, -1)
-        columns[..., angles:] *= z[0, :, None, angles:] != 0
+        np.copyto(columns[..., angles:], 0.0, where=z[0, :, None, angles:] == 0)
         return columns, z

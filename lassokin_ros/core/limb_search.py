@@ -18,6 +18,7 @@ from lassokin_ros.core.prior import PriorRows
 from lassokin_ros.core.projection import project_with_jacobian
 from lassokin_ros.core.robust import capped_cost, capped_weights, norm, squared_norm
 from lassokin_ros.core.rotations import exponential
+from lassokin_ros.core.small_systems import SmallSystems
 
 COUNTED_FROM = 2
 """Frames of age from which an explanation's cost counts: by then it has found its place."""
@@ -87,6 +88,7 @@ class LimbSearch:
         self._limb_prior = LimbPrior(prior, np.array(places)[:, :turning], self._known)
         self._reach = np.ascontiguousarray(self._reach[:, : 3 * turning])
         self._damping = DAMPING * np.eye(3 * turning)
+        self._systems = SmallSystems(self.count, 3 * turning)
 
     def start(self, state: BodyState) -> None:
         """Mirror all limbs of a state anew."""
@@ -109,14 +111,15 @@ class LimbSearch:
         prior, prior_z = self._limb_prior.linearise(published.posture, self._rotations[:, : self._turning])
         columns = np.concatenate([image, prior], axis=-1)
         H = columns @ columns.swapaxes(-1, -2) + self._damping
-        g = columns @ np.concatenate([image_z, prior_z[0]], axis=-1)[..., None]
-        step = np.linalg.solve(H, g)[..., 0]
+        g = (columns @ np.concatenate([image_z, prior_z[0]], axis=-1)[..., None])[..., 0]
+        step = self._systems.solve(H, g)
         prior_cost, published_prior_cost = 0.5 * squared_norm(prior_z)
         # What it costs after the step, by its own model.
-        cost = image_cost + prior_cost - 0.5 * (g[..., 0] * step).sum(axis=-1)
+        cost = image_cost + prior_cost - 0.5 * (g * step).sum(axis=-1)
         self._compare(self._carries @ image_costs + published_prior_cost - cost)
-        step *= np.minimum(1.0, LARGEST_TURN / np.maximum(np.abs(step).max(axis=-1, keepdims=True), 1e-12))
-        self._rotations[:, : self._turning] @= exponential(step.reshape(self.count, self._turning, 3))
+        step *= LARGEST_TURN / np.maximum(np.abs(step).max(axis=-1, keepdims=True), LARGEST_TURN)
+        turning = self._rotations[:, : self._turning]
+        turning @= exponential(step.reshape(self.count, self._turning, 3))
         self._apart = norm(pose.positions - published.pose.positions.take(self._chains, axis=0)).max(axis=-1)
 
     def _compare(self, gain: np.ndarray) -> None:

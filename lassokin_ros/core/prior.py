@@ -175,7 +175,8 @@ class PriorRows:
         if turn is not None:
             inner = inner @ turn.take(self.joints, axis=-3)
         columns = (inner.swapaxes(-1, -2) @ self._columns_by_joint).reshape(*theta.shape[:-2], -1, self.count)
-        columns[..., len(self.W) :] *= (z[..., len(self.W) :] != 0)[..., None, :]
+        gaussian = len(self.W)
+        np.copyto(columns[..., gaussian:], 0.0, where=z[..., None, gaussian:] == 0)
         return columns
 
     def _right_side(self, theta: np.ndarray) -> np.ndarray:
