@@ -21,6 +21,9 @@ def test_one_that_is_not_positive_definite_does_not_spoil_the_others():
     H[2, 0, 0] = -1.0
     solution = SmallSystems(4, 3).solve(H, g)
     assert np.allclose(solution[[0, 1, 3]], 1.0) and np.allclose(solution[2], [-1.0, 1.0, 1.0])
+    H[2] = np.nan
+    solution = SmallSystems(4, 3).solve(H, g)
+    assert np.allclose(solution[[0, 1, 3]], 1.0) and np.isnan(solution[2]).all()
     H[2] = 0.0
     with pytest.raises(np.linalg.LinAlgError):
         SmallSystems(4, 3).solve(H, g)

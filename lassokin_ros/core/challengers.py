@@ -24,13 +24,15 @@ from lassokin_ros.core.rotations import orthonormalised
 COARSE = np.array([8.0, 8.0, 8.0, 8.0, 2.0, 2.0, 2.0, 1.0])
 """Factor on the noise while a challenger is young, by its age in frames."""
 COUNTED_FROM = 10
-"""Frames of age from which its cost counts."""
+"""Frames of age after which its cost counts."""
 OLD_ENOUGH = 14
 """Frames of age from which it may win, or be given up."""
 GIVEN_UP_AT = 30
 """Frames of age at which one that has not won is replaced."""
-MEMORY = 20.0
+MEMORY = 20
 """Frames over which costs are averaged."""
+SHARES = np.append(np.zeros(COUNTED_FROM + 1), 1 / np.arange(1.0, MEMORY + 1))
+"""What a frame's cost is of the average, by age in frames, the last from then on."""
 STEADY_FROM = 10
 """Frames of age from which its motion is held as the published state's is."""
 MARGIN = 2.0
@@ -125,10 +127,7 @@ class Challengers:
         self.image_costs = images[-1]
         self.cost = float(cost[-1])
         cost += np.abs(self._increments.take(self._rows.live, axis=-1)) @ alpha
-        counted = self._age - COUNTED_FROM
-        share = 1 / np.minimum(np.maximum(counted, 1), MEMORY)
-        gain = cost[-1] - cost[:-1] - self._advantage
-        self._advantage = np.where(counted > 0, self._advantage + gain * share, 0.0)
+        self._advantage += SHARES.take(self._age, mode="clip") * (cost[-1] - cost[:-1] - self._advantage)
         ripe = self._age >= OLD_ENOUGH
         if not ripe.any():
             return None

@@ -21,13 +21,15 @@ from lassokin_ros.core.rotations import exponential
 from lassokin_ros.core.small_systems import SmallSystems
 
 COUNTED_FROM = 2
-"""Frames of age from which an explanation's cost counts: by then it has found its place."""
+"""Frames of age after which an explanation's cost counts: by then it has found its place."""
 OLD_ENOUGH = 4
 """Frames of age from which it may win."""
 GIVEN_UP_FROM = 10
 """Frames of age from which it may be mirrored anew."""
-MEMORY = 6.0
+MEMORY = 6
 """Frames over which costs are averaged."""
+SHARES = np.append(np.zeros(COUNTED_FROM + 1), 1 / np.arange(1.0, MEMORY + 1))
+"""What a frame's cost is of the average, by age in frames, the last from then on."""
 MARGIN = 0.6
 """By how much (a negative log-likelihood) it must be better; less than for another body, of which more may change."""
 HOPELESS = -6.0
@@ -92,7 +94,7 @@ class LimbSearch:
 
     def start(self, state: BodyState) -> None:
         """Mirror all limbs of a state anew."""
-        self._age, self._advantage = np.zeros(self.count), np.zeros(self.count)
+        self._age, self._advantage = np.zeros(self.count, dtype=int), np.zeros(self.count)
         #: (h, 3, 3, 3) of each explanation the local rotations of its chain.
         self._rotations = self._mirroring.all(state).rotations[np.arange(self.count)[:, None], self._chains]
 
@@ -124,9 +126,7 @@ class LimbSearch:
 
     def _compare(self, gain: np.ndarray) -> None:
         self._age += 1
-        counted = self._age - COUNTED_FROM
-        share = np.where(counted > 0, 1 / np.minimum(np.maximum(counted, 1), MEMORY), 0.0)
-        self._advantage += share * (gain - self._advantage)
+        self._advantage += SHARES.take(self._age, mode="clip") * (gain - self._advantage)
 
     def exchange(self, published: Hypotheses) -> BodyState | None:
         """The published state with a limb that explains more, or None.
@@ -136,12 +136,12 @@ class LimbSearch:
         if not self.count:
             return None
         ripe, other = self._age >= OLD_ENOUGH, self._apart > ALIKE
-        best = int(np.argmax(np.where(ripe & other, self._advantage, -np.inf)))
+        best = int(np.where(ripe & other, self._advantage, -np.inf).argmax())
         if ripe[best] and other[best] and self._advantage[best] > MARGIN:
             return self._exchanged(best, published.state)
         done = (self._age >= GIVEN_UP_FROM) & (~other | (self._advantage < HOPELESS))
         if done.any():
-            self._renew(int(np.argmax(np.where(done, self._age, 0.0))), published)
+            self._renew(int((done * self._age).argmax()), published)
         return None
 
     def _exchanged(self, best: int, state: BodyState) -> BodyState:
@@ -163,7 +163,7 @@ class LimbSearch:
 
     def _renew(self, explanation: int, published: Hypotheses) -> None:
         self._rotations[explanation] = self._mirroring.limb(published.state, explanation, published.pose)
-        self._age[explanation] = self._advantage[explanation] = 0.0
+        self._age[explanation], self._advantage[explanation] = 0, 0.0
 
     def _posed(self, published: Hypotheses) -> BodyPose:
         """Orientations (h, 3, 3, 3) and positions (h, 3, 3) of the chains' joints, landmarks (h, c, 3)."""

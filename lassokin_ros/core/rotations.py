@@ -37,11 +37,11 @@ _PRODUCTS = np.array([
 _UNIT = np.array([1.0, 1, 1, 1, 0, 0, 0, 0, 0, 0])
 #: (4, 4): where the rows of q q^T, q = x y z w, stand among those products.
 _ROWS = np.array([[0, 4, 6, 8], [4, 1, 5, 9], [6, 5, 2, 7], [8, 9, 7, 3]])
-#: (16, 9): of q q^T of a unit quaternion, q = x y z w, the matrix (w^2 - v^2) I + 2 v v^T + 2 w hat(v), v = x y z.
+#: (16, 9): of p p^T, p = (2 v, w) of a unit quaternion (v, w), the matrix (w^2 - v^2) I + 2 v v^T + 2 w hat(v).
 _MATRIX_OF_PRODUCTS = np.zeros((16, 9))
-_MATRIX_OF_PRODUCTS[::5] = np.outer([-1, -1, -1, 1], np.eye(3))
-_MATRIX_OF_PRODUCTS[[0, 1, 2, 4, 5, 6, 8, 9, 10]] += 2 * np.eye(9)
-_MATRIX_OF_PRODUCTS[3:12:4] = 2 * _HAT
+_MATRIX_OF_PRODUCTS[::5] = np.outer([-0.25, -0.25, -0.25, 1], np.eye(3))
+_MATRIX_OF_PRODUCTS[[0, 1, 2, 4, 5, 6, 8, 9, 10]] += 0.5 * np.eye(9)
+_MATRIX_OF_PRODUCTS[3:12:4] = _HAT
 _ONES = np.ones(3)  # a product with it costs half of sum(axis=-1) on arrays this small
 _ONE_AND_A_HALF = 1.5 * np.eye(3)
 
@@ -75,8 +75,8 @@ def _combined(vectors: Array, identity: Array, skew: Array, outer: Array) -> Arr
 def exponential(vectors: Array) -> Array:
     """Rotation matrices of rotation vectors (Rodrigues), by unit quaternions: (..., 3) in rad -> (..., 3, 3)."""
     half = 0.5 * _angles(vectors)[0]
-    quaternion = np.empty(vectors.shape[:-1] + (4,))
-    np.multiply(vectors, (0.5 * np.sin(half) / half)[..., None], out=quaternion[..., :3])
+    quaternion = np.empty(vectors.shape[:-1] + (4,))  # its vector twice
+    np.multiply(vectors, (np.sin(half) / half)[..., None], out=quaternion[..., :3])
     np.cos(half, out=quaternion[..., 3])
     products = quaternion[..., :, None] * quaternion[..., None, :]
     result: Array = products.reshape(vectors.shape[:-1] + (16,)) @ _MATRIX_OF_PRODUCTS

@@ -16,6 +16,8 @@ SPREAD = 0.12
 LEARNED_IN = 5.0
 """s: time constant with which the vertical follows the tracked person's."""
 
+_ACROSS = np.array([1.0, 0.0, -1.0])  # of [e_z, e_y, e_x], what turns the vertical
+
 
 class Upright:
     """Rows for the root's rotation, and the learned vertical (3,), a unit vector in the camera frame."""
@@ -43,9 +45,7 @@ class Upright:
         """
         lean = root[..., :, 1] - self.vertical
         weight = 1 / np.sqrt(SPREAD**2 + 0.25 * squared_norm(lean))[..., None]
-        rows = np.zeros(root.shape)
-        rows[..., 0], rows[..., 2] = weight * root[..., :, 2], -weight * root[..., :, 0]
-        return rows, -weight * lean
+        return root[..., ::-1] * (weight * _ACROSS)[..., None, :], -weight * lean
 
     def cost(self, root: np.ndarray) -> np.ndarray:
         """(...,) what the rows' weights are the derivative of: 2 log(1 + lean^2 / (2 SPREAD)^2); root (..., 3, 3)."""
