@@ -170,7 +170,8 @@ class Challengers:
         pairs = self._initialiser.mirroring.pairs
         if self._renewals % 2 and pairs:
             self._age[slot] = MIRRORED_AGE
-            start = self._initialiser.mirroring.both(self.published.state, pairs[self._renewals // 2 % len(pairs)])
+            pair, published = pairs[self._renewals // 2 % len(pairs)], self.published
+            start = self._initialiser.mirroring.both(published.state, pair, published.pose)
         else:
             start = self._turned(self.published.state, points, weights)
         self._everyone[slot] = self._rows.hypotheses(start)

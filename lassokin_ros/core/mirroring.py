@@ -40,10 +40,11 @@ class Mirroring:
         ]
         """Both legs mirrored alike, in each of the ways: two of `variants`. Somebody who squats bends both."""
 
-    def both(self, state: BodyState, pair: tuple[int, int]) -> BodyState:
-        """The state with one of `pairs` mirrored."""
+    def both(self, state: BodyState, pair: tuple[int, int], pose: BodyPose | None = None) -> BodyState:
+        """The state with one of `pairs` mirrored; pose: the state's, where it is known."""
         one, other = pair
-        return self.mirrored(self.mirrored(state, one), other)
+        pose = pose or self._kinematics.pose(state)
+        return self.mirrored(self.mirrored(state, one, pose), other, pose)  # neither leg carries the other
 
     def all(self, state: BodyState) -> BodyState:
         """The state with each of `variants` mirrored, (v, n, 3, 3) and (v, 3)."""
