@@ -33,7 +33,7 @@ def predicted(H: np.ndarray, g: np.ndarray, alpha: np.ndarray, guess: np.ndarray
         return guess
     smallest = NEGLIGIBLE * penalty / len(alpha) / alpha
     weighted = H.copy()
-    weighted.flat[:: len(H) + 1] += alpha / (size + smallest)
+    weighted.reshape(-1)[:: len(H) + 1] += alpha / (size + smallest)
     _, omega, failed = lapack.dposv(weighted.T, g, overwrite_a=1)
     return guess if failed else np.where(np.abs(omega) > smallest, omega, 0.0)
 

@@ -29,7 +29,7 @@ def norm(errors: np.ndarray) -> np.ndarray:
 
 def huber_weights(size: np.ndarray, threshold: float = THRESHOLD) -> np.ndarray:
     """Factor on the squared error that makes least squares minimise Huber's loss, in (0, 1]."""
-    return np.minimum(1.0, threshold / np.maximum(size, threshold))
+    return threshold / np.maximum(size, threshold)
 
 
 def huber_cost(size: np.ndarray, threshold: float = THRESHOLD) -> np.ndarray:

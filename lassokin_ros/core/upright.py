@@ -7,6 +7,8 @@ no lasting error. Its weight falls off for large leans, in the manner of Cauchy'
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from lassokin_ros.core.robust import squared_norm
@@ -36,7 +38,7 @@ class Upright:
         up = root[:, 1]
         if up @ self.vertical > 0.5:
             moved = self.vertical + min(step / LEARNED_IN, 1.0) * (up - self.vertical)
-            self.vertical = moved / np.linalg.norm(moved)
+            self.vertical = moved / math.sqrt(moved @ moved)
 
     def linearise(self, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(A, z): rows (..., 3, 3) for the root's increment and right sides (..., 3), in standard deviations.
