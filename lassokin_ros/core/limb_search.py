@@ -98,9 +98,7 @@ class LimbSearch:
         #: (h, 3, 3, 3) of each explanation the local rotations of its chain.
         self._rotations = self._mirroring.all(state).rotations[np.arange(self.count)[:, None], self._chains]
 
-    def advance(
-        self, published: Hypotheses, points: np.ndarray, weights: np.ndarray, image_costs: np.ndarray
-    ) -> None:
+    def advance(self, published: Hypotheses, points: np.ndarray, weights: np.ndarray, image_costs: np.ndarray) -> None:
         """One Gauss-Newton step of every explanation on a frame, and its cost beside the published limb's.
 
         points: (l, 2) normalised; weights: (l,) 1 / standard deviation, 0 = missing; image_costs: (l,) the landmarks',
