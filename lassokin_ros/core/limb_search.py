@@ -53,6 +53,8 @@ class LimbSearch:
         self._kinematics, self._mirroring = kinematics, mirroring
         #: (h, 3) joints.
         self._chains = np.array([chain for chain, _ in mirroring.variants], dtype=int).reshape(-1, 3)
+        if not np.isin(self._chains, prior.joints).any():  # no landmark shows any of them
+            self._chains = self._chains[:0]
         self.count = len(self._chains)
         if self.count:
             self._find_landmarks()
@@ -84,7 +86,7 @@ class LimbSearch:
         """How many joints from the trunk out turn (t), and their places among the prior's; 0 for those it has not."""
         joints = list(prior.joints)
         known = np.isin(self._chains, joints)
-        self._turning = turning = int(np.flatnonzero(known.any(axis=0))[-1]) + 1 if known.any() else 0
+        self._turning = turning = int(np.flatnonzero(known.any(axis=0))[-1]) + 1
         places = [[joints.index(joint) if joint in joints else 0 for joint in chain] for chain in self._chains]
         self._known = known[:, :turning]
         self._limb_prior = LimbPrior(prior, np.array(places)[:, :turning], self._known)
