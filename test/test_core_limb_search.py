@@ -1,8 +1,11 @@
 """Limbs on the other side: posed, linearised and costed like the whole body, exchanged when they explain more."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cases import FACING, body, central_difference, random_body, relative_error
+from sequences import CONFIG, observations
 
 from lassokin_ros.core.frame_rows import FrameRows
 from lassokin_ros.core.initialisation import Initialiser
@@ -13,6 +16,7 @@ from lassokin_ros.core.prior import PosePrior, PriorRows
 from lassokin_ros.core.projection import project
 from lassokin_ros.core.robust import capped_weights
 from lassokin_ros.core.rotations import exponential
+from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.core.upright import Upright
 
 LAYOUTS = "coco17", "body25", "mediapipe33"
@@ -195,3 +199,25 @@ def test_a_skeleton_without_limbs_is_left_alone():
     search.start(state)
     search.advance(published, points, capped_weights(np.ones(len(points))), np.zeros(len(points)))
     assert search.count == 0 and search.exchange(published) is None
+
+
+TORSO = """
+name: torso
+landmarks:
+  - {name: nose, joint: head, offset: [0.0, 0.032, 0.072]}
+  - {name: left_ear, joint: head, offset: [0.041, 0.036, 0.005]}
+  - {name: right_ear, joint: head, offset: [-0.041, 0.036, 0.005]}
+  - {name: left_shoulder, joint: left_shoulder, offset: [0.0, 0.0, 0.0]}
+  - {name: right_shoulder, joint: right_shoulder, offset: [0.0, 0.0, 0.0]}
+"""
+ELBOW = "  - {name: left_elbow, joint: left_elbow, offset: [0.0, 0.0, 0.0]}\n"
+
+
+@pytest.mark.parametrize(("arm", "searched"), [("", 0), (ELBOW, 12)])
+def test_limbs_that_no_landmark_shows_are_left_alone(tmp_path, arm, searched):
+    layout = tmp_path / "torso.yaml"
+    layout.write_text(TORSO + arm)
+    tracker = Tracker(replace(CONFIG, landmarks=str(layout)))
+    assert tracker._limbs.count == searched
+    for _, observation in observations(tracker, 0.3):
+        assert tracker.track(observation).accepted
