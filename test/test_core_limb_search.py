@@ -1,8 +1,11 @@
 """Limbs on the other side: posed, linearised and costed like the whole body, exchanged when they explain more."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cases import FACING, body, central_difference, random_body, relative_error
+from sequences import CONFIG, observations
 
 from lassokin_ros.core.frame_rows import FrameRows
 from lassokin_ros.core.initialisation import Initialiser
@@ -13,6 +16,7 @@ from lassokin_ros.core.prior import PosePrior, PriorRows
 from lassokin_ros.core.projection import project
 from lassokin_ros.core.robust import capped_weights
 from lassokin_ros.core.rotations import exponential
+from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.core.upright import Upright
 
 LAYOUTS = "coco17", "body25", "mediapipe33"
@@ -46,11 +50,24 @@ class Scene:
         """Of the whole body."""
         return float(self.rows.cost(self.rows.hypotheses(state), self.points, self.weights))
 
+    def image_costs(self, published):
+        """Of each landmark as it is published."""
+        return self.rows.image_costs(published.pose, self.points, self.weights)
+
+    def advance(self, published):
+        """One frame."""
+        self.search.advance(published, self.points, self.weights, self.image_costs(published))
+
     def whole(self, explanation, published):
         """The whole body with the limb of one explanation."""
         rotations = published.state.rotations.copy()
         rotations[self.search._chains[explanation]] = self.search._rotations[explanation]
         return self.rows.hypotheses(BodyState(rotations, published.state.translation))
+
+
+def prior_rows(search, published):
+    """The prior's columns and right sides, of the explanations and as published."""
+    return search._limb_prior.linearise(published.posture, search._rotations[:, : search._turning])
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
@@ -75,12 +92,30 @@ def test_a_limb_costs_more_or_less_by_what_the_whole_body_does(layout):
     scene.search.start(scene.state)
     scene.weights[3] = 0.0
     *_, image = scene.search._image_rows(scene.search._posed(published), scene.points, scene.weights)
-    _, z = scene.search._prior_rows(published)
-    own = image + 0.5 * np.sum(z * z, axis=-1) - scene.search._published_cost(published, scene.points, scene.weights)
+    prior, as_published = 0.5 * np.sum(prior_rows(scene.search, published)[1] ** 2, axis=-1)
+    own = image + prior - as_published - scene.search._carries @ scene.image_costs(published)
     before = scene.rows.cost(published, scene.points, scene.weights)
     for explanation in range(scene.search.count):
         after = scene.rows.cost(scene.whole(explanation, published), scene.points, scene.weights)
         assert own[explanation] == pytest.approx(after - before, abs=1e-8)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_the_limbs_own_rows_of_the_prior_say_the_same_as_the_whole_bodys(layout):
+    scene = Scene(layout, 5)
+    scene.state.rotations[1:] = exponential(1.5 * np.random.default_rng(5).normal(size=(23, 3)))  # beyond some limits
+    published, search = scene.rows.hypotheses(scene.state), scene.search
+    search.start(scene.state)
+    columns, z = prior_rows(search, published)
+    passed = 0
+    for explanation in range(search.count):
+        chain = search._chains[explanation, : search._turning]
+        A, right = scene.rows.prior.linearise(scene.whole(explanation, published).state.rotations)
+        A = A.reshape(len(A), -1, 3)[:, chain].reshape(len(A), -1)
+        assert np.allclose(columns[explanation] @ columns[explanation].T, A.T @ A, rtol=1e-9, atol=1e-9)
+        assert np.allclose(columns[explanation] @ z[0, explanation], A.T @ right, rtol=1e-9, atol=1e-8)
+        passed += np.count_nonzero(z[0, explanation, 3 * search._turning :])
+    assert passed > 5
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
@@ -95,10 +130,10 @@ def test_rows_are_the_derivative_of_what_they_stand_for(layout):
         search._rotations = there.copy()
         search._rotations[:, :turning] @= exponential(increment.reshape(turning, 3))
         _, image, _ = search._image_rows(search._posed(published), scene.points, scene.weights)
-        return np.concatenate([image, search._prior_rows(published)[1]], axis=-1)
+        return np.concatenate([image, prior_rows(search, published)[1][0]], axis=-1)
 
     image, _, _ = search._image_rows(search._posed(published), scene.points, scene.weights)
-    columns = np.concatenate([image, search._prior_rows(published)[0]], axis=-1)
+    columns = np.concatenate([image, prior_rows(search, published)[0]], axis=-1)
     numeric = -central_difference(right_sides, 3 * turning).reshape(search.count, -1, 3 * turning)
     known = np.repeat(search._known, 3, axis=1)
     for explanation in range(search.count):
@@ -119,7 +154,7 @@ def test_a_limb_on_the_wrong_side_is_exchanged_soon_and_alone(seed):
     published = scene.rows.hypotheses(wrong)
     scene.search.start(wrong)
     for frame in range(1, 4 * OLD_ENOUGH):
-        scene.search.advance(published, scene.points, scene.weights)
+        scene.advance(published)
         winner = scene.search.exchange(published)
         if winner is not None:
             break
@@ -136,7 +171,7 @@ def test_a_limb_on_the_right_side_stays_there(seed):
     published = scene.rows.hypotheses(scene.initialiser.fit(scene.points, scene.weights).best)
     scene.search.start(published.state)
     for _ in range(60):
-        scene.search.advance(published, scene.points, scene.weights)
+        scene.advance(published)
         assert scene.search.exchange(published) is None
     assert np.isfinite(scene.search._rotations).all()
 
@@ -146,7 +181,8 @@ def test_without_points_nothing_but_the_prior_counts():
     published = scene.rows.hypotheses(scene.state)
     scene.search.start(scene.state)
     for _ in range(20):
-        scene.search.advance(published, np.zeros_like(scene.points), np.zeros_like(scene.weights))
+        nothing = np.zeros_like(scene.weights)
+        scene.search.advance(published, np.zeros_like(scene.points), nothing, nothing)
     products = np.swapaxes(scene.search._rotations, -1, -2) @ scene.search._rotations
     assert np.abs(products - np.eye(3)).max() < 1e-9
 
@@ -161,5 +197,27 @@ def test_a_skeleton_without_limbs_is_left_alone():
     published = rows.hypotheses(state)
     points = np.zeros((kinematics.landmark_count, 2))
     search.start(state)
-    search.advance(published, points, capped_weights(np.ones(len(points))))
+    search.advance(published, points, capped_weights(np.ones(len(points))), np.zeros(len(points)))
     assert search.count == 0 and search.exchange(published) is None
+
+
+TORSO = """
+name: torso
+landmarks:
+  - {name: nose, joint: head, offset: [0.0, 0.032, 0.072]}
+  - {name: left_ear, joint: head, offset: [0.041, 0.036, 0.005]}
+  - {name: right_ear, joint: head, offset: [-0.041, 0.036, 0.005]}
+  - {name: left_shoulder, joint: left_shoulder, offset: [0.0, 0.0, 0.0]}
+  - {name: right_shoulder, joint: right_shoulder, offset: [0.0, 0.0, 0.0]}
+"""
+ELBOW = "  - {name: left_elbow, joint: left_elbow, offset: [0.0, 0.0, 0.0]}\n"
+
+
+@pytest.mark.parametrize(("arm", "searched"), [("", 0), (ELBOW, 12)])
+def test_limbs_that_no_landmark_shows_are_left_alone(tmp_path, arm, searched):
+    layout = tmp_path / "torso.yaml"
+    layout.write_text(TORSO + arm)
+    tracker = Tracker(replace(CONFIG, landmarks=str(layout)))
+    assert tracker._limbs.count == searched
+    for _, observation in observations(tracker, 0.3):
+        assert tracker.track(observation).accepted

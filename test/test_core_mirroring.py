@@ -8,8 +8,9 @@ from scipy.spatial.transform import Rotation
 from lassokin_ros.core.frame_rows import FrameRows
 from lassokin_ros.core.initialisation import Initialiser
 from lassokin_ros.core.kinematics import BodyState
-from lassokin_ros.core.mirroring import LIMBS, Mirroring
+from lassokin_ros.core.mirroring import LIMBS, Mirroring, redirected
 from lassokin_ros.core.prior import PosePrior, PriorRows
+from lassokin_ros.core.rotations import least_turn
 from lassokin_ros.core.upright import Upright
 
 
@@ -93,6 +94,21 @@ def test_a_bone_along_the_line_of_sight_is_turned_right_round():
     assert np.isfinite(after.rotations).all()
     products = np.swapaxes(after.rotations, -1, -2) @ after.rotations
     assert np.abs(products - np.eye(3)).max() < 1e-9
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 0.3, 2.0, np.pi - 1e-4, np.pi - 1e-8])
+def test_a_bone_is_redirected_by_the_least_turn(angle):
+    for seed in range(20):
+        rotation, about = Rotation.random(2, random_state=seed)
+        bone = 0.3 * about.apply([0.0, 1.0, 0.0])
+        a = rotation.apply(bone)
+        across = np.cross(a, about.apply([1.0, 0.0, 0.0]))
+        b = Rotation.from_rotvec(angle * across / np.linalg.norm(across)).apply(a)
+        after = redirected(rotation.as_matrix(), bone, a, b)
+        assert np.allclose(after @ bone, b, atol=1e-12)
+        assert np.allclose(after.T @ after, np.eye(3), atol=1e-12)
+        digits_left = 1e-15 / (np.pi - angle)
+        assert np.allclose(after, least_turn(a, b) @ rotation.as_matrix(), atol=1e-12 + 4 * digits_left)
 
 
 def test_a_skeleton_without_limbs_has_none():

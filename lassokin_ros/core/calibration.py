@@ -190,7 +190,7 @@ class Calibration:
         F = projection_jacobian(pose.landmarks) * frame.weights[:, None, None]
         columns = np.empty((count, len(prior), 2 * len(frame.points)))
         self._rows.image_columns(pose, F, None, columns)
-        there = np.linalg.slogdet(columns @ np.swapaxes(columns, -1, -2) + prior)[1]
+        there = np.linalg.slogdet(columns @ columns.swapaxes(-1, -2) + prior)[1]
         return np.clip((there - at_present) / VOLUME_STEP, -STEEPEST, STEEPEST)
 
     def _frame_rows(self, frame: KeptFrame) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:

@@ -21,16 +21,18 @@ from lassokin_ros.core.kinematics import BodyState
 from lassokin_ros.core.robust import CAP, huber_weights, norm
 from lassokin_ros.core.rotations import orthonormalised
 
-COARSE = ((4, 8.0), (7, 2.0))
-"""(frames of age, factor on the noise) while a challenger is young."""
+COARSE = np.array([8.0, 8.0, 8.0, 8.0, 2.0, 2.0, 2.0, 1.0])
+"""Factor on the noise while a challenger is young, by its age in frames."""
 COUNTED_FROM = 10
-"""Frames of age from which its cost counts."""
+"""Frames of age after which its cost counts."""
 OLD_ENOUGH = 14
 """Frames of age from which it may win, or be given up."""
 GIVEN_UP_AT = 30
 """Frames of age at which one that has not won is replaced."""
-MEMORY = 20.0
+MEMORY = 20
 """Frames over which costs are averaged."""
+SHARES = np.append(np.zeros(COUNTED_FROM + 1), 1 / np.arange(1.0, MEMORY + 1))
+"""What a frame's cost is of the average, by age in frames, the last from then on."""
 STEADY_FROM = 10
 """Frames of age from which its motion is held as the published state's is."""
 MARGIN = 2.0
@@ -58,10 +60,12 @@ class Challengers:
         self._caps = np.append(np.full(count, CAP), np.inf)[:, None]
         self.cost = float("nan")
         """The published state's cost by image, prior and uprightness: a negative log-likelihood."""
+        self.image_costs = np.empty(0)
+        """(l,) what each landmark has of it."""
 
     def start(self, state: BodyState, points: np.ndarray, weights: np.ndarray) -> None:
         """Begin with a pool of new challengers for this frame's points (l, 2) and weights (l,), beside `state`."""
-        self._age = np.zeros(self._count)
+        self._age = np.zeros(self._count, dtype=int)
         self._advantage = np.zeros(self._count)
         self._turns = self._renewals = 0
         turned = [self._turned(state, points, weights) for _ in range(self._count)]
@@ -86,8 +90,7 @@ class Challengers:
         """The rows of a frame about the published state; those about the others stay here for `advance`."""
         assert self._everyone is not None
         factor = np.ones((self._count + 1, 1))
-        for age, value in reversed(COARSE):
-            factor[:-1][self._age < age] = value
+        factor[:-1, 0] = COARSE.take(self._age, mode="clip")
         rows = self._rows.linearise(self._everyone, points, weights / factor, self._robust)
         self._linearised = Rows(rows.columns[:-1], rows.z[:-1])
         return Rows(rows.columns[-1].copy(), rows.z[-1].copy())  # alone: who keeps these does not keep all
@@ -119,13 +122,12 @@ class Challengers:
         alpha: (live,) cost per rad of each degree of freedom's increment, which all pay.
         """
         assert self._everyone is not None
-        cost = self._rows.cost(self._everyone, points, weights)
+        images = self._rows.image_costs(self._everyone.pose, points, weights)
+        cost = images.sum(axis=-1) + self._rows.own_cost(self._everyone)
+        self.image_costs = images[-1]
         self.cost = float(cost[-1])
         cost += np.abs(self._increments.take(self._rows.live, axis=-1)) @ alpha
-        counted = self._age - COUNTED_FROM
-        share = 1 / np.minimum(np.maximum(counted, 1), MEMORY)
-        gain = cost[-1] - cost[:-1] - self._advantage
-        self._advantage = np.where(counted > 0, self._advantage + gain * share, 0.0)
+        self._advantage += SHARES.take(self._age, mode="clip") * (cost[-1] - cost[:-1] - self._advantage)
         ripe = self._age >= OLD_ENOUGH
         if not ripe.any():
             return None
@@ -168,7 +170,8 @@ class Challengers:
         pairs = self._initialiser.mirroring.pairs
         if self._renewals % 2 and pairs:
             self._age[slot] = MIRRORED_AGE
-            start = self._initialiser.mirroring.both(self.published.state, pairs[self._renewals // 2 % len(pairs)])
+            pair, published = pairs[self._renewals // 2 % len(pairs)], self.published
+            start = self._initialiser.mirroring.both(published.state, pair, published.pose)
         else:
             start = self._turned(self.published.state, points, weights)
         self._everyone[slot] = self._rows.hypotheses(start)

@@ -94,7 +94,7 @@ class FrameRows:
         self.image_columns(pose, F, axes, columns[..., :images])
         columns[..., :first, images:-3] = columns[..., count:, images:] = columns[..., first:count, -3:] = 0.0
         columns[..., first:count, images:-3] = self.prior.live_columns(about.posture, turn)
-        columns[..., :first, -3:] = np.swapaxes(upright, -1, -2)[..., self.live[:first], :]
+        columns[..., :first, -3:] = upright.swapaxes(-1, -2).take(self.live[:first], axis=-2)
         z = np.concatenate([error.reshape(*shape, images), about.posture.residual, upright_z], axis=-1)
         return Rows(columns, z)
 
@@ -102,11 +102,18 @@ class FrameRows:
         """Fill `out` (..., live + 3, 2 l) with the image's columns, by weighted blocks F (..., l, 2, 3) of P."""
         rows, count = F.reshape(*F.shape[:-3], -1, 3), len(self.live)
         self.kinematics.live_columns(pose, rows, axes, out[..., :count, :])
-        out[..., count:, :] = np.swapaxes(rows, -1, -2)
+        out[..., count:, :] = rows.swapaxes(-1, -2)
+
+    def image_costs(self, pose: BodyPose, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """(..., l) of each landmark, robust (see `capped_cost`)."""
+        error = points - project(pose.landmarks)
+        return capped_cost(norm(error) * weights)
+
+    def own_cost(self, hypotheses: Hypotheses) -> np.ndarray:
+        """(...,) by prior and uprightness, whatever the image."""
+        upright = self.upright.cost(hypotheses.state.rotations[..., 0, :, :])
+        return np.asarray(0.5 * squared_norm(hypotheses.posture.residual) + upright)
 
     def cost(self, hypotheses: Hypotheses, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """(...,) negative log-likelihood by image (robust, see `capped_cost`), prior and uprightness."""
-        error = (points - project(hypotheses.pose.landmarks)) * weights[:, None]
-        prior = hypotheses.posture.residual
-        upright = self.upright.cost(hypotheses.state.rotations[..., 0, :, :])
-        return np.asarray(capped_cost(norm(error)).sum(-1) + 0.5 * squared_norm(prior) + upright)
+        """(...,) negative log-likelihood by image, prior and uprightness."""
+        return np.asarray(self.image_costs(hypotheses.pose, points, weights).sum(-1) + self.own_cost(hypotheses))

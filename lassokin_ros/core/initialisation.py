@@ -59,7 +59,7 @@ class Initialiser:
         self._mean = exponential(prior.mean)
         self.mirroring = Mirroring(kinematics)
         self._live = np.flatnonzero(kinematics.live)
-        self._damping = np.diag(np.append(np.full(len(self._live), DAMPING), np.full(3, 1e-6)))
+        self._damping = np.append(np.full(len(self._live), DAMPING), np.full(3, 1e-6))
 
     def fit(self, points: np.ndarray, weights: np.ndarray) -> Fit:
         """Fit all starts to one frame.
@@ -129,14 +129,14 @@ class Initialiser:
         ridge: (S, live) 1/rad^2, what holds each degree of freedom beyond that.
         """
         count = len(self._live)
-        H = rows.columns @ np.swapaxes(rows.columns, -1, -2)
-        H += self._damping
+        H = rows.columns @ rows.columns.swapaxes(-1, -2)
+        diagonal = H.reshape(len(H), -1)[:, :: H.shape[-1] + 1]
+        diagonal += self._damping
         if ridge is not None:
-            angles = np.arange(count)
-            H[:, angles, angles] += ridge
+            diagonal[:, :count] += ridge
         step = _solved(H, (rows.columns @ rows.z[..., None])[..., 0])
         turns = step[..., :count]
-        turns *= np.minimum(1.0, LARGEST_TURN / np.maximum(np.abs(turns).max(axis=-1, keepdims=True), 1e-12))
+        turns *= LARGEST_TURN / np.maximum(np.abs(turns).max(axis=-1, keepdims=True), LARGEST_TURN)
         omega = np.zeros(step.shape[:-1] + (3 * self._kinematics.joint_count,))
         omega[..., self._live] = turns
         return omega, step[..., count:]

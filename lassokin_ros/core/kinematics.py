@@ -123,7 +123,7 @@ class Kinematics:
         its unit axis and p_j the joint's centre, both in the camera frame.
         """
         levers = pose.landmarks[..., :, None, :] - pose.positions[..., None, :, :]
-        axes = np.swapaxes(pose.orientations, -1, -2)
+        axes = pose.orientations.swapaxes(-1, -2)
         columns = np.cross(axes[..., None, :, :, :], levers[..., :, :, None, :])
         shape = pose.landmarks.shape[:-2]
         blocks = np.moveaxis(columns, -1, -3).reshape(*shape, self.landmark_count, 3, 3 * self.joint_count)
@@ -136,8 +136,8 @@ class Kinematics:
         f . (w x (q - p)) = w . (q x f) - (w x p) . f, all entries are one product of the landmarks' (q x f, f) with
         the degrees of freedom's (w, p x w), and a mask. Lengths are taken from the root, which keeps them small.
         """
-        columns = self._twists(pose, pose.orientations) @ np.swapaxes(self._wrenches(pose, rows), -1, -2)
-        return np.swapaxes(columns, -1, -2) * self._row_reach
+        columns = twists(pose, pose.orientations) @ wrenches(pose, rows).swapaxes(-1, -2)
+        return columns.swapaxes(-1, -2) * self._row_reach
 
     def live_columns(
         self, pose: BodyPose, rows: np.ndarray, axes: np.ndarray | None = None, out: np.ndarray | None = None
@@ -147,26 +147,28 @@ class Kinematics:
         axes: (..., n, 3, 3), in each matrix's columns the axes (camera frame) about which the joint's three degrees of
         freedom turn; the joint's own by default.
         """
-        twists = self._twists(pose, pose.orientations if axes is None else axes).take(self._live, axis=-2)
-        columns: np.ndarray = np.matmul(twists, np.swapaxes(self._wrenches(pose, rows), -1, -2), out=out)
+        moving = twists(pose, pose.orientations if axes is None else axes).take(self._live, axis=-2)
+        columns: np.ndarray = np.matmul(moving, wrenches(pose, rows).swapaxes(-1, -2), out=out)
         columns *= self._live_reach
         return columns
 
-    def _twists(self, pose: BodyPose, axes: np.ndarray) -> np.ndarray:
-        """(..., 3 n, 6): of each degree of freedom w, and p x w."""
-        axes = np.swapaxes(axes, -2, -1)
-        twists = np.empty(axes.shape[:-1] + (6,))
-        twists[..., :3] = axes
-        np.matmul(axes, hat(pose.positions[..., :1, :] - pose.positions), out=twists[..., 3:])  # w^T hat(-p)
-        return twists.reshape(*axes.shape[:-3], -1, 6)
 
-    def _wrenches(self, pose: BodyPose, rows: np.ndarray) -> np.ndarray:
-        """(..., 2 l, 6): of each row q x f = f^T hat(-q), and f."""
-        by_landmark = rows.reshape(*pose.landmarks.shape[:-1], 2, 3)
-        wrenches = np.empty(by_landmark.shape[:-1] + (6,))
-        np.matmul(by_landmark, hat(pose.positions[..., :1, :] - pose.landmarks), out=wrenches[..., :3])
-        wrenches[..., 3:] = by_landmark
-        return wrenches.reshape(*rows.shape[:-1], 6)
+def twists(pose: BodyPose, axes: np.ndarray) -> np.ndarray:
+    """(..., 3 n, 6): of each degree of freedom w, and p x w; axes: (..., n, 3, 3), w in each matrix's columns."""
+    axes = axes.swapaxes(-2, -1)
+    result = np.empty(axes.shape[:-1] + (6,))
+    result[..., :3] = axes
+    np.matmul(axes, hat(pose.positions[..., :1, :] - pose.positions), out=result[..., 3:])  # w^T hat(-p)
+    return result.reshape(*axes.shape[:-3], -1, 6)
+
+
+def wrenches(pose: BodyPose, rows: np.ndarray) -> np.ndarray:
+    """(..., 2 l, 6): of each row f of rows (..., 2 l, 3) q x f = f^T hat(-q), and f."""
+    by_landmark = rows.reshape(*pose.landmarks.shape[:-1], 2, 3)
+    result = np.empty(by_landmark.shape[:-1] + (6,))
+    np.matmul(by_landmark, hat(pose.positions[..., :1, :] - pose.landmarks), out=result[..., :3])
+    result[..., 3:] = by_landmark
+    return result.reshape(*rows.shape[:-1], 6)
 
 
 def _pointer_doubling(parents: np.ndarray) -> list[tuple[int, np.ndarray]]:

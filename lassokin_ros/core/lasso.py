@@ -3,8 +3,8 @@
     minimise over x in R^3, Omega in R^n:   1/2 || z - B x - A Omega ||^2  +  sum_k alpha_k | Omega_k |
 
 with A = P L and B = P Gamma of (12), possibly with further rows (a prior's) whose B is zero. x is not penalised.
-It is solved by its dual, whose multipliers are Omega (see `dual.py`), mended to rounding on its support, and
-certified by KKT-1..3 (13)-(15) on the matrices as they were given (see `certificate.py`).
+It is solved by its dual, whose multipliers are Omega (see `dual.py`), mended to rounding on its support (see
+`active_set.py`), and certified by KKT-1..3 (13)-(15) on the matrices as they were given (see `certificate.py`).
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from typing import Callable
 import numpy as np
 from scipy.linalg import lapack
 
+from lassokin_ros.core.active_set import mend, predicted
 from lassokin_ros.core.certificate import Certificate, certify
 from lassokin_ros.core.dual import DualSolver
 from lassokin_ros.core.errors import SolverError
@@ -24,13 +25,7 @@ KKT_TOLERANCE = 1e-6
 """A solution is certified when its KKT residual is at most this, in units of alpha."""
 
 GUESS_STEPS = 16
-"""Active-set steps from a guess before the QP solver is asked: a previous frame's support takes about 7."""
-
-ENTERING_TOGETHER = 0.3
-"""Share of the worst violation of KKT-2 from which others enter the support with it."""
-
-ALONE_FROM = 12
-"""Active-set step from which only the worst one enters."""
+"""Active-set steps from a guess before the QP solver is asked: a previous frame's Omega takes about 4."""
 
 SMALLEST_ALPHA = 1e-4
 """alpha is raised to this fraction of alpha_max (where Omega becomes 0): below, first-order solvers stall."""
@@ -134,13 +129,14 @@ class LassoSolver:
             return _finished(problem, reduced, problem.alpha, np.zeros(len(problem.alpha)), "zero", True)
         alpha = problem.alpha * max(1.0, SMALLEST_ALPHA * ratio)
         if guess is not None:
-            mended = _mend(reduced, alpha, guess, GUESS_STEPS)
+            likely = predicted(reduced.H, reduced.g, alpha, guess)
+            mended = mend(reduced.H, reduced.g, alpha, likely, GUESS_STEPS)
             if mended is not None:
                 return _finished(problem, reduced, alpha, mended, "guess", True)
         for effort, steps in enumerate((8, 100, 100)):
             answer = self._ask(reduced, alpha, effort)
             omega = np.zeros(len(alpha)) if answer is None else answer
-            mended = _mend(reduced, alpha, omega, steps)
+            mended = mend(reduced.H, reduced.g, alpha, omega, steps)
             exact = mended is not None
             if mended is None:
                 mended = _without_specks(reduced, alpha, omega)
@@ -198,85 +194,3 @@ def _without_specks(reduced: Reduced, alpha: np.ndarray, omega: np.ndarray) -> n
         if residual < best_residual:
             best, best_residual = cut, residual
     return best
-
-
-def _mend(reduced: Reduced, alpha: np.ndarray, omega: np.ndarray, steps: int = 8) -> np.ndarray | None:
-    """The exact solution on a support near `omega`'s, or None when none is found in a few steps.
-
-    On the support V with signs S, KKT-1 is linear: H_VV Omega_V = g_V - alpha_V S. When the answer contradicts the
-    signs or KKT-2, those members leave V and violators enter, as in block principal pivoting (Portugal, Judice,
-    Vicente 1994): the large ones at once, which takes half the steps; late, only the worst, which does not cycle.
-    """
-    H, g = reduced.H, reduced.g
-    size = np.abs(omega)
-    signs = np.sign(omega)
-    largest = size[size.argmax()]  # a quarter of what max() costs here; NaN when there is one
-    if not np.isfinite(largest):
-        return None
-    signs[size < 1e-7 * largest] = 0.0
-    bound = alpha * (1 + 1e-10)
-    for step in range(steps):
-        support = signs.nonzero()[0]
-        result = np.zeros(len(g))
-        result[support], factor, failed = _solve_on(H, support, (g - alpha * signs).take(support))
-        if failed or (step == 0 and _nearly_singular(factor)):
-            if step > 0:
-                return None
-            signs = np.sign(_purified(H, alpha, np.where(signs != 0, omega, 0.0)))
-            continue
-        correlation = g - H @ result
-        excess = np.abs(correlation) - bound
-        excess[support] = 0.0
-        worst = excess[excess.argmax()]
-        contradicted = result * signs < 0
-        if worst <= 0 and not contradicted.any():
-            return None if _nearly_singular(factor) else result
-        signs[contradicted] = 0.0
-        if worst > 0:
-            entering = excess >= (ENTERING_TOGETHER * worst if step < ALONE_FROM else worst)
-            signs[entering] = np.sign(correlation[entering])
-    return None
-
-
-def _solve_on(H: np.ndarray, support: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool]:
-    """(Omega_V, the Cholesky factor, whether there is none)."""
-    if len(support) == 0:
-        return right, np.ones((1, 1)), False
-    # Two takes are quicker than np.ix_; the transposed view of a symmetric matrix is what LAPACK works on in place.
-    factor, values, failed = lapack.dposv(H.take(support, axis=0).take(support, axis=1).T, right, overwrite_a=1)
-    return values, factor, bool(failed)
-
-
-def _nearly_singular(factor: np.ndarray) -> bool:
-    diagonal = factor.diagonal()
-    return bool(diagonal.min() < 1e-6 * diagonal.max())
-
-
-def _factor_fails(H: np.ndarray, support: np.ndarray) -> bool:
-    """True where the columns of the support are (nearly) dependent."""
-    if len(support) == 0:
-        return False
-    factor, failed = lapack.dpotrf(H[np.ix_(support, support)])
-    return bool(failed) or _nearly_singular(factor)
-
-
-def _purified(H: np.ndarray, alpha: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    """An equally good Omega whose columns are independent: where columns are alike, the lasso has many minimisers.
-
-    Moving along a null vector of the support's columns changes neither the residual nor, at a minimiser, the
-    penalty; each move goes on until a degree of freedom becomes 0 and leaves the support.
-    """
-    omega = omega.copy()
-    while True:
-        support = np.flatnonzero(omega)
-        if not _factor_fails(H, support):
-            return omega
-        null = np.linalg.eigh(H[np.ix_(support, support)])[1][:, 0]
-        if (alpha[support] * np.sign(omega[support])) @ null > 0:
-            null = -null
-        steps = np.where(null * omega[support] < 0, -omega[support] / np.where(null == 0, 1, null), np.inf)
-        first = int(np.argmin(steps))
-        if not np.isfinite(steps[first]):
-            return omega
-        omega[support] += steps[first] * null
-        omega[support[first]] = 0.0

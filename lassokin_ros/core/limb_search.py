@@ -11,21 +11,25 @@ from __future__ import annotations
 import numpy as np
 
 from lassokin_ros.core.frame_rows import Hypotheses
-from lassokin_ros.core.kinematics import BodyPose, BodyState, Kinematics
+from lassokin_ros.core.kinematics import BodyPose, BodyState, Kinematics, twists, wrenches
+from lassokin_ros.core.limb_prior import LimbPrior
 from lassokin_ros.core.mirroring import Mirroring
 from lassokin_ros.core.prior import PriorRows
-from lassokin_ros.core.projection import project, project_with_jacobian
+from lassokin_ros.core.projection import project_with_jacobian
 from lassokin_ros.core.robust import capped_cost, capped_weights, norm, squared_norm
-from lassokin_ros.core.rotations import exponential, hat, logarithm
+from lassokin_ros.core.rotations import exponential
+from lassokin_ros.core.small_systems import SmallSystems
 
 COUNTED_FROM = 2
-"""Frames of age from which an explanation's cost counts: by then it has found its place."""
+"""Frames of age after which an explanation's cost counts: by then it has found its place."""
 OLD_ENOUGH = 4
 """Frames of age from which it may win."""
 GIVEN_UP_FROM = 10
 """Frames of age from which it may be mirrored anew."""
-MEMORY = 6.0
+MEMORY = 6
 """Frames over which costs are averaged."""
+SHARES = np.append(np.zeros(COUNTED_FROM + 1), 1 / np.arange(1.0, MEMORY + 1))
+"""What a frame's cost is of the average, by age in frames, the last from then on."""
 MARGIN = 0.6
 """By how much (a negative log-likelihood) it must be better; less than for another body, of which more may change."""
 HOPELESS = -6.0
@@ -46,14 +50,15 @@ class LimbSearch:
     """
 
     def __init__(self, kinematics: Kinematics, prior: PriorRows, mirroring: Mirroring) -> None:
-        self._kinematics, self._prior, self._mirroring = kinematics, prior, mirroring
+        self._kinematics, self._mirroring = kinematics, mirroring
         #: (h, 3) joints.
         self._chains = np.array([chain for chain, _ in mirroring.variants], dtype=int).reshape(-1, 3)
+        if not np.isin(self._chains, prior.joints).any():  # no landmark shows any of them
+            self._chains = self._chains[:0]
         self.count = len(self._chains)
-        self._explanation = np.arange(self.count)[:, None]
         if self.count:
             self._find_landmarks()
-            self._find_turns()
+            self._find_turns(prior)
 
     def _find_landmarks(self) -> None:
         """(h, c) of each limb its landmarks, padded, and which of its joints, 0 to 2, carries each."""
@@ -64,52 +69,64 @@ class LimbSearch:
         self._landmarks = np.argsort(~self._carries, axis=1, kind="stable")[:, :most]
         self._real = np.take_along_axis(self._carries, self._landmarks, axis=1)
         carried = skeleton.ancestors[joints[self._landmarks][:, :, None], self._chains[:, None, :]]
-        self._carrier = np.maximum(carried.sum(axis=-1) - 1, 0)
-        self._carrying_joint = self._chains[self._explanation, self._carrier]
-        self._reach = carried[..., None, None]
+        carrier = np.maximum(carried.sum(axis=-1) - 1, 0)
+        explanation = np.arange(self.count)[:, None]
+        self._carriers = self._chains[explanation, carrier]
+        #: (h, 2 + c) of the two bones and the ways to the landmarks, the joint of all h x 3 that turns each.
+        self._turned_by = 3 * explanation + np.insert(carrier, 0, [[0], [1]], axis=1)
+        #: (h, 3 + c, 2 + c): joints and landmarks are sums of those.
+        self._sums = np.zeros((self.count, 3 + most, 2 + most))
+        self._sums[:, 1:3, 0] = self._sums[:, 2, 1] = 1.0
+        self._sums[:, 3:, :2] = carrier[:, :, None] > np.arange(2)
+        self._sums[:, 3 + np.arange(most), 2 + np.arange(most)] = 1.0
+        #: (h, 9, 2 c): which of the chain's turns moves which row.
+        self._reach = np.kron(carried.swapaxes(1, 2), np.ones((3, 2)))
 
-    def _find_turns(self) -> None:
+    def _find_turns(self, prior: PriorRows) -> None:
         """How many joints from the trunk out turn (t), and their places among the prior's; 0 for those it has not."""
-        joints = list(self._prior.joints)
+        joints = list(prior.joints)
         known = np.isin(self._chains, joints)
-        self._turning = turning = int(np.flatnonzero(known.any(axis=0))[-1]) + 1 if known.any() else 0
+        self._turning = turning = int(np.flatnonzero(known.any(axis=0))[-1]) + 1
         places = [[joints.index(joint) if joint in joints else 0 for joint in chain] for chain in self._chains]
-        self._places, self._known = np.array(places)[:, :turning], known[:, :turning]
-        self._reach = self._reach[:, :, :turning]
+        self._known = known[:, :turning]
+        self._limb_prior = LimbPrior(prior, np.array(places)[:, :turning], self._known)
+        self._reach = np.ascontiguousarray(self._reach[:, : 3 * turning])
         self._damping = DAMPING * np.eye(3 * turning)
+        self._systems = SmallSystems(self.count, 3 * turning)
 
     def start(self, state: BodyState) -> None:
         """Mirror all limbs of a state anew."""
-        self._age, self._advantage = np.zeros(self.count), np.zeros(self.count)
+        self._age, self._advantage = np.zeros(self.count, dtype=int), np.zeros(self.count)
         #: (h, 3, 3, 3) of each explanation the local rotations of its chain.
-        self._rotations = self._mirroring.all(state).rotations[self._explanation, self._chains]
+        self._rotations = self._mirroring.all(state).rotations[np.arange(self.count)[:, None], self._chains]
 
-    def advance(self, published: Hypotheses, points: np.ndarray, weights: np.ndarray) -> None:
+    def advance(self, published: Hypotheses, points: np.ndarray, weights: np.ndarray, image_costs: np.ndarray) -> None:
         """One Gauss-Newton step of every explanation on a frame, and its cost beside the published limb's.
 
-        points: (l, 2) normalised; weights: (l,) 1 / standard deviation, 0 = missing.
+        points: (l, 2) normalised; weights: (l,) 1 / standard deviation, 0 = missing; image_costs: (l,) the landmarks',
+        as published.
         """
         if not self.count:
             return
         pose = self._posed(published)
         image, image_z, image_cost = self._image_rows(pose, points, weights)
-        prior, prior_z = self._prior_rows(published)
+        prior, prior_z = self._limb_prior.linearise(published.posture, self._rotations[:, : self._turning])
         columns = np.concatenate([image, prior], axis=-1)
-        H = columns @ np.swapaxes(columns, -1, -2) + self._damping
-        g = columns @ np.concatenate([image_z, prior_z], axis=-1)[..., None]
-        step = np.linalg.solve(H, g)[..., 0]
+        H = columns @ columns.swapaxes(-1, -2) + self._damping
+        g = (columns @ np.concatenate([image_z, prior_z[0]], axis=-1)[..., None])[..., 0]
+        step = self._systems.solve(H, g)
+        prior_cost, published_prior_cost = 0.5 * squared_norm(prior_z)
         # What it costs after the step, by its own model.
-        cost = image_cost + 0.5 * squared_norm(prior_z) - 0.5 * (g[..., 0] * step).sum(axis=-1)
-        self._compare(self._published_cost(published, points, weights) - cost)
-        step *= np.minimum(1.0, LARGEST_TURN / np.maximum(np.abs(step).max(axis=-1, keepdims=True), 1e-12))
-        self._rotations[:, : self._turning] @= exponential(step.reshape(self.count, self._turning, 3))
-        self._apart = norm(pose.positions - published.pose.positions[self._chains]).max(axis=-1)
+        cost = image_cost + prior_cost - 0.5 * (g * step).sum(axis=-1)
+        self._compare(self._carries @ image_costs + published_prior_cost - cost)
+        step *= LARGEST_TURN / np.maximum(np.abs(step).max(axis=-1, keepdims=True), LARGEST_TURN)
+        turning = self._rotations[:, : self._turning]
+        turning @= exponential(step.reshape(self.count, self._turning, 3))
+        self._apart = norm(pose.positions - published.pose.positions.take(self._chains, axis=0)).max(axis=-1)
 
     def _compare(self, gain: np.ndarray) -> None:
         self._age += 1
-        counted = self._age - COUNTED_FROM
-        share = np.where(counted > 0, 1 / np.minimum(np.maximum(counted, 1), MEMORY), 0.0)
-        self._advantage += share * (gain - self._advantage)
+        self._advantage += SHARES.take(self._age, mode="clip") * (gain - self._advantage)
 
     def exchange(self, published: Hypotheses) -> BodyState | None:
         """The published state with a limb that explains more, or None.
@@ -119,12 +136,12 @@ class LimbSearch:
         if not self.count:
             return None
         ripe, other = self._age >= OLD_ENOUGH, self._apart > ALIKE
-        best = int(np.argmax(np.where(ripe & other, self._advantage, -np.inf)))
+        best = int(np.where(ripe & other, self._advantage, -np.inf).argmax())
         if ripe[best] and other[best] and self._advantage[best] > MARGIN:
             return self._exchanged(best, published.state)
         done = (self._age >= GIVEN_UP_FROM) & (~other | (self._advantage < HOPELESS))
         if done.any():
-            self._renew(int(np.argmax(np.where(done, self._age, 0.0))), published)
+            self._renew(int((done * self._age).argmax()), published)
         return None
 
     def _exchanged(self, best: int, state: BodyState) -> BodyState:
@@ -145,56 +162,39 @@ class LimbSearch:
         return BodyState(rotations, state.translation)
 
     def _renew(self, explanation: int, published: Hypotheses) -> None:
-        mirrored = self._mirroring.mirrored(published.state, explanation, published.pose)
-        self._rotations[explanation] = mirrored.rotations[self._chains[explanation]]
-        self._age[explanation] = self._advantage[explanation] = 0.0
+        self._rotations[explanation] = self._mirroring.limb(published.state, explanation, published.pose)
+        self._age[explanation], self._advantage[explanation] = 0, 0.0
 
     def _posed(self, published: Hypotheses) -> BodyPose:
         """Orientations (h, 3, 3, 3) and positions (h, 3, 3) of the chains' joints, landmarks (h, c, 3)."""
-        pose, chains, rotations = published.pose, self._chains, self._rotations
-        root, bones = chains[:, 0], self._kinematics.skeleton.offsets[chains][..., None]
-        orientations, positions = np.empty(rotations.shape), np.empty(chains.shape + (3,))
-        orientation = pose.orientations[root] @ np.swapaxes(published.state.rotations[root], -1, -2)
-        positions[:, 0] = pose.positions[root]
+        pose, rotations = published.pose, self._rotations
+        there, centres = pose.orientations.take(self._chains, axis=0), pose.positions.take(self._chains, axis=0)
+        orientation = there[:, 0] @ published.state.rotations.take(self._chains[:, 0], axis=0).swapaxes(-1, -2)
+        orientations = np.empty(rotations.shape)
         for joint in range(3):
-            if joint:
-                positions[:, joint] = positions[:, joint - 1] + (orientation @ bones[:, joint])[..., 0]
             orientation = orientations[:, joint] = orientation @ rotations[:, joint]
-        # The landmarks stay, as they are published, in the frame of the joint that carries them.
-        away = pose.landmarks[self._landmarks] - pose.positions[self._carrying_joint]
-        turn = orientations[self._explanation, self._carrier] @ np.swapaxes(
-            pose.orientations[self._carrying_joint], -1, -2
-        )
-        landmarks = positions[self._explanation, self._carrier] + (turn @ away[..., None])[..., 0]
-        return BodyPose(orientations, positions, landmarks)
+        # What is fixed to a joint turns with it: the bone to the next one, the way to a landmark.
+        vectors = np.empty(self._turned_by.shape + (3, 1))
+        np.subtract(centres[:, 1:], centres[:, :-1], out=vectors[:, :2, :, 0])
+        landmarks, carriers = pose.landmarks.take(self._landmarks, axis=0), pose.positions.take(self._carriers, axis=0)
+        np.subtract(landmarks, carriers, out=vectors[:, 2:, :, 0])
+        turns = (orientations @ there.swapaxes(-1, -2)).reshape(-1, 3, 3).take(self._turned_by, axis=0)
+        places = self._sums @ (turns @ vectors)[..., 0]
+        places += centres[:, :1]
+        return BodyPose(orientations, places[:, :3], places[:, 3:])
 
     def _image_rows(
         self, pose: BodyPose, points: np.ndarray, weights: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The image's columns (h, 3 t, 2 c) as rows, right sides (h, 2 c), and robust cost (h,)."""
         places, F = project_with_jacobian(pose.landmarks)
-        error = points[self._landmarks] - places
-        weight = weights[self._landmarks] * self._real
+        error = points.take(self._landmarks, axis=0) - places
+        weight = weights.take(self._landmarks) * self._real
         size = norm(error) * weight
         weight = weight * np.sqrt(capped_weights(size))
         F *= weight[..., None, None]
         error *= weight[..., None]
-        orientations, positions = pose.orientations[:, : self._turning], pose.positions[:, : self._turning]
-        levers = hat(positions[:, None] - pose.landmarks[:, :, None])
-        columns = (F[:, :, None] @ levers @ orientations[:, None]) * self._reach  # (h, c, t, 2, 3)
-        columns = columns.transpose(0, 2, 4, 1, 3).reshape(self.count, 3 * self._turning, -1)
+        turning = twists(pose, pose.orientations)[:, : 3 * self._turning]
+        columns = turning @ wrenches(pose, F.reshape(self.count, -1, 3)).swapaxes(-1, -2)
+        columns *= self._reach
         return columns, error.reshape(self.count, -1), capped_cost(size).sum(axis=-1)
-
-    def _prior_rows(self, published: Hypotheses) -> tuple[np.ndarray, np.ndarray]:
-        """The prior's columns (h, 3 t, k + m) as rows and right sides (h, k + m), other joints as published."""
-        theta = np.repeat(published.posture.theta[None], self.count, axis=0)
-        own, known = theta[self._explanation, self._places], self._known[..., None]
-        theta[self._explanation, self._places] = np.where(known, logarithm(self._rotations[:, : self._turning]), own)
-        columns, z = self._prior.columns_of(theta, self._places)
-        columns *= known[..., None]
-        return columns.reshape(self.count, 3 * self._turning, -1), z
-
-    def _published_cost(self, published: Hypotheses, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """(h,) of each explanation's limb as it is published, by the same terms."""
-        size = norm(points - project(published.pose.landmarks)) * weights
-        return self._carries @ capped_cost(size) + 0.5 * squared_norm(published.posture.residual)

@@ -6,10 +6,11 @@ the image (weak perspective) and its component along the line of sight changes s
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from lassokin_ros.core.kinematics import BodyPose, BodyState, Kinematics
-from lassokin_ros.core.rotations import least_turn
 
 LIMBS = (
     ("left_shoulder", "left_elbow", "left_wrist"),
@@ -39,10 +40,11 @@ class Mirroring:
         ]
         """Both legs mirrored alike, in each of the ways: two of `variants`. Somebody who squats bends both."""
 
-    def both(self, state: BodyState, pair: tuple[int, int]) -> BodyState:
-        """The state with one of `pairs` mirrored."""
+    def both(self, state: BodyState, pair: tuple[int, int], pose: BodyPose | None = None) -> BodyState:
+        """The state with one of `pairs` mirrored; pose: the state's, where it is known."""
         one, other = pair
-        return self.mirrored(self.mirrored(state, one), other)
+        pose = pose or self._kinematics.pose(state)
+        return self.mirrored(self.mirrored(state, one, pose), other, pose)  # neither leg carries the other
 
     def all(self, state: BodyState) -> BodyState:
         """The state with each of `variants` mirrored, (v, n, 3, 3) and (v, 3)."""
@@ -54,16 +56,42 @@ class Mirroring:
 
     def mirrored(self, state: BodyState, variant: int, pose: BodyPose | None = None) -> BodyState:
         """The state with one of `variants` mirrored; pose: the state's, where it is known."""
-        chain, bones = self.variants[variant]
+        chain, _ = self.variants[variant]
         rotations = state.rotations.copy()
-        pose = pose or self._kinematics.pose(state)
-        sight = pose.positions[chain[0]] / np.linalg.norm(pose.positions[chain[0]])
-        mirror = np.eye(3) - 2 * np.outer(sight, sight)
-        parent = pose.orientations[chain[0]] @ rotations[chain[0]].T
-        for joint, child, other_side in zip(chain, chain[1:], bones):
-            orientation = parent @ rotations[joint]
-            there = pose.positions[child] - pose.positions[joint]
-            bone = orientation @ self._kinematics.skeleton.offsets[child]
-            rotations[joint] = parent.T @ least_turn(bone, mirror @ there if other_side else there) @ orientation
-            parent = parent @ rotations[joint]
+        rotations[chain] = self.limb(state, variant, pose or self._kinematics.pose(state))
         return BodyState(rotations, state.translation)
+
+    def limb(self, state: BodyState, variant: int, pose: BodyPose) -> np.ndarray:
+        """(3, 3, 3) local rotations of the chain of one of `variants`, mirrored; pose: the state's."""
+        chain, (inner, outer) = self.variants[variant]
+        rotations, offsets = state.rotations.take(chain, axis=0), self._kinematics.skeleton.offsets
+        first, second, _ = rotations
+        bone, next_bone = offsets[chain[1]], offsets[chain[2]]
+        # All in the frame of the limb's parent, in which its first joint turns.
+        root = pose.positions[chain[0]]
+        sight = first @ (root @ pose.orientations[chain[0]]) / math.sqrt(root @ root)
+        there, next_there = first @ bone, first @ (second @ next_bone)
+        if inner:
+            rotations[0] = redirected(first, bone, there, mirrored_along(there, sight))
+        if outer:
+            next_there = mirrored_along(next_there, sight)
+        rotations[1] = redirected(second, next_bone, second @ next_bone, next_there @ rotations[0])
+        return rotations
+
+
+def mirrored_along(vector: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """A vector (3,) with its component along a unit vector (3,) turned round."""
+    return vector - (2 * (vector @ direction)) * direction
+
+
+def redirected(rotation: np.ndarray, bone: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """T R, T the least turn from a = R bone to b; rotation R (3, 3), the others (3,) and of one length.
+
+    T is the half turn about a, then that about a + b; a half turn about v is 2 v v^T / v^2 - I. Where b is opposite to
+    a, any axis across will do for the second one.
+    """
+    squared, axis = bone @ bone, a + b
+    if axis @ axis <= 1e-20 * squared:
+        axis = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
+    half = a[:, None] * (bone * (2 / squared)) - rotation
+    return axis[:, None] * (axis @ half * (2 / (axis @ axis))) - half

@@ -51,13 +51,16 @@ class PointFilter:
         """Forget all tracks."""
         count = self._count
         self._stamp = -np.inf
-        self._position, self._velocity = np.zeros((count, 2)), np.zeros((count, 2))
-        self._covariance = np.zeros((3, count))  # position, position-velocity, velocity; the same for x and y
+        self._course = np.zeros((2, count, 2))
+        self._position, self._velocity = self._course  # views, all changed in place
+        self._spread = np.zeros((4, count))
+        self._covariance = self._spread[:3]  # position, position-velocity, velocity; the same for x and y
+        self._liveliness = self._spread[3]  # 1 is typical: a factor on the acceleration's variance
+        self._liveliness[:] = 1.0
         self._known = np.zeros(count, dtype=bool)
         self._off = np.zeros(count)
         self._unseen = np.zeros(count)
         self._swapped = np.zeros(count)
-        self._liveliness = np.ones(count)
         self._weights = np.zeros(count)
 
     def update(
@@ -82,7 +85,7 @@ class PointFilter:
         else:
             self._swapped[:] = 0.0  # it is the time of one swap, not of all
         off = seen & self._known & (surprise > GATE * GATE)
-        self._off = np.where(off, self._off + 1, 0)
+        self._off = (self._off + 1) * off
         anew = seen & (~self._known | (self._off >= CONVINCED_AFTER))
         used = seen & self._known & ~off
         self._correct(used, innovation, spread, surprise)
@@ -123,27 +126,28 @@ class PointFilter:
         return points[order], variance[order], seen[order]
 
     def _predict(self, step: float, acceleration: float) -> None:
-        transition = np.array([[1.0, 2 * step, step**2], [0.0, 1.0, step], [0.0, 0.0, 1.0]])
-        noise = acceleration**2 * np.array([[step**4 / 4], [step**3 / 2], [step**2]])
-        self._position = self._position + step * self._velocity
-        self._covariance = transition @ self._covariance + noise * self._liveliness
+        noise = (acceleration * step) ** 2  # of the velocity
+        transition = np.array([
+            [1.0, 2 * step, step * step, noise * step * step / 4],
+            [0.0, 1.0, step, noise * step / 2],
+            [0.0, 0.0, 1.0, noise],
+        ])  # fmt: skip
+        self._position += step * self._velocity
+        self._covariance[:] = transition @ self._spread
 
     def _correct(self, used: np.ndarray, innovation: np.ndarray, spread: np.ndarray, surprise: np.ndarray) -> None:
         gains = np.where(used, self._covariance[:2] / spread, 0.0)
-        gain, velocity_gain = gains
-        self._position = self._position + gain[:, None] * innovation
-        self._velocity = self._velocity + velocity_gain[:, None] * innovation
-        self._covariance = self._covariance - gains.take(_GAIN_OF, axis=0) * self._covariance.take(_ENTRY_OF, axis=0)
+        self._course += gains[:, :, None] * innovation
+        self._covariance -= gains.take(_GAIN_OF, axis=0) * self._covariance.take(_ENTRY_OF, axis=0)
         livelier = self._liveliness * (1 + ADAPTION * (np.minimum(surprise, 25.0) - 1))
-        self._liveliness = np.where(used, np.minimum(np.maximum(livelier, 0.02), 30.0), self._liveliness)
+        np.copyto(self._liveliness, np.minimum(np.maximum(livelier, 0.02), 30.0), where=used)
 
     def _start(self, anew: np.ndarray, points: np.ndarray, variance: np.ndarray) -> None:
-        self._position = np.where(anew[:, None], points, self._position)
-        self._velocity = np.where(anew[:, None], 0.0, self._velocity)
-        fresh = np.stack([variance, np.zeros(self._count), np.full(self._count, FIRST_VELOCITY**2)])
-        self._covariance = np.where(anew, fresh, self._covariance)
-        self._liveliness = np.where(anew, 1.0, self._liveliness)
-        self._off = np.where(anew, 0, self._off)
+        self._position[anew], self._velocity[anew] = points[anew], 0.0
+        self._covariance[:, anew] = 0.0
+        self._covariance[0, anew], self._covariance[2, anew] = variance[anew], FIRST_VELOCITY**2
+        self._liveliness[anew] = 1.0
+        self._off[anew] = 0.0
 
 
 def _other_side(name: str) -> str:

@@ -113,30 +113,32 @@ class PriorRows:
         marginal = prior.covariance[np.ix_(chosen, chosen)]
         #: (k, k) upper triangular, W of the module's text.
         self.W = np.linalg.cholesky(np.linalg.inv(marginal)).T
-        self._limits(kinematics)
-        rows = np.concatenate([self.W, self._limit_axes / LIMIT_SPREAD])
+        self._take_limits(kinematics)
+        rows = np.concatenate([self.W, self.limits])
         self._rows_transposed = np.ascontiguousarray(rows.T)
-        self._whitened_mean = self.W @ self._mean.reshape(-1)
+        #: (k,), W mean.
+        self.whitened_mean = self.W @ self._mean.reshape(-1)
         self._columns_by_joint = self._rows_transposed.reshape(len(self.joints), 3, len(rows))
         #: Its degrees of freedom are the live ones from this on: those before are the root's.
         self.first = int(np.count_nonzero(live[root]))
         self._live = np.flatnonzero(live[self.joints].reshape(-1))
 
-    def _limits(self, kinematics: Kinematics) -> None:
-        """Rows (m, 3 joints) of unit axes, and ranges (m,) in `LIMIT_SPREAD`, of the limits that count here."""
+    def _take_limits(self, kinematics: Kinematics) -> None:
+        """Rows `limits` (m, 3 joints) and ranges `low`, `high` (m,), in `LIMIT_SPREAD`, of those that count here."""
         names = [kinematics.skeleton.joint_names[joint] for joint in self.joints]
         limits = [limit for limit in joint_limits() if limit.joint in names]
-        self._limit_axes = np.zeros((len(limits), 3 * len(names)))
-        for row, limit in zip(self._limit_axes, limits):
+        self.limits = np.zeros((len(limits), 3 * len(names)))
+        for row, limit in zip(self.limits, limits):
             place = 3 * names.index(limit.joint)
             row[place : place + 3] = limit.axis
-        self._low = np.array([limit.low for limit in limits]) / LIMIT_SPREAD
-        self._high = np.array([limit.high for limit in limits]) / LIMIT_SPREAD
+        self.limits /= LIMIT_SPREAD
+        self.low = np.array([limit.low for limit in limits]) / LIMIT_SPREAD
+        self.high = np.array([limit.high for limit in limits]) / LIMIT_SPREAD
 
     @property
     def count(self) -> int:
         """Number of rows, the prior's and the limits'."""
-        return len(self.W) + len(self._low)
+        return len(self.W) + len(self.low)
 
     def posture(self, rotations: np.ndarray) -> Posture:
         """What rows and cost of a posture are made of; rotations: (..., n, 3, 3)."""
@@ -152,7 +154,7 @@ class PriorRows:
         posture = self.posture(rotations)
         columns, z = self._columns(posture, None), posture.residual
         A = np.zeros((*z.shape, self._n, 3))
-        A[..., self.joints, :] = np.swapaxes(columns, -1, -2).reshape(*z.shape, len(self.joints), 3)
+        A[..., self.joints, :] = columns.swapaxes(-1, -2).reshape(*z.shape, len(self.joints), 3)
         return A.reshape(*z.shape, 3 * self._n), z
 
     def live_columns(self, posture: Posture, turn: np.ndarray | None = None) -> np.ndarray:
@@ -163,17 +165,6 @@ class PriorRows:
         """
         return self._columns(posture, turn).take(self._live, axis=-2)
 
-    def columns_of(self, theta: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of h postures theta (h, joints, 3) the columns (h, c, 3, k + m) of some joints, and right sides (h, k + m).
-
-        places: (h, c), which of the prior's joints.
-        """
-        z = self._right_side(theta)
-        inner = right_jacobian_inverse(theta[np.arange(len(theta))[:, None], places])
-        columns = np.swapaxes(inner, -1, -2) @ self._columns_by_joint[places]
-        columns[..., len(self.W) :] *= (z[:, len(self.W) :] != 0)[:, None, None, :]
-        return columns, z
-
     def _columns(self, posture: Posture, turn: np.ndarray | None) -> np.ndarray:
         """(..., 3 joints, k + m), the columns of A as rows, in which order no product needs a copy.
 
@@ -183,13 +174,14 @@ class PriorRows:
         inner = right_jacobian_inverse(theta)
         if turn is not None:
             inner = inner @ turn.take(self.joints, axis=-3)
-        columns = (np.swapaxes(inner, -1, -2) @ self._columns_by_joint).reshape(*theta.shape[:-2], -1, self.count)
-        columns[..., len(self.W) :] *= (z[..., len(self.W) :] != 0)[..., None, :]
+        columns = (inner.swapaxes(-1, -2) @ self._columns_by_joint).reshape(*theta.shape[:-2], -1, self.count)
+        gaussian = len(self.W)
+        np.copyto(columns[..., gaussian:], 0.0, where=z[..., None, gaussian:] == 0)
         return columns
 
     def _right_side(self, theta: np.ndarray) -> np.ndarray:
         z: np.ndarray = theta.reshape(*theta.shape[:-2], -1) @ self._rows_transposed
         gaussian, place = z[..., : len(self.W)], z[..., len(self.W) :]
-        np.subtract(self._whitened_mean, gaussian, out=gaussian)
-        np.subtract(np.minimum(np.maximum(place, self._low), self._high), place, out=place)
+        np.subtract(self.whitened_mean, gaussian, out=gaussian)
+        np.subtract(np.minimum(np.maximum(place, self.low), self.high), place, out=place)
         return z

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 THRESHOLD = 3.0
@@ -10,8 +12,14 @@ THRESHOLD = 3.0
 
 def squared_norm(errors: np.ndarray) -> np.ndarray:
     """Squared lengths (...) of vectors (..., d)."""
-    squares: np.ndarray = (errors * errors) @ np.ones(errors.shape[-1])
+    squares: np.ndarray = (errors * errors) @ _ones(errors.shape[-1])
     return squares
+
+
+@cache
+def _ones(count: int) -> np.ndarray:
+    """A product with them takes half the time of a sum here, and making them as long as the product."""
+    return np.ones(count)
 
 
 def norm(errors: np.ndarray) -> np.ndarray:
@@ -21,7 +29,7 @@ def norm(errors: np.ndarray) -> np.ndarray:
 
 def huber_weights(size: np.ndarray, threshold: float = THRESHOLD) -> np.ndarray:
     """Factor on the squared error that makes least squares minimise Huber's loss, in (0, 1]."""
-    return np.minimum(1.0, threshold / np.maximum(size, threshold))
+    return threshold / np.maximum(size, threshold)
 
 
 def huber_cost(size: np.ndarray, threshold: float = THRESHOLD) -> np.ndarray:

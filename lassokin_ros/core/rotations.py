@@ -37,6 +37,11 @@ _PRODUCTS = np.array([
 _UNIT = np.array([1.0, 1, 1, 1, 0, 0, 0, 0, 0, 0])
 #: (4, 4): where the rows of q q^T, q = x y z w, stand among those products.
 _ROWS = np.array([[0, 4, 6, 8], [4, 1, 5, 9], [6, 5, 2, 7], [8, 9, 7, 3]])
+#: (16, 9): of p p^T, p = (2 v, w) of a unit quaternion (v, w), the matrix (w^2 - v^2) I + 2 v v^T + 2 w hat(v).
+_MATRIX_OF_PRODUCTS = np.zeros((16, 9))
+_MATRIX_OF_PRODUCTS[::5] = np.outer([-0.25, -0.25, -0.25, 1], np.eye(3))
+_MATRIX_OF_PRODUCTS[[0, 1, 2, 4, 5, 6, 8, 9, 10]] += 0.5 * np.eye(9)
+_MATRIX_OF_PRODUCTS[3:12:4] = _HAT
 _ONES = np.ones(3)  # a product with it costs half of sum(axis=-1) on arrays this small
 _ONE_AND_A_HALF = 1.5 * np.eye(3)
 
@@ -58,9 +63,9 @@ def _angles(vectors: Array) -> tuple[Array, Array]:
 
 
 def _combined(vectors: Array, identity: Array, skew: Array, outer: Array) -> Array:
-    """identity * I + skew * hat(v) + outer * v v^T: what every function of hat(v) is; factors (...) -> (..., 3, 3)."""
+    """identity * I + hat(skew) + outer * v v^T, vectors v and skew (..., 3), factors (...) -> (..., 3, 3)."""
     factors = np.empty(vectors.shape[:-1] + (4,))
-    np.multiply(vectors, skew[..., None], out=factors[..., :3])
+    factors[..., :3] = skew
     factors[..., 3] = identity
     result: Array = (factors @ _HAT_AND_IDENTITY).reshape(vectors.shape + (3,))
     result += (vectors * outer[..., None])[..., :, None] * vectors[..., None, :]
@@ -68,11 +73,14 @@ def _combined(vectors: Array, identity: Array, skew: Array, outer: Array) -> Arr
 
 
 def exponential(vectors: Array) -> Array:
-    """Rotation matrices of rotation vectors (Rodrigues): (..., 3) in rad -> (..., 3, 3)."""
-    t, _ = _angles(vectors)
-    sine, cosine = np.sin(0.5 * t), np.cos(0.5 * t)
-    ratio = 2 * sine / t
-    return _combined(vectors, 1 - 2 * sine * sine, ratio * cosine, 0.5 * ratio * ratio)
+    """Rotation matrices of rotation vectors (Rodrigues), by unit quaternions: (..., 3) in rad -> (..., 3, 3)."""
+    half = 0.5 * _angles(vectors)[0]
+    quaternion = np.empty(vectors.shape[:-1] + (4,))  # its vector twice
+    np.multiply(vectors, (np.sin(half) / half)[..., None], out=quaternion[..., :3])
+    np.cos(half, out=quaternion[..., 3])
+    products = quaternion[..., :, None] * quaternion[..., None, :]
+    result: Array = products.reshape(vectors.shape[:-1] + (16,)) @ _MATRIX_OF_PRODUCTS
+    return result.reshape(vectors.shape + (3,))
 
 
 def right_jacobian(vectors: Array) -> Array:
@@ -80,14 +88,15 @@ def right_jacobian(vectors: Array) -> Array:
     t, squared = _angles(vectors)
     ratio = 2 * np.sin(0.5 * t) / t
     sinc = ratio * np.cos(0.5 * t)
-    return _combined(vectors, sinc, -0.5 * ratio * ratio, (1 - sinc) / squared)
+    return _combined(vectors, sinc, vectors * (-0.5 * ratio * ratio)[..., None], (1 - sinc) / squared)
 
 
 def right_jacobian_inverse(vectors: Array) -> Array:
     """J_r(v)^-1, so that log(R exp(dw)) = log(R) + J_r(log R)^-1 dw: (..., 3) -> (..., 3, 3), |v| < 2 pi."""
     t, squared = _angles(vectors)
-    cotangent = 0.5 * t / np.tan(0.5 * t)
-    return _combined(vectors, cotangent, np.full(t.shape, 0.5), (1 - cotangent) / squared)
+    half = 0.5 * t
+    cotangent = half / np.tan(half)
+    return _combined(vectors, cotangent, 0.5 * vectors, (1 - cotangent) / squared)
 
 
 def logarithm(matrices: Array) -> Array:
@@ -126,7 +135,7 @@ def to_quaternion(matrices: Array) -> Array:
 
 def orthonormalised(matrices: Array) -> Array:
     """One Newton step towards the nearest rotation, R (3 I - R^T R) / 2: enough for rounding drift, (..., 3, 3)."""
-    gram = np.swapaxes(matrices, -1, -2) @ matrices
+    gram = matrices.swapaxes(-1, -2) @ matrices
     return matrices @ (_ONE_AND_A_HALF - 0.5 * gram)
 
 

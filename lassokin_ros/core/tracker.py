@@ -248,7 +248,7 @@ class Tracker:
     def _search_limbs(self, points: np.ndarray, weights: np.ndarray) -> None:
         """Let a limb's other explanation follow, if it has become better than the one that is published."""
         published = self._challengers.published
-        self._limbs.advance(published, points, weights)
+        self._limbs.advance(published, points, weights, self._challengers.image_costs)
         self._successor = self._limbs.exchange(published)
         if self._successor is not None:
             self._challengers.replace_published(self._successor)

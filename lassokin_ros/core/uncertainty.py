@@ -63,7 +63,7 @@ class UncertaintyModel:
         seen, _ = lapack.dtrtrs(factor, J.take(self._live, axis=1).T, lower=1)  # J H^-1 J^T = seen^T seen
         unseen = J.take(self._dead, axis=1) * self._dead_deviation
         spread = np.concatenate([seen.T, unseen], axis=1).reshape(n, 3, -1)
-        covariance = spread @ np.swapaxes(spread, -1, -2)
+        covariance = spread @ spread.swapaxes(-1, -2)
         size = np.trace(covariance, axis1=-2, axis2=-1) / LARGEST**2
         covariance *= (FACTOR**2 / (1 + size))[:, None, None]
         return JointUncertainty(covariance)
@@ -77,7 +77,7 @@ def position_jacobian(kinematics: Kinematics, pose: BodyPose, root: int) -> np.n
     n = kinematics.joint_count
     places = pose.positions - pose.positions[root]
     # w x p as one product: rows p, columns by component of the result, joint and axis w.
-    turn = hat(np.swapaxes(pose.orientations, -1, -2)).transpose(3, 2, 0, 1)
+    turn = hat(pose.orientations.swapaxes(-1, -2)).transpose(3, 2, 0, 1)
     carried = places @ turn.reshape(3, -1)
     own = np.arange(n)
     of_own_place = carried.reshape(n, 3, n, 3)[own, :, own].swapaxes(0, 1)  # what a joint's turn leaves where it is

@@ -7,6 +7,8 @@ no lasting error. Its weight falls off for large leans, in the manner of Cauchy'
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from lassokin_ros.core.robust import squared_norm
@@ -15,6 +17,8 @@ SPREAD = 0.12
 """rad: standard deviation of the lean."""
 LEARNED_IN = 5.0
 """s: time constant with which the vertical follows the tracked person's."""
+
+_ACROSS = np.array([1.0, 0.0, -1.0])  # of [e_z, e_y, e_x], what turns the vertical
 
 
 class Upright:
@@ -34,7 +38,7 @@ class Upright:
         up = root[:, 1]
         if up @ self.vertical > 0.5:
             moved = self.vertical + min(step / LEARNED_IN, 1.0) * (up - self.vertical)
-            self.vertical = moved / np.linalg.norm(moved)
+            self.vertical = moved / math.sqrt(moved @ moved)
 
     def linearise(self, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(A, z): rows (..., 3, 3) for the root's increment and right sides (..., 3), in standard deviations.
@@ -43,9 +47,7 @@ class Upright:
         """
         lean = root[..., :, 1] - self.vertical
         weight = 1 / np.sqrt(SPREAD**2 + 0.25 * squared_norm(lean))[..., None]
-        rows = np.zeros(root.shape)
-        rows[..., 0], rows[..., 2] = weight * root[..., :, 2], -weight * root[..., :, 0]
-        return rows, -weight * lean
+        return root[..., ::-1] * (weight * _ACROSS)[..., None, :], -weight * lean
 
     def cost(self, root: np.ndarray) -> np.ndarray:
         """(...,) what the rows' weights are the derivative of: 2 log(1 + lean^2 / (2 SPREAD)^2); root (..., 3, 3)."""

@@ -1,0 +1,123 @@
+"""The lasso's exact solution from a support that is nearly right, and what the support is likely to be.
+
+With the translation eliminated, H = A^T M A and g = A^T M z (see `lasso.Reduced`), Omega minimises
+
+    1/2 Omega^T H Omega - g^T Omega + sum_k alpha_k |Omega_k|.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import lapack
+
+NEGLIGIBLE = 0.4
+"""Share of the guess' mean penalty below which a degree of freedom's is taken for 0. With it the support has about 7
+signs wrong of 44 where the last frame's has 14, at any frame rate and noise tried."""
+
+ENTERING_TOGETHER = 0.3
+"""Share of the worst violation of KKT-2 from which others enter the support with it."""
+
+ALONE_FROM = 12
+"""Active-set step from which only the worst one enters."""
+
+
+def predicted(H: np.ndarray, g: np.ndarray, alpha: np.ndarray, guess: np.ndarray) -> np.ndarray:
+    """(n,) about the solution, from a guess (n,) such as the last frame's: a first support for `mend`.
+
+    One step of reweighted least squares (Daubechies, DeVore, Fornasier, Gunturk 2010): alpha |Omega| goes over into
+    alpha Omega^2 / (2 |guess| + 2 s), and what that leaves below s is 0.
+    """
+    size = np.abs(guess)
+    penalty = float(alpha @ size)
+    if not 0 < penalty < np.inf:
+        return guess
+    smallest = NEGLIGIBLE * penalty / len(alpha) / alpha
+    weighted = H.copy()
+    weighted.reshape(-1)[:: len(H) + 1] += alpha / (size + smallest)
+    _, omega, failed = lapack.dposv(weighted.T, g, overwrite_a=1)
+    return guess if failed else np.where(np.abs(omega) > smallest, omega, 0.0)
+
+
+def mend(H: np.ndarray, g: np.ndarray, alpha: np.ndarray, omega: np.ndarray, steps: int) -> np.ndarray | None:
+    """The exact solution on a support near `omega`'s, or None when none is found in a few steps.
+
+    On the support V with signs S, KKT-1 is linear: H_VV Omega_V = g_V - alpha_V S. When the answer contradicts the
+    signs or KKT-2, those members leave V and violators enter, as in block principal pivoting (Portugal, Judice,
+    Vicente 1994): the large ones at once, which takes half the steps; late, only the worst, which does not cycle.
+    """
+    size = np.abs(omega)
+    signs = np.sign(omega)
+    largest = size[size.argmax()]  # a quarter of what max() costs here; NaN when there is one
+    if not np.isfinite(largest):
+        return None
+    signs[size < 1e-7 * largest] = 0.0
+    bound = alpha * (1 + 1e-10)
+    for step in range(steps):
+        support = signs.nonzero()[0]
+        rows = H.take(support, axis=0)
+        values, factor, failed = _solve_on(rows, support, (g - alpha * signs).take(support))
+        if failed or (step == 0 and _nearly_singular(factor)):
+            if step > 0:
+                return None
+            signs = np.sign(_purified(H, alpha, np.where(signs != 0, omega, 0.0)))
+            continue
+        correlation = g - values @ rows
+        excess = np.abs(correlation) - bound
+        excess[support] = 0.0
+        worst = excess[excess.argmax()]
+        contradicted = support[values * signs.take(support) < 0]
+        if worst <= 0 and contradicted.size == 0:
+            if _nearly_singular(factor):
+                return None
+            solution = np.zeros(len(g))
+            solution[support] = values
+            return solution
+        signs[contradicted] = 0.0
+        if worst > 0:
+            entering = (excess >= (ENTERING_TOGETHER * worst if step < ALONE_FROM else worst)).nonzero()[0]
+            signs[entering] = np.sign(correlation.take(entering))
+    return None
+
+
+def _solve_on(rows: np.ndarray, support: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool]:
+    """(Omega_V, the Cholesky factor, whether there is none); rows: (v, n), H's of the support."""
+    if len(support) == 0:
+        return right, np.ones((1, 1)), False
+    # Two takes are quicker than np.ix_; the transposed view of a symmetric matrix is what LAPACK works on in place.
+    factor, values, failed = lapack.dposv(rows.take(support, axis=1).T, right, overwrite_a=1)
+    return values, factor, bool(failed)
+
+
+def _nearly_singular(factor: np.ndarray) -> bool:
+    diagonal = factor.diagonal()
+    return bool(diagonal[diagonal.argmin()] < 1e-6 * diagonal[diagonal.argmax()])
+
+
+def _factor_fails(H: np.ndarray, support: np.ndarray) -> bool:
+    """True where the columns of the support are (nearly) dependent."""
+    if len(support) == 0:
+        return False
+    factor, failed = lapack.dpotrf(H[np.ix_(support, support)])
+    return bool(failed) or _nearly_singular(factor)
+
+
+def _purified(H: np.ndarray, alpha: np.ndarray, omega: np.ndarray) -> np.ndarray:
+    """An equally good Omega whose columns are independent: where columns are alike, the lasso has many minimisers.
+
+    Moving along a null vector of the support's columns changes neither the residual nor, at a minimiser, the
+    penalty; each move goes on until a degree of freedom becomes 0 and leaves the support.
+    """
+    omega = omega.copy()
+    while True:
+        support = np.flatnonzero(omega)
+        if not _factor_fails(H, support):
+            return omega
+        null = np.linalg.eigh(H[np.ix_(support, support)])[1][:, 0]
+        if (alpha[support] * np.sign(omega[support])) @ null > 0:
+            null = -null
+        steps = np.where(null * omega[support] < 0, -omega[support] / np.where(null == 0, 1, null), np.inf)
+        first = int(np.argmin(steps))
+        if not np.isfinite(steps[first]):
+            return omega
+        omega[support] += steps[first] * null
+        omega[support[first]] = 0.0
