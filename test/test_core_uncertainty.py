@@ -10,7 +10,7 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Observation
 from lassokin_ros.core.projection import project
 from lassokin_ros.core.tracker import Tracker
-from lassokin_ros.core.uncertainty import position_jacobian
+from lassokin_ros.core.uncertainty import PositionJacobian
 from lassokin_ros.synthetic import motion
 
 FOCAL, RATE = 1000.0, 30.0
@@ -38,8 +38,12 @@ def test_jacobian_is_the_derivative_of_the_joints_about_the_root():
         positions = kinematics.pose(state.retract(omega, np.zeros(3))).positions
         return positions - positions[0]
 
-    expected = central_difference(relative, 72)
-    assert relative_error(position_jacobian(kinematics, kinematics.pose(state), 0), expected) < 1e-8
+    expected, pose = central_difference(relative, 72), kinematics.pose(state)
+    jacobian = PositionJacobian(kinematics, np.arange(72), np.ones(72)).at(pose)
+    assert relative_error(jacobian.reshape(72, 72), expected) < 1e-8
+    some, factors = random.permutation(72)[:50], random.uniform(1, 2, 50)
+    chosen = PositionJacobian(kinematics, some, factors).at(pose)
+    assert relative_error(chosen.reshape(72, 50), expected[:, some] * factors) < 1e-8
 
 
 def test_covariances_are_proper_and_the_pelvis_is_the_origin():
