@@ -86,12 +86,8 @@ class FrameMessages:
             topics.UNCERTAINTY_MARKERS: lambda t, f, frame, e: ellipsoids(
                 t, f, e.pose.positions, *principal_axes(frame.uncertainty.covariance)
             ),
-            topics.IMAGE_MARKERS: lambda t, f, frame, e: image(
-                t, f, frame.in_image(e.pose.positions), frame.detected, frame.reprojected
-            ),
-            topics.KEYPOINT_MARKERS: lambda t, f, frame, e: keypoints(
-                t, f, frame.lens.normalise(frame.detected), project(e.pose.landmarks)
-            ),
+            topics.IMAGE_MARKERS: lambda t, f, frame, _: image(t, f, *drawn(frame)),
+            topics.KEYPOINT_MARKERS: lambda t, f, frame, e: keypoints(t, f, frame.points, project(e.pose.landmarks)),
         }
         if tf:
             transform = fill(TransformBuilder(backend, f"body_{person}" if person else "body"))
@@ -115,6 +111,14 @@ def id_list(backend: Any, rep155: bool) -> Callable[[int, str, list[str]], Any]:
         return IdsListBuilder(backend).fill
     text = StringBuilder(backend)
     return lambda stamp_ns, frame_id, ids: text.fill(",".join(ids))
+
+
+def drawn(frame: Frame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """px: joints (n, 2), landmarks (l, 2) as detected, and as the skeleton has them. The lens is asked once for all."""
+    assert frame.estimate is not None and frame.estimate.pose is not None and frame.detected is not None
+    pose, n = frame.estimate.pose, len(frame.estimate.pose.positions)
+    pixels = frame.in_image(np.concatenate([pose.positions, pose.landmarks]))
+    return pixels[:n], frame.detected, pixels[n:]
 
 
 def principal_axes(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
