@@ -127,7 +127,7 @@ def principal_axes(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Along each axis one standard deviation.
     """
     variances, axes = np.linalg.eigh(covariance)
-    axes[np.linalg.det(axes) < 0, :, 0] *= -1
+    axes[:, :, 0] *= np.copysign(1.0, np.linalg.det(axes))[:, None]
     return to_quaternion(axes), np.sqrt(np.maximum(variances, 0.0))
 
 

@@ -20,6 +20,7 @@ LOCK = 1e-9
 """Cosine of the middle angle below which the first angle cannot be told from rounding."""
 
 _TURN = 2 * np.pi
+_OTHER_WAY = np.array([[1.0], [-1.0], [1.0]])  # the same rotation: the first and the last angle by pi more, pi - middle
 
 
 class JointAngleReader:
@@ -31,10 +32,9 @@ class JointAngleReader:
         i, j, k = order.T
         base = 9 * np.arange(len(order))
         # Places in the flat matrices of rows j and k, each with columns i, j, k; and of the entry (i, k).
-        self._rows = base + 3 * np.array([[j, j, j], [k, k, k]]) + np.array([i, j, k])
-        self._corner = base + 3 * i + k
+        self._entries = base + np.array([*(3 * j + [i, j, k]), *(3 * k + [i, j, k]), 3 * i + k])
         self._even = np.where((j - i) % 3 == 1, 1.0, -1.0)  # x y z and its cyclic shifts turn the same way round
-        self._to_xyz = 3 * np.arange(len(order))[:, None] + np.argsort(order, axis=1)
+        self._to_xyz = len(order) * np.argsort(order, axis=1) + np.arange(len(order))[:, None]
         self.reset()
 
     def reset(self) -> None:
@@ -52,28 +52,24 @@ class JointAngleReader:
 
         Of the two solutions and all their multiples of 2 pi it is the one nearest to the last call's, joint by joint.
         """
-        (row_j, row_k), corner = rotations.reshape(-1)[self._rows], rotations.reshape(-1)[self._corner]
-        cosine = np.hypot(row_j[2], row_k[2])
-        self._locked = cosine < LOCK
+        entries = rotations.take(self._entries)
+        row_j, row_k, corner = entries[:3], entries[3:6], entries[6]
+        self._locked = np.hypot(row_j[2], row_k[2]) < LOCK
         first = np.arctan2(-self._even * row_j[2], row_k[2])
         np.copyto(first, self._last[0], where=self._locked)
         # Undo the first turn: rows j and k of Rj(middle) Rk(last). Both angles are well conditioned from there on,
         # whatever rounding did to the first one near lock, because the last one absorbs it.
         sine_first, cosine_first = self._even * np.sin(first), np.cos(first)
         middle = np.arctan2(self._even * corner, cosine_first * row_k[2] - sine_first * row_j[2])
-        last = np.arctan2(
-            self._even * (cosine_first * row_j[0] + sine_first * row_k[0]),
-            cosine_first * row_j[1] + sine_first * row_k[1],
-        )
-        chosen = self._nearest(np.array([first, middle, last]))
-        self._last = chosen
-        return chosen.T.reshape(-1)[self._to_xyz]
+        below = cosine_first * row_j[:2] + sine_first * row_k[:2]
+        last = np.arctan2(self._even * below[0], below[1])
+        self._last = self._nearest(np.array([first, middle, last]))
+        return self._last.take(self._to_xyz)
 
     def _nearest(self, angles: np.ndarray) -> np.ndarray:
         """Of the two solutions (3, n), unwrapped, the one nearer to the last; at lock the given one."""
-        first, middle, last = angles
-        both = np.array([angles, [first + np.pi, np.pi - middle, last + np.pi]])
-        step = both - self._last
+        step = np.array([angles, angles * _OTHER_WAY + np.pi])
+        step -= self._last
         step -= _TURN * np.rint(step / _TURN)
         distance = np.add.reduce(step * step, axis=1)
         second = (distance[1] < distance[0]) & ~self._locked
