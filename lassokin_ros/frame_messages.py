@@ -152,8 +152,8 @@ def certificate_line(estimate: Estimate, name: str, hardware_id: str) -> StatusL
     problem, solution = estimate.problem, estimate.solution
     assert problem is not None and solution is not None
     certificate = solution.certificate
-    same = np.array_equal(solution.alpha, problem.alpha)  # as it nearly always is: what was solved is known already
-    used = problem if same else replace(problem, alpha=solution.alpha)
+    clamped = solution.alpha is not problem.alpha  # hardly ever: what was solved is known already
+    used = replace(problem, alpha=solution.alpha) if clamped else problem
     support = solution.support
     signs = np.sign(solution.omega[support])
     literal = theorem1_literal(used, solution.x, support, signs)

@@ -73,7 +73,8 @@ class Keypoints:
     def _present(self) -> np.ndarray:
         """(k,) bool: what is not missing."""
         with np.errstate(invalid="ignore"):
-            present: np.ndarray = (self.confidence > 0) & (np.abs(self.xy) <= LARGEST_PIXEL).all(axis=1)
+            near = np.abs(self.xy) <= LARGEST_PIXEL
+            present: np.ndarray = (self.confidence > 0) & near[:, 0] & near[:, 1]
         return present
 
     def _placed(self, places: np.ndarray, present: np.ndarray, count: int, rows: int) -> tuple[np.ndarray, np.ndarray]:

@@ -108,7 +108,7 @@ class LassoSolution:
     @property
     def support(self) -> np.ndarray:
         """Indices of the degrees of freedom that move, V in the seed."""
-        return np.flatnonzero(self.omega)
+        return self.omega.nonzero()[0]
 
 
 class LassoSolver:
@@ -132,7 +132,8 @@ class LassoSolver:
         ratio = float((np.abs(reduced.g) / problem.alpha).max())
         if ratio <= 1:
             return _finished(problem, reduced, problem.alpha, np.zeros(len(problem.alpha)), "zero", True)
-        alpha = problem.alpha * max(1.0, SMALLEST_ALPHA * ratio)
+        clamp = SMALLEST_ALPHA * ratio
+        alpha = problem.alpha * clamp if clamp > 1 else problem.alpha
         if guess is not None:
             mended = _mend(reduced, alpha, guess, GUESS_STEPS)
             if mended is not None:

@@ -29,6 +29,7 @@ LARGEST = 0.09
 WEAKEST = 1e-3
 """1/rad^2: information that every unknown is given, so that what nothing observes has a finite variance."""
 
+_IDENTITY = np.eye(3).reshape(9)
 #: (9, 3): a product with the axis w has in its rows, by component of p and of the result, the matrix of w x p.
 _TURNS = hat(np.eye(3)).transpose(2, 1, 0).reshape(9, 3)
 
@@ -42,7 +43,7 @@ class JointUncertainty:
     @property
     def deviation(self) -> np.ndarray:
         """(n,) m: how far each joint is off on average, relative to the pelvis; two thirds are nearer than that."""
-        return np.asarray(np.sqrt(np.trace(self.covariance, axis1=-2, axis2=-1)))
+        return np.sqrt(_trace(self.covariance))
 
 
 class UncertaintyModel:
@@ -60,14 +61,14 @@ class UncertaintyModel:
         spread = self._jacobian.at(pose)
         live = spread[:, :, : self._live_count]
         information = problem.reduced.H.copy()
-        information.flat[:: len(information) + 1] += WEAKEST
+        information.reshape(-1)[:: len(information) + 1] += WEAKEST
         # The transposed views are what LAPACK works on in place.
         factor, _ = lapack.dpotrf(information.T, lower=1, overwrite_a=1)
         right = live.reshape(-1, self._live_count).T
         seen, _ = lapack.dtrtrs(factor, right, lower=1, overwrite_b=1)  # J H^-1 J^T = seen^T seen
         live[:] = seen.T.reshape(live.shape)
         covariance = spread @ np.swapaxes(spread, -1, -2)
-        size = np.trace(covariance, axis1=-2, axis2=-1) / LARGEST**2
+        size = _trace(covariance) / LARGEST**2
         covariance *= (FACTOR**2 / (1 + size))[:, None, None]
         return JointUncertainty(covariance)
 
@@ -97,3 +98,9 @@ class PositionJacobian:
         jacobian = carried.reshape(len(places), 3, -1)
         jacobian *= self._carried
         return jacobian
+
+
+def _trace(matrices: np.ndarray) -> np.ndarray:
+    """Of (n, 3, 3): half the time of np.trace on as few."""
+    trace: np.ndarray = matrices.reshape(-1, 9) @ _IDENTITY
+    return trace
