@@ -12,7 +12,7 @@ from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.lasso import KKT_TOLERANCE
 from lassokin_ros.core.projection import project
 from lassokin_ros.core.recovery import theorem1_literal, theorem1_projected
-from lassokin_ros.core.rotations import to_quaternion
+from lassokin_ros.core.rotations import hat, to_quaternion
 from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.frame import Frame
 from lassokin_ros.urdf import joint_names
@@ -127,7 +127,7 @@ def principal_axes(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Along each axis one standard deviation.
     """
     variances, axes = np.linalg.eigh(covariance)
-    axes[:, :, 0] *= np.copysign(1.0, np.linalg.det(axes))[:, None]
+    axes[:, :, :1] = hat(axes[:, :, 1]) @ axes[:, :, 2:]  # the same axis, in the sense that makes them a rotation
     return to_quaternion(axes), np.sqrt(np.maximum(variances, 0.0))
 
 
