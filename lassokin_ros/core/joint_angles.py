@@ -31,16 +31,19 @@ class JointAngleReader:
         order = np.array([["xyz".index(axis) for axis in word] for word in axes], dtype=int).reshape(-1, 3)
         i, j, k = order.T
         base = 9 * np.arange(len(order))
-        # Places in the flat matrices of rows j and k, each with columns i, j, k; and of the entry (i, k).
-        self._entries = base + np.array([*(3 * j + [i, j, k]), *(3 * k + [i, j, k]), 3 * i + k])
-        self._even = np.where((j - i) % 3 == 1, 1.0, -1.0)  # x y z and its cyclic shifts turn the same way round
+        even = np.where((j - i) % 3 == 1, 1.0, -1.0)  # x y z and its cyclic shifts turn the same way round
+        one = np.ones(len(order))
+        # Of the matrices, in rows of n, the entries that are needed: of (row, column) its place, and its sign.
+        entries = [(k, k, one), (j, i, even), (j, j, one), (j, k, -even), (k, i, one), (k, j, even), (i, k, even)]
+        self._places = np.array([base + 3 * row + column for row, column, _ in entries])
+        self._signs = np.array([sign for *_, sign in entries])
         self._to_xyz = len(order) * np.argsort(order, axis=1) + np.arange(len(order))[:, None]
         self.reset()
 
     def reset(self) -> None:
         """Forget the last answer: the next one is the solution nearest to zero."""
-        self._last = np.zeros((3, len(self._even)))
-        self._locked = np.zeros(len(self._even), dtype=bool)
+        self._last = np.zeros((3, self._signs.shape[1]))
+        self._locked = np.zeros(self._signs.shape[1], dtype=bool)
 
     @property
     def locked(self) -> np.ndarray:
@@ -52,18 +55,18 @@ class JointAngleReader:
 
         Of the two solutions and all their multiples of 2 pi it is the one nearest to the last call's, joint by joint.
         """
-        entries = rotations.take(self._entries)
-        row_j, row_k, corner = entries[:3], entries[3:6], entries[6]
-        self._locked = np.hypot(row_j[2], row_k[2]) < LOCK
-        first = np.arctan2(-self._even * row_j[2], row_k[2])
+        entries = rotations.take(self._places) * self._signs
+        angles = np.empty((3, entries.shape[1]))
+        first, middle, last = angles
+        self._locked = np.hypot(entries[3], entries[0]) < LOCK
+        np.arctan2(entries[3], entries[0], out=first)
         np.copyto(first, self._last[0], where=self._locked)
         # Undo the first turn: rows j and k of Rj(middle) Rk(last). Both angles are well conditioned from there on,
         # whatever rounding did to the first one near lock, because the last one absorbs it.
-        sine_first, cosine_first = self._even * np.sin(first), np.cos(first)
-        middle = np.arctan2(self._even * corner, cosine_first * row_k[2] - sine_first * row_j[2])
-        below = cosine_first * row_j[:2] + sine_first * row_k[:2]
-        last = np.arctan2(self._even * below[0], below[1])
-        self._last = self._nearest(np.array([first, middle, last]))
+        below = np.cos(first) * entries[:3] + np.sin(first) * entries[3:6]
+        np.arctan2(entries[6], below[0], out=middle)
+        np.arctan2(below[1], below[2], out=last)
+        self._last = self._nearest(angles)
         return self._last.take(self._to_xyz)
 
     def _nearest(self, angles: np.ndarray) -> np.ndarray:

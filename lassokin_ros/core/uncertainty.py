@@ -83,18 +83,19 @@ class PositionJacobian:
         """columns: (k,) degrees of freedom, in the order that they are wanted; factors: (k,) on each."""
         parents, ancestors = kinematics.skeleton.parents, kinematics.skeleton.ancestors
         self._root = int(np.flatnonzero(parents < 0)[0])
-        self._columns = columns
+        #: In the flat orientations the axes, each its joint's column: rows x, y, z.
+        self._axes = columns // 3 * 9 + columns % 3 + 3 * np.arange(3)[:, None]
         self._carried = (ancestors[:, columns // 3] * factors)[:, None]
         count = len(columns)
         #: Where the product with the places holds what a degree of freedom would do to its own joint.
-        self._own = (columns // 3 * 3 + np.arange(3)[:, None]) * count + np.arange(count)
+        self._own = ((columns // 3 * 3 + np.arange(3)[:, None]) * count + np.arange(count)).reshape(-1)
 
     def at(self, pose: BodyPose) -> np.ndarray:
         """(n, 3, k) m/rad times the factors."""
         places = pose.positions - pose.positions[self._root]
-        axes = np.swapaxes(pose.orientations, -1, -2).reshape(-1, 3).take(self._columns, axis=0)
-        carried = places @ (_TURNS @ axes.T).reshape(3, -1)  # w x p: by p's joint, component and degree of freedom
-        carried -= carried.take(self._own).reshape(-1)  # what a joint's turn leaves where it is
+        axes = pose.orientations.take(self._axes)
+        carried = places @ (_TURNS @ axes).reshape(3, -1)  # w x p: by p's joint, component and degree of freedom
+        carried -= carried.take(self._own)  # what a joint's turn leaves where it is
         jacobian = carried.reshape(len(places), 3, -1)
         jacobian *= self._carried
         return jacobian
