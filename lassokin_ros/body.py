@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -55,7 +56,8 @@ class Body:
         self.seen_ns: int | None = None
         self._origin_ns: int | None = None
         self._last: tuple[int, np.ndarray] | None = None
-        self._waiting: deque[Frame] = deque()
+        #: Stamps, ns and the tracker's s, of frames that are not due yet, and what makes them.
+        self._waiting: deque[tuple[int, float, Callable[..., Frame]]] = deque()
         self._place: np.ndarray | None = None
         self._landmarks: np.ndarray | None = None
         self._velocity = np.zeros(3)
@@ -69,7 +71,16 @@ class Body:
         if self._origin_ns is None:
             self._origin_ns = stamp_ns
         seconds = (stamp_ns - self._origin_ns) * 1e-9
-        skeleton = self.tracker.skeleton  # this frame's: calibration's new lengths count from the next one on
+        frame = partial(
+            Frame,
+            stamp_ns,
+            frame_id,
+            person=person,
+            detected=seen.pixels,
+            points=seen.points,
+            lens=lens,
+            skeleton=self.tracker.skeleton,  # this frame's: calibration's new lengths count from the next one on
+        )
         estimate = self.tracker.track(Observation(seconds, seen.points, seen.confidence, lens.focal))
         self.status = estimate.status
         if estimate.rejection is not None:
@@ -77,15 +88,9 @@ class Body:
                 self._origin_ns = None  # time begins with the first frame that is used
             reason = estimate.rejection.value
             detail = f"the tracker did not use this frame: {reason}"
-            refused = Frame(
-                stamp_ns, frame_id, estimate, reason, detail, None, None, person, seen.pixels, lens, skeleton
-            )
-            return [*self._due(self.tracker.published, stamp_ns), refused]
+            return [*self._due(self.tracker.published, stamp_ns), frame(estimate, reason, detail)]
         self._learn_course(stamp_ns, estimate)
-        measure = self.tracker.uncertainty
-        self._waiting.append(
-            Frame(stamp_ns, frame_id, estimate, None, "", None, None, person, seen.pixels, lens, skeleton, measure)
-        )
+        self._waiting.append((stamp_ns, estimate.stamp, partial(frame, measure=self.tracker.uncertainty)))
         return self._due(self.tracker.published, stamp_ns)
 
     def absent(self, stamp_ns: int, lens: Lens) -> list[Frame]:
@@ -102,12 +107,12 @@ class Body:
         """The waiting frames that these estimates belong to, with joint states; the tracker keeps the same order."""
         frames = []
         for estimate in estimates:
-            frame = self._waiting.popleft()
-            while frame.estimate is None or frame.estimate.stamp < estimate.stamp:  # after an error between the two
-                frame = self._waiting.popleft()
-            positions, velocities = self._joint_states(frame.stamp_ns, estimate)
-            held_s = (now_ns - frame.stamp_ns) * 1e-9
-            frames.append(replace(frame, estimate=estimate, positions=positions, velocities=velocities, held_s=held_s))
+            stamp_ns, stamp, frame = self._waiting.popleft()
+            while stamp < estimate.stamp:  # after an error between the two
+                stamp_ns, stamp, frame = self._waiting.popleft()
+            positions, velocities = self._joint_states(stamp_ns, estimate)
+            held_s = (now_ns - stamp_ns) * 1e-9
+            frames.append(frame(estimate, positions=positions, velocities=velocities, held_s=held_s))
         return frames
 
     def _learn_course(self, stamp_ns: int, estimate: Estimate) -> None:

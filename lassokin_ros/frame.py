@@ -29,6 +29,7 @@ class Frame:
     positions, velocities: (3 + 3 n,) in the order of urdf.joint_names, m and rad, m/s and rad/s; None when rejected.
     person: the id under which one of several people is published; empty when one person is followed.
     detected: (l, 2) px, the landmarks as the detector gave them, NaN = missing; None when there were none.
+    points: (l, 2) normalised, the same without the lens; None when the message did not come so far.
     lens: what they were seen through; None when the message did not come so far.
     skeleton: the one with whose lengths the frame was tracked; None when the message did not come so far.
     measure: makes the joints' uncertainty, see `uncertainty`.
@@ -44,6 +45,7 @@ class Frame:
     velocities: np.ndarray | None = None
     person: str = ""
     detected: np.ndarray | None = None
+    points: np.ndarray | None = None
     lens: Lens | None = None
     skeleton: Skeleton | None = None
     measure: Callable[[Estimate], JointUncertainty] | None = None

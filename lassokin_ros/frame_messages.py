@@ -12,7 +12,7 @@ from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.lasso import KKT_TOLERANCE
 from lassokin_ros.core.projection import project
 from lassokin_ros.core.recovery import theorem1_literal, theorem1_projected
-from lassokin_ros.core.rotations import to_quaternion
+from lassokin_ros.core.rotations import hat, to_quaternion
 from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.frame import Frame
 from lassokin_ros.urdf import joint_names
@@ -86,12 +86,8 @@ class FrameMessages:
             topics.UNCERTAINTY_MARKERS: lambda t, f, frame, e: ellipsoids(
                 t, f, e.pose.positions, *principal_axes(frame.uncertainty.covariance)
             ),
-            topics.IMAGE_MARKERS: lambda t, f, frame, e: image(
-                t, f, frame.in_image(e.pose.positions), frame.detected, frame.reprojected
-            ),
-            topics.KEYPOINT_MARKERS: lambda t, f, frame, e: keypoints(
-                t, f, frame.lens.normalise(frame.detected), project(e.pose.landmarks)
-            ),
+            topics.IMAGE_MARKERS: lambda t, f, frame, _: image(t, f, *drawn(frame)),
+            topics.KEYPOINT_MARKERS: lambda t, f, frame, e: keypoints(t, f, frame.points, project(e.pose.landmarks)),
         }
         if tf:
             transform = fill(TransformBuilder(backend, f"body_{person}" if person else "body"))
@@ -117,13 +113,21 @@ def id_list(backend: Any, rep155: bool) -> Callable[[int, str, list[str]], Any]:
     return lambda stamp_ns, frame_id, ids: text.fill(",".join(ids))
 
 
+def drawn(frame: Frame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """px: joints (n, 2), landmarks (l, 2) as detected, and as the skeleton has them. The lens is asked once for all."""
+    assert frame.estimate is not None and frame.estimate.pose is not None and frame.detected is not None
+    pose, n = frame.estimate.pose, len(frame.estimate.pose.positions)
+    pixels = frame.in_image(np.concatenate([pose.positions, pose.landmarks]))
+    return pixels[:n], frame.detected, pixels[n:]
+
+
 def principal_axes(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(n, 4) quaternions and (n, 3) m: the axes of the ellipsoids of covariances (n, 3, 3) m^2, and half their lengths.
 
     Along each axis one standard deviation.
     """
     variances, axes = np.linalg.eigh(covariance)
-    axes[np.linalg.det(axes) < 0, :, 0] *= -1
+    axes[:, :, :1] = hat(axes[:, :, 1]) @ axes[:, :, 2:]  # the same axis, in the sense that makes them a rotation
     return to_quaternion(axes), np.sqrt(np.maximum(variances, 0.0))
 
 
@@ -148,8 +152,8 @@ def certificate_line(estimate: Estimate, name: str, hardware_id: str) -> StatusL
     problem, solution = estimate.problem, estimate.solution
     assert problem is not None and solution is not None
     certificate = solution.certificate
-    same = np.array_equal(solution.alpha, problem.alpha)  # as it nearly always is: what was solved is known already
-    used = problem if same else replace(problem, alpha=solution.alpha)
+    clamped = solution.alpha is not problem.alpha  # hardly ever: what was solved is known already
+    used = replace(problem, alpha=solution.alpha) if clamped else problem
     support = solution.support
     signs = np.sign(solution.omega[support])
     literal = theorem1_literal(used, solution.x, support, signs)

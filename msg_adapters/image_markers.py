@@ -15,7 +15,8 @@ from msg_adapters.outputs import StampedBuilder
 IMAGE_LINE_LIST = 2  # visualization_msgs/ImageMarker
 LINE_WIDTH = 2.0  # px
 CROSS = 5.0  # px: half a cross' height and width
-UPRIGHT, OBLIQUE = np.array([[[-1, 0], [1, 0]], [[0, -1], [0, 1]]]), np.array([[[-1, -1], [1, 1]], [[-1, 1], [1, -1]]])
+UPRIGHT, OBLIQUE = ((-1, 0), (1, 0), (0, -1), (0, 1)), ((-1, -1), (1, 1), (-1, 1), (1, -1))
+"""Ends of a cross' two lines, in CROSS."""
 BONE, DETECTED, REPROJECTED = (0.95, 0.60, 0.10, 1.0), (0.0, 0.8, 0.5, 1.0), (1.0, 1.0, 1.0, 1.0)
 PLANE, BALL = 1.0, 0.008
 """m: the plane's distance from the camera, and the diameter of a point on it."""
@@ -28,7 +29,8 @@ class ImageMarkerBuilder(StampedBuilder):
 
     def __init__(self, backend: Backend, parents: Sequence[int]) -> None:
         """parents: (n,) index of each joint's parent, -1 for the root."""
-        self._ends = np.array([(int(p), child) for child, p in enumerate(parents) if p >= 0], dtype=int).reshape(-1, 2)
+        self._bones = [int(end) for child, parent in enumerate(parents) if parent >= 0 for end in (parent, child)]
+        self._joint_count, self._landmark_count = len(parents), -1
         message = backend.make("visualization_msgs/msg/ImageMarker")
         message.ns, message.type, message.scale = "skeleton", IMAGE_LINE_LIST, LINE_WIDTH
         _paint(message.outline_color, BONE)
@@ -39,11 +41,26 @@ class ImageMarkerBuilder(StampedBuilder):
 
     def numbers(self, outline: np.ndarray, detected: np.ndarray, reprojected: np.ndarray) -> np.ndarray:
         """outline: (n, 2) px, the joints in the image; detected, reprojected: (l, 2) px, NaN = missing."""
-        lines = [outline[self._ends]]
-        for points, cross in ((detected, UPRIGHT), (reprojected, OBLIQUE)):
-            lines.append((_present(points)[:, None, None] + CROSS * cross).reshape(-1, 2, 2))
-        self.shape = self._counts = tuple(map(len, lines))
-        return _at_depth(np.concatenate(lines).reshape(-1, 2), 0.0)
+        points = np.concatenate([outline, detected, reprojected])
+        if len(detected) != self._landmark_count:
+            self._arrange(len(detected))
+        there = _present(points)
+        places = self._shifts.copy()
+        places[:, :2] += points.take(self._order, axis=0)
+        if not there.all():
+            places = places[there.take(self._order)]
+        crosses = _count_halves(there[self._joint_count :])
+        self.shape = self._counts = len(self._bones) // 2, 2 * crosses[0], 2 * crosses[1]
+        return places.reshape(-1)
+
+    def _arrange(self, landmark_count: int) -> None:
+        """Of each line's end, which of all points it is at, and how far from it (x, y, 0)."""
+        self._landmark_count = landmark_count
+        crossed = self._joint_count + np.arange(2 * landmark_count)
+        self._order = np.concatenate([np.array(self._bones, dtype=int), crossed.repeat(4)])
+        self._shifts = np.zeros((len(self._order), 3))
+        crosses = CROSS * np.repeat([UPRIGHT, OBLIQUE], landmark_count, axis=0)
+        self._shifts[len(self._bones) :, :2] = crosses.reshape(-1, 2)
 
     def write(self, numbers: np.ndarray) -> None:
         """See StampedBuilder.write."""
@@ -68,9 +85,12 @@ class KeypointMarkerBuilder(StampedBuilder):
 
     def numbers(self, detected: np.ndarray, reprojected: np.ndarray) -> np.ndarray:
         """detected, reprojected: (l, 2) normalised image coordinates, NaN = missing."""
-        seen = [_present(points) for points in (detected, reprojected)]
-        self.shape = self._counts = tuple(map(len, seen))
-        return _at_depth(PLANE * np.concatenate(seen), PLANE)
+        points = np.concatenate([detected, reprojected])
+        there = _present(points)
+        self.shape = self._counts = _count_halves(there)
+        places = np.full((sum(self._counts), 3), PLANE)
+        places[:, :2] *= points[there]
+        return places.reshape(-1)
 
     def write(self, numbers: np.ndarray) -> None:
         """See StampedBuilder.write."""
@@ -96,15 +116,14 @@ class PointPool:
 
 
 def _present(points: np.ndarray) -> np.ndarray:
-    seen: np.ndarray = points[np.isfinite(points).all(axis=1)]
-    return seen
+    """(k,) bool."""
+    there: np.ndarray = np.isfinite(points).all(axis=1)
+    return there
 
 
-def _at_depth(points: np.ndarray, depth: float) -> np.ndarray:
-    """(k, 2) -> (3 k,): x, y and the depth of each."""
-    places = np.full((len(points), 3), depth)
-    places[:, :2] = points
-    return places.reshape(-1)
+def _count_halves(there: np.ndarray) -> tuple[int, int]:
+    half = len(there) // 2
+    return int(np.count_nonzero(there[:half])), int(np.count_nonzero(there[half:]))
 
 
 def _repeated(things: Sequence[Any], counts: Sequence[int]) -> list[Any]:

@@ -14,7 +14,7 @@ POINT = np.dtype(
     [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("joint", "<i4"), ("deviation", "<f4")]
     + [(name, "<f4") for name in COVARIANCE]
 )
-UPPER = [3 * "xyz".index(name[0]) + "xyz".index(name[1]) for name in COVARIANCE]
+UPPER = np.array([3 * "xyz".index(name[0]) + "xyz".index(name[1]) for name in COVARIANCE])
 """Places of these entries in a flat matrix."""
 COLOUR = (0.75, 0.25, 0.75, 0.35)
 SMALLEST = 1e-3
@@ -35,7 +35,7 @@ class UncertaintyCloudBuilder(Cloud):
         """positions: (n, 3) m; covariance: (n, 3, 3) m^2; deviation: (n,) m."""
         self._values[:, :3] = positions
         self._values[:, 4] = deviation
-        self._values[:, 5:] = covariance.reshape(-1, 9)[:, UPPER]
+        self._values[:, 5:] = covariance.reshape(-1, 9).take(UPPER, axis=1)
         return self._points.view(np.uint8)
 
 

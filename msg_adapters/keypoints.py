@@ -73,25 +73,25 @@ class Keypoints:
     def _present(self) -> np.ndarray:
         """(k,) bool: what is not missing."""
         with np.errstate(invalid="ignore"):
-            present: np.ndarray = (self.confidence > 0) & (np.abs(self.xy) <= LARGEST_PIXEL).all(axis=1)
+            near = np.abs(self.xy) <= LARGEST_PIXEL
+            present: np.ndarray = (self.confidence > 0) & near[:, 0] & near[:, 1]
         return present
 
     def _placed(self, places: np.ndarray, present: np.ndarray, count: int, rows: int) -> tuple[np.ndarray, np.ndarray]:
         """Points (rows, 2) and confidence (rows,), the present ones at their places (k,); count: the layout's."""
         points, confidence = np.full((rows, 2), np.nan), np.zeros(rows)
-        ids, scores = self.ids[present], self.confidence[present]
-        if len(ids) == 0:
+        chosen = present.nonzero()[0]
+        if len(chosen) == 0:
             return points, confidence
+        ids, scores, places = self.ids.take(chosen), self.confidence.take(chosen), places.take(chosen)
         if ids.min() < 0 or ids.max() >= count:
             wrong = ids[(ids < 0) | (ids >= count)][0]
             raise AdapterError("unknown_id", f"keypoint id {wrong}; expected 0 to {count - 1} of the landmark layout")
-        places = places[present]
-        if np.bincount(places).max() > 1:
+        points[places], confidence[places] = self.xy.take(chosen, axis=0), np.minimum(scores, 1.0)
+        if np.count_nonzero(confidence) < len(chosen):
             raise AdapterError("repeated_id", "a keypoint id stands twice; several people need the field 'person'")
         if scores.max() > LARGEST_CONFIDENCE:
             raise AdapterError("confidence_range", f"a confidence is {scores.max():g}; expected 0 to 1")
-        points[places] = self.xy[present]
-        confidence[places] = np.minimum(scores, 1.0)
         return points, confidence
 
 

@@ -8,6 +8,7 @@ the same message before it is ever used. Where they differ, the message itself i
 
 from __future__ import annotations
 
+import struct
 from typing import Any, Hashable
 
 import numpy as np
@@ -17,6 +18,7 @@ from msg_adapters.outputs import StampedBuilder
 
 MARKED_STAMP = 706_658_526 * 1_000_000_000 + 464_374_526
 """ns: a stamp whose two words stand nowhere else."""
+STAMP = struct.Struct("=II")
 CDR_HEADER = 4
 """bytes before the content, from which the alignment of what follows is counted."""
 MOST_TEMPLATES = 64
@@ -57,10 +59,10 @@ class Template:
     def __init__(self, serialised: bytes, marked: np.ndarray) -> None:
         """serialised: the message with MARKED_STAMP and the numbers `marked`, all different."""
         self._buffer = bytearray(serialised)
-        self._words = self._view(np.dtype(np.uint32))
         seconds, nanoseconds = divmod(MARKED_STAMP, 1_000_000_000)
-        first = np.flatnonzero((self._words[:-1] == seconds) & (self._words[1:] == nanoseconds))
-        self._stamps = first[:, None] + [0, 1]
+        words = self._view(np.dtype(np.uint32))
+        first = np.flatnonzero((words[:-1] == seconds) & (words[1:] == nanoseconds))
+        self._stamps = (CDR_HEADER + 4 * first).tolist()
         self._places: Any = slice(None)
         at = serialised.find(marked.tobytes())
         if at >= 0:  # all in a row, as in most messages
@@ -73,7 +75,9 @@ class Template:
 
     def of(self, stamp_ns: int, numbers: np.ndarray) -> bytes:
         """The message with these numbers."""
-        self._words[self._stamps] = divmod(stamp_ns, 1_000_000_000)
+        seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
+        for place in self._stamps:
+            STAMP.pack_into(self._buffer, place, seconds, nanoseconds)
         self._numbers[self._places] = numbers
         return bytes(self._buffer)
 

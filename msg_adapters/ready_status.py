@@ -34,23 +34,33 @@ class ReadyStatus:
 
 
 def _serialised(stamp_ns: int, frame_id: str, line: StatusLine) -> bytes:
-    seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
-    parts = [CDR_HEADER, struct.pack("<iI", seconds, nanoseconds), _known_text(frame_id), struct.pack("<I", 1)]
-    parts += [struct.pack("<Bxxx", line.level), *map(_known_text, (line.name, line.message, line.hardware_id))]
-    parts.append(struct.pack("<I", len(line.values)))
+    head = _head(frame_id, line.level, line.name, line.message, line.hardware_id, len(line.values))
+    parts = [CDR_HEADER, struct.pack("<iI", *divmod(stamp_ns, 1_000_000_000)), head]
     for key, value in line.values.items():
-        parts += (_known_text(key), _text(value))
+        parts += (_known_text(key), *_pieces(value))
     if line.values:
-        last = parts[-1]  # what fills up to the next number has no place at the end
-        parts[-1] = last[: 4 + int.from_bytes(last[:4], "little")]
+        parts[-1] = b"\0"  # what fills up to the next number has no place at the end
     return b"".join(parts)
 
 
-def _text(text: str) -> bytes:
+@lru_cache(maxsize=64)
+def _head(frame_id: str, level: int, name: str, message: str, hardware_id: str, count: int) -> bytes:
+    """What is the same from frame to frame: up to the number of values."""
+    parts = [_text(frame_id), struct.pack("<I", 1), struct.pack("<Bxxx", level)]
+    return b"".join([*parts, *map(_text, (name, message, hardware_id)), struct.pack("<I", count)])
+
+
+def _pieces(text: str) -> tuple[bytes, bytes, bytes]:
     content = text.encode()
     length = len(content) + 1
-    return length.to_bytes(4, "little") + content + b"\0\0\0\0"[: 1 + -length % 4]
+    return length.to_bytes(4, "little"), content, _ENDS[length % 4]
 
 
+def _text(text: str) -> bytes:
+    return b"".join(_pieces(text))
+
+
+_ENDS = [bytes(1 + -length % 4) for length in range(4)]
+"""The 0 behind a text, and what fills up to the next number, by its length."""
 _known_text = lru_cache(maxsize=256)(_text)
 """For what comes again with every frame."""

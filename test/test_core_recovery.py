@@ -43,6 +43,36 @@ def test_projected_form_on_the_same_matrix():
     assert second.condition1 == pytest.approx(0.0) and second.condition3 == pytest.approx(0.0)
 
 
+@pytest.mark.parametrize("order", ["C", "F"])
+@pytest.mark.parametrize("dependent", [False, True])
+def test_both_forms_are_the_theorem_as_it_is_written(order, dependent):
+    """With pseudo-inverses, for signs of the support that are the estimate's, and for others."""
+    random = np.random.default_rng(5)
+    for _ in range(20):
+        A, B, z = random.normal(size=(20, 9)), random.normal(size=(20, 3)), random.normal(size=20)
+        if dependent:
+            A[:, 4] = -A[:, 2]
+        problem = Lasso(np.asarray(A, order=order), B, z, random.uniform(0.5, 2, 9))
+        x, support, alpha = random.normal(size=3), np.array([2, 4, 7]), problem.alpha
+        M = np.eye(20) - B @ np.linalg.pinv(B)
+        for conditions_of, of_A, of_z in (
+            (lambda signs: theorem1_literal(problem, x, support, signs), A, z - B @ x),
+            (lambda signs: theorem1_projected(problem, support, signs), M @ A, M @ z),
+        ):
+            scaled = of_A / alpha  # the theorem with alpha = 1
+            inverse = np.linalg.pinv(scaled[:, support])
+            estimate = inverse @ of_z
+            sign = np.sign(estimate)
+            for signs in (sign, sign * [1, 1, -1]):
+                conditions = conditions_of(signs)
+                left = np.abs(scaled.T @ inverse.T @ signs)
+                shrunk = estimate - inverse @ inverse.T @ sign
+                assert conditions.condition1 == pytest.approx(np.delete(left, support).max(), rel=1e-9)
+                assert conditions.condition2 == pytest.approx((sign * shrunk / alpha[support]).min(), rel=1e-9)
+                across = np.linalg.norm(B.T @ inverse.T @ signs)
+                assert conditions.condition3 == pytest.approx(across, rel=1e-9, abs=1e-9)
+
+
 def test_an_empty_support_holds():
     assert theorem1_projected(by_hand(), np.array([], dtype=int), np.array([])).holds
 

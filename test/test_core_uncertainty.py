@@ -8,9 +8,11 @@ from cases import body, central_difference, random_state, relative_error
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Observation
+from lassokin_ros.core.lasso import Lasso
+from lassokin_ros.core.prior import PosePrior
 from lassokin_ros.core.projection import project
 from lassokin_ros.core.tracker import Tracker
-from lassokin_ros.core.uncertainty import position_jacobian
+from lassokin_ros.core.uncertainty import FACTOR, LARGEST, WEAKEST, PositionJacobian, UncertaintyModel
 from lassokin_ros.synthetic import motion
 
 FOCAL, RATE = 1000.0, 30.0
@@ -38,8 +40,12 @@ def test_jacobian_is_the_derivative_of_the_joints_about_the_root():
         positions = kinematics.pose(state.retract(omega, np.zeros(3))).positions
         return positions - positions[0]
 
-    expected = central_difference(relative, 72)
-    assert relative_error(position_jacobian(kinematics, kinematics.pose(state), 0), expected) < 1e-8
+    expected, pose = central_difference(relative, 72), kinematics.pose(state)
+    jacobian = PositionJacobian(kinematics, np.arange(72), np.ones(72)).at(pose)
+    assert relative_error(jacobian.reshape(72, 72), expected) < 1e-8
+    some, factors = random.permutation(72)[:50], random.uniform(1, 2, 50)
+    chosen = PositionJacobian(kinematics, some, factors).at(pose)
+    assert relative_error(chosen.reshape(72, 50), expected[:, some] * factors) < 1e-8
 
 
 def test_covariances_are_proper_and_the_pelvis_is_the_origin():
@@ -49,6 +55,28 @@ def test_covariances_are_proper_and_the_pelvis_is_the_origin():
     assert np.array_equal(uncertainty.covariance[0], np.zeros((3, 3)))
     assert np.linalg.eigvalsh(uncertainty.covariance[1:]).min() > -1e-15
     assert np.all(uncertainty.deviation[1:] > 0.001) and np.all(uncertainty.deviation < 0.15)
+
+
+@pytest.mark.parametrize("seen", [72, 44, 1])
+def test_covariances_are_those_of_the_joints_jacobian(seen):
+    """J H^-1 J^T of what the problem holds, the prior's variances of what it does not, whatever their order."""
+    random = np.random.default_rng(1)
+    kinematics = body()
+    prior = PosePrior.load(kinematics.skeleton)
+    live = np.isin(np.arange(72), random.permutation(72)[:seen])
+    kinematics.__dict__["live"] = live
+    problem = Lasso(random.normal(size=(100, seen)), random.normal(size=(100, 3)), np.zeros(100), np.ones(seen))
+    before = problem.reduced.H.copy()
+    pose = kinematics.pose(random_state(random, kinematics))
+    found = UncertaintyModel(kinematics, prior).of(pose, problem)
+    assert np.array_equal(problem.reduced.H, before)
+    variance = np.diag(np.diagonal(prior.covariance).astype(float))
+    variance[np.ix_(live, live)] = np.linalg.inv(problem.reduced.H + WEAKEST * np.eye(seen))
+    J = PositionJacobian(kinematics, np.arange(72), np.ones(72)).at(pose)
+    expected = J @ variance @ J.swapaxes(1, 2)
+    size = np.trace(expected, axis1=1, axis2=2) / LARGEST**2
+    assert np.allclose(found.covariance, expected * (FACTOR**2 / (1 + size))[:, None, None], rtol=1e-7, atol=1e-15)
+    assert np.allclose(found.deviation**2, np.trace(found.covariance, axis1=1, axis2=2), rtol=1e-12)
 
 
 def test_depth_is_less_certain_than_the_image_directions():

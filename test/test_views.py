@@ -20,7 +20,7 @@ from lassokin_ros.pipeline import Pipeline
 from lassokin_ros.synthetic import WEBCAM, Detector, detections, exact_pixels, motion
 from lassokin_ros.urdf import joint_names
 from msg_adapters.backends import RclpyBackend
-from msg_adapters.image_markers import DETECTED, REPROJECTED
+from msg_adapters.image_markers import DETECTED, REPROJECTED, ImageMarkerBuilder
 from msg_adapters.inputs import camera_info, point_cloud
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV is the independent projection")
@@ -124,6 +124,24 @@ def test_image_markers_are_in_the_image(shown):
     assert np.abs(detected - pixels[seen]).max() < 1e-3  # float32 on the way in
     assert len(back) == len(pixels) and np.median(np.linalg.norm(back[seen] - detected, axis=1)) < 4
     assert (marker.lifetime.sec, marker.lifetime.nanosec) == (0, 500_000_000)
+
+
+def test_image_markers_of_as_many_points_as_there_are():
+    """The same builder, with another number of landmarks, and with some missing, from one message to the next."""
+    builder = ImageMarkerBuilder(rosbags_backend(), [-1, 0])
+    for missing in ([], [0], [0, 1, 2], [], [1]):
+        for count in (3, 5):
+            reprojected = np.arange(2.0 * count).reshape(count, 2) + 100
+            detected = reprojected + 100
+            detected[missing] = np.nan
+            marker = builder.fill(0, FRAME, np.array([[1.0, 2], [3, 4]]), detected, reprojected)
+            assert places(marker.points)[:2, :2].tolist() == [[1, 2], [3, 4]] and not places(marker.points)[:, 2].any()
+            for points, colour, end in ((detected, DETECTED, [-5, 0]), (reprojected, REPROJECTED, [-5, -5])):
+                present = points[np.isfinite(points).all(axis=1)]
+                crosses = coloured(marker, marker.outline_colors, colour, 2)[:, :, :2].reshape(-1, 4, 2)
+                assert np.array_equal(crosses.mean(axis=1), present)
+                assert np.array_equal(crosses[:, 0], present + end)
+            assert len(marker.points) == 2 + 4 * (2 * count - len(missing)) == 2 * len(marker.outline_colors)
 
 
 def test_keypoint_markers_are_on_the_rays_of_the_keypoints(shown):

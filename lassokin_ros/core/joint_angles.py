@@ -20,6 +20,7 @@ LOCK = 1e-9
 """Cosine of the middle angle below which the first angle cannot be told from rounding."""
 
 _TURN = 2 * np.pi
+_OTHER_WAY = np.array([[1.0], [-1.0], [1.0]])  # the same rotation: the first and the last angle by pi more, pi - middle
 
 
 class JointAngleReader:
@@ -30,17 +31,19 @@ class JointAngleReader:
         order = np.array([["xyz".index(axis) for axis in word] for word in axes], dtype=int).reshape(-1, 3)
         i, j, k = order.T
         base = 9 * np.arange(len(order))
-        # Places in the flat matrices of rows j and k, each with columns i, j, k; and of the entry (i, k).
-        self._rows = base + 3 * np.array([[j, j, j], [k, k, k]]) + np.array([i, j, k])
-        self._corner = base + 3 * i + k
-        self._even = np.where((j - i) % 3 == 1, 1.0, -1.0)  # x y z and its cyclic shifts turn the same way round
-        self._to_xyz = 3 * np.arange(len(order))[:, None] + np.argsort(order, axis=1)
+        even = np.where((j - i) % 3 == 1, 1.0, -1.0)  # x y z and its cyclic shifts turn the same way round
+        one = np.ones(len(order))
+        # Of the matrices, in rows of n, the entries that are needed: of (row, column) its place, and its sign.
+        entries = [(k, k, one), (j, i, even), (j, j, one), (j, k, -even), (k, i, one), (k, j, even), (i, k, even)]
+        self._places = np.array([base + 3 * row + column for row, column, _ in entries])
+        self._signs = np.array([sign for *_, sign in entries])
+        self._to_xyz = len(order) * np.argsort(order, axis=1) + np.arange(len(order))[:, None]
         self.reset()
 
     def reset(self) -> None:
         """Forget the last answer: the next one is the solution nearest to zero."""
-        self._last = np.zeros((3, len(self._even)))
-        self._locked = np.zeros(len(self._even), dtype=bool)
+        self._last = np.zeros((3, self._signs.shape[1]))
+        self._locked = np.zeros(self._signs.shape[1], dtype=bool)
 
     @property
     def locked(self) -> np.ndarray:
@@ -52,28 +55,24 @@ class JointAngleReader:
 
         Of the two solutions and all their multiples of 2 pi it is the one nearest to the last call's, joint by joint.
         """
-        (row_j, row_k), corner = rotations.reshape(-1)[self._rows], rotations.reshape(-1)[self._corner]
-        cosine = np.hypot(row_j[2], row_k[2])
-        self._locked = cosine < LOCK
-        first = np.arctan2(-self._even * row_j[2], row_k[2])
+        entries = rotations.take(self._places) * self._signs
+        angles = np.empty((3, entries.shape[1]))
+        first, middle, last = angles
+        self._locked = np.hypot(entries[3], entries[0]) < LOCK
+        np.arctan2(entries[3], entries[0], out=first)
         np.copyto(first, self._last[0], where=self._locked)
         # Undo the first turn: rows j and k of Rj(middle) Rk(last). Both angles are well conditioned from there on,
         # whatever rounding did to the first one near lock, because the last one absorbs it.
-        sine_first, cosine_first = self._even * np.sin(first), np.cos(first)
-        middle = np.arctan2(self._even * corner, cosine_first * row_k[2] - sine_first * row_j[2])
-        last = np.arctan2(
-            self._even * (cosine_first * row_j[0] + sine_first * row_k[0]),
-            cosine_first * row_j[1] + sine_first * row_k[1],
-        )
-        chosen = self._nearest(np.array([first, middle, last]))
-        self._last = chosen
-        return chosen.T.reshape(-1)[self._to_xyz]
+        below = np.cos(first) * entries[:3] + np.sin(first) * entries[3:6]
+        np.arctan2(entries[6], below[0], out=middle)
+        np.arctan2(below[1], below[2], out=last)
+        self._last = self._nearest(angles)
+        return self._last.take(self._to_xyz)
 
     def _nearest(self, angles: np.ndarray) -> np.ndarray:
         """Of the two solutions (3, n), unwrapped, the one nearer to the last; at lock the given one."""
-        first, middle, last = angles
-        both = np.array([angles, [first + np.pi, np.pi - middle, last + np.pi]])
-        step = both - self._last
+        step = np.array([angles, angles * _OTHER_WAY + np.pi])
+        step -= self._last
         step -= _TURN * np.rint(step / _TURN)
         distance = np.add.reduce(step * step, axis=1)
         second = (distance[1] < distance[0]) & ~self._locked

@@ -103,7 +103,7 @@ class LassoSolution:
     @property
     def support(self) -> np.ndarray:
         """Indices of the degrees of freedom that move, V in the seed."""
-        return np.flatnonzero(self.omega)
+        return self.omega.nonzero()[0]
 
 
 class LassoSolver:
@@ -127,7 +127,8 @@ class LassoSolver:
         ratio = float((np.abs(reduced.g) / problem.alpha).max())
         if ratio <= 1:
             return _finished(problem, reduced, problem.alpha, np.zeros(len(problem.alpha)), "zero", True)
-        alpha = problem.alpha * max(1.0, SMALLEST_ALPHA * ratio)
+        clamp = SMALLEST_ALPHA * ratio
+        alpha = problem.alpha * clamp if clamp > 1 else problem.alpha
         if guess is not None:
             likely = predicted(reduced.H, reduced.g, alpha, guess)
             mended = mend(reduced.H, reduced.g, alpha, likely, GUESS_STEPS)

@@ -12,6 +12,7 @@ the columns A_k / alpha_k and alpha = 1.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Callable
 
@@ -48,37 +49,39 @@ def theorem1_literal(problem: Lasso, x: np.ndarray, support: np.ndarray, signs: 
 
     x: (3,) m; support: indices V; signs: (len(V),) of Omega on V.
     """
-    A_V = problem.A.take(support, axis=1).T
-    return _conditions(
-        A_V @ problem.A, A_V @ (problem.z - problem.B @ x), A_V @ problem.B, problem.alpha, support, signs
-    )
+    A_V = problem.A.T.take(support, axis=0)  # in a tracker's problem, columns of A are what lies together
+    return _conditions(problem, problem.A, A_V, problem.z - problem.B @ x, support, signs)
 
 
 def theorem1_projected(problem: Lasso, support: np.ndarray, signs: np.ndarray) -> RecoveryConditions:
     """Conditions 1-3 with the translation eliminated: M A for A and M z for z*."""
     reduced = problem.reduced
-    across = reduced.A.take(support, axis=1).T @ problem.B
-    return _conditions(reduced.H.take(support, axis=0), reduced.g[support], across, problem.alpha, support, signs)
+    A_V = reduced.A.take(support, axis=1).T
+    return _conditions(problem, reduced.A, A_V, reduced.z, support, signs)
 
 
 def _conditions(
-    gram: np.ndarray, seen: np.ndarray, across: np.ndarray, alpha: np.ndarray, support: np.ndarray, signs: np.ndarray
+    problem: Lasso, A: np.ndarray, A_V: np.ndarray, z: np.ndarray, support: np.ndarray, signs: np.ndarray
 ) -> RecoveryConditions:
-    """From products with the support's columns: gram (v, n) with all, seen (v,) with z*, across (v, 3) with B.
+    """For A (m, n) and z* (m,) in place of the problem's own; A_V: (v, m), the support's columns of A as rows.
 
     With G = A_V^T A_V, (A_V)^{+T} = A_V G^-1 and (A_V)^+ = G^-1 A_V^T; columns over alpha put alpha beside the signs.
     """
     if len(support) == 0:
         return RecoveryConditions(0.0, float("inf"), 0.0)
-    alpha_V = alpha[support]
-    right = np.array([alpha_V * signs, seen]).T
-    answers, again = _solved(gram.take(support, axis=1), alpha_V, right)
-    direction, estimate = answers.T  # (A_V)^{+T} Sigma_V is A_V times the first
-    left = np.abs(direction @ gram) / alpha
+    alpha_V = problem.alpha[support]
+    right = np.array([alpha_V * signs, A_V @ z]).T
+    answers, again = _solved(A_V @ A_V.T, alpha_V, right)
+    direction, estimate = answers.T
+    against = direction @ A_V  # (A_V)^{+T} Sigma_V
+    left = np.abs(against @ A) / problem.alpha
     left[support] = 0.0
     sign = np.sign(estimate)
-    kept = sign * (estimate - (direction if np.array_equal(sign, signs) else again(alpha_V * sign)))
-    return RecoveryConditions(float(left.max()), float(kept.min()), float(np.linalg.norm(direction @ across)))
+    same = sign @ signs == len(signs)
+    kept = sign * (estimate - (direction if same else again(alpha_V * sign)))
+    across = against @ problem.B
+    # By its place an extreme costs less than half of what max() does on arrays this small.
+    return RecoveryConditions(float(left[left.argmax()]), float(kept[kept.argmin()]), math.sqrt(across @ across))
 
 
 def _solved(
@@ -87,7 +90,7 @@ def _solved(
     """G^-1 right, and G^-1 for more; a pseudo-inverse, of the columns over alpha, where columns are dependent."""
     factor, answers, failed = lapack.dposv(G, right, lower=1)
     diagonal = factor.diagonal()
-    if not failed and diagonal.min() > DEPENDENT * diagonal.max():
+    if not failed and diagonal[diagonal.argmin()] > DEPENDENT * diagonal[diagonal.argmax()]:
         return answers, lambda more: lapack.dpotrs(factor, more, lower=1)[0]
     inverse = np.linalg.pinv(G / alpha / alpha[:, None], rcond=DEPENDENT**2, hermitian=True) / alpha / alpha[:, None]
     return inverse @ right, lambda more: inverse @ more
