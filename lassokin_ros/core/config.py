@@ -54,7 +54,9 @@ class TrackerConfig:
         0.0, "the pose is published this much later, smoothed with the frames since", "s", 0.0, 1.0, live=True
     )
     warm_start: bool = setting(
-        True, "try the last support before the solver is asked; kept only when KKT holds exactly", live=True
+        True,
+        "try the support that the last answer suggests before the solver is asked; kept only when KKT holds exactly",
+        live=True,
     )
     calibrate: bool = setting(True, "learn the bones' proportions while tracking; robot_description follows", live=True)
 
