@@ -84,5 +84,5 @@ def test_hypotheses_are_exchanged_and_renewed_with_all_that_follows_from_them(ro
     exchanged[1] = everyone[0]
     after = rows.linearise(exchanged, points, weights, huber_weights)
     assert np.array_equal(after.columns, before.columns[[2, 0, 0]]) and np.array_equal(after.z, before.z[[2, 0, 0]])
-    assert np.array_equal(rows.cost(exchanged, points, weights), costs[[2, 0, 0]])
+    assert np.allclose(rows.cost(exchanged, points, weights), costs[[2, 0, 0]], rtol=1e-14)  # BLAS rounds by place
     assert np.array_equal(everyone.state.rotations, states.rotations)

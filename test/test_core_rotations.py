@@ -50,7 +50,7 @@ def test_logarithm_at_a_half_turn_gives_either_sign_of_the_axis():
 def test_functions_take_any_leading_axes():
     vectors = np.random.default_rng(1).normal(size=(2, 3, 4, 3))
     one_by_one = np.array([exponential(v) for v in vectors.reshape(-1, 3)]).reshape(2, 3, 4, 3, 3)
-    assert np.array_equal(exponential(vectors), one_by_one)
+    assert np.abs(exponential(vectors) - one_by_one).max() < 1e-15  # BLAS may round a batch otherwise than one alone
     assert np.array_equal(logarithm(one_by_one)[1, 2], logarithm(one_by_one[1, 2]))
 
 
