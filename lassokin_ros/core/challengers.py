@@ -6,7 +6,7 @@ with the frames, begun in turn from the mean pose turned to one side after anoth
 legs mirrored in depth, and refined by one Gauss-Newton step a frame, coarse to fine. One whose cost, averaged over its
 last frames, is lower than the present state's by a margin takes its place in the next frame. Motion is part of that
 cost. The lasso's l1 term keeps the published state from following the noise; a ridge of the same spread holds a
-challenger once it has found its place, which takes a sixth of what it pays for that. Single limbs are `limb_search`'s.
+challenger once it has found its place. Single limbs are `limb_search`'s.
 """
 
 from __future__ import annotations
