@@ -98,7 +98,7 @@ def test_what_is_expected_goes_on_for_a_while_and_teaches_nothing():
         assert np.array_equal(a, b) and np.array_equal(u, v)
         soon, less = asked.expected((frame + 0.5) / RATE)
         assert np.array_equal(less, TRUST * v)
-    assert np.allclose(soon - b, 0.5 / RATE * asked._velocity) and np.abs(soon - places(59.5)).max() < 5 * NOISE
+    assert np.allclose(soon - b, 0.5 / RATE * asked._tracks.velocity) and np.abs(soon - places(59.5)).max() < 5 * NOISE
     latest = asked.expected(59 / RATE + LONGEST_COURSE)[0]
-    assert np.allclose(latest - b, LONGEST_COURSE * asked._velocity)
+    assert np.allclose(latest - b, LONGEST_COURSE * asked._tracks.velocity)
     assert np.allclose(asked.expected(1e9)[0], latest, rtol=0, atol=1e-12)
