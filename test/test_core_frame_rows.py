@@ -1,4 +1,6 @@
-"""A frame's rows: those of image, prior and uprightness side by side, of several states as of each alone."""
+"""A frame's rows: those of image, prior, uprightness and balance side by side, of several states as of each alone."""
+
+from copy import copy
 
 import numpy as np
 import pytest
@@ -45,9 +47,17 @@ def stacked(rows, state, points, weights, robust):
     prior_A, prior_z = rows.prior.linearise(state.rotations)
     upright_A, upright_z = rows.upright.linearise(state.rotations[0])
     upright_A = np.hstack([upright_A, np.zeros((3, prior_A.shape[1] - 3))])
-    A = np.vstack([image.A, prior_A, upright_A])
+    columns, balance_z = all_of(rows.balance).linearise(pose)
+    A = np.vstack([image.A, prior_A, upright_A, columns.T])
     B = np.vstack([image.B, np.zeros((len(A) - len(image.B), 3))])
-    return np.hstack([A, B]), np.concatenate([image.residual, prior_z, upright_z])
+    return np.hstack([A, B]), np.concatenate([image.residual, prior_z, upright_z, balance_z])
+
+
+def all_of(balance):
+    """The same with the columns of all degrees of freedom: a turn mixes the live ones with others."""
+    result = copy(balance)
+    result._live = np.arange(72)
+    return result
 
 
 @pytest.mark.parametrize("robust", [huber_weights, capped_weights])

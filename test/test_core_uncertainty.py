@@ -98,7 +98,7 @@ def test_an_unseen_arm_is_less_certain(side):
             after[tracker.skeleton.index(f"{side}_{joint}")] > 1.3 * before[tracker.skeleton.index(f"{side}_{joint}")]
         )
         kept = tracker.skeleton.index(f"{opposite}_{joint}")
-        assert after[kept] == pytest.approx(before[kept], rel=0.3)
+        assert after[kept] == pytest.approx(before[kept], rel=0.4)
 
 
 def test_noise_makes_it_larger_and_tips_are_less_certain_than_hips():

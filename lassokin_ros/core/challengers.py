@@ -59,7 +59,7 @@ class Challengers:
         #: Standard deviations beyond which a point does not count: for the published state it always does.
         self._caps = np.append(np.full(count, CAP), np.inf)[:, None]
         self.cost = float("nan")
-        """The published state's cost by image, prior and uprightness: a negative log-likelihood."""
+        """The published state's cost by image, prior, uprightness and balance: a negative log-likelihood."""
         self.image_costs = np.empty(0)
         """(l,) what each landmark has of it."""
 
@@ -126,7 +126,7 @@ class Challengers:
         cost = images.sum(axis=-1) + self._rows.own_cost(self._everyone)
         self.image_costs = images[-1]
         self.cost = float(cost[-1])
-        cost += np.abs(self._increments.take(self._rows.live, axis=-1)) @ alpha
+        cost += np.abs(self._increments.take(self._rows.live, axis=-1)).dot(alpha)
         self._advantage += SHARES.take(self._age, mode="clip") * (cost[-1] - cost[:-1] - self._advantage)
         ripe = self._age >= OLD_ENOUGH
         if not ripe.any():

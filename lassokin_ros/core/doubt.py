@@ -1,8 +1,8 @@
 """How likely a pose is wrong, from what it costs: better than the reprojection error, which wrong poses keep small.
 
-The cost is the pose's own part of the problem, image (robust), prior, limits and uprightness: a negative
-log-likelihood. A logistic curve in its logarithm was fitted to the frames of the prior's training clips (first view
-each; 60 Hz with 2 px, with gaps and wrong points, 30 Hz with 4 px, COCO-17 and BODY_25), to whether the mean joint
+The cost is the pose's own part of the problem, image (robust), prior, limits, uprightness and balance: a
+negative log-likelihood. A logistic curve in its logarithm was fitted to the frames of the prior's training clips (first
+view each; 60 Hz with 2 px, with gaps and wrong points, 30 Hz with 4 px, COCO-17 and BODY_25), to whether the mean joint
 error was above `WRONG`; benchmarks/accuracy.py --doubt checks it on others.
 """
 

@@ -1,4 +1,4 @@
-"""All that one frame says of a state, or of several at once: the rows of image, prior, limits and uprightness.
+"""All that one frame says of a state, or of several at once: rows of image, prior, limits, uprightness and balance.
 
 Tracker, challengers, initialisation and calibration linearise the same problem,
 
@@ -14,6 +14,7 @@ from typing import Callable
 
 import numpy as np
 
+from lassokin_ros.core.balance import Balance
 from lassokin_ros.core.kinematics import BodyPose, BodyState, Kinematics
 from lassokin_ros.core.prior import Posture, PriorRows
 from lassokin_ros.core.projection import project, project_with_jacobian
@@ -53,10 +54,11 @@ class Rows:
 
 
 class FrameRows:
-    """The rows for one kinematics; `prior` and `upright` are the tracker's own, which learns."""
+    """The rows for one kinematics; `prior` and `upright` are the tracker's own, which learns; `balance` goes by it."""
 
     def __init__(self, kinematics: Kinematics, prior: PriorRows, upright: Upright) -> None:
         self.kinematics, self.prior, self.upright = kinematics, prior, upright
+        self.balance = Balance(kinematics, upright)
         #: Indices of the degrees of freedom that are asked for; the root's come first, which the prior does not know.
         self.live = np.flatnonzero(kinematics.live)
 
@@ -90,12 +92,15 @@ class FrameRows:
         axes = None
         if turn is not None:
             axes, upright = pose.orientations @ turn, upright @ turn[..., 0, :, :]
-        columns = np.empty((*shape, count + 3, images + self.prior.count + self.upright.count))
+        balance, balance_z = self.balance.linearise(pose, axes)
+        own = images + self.prior.count  # the upright rows come after these, and last the balance's
+        columns = np.empty((*shape, count + 3, own + self.upright.count + self.balance.count))
         self.image_columns(pose, F, axes, columns[..., :images])
-        columns[..., :first, images:-3] = columns[..., count:, images:] = columns[..., first:count, -3:] = 0.0
-        columns[..., first:count, images:-3] = self.prior.live_columns(about.posture, turn)
-        columns[..., :first, -3:] = upright.swapaxes(-1, -2).take(self.live[:first], axis=-2)
-        z = np.concatenate([error.reshape(*shape, images), about.posture.residual, upright_z], axis=-1)
+        columns[..., :first, images:own] = columns[..., count:, images:] = columns[..., first:count, own:-3] = 0.0
+        columns[..., first:count, images:own] = self.prior.live_columns(about.posture, turn)
+        columns[..., :first, own:-3] = upright.swapaxes(-1, -2).take(self.live[:first], axis=-2)
+        columns[..., :count, -3:] = balance
+        z = np.concatenate([error.reshape(*shape, images), about.posture.residual, upright_z, balance_z], axis=-1)
         return Rows(columns, z)
 
     def image_columns(self, pose: BodyPose, F: np.ndarray, axes: np.ndarray | None, out: np.ndarray) -> None:
@@ -110,10 +115,11 @@ class FrameRows:
         return capped_cost(norm(error) * weights)
 
     def own_cost(self, hypotheses: Hypotheses) -> np.ndarray:
-        """(...,) by prior and uprightness, whatever the image."""
+        """(...,) by prior, uprightness and balance, whatever the image."""
         upright = self.upright.cost(hypotheses.state.rotations[..., 0, :, :])
-        return np.asarray(0.5 * squared_norm(hypotheses.posture.residual) + upright)
+        balance = self.balance.cost(self.balance.offset(hypotheses.pose.positions))
+        return np.asarray(0.5 * squared_norm(hypotheses.posture.residual) + upright + balance)
 
     def cost(self, hypotheses: Hypotheses, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """(...,) negative log-likelihood by image, prior and uprightness."""
+        """(...,) negative log-likelihood by image, prior, uprightness and balance."""
         return np.asarray(self.image_costs(hypotheses.pose, points, weights).sum(-1) + self.own_cost(hypotheses))

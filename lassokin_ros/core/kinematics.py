@@ -148,9 +148,8 @@ class Kinematics:
         freedom turn; the joint's own by default.
         """
         moving = twists(pose, pose.orientations if axes is None else axes).take(self._live, axis=-2)
-        columns: np.ndarray = np.matmul(moving, wrenches(pose, rows).swapaxes(-1, -2), out=out)
-        columns *= self._live_reach
-        return columns
+        columns = moving @ wrenches(pose, rows).swapaxes(-1, -2)
+        return np.multiply(columns, self._live_reach, out=out)
 
 
 def twists(pose: BodyPose, axes: np.ndarray) -> np.ndarray:

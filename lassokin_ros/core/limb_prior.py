@@ -58,7 +58,7 @@ class LimbPrior:
         theta = np.empty((2, *self._places.shape, 3))
         theta[0], theta[1] = logarithm(rotations), published.theta.take(self._places, axis=0)
         values = (self._rows @ theta.reshape(2, h, angles, 1))[..., 0]
-        self._low[:, :angles] = self._high[:, :angles] = self._fixed - self._linear @ published.theta.reshape(-1)
+        self._low[:, :angles] = self._high[:, :angles] = self._fixed - self._linear.dot(published.theta.reshape(-1))
         z = np.minimum(np.maximum(values, self._low), self._high) - values
         inner = right_jacobian_inverse(theta[0])
         columns = (inner.swapaxes(-1, -2) @ self._columns).reshape(h, angles, -1)

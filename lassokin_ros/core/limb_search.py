@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from lassokin_ros.core.balance import Balance
 from lassokin_ros.core.frame_rows import Hypotheses
 from lassokin_ros.core.kinematics import BodyPose, BodyState, Kinematics, twists, wrenches
 from lassokin_ros.core.limb_prior import LimbPrior
@@ -49,8 +50,8 @@ class LimbSearch:
     published relative to that; the last joint itself turns only where landmarks show it.
     """
 
-    def __init__(self, kinematics: Kinematics, prior: PriorRows, mirroring: Mirroring) -> None:
-        self._kinematics, self._mirroring = kinematics, mirroring
+    def __init__(self, kinematics: Kinematics, prior: PriorRows, mirroring: Mirroring, balance: Balance) -> None:
+        self._kinematics, self._mirroring, self._balance = kinematics, mirroring, balance
         #: (h, 3) joints.
         self._chains = np.array([chain for chain, _ in mirroring.variants], dtype=int).reshape(-1, 3)
         if not np.isin(self._chains, prior.joints).any():  # no landmark shows any of them
@@ -63,11 +64,12 @@ class LimbSearch:
     def _find_landmarks(self) -> None:
         """(h, c) of each limb its landmarks, padded, and which of its joints, 0 to 2, carries each."""
         skeleton, joints = self._kinematics.skeleton, self._kinematics.layout.joints
-        #: (h, l) bool: landmarks that the limb carries.
-        self._carries = skeleton.ancestors[joints][:, self._chains[:, 0]].T
-        most = self._carries.sum(axis=1).max()
-        self._landmarks = np.argsort(~self._carries, axis=1, kind="stable")[:, :most]
-        self._real = np.take_along_axis(self._carries, self._landmarks, axis=1)
+        #: (h, l): 1 where the limb carries a landmark.
+        carries = skeleton.ancestors[joints][:, self._chains[:, 0]].T
+        self._carries = carries.astype(float)  # for products
+        most = carries.sum(axis=1).max()
+        self._landmarks = np.argsort(~carries, axis=1, kind="stable")[:, :most]
+        self._real = np.take_along_axis(carries, self._landmarks, axis=1)
         carried = skeleton.ancestors[joints[self._landmarks][:, :, None], self._chains[:, None, :]]
         carrier = np.maximum(carried.sum(axis=-1) - 1, 0)
         explanation = np.arange(self.count)[:, None]
@@ -79,6 +81,10 @@ class LimbSearch:
         self._sums[:, 1:3, 0] = self._sums[:, 2, 1] = 1.0
         self._sums[:, 3:, :2] = carrier[:, :, None] > np.arange(2)
         self._sums[:, 3 + np.arange(most), 2 + np.arange(most)] = 1.0
+        self._ones = np.ones(most)
+        #: (h, 1, 3): how far the balance follows each joint of a chain, the last with all that is fixed to it.
+        self._shares = self._balance.shares[self._chains][:, None]
+        self._shares[:, 0, 2] = self._balance.shares @ skeleton.ancestors[:, self._chains[:, 2]]
         #: (h, 9, 2 c): which of the chain's turns moves which row.
         self._reach = np.kron(carried.swapaxes(1, 2), np.ones((3, 2)))
 
@@ -117,12 +123,24 @@ class LimbSearch:
         step = self._systems.solve(H, g)
         prior_cost, published_prior_cost = 0.5 * squared_norm(prior_z)
         # What it costs after the step, by its own model.
-        cost = image_cost + prior_cost - 0.5 * (g * step).sum(axis=-1)
-        self._compare(self._carries @ image_costs + published_prior_cost - cost)
+        cost = image_cost + prior_cost - 0.5 * (g[:, None] @ step[..., None])[:, 0, 0]
+        gain = self._carries.dot(image_costs) + published_prior_cost - cost
+        self._compare(gain + self._steadier(pose, published.pose))
         step *= LARGEST_TURN / np.maximum(np.abs(step).max(axis=-1, keepdims=True), LARGEST_TURN)
         turning = self._rotations[:, : self._turning]
-        turning @= exponential(step.reshape(self.count, self._turning, 3))
+        turning[:] = turning @ exponential(step.reshape(self.count, self._turning, 3))
         self._apart = norm(pose.positions - published.pose.positions.take(self._chains, axis=0)).max(axis=-1)
+
+    def _steadier(self, pose: BodyPose, published: BodyPose) -> np.ndarray:
+        """(h,) how much less each explanation costs than the published pose by the body's balance."""
+        balance, last = self._balance, self._chains[:, 2]
+        arms = balance.arms(published.positions).take(last, axis=0)[..., None]  # of what is fixed to the last joint
+        turned = pose.orientations[:, 2] @ (published.orientations.take(last, axis=0).swapaxes(-1, -2) @ arms)
+        moved = np.zeros((self.count + 1, 3))  # that of the published pose, last, is 0
+        np.matmul(self._shares, pose.positions - published.positions.take(self._chains, axis=0), out=moved[:-1, None])
+        moved[:-1] += (turned - arms)[..., 0]
+        costs = balance.cost(balance.offset(published.positions) + balance.horizontal(moved))
+        return costs[-1] - costs[:-1]
 
     def _compare(self, gain: np.ndarray) -> None:
         self._age += 1
@@ -140,7 +158,7 @@ class LimbSearch:
         if ripe[best] and other[best] and self._advantage[best] > MARGIN:
             return self._exchanged(best, published.state)
         done = (self._age >= GIVEN_UP_FROM) & (~other | (self._advantage < HOPELESS))
-        if done.any():
+        if np.count_nonzero(done):  # a tenth of what any() costs
             self._renew(int((done * self._age).argmax()), published)
         return None
 
@@ -194,7 +212,7 @@ class LimbSearch:
         weight = weight * np.sqrt(capped_weights(size))
         F *= weight[..., None, None]
         error *= weight[..., None]
-        turning = twists(pose, pose.orientations)[:, : 3 * self._turning]
-        columns = turning @ wrenches(pose, F.reshape(self.count, -1, 3)).swapaxes(-1, -2)
+        turning = BodyPose(pose.orientations[:, : self._turning], pose.positions[:, : self._turning], pose.landmarks)
+        columns = twists(turning, turning.orientations) @ wrenches(pose, F.reshape(self.count, -1, 3)).swapaxes(-1, -2)
         columns *= self._reach
-        return columns, error.reshape(self.count, -1), capped_cost(size).sum(axis=-1)
+        return columns, error.reshape(self.count, -1), capped_cost(size).dot(self._ones)

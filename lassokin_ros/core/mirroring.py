@@ -69,19 +69,19 @@ class Mirroring:
         bone, next_bone = offsets[chain[1]], offsets[chain[2]]
         # All in the frame of the limb's parent, in which its first joint turns.
         root = pose.positions[chain[0]]
-        sight = first @ (root @ pose.orientations[chain[0]]) / math.sqrt(root @ root)
-        there, next_there = first @ bone, first @ (second @ next_bone)
+        sight = first.dot(root.dot(pose.orientations[chain[0]])) / math.sqrt(root.dot(root))
+        there, next_there = first.dot(bone), first.dot(second.dot(next_bone))
         if inner:
             rotations[0] = redirected(first, bone, there, mirrored_along(there, sight))
         if outer:
             next_there = mirrored_along(next_there, sight)
-        rotations[1] = redirected(second, next_bone, second @ next_bone, next_there @ rotations[0])
+        rotations[1] = redirected(second, next_bone, second.dot(next_bone), next_there.dot(rotations[0]))
         return rotations
 
 
 def mirrored_along(vector: np.ndarray, direction: np.ndarray) -> np.ndarray:
     """A vector (3,) with its component along a unit vector (3,) turned round."""
-    return vector - (2 * (vector @ direction)) * direction
+    return vector - (2 * vector.dot(direction)) * direction
 
 
 def redirected(rotation: np.ndarray, bone: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -90,8 +90,8 @@ def redirected(rotation: np.ndarray, bone: np.ndarray, a: np.ndarray, b: np.ndar
     T is the half turn about a, then that about a + b; a half turn about v is 2 v v^T / v^2 - I. Where b is opposite to
     a, any axis across will do for the second one.
     """
-    squared, axis = bone @ bone, a + b
-    if axis @ axis <= 1e-20 * squared:
+    squared, axis = bone.dot(bone), a + b
+    if axis.dot(axis) <= 1e-20 * squared:
         axis = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
     half = a[:, None] * (bone * (2 / squared)) - rotation
-    return axis[:, None] * (axis @ half * (2 / (axis @ axis))) - half
+    return axis[:, None] * (axis.dot(half) * (2 / axis.dot(axis))) - half

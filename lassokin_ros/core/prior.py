@@ -180,7 +180,7 @@ class PriorRows:
         return columns
 
     def _right_side(self, theta: np.ndarray) -> np.ndarray:
-        z: np.ndarray = theta.reshape(*theta.shape[:-2], -1) @ self._rows_transposed
+        z = np.asarray(theta.reshape(*theta.shape[:-2], -1).dot(self._rows_transposed))
         gaussian, place = z[..., : len(self.W)], z[..., len(self.W) :]
         np.subtract(self.whitened_mean, gaussian, out=gaussian)
         np.subtract(np.minimum(np.maximum(place, self.low), self.high), place, out=place)

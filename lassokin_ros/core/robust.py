@@ -12,8 +12,7 @@ THRESHOLD = 3.0
 
 def squared_norm(errors: np.ndarray) -> np.ndarray:
     """Squared lengths (...) of vectors (..., d)."""
-    squares: np.ndarray = (errors * errors) @ _ones(errors.shape[-1])
-    return squares
+    return np.asarray((errors * errors).dot(_ones(errors.shape[-1])))
 
 
 @cache

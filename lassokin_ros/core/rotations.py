@@ -1,7 +1,9 @@
 """Exponential and logarithm of SO(3), batched.
 
 scipy's Rotation does the same and is the reference in the tests; in the per-frame path its object costs more
-than the arithmetic, and it takes no arrays with more than one leading axis.
+than the arithmetic, and it takes no arrays with more than one leading axis. Inside, components come first and the
+batch last: numpy goes through one long axis several times as fast as through many of three. And here as elsewhere in
+the core, products of small vectors and matrices are written `dot`, which takes less than half the time of `@`.
 """
 
 from __future__ import annotations
@@ -19,8 +21,6 @@ _HAT = np.array([
 ], dtype=float)  # fmt: skip
 #: (4, 9): the same for vectors and a multiple of the identity.
 _HAT_AND_IDENTITY = np.vstack([_HAT, np.eye(3).reshape(1, 9)])
-#: (9, 4): of a flattened matrix, twice the vector of its skew part, and its trace.
-_SKEW_AND_TRACE = np.vstack([_HAT, np.eye(3).reshape(1, 9)]).T.copy()
 #: (9, 10): of a flattened rotation matrix, 4 q q^T of its quaternion less `_UNIT`: xx yy zz ww, xy yz zx, wz wx wy.
 _PRODUCTS = np.array([
     [1, 0, 0, 0, -1, 0, 0, 0, -1],
@@ -37,66 +37,70 @@ _PRODUCTS = np.array([
 _UNIT = np.array([1.0, 1, 1, 1, 0, 0, 0, 0, 0, 0])
 #: (4, 4): where the rows of q q^T, q = x y z w, stand among those products.
 _ROWS = np.array([[0, 4, 6, 8], [4, 1, 5, 9], [6, 5, 2, 7], [8, 9, 7, 3]])
-#: (16, 9): of p p^T, p = (2 v, w) of a unit quaternion (v, w), the matrix (w^2 - v^2) I + 2 v v^T + 2 w hat(v).
-_MATRIX_OF_PRODUCTS = np.zeros((16, 9))
-_MATRIX_OF_PRODUCTS[::5] = np.outer([-0.25, -0.25, -0.25, 1], np.eye(3))
-_MATRIX_OF_PRODUCTS[[0, 1, 2, 4, 5, 6, 8, 9, 10]] += 0.5 * np.eye(9)
-_MATRIX_OF_PRODUCTS[3:12:4] = _HAT
+#: Which components of a vector (3) or of a quaternion (4, its own three more last) make each different product of two.
+_FIRST, _SECOND = np.array([0, 1, 2, 0, 1, 2, 0, 1, 2, 3]), np.array([0, 1, 2, 1, 2, 0, 3, 3, 3, 3])
+#: (6, 9): where the products of a vector v stand in v v^T.
+_OUTER = np.zeros((6, 9))
+_OUTER[np.arange(6), 3 * _FIRST[:6] + _SECOND[:6]] = _OUTER[np.arange(6), 3 * _SECOND[:6] + _FIRST[:6]] = 1.0
+#: (10, 9): of a unit quaternion's products the matrix (w^2 - v^2) I + 2 v v^T + 2 w hat(v).
+_MATRIX_OF_PRODUCTS = np.vstack([2 * _OUTER, 2 * _HAT, np.eye(3).reshape(1, 9)])
+_MATRIX_OF_PRODUCTS[:3] -= np.eye(3).reshape(1, 9)
+#: (10, 9): of a vector, a multiple of the identity and another vector's products the matrix of `_combined`.
+_COMBINATION = np.vstack([_HAT_AND_IDENTITY, _OUTER])
 _ONES = np.ones(3)  # a product with it costs half of sum(axis=-1) on arrays this small
 _ONE_AND_A_HALF = 1.5 * np.eye(3)
 
 
 def hat(vectors: Array) -> Array:
     """Matrices of the cross product, so that the one of a times b is a x b: (..., 3) -> (..., 3, 3)."""
-    result: Array = vectors @ _HAT
-    return result.reshape(vectors.shape + (3,))
+    return vectors.reshape(-1, 3).dot(_HAT).reshape(vectors.shape + (3,))
 
 
 def _angles(vectors: Array) -> tuple[Array, Array]:
-    """t and t^2 of rotation vectors, at least 1e-15 and its square.
+    """t and t^2 of rotation vectors (3, ...), at least 1e-15 and its square.
 
     The functions below divide by them. Their quotients then lose digits near zero, (t - sin t)/t^3 for one; but those
     are multiplied by t^2 again, so what is returned is exact to rounding at every t.
     """
-    squared = np.maximum((vectors * vectors) @ _ONES, 1e-30)
+    squared = np.maximum(_ONES.dot(vectors * vectors), 1e-30)
     return np.sqrt(squared), squared
 
 
 def _combined(vectors: Array, identity: Array, skew: Array, outer: Array) -> Array:
-    """identity * I + hat(skew) + outer * v v^T, vectors v and skew (..., 3), factors (...) -> (..., 3, 3)."""
-    factors = np.empty(vectors.shape[:-1] + (4,))
-    factors[..., :3] = skew
-    factors[..., 3] = identity
-    result: Array = (factors @ _HAT_AND_IDENTITY).reshape(vectors.shape + (3,))
-    result += (vectors * outer[..., None])[..., :, None] * vectors[..., None, :]
-    return result
+    """identity * I + hat(skew) + outer * v v^T, vectors v and skew (3, k), factors (k,) -> (k, 9)."""
+    terms = np.empty((10, len(identity)))
+    terms[:3], terms[3] = skew, identity
+    np.multiply(vectors.take(_FIRST[:6], axis=0), (vectors * outer).take(_SECOND[:6], axis=0), out=terms[4:])
+    return terms.T.dot(_COMBINATION)
 
 
 def exponential(vectors: Array) -> Array:
     """Rotation matrices of rotation vectors (Rodrigues), by unit quaternions: (..., 3) in rad -> (..., 3, 3)."""
-    half = 0.5 * _angles(vectors)[0]
-    quaternion = np.empty(vectors.shape[:-1] + (4,))  # its vector twice
-    np.multiply(vectors, (np.sin(half) / half)[..., None], out=quaternion[..., :3])
-    np.cos(half, out=quaternion[..., 3])
-    products = quaternion[..., :, None] * quaternion[..., None, :]
-    result: Array = products.reshape(vectors.shape[:-1] + (16,)) @ _MATRIX_OF_PRODUCTS
-    return result.reshape(vectors.shape + (3,))
+    v = vectors.reshape(-1, 3).T
+    half = 0.5 * _angles(v)[0]
+    quaternion = np.empty((4, len(half)))
+    np.multiply(v, 0.5 * np.sin(half) / half, out=quaternion[:3])
+    np.cos(half, out=quaternion[3])
+    products = quaternion.take(_FIRST, axis=0) * quaternion.take(_SECOND, axis=0)
+    return products.T.dot(_MATRIX_OF_PRODUCTS).reshape(vectors.shape + (3,))
 
 
 def right_jacobian(vectors: Array) -> Array:
     """J_r with exp(v + dv) = exp(v) exp(J_r(v) dv) to first order: (..., 3) -> (..., 3, 3)."""
-    t, squared = _angles(vectors)
+    v = vectors.reshape(-1, 3).T
+    t, squared = _angles(v)
     ratio = 2 * np.sin(0.5 * t) / t
     sinc = ratio * np.cos(0.5 * t)
-    return _combined(vectors, sinc, vectors * (-0.5 * ratio * ratio)[..., None], (1 - sinc) / squared)
+    return _combined(v, sinc, v * (-0.5 * ratio * ratio), (1 - sinc) / squared).reshape(vectors.shape + (3,))
 
 
 def right_jacobian_inverse(vectors: Array) -> Array:
     """J_r(v)^-1, so that log(R exp(dw)) = log(R) + J_r(log R)^-1 dw: (..., 3) -> (..., 3, 3), |v| < 2 pi."""
-    t, squared = _angles(vectors)
+    v = vectors.reshape(-1, 3).T
+    t, squared = _angles(v)
     half = 0.5 * t
     cotangent = half / np.tan(half)
-    return _combined(vectors, cotangent, 0.5 * vectors, (1 - cotangent) / squared)
+    return _combined(v, cotangent, 0.5 * v, (1 - cotangent) / squared).reshape(vectors.shape + (3,))
 
 
 def logarithm(matrices: Array) -> Array:
@@ -104,14 +108,15 @@ def logarithm(matrices: Array) -> Array:
 
     From the skew part, sin(t) times the axis; near pi, where that vanishes, by way of the quaternion.
     """
-    parts = matrices.reshape(matrices.shape[:-2] + (9,)) @ _SKEW_AND_TRACE
-    axis, double_cosine = parts[..., :3], parts[..., 3] - 1
-    double_sine = np.maximum(np.sqrt((axis * axis) @ _ONES), 1e-150)  # the angle is 0, not 0/0
-    result: Array = (np.arctan2(double_sine, double_cosine) / double_sine)[..., None] * axis
+    parts = _HAT_AND_IDENTITY.dot(matrices.reshape(-1, 9).T)  # twice the skew part's vector, and the trace
+    axis, double_cosine = parts[:3], parts[3] - 1
+    double_sine = np.maximum(np.sqrt(_ONES.dot(axis * axis)), 1e-150)  # the angle is 0, not 0/0
+    result = np.empty((len(double_sine), 3))
+    np.multiply(axis, np.arctan2(double_sine, double_cosine) / double_sine, out=result.T)
     far = double_cosine < -1.9  # beyond 162 degrees
-    if far.any():
-        result[far] = _logarithm_of_quaternion(to_quaternion(matrices[far]))
-    return result
+    if np.count_nonzero(far):  # a tenth of what any() costs
+        result[far] = _logarithm_of_quaternion(to_quaternion(matrices.reshape(-1, 3, 3)[far]))
+    return result.reshape(matrices.shape[:-1])
 
 
 def _logarithm_of_quaternion(quaternion: Array) -> Array:

@@ -74,7 +74,7 @@ class Tracker:
         self._rows = FrameRows(self.kinematics, PriorRows(prior, self.kinematics), self._upright)
         self._initialiser = Initialiser(self.kinematics, prior, self._rows)
         self._challengers = Challengers(self._initialiser, self._rows, CHALLENGERS)
-        self._limbs = LimbSearch(self.kinematics, self._rows.prior, self._initialiser.mirroring)
+        self._limbs = LimbSearch(self.kinematics, self._rows.prior, self._initialiser.mirroring, self._rows.balance)
         self._steadying = Steadying(self.kinematics.joint_count)
         self._lag = FixedLag(self.kinematics)
         self._repeats, self._filter = Repeats(), PointFilter(self.layout.names)

@@ -1,13 +1,13 @@
 """How uncertain each joint's place is: the posterior covariance of the frame's own problem, taken to the joints.
 
-The l2 rows of a frame's lasso (image, prior, limits, uprightness, each in standard deviations) make a Gaussian of the
-increment and the translation with the inverse covariance [A B]^T [A B]; of the increment alone, whatever the
-translation, it is A^T M A, which the solver has made. Through the joints' Jacobian it becomes a covariance of each
-joint's place relative to the pelvis, in the camera frame. The l1 term, which says how people move
+The l2 rows of a frame's lasso (image, prior, limits, uprightness, balance, each in standard deviations) make a
+Gaussian of the increment and the translation with the inverse covariance [A B]^T [A B]; of the increment alone,
+whatever the translation, it is A^T M A, which the solver has made. Through the joints' Jacobian it becomes a
+covariance of each joint's place relative to the pelvis, in the camera frame. The l1 term, which says how people move
 and not where they are, has no part in it. A Gaussian about one explanation does not know of others (a limb mirrored in
 depth), and a limb swings on a sphere, so no error grows with the linear model's for ever: `FACTOR` and `LARGEST` stand
-for both. They were fitted on the prior's training clips (first view each, 2 px, and 4 px with missing and wrong points)
-to the mean error in 20 bins; benchmarks/accuracy.py --uncertainty checks them on others.
+for both. They were fitted on the prior's training clips (first view each, 2 px, and 4 px with missing and wrong
+points) to the mean error in 20 bins; benchmarks/accuracy.py --uncertainty checks them on others.
 """
 
 from __future__ import annotations

@@ -36,9 +36,9 @@ class Upright:
     def learn(self, root: np.ndarray, step: float) -> None:
         """Let the vertical follow the pelvis' orientation (3, 3), held for `step` s, unless upside down."""
         up = root[:, 1]
-        if up @ self.vertical > 0.5:
+        if up.dot(self.vertical) > 0.5:
             moved = self.vertical + min(step / LEARNED_IN, 1.0) * (up - self.vertical)
-            self.vertical = moved / math.sqrt(moved @ moved)
+            self.vertical = moved / math.sqrt(moved.dot(moved))
 
     def linearise(self, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(A, z): rows (..., 3, 3) for the root's increment and right sides (..., 3), in standard deviations.
