@@ -10,7 +10,7 @@ from sequences import CONFIG, RATE, observations, same
 from lassokin_ros.core.estimate import Estimate, Status
 from lassokin_ros.core.fixed_lag import FixedLag
 from lassokin_ros.core.kinematics import BodyState
-from lassokin_ros.core.steadying import Steadying
+from lassokin_ros.core.steadying import DEPTH, Steadying
 from lassokin_ros.core.tracker import Tracker
 
 TIME = 0.03
@@ -46,7 +46,7 @@ def lagging(values, steps, offsets=None):
     for place, step in zip(values, steps):
         stamp += step
         state = BodyState(rotations, np.array(place))
-        steady = steadying.steadied(state, none, place - last, step, TIME)
+        steady = steadying.steadied(state, kinematics.pose(state), none, place - last, step, TIME)
         estimate = Estimate(stamp, Status.TRACKING, None, steady, solved=state)
         own = kinematics.skeleton.offsets if offsets is None else offsets
         lag.add(estimate, steadying.forward, own, lambda pose: float(pose.positions[0, 0]))
@@ -56,10 +56,13 @@ def lagging(values, steps, offsets=None):
 
 def test_it_is_the_textbooks_smoother():
     random = np.random.default_rng(0)
-    values = np.cumsum(0.01 * random.normal(size=(40, 3)), axis=0) + [0.0, 0.0, 3.0]
     steps = random.uniform(0.01, 0.05, 40)
-    smooth = lagging(values, steps).flush()
-    assert np.abs(np.array([e.state.translation for e in smooth]) - textbook(values, steps, TIME)).max() < 1e-9
+    nearer = np.cumsum(0.01 * random.normal(size=(40, 1)), axis=0) * [0.0, 0.0, 1.0] + [0.0, 0.0, 3.0]
+    smooth = np.array([e.state.translation for e in lagging(nearer, steps).flush()])
+    assert np.abs(smooth - textbook(nearer, steps, DEPTH * TIME)).max() < 1e-9
+    values = np.cumsum(1e-4 * random.normal(size=(40, 3)), axis=0) * [1.0, 1.0, 0.0] + [0.0, 0.0, 3.0]
+    smooth = np.array([e.state.translation for e in lagging(values, steps).flush()])
+    assert np.abs(smooth - textbook(values, steps, TIME)).max() < 1e-6  # the viewing ray turns a little
     stamps = np.cumsum(steps)
     lag = lagging(values, steps)
     due = lag.due(stamps[-1], 0.2)
@@ -178,3 +181,23 @@ def test_without_smoothing_frames_only_wait(smoothing):
         answers.append(tracker.track(observation))
         published += tracker.published
     assert all(same(a.state, b.state) for a, b in zip(answers, published)) == (smoothing == 0.0)
+
+
+def test_frames_that_wait_are_not_moved_when_the_next_one_starts_from_another_explanation():
+    """What has to settle is the next frame's: those before it are published as if they had not waited for it."""
+    kinematics = body()
+    rotations = np.tile(np.eye(3), (kinematics.joint_count, 1, 1))
+    rotations[0], none = FACING, np.zeros(3 * kinematics.joint_count)
+    state = BodyState(rotations, np.array([0.0, 0.0, 3.0]))
+    other = state.retract(0.3 * np.random.default_rng(2).normal(size=none.shape), np.array([0.0, 0.0, 0.2]))
+    steadying, lag = Steadying(kinematics.joint_count), FixedLag(kinematics)
+    for frame, solved in enumerate([state] * 6 + [other] * 12):
+        if frame == 6:
+            steadying.exchange(state, other)
+        steady = steadying.steadied(solved, kinematics.pose(solved), none, np.zeros(3), 1 / RATE, TIME)
+        estimate = Estimate(frame / RATE, Status.TRACKING, None, steady, solved=solved)
+        lag.add(estimate, steadying.forward, kinematics.skeleton.offsets, lambda pose: 0.0)
+    published = lag.flush()
+    away = [np.abs(e.state.rotations - e.solved.rotations).max() for e in published]
+    assert max(away[:6]) < 1e-9 and away[6] > 0.02 and away[-1] < 1e-3
+    assert all(later < earlier for earlier, later in zip(away[6:], away[7:]))

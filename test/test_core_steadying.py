@@ -7,23 +7,37 @@ import pytest
 from scipy.spatial.transform import Rotation
 from sequences import CONFIG, observations
 
-from lassokin_ros.core.kinematics import BodyState
-from lassokin_ros.core.steadying import LONGEST_STEP, Steadying
+from lassokin_ros.core.kinematics import BodyPose, BodyState
+from lassokin_ros.core.steadying import DEPTH, LONGEST_STEP, Steadying
 from lassokin_ros.core.tracker import Tracker
 
 STEP, TIME, JOINTS = 1 / 60, 0.02, 3
 
 
-def turned(vectors):
-    return BodyState(Rotation.from_rotvec(vectors).as_matrix(), 0.1 * vectors[0])
+AHEAD = np.array([0.0, 0.0, 3.0])
+
+
+def turned(vectors, place=AHEAD):
+    """Joints that hang on nothing: their rotations are their orientations."""
+    return BodyState(Rotation.from_rotvec(vectors).as_matrix(), place + 0.1 * vectors[0])
+
+
+def posed(state):
+    return BodyPose(state.rotations, np.zeros((JOINTS, 3)), np.zeros((0, 3)))
+
+
+def steadied(steadying, last, state, step=STEP, time=TIME):
+    """The state to publish after the increment from the last one."""
+    omega = Rotation.from_matrix(np.swapaxes(last.rotations, -1, -2) @ state.rotations).as_rotvec()
+    moved = state.translation - last.translation
+    return steadying.steadied(state, posed(state), omega.ravel(), moved, step, time)
 
 
 def followed(states, step=STEP, time=TIME):
     """Steady a list of states; the increments are those between them."""
     steadying, last, published = Steadying(JOINTS), states[0], []
     for state in states:
-        omega = Rotation.from_matrix(np.swapaxes(last.rotations, -1, -2) @ state.rotations).as_rotvec()
-        published.append(steadying.steadied(state, omega.ravel(), state.translation - last.translation, step, time))
+        published.append(steadied(steadying, last, state, step, time))
         last = state
     return published
 
@@ -62,15 +76,59 @@ def test_longer_time_is_steadier():
     assert all(a is b for a, b in zip(states, followed(states, time=0.0)))
 
 
+def test_motion_in_depth_is_steadied_more():
+    random = np.random.default_rng(2)
+    states = [turned(0.02 * random.normal(size=(JOINTS, 3)), AHEAD + 0.02 * random.normal(size=3)) for _ in range(1500)]
+    published = followed(states)[50:]
+    turns = np.array([Rotation.from_matrix(state.rotations).as_rotvec() for state in published])
+    places = np.array([state.translation for state in published])
+    about_the_ray, across_it = turns[..., 2].std(), turns[..., :2].std()
+    sideways, towards_us = places[:, :2].std(), places[:, 2].std()
+    assert across_it < 0.85 * about_the_ray and towards_us < 0.85 * sideways
+    left = np.std([state.translation[2] for state in followed(states, time=DEPTH * TIME)[50:]])
+    assert sideways > towards_us and np.isclose(left, places[:, 2].std(), rtol=0.35)
+
+
+def test_what_counts_as_depth_is_seen_from_the_camera_not_from_the_joint():
+    """The same motion, in a body that is turned otherwise and its camera with it, is published alike."""
+    random = np.random.default_rng(3)
+    vectors, steps = 0.05 * random.normal(size=(40, JOINTS, 3)), 0.05 * random.normal(size=(40, 3))
+    other = Rotation.random(random_state=3).as_matrix()
+    plain = [BodyState(Rotation.from_rotvec(v).as_matrix(), AHEAD + p) for v, p in zip(vectors, steps)]
+    turned_round = [BodyState(other @ s.rotations, other @ s.translation) for s in plain]
+    for a, b in zip(followed(plain), followed(turned_round)):
+        assert np.allclose(other @ a.rotations, b.rotations) and np.allclose(other @ a.translation, b.translation)
+
+
+def test_another_explanation_is_settled_to_not_jumped_to():
+    states = [turned(np.full((JOINTS, 3), 0.01 * i)) for i in range(20)]
+    steadying = Steadying(JOINTS)
+    for last, state in zip(states, states[1:]):
+        before = steadied(steadying, last, state)
+    jump = np.array([[0.0, 0.5, 0.0], [0.0, 0.0, 0.0], [0.8, 0.0, 0.0]])
+    start = BodyState(state.rotations @ Rotation.from_rotvec(jump).as_matrix(), state.translation + [0.0, 0.0, 0.2])
+    steadying.exchange(state, start)
+    apart = []
+    for _ in range(30):
+        published = steadied(steadying, start, start)
+        apart.append([angle(published, start), published.translation[2] - start.translation[2]])
+    left = np.exp(-STEP / TIME)
+    assert 0.25 < left < 0.75 and np.allclose(apart[0], [0.8 * left, -0.2 * left], rtol=0.25)
+    assert np.all(np.diff(np.abs(apart[:8]), axis=0) < 0) and np.max(np.abs(apart[-1])) < 1e-3
+    assert angle(published, before) > 0.4
+    steadying.exchange(start, state)
+    steadying.reset()
+    assert steadied(steadying, state, state) is state
+
+
 def test_the_first_state_and_the_one_after_a_gap_are_published_as_solved():
     steadying = Steadying(JOINTS)
     a, b, c = turned(np.zeros((3, 3))), turned(np.full((3, 3), 0.3)), turned(np.full((3, 3), -0.3))
-    none = np.zeros(9), np.zeros(3)
-    assert steadying.steadied(a, *none, np.inf, TIME) is a
-    assert angle(steadying.steadied(b, np.full(9, 0.3), np.zeros(3), STEP, TIME), b) > 0.01
-    assert steadying.steadied(c, *none, 1.01 * LONGEST_STEP, TIME) is c
+    assert steadied(steadying, a, a, np.inf) is a
+    assert angle(steadied(steadying, a, b), b) > 0.01
+    assert steadied(steadying, b, c, 1.01 * LONGEST_STEP) is c
     steadying.reset()
-    assert steadying.steadied(b, *none, STEP, TIME) is b
+    assert steadied(steadying, c, b) is b
 
 
 def test_the_tracker_follows_the_same_states_whatever_is_published():

@@ -66,13 +66,15 @@ class FixedLag:
         """The oldest `count`, each smoothed with all that came after it; they wait no longer."""
         if count == 0:
             return []
+        if len(self._waiting) == 1:  # with no lag it always is
+            return [self._waiting.popleft().estimate]
         released = []
         for index in range(len(self._waiting) - 1, -1, -1):
             this = self._waiting[index]
             after = self._waiting[index + 1].forward if index + 1 < len(self._waiting) else None
             alone = after is None or after.begins
             if after is None or after.begins:
-                departure, velocity = this.forward.departure, this.forward.velocity
+                departure, velocity = map(this.forward.parts, (this.forward.departure, this.forward.velocity))
             else:
                 departure, velocity = _corrected(this.forward, after, departure, velocity)
             if index < count:
@@ -84,7 +86,7 @@ class FixedLag:
     def _smoothed(self, waiting: _Waiting, departure: np.ndarray) -> Estimate:
         estimate = waiting.estimate
         assert estimate.solved is not None
-        state = estimate.solved.retract(departure[:-1].reshape(-1), departure[-1])
+        state = waiting.forward.published(estimate.solved, departure[0] + departure[1])
         pose = self._kinematics.pose(state, waiting.offsets)
         return replace(estimate, state=state, pose=pose, reprojection_px=waiting.reprojection_px(pose))
 
@@ -92,16 +94,18 @@ class FixedLag:
 def _corrected(
     this: Forward, after: Forward, departure: np.ndarray, velocity: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Departure and velocity of a frame by those, smoothed already, of the frame after it; (n + 1, 3) each.
+    """Departure and velocity of a frame by those, smoothed already, of the frame after it; (2, n + 1, 3) each.
 
-    With the gain P F^T P'^-1: P is this frame's covariance, P' the one predicted from it, F = [1, step; 0, 1].
+    What moves in the image and what moves in depth have a gain each, P F^T P'^-1: P is this frame's covariance, P' the
+    one predicted from it, F = [1, step; 0, 1].
     """
-    value, both, speed = this.covariance
-    A, B, C = after.predicted_covariance
-    ahead, moving = value + after.step * both, both + after.step * speed
-    size = A * C - B * B
-    off, faster = departure - after.predicted, velocity - this.velocity
-    return (
-        this.departure + (ahead * C - both * B) / size * off + (both * A - ahead * B) / size * faster,
-        this.velocity + (moving * C - speed * B) / size * off + (speed * A - moving * B) / size * faster,
-    )
+    off, faster = departure - after.parts(after.predicted), velocity - this.parts(this.velocity)
+    departure, velocity = this.parts(this.departure), this.parts(this.velocity)
+    for part in range(2):
+        value, both, speed = this.covariance[part]
+        A, B, C = after.predicted_covariance[part]
+        ahead, moving = value + after.step * both, both + after.step * speed
+        size = A * C - B * B
+        departure[part] += (ahead * C - both * B) / size * off[part] + (both * A - ahead * B) / size * faster[part]
+        velocity[part] += (moving * C - speed * B) / size * off[part] + (speed * A - moving * B) / size * faster[part]
+    return departure, velocity

@@ -3,37 +3,62 @@
 The tracker answers every frame nearly from that frame's image alone, which lets it leave a wrong explanation at once,
 but passes on the image's noise, most of all in depth. What is published follows it through one constant-velocity
 Kalman filter for each degree of freedom (white acceleration; Bar-Shalom, Li, Kirubarajan, Estimation with Applications
-to Tracking and Navigation, 2001, sec. 6.3), all of one gain. The tracker's own state, from which the next frame is
-linearised, stays as solved: fed back, a prediction in depth would hold on to what was wrong.
+to Tracking and Navigation, 2001, sec. 6.3), of two gains: one for what the image shows, turns about the viewing ray and
+steps across it, and a lower one for what moves the body in depth. When a limb's other explanation takes over, what is
+published goes there within a few frames, not in one. The tracker's own state, from which the next frame is linearised,
+stays as solved: fed back, a prediction in depth would hold on to what was wrong.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
-from lassokin_ros.core.kinematics import BodyState
+from lassokin_ros.core.kinematics import BodyPose, BodyState
+from lassokin_ros.core.rotations import logarithm
+
+DEPTH = 1.9
+"""How much longer motion in depth is steadied than motion in the image: one camera sees it that much worse."""
 
 LONGEST_STEP = 0.2
 """s between frames beyond which the filter starts anew: nothing is known of the motion between."""
+
+Covariance = tuple[float, float, float]
+"""(value, both, velocity), in the variance of a value as solved."""
+
+_ONES = np.ones(3)  # a product with it costs half of sum(axis=-1) on arrays this small
 
 
 class Forward(NamedTuple):
     """One frame's filtering, for whoever smooths backwards (see `fixed_lag`).
 
-    begins: the filter began with this frame; step: s since the last frame; predicted: (n + 1, 3) departure predicted
-    from the last frame, predicted_covariance: with the predicted velocity's; departure, velocity and covariance: after
-    this frame. Covariances are (value, both, velocity), in the variance of a value as solved.
+    begins: the filter began with this frame; step: s since the last frame; rays: see `parts`; predicted: departure
+    predicted from the last frame, predicted_covariance: with the predicted velocity's; departure, velocity and
+    covariance: after this frame; settling: what is left of another explanation. Covariances are two, in the image and
+    in depth; all else is (n + 1, 3).
     """
 
     begins: bool
     step: float
+    rays: np.ndarray
     predicted: np.ndarray
-    predicted_covariance: tuple[float, float, float]
+    predicted_covariance: tuple[Covariance, Covariance]
     departure: np.ndarray
     velocity: np.ndarray
-    covariance: tuple[float, float, float]
+    covariance: tuple[Covariance, Covariance]
+    settling: np.ndarray
+
+    def parts(self, vectors: np.ndarray) -> np.ndarray:
+        """(2, n + 1, 3): turns and, last, a step (n + 1, 3) of this frame, in the image and in depth."""
+        depth = _in_depth(vectors, self.rays)
+        return np.array([vectors - depth, depth])
+
+    def published(self, solved: BodyState, departure: np.ndarray) -> BodyState:
+        """The state as solved, moved by its departure (n + 1, 3) and by what has not settled yet."""
+        moved = departure + self.settling
+        return solved.retract(moved[:-1].reshape(-1), moved[-1])
 
 
 class Steadying:
@@ -51,46 +76,90 @@ class Steadying:
         """Begin anew from the next state."""
         self._departure = np.zeros(self._shape)
         self._velocity = np.zeros(self._shape)
-        #: Variance of the value, covariance, variance of the velocity; of the value as solved it is 1.
-        self._covariance: tuple[float, float, float] | None = None
+        self._settling = np.zeros(self._shape)
+        self._covariance: tuple[Covariance, Covariance] | None = None
         self.forward: Forward | None = None
         """Of the last frame."""
 
+    def exchange(self, last: BodyState, start: BodyState) -> None:
+        """The next frame starts from another explanation, `start`, not from the last state.
+
+        What is published goes on from where it is, and settles to it.
+        """
+        self._settling = self._settling.copy()  # the last frame's `forward` has the other
+        self._settling[:-1] += logarithm(np.swapaxes(start.rotations, -1, -2) @ last.rotations)
+        self._settling[-1] += last.translation - start.translation
+
     def steadied(
-        self, state: BodyState, omega: np.ndarray, translation_step: np.ndarray, step: float, time: float
+        self,
+        state: BodyState,
+        pose: BodyPose,
+        omega: np.ndarray,
+        translation_step: np.ndarray,
+        step: float,
+        time: float,
     ) -> BodyState:
         """The state to publish.
 
-        state: as solved; omega (3 n,) rad and translation_step (3,) m: the increment that led to it; step: s since the
-        last frame; time: s over which motion is steadied, the root of the noise over the acceleration; 0: not at all.
+        state: as solved, pose: its own; omega (3 n,) rad and translation_step (3,) m: the increment that led to it;
+        step: s since the last frame; time: s over which motion in the image is steadied, the root of the noise over the
+        acceleration, and in which another explanation settles; 0: not at all.
         """
         if self._covariance is None or time <= 0 or step > LONGEST_STEP:
-            self.reset()
-            start = self._covariance = 1.0, 0.0, (1 / max(time, 1e-3)) ** 2
-            self.forward = Forward(True, step, self._departure, start, self._departure, self._velocity, start)
-            return state
-        ahead = self._ahead(step, time)
-        gain, velocity_gain = self._gains(ahead)
+            return self._begun(state, step, time)
+        ahead = _ahead(self._covariance[0], step, time), _ahead(self._covariance[1], step, DEPTH * time)
+        (gain, velocity_gain, after), (depth_gain, depth_velocity_gain, depth_after) = map(_corrected, ahead)
         predicted = self._departure + step * self._velocity
         predicted[:-1] -= omega.reshape(-1, 3)
         predicted[-1] -= translation_step
-        self._velocity = self._velocity - velocity_gain * predicted
-        self._departure = (1 - gain) * predicted
-        self.forward = Forward(False, step, predicted, ahead, self._departure, self._velocity, self._covariance)
-        return state.retract(self._departure[:-1].reshape(-1), self._departure[-1])
+        rays = self._rays(pose, state.translation)
+        depth = _in_depth(predicted, rays)
+        self._departure = (1 - gain) * predicted + (gain - depth_gain) * depth
+        self._velocity = self._velocity - velocity_gain * predicted + (velocity_gain - depth_velocity_gain) * depth
+        self._covariance = after, depth_after
+        self._settling = self._settling * math.exp(-step / time)
+        self.forward = Forward(
+            False, step, rays, predicted, ahead, self._departure, self._velocity, self._covariance, self._settling
+        )
+        return self.forward.published(state, self._departure)
 
-    def _ahead(self, step: float, time: float) -> tuple[float, float, float]:
-        """The covariance predicted for this frame."""
-        assert self._covariance is not None
-        value, both, velocity = self._covariance
-        noise = step * step / time**4  # of the acceleration 1 / time^2 over a step, squared
-        value += 2 * step * both + step * step * velocity + noise * step * step / 4
-        both += step * velocity + noise * step / 2
-        return value, both, velocity + noise
+    def _begun(self, state: BodyState, step: float, time: float) -> BodyState:
+        self.reset()
+        time = max(time, 1e-3)
+        start = self._covariance = (1.0, 0.0, time**-2), (1.0, 0.0, (DEPTH * time) ** -2)
+        none = self._departure
+        self.forward = Forward(True, step, none, none, start, none, none, start, none)
+        return state
 
-    def _gains(self, ahead: tuple[float, float, float]) -> tuple[float, float]:
-        """The Kalman gains of value and velocity; the covariance becomes that after this frame."""
-        value, both, velocity = ahead
-        gain, velocity_gain = value / (value + 1), both / (value + 1)
-        self._covariance = value - gain * value, both - gain * both, velocity - velocity_gain * both
-        return gain, velocity_gain
+    def _rays(self, pose: BodyPose, translation: np.ndarray) -> np.ndarray:
+        """(n + 1, 3): the body's viewing ray, of length 1, as each joint's frame and, last, the camera's has it."""
+        rays = np.empty(self._shape)
+        rays[-1] = ray = translation / math.sqrt(translation.dot(translation))
+        np.matmul(ray, pose.orientations, out=rays[:-1])
+        return rays
+
+
+def _ahead(covariance: Covariance, step: float, time: float) -> Covariance:
+    """The covariance predicted for the next frame after step, s, of what is steadied over time, s."""
+    value, both, velocity = covariance
+    noise = step * step / time**4  # of the acceleration 1 / time^2 over a step, squared
+    value += 2 * step * both + step * step * velocity + noise * step * step / 4
+    return value, both + step * velocity + noise * step / 2, velocity + noise
+
+
+def _corrected(ahead: Covariance) -> tuple[float, float, Covariance]:
+    """The Kalman gains of value and velocity, and the covariance after the frame for which it was `ahead`."""
+    value, both, velocity = ahead
+    gain, velocity_gain = value / (value + 1), both / (value + 1)
+    return gain, velocity_gain, (value - gain * value, both - gain * both, velocity - velocity_gain * both)
+
+
+def _in_depth(vectors: np.ndarray, rays: np.ndarray) -> np.ndarray:
+    """Of turns and, last, a step (n + 1, 3), the part that moves the body in depth; what is left moves it in the image.
+
+    A turn about the ray moves the body in the image, and a step along it in depth.
+    """
+    along = (vectors * rays).dot(_ONES)[:, None] * rays
+    depth: np.ndarray = vectors - along
+    depth[-1] = along[-1]
+    return depth

@@ -13,6 +13,7 @@ With `smoothing_lag`, what `track` returns is still the newest frame's; `publish
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import partial
 
@@ -25,7 +26,7 @@ from lassokin_ros.core.challengers import Challengers
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Estimate, Observation, Rejection, Status
 from lassokin_ros.core.fixed_lag import FixedLag
-from lassokin_ros.core.frame_rows import FrameRows
+from lassokin_ros.core.frame_rows import FrameRows, Hypotheses
 from lassokin_ros.core.increment import Increment, IncrementSolver
 from lassokin_ros.core.initialisation import Fit, Initialiser
 from lassokin_ros.core.kinematics import BodyPose, BodyState, Kinematics
@@ -138,8 +139,9 @@ class Tracker:
             return self._refused(observation, rejection, increment.solution.certificate)
         step = observation.stamp - self._seen
         news = observation.stamp - self._informed if repeated == 0 else 0.0
-        state = self._take(start, fit, increment, points, weights, news)
-        steady = self._steadying.steadied(state, increment.omega, increment.x, step, self.config.smoothing)
+        solved = self._take(start, fit, increment, points, weights, news)
+        state = solved.state
+        steady = self._steadying.steadied(state, solved.pose, increment.omega, increment.x, step, self.config.smoothing)
         pose = self.kinematics.pose(steady)
         offsets = self.skeleton.offsets
         self._seen, self._status = observation.stamp, Status.TRACKING
@@ -216,24 +218,28 @@ class Tracker:
         points: np.ndarray,
         weights: np.ndarray,
         news: float,
-    ) -> BodyState:
+    ) -> Hypotheses:
         """Make the state after a certified increment the present one, and let the challengers see the same points.
 
         fit: where the state was found anew, what it was found as; news: s since there were new keypoints before these;
         0 where these are repeated, and no further evidence.
         """
         omega, x, alpha = increment.omega, increment.x, increment.problem.alpha
-        if fit is not None or self._successor is not None:
-            self._steadying.reset()  # it is another explanation: where the last one was going says nothing of it
-        self._successor = None
+        if fit is not None or self._another_body:
+            self._steadying.reset()  # where the last one was going says nothing of it
+        elif self._successor is not None:
+            assert self._state is not None
+            self._steadying.exchange(self._state, start)
+        self._successor, self._another_body = None, False
         if fit is not None:
             state = start.retract(omega, x)
             self._state = state = replace(state, rotations=orthonormalised(state.rotations))
             self._challengers.start(state, points, weights)
             self._limbs.start(state)
             self._cost = float(fit.costs[0])
-            return state
+            return self._challengers.published
         self._state = state = self._challengers.advance(omega, x, alpha, news > 0)
+        solved = self._challengers.published
         if news > 0:
             self._successor = self._challengers.compete(points, weights, alpha)
             self._another_body = self._successor is not None
@@ -243,7 +249,7 @@ class Tracker:
                 self._search_limbs(points, weights)
             self._cost = self._challengers.cost
             self._upright.learn(state.rotations[0], news)
-        return state
+        return solved
 
     def _search_limbs(self, points: np.ndarray, weights: np.ndarray) -> None:
         """Let a limb's other explanation follow, if it has become better than the one that is published."""
@@ -289,5 +295,5 @@ class Tracker:
 
 def _reprojection_px(points: np.ndarray, visible: np.ndarray, focal: float, pose: BodyPose) -> float:
     """px: root of the mean squared distance of the visible points (l, 2) from the pose's landmarks."""
-    error = (points - project(pose.landmarks))[visible] * focal
-    return float(np.sqrt(np.vdot(error, error) / len(error)))
+    error = (points - project(pose.landmarks)) * visible[:, None]
+    return focal * math.sqrt(np.vdot(error, error) / np.count_nonzero(visible))
