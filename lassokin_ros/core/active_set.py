@@ -28,7 +28,7 @@ def predicted(H: np.ndarray, g: np.ndarray, alpha: np.ndarray, guess: np.ndarray
     alpha Omega^2 / (2 |guess| + 2 s), and what that leaves below s is 0.
     """
     size = np.abs(guess)
-    penalty = float(alpha @ size)
+    penalty = float(alpha.dot(size))
     if not 0 < penalty < np.inf:
         return guess
     smallest = NEGLIGIBLE * penalty / len(alpha) / alpha
@@ -61,21 +61,23 @@ def mend(H: np.ndarray, g: np.ndarray, alpha: np.ndarray, omega: np.ndarray, ste
                 return None
             signs = np.sign(_purified(H, alpha, np.where(signs != 0, omega, 0.0)))
             continue
-        correlation = g - values @ rows
+        correlation = g - values.dot(rows)
         excess = np.abs(correlation) - bound
         excess[support] = 0.0
         worst = excess[excess.argmax()]
-        contradicted = support[values * signs.take(support) < 0]
-        if worst <= 0 and contradicted.size == 0:
+        agreement = values * signs.take(support)
+        contradicted = support.size > 0 and agreement[agreement.argmin()] < 0
+        if worst <= 0 and not contradicted:
             if _nearly_singular(factor):
                 return None
             solution = np.zeros(len(g))
             solution[support] = values
             return solution
-        signs[contradicted] = 0.0
+        if contradicted:
+            signs[support[agreement < 0]] = 0.0
         if worst > 0:
-            entering = (excess >= (ENTERING_TOGETHER * worst if step < ALONE_FROM else worst)).nonzero()[0]
-            signs[entering] = np.sign(correlation.take(entering))
+            entering = excess >= (ENTERING_TOGETHER * worst if step < ALONE_FROM else worst)
+            np.copyto(signs, np.sign(correlation), where=entering)
     return None
 
 

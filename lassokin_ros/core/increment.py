@@ -86,4 +86,4 @@ class IncrementSolver:
     def _problem(self, rows: Rows, omega: np.ndarray, x: np.ndarray, sparsity: float) -> Lasso:
         """The lasso in the frame's total increment: what has been moved already, (omega, x), is added back to z."""
         A, B = rows.columns[:-3].T, rows.columns[-3:].T
-        return Lasso(A, B, rows.z + A @ omega[self._rows.live] + B @ x, sparsity / self._motion)
+        return Lasso(A, B, rows.z + A.dot(omega[self._rows.live]) + B.dot(x), sparsity / self._motion)
