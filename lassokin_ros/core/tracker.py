@@ -51,8 +51,8 @@ SMALLEST = 3.0
 """Height of the person in the image, in noise_px, below which nothing can be seen: nonsense fits far away best."""
 
 STUCK_AFTER = 3
-"""Frames in a row without a certificate, or with one for a body behind the camera, after which the state is found anew:
-it is one that leads nowhere."""
+"""Frames in a row without a certificate, or with one for a body that is behind the camera or too far away to be seen,
+after which the state is found anew: it is one that leads nowhere."""
 
 LEAST_MOTION = 0.003
 """rad a frame: no degree of freedom is taken to move less."""
@@ -89,7 +89,7 @@ class Tracker:
         """Forget the state; the next usable frame initialises anew."""
         self._state: BodyState | None = None
         self._seen = self._informed = -np.inf  # stamps of the last frame that was used, of the last with new keypoints
-        self._uncertified = 0
+        self._nowhere = 0
         self._status = Status.SEARCHING
         self._successor: BodyState | None = None
         self._another_body = False  # the successor differs by more than a limb
@@ -131,7 +131,7 @@ class Tracker:
         points, weights = self._filtered(observation.stamp, seen, weights, repeated > 0)
         if np.count_nonzero(weights) < self.config.min_landmarks:
             return self._refused(observation, Rejection.TOO_FEW_LANDMARKS)
-        initialised = self._state is None or lost or self._uncertified >= STUCK_AFTER
+        initialised = self._state is None or lost or self._nowhere >= STUCK_AFTER
         fit = self._initialiser.fit(points, weights) if initialised else None
         start, increment = self._follow(fit, points, weights)
         rejection = self._against(start, increment, observation.focal)
@@ -203,12 +203,13 @@ class Tracker:
     def _against(self, start: BodyState, increment: Increment, focal: float) -> Rejection | None:
         """The reason against an answer, if any; one that leads nowhere is counted."""
         depth = start.translation[2] + increment.x[2]
-        if not increment.solution.certified or depth <= 0:  # behind the camera no image leads back
-            self._uncertified += 1
-            return Rejection.TOO_SMALL if increment.solution.certified else Rejection.NOT_CERTIFIED
-        self._uncertified = 0
-        too_small = self.skeleton.height * focal < SMALLEST * self.config.noise_px * depth
-        return Rejection.TOO_SMALL if too_small else None
+        rejection = None
+        if not increment.solution.certified:
+            rejection = Rejection.NOT_CERTIFIED
+        elif self.skeleton.height * focal < SMALLEST * self.config.noise_px * depth or depth <= 0:
+            rejection = Rejection.TOO_SMALL  # or behind the camera: from either no image leads back
+        self._nowhere = 0 if rejection is None else self._nowhere + 1
+        return rejection
 
     def _take(
         self,
