@@ -34,8 +34,8 @@ PROMISES = {
     "rejected": (0.01, "share of frames in"),
     "latency p50": (20.0, "ms"),
     "latency p99": (80.0, "ms"),
-    "joint error, median": (80.0, "mm"),
-    "joint error, mean": (100.0, "mm"),
+    "joint error, median": (60.0, "mm"),
+    "joint error, mean": (70.0, "mm"),
     "root error, median": (50.0, "mm"),
     "reprojection error, median": (6.0, "px"),
 }
