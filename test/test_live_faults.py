@@ -200,8 +200,10 @@ def test_killed_and_started_again_it_answers_within_a_second_of_the_first_usable
             peer.spin_until(lambda: states, what="joint states")
             late_ns = time.time_ns() - stamp_of(states[0])
             values = counts(peer)
-    # The node answers every frame from the first camera_info on; how soon it and its peers find one another is DDS's.
-    assert values["received"] == values["accepted"] + values.get("rejected: no_camera_info", 0)
+    # The node answers every frame from the first camera_info on, but where it is so busy that newer ones overtake it;
+    # how soon it and its peers find one another is DDS's.
+    unanswered = values.get("rejected: no_camera_info", 0) + values["overtaken by newer"]
+    assert values["received"] == values["accepted"] + unanswered
     assert late_ns < 1e9
 
 
