@@ -143,3 +143,19 @@ def test_the_tracker_follows_the_same_states_whatever_is_published():
         assert np.array_equal(a.solved.rotations, c.solved.rotations)
     moves = [np.mean([np.abs(e.state.rotations - e.solved.rotations).max() for e in track]) for track in tracks]
     assert moves[0] == 0 and 0 < moves[1] < moves[2]
+
+
+@pytest.mark.parametrize("another_body", [False, True])
+def test_the_tracker_settles_to_another_limb_and_goes_at_once_to_another_body(another_body):
+    tracker = Tracker(replace(CONFIG, smoothing=0.1))
+    sequence = [observation for _, observation in observations(tracker, 1.0)]
+    for observation in sequence[:-1]:
+        tracker.track(observation)
+    successor = tracker._initialiser.mirroring.mirrored(tracker.state, 0)
+    jump = angle(tracker.state, successor)
+    assert jump > 0.2
+    tracker._successor, tracker._another_body = successor, another_body
+    tracker._challengers.replace_published(successor)
+    estimate = tracker.track(sequence[-1])
+    left = angle(estimate.state, estimate.solved)
+    assert left == 0 if another_body else left > 0.5 * jump
