@@ -103,6 +103,11 @@ class FrameRows:
         z = np.concatenate([error.reshape(*shape, images), about.posture.residual, upright_z, balance_z], axis=-1)
         return Rows(columns, z)
 
+    def but_prior(self, count: int) -> np.ndarray:
+        """Which of all `count` rows are not the prior's, nor its limits'."""
+        images = 2 * self.kinematics.landmark_count
+        return np.delete(np.arange(count), slice(images, images + self.prior.count))
+
     def image_columns(self, pose: BodyPose, F: np.ndarray, axes: np.ndarray | None, out: np.ndarray) -> None:
         """Fill `out` (..., live + 3, 2 l) with the image's columns, by weighted blocks F (..., l, 2, 3) of P."""
         rows, count = F.reshape(*F.shape[:-3], -1, 3), len(self.live)

@@ -19,7 +19,7 @@ import numpy as np
 
 from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.core.kinematics import Kinematics
-from lassokin_ros.core.rotations import logarithm, right_jacobian_inverse
+from lassokin_ros.core.rotations import logarithm, right_jacobian, right_jacobian_inverse
 from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.core.yaml_files import load_mapping
 
@@ -108,20 +108,24 @@ class PriorRows:
         root = kinematics.skeleton.parents < 0
         self.joints = np.flatnonzero(np.any(live, axis=1) & ~root)
         chosen = _components(list(self.joints))
-        self._mean = prior.mean[self.joints]
         self._n = kinematics.joint_count
-        marginal = prior.covariance[np.ix_(chosen, chosen)]
+        #: (k,) rad and (k, k) rad^2, as shipped.
+        self.mean, self.covariance = prior.mean[self.joints].reshape(-1), prior.covariance[np.ix_(chosen, chosen)]
         #: (k, k) upper triangular, W of the module's text.
-        self.W = np.linalg.cholesky(np.linalg.inv(marginal)).T
+        self.W = np.linalg.cholesky(np.linalg.inv(self.covariance)).T
         self._take_limits(kinematics)
         rows = np.concatenate([self.W, self.limits])
         self._rows_transposed = np.ascontiguousarray(rows.T)
-        #: (k,), W mean.
-        self.whitened_mean = self.W @ self._mean.reshape(-1)
+        self.move(self.mean)
         self._columns_by_joint = self._rows_transposed.reshape(len(self.joints), 3, len(rows))
         #: Its degrees of freedom are the live ones from this on: those before are the root's.
         self.first = int(np.count_nonzero(live[root]))
         self._live = np.flatnonzero(live[self.joints].reshape(-1))
+
+    def move(self, mean: np.ndarray) -> None:
+        """Be about another mean (k,) from now on; what was made of postures before is no longer right."""
+        #: (k,), W mean.
+        self.whitened_mean = self.W @ mean
 
     def _take_limits(self, kinematics: Kinematics) -> None:
         """Rows `limits` (m, 3 joints) and ranges `low`, `high` (m,), in `LIMIT_SPREAD`, of those that count here."""
@@ -164,6 +168,13 @@ class PriorRows:
         already made).
         """
         return self._columns(posture, turn).take(self._live, axis=-2)
+
+    def by_theta(self, A: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Rows A (r, live - first) of the increment as rows (r, 3 joints) of theta: Omega = J_r(theta) d theta."""
+        rows = np.zeros((len(A), 3 * len(self.joints)))
+        rows[:, self._live] = A
+        turned = rows.reshape(len(A), len(self.joints), 1, 3) @ right_jacobian(theta)
+        return np.asarray(turned.reshape(rows.shape))
 
     def _columns(self, posture: Posture, turn: np.ndarray | None) -> np.ndarray:
         """(..., 3 joints, k + m), the columns of A as rows, in which order no product needs a copy.

@@ -27,6 +27,7 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Estimate, Observation, Rejection, Status
 from lassokin_ros.core.fixed_lag import FixedLag
 from lassokin_ros.core.frame_rows import FrameRows, Hypotheses
+from lassokin_ros.core.habit import Habit
 from lassokin_ros.core.increment import Increment, IncrementSolver
 from lassokin_ros.core.initialisation import Fit, Initialiser
 from lassokin_ros.core.kinematics import BodyPose, BodyState, Kinematics
@@ -79,7 +80,7 @@ class Tracker:
         self._steadying = Steadying(self.kinematics.joint_count)
         self._lag = FixedLag(self.kinematics)
         self._repeats, self._filter = Repeats(), PointFilter(self.layout.names)
-        self.calibration = Calibration(self._rows)
+        self.calibration, self.habit = Calibration(self._rows), Habit(self._rows)
         self._uncertainty = UncertaintyModel(self.kinematics, prior)
         motion = np.maximum(prior.motion, LEAST_MOTION)[self._rows.live]
         self._increments = IncrementSolver(self._rows, LassoSolver(self.config.solver), motion)
@@ -105,6 +106,7 @@ class Tracker:
         self._upright.reset()
         self._challengers.stop()
         self.calibration.reset()
+        self.habit.reset()
         self._take_lengths()
 
     @property
@@ -149,6 +151,8 @@ class Tracker:
             self._informed = observation.stamp
         if self.config.calibrate and (initialised or repeated == 0):
             self._calibrate(observation.stamp, initialised, points, weights)
+        if not initialised and repeated == 0 and self.habit.advance(observation.stamp, start, increment.problem):
+            self._challengers.refresh()
         reprojection_px = partial(_reprojection_px, seen, visible, observation.focal)
         estimate = Estimate(
             observation.stamp,
