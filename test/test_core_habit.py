@@ -111,27 +111,31 @@ def test_without_an_image_the_shipped_mean_comes_back():
     habit, shipped = Habit(person.rows), person.rows.prior.mean
     state = person.state()
     habit.advance(0.0, state, person.problem(state))
-    learned, known = habit.mean - shipped, np.trace(habit.covariance)
+    lasting = SHARE * person.rows.prior.covariance
+    learned, known = habit.mean - shipped, lasting - habit.covariance
     assert np.abs(learned).max() > 0.05
     blank = person.problem(state, weight=0.0)
     blank.z[:] = blank.A[:] = blank.B[:] = 0.0  # not even uprightness and balance
     assert not habit.advance(0.9 * EVERY, state, blank)
     assert habit.advance(MEMORY, state, blank)
     assert np.allclose(habit.mean - shipped, learned / np.e)
-    all_of_it = np.trace(SHARE * person.rows.prior.covariance)
-    assert known < np.trace(habit.covariance) < all_of_it
+    assert np.trace(known) > 0.1 * np.trace(lasting)
+    assert np.allclose(lasting - habit.covariance, known / np.e**2)
     habit.reset()
-    assert np.array_equal(habit.mean, shipped) and np.allclose(habit.covariance, SHARE * person.rows.prior.covariance)
+    assert np.array_equal(habit.mean, shipped) and np.allclose(habit.covariance, lasting)
 
 
 def test_the_tracker_learns_from_new_keypoints_and_forgets_when_reset():
     tracker = Tracker(TrackerConfig(noise_px=2.0))
-    sequence = [observation for _, observation in observations(tracker, 2.0)]
+    sequence = [observation for _, observation in observations(tracker, 58 / RATE)]  # it ends with a measurement
     shipped = tracker.habit.mean.copy()
     answers = [tracker.track(observation).state.translation for observation in sequence]
+    assert tracker.habit._measured_at == sequence[-1].stamp
     learned = tracker.habit.mean
     assert np.abs(learned - shipped).max() > 0.02
-    assert np.allclose(tracker._rows.prior.whitened_mean, tracker._rows.prior.W @ learned)
+    prior, published = tracker._rows.prior, tracker._challengers.published
+    assert np.allclose(prior.whitened_mean, prior.W @ learned)
+    assert np.allclose(published.posture.residual, prior.residual(published.state.rotations), atol=1e-9)
     last = sequence[-1]
     for number in range(1, 20):  # the same detections again: no news, however often
         again = Observation(last.stamp + number / RATE, last.points, last.confidence, last.focal)
