@@ -33,7 +33,7 @@ MEMORY = 30.0
 EVERY = 0.25
 """s between measurements."""
 INDEPENDENT_AFTER = 1.0
-"""s after which a posture departs from the mean anew; a measurement counts for as much of that as it stands for."""
+"""s: postures nearer in time depart from the mean alike, so that measurements a step apart count step / this each."""
 FREE = 1e3
 """rad^2, m^2: variance of the root's turn and translation, of which nothing is known here."""
 
@@ -83,12 +83,12 @@ class Habit:
         A = prior.by_theta(problem.A[others, prior.first :], theta)
         N = np.concatenate([problem.A[others, : prior.first], problem.B[others]], axis=1)
         z = problem.z[others] + A @ theta.reshape(-1)
-        both = A @ self.covariance
-        innovation = (both + tempering * (A @ self._passing)) @ A.T + FREE * N @ N.T
+        cross = A @ self.covariance
+        innovation = (cross + tempering * (A @ self._passing)) @ A.T + FREE * N @ N.T
         innovation.flat[:: len(z) + 1] += tempering
-        _, gain, failed = lapack.dposv(innovation, both)
+        _, gain, failed = lapack.dposv(innovation, cross)
         if failed:
             return
         self.mean = self.mean + gain.T @ (z - A @ self.mean)
-        covariance = self.covariance - gain.T @ both
+        covariance = self.covariance - gain.T @ cross
         self.covariance = 0.5 * (covariance + covariance.T)
