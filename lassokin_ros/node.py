@@ -17,7 +17,6 @@ from std_srvs.srv import SetBool, Trigger
 
 from lassokin_ros import topics
 from lassokin_ros.body_topics import BodyTopics
-from lassokin_ros.camera_topic import CameraTopic
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.diagnostics import Diagnostics
 from lassokin_ros.frame import Frame
@@ -33,6 +32,7 @@ from msg_adapters.backends import RclpyBackend
 from msg_adapters.outputs import DiagnosticArrayBuilder
 
 DIAGNOSTICS_PERIOD_S = 1.0
+CAMERA_INFO_DEPTH = 1
 
 
 class TrackerNode(Node):
@@ -67,7 +67,15 @@ class TrackerNode(Node):
 
     def _listen(self, config: NodeConfig) -> None:
         """Subscriptions, services, timer and the watch on the clock."""
-        self._camera = CameraTopic(self, lambda: self._diagnostics.saw_camera(time.monotonic()), self._take_camera)
+        subscribe = partial(
+            self.create_subscription, qos_overriding_options=QoSOverridingOptions.with_default_policies()
+        )
+        subscribe(
+            message_class(topics.CAMERA_INFO_TYPE),
+            topics.CAMERA_INFO,
+            self._on_camera_info,
+            _sensor_data(CAMERA_INFO_DEPTH),
+        )
         self._bodies = None
         if isinstance(self._pipeline, PerBodyPipeline):
             qos = _sensor_data(config.queue_depth)
@@ -75,10 +83,7 @@ class TrackerNode(Node):
         else:
             on_keypoints: Any = self._on_keypoints  # with message_info, which rclpy's type hints do not know
             kind, qos = message_class(config.keypoints_type), _sensor_data(self._inbox.reserve)
-            override = QoSOverridingOptions.with_default_policies()
-            self._keypoints = self.create_subscription(
-                kind, topics.KEYPOINTS, on_keypoints, qos, qos_overriding_options=override
-            )
+            self._keypoints = subscribe(kind, topics.KEYPOINTS, on_keypoints, qos)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/set_enabled", self._on_set_enabled)
         self.create_service(Trigger, "~/save_skeleton", self._on_save_skeleton)
@@ -87,17 +92,15 @@ class TrackerNode(Node):
         jump = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True)
         self._jump_watch = self.get_clock().create_jump_callback(jump, post_callback=self._on_clock_jump)
 
-    def _look_at_camera(self) -> None:
+    def _on_camera_info(self, message: Any) -> None:
+        self._diagnostics.saw_camera(time.monotonic())
         try:
-            self._camera.look()
+            reason = self._pipeline.set_camera(message)
         except Exception as error:  # as with keypoints: no message ends the node
             self._count_internal_error("a camera_info message", error)
-
-    def _take_camera(self, message: Any) -> bool:
-        reason = self._pipeline.set_camera(message)
+            return
         if reason is not None:
             self._camera_warning.say(reason, f"camera_info refused: {self._pipeline.camera_fault}")
-        return reason is None
 
     def _on_keypoints(self, message: Any, info: Mapping[str, Any]) -> None:
         waiting = [(message, info), *self._waiting()]
@@ -128,7 +131,6 @@ class TrackerNode(Node):
     def work_on(self, message: Any, frames_in: Callable[[Any, int], list[Frame]] | None = None) -> None:
         """Track who is in one keypoint message, and publish; never raises. frames_in: instead of the pipeline's."""
         started = time.monotonic()
-        self._look_at_camera()
         now_ns = self.get_clock().now().nanoseconds
         try:
             frames = (frames_in or self._pipeline.frames)(message, now_ns)
@@ -167,7 +169,6 @@ class TrackerNode(Node):
             self._warning.say("unstamped", "keypoints without a stamp: outputs carry the time of their arrival")
 
     def _publish_diagnostics(self) -> None:
-        self._look_at_camera()
         if self._bodies is not None:
             self._bodies.look_around()
         line = self._diagnostics.line(time.monotonic())
