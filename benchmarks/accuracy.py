@@ -70,6 +70,9 @@ def parser() -> argparse.ArgumentParser:
     add("--outliers", type=float, default=0.0, help="share of keypoints 30-150 px off at full confidence (0)")
     add("--swaps", type=float, default=0.0, help="share of frames with a limb's left and right swapped, in bursts (0)")
     add("--duplicates", type=_count, default=1, metavar="K", help="each detection comes K times, at the frame rate (1)")
+    add("--camera-roll", type=float, default=0.0, metavar="RAD", help="of the camera's mount, told only by --set (0)")
+    add("--camera-pitch", type=float, default=0.0, metavar="RAD", help="the same: it looks down by this much (0)")
+    add("--lying", action="store_true", help="people are laid down, on one side or another")
     add("--fps", type=float, default=60.0, help="frame rate, by leaving out frames (60)")
     add("--landmarks", default="coco17", help="landmark layout (coco17)")
     add("--views", type=int, default=2, help="cameras per clip (2)")
@@ -106,7 +109,9 @@ def measure(options: argparse.Namespace) -> list[Record]:
         recordings = detection_jobs(options.detections, options.methods, options.measured_bones, told(options))
         return in_parallel(run_detections, recordings, options.jobs)
     o = options
-    condition = Condition(o.noise_px, o.missing, o.outliers, o.fps, o.swaps, o.duplicates)
+    condition = Condition(
+        o.noise_px, o.missing, o.outliers, o.fps, o.swaps, o.duplicates, o.camera_roll, o.camera_pitch, o.lying
+    )
     methods = ["lasso"] if o.uncertainty or o.doubt else o.methods
     jobs = [
         Job(file, view, method, condition, o.landmarks, seed, o.generic_skeleton, o.bone_error, o.symmetric,

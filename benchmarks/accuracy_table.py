@@ -74,6 +74,10 @@ def head(options: argparse.Namespace) -> str:
         PRIOR_OF_OTHERS if options.leave_one_out else f"Prior learned from (never in a summary): {' '.join(TRAINING)}",
         f"Times with {options.jobs} processes at once, one thread each.",
     ]
+    if options.camera_roll or options.camera_pitch:
+        lines.append(f"Camera rolled by {options.camera_roll:g} rad and looking down by {options.camera_pitch:g} rad.")
+    if options.lying:
+        lines.append("The people are laid down.")
     if options.duplicates > 1:
         lines.append(f"Each detection comes {options.duplicates} times; every frame counts against its own truth.")
     if options.score_from:

@@ -213,6 +213,8 @@ class Condition:
 
     swaps: share of the frames in which some limb's left and right are taken for each other, in bursts.
     duplicates: frames for which each detection stands, under stamps of their own: a detector slower than the camera.
+    camera_roll, camera_pitch: rad, of the camera's mount, as the tracker's settings of that name. lying: the person is
+    laid down, on a side drawn by the seed, and moves as if standing.
     """
 
     noise_px: float = 2.0
@@ -221,10 +223,13 @@ class Condition:
     fps: float = 60.0
     swaps: float = 0.0
     duplicates: int = 1
+    camera_roll: float = 0.0
+    camera_pitch: float = 0.0
+    lying: bool = False
 
 
 def view_of(clip: Clip, layout: Layout, skeleton: Skeleton, condition: Condition, view: int, seed: int) -> View:
-    """Render one view: a camera 1.2 m above the ground, 3-4 m away, f 1000-1400 px, by a seeded draw per view."""
+    """Render one view: a camera that faces the clip's middle, 3-4 m away, f 1000-1400 px, by a seeded draw per view."""
     random = np.random.default_rng([seed, view, *clip.name.encode()])
     step = max(1, round(clip.fps / condition.fps))
     centre = 0.5 * (clip.position("pelvis").min(0) + clip.position("pelvis").max(0))
@@ -232,12 +237,15 @@ def view_of(clip: Clip, layout: Layout, skeleton: Skeleton, condition: Condition
     yaw = random.uniform(-np.pi, np.pi)
     R = Rotation.from_euler("y", yaw).as_matrix()
     flip = np.diag([1.0, -1.0, -1.0])
-    pitch = Rotation.from_euler("x", random.uniform(-0.15, 0.15)).as_matrix()
+    pitch = Rotation.from_euler("x", condition.camera_pitch + random.uniform(-0.15, 0.15)).as_matrix()
+    mount = Rotation.from_euler("z", -condition.camera_roll).as_matrix() @ pitch
     spread = np.linalg.norm((clip.position("pelvis") - centre)[:, [0, 2]], axis=1).max()
     camera = np.array([0, 0, distance + spread])
+    if condition.lying:
+        R = R @ Rotation.from_euler("xy", [np.pi / 2, random.uniform(-np.pi, np.pi)]).as_matrix()
 
     def to_camera(points: np.ndarray) -> np.ndarray:
-        return ((points - centre) @ R.T) @ (pitch @ flip).T + camera
+        return ((points - centre) @ R.T) @ (mount @ flip).T + camera
 
     frames = slice(None, None, step)
     truth = to_camera(np.stack([clip.position(name)[frames] for name in EVALUATED], axis=1))

@@ -5,10 +5,14 @@ The node declares its parameters from these fields, config/*.yaml and the README
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, fields
 from typing import Any, Mapping
 
 from lassokin_ros.core.errors import ConfigurationError
+
+PI = round(math.pi, 4)
+"""rad: just over half a turn, for ranges that people read."""
 
 
 def setting(
@@ -33,6 +37,12 @@ class TrackerConfig:
     skeleton: str = setting("anthropometric", "built-in skeleton, or path of a YAML, SMPL npz, BVH or URDF file")
     landmarks: str = setting("coco17", "landmark layout of the detector, or path of a YAML file")
     solver: str = setting("proxqp", "QP solver of the lasso's dual: proxqp, or any that qpsolvers has")
+    camera_roll: float = setting(
+        0.0, "the camera's mount, as in a URDF's rpy: its right side is this much down", "rad", -PI, PI, live=True
+    )
+    camera_pitch: float = setting(
+        0.0, "the camera's mount, as in a URDF's rpy: it looks down by this much", "rad", -PI / 2, PI / 2, live=True
+    )
     noise_px: float = setting(
         3.0, "standard deviation of a confident keypoint in the image", "px", 0.1, 100.0, live=True
     )

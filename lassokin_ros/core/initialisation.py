@@ -2,12 +2,14 @@
 
 Several starts (the mean pose, turned about the vertical) are fitted at once by damped Gauss-Newton on the same rows
 as the tracker's, coarse to fine, without the l1 term (there is no earlier state from which motion could be sparse).
+Where none of them fits, neither does an upright body: then others begin in the other `stances`, lying or upside down.
 The best one's limbs are then mirrored in depth, one by one, and fitted too. The lowest cost wins; how clearly it wins
 over what ended elsewhere is the start's confidence.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,8 +21,14 @@ from lassokin_ros.core.mirroring import Mirroring
 from lassokin_ros.core.prior import PosePrior
 from lassokin_ros.core.robust import capped_weights, norm
 from lassokin_ros.core.rotations import exponential
+from lassokin_ros.core.stances import TURNS, nearest
 
 STARTS = 8
+UNLIKELY = 1.5
+"""Cost per visible landmark of the best start above which other stances are tried. The first frame of 19 upright people
+of 20 costs less; one fitted in a wrong stance twice as much or more."""
+OTHER_SIDES = np.arange(0, STARTS, 2)
+"""From which starts begin in those: with all eight no more were found."""
 SCHEDULE = ((8.0, 8), (2.0, 6), (1.0, 6))  # (factor on the noise, iterations)
 MIRRORED_SCHEDULE = ((2.0, 4), (1.0, 6))
 ELSEWHERE = 0.05
@@ -66,18 +74,20 @@ class Initialiser:
 
         points: (l, 2) normalised; weights: (l,), 1 / standard deviation, 0 = missing; at least two visible.
         """
-        turned = self.refine(self._starts(points, weights, np.arange(STARTS)), points, weights, SCHEDULE)
+        stance = nearest(self._rows.upright.vertical)
+        turned = self._turned(np.arange(STARTS), [stance], points, weights)
+        if turned.costs.min() > UNLIKELY * np.count_nonzero(weights):
+            others = [other for other in range(len(TURNS)) if other != stance]
+            turned = _joined([turned, self._turned(OTHER_SIDES, others, points, weights)])
         fits = [turned]
         if self.mirroring.variants:
             best = int(np.argmin(turned.costs))
             mirrored = self.mirroring.all(BodyState(turned.states.rotations[best], turned.states.translation[best]))
             fits.append(self.refine(mirrored, points, weights, MIRRORED_SCHEDULE))
-        costs = np.concatenate([fit.costs for fit in fits])
-        order = np.argsort(costs, kind="stable")
-        rotations = np.concatenate([fit.states.rotations for fit in fits])[order]
-        translation = np.concatenate([fit.states.translation for fit in fits])[order]
-        states = BodyState(rotations, translation)
-        return Fit(states, costs[order], self._confidence(states, costs[order]))
+        found = _joined(fits)
+        order = np.argsort(found.costs, kind="stable")
+        states, costs = BodyState(found.states.rotations[order], found.states.translation[order]), found.costs[order]
+        return Fit(states, costs, self._confidence(states, costs))
 
     def _confidence(self, states: BodyState, costs: np.ndarray) -> float:
         """1 / (1 + exp(c1 - c2)): c1 the lowest cost, a negative log-likelihood, c2 the lowest of those elsewhere."""
@@ -96,16 +106,22 @@ class Initialiser:
                 states = in_front(states.retract(*self.step(rows)))
         return Fit(states, self._rows.cost(self._rows.hypotheses(states), points, weights))
 
-    def start(self, side: int, points: np.ndarray, weights: np.ndarray) -> BodyState:
-        """The mean pose turned to one of the `STARTS` sides, placed where the points are: one start."""
-        states = self._starts(points, weights, np.array([side]))
+    def start(self, side: int, stance: int, points: np.ndarray, weights: np.ndarray) -> BodyState:
+        """The mean pose turned to one of the `STARTS` sides in a stance, placed where the points are: one start."""
+        states = self._starts(np.array([side]), [stance], points, weights)
         return BodyState(states.rotations[0], states.translation[0])
 
-    def _starts(self, points: np.ndarray, weights: np.ndarray, sides: np.ndarray) -> BodyState:
+    def _turned(self, sides: np.ndarray, stances: Sequence[int], points: np.ndarray, weights: np.ndarray) -> Fit:
+        """All starts turned to all sides in all stances, fitted."""
+        return self.refine(self._starts(sides, stances, points, weights), points, weights, SCHEDULE)
+
+    def _starts(self, sides: np.ndarray, stances: Sequence[int], points: np.ndarray, weights: np.ndarray) -> BodyState:
         yaw = sides * (2 * np.pi / STARTS)
         turn = exponential(np.stack([0 * yaw, yaw, 0 * yaw], axis=-1))
-        rotations = np.repeat(self._mean[None], len(sides), axis=0)
-        rotations[:, 0] = np.diag([1.0, -1.0, -1.0]) @ turn  # body y up is camera -y; facing the camera at yaw 0
+        # Body y up is camera -y; facing the camera at yaw 0.
+        roots = (TURNS[stances][:, None] @ (np.diag([1.0, -1.0, -1.0]) @ turn)).reshape(-1, 3, 3)
+        rotations = np.repeat(self._mean[None], len(roots), axis=0)
+        rotations[:, 0] = roots
         return BodyState(rotations, self._place(rotations, points, weights))
 
     def _place(self, rotations: np.ndarray, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -140,6 +156,13 @@ class Initialiser:
         omega = np.zeros(step.shape[:-1] + (3 * self._kinematics.joint_count,))
         omega[..., self._live] = turns
         return omega, step[..., count:]
+
+
+def _joined(fits: Sequence[Fit]) -> Fit:
+    """All of several fits, one after another."""
+    rotations = np.concatenate([fit.states.rotations for fit in fits])
+    translation = np.concatenate([fit.states.translation for fit in fits])
+    return Fit(BodyState(rotations, translation), np.concatenate([fit.costs for fit in fits]))
 
 
 def in_front(states: BodyState) -> BodyState:

@@ -72,7 +72,7 @@ class Tracker:
         self.layout = Layout.load(self.config.landmarks, self.skeleton)
         self.kinematics = Kinematics(self.skeleton, self.layout)
         prior = PosePrior.load(self.skeleton)
-        self._upright = Upright()
+        self._upright = Upright(self.config.camera_roll, self.config.camera_pitch)
         self._rows = FrameRows(self.kinematics, PriorRows(prior, self.kinematics), self._upright)
         self._initialiser = Initialiser(self.kinematics, prior, self._rows)
         self._challengers = Challengers(self._initialiser, self._rows, CHALLENGERS)
@@ -116,7 +116,9 @@ class Tracker:
 
     def tune(self, config: TrackerConfig) -> None:
         """Take over live settings; structure (height, skeleton, landmarks, solver) stays as it was built."""
-        self.config = config.checked()
+        before, self.config = self.config, config.checked()
+        if (config.camera_roll, config.camera_pitch) != (before.camera_roll, before.camera_pitch):
+            self._upright.mounted(config.camera_roll, config.camera_pitch)
 
     def track(self, observation: Observation) -> Estimate:
         """Use one observation. Never raises for what a detector may send: see `Estimate.rejection`."""

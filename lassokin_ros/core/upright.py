@@ -1,8 +1,9 @@
 """A weak belief that people stand, walk and sit upright: one camera hardly sees how far a body leans towards it.
 
 The belief is about the pelvis' own vertical, compared with the vertical as the camera sees it. That one begins as the
-camera's -y axis (a camera held level) and is learned from the tracked person, so a camera that looks up or down is
-no lasting error. Its weight falls off for large leans, in the manner of Cauchy's loss: whoever lies down, lies down.
+camera's -y axis (a camera held level), or where its mount has it, and is learned from the tracked person, so a camera
+that looks up or down is no lasting error. Its weight falls off for large leans, in the manner of Cauchy's loss: whoever
+lies down, lies down.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ SPREAD = 0.12
 """rad: standard deviation of the lean."""
 LEARNED_IN = 5.0
 """s: time constant with which the vertical follows the tracked person's."""
+FIRST_LEARNED_IN = 0.5
+"""s: the same at first; it grows with the time that a person has been seen. Nothing but the mount speaks against it."""
 
 _ACROSS = np.array([1.0, 0.0, -1.0])  # of [e_z, e_y, e_x], what turns the vertical
 
@@ -26,18 +29,26 @@ class Upright:
 
     count = 3
 
-    def __init__(self) -> None:
+    def __init__(self, roll: float = 0.0, pitch: float = 0.0) -> None:
+        self.mounted(roll, pitch)
+
+    def mounted(self, roll: float, pitch: float) -> None:
+        """Believe in a camera mounted like that, see `vertical_of`, and forget what was learned."""
+        self._first = vertical_of(roll, pitch)
         self.reset()
 
     def reset(self) -> None:
-        """Believe in a level camera again."""
-        self.vertical = np.array([0.0, -1.0, 0.0])
+        """Believe in the camera's mount again."""
+        self.vertical = self._first.copy()
+        self._seen = 0.0  # s
 
     def learn(self, root: np.ndarray, step: float) -> None:
         """Let the vertical follow the pelvis' orientation (3, 3), held for `step` s, unless upside down."""
         up = root[:, 1]
         if up.dot(self.vertical) > 0.5:
-            moved = self.vertical + min(step / LEARNED_IN, 1.0) * (up - self.vertical)
+            self._seen += step
+            share = min(step / min(FIRST_LEARNED_IN + self._seen, LEARNED_IN), 1.0)
+            moved = self.vertical + share * (up - self.vertical)
             self.vertical = moved / math.sqrt(moved.dot(moved))
 
     def linearise(self, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -53,3 +64,17 @@ class Upright:
         """(...,) what the rows' weights are the derivative of: 2 log(1 + lean^2 / (2 SPREAD)^2); root (..., 3, 3)."""
         lean = root[..., :, 1] - self.vertical
         return np.asarray(2 * np.log1p(squared_norm(lean) / (4 * SPREAD**2)))
+
+
+def vertical_of(roll: float, pitch: float) -> np.ndarray:
+    """(3,) up, in the optical frame of a camera mounted with these angles, rad.
+
+    They are those of the camera's body frame (x forward, y left, z up) in a level one, by fixed axes as in a URDF's
+    rpy: positive roll has its right side down, positive pitch looks down. Yaw does not matter. In the body frame up is
+    (Ry(pitch) Rx(roll))^T e_z; the optical frame's x is -y there, its y -z, and its z x (REP 103).
+    """
+    return np.array([
+        -math.sin(roll) * math.cos(pitch),
+        -math.cos(roll) * math.cos(pitch),
+        -math.sin(pitch),
+    ])  # fmt: skip
