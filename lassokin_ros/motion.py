@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -28,6 +29,7 @@ class Motion:
     angles: (f, n, 3) about x, y and z of each joint, as published on `joint_states`.
     landmarks: (f, l, 3); detected: (f, l, 2) px of the raw image, NaN = missing.
     reprojection_px, relative_gap: (f,); support_size: (f,) int; initialised: (f,) bool.
+    level: (3, 3) from the camera's frame to that of a level camera in its place.
     """
 
     person: str
@@ -45,6 +47,7 @@ class Motion:
     relative_gap: np.ndarray
     support_size: np.ndarray
     initialised: np.ndarray
+    level: np.ndarray = field(default_factory=partial(np.eye, 3))
 
     @property
     def frame_count(self) -> int:
@@ -86,8 +89,9 @@ class _Rows:
 class MotionRecorder:
     """Gathers accepted frames by person. It keeps about 5 kB a frame: an hour at 30 Hz is half a gigabyte."""
 
-    def __init__(self, landmark_names: Sequence[str]) -> None:
-        self._landmark_names = tuple(landmark_names)
+    def __init__(self, landmark_names: Sequence[str], level: np.ndarray) -> None:
+        """level: (3, 3) as in `Motion`."""
+        self._landmark_names, self._level = tuple(landmark_names), level
         self._people: dict[str, _Rows] = {}
 
     def add(self, frames: Sequence[Frame], time_ns: int = 0, seconds: float = 0.0) -> None:
@@ -102,5 +106,6 @@ class MotionRecorder:
         for person, rows in self._people.items():
             assert rows.skeleton is not None
             columns = {name: np.array(values) for name, values in rows.columns.items()}
-            motions.append(Motion(person, rows.frame_id, rows.skeleton, self._landmark_names, **columns))
+            names, level = self._landmark_names, self._level
+            motions.append(Motion(person, rows.frame_id, rows.skeleton, names, **columns, level=level))
         return motions

@@ -137,11 +137,13 @@ def _exports(options: argparse.Namespace, tracker: Any) -> Exports | None:
     """What gathers for the exports, None when none is wanted. Raises a LassokinError when one could not be written."""
     if not options.export:
         return None
+    from lassokin_ros.core.upright import levelling
     from lassokin_ros.exports.command import Exports
     from lassokin_ros.motion import MotionRecorder
 
     pipeline = tracker.pipeline
-    recorder = MotionRecorder(pipeline.tracker.layout.names)
+    mount = pipeline.tracker.config
+    recorder = MotionRecorder(pipeline.tracker.layout.names, levelling(mount.camera_roll, mount.camera_pitch))
     tracker.watchers.append(recorder.add)
     return Exports(options.export, recorder, pipeline.config.several_people, options.force)
 

@@ -13,11 +13,12 @@ from benchmarks.accuracy import main
 from benchmarks.detections import height_of, measured
 from benchmarks.experiment import Job, bone_scales, run, scene_of
 from benchmarks.learn_prior import TRAINING
-from benchmarks.mocap import Condition
+from benchmarks.mocap import EVALUATED, Condition
 from benchmarks.report import data_folder
 from lassokin_ros.core.kinematics import BodyState, Kinematics
 from lassokin_ros.core.landmarks import Layout
 from lassokin_ros.core.skeleton import Skeleton
+from lassokin_ros.core.upright import vertical_of
 
 ROOT = Path(__file__).resolve().parents[1]
 MOCAP, DETECTIONS = data_folder() / "mocap", data_folder() / "detections"
@@ -169,6 +170,33 @@ def test_duplicates_are_the_same_keypoints_against_each_frames_truth(capsys):
     with pytest.raises(SystemExit):
         main(["--duplicates", "0"])
     assert "expected 1 or more" in capsys.readouterr().err
+
+
+@needs_clips
+def test_a_mounted_camera_and_people_laid_down_are_what_they_say(capsys):
+    job = Job(MOCAP / "exp_walking_1.npz", 0, "lasso")
+
+    def view(**how):
+        return scene_of(replace(job, condition=Condition(noise_px=0.0, **how))).view
+
+    def up(view):
+        """(3,) from the pelvis to the neck, on average."""
+        trunk = np.mean(view.truth[:, EVALUATED.index("neck")] - view.root, axis=0)
+        return trunk / np.linalg.norm(trunk)
+
+    level = view()
+    over = view(camera_roll=np.pi)
+    assert np.allclose(over.pixels - over.centre, -(level.pixels - level.centre), atol=1e-6)
+    for roll, pitch in ((0.0, 0.6), (0.0, -0.6), (1.2, 0.4), (0.0, np.pi / 2)):
+        mounted = view(camera_roll=roll, camera_pitch=pitch)
+        assert up(mounted) @ vertical_of(roll, pitch) > np.cos(0.35)  # the walker leans, the mount is 0.15 rad off
+    lying = view(lying=True)
+    assert abs(up(lying) @ vertical_of(0.0, 0.0)) < np.sin(0.35)
+    sizes = [np.linalg.norm(v.truth - v.truth[:, :1], axis=-1) for v in (level, lying, over)]
+    assert np.allclose(sizes, sizes[0], atol=1e-9)
+    assert main(["--clips", "exp_running_1", "--views", "1", "--jobs", "1", "--lying", "--camera-pitch", "0.3"]) == 0
+    said = capsys.readouterr().out
+    assert "looking down by 0.3 rad" in said and "people are laid down" in said
 
 
 @needs_clips

@@ -16,6 +16,7 @@ from recordings import START_NS, contents, read, synthetic_pixels, write_message
 from scipy.spatial.transform import Rotation  # noqa: E402
 
 from lassokin_ros.core.skeleton import Skeleton  # noqa: E402
+from lassokin_ros.core.upright import vertical_of
 from lassokin_ros.exports.amass_file import smpl_rotations  # noqa: E402
 from lassokin_ros.exports.errors import ExportError  # noqa: E402
 from lassokin_ros.exports.sampling import uniform  # noqa: E402
@@ -135,6 +136,24 @@ def test_amass_poses_are_the_same_motion(tracked, published):
     expected = np.stack([positions[..., 0], positions[..., 2], -positions[..., 1]], axis=-1)
     assert np.abs(found - expected).max() < 1e-6
     assert found[:, 15, 2].min() > found[:, 7, 2].max() + 1  # the head is above the ankle
+
+
+def test_the_world_of_a_mounted_camera_is_level(recording, tmp_path):
+    """Of a camera said to look down: up in the files is up for whoever stands before it."""
+    options = ["-p", "camera_pitch:=0.4", "-p", "camera_roll:=0.3", "--export", ".amass.npz", "--export", ".bvh"]
+    assert main([str(recording), "--output", str(tmp_path / "out"), *options]) == 0
+    joints = read(tmp_path / "out", "/joints")
+    places = np.array([[m.poses[0].position.x, m.poses[0].position.y, m.poses[0].position.z] for _, m in joints])
+    up = vertical_of(0.3, 0.4)
+    with np.load(tmp_path / "out" / "motion.amass.npz", allow_pickle=False) as file:
+        amass = file["trans"]
+    motion = (tmp_path / "out" / "motion.bvh").read_text(encoding="utf-8").splitlines()[-FRAMES:]
+    bvh = np.array([[float(word) for word in line.split()[:3]] for line in motion])
+    for found, axis, exact in ((amass, 2, 1e-6), (bvh, 1, 1e-5)):
+        assert np.abs(found[:, axis] - places @ up).max() < exact
+        assert np.abs(np.linalg.norm(found, axis=1) - np.linalg.norm(places, axis=1)).max() < exact
+    sight = np.array([-np.sin(0.3) * np.sin(0.4), -np.cos(0.3) * np.sin(0.4), np.cos(0.4)])  # level, straight on
+    assert np.abs(amass[:, 1] - places @ sight).max() < 1e-6 and np.abs(-bvh[:, 2] - places @ sight).max() < 1e-5
 
 
 def test_amass_of_a_skeleton_with_other_joints():

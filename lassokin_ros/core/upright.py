@@ -13,6 +13,7 @@ import math
 import numpy as np
 
 from lassokin_ros.core.robust import squared_norm
+from lassokin_ros.core.rotations import exponential
 
 SPREAD = 0.12
 """rad: standard deviation of the lean."""
@@ -66,15 +67,17 @@ class Upright:
         return np.asarray(2 * np.log1p(squared_norm(lean) / (4 * SPREAD**2)))
 
 
-def vertical_of(roll: float, pitch: float) -> np.ndarray:
-    """(3,) up, in the optical frame of a camera mounted with these angles, rad.
+def levelling(roll: float, pitch: float) -> np.ndarray:
+    """(3, 3) from the optical frame of a camera mounted with these angles, rad, to that of a level one in its place.
 
-    They are those of the camera's body frame (x forward, y left, z up) in a level one, by fixed axes as in a URDF's
-    rpy: positive roll has its right side down, positive pitch looks down. Yaw does not matter. In the body frame up is
-    (Ry(pitch) Rx(roll))^T e_z; the optical frame's x is -y there, its y -z, and its z x (REP 103).
+    They are those of the camera's body frame (x forward, y left, z up) by fixed axes, as in a URDF's rpy: positive roll
+    has its right side down, positive pitch looks down. Yaw stays. It is Ry(pitch) Rx(roll) there; the body frame's x is
+    the optical frame's z, its y the other one's -x (REP 103).
     """
-    return np.array([
-        -math.sin(roll) * math.cos(pitch),
-        -math.cos(roll) * math.cos(pitch),
-        -math.sin(pitch),
-    ])  # fmt: skip
+    about_right, about_sight = exponential(np.array([[-pitch, 0.0, 0.0], [0.0, 0.0, roll]]))
+    return np.asarray(about_right @ about_sight)
+
+
+def vertical_of(roll: float, pitch: float) -> np.ndarray:
+    """(3,) up, in the optical frame of a camera mounted with these angles, rad, see `levelling`."""
+    return -levelling(roll, pitch)[1]

@@ -1,7 +1,7 @@
 """SMPL's pose parameters in the form of an AMASS npz: poses, trans, betas, gender, mocap_framerate.
 
-World of AMASS: metres, z up; x is the camera's right and y its viewing direction, the camera taken to stand level at
-the origin. SMPL's rest pose is the T-pose with y up, x to the left, z to the front, which is our rest pose too.
+World of AMASS: metres, z up; x is the camera's right and y its viewing direction, levelled by how it is mounted; it is
+at the origin. SMPL's rest pose is the T-pose with y up, x to the left, z to the front, which is our rest pose too.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from lassokin_ros.exports.errors import ExportError
 from lassokin_ros.exports.sampling import uniform
 from lassokin_ros.motion import Motion
 
-WORLD_FROM_CAMERA = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+WORLD_FROM_LEVEL = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 BETAS = 16
 SMPL = "anthropometric"
 """The built-in skeleton: its tree is SMPL's, names, order and all."""
@@ -30,11 +30,12 @@ def write_amass(motion: Motion, file: BinaryIO) -> None:
     """
     track = uniform(motion)
     rotations = smpl_rotations(motion.skeleton, track.rotations)
-    rotations[:, 0] = WORLD_FROM_CAMERA @ rotations[:, 0]
+    world = WORLD_FROM_LEVEL @ motion.level
+    rotations[:, 0] = world @ rotations[:, 0]
     np.savez(
         file,
         poses=logarithm(rotations).reshape(len(rotations), -1),
-        trans=track.translations @ WORLD_FROM_CAMERA.T,
+        trans=track.translations @ world.T,
         betas=np.zeros(BETAS),
         gender=np.array("neutral"),
         mocap_framerate=np.array(round(1 / track.period, 6)),

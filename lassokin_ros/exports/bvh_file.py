@@ -1,7 +1,7 @@
 """BVH, which Blender, MotionBuilder and most animation tools open.
 
-Metres; y up, x to the camera's right, z towards the camera, which is taken to stand level: the camera's optical frame
-turned by half a turn about its x axis. At rest the person stands in a T-pose with the pelvis at the origin; the pelvis
+Metres; y up, x to the camera's right, z towards the camera: its optical frame, levelled by how it is mounted, turned by
+half a turn about the x axis. At rest the person stands in a T-pose with the pelvis at the origin; the pelvis
 has position channels, every joint its three rotations in the order of its angles in `joint_states`.
 """
 
@@ -17,7 +17,7 @@ from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.exports.sampling import uniform
 from lassokin_ros.motion import Motion
 
-WORLD_FROM_CAMERA = np.diag([1.0, -1.0, -1.0])
+WORLD_FROM_LEVEL = np.diag([1.0, -1.0, -1.0])
 TIP = 0.5
 """Length of what ends a chain, in lengths of the bone before it: BVH wants one, we have none."""
 SMALLEST_TIP = 0.02  # m
@@ -27,8 +27,9 @@ def write_bvh(motion: Motion, file: BinaryIO) -> None:
     """Write one person. Raises ExportError for stamps that a constant rate cannot stand for (see sampling)."""
     track, skeleton = uniform(motion), motion.skeleton
     rotations = track.rotations.copy()
-    rotations[:, 0] = WORLD_FROM_CAMERA @ rotations[:, 0]
-    places = track.translations @ WORLD_FROM_CAMERA.T
+    world = WORLD_FROM_LEVEL @ motion.level
+    rotations[:, 0] = world @ rotations[:, 0]
+    places = track.translations @ world.T
     head = f"{hierarchy(skeleton)}MOTION\nFrames: {len(places)}\nFrame Time: {track.period:.9f}\n"
     file.write(head.encode())
     order, joints = channel_order(skeleton)
