@@ -232,6 +232,25 @@ def test_the_upright_rows_against_finite_differences_and_what_they_learn():
     assert np.abs(upright.vertical - root[:, 1]).max() < 1e-3
 
 
+def test_the_vertical_is_learned_quickly_at_first_and_slowly_later():
+    upright, level = Upright(), np.array([0.0, -1.0, 0.0])
+    there = np.diag([1.0, -1.0, -1.0]) @ exponential(np.array([0.4, 0.0, 0.0]))
+    shares = []
+    for second in range(40):
+        before = np.linalg.norm(upright.vertical - there[:, 1])
+        for _ in range(30):
+            upright.learn(there, 1 / 30)
+        shares.append(1 - np.linalg.norm(upright.vertical - there[:, 1]) / before)
+        if second == 20:  # it is far off again
+            upright.vertical = level.copy()
+    assert 0.55 < shares[0] < 0.75 and np.all(np.diff(shares[:4]) < 0)
+    assert shares[30] == pytest.approx(1 - np.exp(-0.2), abs=0.02)  # 5 s
+    upright.reset()
+    assert np.array_equal(np.abs(upright.vertical), np.abs(level)) and upright.vertical[1] < 0
+    upright.learn(there, 0.5)
+    assert np.linalg.norm(upright.vertical - there[:, 1]) < 0.6 * 2 * np.sin(0.2)  # quickly anew
+
+
 def test_prior_rows_measure_the_distance_of_the_covariance():
     kinematics = body()
     prior = PosePrior.load(kinematics.skeleton)

@@ -98,8 +98,9 @@ def test_challengers_of_a_lying_body_lie_too(stance):
     back[0] = back[0] @ np.diag([-1.0, 1.0, -1.0])
     pool, live = tracker._challengers, tracker._rows.live
     pool.start(BodyState(back, PLACE), points, weights)
-    up = pool._everyone.state.rotations[0, 0, :, 1]
-    assert nearest(up) == stance
+    challenger, published = pool._everyone.state.rotations[:, 0]
+    assert nearest(challenger[:, 1]) == stance
+    assert challenger[:, 2] @ published[:, 2] < -0.8  # the opposite side first
     for _ in range(30):
         pool.linearise(points, weights)
         pool.advance(np.zeros(72), np.zeros(3), np.full(len(live), 1e-3))

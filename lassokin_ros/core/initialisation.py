@@ -25,8 +25,8 @@ from lassokin_ros.core.stances import TURNS, nearest
 
 STARTS = 8
 UNLIKELY = 1.5
-"""Cost per visible landmark of the best start above which other stances are tried. The first frame of 19 upright people
-of 20 costs less; one fitted in a wrong stance twice as much or more."""
+"""Cost per visible landmark of the best start above which other stances are tried. With 2 px of noise 19 of 20 first
+frames of upright people cost less, and hardly one that is fitted in a wrong stance."""
 OTHER_SIDES = np.arange(0, STARTS, 2)
 """From which starts begin in those: with all eight no more were found."""
 SCHEDULE = ((8.0, 8), (2.0, 6), (1.0, 6))  # (factor on the noise, iterations)
