@@ -237,6 +237,7 @@ def draw(name: str, folder: Path) -> Path:
 
 
 def main() -> int:
+    """Command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(FIGURES)}; all by default")
     parser.add_argument("--folder", type=Path, default=Path("docs/figures"))

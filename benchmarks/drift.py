@@ -53,6 +53,7 @@ def retracted(bodies: int, steps: int, seed: int = 0, mended: bool = True) -> tu
 
 
 def main() -> None:
+    """Command line."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--bodies", type=int, default=1)
     parser.add_argument("--steps", type=int, default=10_000_000)

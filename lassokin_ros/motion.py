@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import partial
 
 import numpy as np
 
@@ -47,7 +46,7 @@ class Motion:
     relative_gap: np.ndarray
     support_size: np.ndarray
     initialised: np.ndarray
-    level: np.ndarray = field(default_factory=partial(np.eye, 3))
+    level: np.ndarray
 
     @property
     def frame_count(self) -> int:

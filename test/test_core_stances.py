@@ -15,11 +15,13 @@ from lassokin_ros.core.kinematics import BodyState
 from lassokin_ros.core.prior import PosePrior
 from lassokin_ros.core.projection import project
 from lassokin_ros.core.rotations import exponential
-from lassokin_ros.core.stances import TURNS, nearest
+from lassokin_ros.core.stances import ROOTS, nearest
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.core.upright import vertical_of
 from lassokin_ros.synthetic import motion
 
+TURNS = ROOTS @ FACING
+"""From upright before a level camera to each stance."""
 PLACE = np.array([0.1, 0.0, 3.5])
 HALF = np.pi / 2
 
@@ -63,7 +65,7 @@ def test_a_body_in_any_stance_is_found_from_one_frame(stance, side):
     axis = random.normal(size=3)
     lean = exponential(np.radians(random.uniform(0, 40)) * axis / np.linalg.norm(axis))
     rotations = exponential(prior.mean)
-    rotations[0] = lean @ TURNS[stance] @ FACING @ exponential(np.array([0, np.radians(side), 0]))
+    rotations[0] = lean @ ROOTS[stance] @ exponential(np.array([0, np.radians(side), 0]))
     truth = BodyState(rotations, PLACE)
     fit = tracker._initialiser.fit(seen(kinematics, truth, side), np.full(17, FOCAL / NOISE_PX))
     assert error(kinematics, fit.best, truth) < 0.08

@@ -188,7 +188,8 @@ def some_motion(stamps_s, turn_rate=2.0, speed=1.0):
     places = np.outer(times * speed, [1.0, 0.0, 0.0])
     stamps = 10**18 + np.round(times * 1e9).astype(np.int64)
     rest = (rotations, places, np.zeros((count, 1, 3)), np.zeros((count, 0, 3)), np.zeros((count, 0, 2)))
-    return Motion("", "camera", skeleton, (), stamps, places[:, None], *rest, nothing, nothing, nothing, nothing > 0)
+    figures = (nothing, nothing, nothing, nothing > 0, np.eye(3))
+    return Motion("", "camera", skeleton, (), stamps, places[:, None], *rest, *figures)
 
 
 def test_regular_stamps_leave_the_frames_as_they_are():

@@ -20,7 +20,7 @@ from lassokin_ros.core.initialisation import STARTS, Initialiser, in_front
 from lassokin_ros.core.kinematics import BodyState
 from lassokin_ros.core.robust import CAP, huber_weights, norm
 from lassokin_ros.core.rotations import orthonormalised
-from lassokin_ros.core.stances import TURNS, nearest
+from lassokin_ros.core.stances import ROOTS, nearest
 
 COARSE = np.array([8.0, 8.0, 8.0, 8.0, 2.0, 2.0, 2.0, 1.0])
 """Factor on the noise while a challenger is young, by its age in frames."""
@@ -180,7 +180,7 @@ class Challengers:
     def _turned(self, published: BodyState, points: np.ndarray, weights: np.ndarray) -> BodyState:
         root = published.rotations[0]
         stance = nearest(root[:, 1])
-        turn = np.diag([1.0, -1.0, -1.0]) @ TURNS[stance].T @ root  # as `Initialiser.start` counts the sides
+        turn = ROOTS[stance].T @ root  # as `Initialiser.start` counts the sides
         facing = np.arctan2(turn[0, 2], turn[2, 2]) * STARTS / (2 * np.pi)
         side = round(facing + SIDES[self._turns % len(SIDES)]) % STARTS
         self._turns += 1

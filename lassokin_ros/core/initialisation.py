@@ -21,7 +21,7 @@ from lassokin_ros.core.mirroring import Mirroring
 from lassokin_ros.core.prior import PosePrior
 from lassokin_ros.core.robust import capped_weights, norm
 from lassokin_ros.core.rotations import exponential
-from lassokin_ros.core.stances import TURNS, nearest
+from lassokin_ros.core.stances import ROOTS, nearest
 
 STARTS = 8
 UNLIKELY = 1.5
@@ -77,7 +77,7 @@ class Initialiser:
         stance = nearest(self._rows.upright.vertical)
         turned = self._turned(np.arange(STARTS), [stance], points, weights)
         if turned.costs.min() > UNLIKELY * np.count_nonzero(weights):
-            others = [other for other in range(len(TURNS)) if other != stance]
+            others = [other for other in range(len(ROOTS)) if other != stance]
             turned = _joined([turned, self._turned(OTHER_SIDES, others, points, weights)])
         fits = [turned]
         if self.mirroring.variants:
@@ -118,8 +118,7 @@ class Initialiser:
     def _starts(self, sides: np.ndarray, stances: Sequence[int], points: np.ndarray, weights: np.ndarray) -> BodyState:
         yaw = sides * (2 * np.pi / STARTS)
         turn = exponential(np.stack([0 * yaw, yaw, 0 * yaw], axis=-1))
-        # Body y up is camera -y; facing the camera at yaw 0.
-        roots = (TURNS[stances][:, None] @ (np.diag([1.0, -1.0, -1.0]) @ turn)).reshape(-1, 3, 3)
+        roots = (ROOTS[stances][:, None] @ turn).reshape(-1, 3, 3)
         rotations = np.repeat(self._mean[None], len(roots), axis=0)
         rotations[:, 0] = roots
         return BodyState(rotations, self._place(rotations, points, weights))

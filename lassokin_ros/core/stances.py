@@ -9,18 +9,18 @@ from __future__ import annotations
 
 import numpy as np
 
-TURNS = np.array([
-    [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
-    [[0, -1, 0], [1, 0, 0], [0, 0, 1]],
-    [[0, 1, 0], [-1, 0, 0], [0, 0, 1]],
-    [[-1, 0, 0], [0, -1, 0], [0, 0, 1]],
-    [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
+ROOTS = np.array([
+    [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
+    [[0, 1, 0], [1, 0, 0], [0, 0, -1]],
+    [[0, -1, 0], [-1, 0, 0], [0, 0, -1]],
+    [[-1, 0, 0], [0, 1, 0], [0, 0, -1]],
     [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
+    [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
 ], dtype=float)  # fmt: skip
-"""(6, 3, 3) in the camera frame, from upright before a level camera to upright, head to the right, to the left, upside
-down, head to the camera, and away from it."""
+"""(6, 3, 3) the root's orientation in the camera frame: of a body that faces the camera upright, with its head to the
+right, to the left, and upside down; of one that looks down with its head to the camera, and up with its head away."""
 
 
 def nearest(up: np.ndarray) -> int:
-    """The stance whose up, TURNS[stance] (-e_y), is nearest to a body's up (3,) in the camera frame."""
-    return int(np.argmax(-TURNS[:, :, 1].dot(up)))
+    """The stance whose up, the root's y, is nearest to a body's up (3,) in the camera frame."""
+    return int(np.argmax(ROOTS[:, :, 1].dot(up)))

@@ -20,7 +20,8 @@ SPREAD = 0.12
 LEARNED_IN = 5.0
 """s: time constant with which the vertical follows the tracked person's."""
 FIRST_LEARNED_IN = 0.5
-"""s: the same at first; it grows with the time that a person has been seen. Nothing but the mount speaks against it."""
+"""s: the same at first; it grows with the time that a person has been seen. What is known at first, the camera's mount,
+is often off by more than a person leans."""
 
 _ACROSS = np.array([1.0, 0.0, -1.0])  # of [e_z, e_y, e_x], what turns the vertical
 
