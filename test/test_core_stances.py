@@ -10,14 +10,14 @@ from sequences import CONFIG, FOCAL, NOISE_PX, RATE
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Observation
-from lassokin_ros.core.initialisation import Initialiser
+from lassokin_ros.core.initialisation import Fit, Initialiser
 from lassokin_ros.core.kinematics import BodyState
 from lassokin_ros.core.prior import PosePrior
 from lassokin_ros.core.projection import project
 from lassokin_ros.core.rotations import exponential
 from lassokin_ros.core.stances import ROOTS, nearest
 from lassokin_ros.core.tracker import Tracker
-from lassokin_ros.core.upright import vertical_of
+from lassokin_ros.core.upright import TILT, TILT_COST, Upright, vertical_of
 from lassokin_ros.synthetic import motion
 
 TURNS = ROOTS @ FACING
@@ -71,7 +71,7 @@ def test_a_body_in_any_stance_is_found_from_one_frame(stance, side):
     assert error(kinematics, fit.best, truth) < 0.08
 
 
-def test_an_upright_body_costs_no_other_start(monkeypatch):
+def test_an_upright_body_costs_no_start_in_other_stances(monkeypatch):
     tracker = Tracker(CONFIG)
     stances = []
     starts = Initialiser._starts
@@ -80,11 +80,16 @@ def test_an_upright_body_costs_no_other_start(monkeypatch):
     upright = BodyState(state.rotations[0], PLACE)
     points, weights = seen(tracker.kinematics, upright), np.full(17, FOCAL / NOISE_PX)
     tracker._initialiser.fit(points, weights)
-    assert stances == [[0]]
+    assert stances == [[0]] * 3  # for a level camera, and for one that looks up, one that looks down
+    del stances[:]
     tracker._initialiser.fit(seen(tracker.kinematics, turned(upright, TURNS[1])), weights)
-    assert stances == [[0], [0], [1, 2, 3, 4, 5]]
+    assert stances == [[0], [1, 2, 3, 4, 5], [0], [0]]
     del stances[:]
     tracker._upright.mounted(np.pi, 0.0)  # the camera is known to be upside down
+    tracker._initialiser.fit(seen(tracker.kinematics, turned(upright, TURNS[3])), weights)
+    assert stances == [[3]] * 3
+    del stances[:]
+    tracker._upright.learn(TURNS[3] @ FACING, 0.1)  # and has seen somebody
     tracker._initialiser.fit(seen(tracker.kinematics, turned(upright, TURNS[3])), weights)
     assert stances == [[3]]
 
@@ -157,6 +162,60 @@ def test_who_stands_before_a_camera_told_to_be_tilted_does_not_lean(pitch):
     root = exponential(np.array([pitch, 0.0, 0.0])) @ FACING
     assert np.abs(tracker._upright.linearise(root)[1]).max() < 1e-9
     assert np.abs(tracker._upright.linearise(FACING)[1]).max() > 1.0
+
+
+@pytest.mark.parametrize("roll, pitch", [(0.0, 0.0), (0.0, 0.6), (HALF, 0.0), (2.5, -0.4), (0.0, HALF)])
+def test_a_first_state_is_sought_by_the_mount_and_further_up_and_down(roll, pitch):
+    upright = Upright(roll, pitch)
+    (mounted, free), *tilted = upright.candidates()
+    assert np.array_equal(mounted, vertical_of(roll, pitch)) and free == 0.0
+    assert [cost for _, cost in tilted] == [TILT_COST] * 2
+    verticals = np.array([vertical for vertical, _ in tilted])
+    assert np.allclose(np.arccos(verticals @ mounted), TILT)
+    assert np.arccos(verticals[0] @ verticals[1]) == pytest.approx(2 * TILT)
+    across = np.cross(mounted, [0.0, 0.0, 1.0])  # no tilt turns the horizon
+    assert np.abs(verticals @ across).max() < 1e-9
+
+
+def test_once_people_were_seen_a_state_is_sought_by_what_was_learned_from_them():
+    upright = Upright()
+    upright.vertical, _ = upright.candidates()[1]  # a first state that was refused: nothing was learned
+    assert len(upright.candidates()) == 3 and np.array_equal(upright.candidates()[0][0], vertical_of(0.0, 0.0))
+    upright.learn(FACING, 0.1)
+    assert len(upright.candidates()) == 1 and upright.candidates()[0][0] is upright.vertical
+    upright.reset()
+    assert len(upright.candidates()) == 3
+
+
+@pytest.mark.parametrize("side", [0, 120, 240])
+@pytest.mark.parametrize("pitch", [0.52, 0.0, -0.52])
+def test_a_camera_that_looks_up_or_down_is_found_out_from_one_frame(pitch, side):
+    """The prior's mean pose, upright, noise of 2 px: neither does it lean in the end, nor does the camera if level."""
+    tracker = Tracker(CONFIG)
+    rotations = exponential(PosePrior.load(tracker.skeleton).mean)
+    rotations[0] = exponential(np.array([pitch, 0.0, 0.0])) @ FACING @ exponential(np.array([0, np.radians(side), 0]))
+    truth = BodyState(rotations, PLACE)
+    fit = tracker._initialiser.fit(seen(tracker.kinematics, truth, side), np.full(17, FOCAL / NOISE_PX))
+    assert error(tracker.kinematics, fit.best, truth) < 0.04
+    believed = tracker._upright.vertical
+    assert np.arccos(believed @ vertical_of(0.0, pitch)) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("level", "tilted", "tilt"),
+    [(10.0, 5.5, True), (10.0, 6.5, False), (34.0, 25.0, True), (34.0, 27.0, False)],
+)
+def test_a_tilted_camera_must_explain_a_frame_much_better(monkeypatch, level, tilted, tilt):
+    """By 4, at a cost of up to 1 per landmark; where all fit worse, by as much more."""
+    tracker = Tracker(CONFIG)
+    state = motion(tracker.skeleton, np.array([0.3]))
+    costs = iter((level, tilted, tilted + 9))
+    monkeypatch.setattr(Initialiser, "_fit", lambda self, *given, thorough: Fit(state, np.array([next(costs)])))
+    _, (up, cost), _ = tracker._upright.candidates()
+    fit = tracker._initialiser.fit(np.zeros((17, 2)), np.ones(17))
+    assert (tracker._upright.vertical is not tracker._upright._first) == tilt
+    assert np.array_equal(tracker._upright.vertical, up) == tilt
+    assert fit.costs[0] == pytest.approx(tilted + cost * max(1.0, level / 17) if tilt else level)
 
 
 def test_a_mount_told_while_running_is_believed_from_then_on_and_again_after_a_reset():

@@ -3,8 +3,9 @@
 Several starts (the mean pose, turned about the vertical) are fitted at once by damped Gauss-Newton on the same rows
 as the tracker's, coarse to fine, without the l1 term (there is no earlier state from which motion could be sparse).
 Where none of them fits, neither does an upright body: then others begin in the other `stances`, lying or upside down.
-The best one's limbs are then mirrored in depth, one by one, and fitted too. The lowest cost wins; how clearly it wins
-over what ended elsewhere is the start's confidence.
+The best one's limbs are then mirrored in depth, one by one, and fitted too. Somebody who leans may be somebody upright
+before a camera that looks up or down: until people were seen, all this is done for such cameras too. The lowest cost
+wins; how clearly it wins over what ended elsewhere is the start's confidence.
 """
 
 from __future__ import annotations
@@ -27,8 +28,8 @@ STARTS = 8
 UNLIKELY = 1.5
 """Cost per visible landmark of the best start above which other stances are tried. With 2 px of noise 19 of 20 first
 frames of upright people cost less, and hardly one that is fitted in a wrong stance."""
-OTHER_SIDES = np.arange(0, STARTS, 2)
-"""From which starts begin in those: with all eight no more were found."""
+FEWER_SIDES = np.arange(0, STARTS, 2)
+"""From which starts begin in those, and before a tilted camera: with all eight no more were found."""
 SCHEDULE = ((8.0, 8), (2.0, 6), (1.0, 6))  # (factor on the noise, iterations)
 MIRRORED_SCHEDULE = ((2.0, 4), (1.0, 6))
 ELSEWHERE = 0.05
@@ -70,24 +71,37 @@ class Initialiser:
         self._damping = np.append(np.full(len(self._live), DAMPING), np.full(3, 1e-6))
 
     def fit(self, points: np.ndarray, weights: np.ndarray) -> Fit:
-        """Fit all starts to one frame.
+        """Fit all starts to one frame; the vertical that the best one was fitted by is believed from now on.
 
         points: (l, 2) normalised; weights: (l,), 1 / standard deviation, 0 = missing; at least two visible.
         """
+        upright = self._rows.upright
+        candidates, fits = upright.candidates(), list[Fit]()
+        unlike = 1.0  # where even the best fits badly, as with wrong bones, differences of costs mean as much less
+        for vertical, rarity in candidates:
+            upright.vertical = vertical
+            fit = self._fit(points, weights, thorough=not fits)
+            fits.append(Fit(fit.states, fit.costs + unlike * rarity))
+            unlike = max(1.0, fits[0].costs.min() / np.count_nonzero(weights))
+        upright.vertical, _ = candidates[int(np.argmin([fit.costs.min() for fit in fits]))]
+        found = _joined(fits)
+        order = np.argsort(found.costs, kind="stable")
+        states, costs = BodyState(found.states.rotations[order], found.states.translation[order]), found.costs[order]
+        return Fit(states, costs, self._confidence(states, costs))
+
+    def _fit(self, points: np.ndarray, weights: np.ndarray, thorough: bool) -> Fit:
+        """Starts upright by the vertical as it is now, and mirrored; thorough: from all sides, and in all stances."""
         stance = nearest(self._rows.upright.vertical)
-        turned = self._turned(np.arange(STARTS), [stance], points, weights)
-        if turned.costs.min() > UNLIKELY * np.count_nonzero(weights):
+        turned = self._turned(np.arange(STARTS) if thorough else FEWER_SIDES, [stance], points, weights)
+        if thorough and turned.costs.min() > UNLIKELY * np.count_nonzero(weights):
             others = [other for other in range(len(ROOTS)) if other != stance]
-            turned = _joined([turned, self._turned(OTHER_SIDES, others, points, weights)])
+            turned = _joined([turned, self._turned(FEWER_SIDES, others, points, weights)])
         fits = [turned]
         if self.mirroring.variants:
             best = int(np.argmin(turned.costs))
             mirrored = self.mirroring.all(BodyState(turned.states.rotations[best], turned.states.translation[best]))
             fits.append(self.refine(mirrored, points, weights, MIRRORED_SCHEDULE))
-        found = _joined(fits)
-        order = np.argsort(found.costs, kind="stable")
-        states, costs = BodyState(found.states.rotations[order], found.states.translation[order]), found.costs[order]
-        return Fit(states, costs, self._confidence(states, costs))
+        return _joined(fits)
 
     def _confidence(self, states: BodyState, costs: np.ndarray) -> float:
         """1 / (1 + exp(c1 - c2)): c1 the lowest cost, a negative log-likelihood, c2 the lowest of those elsewhere."""
