@@ -210,7 +210,7 @@ def test_a_tilted_camera_must_explain_a_frame_much_better(monkeypatch, level, ti
     tracker = Tracker(CONFIG)
     state = motion(tracker.skeleton, np.array([0.3]))
     costs = iter((level, tilted, tilted + 9))
-    monkeypatch.setattr(Initialiser, "_fit", lambda self, *given, thorough: Fit(state, np.array([next(costs)])))
+    monkeypatch.setattr(Initialiser, "_fit", lambda self, *given: Fit(state, np.array([next(costs)])))
     _, (up, cost), _ = tracker._upright.candidates()
     fit = tracker._initialiser.fit(np.zeros((17, 2)), np.ones(17))
     assert (tracker._upright.vertical is not tracker._upright._first) == tilt

@@ -77,27 +77,35 @@ class Initialiser:
         """
         upright = self._rows.upright
         candidates, fits = upright.candidates(), list[Fit]()
-        unlike = 1.0  # where even the best fits badly, as with wrong bones, differences of costs mean as much less
+        first = None
         for vertical, rarity in candidates:
             upright.vertical = vertical
-            fit = self._fit(points, weights, thorough=not fits)
+            fit = self._fit(points, weights, first)
+            if first is None:
+                first = float(fit.costs.min())
+                # Where even the best fits badly, as with wrong bones, differences of costs mean as much less.
+                unlike = max(1.0, first / np.count_nonzero(weights))
             fits.append(Fit(fit.states, fit.costs + unlike * rarity))
-            unlike = max(1.0, fits[0].costs.min() / np.count_nonzero(weights))
         upright.vertical, _ = candidates[int(np.argmin([fit.costs.min() for fit in fits]))]
         found = _joined(fits)
         order = np.argsort(found.costs, kind="stable")
         states, costs = BodyState(found.states.rotations[order], found.states.translation[order]), found.costs[order]
         return Fit(states, costs, self._confidence(states, costs))
 
-    def _fit(self, points: np.ndarray, weights: np.ndarray, thorough: bool) -> Fit:
-        """Starts upright by the vertical as it is now, and mirrored; thorough: from all sides, and in all stances."""
+    def _fit(self, points: np.ndarray, weights: np.ndarray, first: float | None) -> Fit:
+        """All starts, mirrored too, by the vertical as it is now.
+
+        first: the cost by another vertical, beside which this one is a possibility: fewer starts, upright ones alone,
+        and what does not fit better than that by itself is not mirrored.
+        """
+        thorough = first is None
         stance = nearest(self._rows.upright.vertical)
         turned = self._turned(np.arange(STARTS) if thorough else FEWER_SIDES, [stance], points, weights)
         if thorough and turned.costs.min() > UNLIKELY * np.count_nonzero(weights):
             others = [other for other in range(len(ROOTS)) if other != stance]
             turned = _joined([turned, self._turned(FEWER_SIDES, others, points, weights)])
         fits = [turned]
-        if self.mirroring.variants:
+        if self.mirroring.variants and (first is None or turned.costs.min() < first):
             best = int(np.argmin(turned.costs))
             mirrored = self.mirroring.all(BodyState(turned.states.rotations[best], turned.states.translation[best]))
             fits.append(self.refine(mirrored, points, weights, MIRRORED_SCHEDULE))
