@@ -36,12 +36,13 @@ def start_replay(*arguments, **options):
 def holder(running, output, deadline_s=25.0, but=()):
     """The id of the process that is writing the recording `output`: it has a file open in the hidden folder beside.
 
-    running: of `start_replay`, which must not end before. but: processes that don't count.
+    running: of `start_replay`, which must not end before. but: processes that don't count. Nor does one that removes
+    the folder: it has the folder open, and no file.
     """
     deadline, hidden = time.monotonic() + deadline_s, str(output.parent.resolve() / f".{output.name}.")
     while time.monotonic() < deadline and running.poll() is None:
         for process in _processes():
-            if process not in but and any(path.startswith(hidden) for path in _open_files(process)):
+            if process not in but and _writes(process, hidden):
                 return process
         time.sleep(0.02)
     os.killpg(running.pid, signal.SIGKILL)
@@ -50,6 +51,10 @@ def holder(running, output, deadline_s=25.0, but=()):
 
 def _processes():
     return [int(entry.name) for entry in Path("/proc").iterdir() if entry.name.isdigit()]
+
+
+def _writes(process, hidden):
+    return any(path.startswith(hidden) and os.path.isfile(path) for path in _open_files(process))
 
 
 def _open_files(process):
