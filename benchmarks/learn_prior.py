@@ -20,6 +20,7 @@ from lassokin_ros.core.kinematics import Kinematics
 from lassokin_ros.core.landmarks import Layout
 from lassokin_ros.core.rotations import logarithm
 from lassokin_ros.core.skeleton import Skeleton
+from lassokin_ros.core.symmetry import other_side
 
 # Every third clip by name is kept for measuring; these are the others.
 TRAINING = (
@@ -40,14 +41,8 @@ def rotation_vectors(clip: Clip) -> np.ndarray:
 
 def mirrored(vectors: np.ndarray, skeleton: Skeleton) -> np.ndarray:
     """The mirror image's rotation vectors: sides exchanged, turns about y and z reversed."""
-    swap = [skeleton.index(_other_side(name)) for name in skeleton.joint_names]
+    swap = [skeleton.index(other_side(name)) for name in skeleton.joint_names]
     return vectors[:, swap] * np.array([1.0, -1.0, -1.0])
-
-
-def _other_side(name: str) -> str:
-    if name.startswith("left_"):
-        return "right_" + name[5:]
-    return "left_" + name[6:] if name.startswith("right_") else name
 
 
 def learn(clips: list[Clip]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -12,6 +12,14 @@ def length_changes(calibration: Calibration) -> dict[str, float]:
     return dict(zip(calibration.proportions.names, (100 * np.expm1(calibration.lengths)).tolist()))
 
 
+def averaged_sides(difference: float) -> str:
+    """What was done to a given skeleton whose left and right differ by `difference`, of their logarithms."""
+    return (
+        f"left and right of the skeleton differ by {100 * difference:.1f} % on average, more than a body's do: "
+        "taken for guesses, so calibration begins with their mean; calibrate: false keeps them"
+    )
+
+
 def calibration_figures(calibration: Calibration, enabled: bool, person: str = "") -> dict[str, str]:
     """For /diagnostics: off, learning or final; motion seen, the least certain length, and each length's change.
 

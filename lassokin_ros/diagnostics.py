@@ -125,9 +125,11 @@ class Diagnostics:
                 values[key] = str(counts[key])
         for key in sorted(key for key in counts if key.startswith("rejected: ")):
             values[f"{key} [messages]"] = str(counts[key])
-        calibrate = self._pipeline.tracker.config.calibrate
+        tracker = self._pipeline.tracker
+        if tracker.averaged:
+            values["skeleton: left and right apart, averaged [%]"] = f"{100 * tracker.averaged:.1f}"
         for person, calibration in self._pipeline.calibrations().items():
-            values |= calibration_figures(calibration, calibrate, person)
+            values |= calibration_figures(calibration, tracker.config.calibrate, person)
         return values
 
 

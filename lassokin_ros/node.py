@@ -17,6 +17,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from lassokin_ros import topics
 from lassokin_ros.body_topics import BodyTopics
+from lassokin_ros.calibration_figures import averaged_sides
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.diagnostics import Diagnostics
 from lassokin_ros.frame import Frame
@@ -55,6 +56,8 @@ class TrackerNode(Node):
         self._listen(settings[1])
         for line in unknown_parameters(self):
             self.get_logger().warning(line)
+        if self._pipeline.tracker.averaged:
+            self.get_logger().warning(averaged_sides(self._pipeline.tracker.averaged))
 
     def _open_outputs(self, config: NodeConfig, name: str) -> None:
         """One person's topics, or those that several people's begin with."""

@@ -161,6 +161,7 @@ def _figures(tracker: Any) -> Figures:
 def _summary(title: str, inputs: Sequence[RecordedTopic], tracker: Any, seconds: float) -> str:
     import numpy as np
 
+    from lassokin_ros.calibration_figures import averaged_sides
     from lassokin_ros.offline_tracker import LINK_AS_FRAME
 
     counts, error = tracker.pipeline.counts, tracker.reprojection_px
@@ -174,6 +175,9 @@ def _summary(title: str, inputs: Sequence[RecordedTopic], tracker: Any, seconds:
         "time per frame": f"{np.median(times):.2f} ms median, {np.percentile(times, 99):.2f} ms 99th percentile",
         "in all": f"{seconds:.1f} s, {counts['received'] / max(seconds, 1e-9):.0f} frames/s",
     }
+    averaged = tracker.pipeline.tracker.averaged
+    if averaged:
+        lines["left and right"] = averaged_sides(averaged)
     if counts[LINK_AS_FRAME]:
         lines["base frame"] = "a frame_id is the name of one of the body's links; robot_description has another base"
     read = [f"{name:<15} {topic}" for name, topic in zip((topics.KEYPOINTS, topics.CAMERA_INFO), inputs)]

@@ -19,6 +19,8 @@ from lassokin_ros.skeleton_file import save_all, skeleton_text, write_text
 
 NOW_NS = 1_700_000_000_123_456_789
 PROMISE_M = 1e-3
+ANKLES = [body().skeleton.index(f"{side}_ankle") for side in ("left", "right")]
+APART = "left and right of the skeleton differ by 9.5 % on average"
 
 
 def learned(seconds=5.0, seed=3):
@@ -37,6 +39,13 @@ def wrong_skeleton_file(folder, spread=0.08, seed=3):
     proportions = Proportions(body())
     lengths = np.random.default_rng(seed).normal(size=proportions.count) * spread
     return write_text(folder / "wrong.yaml", skeleton_text(right.with_offsets(proportions.offsets(lengths))))
+
+
+def uneven_skeleton_file(folder):
+    """The built-in skeleton with its left limbs longer than its right ones, as a file."""
+    right = Skeleton.load("anthropometric", 1.75)
+    scales = [1.1 if name.startswith("left_") else 1.0 for name in right.joint_names]
+    return write_text(folder / "uneven.yaml", skeleton_text(right.with_bone_scales(scales)))
 
 
 # The file ------------------------------------------------------------------------------------------------------------
@@ -170,6 +179,34 @@ def test_replay_saves_the_skeleton(tmp_path, capsys):
     assert main([str(short), *calibrated[1:], "-o", str(tmp_path / "brief")]) == 2
     assert "nothing has been calibrated" in capsys.readouterr().err and saved.read_text() == text
     assert main([str(short), *calibrated]) == 2 and "recording" in capsys.readouterr().err
+
+
+def test_replay_says_that_it_took_an_uneven_skeletons_mean(tmp_path, capsys):
+    pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
+    from recordings import read, write_recording
+
+    from lassokin_ros.replay import main
+
+    given = [str(write_recording(tmp_path / "walk", 10)), "--force", "-o", str(tmp_path / "out")]
+    given += ["-p", f"skeleton:={uneven_skeleton_file(tmp_path)}"]
+    for calibrate in (True, False):
+        assert main([*given, "-p", f"calibrate:={str(calibrate).lower()}"]) == 0
+        assert (APART in capsys.readouterr().out) == calibrate
+        poses = [pose.position for pose in read(tmp_path / "out", "/joints")[-1][1].poses]
+        places = np.array([[p.x, p.y, p.z] for p in poses])
+        shanks = np.linalg.norm(places[body().skeleton.parents[ANKLES]] - places[ANKLES], axis=1)
+        assert shanks[0] / shanks[1] == pytest.approx(1.0 if calibrate else 1.1)
+
+
+def test_the_node_says_that_it_took_an_uneven_skeletons_mean(tmp_path):
+    pytest.importorskip("rclpy")
+    from live import NodeProcess, Peer, values_of
+
+    namespace = "/uneven"
+    with NodeProcess(namespace, "-p", f"skeleton:={uneven_skeleton_file(tmp_path)}") as node, Peer(namespace) as peer:
+        values = values_of(peer.next_diagnostics())
+    assert values["skeleton: left and right apart, averaged [%]"] == "9.5"
+    assert APART in node.said
 
 
 def test_the_running_node_describes_saves_and_reports_what_it_has_learned(tmp_path):

@@ -4,16 +4,18 @@ import numpy as np
 import pytest
 from cases import FACING, body, central_difference, random_body, random_state, relative_error
 
-from lassokin_ros.core.calibration import Calibration
+from lassokin_ros.core import calibration as calibration_module
+from lassokin_ros.core.calibration import DAMPING, Calibration, KeptFrame
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Observation
 from lassokin_ros.core.frame_rows import FrameRows
 from lassokin_ros.core.kinematics import BodyState
 from lassokin_ros.core.prior import PosePrior, PriorRows
-from lassokin_ros.core.projection import project
+from lassokin_ros.core.projection import project, projection_jacobian
 from lassokin_ros.core.proportions import Proportions
 from lassokin_ros.core.rotations import exponential
 from lassokin_ros.core.skeleton import Skeleton
+from lassokin_ros.core.symmetry import LARGEST_ASYMMETRY, asymmetry, symmetrised
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.core.upright import Upright
 from lassokin_ros.synthetic import motion
@@ -101,6 +103,37 @@ def recovered(right, prior, seed):
     return changes, calibration
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_the_volumes_change_is_the_derivative_of_its_logarithm(seed, monkeypatch):
+    """Against log det of the pose's normal equations, made anew at a body of other lengths."""
+    monkeypatch.setattr(calibration_module, "VOLUME_STEP", 1e-5)
+    monkeypatch.setattr(calibration_module, "STEEPEST", np.inf)
+    kinematics = body()
+    prior = PosePrior.load(kinematics.skeleton)
+    calibration = Calibration(FrameRows(kinematics, PriorRows(prior, kinematics), Upright()))
+    one = postures(prior, 4, seed)
+    state = BodyState(one.rotations[seed], one.translation[seed])
+    frame = KeptFrame(
+        state, project(kinematics.pose(state).landmarks), np.full(17, FOCAL / 2), calibration.lengths, *[None] * 2
+    )
+    J, C, _, _ = calibration._frame_rows(frame)
+    H = J.T @ J + DAMPING * np.eye(J.shape[1])
+    coupling = np.linalg.solve(H, J.T @ C)
+    of_prior = H - J[:34].T @ J[:34]
+    change = calibration._volume(frame, of_prior, coupling, np.linalg.slogdet(H)[1])
+
+    def log_volume(lengths):
+        other = calibration._moved(state, -coupling @ lengths)
+        pose = kinematics.pose(other, calibration.proportions.offsets(lengths))
+        columns = np.empty((J.shape[1], 34))
+        F = projection_jacobian(pose.landmarks) * frame.weights[:, None, None]
+        calibration._rows.image_columns(pose, F, None, columns)
+        return np.array(np.linalg.slogdet(columns @ columns.T + of_prior)[1])
+
+    expected = central_difference(log_volume, calibration.proportions.count)[0]
+    assert np.abs(expected).max() > 1 and relative_error(change, expected) < 1e-3
+
+
 def test_known_lengths_are_recovered():
     """Lengths come nearer, up to the scale that no camera sees, in every draw, on average to half their error."""
     right = body()
@@ -153,3 +186,50 @@ def test_calibration_is_deterministic_and_reset_forgets_it():
         assert np.array_equal(tracker.kinematics.skeleton.offsets, given.offsets)
     assert not np.array_equal(results[0], given.offsets)
     assert np.array_equal(results[0], results[1])
+
+
+def uneven(spread, seed=3):
+    """The built-in skeleton with every bone wrong by itself, left and right too."""
+    right = Skeleton.load("anthropometric", 1.75)
+    return right.with_bone_scales(np.exp(spread * np.random.default_rng(seed).normal(size=right.joint_count)))
+
+
+def test_lengths_of_which_left_and_right_differ_were_guessed_and_begin_at_their_mean():
+    given = uneven(0.05)
+    assert asymmetry(given) > LARGEST_ASYMMETRY
+    tracker = Tracker(TrackerConfig(calibrate=True), given)
+    assert tracker.averaged == asymmetry(given)
+    lengths, before = (np.linalg.norm(s.offsets, axis=1) for s in (tracker.skeleton, given))
+    pairs = [
+        (left, given.index("right_" + name.removeprefix("left_")))
+        for left, name in enumerate(given.joint_names)
+        if name.startswith("left_")
+    ]
+    assert len(pairs) == 9
+    for left, right in pairs:
+        assert lengths[left] == pytest.approx(lengths[right])
+        assert lengths[left] == pytest.approx(np.sqrt(before[left] * before[right]))
+    middle = [joint for joint in range(given.joint_count) if not any(joint in pair for pair in pairs)]
+    assert np.array_equal(tracker.skeleton.offsets[middle], given.offsets[middle])
+    directions = (
+        s.offsets[1:] / np.linalg.norm(s.offsets[1:], axis=1, keepdims=True) for s in (tracker.skeleton, given)
+    )
+    assert np.allclose(*directions)
+    tracker.track(observed(Tracker(TrackerConfig()), 0.1)[0])
+    tracker.reset()
+    assert asymmetry(tracker.skeleton) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_lengths_that_differ_as_a_bodys_do_and_those_not_to_be_calibrated_stay_as_given():
+    measured, guessed = uneven(0.02), uneven(0.05)
+    assert 0 < asymmetry(measured) < LARGEST_ASYMMETRY
+    for calibrate, given in ((True, measured), (False, guessed), (True, Skeleton.load("anthropometric", 1.75))):
+        tracker = Tracker(TrackerConfig(calibrate=calibrate), given)
+        assert tracker.averaged == 0 and np.array_equal(tracker.skeleton.offsets, given.offsets)
+
+
+def test_a_tree_without_sides_is_not_asymmetric():
+    chain = Skeleton(
+        "arm", ("base", "left_elbow"), np.array([-1, 0]), np.array([[0.0] * 3, [0.3, 0, 0]]), ("xyz",) * 2, 1.0
+    )
+    assert asymmetry(chain) == 0 and np.array_equal(symmetrised(chain).offsets, chain.offsets)

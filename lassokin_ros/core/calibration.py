@@ -1,11 +1,11 @@
 """Bone proportions learned while the person is followed; the height stays what it was given as.
 
-The unknowns are about a dozen log-lengths, the same left and right. Some tracked frames, spread over time, are kept.
-For each the image's and the prior's rows are linearised in (pose, translation, log-lengths) and the first two are
-eliminated (Schur complement), which leaves normal equations in the lengths alone. Their sum, a log-normal prior about
-the given skeleton and a row that holds the stature are solved for the lengths. Kept frames are linearised again in
-turn, one a call, at the lengths known by then: Gauss-Newton on all of them, spread over time (Triggs et al., Bundle
-adjustment: a modern synthesis, 2000, sec. 6).
+The unknowns are about a dozen log-lengths, the same left and right (see `symmetry`). Some tracked frames, spread over
+time, are kept. For each the image's and the prior's rows are linearised in (pose, translation, log-lengths) and the
+first two are eliminated (Schur complement), which leaves normal equations in the lengths alone. Their sum, a log-normal
+prior about the given skeleton and a row that holds the stature are solved for the lengths. Kept frames are linearised
+again in turn, one a call, at the lengths known by then: Gauss-Newton on all of them, spread over time (Triggs et al.,
+Bundle adjustment: a modern synthesis, 2000, sec. 6).
 """
 
 from __future__ import annotations

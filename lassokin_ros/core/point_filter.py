@@ -14,6 +14,7 @@ import numpy as np
 
 from lassokin_ros.core.point_tracks import PointTracks
 from lassokin_ros.core.robust import squared_norm
+from lassokin_ros.core.symmetry import other_side
 
 GATE = 5.0
 """Standard deviations of the prediction beyond which a point is taken for wrong."""
@@ -39,7 +40,7 @@ class PointFilter:
         self._count = len(names)
         place = {name: index for index, name in enumerate(names)}
         #: (l,) of each landmark the one on the other side; itself where there is none.
-        self._other = np.array([place.get(_other_side(name), index) for index, name in enumerate(names)], dtype=int)
+        self._other = np.array([place.get(other_side(name), index) for index, name in enumerate(names)], dtype=int)
         self._tracks = PointTracks(self._count)
         self.reset()
 
@@ -119,11 +120,3 @@ class PointFilter:
         self._swapped = np.where(odd, self._swapped + step, 0.0)
         order = np.where(odd & (self._swapped < SWAPPED_AT_MOST), other, np.arange(self._count))
         return points[order], variance[order], seen[order]
-
-
-def _other_side(name: str) -> str:
-    """left_knee for right_knee and the other way round; the name itself where it has no side."""
-    for side, other in (("left_", "right_"), ("right_", "left_")):
-        if name.startswith(side):
-            return other + name.removeprefix(side)
-    return name

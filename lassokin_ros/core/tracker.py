@@ -41,6 +41,7 @@ from lassokin_ros.core.repeats import Repeats
 from lassokin_ros.core.rotations import orthonormalised
 from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.core.steadying import Steadying
+from lassokin_ros.core.symmetry import LARGEST_ASYMMETRY, asymmetry, symmetrised
 from lassokin_ros.core.uncertainty import JointUncertainty, UncertaintyModel
 from lassokin_ros.core.upright import Upright
 
@@ -69,6 +70,12 @@ class Tracker:
         """Raises a LassokinError (skeleton, layout, solver or setting) when the configuration cannot be used."""
         self.config = (config or TrackerConfig()).checked()
         self.skeleton = skeleton or Skeleton.load(self.config.skeleton, self.config.height)
+        difference = asymmetry(self.skeleton)
+        self.averaged = difference if self.config.calibrate and difference > LARGEST_ASYMMETRY else 0.0
+        """How much left and right of the given skeleton differ, where this was too much, and calibration begins with
+        their mean; else 0."""
+        if self.averaged:
+            self.skeleton = symmetrised(self.skeleton)
         self.layout = Layout.load(self.config.landmarks, self.skeleton)
         self.kinematics = Kinematics(self.skeleton, self.layout)
         prior = PosePrior.load(self.skeleton)
