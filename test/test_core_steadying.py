@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from sequences import CONFIG, observations
 
 from lassokin_ros.core.kinematics import BodyPose, BodyState
-from lassokin_ros.core.steadying import DEPTH, LONGEST_STEP, Steadying
+from lassokin_ros.core.steadying import DEPTH, FARTHEST, LONGEST_STEP, Steadying
 from lassokin_ros.core.tracker import Tracker
 
 STEP, TIME, JOINTS = 1 / 60, 0.02, 3
@@ -159,3 +159,15 @@ def test_the_tracker_settles_to_another_limb_and_goes_at_once_to_another_body(an
     estimate = tracker.track(sequence[-1])
     left = angle(estimate.state, estimate.solved)
     assert left == 0 if another_body else left > 0.5 * jump
+
+
+def test_a_body_that_jumps_in_depth_is_not_published_through_the_camera():
+    """Solved towards the camera ever faster and then away: what is published goes anew from there, and not on."""
+    depths = [3.0, 3.0, 2.6, 2.0, 1.2, 0.3, 2.0, 5.0, 5.0]
+    still = np.zeros((JOINTS, 3))
+    states = [turned(still, np.array([0.0, 0.0, depth])) for depth in depths]
+    ratios = [p.translation[2] / s.translation[2] for p, s in zip(followed(states, time=0.06), states)]
+    assert max(abs(ratio - 1) for ratio in ratios) <= FARTHEST
+    assert ratios[5] == 1.0
+    gentle = [turned(still, np.array([0.0, 0.0, 3.0 - 0.02 * i])) for i in range(20)]
+    assert followed(gentle, time=0.06)[-1].translation[2] != gentle[-1].translation[2]  # that goes on

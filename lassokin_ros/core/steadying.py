@@ -25,6 +25,10 @@ DEPTH = 1.9
 LONGEST_STEP = 0.2
 """s between frames beyond which the filter starts anew: nothing is known of the motion between."""
 
+FARTHEST = 0.25
+"""Of its distance to the camera, how far in depth the published body may be from the solved one. A state that jumps to
+and fro in depth would carry the filter on through the camera; it begins anew instead."""
+
 Covariance = tuple[float, float, float]
 """(value, both, velocity), in the variance of a value as solved."""
 
@@ -121,7 +125,11 @@ class Steadying:
         self.forward = Forward(
             False, step, rays, predicted, ahead, self._departure, self._velocity, self._covariance, self._settling
         )
-        return self.forward.published(state, self._departure)
+        published = self.forward.published(state, self._departure)
+        solved = state.translation
+        if abs((published.translation - solved).dot(solved)) > FARTHEST * solved.dot(solved):
+            return self._begun(state, step, time)
+        return published
 
     def _begun(self, state: BodyState, step: float, time: float) -> BodyState:
         self.reset()

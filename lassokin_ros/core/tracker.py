@@ -39,6 +39,7 @@ from lassokin_ros.core.prior import PosePrior, PriorRows
 from lassokin_ros.core.projection import project
 from lassokin_ros.core.repeats import Repeats
 from lassokin_ros.core.rotations import orthonormalised
+from lassokin_ros.core.second_look import SecondLook
 from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.core.steadying import Steadying
 from lassokin_ros.core.symmetry import LARGEST_ASYMMETRY, asymmetry, symmetrised
@@ -84,6 +85,7 @@ class Tracker:
         self._initialiser = Initialiser(self.kinematics, prior, self._rows)
         self._challengers = Challengers(self._initialiser, self._rows, CHALLENGERS)
         self._limbs = LimbSearch(self.kinematics, self._rows.prior, self._initialiser.mirroring, self._rows.balance)
+        self._second_look = SecondLook(self.kinematics.landmark_count)
         self._steadying = Steadying(self.kinematics.joint_count)
         self._lag = FixedLag(self.kinematics)
         self._repeats, self._filter = Repeats(), PointFilter(self.layout.names)
@@ -112,6 +114,7 @@ class Tracker:
         smoothed, each under the stamp of its own frame."""
         self._upright.reset()
         self._challengers.stop()
+        self._second_look.reset()
         self.calibration.reset()
         self.habit.reset()
         self._take_lengths()
@@ -142,8 +145,8 @@ class Tracker:
         points, weights = self._filtered(observation.stamp, seen, weights, repeated > 0)
         if np.count_nonzero(weights) < self.config.min_landmarks:
             return self._refused(observation, Rejection.TOO_FEW_LANDMARKS)
-        initialised = self._state is None or lost or self._nowhere >= STUCK_AFTER
-        fit = self._initialiser.fit(points, weights) if initialised else None
+        fit = self._found_anew(observation.stamp, points, weights, lost, repeated > 0)
+        initialised = fit is not None
         start, increment = self._follow(fit, points, weights)
         rejection = self._against(start, increment, observation.focal)
         if rejection is not None:
@@ -197,6 +200,17 @@ class Tracker:
             return self._filter.expected(stamp)
         depth = 3.5 if self._state is None else self._state.translation[2]
         return self._filter.update(stamp, points, weights, ACCELERATION / depth)
+
+    def _found_anew(
+        self, stamp: float, points: np.ndarray, weights: np.ndarray, lost: bool, repeated: bool
+    ) -> Fit | None:
+        """The state as one frame alone shows it, where there is none yet, or none to go on with."""
+        if self._state is None or lost or self._nowhere >= STUCK_AFTER:
+            return self._initialiser.fit(points, weights)
+        if repeated or not self._second_look.due(stamp, self._cost):
+            return None
+        fit = self._initialiser.fit(points, weights)
+        return fit if self._second_look.convinces(self._cost, float(fit.costs[0])) else None
 
     def _follow(self, fit: Fit | None, points: np.ndarray, weights: np.ndarray) -> tuple[BodyState, Increment]:
         """Where the frame starts from, a state just found or the present one, and the increment from there."""
