@@ -48,9 +48,9 @@ class Body:
         self._reader = JointAngleReader(self.tracker.skeleton.axes)
         self.reset()
 
-    def reset(self) -> None:
-        """Forget the person."""
-        self.tracker.reset()
+    def reset(self, same_camera: bool = False) -> None:
+        """Forget the person; same_camera: but not how the camera is held."""
+        self.tracker.reset(same_camera)
         self._reader.reset()
         self.status = Status.SEARCHING
         self.seen_ns: int | None = None

@@ -73,6 +73,8 @@ class People:
         """Forget everybody. Numbers are not used again, so that nobody inherits another's id."""
         for number in list(self._present):
             self._let_go(number)
+        for body in self._idle:
+            body.reset()
         self._candidates.clear()
 
     def update(
@@ -153,13 +155,16 @@ class People:
         return usable(seen, next(iter([*self._idle, *self._present.values()])).tracker.config)
 
     def _welcome(self, number: int, stamp_ns: int, pairs: dict[int, Detection]) -> bool:
-        """Give somebody new a body; False, and counted, when there is none left."""
+        """Give somebody new a body, told how the camera is held; False, and counted, when there is none left."""
         if not self._idle:
             away = [(b.unseen_s(stamp_ns), n) for n, b in self._present.items() if n not in pairs]
             if not away or max(away)[0] < MAKES_ROOM_S:
                 self._counts["people beyond max_people"] += 1
                 return False
             self._let_go(max(away)[1])
+        newcomer = self._idle[-1].tracker
+        for known in self._idle, self._present.values():  # who is there knows better than who has left
+            newcomer.adopt_vertical(body.tracker for body in known)
         self._present[number] = self._idle.pop()
         self._next = max(self._next, number + 1)
         self._counts["people come"] += 1
@@ -167,7 +172,7 @@ class People:
 
     def _let_go(self, number: int) -> None:
         body = self._present.pop(number)
-        body.reset()
+        body.reset(same_camera=True)
         self._idle.append(body)
         self._counts["people left"] += 1
 

@@ -58,7 +58,9 @@ class PerBodyPipeline(Pipeline):
             if not self._idle:
                 self.counts["people beyond max_people"] += 1
                 continue
-            self._present[person] = self._idle.pop()
+            newcomer = self._idle.pop()
+            newcomer.tracker.adopt_vertical(known.tracker for known in self._present.values())
+            self._present[person] = newcomer
             self.counts["people come"] += 1
 
     def frames_of(self, person: str, message: Any, arrival_ns: int) -> list[Frame]:

@@ -79,7 +79,11 @@ def test_an_upright_body_costs_no_start_in_other_stances(monkeypatch):
     state = motion(tracker.skeleton, np.array([0.3]))
     upright = BodyState(state.rotations[0], PLACE)
     points, weights = seen(tracker.kinematics, upright), np.full(17, FOCAL / NOISE_PX)
+    mirroring, mirrored = tracker._initialiser.mirroring, []
+    all_limbs = mirroring.all
+    monkeypatch.setattr(mirroring, "all", lambda state: mirrored.append(state) or all_limbs(state))
     tracker._initialiser.fit(points, weights)
+    assert len(mirrored) == 1  # what fits worse before a tilted camera is not gone into
     assert stances == [[0]] * 3  # for a level camera, and for one that looks up, one that looks down
     del stances[:]
     tracker._initialiser.fit(seen(tracker.kinematics, turned(upright, TURNS[1])), weights)

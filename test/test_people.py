@@ -16,6 +16,7 @@ from lassokin_ros.core.kinematics import BodyState, Kinematics  # noqa: E402
 from lassokin_ros.core.landmarks import Layout  # noqa: E402
 from lassokin_ros.core.projection import project  # noqa: E402
 from lassokin_ros.core.skeleton import Skeleton  # noqa: E402
+from lassokin_ros.core.upright import Upright  # noqa: E402
 from lassokin_ros.node_config import NodeConfig  # noqa: E402
 from lassokin_ros.pipeline import MOST_PEOPLE, Pipeline  # noqa: E402
 from lassokin_ros.synthetic import motion  # noqa: E402
@@ -124,6 +125,32 @@ def test_births_absences_and_deaths():
         last = feed(pipeline, i, [pixels[0][i], pixels[1][i]])
     assert set(last) == {"p1", "p3"}  # an id is not used again
     assert feed(pipeline, 80, []) == {} and pipeline.counts["accepted"] == pipeline.counts["received"]
+
+
+def test_who_comes_is_told_how_the_camera_is_held(monkeypatch):
+    """By who is there; in an empty room by who was there the longest; after a reset by nobody."""
+    pixels = walk(100, -0.8, 3.5, 0.0, 1)[1], walk(100, 0.8, 4.0, 1.0, 2)[1]
+    pipeline, verticals = pipeline_for(person_ids="message", forget_after=0.2), []
+    candidates = Upright.candidates
+
+    def seen(upright):
+        verticals.append([vertical for vertical, _ in candidates(upright)])
+        return candidates(upright)
+
+    monkeypatch.setattr(Upright, "candidates", seen)  # asked for once in each initialisation
+    there = {1: range(30), 2: range(20, 25), 3: range(60, 80), 4: range(90, 100)}
+    longest = None
+    for i in range(100):
+        if i == 85:
+            pipeline.reset()
+        people = {number: pixels[number % 2][i] for number, frames in there.items() if i in frames}
+        feed(pipeline, i, list(people.values()), list(people))
+        if i == 29:
+            longest = pipeline.people.bodies["p1"].tracker._upright.vertical
+            assert np.any(longest != verticals[1][0])  # it has learned since the second one came
+    assert pipeline.counts["people come"] == 4 and [len(of) for of in verticals] == [3, 1, 1, 3]
+    assert np.array_equal(verticals[2][0], longest)
+    assert np.array_equal(verticals[3][0], verticals[0][0])
 
 
 def test_the_detectors_second_look_at_a_person_is_no_second_person():

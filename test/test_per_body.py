@@ -89,6 +89,17 @@ def test_bodies_come_and_go(pipeline):
     assert (counts["people come"], counts["people left"], counts["resets"]) == (3, 1, 0)
 
 
+def test_who_comes_is_told_how_the_camera_is_held_by_who_is_there(pipeline):
+    pipeline.keep(["abc"])
+    for i in range(10):
+        feed(pipeline, "abc", i)
+    pipeline.keep(["abc", "xyz"])
+    one, two = (pipeline._present[person].tracker._upright for person in ("abc", "xyz"))
+    assert len(two.candidates()) == 1 and np.array_equal(two.vertical, one.vertical)
+    pipeline.reset()
+    assert len(two.candidates()) == 3
+
+
 def test_settings_camera_and_reset_are_everybodys(pipeline):
     pipeline.keep(["abc", "xyz"])
     feed(pipeline, "abc", 0), feed(pipeline, "xyz", 0)

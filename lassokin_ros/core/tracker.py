@@ -14,6 +14,7 @@ With `smoothing_lag`, what `track` returns is still the newest frame's; `publish
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 
@@ -95,8 +96,11 @@ class Tracker:
         self._increments = IncrementSolver(self._rows, LassoSolver(self.config.solver), motion)
         self.reset()
 
-    def reset(self) -> None:
-        """Forget the state; the next usable frame initialises anew."""
+    def reset(self, same_camera: bool = False) -> None:
+        """Forget the state; the next usable frame initialises anew.
+
+        same_camera: True where somebody else comes before a camera that stays as it is: keep its learned vertical.
+        """
         self._state: BodyState | None = None
         self._seen = self._informed = -np.inf  # stamps of the last frame that was used, of the last with new keypoints
         self._nowhere = 0
@@ -112,7 +116,8 @@ class Tracker:
         self.published: list[Estimate] = []
         """What became due with the last observation, in order: its own estimate, or with `smoothing_lag` earlier ones,
         smoothed, each under the stamp of its own frame."""
-        self._upright.reset()
+        if not same_camera:
+            self._upright.reset()
         self._challengers.stop()
         self._second_look.reset()
         self.calibration.reset()
@@ -123,6 +128,10 @@ class Tracker:
     def state(self) -> BodyState | None:
         """The present state, None before the first usable frame."""
         return self._state
+
+    def adopt_vertical(self, others: Iterable[Tracker]) -> None:
+        """Take over the camera's vertical as trackers of other people in its images have learned it, if one has."""
+        self._upright.adopt(other._upright for other in others)
 
     def tune(self, config: TrackerConfig) -> None:
         """Take over live settings; structure (height, skeleton, landmarks, solver) stays as it was built."""

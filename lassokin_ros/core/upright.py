@@ -9,6 +9,7 @@ lies down, lies down.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -52,8 +53,14 @@ class Upright:
         self.vertical = self._first
         self._seen = 0.0  # s
 
+    def adopt(self, others: Iterable[Upright]) -> None:
+        """Take over what was learned by that one of others, behind the same camera, who saw people the longest."""
+        longest = max(others, key=lambda other: other._seen, default=self)
+        if longest._seen > 0:
+            self.vertical, self._seen = longest.vertical, longest._seen
+
     def candidates(self) -> list[tuple[np.ndarray, float]]:
-        """The verticals by which a first state may be sought, and what each costs, a negative log-likelihood.
+        """The verticals (3,) by which a first state may be sought, and what each costs, a negative log-likelihood.
 
         They are the mount's and those of cameras that look up or down from there; the learned one, when there is one.
         """
