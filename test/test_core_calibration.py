@@ -89,18 +89,20 @@ def postures(prior, count, seed=0):
 
 
 def recovered(right, prior, seed):
-    """(true changes, calibration) after exact images of a body whose lengths are not as given."""
+    """(true changes, calibration, its spread at each update) after exact images of a body of other lengths."""
     given, changes = wrong_skeleton(seed=seed)
     kinematics = body()
     kinematics.reshape(given)
     calibration = Calibration(FrameRows(kinematics, PriorRows(prior, kinematics), Upright()))
     states = postures(prior, 150, seed)
     points = project(right.pose(states).landmarks)
+    spreads = []
     for i, seen in enumerate(points):
         state = BodyState(states.rotations[i], states.translation[i])
         if calibration.advance(i * 0.14, state, seen, np.full(17, FOCAL / 2)):
             kinematics.reshape(calibration.skeleton)
-    return changes, calibration
+            spreads.append(calibration.spread)
+    return changes, calibration, np.array(spreads)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -140,12 +142,22 @@ def test_known_lengths_are_recovered():
     prior = PosePrior.load(right.skeleton)
     ratios = []
     for seed in range(8):
-        changes, calibration = recovered(right, prior, seed)
+        changes, calibration, _ = recovered(right, prior, seed)
         limbs = [calibration.proportions.names.index(name) for name in ("thigh", "shank", "upper arm", "forearm")]
         ratios.append(np.std((changes + calibration.lengths)[limbs]) / np.std(changes[limbs]))
         assert abs(calibration.proportions.stature_shares @ np.expm1(calibration.lengths)) < 0.03
         assert calibration.progress > 0.5
     assert max(ratios) < 1 and np.mean(ratios) < 0.5, ratios
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_was_seen_is_not_forgotten(seed):
+    """The limbs' lengths are the more certain the longer somebody was seen."""
+    right = body()
+    _, calibration, spreads = recovered(right, PosePrior.load(right.skeleton), seed)
+    limbs = [calibration.proportions.names.index(name) for name in ("thigh", "shank", "upper arm", "forearm")]
+    seen = spreads[4:, limbs].mean(axis=1)
+    assert len(seen) > 8 and np.all(seen[1:] < 1.06 * seen[:-1]) and seen[-1] < 0.7 * seen[0], seen
 
 
 def test_tracking_a_wrong_skeleton_becomes_better():

@@ -36,10 +36,9 @@ FARTHEST = 0.3
 """Largest log-length."""
 INFORMATION = 0.6
 """Share of a kept frame's information that is counted: neither the prior's errors nor the tracks' are independent."""
-KEPT = 32
-"""Kept frames; when there are so many, every other one goes and the interval doubles."""
 INTERVAL = 0.25
-"""s between kept frames, at first."""
+"""s between kept frames. All are kept to the end: with every other one half of the evidence would go, and wrong lengths
+would pass for measured ones."""
 SETTLED = 0.5
 """s after a start before frames are kept."""
 WORK_EVERY = 0.13
@@ -102,7 +101,6 @@ class Calibration:
         self.moved = 0.0
         self.odds = np.array(ODDS)
         self._frames: list[KeptFrame] = []
-        self._interval = INTERVAL
         self._turn = 0
         self._worked_at = -np.inf
         self._kept_at = self._updated_at = np.nan
@@ -130,8 +128,8 @@ class Calibration:
             self.restart_clock(stamp)
         if np.isnan(self._updated_at):
             self._updated_at = stamp
-        if stamp - self._kept_at >= self._interval:
-            self.moved += self._interval
+        if stamp - self._kept_at >= INTERVAL:
+            self.moved += INTERVAL
             self._kept_at = stamp
             self._keep(state, points, weights)
         elif self._frames:
@@ -144,10 +142,6 @@ class Calibration:
         return True
 
     def _keep(self, state: BodyState, points: np.ndarray, weights: np.ndarray) -> None:
-        if len(self._frames) >= KEPT:
-            pairs = zip(self._frames[::2], self._frames[1::2])
-            self._frames = [a if a.cost < b.cost else b for a, b in pairs]
-            self._interval *= 2
         count = self.proportions.count
         frame = KeptFrame(state, points, weights, self.lengths, np.zeros((count, count)), np.zeros(count))
         self._linearise(frame)
@@ -207,16 +201,11 @@ class Calibration:
 
     def _update(self) -> None:
         """Solve for the lengths by all kept frames, and end when they are certain."""
-        count = self.proportions.count
         shares = self.proportions.stature_shares * np.exp(self.lengths)
         excess = float(self.proportions.stature_shares @ np.expm1(self.lengths))
         stature = np.outer(shares, shares) / STATURE_SPREAD**2
-        H, g = np.zeros((count, count)), shares * (shares @ self.lengths - excess) / STATURE_SPREAD**2
-        typical = max(TYPICAL_COST, float(np.median([frame.cost for frame in self._frames])))
-        for frame in self._frames:
-            weight = INFORMATION / (1 + (frame.cost / typical) ** 2)
-            H += weight * frame.information
-            g += weight * (frame.pull + frame.information @ frame.lengths)
+        H, g = self._normal_equations()
+        g += shares * (shares @ self.lengths - excess) / STATURE_SPREAD**2
         self.odds, means, covariances = _averaged(H, stature, g)
         # As long as they are likely measured they stay to the bit: even a trifle would make the track another one.
         guessed = self.odds[1:] / max(float(self.odds[1:].sum()), 1e-300)
@@ -229,6 +218,15 @@ class Calibration:
         self.frozen = certain or self.moved >= LONGEST
         if self.frozen:
             self._frames = []
+
+    def _normal_equations(self) -> tuple[np.ndarray, np.ndarray]:
+        """(H (p, p), g (p,)) of all kept frames, about no change of the lengths; frames that cost much count less."""
+        costs = np.array([frame.cost for frame in self._frames])
+        weights = INFORMATION / (1 + (costs / max(TYPICAL_COST, float(np.median(costs)))) ** 2)
+        information = np.array([frame.information for frame in self._frames])
+        lengths = np.array([frame.lengths for frame in self._frames])
+        pulls = np.array([frame.pull for frame in self._frames]) + (information @ lengths[:, :, None])[:, :, 0]
+        return np.tensordot(weights, information, 1), weights @ pulls
 
 
 def _averaged(H: np.ndarray, stature: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
