@@ -14,7 +14,7 @@ demo: $(INSTALLED)
 	$(RUN) $(VENV)/bin/python -m lassokin_ros.demo
 
 test: $(INSTALLED)
-	$(RUN) $(VENV)/bin/python -m pytest
+	$(RUN) $(VENV)/bin/python -m pytest --numprocesses 2 --dist loadgroup
 
 fuzz: $(INSTALLED)
 	$(RUN) LASSOKIN_FUZZ_CASES=$(or $(CASES),90000) $(VENV)/bin/python -m pytest test/test_fuzz_adapters.py test/test_fuzz_pipeline.py test/test_fuzz_tracker.py

@@ -18,6 +18,7 @@ REPORT = ["plotly>=6.0", *REPLAY]
 DEMO = ["matplotlib>=3.6", *ROS, *REPORT]
 TEST = [
     "pytest>=7.4",
+    "pytest-xdist>=3.6",
     "hypothesis>=6.100",
     "pin>=2.7",
     "yourdfpy>=0.0.56",

@@ -1,16 +1,35 @@
 """Set before anything imports rclpy or numpy: strict messages, one thread, a DDS domain of this process's own."""
 
 import os
+import re
 import sys
+
+import pytest
 
 os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+REAL = re.compile(r"\brclpy\b|^from (live|archives) import", re.MULTILINE)
+"""In the text of tests that run nodes or whole commands."""
+
+
+def pytest_configure(config):
+    """The mark is pytest-xdist's, without which all tests run as well."""
+    config.addinivalue_line("markers", "xdist_group(name): tests that run one after the other")
+
+
+def pytest_collection_modifyitems(items):
+    """Where two processes share the tests, one of them does all that run nodes: two at once would wait for a core."""
+    texts = {path: path.read_text(encoding="utf-8") for path in {item.path for item in items}}
+    for item in items:
+        if REAL.search(texts[item.path]):
+            item.add_marker(pytest.mark.xdist_group("nodes"))
+
 
 def pytest_terminal_summary(terminalreporter):
-    """How many cases the fuzz tests have run, where any did."""
+    """How many cases the fuzz tests have run, where they ran in this process."""
     fuzzing = sys.modules.get("fuzzing")
     for line in fuzzing.report() if fuzzing else ():
         terminalreporter.write_line(line)
