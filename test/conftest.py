@@ -21,11 +21,13 @@ def pytest_configure(config):
 
 
 def pytest_collection_modifyitems(items):
-    """Where two processes share the tests, one of them does all that run nodes: two at once would wait for a core."""
-    texts = {path: path.read_text(encoding="utf-8") for path in {item.path for item in items}}
+    """Where two processes share the tests, one of them does all that run nodes: two at once would wait for a core.
+
+    A file's tests stay together in any case: some use what the one before has made.
+    """
+    real = {path: REAL.search(path.read_text(encoding="utf-8")) for path in {item.path for item in items}}
     for item in items:
-        if REAL.search(texts[item.path]):
-            item.add_marker(pytest.mark.xdist_group("nodes"))
+        item.add_marker(pytest.mark.xdist_group("nodes" if real[item.path] else item.path.stem))
 
 
 def pytest_terminal_summary(terminalreporter):
