@@ -64,7 +64,7 @@ def test_a_repeated_frame_teaches_nothing():
     assert np.array_equal(twice._upright.vertical, vertical) and twice.calibration.moved == moved
     for kept in ("_age", "_advantage"):
         assert np.array_equal(getattr(twice._challengers, kept), getattr(once._challengers, kept))
-    assert np.array_equal(twice._filter._tracks.velocity, once._filter._tracks.velocity)
+    assert np.array_equal(twice._sightings._filter._tracks.velocity, once._sightings._filter._tracks.velocity)
 
 
 def test_the_next_new_frame_sees_no_standstill():

@@ -13,10 +13,8 @@ With `smoothing_lag`, what `track` returns is still the newest frame's; `publish
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -31,16 +29,14 @@ from lassokin_ros.core.frame_rows import FrameRows, Hypotheses
 from lassokin_ros.core.habit import Habit
 from lassokin_ros.core.increment import Increment, IncrementSolver
 from lassokin_ros.core.initialisation import Fit, Initialiser
-from lassokin_ros.core.kinematics import BodyPose, BodyState, Kinematics
+from lassokin_ros.core.kinematics import BodyState, Kinematics
 from lassokin_ros.core.landmarks import Layout
 from lassokin_ros.core.lasso import LassoSolver
 from lassokin_ros.core.limb_search import LimbSearch
-from lassokin_ros.core.point_filter import PointFilter
 from lassokin_ros.core.prior import PosePrior, PriorRows
-from lassokin_ros.core.projection import project
-from lassokin_ros.core.repeats import Repeats
 from lassokin_ros.core.rotations import orthonormalised
 from lassokin_ros.core.second_look import SecondLook
+from lassokin_ros.core.sighting import Sighting, Sightings
 from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.core.steadying import Steadying
 from lassokin_ros.core.symmetry import LARGEST_ASYMMETRY, asymmetry, symmetrised
@@ -60,9 +56,6 @@ after which the state is found anew: it is one that leads nowhere."""
 
 LEAST_MOTION = 0.003
 """rad a frame: no degree of freedom is taken to move less."""
-
-ACCELERATION = 3.5
-"""m/s^2: standard deviation of a body point's acceleration, typical of everyday motion."""
 
 
 class Tracker:
@@ -89,7 +82,7 @@ class Tracker:
         self._second_look = SecondLook(self.kinematics.landmark_count)
         self._steadying = Steadying(self.kinematics.joint_count)
         self._lag = FixedLag(self.kinematics)
-        self._repeats, self._filter = Repeats(), PointFilter(self.layout.names)
+        self._sightings = Sightings(self.layout.names)
         self.calibration, self.habit = Calibration(self._rows), Habit(self._rows)
         self._uncertainty = UncertaintyModel(self.kinematics, prior)
         motion = np.maximum(prior.motion, LEAST_MOTION)[self._rows.live]
@@ -102,15 +95,13 @@ class Tracker:
         same_camera: True where somebody else comes before a camera that stays as it is: keep its learned vertical.
         """
         self._state: BodyState | None = None
-        self._seen = self._informed = -np.inf  # stamps of the last frame that was used, of the last with new keypoints
         self._nowhere = 0
         self._status = Status.SEARCHING
         self._successor: BodyState | None = None
         self._another_body = False  # the successor differs by more than a limb
         self._cost = float("nan")
         self._increments.reset()
-        self._repeats.reset()
-        self._filter.reset()
+        self._sightings.reset()
         self._steadying.reset()
         self._lag.reset()
         self.published: list[Estimate] = []
@@ -141,88 +132,79 @@ class Tracker:
 
     def track(self, observation: Observation) -> Estimate:
         """Use one observation. Never raises for what a detector may send: see `Estimate.rejection`."""
-        rejection, weights = admitted(observation, self._seen, self.layout, self.config)
+        config = self.config
+        rejection, weights = admitted(observation, self._sightings.newest, self.layout, config)
         if rejection is not None:
             return self._refused(observation, rejection)
-        repeated = self._repeats.age(observation.stamp, observation.points, observation.confidence)
-        lost = observation.stamp - (self._seen if repeated else self._informed) > self.config.lost_after
-        if lost:
-            self._filter.reset()
-            repeated = 0.0
-        visible = weights > 0
-        seen = np.where(visible[:, None], observation.points, 0.0)
-        points, weights = self._filtered(observation.stamp, seen, weights, repeated > 0)
-        if np.count_nonzero(weights) < self.config.min_landmarks:
+        depth = None if self._state is None else float(self._state.translation[2])
+        sighting = self._sightings.of(observation, weights, depth, config.lost_after)
+        if np.count_nonzero(sighting.weights) < config.min_landmarks:
             return self._refused(observation, Rejection.TOO_FEW_LANDMARKS)
-        fit = self._found_anew(observation.stamp, points, weights, lost, repeated > 0)
-        initialised = fit is not None
-        start, increment = self._follow(fit, points, weights)
-        rejection = self._against(start, increment, observation.focal)
+        fit = self._found_anew(sighting)
+        start, increment = self._follow(fit, sighting)
+        rejection = self._against(start, increment, sighting.focal)
         if rejection is not None:
             return self._refused(observation, rejection, increment.solution.certificate)
-        step = observation.stamp - self._seen
-        news = observation.stamp - self._informed if repeated == 0 else 0.0
-        solved = self._take(start, fit, increment, points, weights, news)
-        state = solved.state
-        steady = self._steadying.steadied(state, solved.pose, increment.omega, increment.x, step, self.config.smoothing)
-        pose = self.kinematics.pose(steady)
+        solved = self._take(start, fit, increment, sighting)
+        steady = self._steadying.steadied(
+            solved.state, solved.pose, increment.omega, increment.x, sighting.step, config.smoothing
+        )
+        estimate = self._estimate(sighting, fit, increment, solved.state, steady)
         offsets = self.skeleton.offsets
-        self._seen, self._status = observation.stamp, Status.TRACKING
-        if repeated == 0:
-            self._informed = observation.stamp
-        if self.config.calibrate and (initialised or repeated == 0):
-            self._calibrate(observation.stamp, initialised, points, weights)
-        if not initialised and repeated == 0 and self.habit.advance(observation.stamp, start, increment.problem):
-            self._challengers.refresh()
-        reprojection_px = partial(_reprojection_px, seen, visible, observation.focal)
-        estimate = Estimate(
-            observation.stamp,
+        self._sightings.used(sighting)
+        self._learn(sighting, start, fit, increment)
+        assert self._steadying.forward is not None
+        self._lag.add(estimate, self._steadying.forward, offsets, sighting.reprojection_px)
+        self.published = self._lag.due(observation.stamp, config.smoothing_lag)
+        return estimate
+
+    def _estimate(
+        self, sighting: Sighting, fit: Fit | None, increment: Increment, solved: BodyState, steady: BodyState
+    ) -> Estimate:
+        """The answer to a frame that was used; solved: the state of its lasso; steady: that to be published."""
+        self._status = Status.TRACKING
+        pose = self.kinematics.pose(steady)
+        return Estimate(
+            sighting.stamp,
             self._status,
             state=steady,
             pose=pose,
             omega=increment.omega,
             translation_step=increment.x,
             certificate=increment.solution.certificate,
-            reprojection_px=reprojection_px(pose),
-            initialised=initialised,
+            reprojection_px=sighting.reprojection_px(pose),
+            initialised=fit is not None,
             problem=increment.problem,
             solution=increment.solution,
-            solved=state,
+            solved=solved,
             cost=self._cost,
             confidence=float("nan") if fit is None else fit.confidence,
-            repeated=repeated,
+            repeated=sighting.repeated,
         )
-        assert self._steadying.forward is not None
-        self._lag.add(estimate, self._steadying.forward, offsets, reprojection_px)
-        self.published = self._lag.due(observation.stamp, self.config.smoothing_lag)
-        return estimate
+
+    def _learn(self, sighting: Sighting, start: BodyState, fit: Fit | None, increment: Increment) -> None:
+        """Let a frame speak about the bones' lengths and about how the person holds themselves."""
+        if self.config.calibrate and (fit is not None or not sighting.repeated):
+            self._calibrate(sighting, fit is not None)
+        if fit is None and not sighting.repeated and self.habit.advance(sighting.stamp, start, increment.problem):
+            self._challengers.refresh()
 
     def flush(self) -> list[Estimate]:
         """Those that still wait for their `smoothing_lag`, in order: no observation will come after them."""
         return self._lag.flush()
 
-    def _filtered(
-        self, stamp: float, points: np.ndarray, weights: np.ndarray, repeated: bool
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """What the points' tracks make of a frame; a repeated one teaches them nothing, least of all a standstill."""
-        if repeated:
-            return self._filter.expected(stamp)
-        depth = 3.5 if self._state is None else self._state.translation[2]
-        return self._filter.update(stamp, points, weights, ACCELERATION / depth)
-
-    def _found_anew(
-        self, stamp: float, points: np.ndarray, weights: np.ndarray, lost: bool, repeated: bool
-    ) -> Fit | None:
+    def _found_anew(self, sighting: Sighting) -> Fit | None:
         """The state as one frame alone shows it, where there is none yet, or none to go on with."""
-        if self._state is None or lost or self._nowhere >= STUCK_AFTER:
-            return self._initialiser.fit(points, weights)
-        if repeated or not self._second_look.due(stamp, self._cost):
+        if self._state is None or sighting.lost or self._nowhere >= STUCK_AFTER:
+            return self._initialiser.fit(sighting.points, sighting.weights)
+        if sighting.repeated or not self._second_look.due(sighting.stamp, self._cost):
             return None
-        fit = self._initialiser.fit(points, weights)
+        fit = self._initialiser.fit(sighting.points, sighting.weights)
         return fit if self._second_look.convinces(self._cost, float(fit.costs[0])) else None
 
-    def _follow(self, fit: Fit | None, points: np.ndarray, weights: np.ndarray) -> tuple[BodyState, Increment]:
+    def _follow(self, fit: Fit | None, sighting: Sighting) -> tuple[BodyState, Increment]:
         """Where the frame starts from, a state just found or the present one, and the increment from there."""
+        points, weights = sighting.points, sighting.weights
         if fit is not None:
             start = fit.best
             rows = self._increments.about(start, points, weights)
@@ -247,21 +229,13 @@ class Tracker:
         self._nowhere = 0 if rejection is None else self._nowhere + 1
         return rejection
 
-    def _take(
-        self,
-        start: BodyState,
-        fit: Fit | None,
-        increment: Increment,
-        points: np.ndarray,
-        weights: np.ndarray,
-        news: float,
-    ) -> Hypotheses:
+    def _take(self, start: BodyState, fit: Fit | None, increment: Increment, sighting: Sighting) -> Hypotheses:
         """Make the state after a certified increment the present one, and let the challengers see the same points.
 
-        fit: where the state was found anew, what it was found as; news: s since there were new keypoints before these;
-        0 where these are repeated, and no further evidence.
+        fit: where the state was found anew, what it was found as.
         """
         omega, x, alpha = increment.omega, increment.x, increment.problem.alpha
+        points, weights, news = sighting.points, sighting.weights, sighting.news
         if fit is not None or self._another_body:
             self._steadying.reset()  # where the last one was going says nothing of it
         elif self._successor is not None:
@@ -302,12 +276,14 @@ class Tracker:
             raise ValueError("only an accepted estimate has an uncertainty; this frame was rejected")
         return self._uncertainty.of(estimate.pose, estimate.problem)
 
-    def _calibrate(self, stamp: float, initialised: bool, points: np.ndarray, weights: np.ndarray) -> None:
+    def _calibrate(self, sighting: Sighting, initialised: bool) -> None:
         """Let a tracked frame speak about the bones' lengths; what is learned counts from the next frame on."""
         assert self._state is not None
         if initialised or self._another_body:
-            self.calibration.restart_clock(stamp)
-        elif self._successor is None and self.calibration.advance(stamp, self._state, points, weights):
+            self.calibration.restart_clock(sighting.stamp)
+        elif self._successor is None and self.calibration.advance(
+            sighting.stamp, self._state, sighting.points, sighting.weights
+        ):
             self._take_lengths()
 
     def _take_lengths(self) -> None:
@@ -320,17 +296,10 @@ class Tracker:
     ) -> Estimate:
         """The answer to a frame that is not used: only the status may change, when too long nothing was usable."""
         if self._state is None:
-            self._repeats.reset()
-            self._filter.reset()
-        elif observation.stamp - self._seen > self.config.lost_after:
+            self._sightings.forget()
+        elif observation.stamp - self._sightings.newest > self.config.lost_after:
             self._status = Status.LOST
         self.published = []
         if rejection is not Rejection.NOT_FINITE:  # time goes on for those that wait
             self.published = self._lag.due(observation.stamp, self.config.smoothing_lag)
         return Estimate(observation.stamp, self._status, rejection, certificate=certificate)
-
-
-def _reprojection_px(points: np.ndarray, visible: np.ndarray, focal: float, pose: BodyPose) -> float:
-    """px: root of the mean squared distance of the visible points (l, 2) from the pose's landmarks."""
-    error = (points - project(pose.landmarks)) * visible[:, None]
-    return focal * math.sqrt(np.vdot(error, error) / np.count_nonzero(visible))

@@ -1,0 +1,99 @@
+"""What a frame shows, and what is new in it: an admitted observation beside those before it.
+
+Keypoints that come again are no evidence (`repeats`), and in the image each keypoint follows a track (`point_filter`).
+Stamps are kept of the last frame that was used and of the last that told something new.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lassokin_ros.core.estimate import Observation
+from lassokin_ros.core.kinematics import BodyPose
+from lassokin_ros.core.point_filter import PointFilter
+from lassokin_ros.core.projection import project
+from lassokin_ros.core.repeats import Repeats
+
+ACCELERATION = 3.5
+"""m/s^2: standard deviation of a body point's acceleration, typical of everyday motion."""
+
+TYPICAL_DEPTH = 3.5
+"""m: of somebody of whom nothing is known yet."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """One frame's keypoints as the tracker uses them; all points are normalised image coordinates.
+
+    detected: (l, 2) as the detector gave them, 0 where not visible; visible: (l,) bool; focal: px per normalised unit.
+    points: (l, 2) and weights: (l,), 1 / standard deviation, 0 = missing: what the keypoints' tracks make of them.
+    repeated: s for which the keypoints have been the same, 0 where they are new. step: s since the last frame that was
+    used; news: s since the last one that told something new, 0 where this one tells nothing; lost: too long ago.
+    """
+
+    stamp: float
+    detected: np.ndarray
+    visible: np.ndarray
+    focal: float
+    points: np.ndarray
+    weights: np.ndarray
+    repeated: float
+    step: float
+    news: float
+    lost: bool
+
+    def reprojection_px(self, pose: BodyPose) -> float:
+        """px: root of the mean squared distance of the visible points from the pose's landmarks."""
+        error = (self.detected - project(pose.landmarks)) * self.visible[:, None]
+        return self.focal * math.sqrt(np.vdot(error, error) / np.count_nonzero(self.visible))
+
+
+class Sightings:
+    """Makes a Sighting of each admitted observation; the caller says which of them were used."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        """names: of the landmarks."""
+        self._repeats, self._filter = Repeats(), PointFilter(names)
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew: nothing was seen yet."""
+        #: s: the stamp of the last frame that was used, -inf before the first.
+        self.newest = -np.inf
+        self._informed = -np.inf
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget the keypoints, not the time."""
+        self._repeats.reset()
+        self._filter.reset()
+
+    def of(self, observation: Observation, weights: np.ndarray, depth: float | None, lost_after: float) -> Sighting:
+        """What an observation shows that `admitted` gave the weights (l,).
+
+        depth: m, the person's, None where it is not known; lost_after: s without news after which the tracks are of no
+        use any more.
+        """
+        stamp, focal, visible = observation.stamp, observation.focal, weights > 0
+        repeated = self._repeats.age(stamp, observation.points, observation.confidence)
+        lost = stamp - (self.newest if repeated else self._informed) > lost_after
+        if lost:
+            self._filter.reset()
+            repeated = 0.0
+        detected = np.where(visible[:, None], observation.points, 0.0)
+        if repeated:  # teaches the tracks nothing, least of all a standstill
+            points, weights = self._filter.expected(stamp)
+        else:
+            points, weights = self._filter.update(stamp, detected, weights, ACCELERATION / (depth or TYPICAL_DEPTH))
+        news = 0.0 if repeated else stamp - self._informed
+        return Sighting(stamp, detected, visible, focal, points, weights, repeated, stamp - self.newest, news, lost)
+
+    def used(self, sighting: Sighting) -> None:
+        """The state follows this one now."""
+        self.newest = sighting.stamp
+        if not sighting.repeated:
+            self._informed = sighting.stamp
