@@ -32,10 +32,20 @@ def test_a_look_is_due_after_a_while_and_then_ever_more_seldom():
     assert between[-1] == pytest.approx(LATEST, abs=0.011)
 
 
-def test_a_cheap_frame_begins_anew():
+def test_a_cheap_frame_is_no_lasting_need():
     assert len(looks([DEAR] * 5 + [CHEAP] + [DEAR] * 5 + [float("nan")] + [DEAR] * 5)) == 0
-    due = looks([DEAR] * 200 + [CHEAP] + [DEAR] * 20)
-    assert due[-1] == pytest.approx(2.01 + COSTLY_FOR, abs=0.011)  # and soon, for all that came before
+
+
+def test_a_cost_that_hovers_about_the_limit_is_looked_at_no_oftener_than_one_above_it():
+    always, hovering = looks([DEAR] * 2000), looks(([DEAR] * 9 + [CHEAP]) * 200)
+    assert 5 < len(hovering) <= len(always)
+
+
+def test_after_a_good_while_a_look_comes_soon_again():
+    good = round(1.1 * LATEST / 0.01)
+    due = looks([DEAR] * 500 + [CHEAP] * good + [DEAR] * 30)
+    begins = 0.01 * (500 + good)
+    assert due[-2:] == pytest.approx([begins + COSTLY_FOR, begins + COSTLY_FOR + SOONEST], abs=0.011)
 
 
 def test_less_than_half_the_cost_convinces():

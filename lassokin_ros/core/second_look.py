@@ -3,7 +3,8 @@
 Challengers and limb search look near by, a limb or a side at a time; a body that turned over faster than the tracker
 could follow is too far from the truth for them. Its cost tells: where a state found anew costs less than half, the
 tracked one was nearly always the wrong one. Where it does not, what is seen is unlikely itself (a rare pose, a wrong
-skeleton, a detector worse than it is said to be), and the next look comes later, so that a frame seldom pays for one.
+skeleton, a detector worse than it is said to be), and the next look comes later, so that a frame seldom pays for one:
+also where the cost hovers about the limit, for which a cheap frame now and then is no reason to begin anew.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ COSTLY_FOR = 0.06
 CHEAPER = 0.5
 """Share of the tracked state's cost below which the other one's must be."""
 SOONEST, LATEST = 0.15, 2.4
-"""s to the next look where one was in vain, at first; twice as long each time, up to the latest."""
+"""s from one look to the next, at first; twice as long each time, up to the latest. After as long without a costly
+frame it is as at first."""
 
 
 class SecondLook:
@@ -31,14 +33,17 @@ class SecondLook:
     def reset(self) -> None:
         """Forget past looks."""
         self._costly_since = math.inf
-        self._next = -math.inf
+        self._costly_at = self._next = -math.inf
         self._wait = SOONEST
 
     def due(self, stamp: float, cost: float) -> bool:
         """Whether to seek the state anew in the frame of this stamp, s, where the last one's cost was `cost`."""
         if not cost > self._limit:
-            self.reset()
+            self._costly_since = math.inf
             return False
+        if stamp - self._costly_at > LATEST:
+            self.reset()
+        self._costly_at = stamp
         self._costly_since = min(self._costly_since, stamp)
         if stamp - self._costly_since < COSTLY_FOR or stamp < self._next:
             return False
