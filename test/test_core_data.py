@@ -110,6 +110,10 @@ BAD_SKELETONS = {
     "nan": (tree(joint("a", None, (0, 0, float("nan")))), "expected three finite numbers"),
     "text": (tree(joint("a", None, ("0", "0", "0"))), "expected three finite numbers"),
     "unit": (tree(joint("a", None), height_unit="inch"), "height_unit is 'inch'; expected 'fraction'"),
+    "misspelt": (tree(joint("a", None), height_units="metre"), "the key 'height_units', .*mean 'height_unit'"),
+    "misspelt in a joint": (tree({**joint("a", None), "axis": "xyz"}), "joint 'a' has the key 'axis', .*mean 'axes'"),
+    "huge position": (tree({**joint("a", None), "position": [0, 10**400, 0]}), "expected three finite numbers"),
+    "too many": (tree(*(joint(f"{i}", f"{i - 1}" if i else None) for i in range(301))), "301 joints; expected at most"),
 }
 
 
@@ -128,7 +132,7 @@ def test_a_height_out_of_range_is_refused(height):
 
 
 def test_a_missing_file_is_named_with_what_there_is():
-    with pytest.raises(SkeletonError, match="'nobody.yaml' is neither built in .anthropometric. nor a YAML file"):
+    with pytest.raises(SkeletonError, match="'nobody.yaml' is neither built in .anthropometric. nor a file; expected"):
         Skeleton.load("nobody.yaml", 1.75)
     with pytest.raises(LayoutError, match="'nothing' is neither built in .body25, .*coco17.* nor a YAML file"):
         Layout.load("nothing", Skeleton.load("anthropometric", 1.75))
@@ -168,7 +172,24 @@ BAD_LAYOUTS = {
     "offset": ({"landmarks": [{"name": "a", "joint": "head", "offset": [1]}]}, r"has offset \[1\]; expected 3 finite"),
     "noise": ({"landmarks": [{"name": "a", "joint": "head", "noise": 0}]}, "has noise 0.0; expected a factor from 0.1"),
     "noise text": ({"landmarks": [{"name": "a", "joint": "head", "noise": "x"}]}, "expected 1 finite"),
+    "huge offset": ({"landmarks": [{"name": "a", "joint": "head", "offset": [10**400, 0, 0]}]}, "expected 3 finite"),
+    "misspelt": (
+        {"landmarks": [{"name": "a", "joint": "head", "nois": 5.0}]},
+        "'a' has the key 'nois', which is none of: name, joint, offset, noise; did you mean 'noise'",
+    ),
+    "unknown": ({"landmarks": [{"name": "a", "joint": "head"}], "of": "us"}, "the key 'of', which is none of: name, l"),
+    "too many": ({"landmarks": [{"name": f"{i}", "joint": "head"} for i in range(1001)]}, "1001 .*expected at most"),
 }
+
+
+def test_a_file_in_the_home_is_found(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (tmp_path / "body.yaml").write_text(
+        "height_unit: metre\njoints:\n  - {name: a, parent: null, position: [0, 0, 0]}\n"
+    )
+    (tmp_path / "points.yaml").write_text("landmarks:\n  - {name: nose, joint: head}\n")
+    assert Skeleton.load("~/body.yaml", 1.75).joint_names == ("a",)
+    assert Layout.load("~/points.yaml", Skeleton.load("anthropometric", 1.75)).names == ("nose",)
 
 
 @pytest.mark.parametrize("case", sorted(BAD_LAYOUTS))

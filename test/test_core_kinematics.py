@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from cases import body, central_difference, random_body, random_state, relative_error
 
+from lassokin_ros.core.errors import LayoutError
 from lassokin_ros.core.kinematics import BodyState, Kinematics
+from lassokin_ros.core.landmarks import Layout
 from lassokin_ros.core.observation_model import linearise, stacked_matrices
 from lassokin_ros.core.prior import PosePrior, PriorRows, joint_limits
 from lassokin_ros.core.projection import project, projection_jacobian
@@ -247,8 +249,25 @@ def test_the_vertical_is_learned_quickly_at_first_and_slowly_later():
     assert shares[30] == pytest.approx(1 - np.exp(-0.2), abs=0.02)  # 5 s
     upright.reset()
     assert np.array_equal(np.abs(upright.vertical), np.abs(level)) and upright.vertical[1] < 0
-    upright.learn(there, 0.5)
+    for _ in range(15):
+        upright.learn(there, 1 / 30)
     assert np.linalg.norm(upright.vertical - there[:, 1]) < 0.6 * 2 * np.sin(0.2)  # quickly anew
+
+
+def test_a_gap_is_no_time_in_which_somebody_was_seen():
+    upright, there = Upright(), np.diag([1.0, -1.0, -1.0])
+    for _ in range(900):
+        upright.learn(there, 1 / 30)
+    upright.learn(there @ exponential(np.array([0.0, 0.0, 0.9])), 30.0)
+    assert np.degrees(np.arccos(upright.vertical @ there[:, 1])) < 2.5
+
+
+def test_a_layout_that_only_the_root_moves_is_refused():
+    kinematics = body()
+    points = [{"name": f"{i}", "joint": "pelvis", "offset": [0.1 * i, 0, 0]} for i in range(4)]
+    layout = Layout.from_mapping({"name": "belt", "landmarks": points}, kinematics.skeleton)
+    with pytest.raises(LayoutError, match="layout 'belt' has no landmark that a joint but the root moves; expected"):
+        PriorRows(PosePrior.load(kinematics.skeleton), Kinematics(kinematics.skeleton, layout))
 
 
 def test_prior_rows_measure_the_distance_of_the_covariance():

@@ -11,7 +11,10 @@ import numpy as np
 
 from lassokin_ros.core.errors import LayoutError
 from lassokin_ros.core.skeleton import Skeleton
-from lassokin_ros.core.yaml_files import load_mapping, read_text
+from lassokin_ros.core.yaml_files import check_keys, finite_numbers, load_mapping, read_text, user_path
+
+MOST_LANDMARKS = 1000
+"""What is made of them grows with their number's square; a body with both hands and a face mesh has about 550."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +42,8 @@ class Layout:
         if name_or_path in built_in_layouts():
             file = resources.files("lassokin_ros.core") / "layouts" / f"{name_or_path}.yaml"
             source, text = f"layout '{name_or_path}'", file.read_text(encoding="utf-8")
-        elif Path(name_or_path).is_file():
-            source, text = name_or_path, read_text(Path(name_or_path), LayoutError)
+        elif user_path(name_or_path).is_file():
+            source, text = name_or_path, read_text(user_path(name_or_path), LayoutError)
         else:
             raise LayoutError(
                 f"landmark layout '{name_or_path}' is neither built in ({', '.join(built_in_layouts())}) "
@@ -54,6 +57,9 @@ class Layout:
         entries = data.get("landmarks")
         if not isinstance(entries, list) or not entries:
             raise LayoutError(f"{source}: 'landmarks' must be a list of landmarks with name, joint and offset")
+        check_keys(data, ("name", "landmarks"), source, LayoutError)
+        if len(entries) > MOST_LANDMARKS:
+            raise LayoutError(f"{source}: {len(entries)} landmarks; expected at most {MOST_LANDMARKS}")
         names: list[str] = []
         joints, offsets, noise = [], [], []
         for entry in entries:
@@ -61,6 +67,7 @@ class Layout:
             if not isinstance(entry, Mapping) or not isinstance(entry.get("name"), str):
                 raise LayoutError(f"{where} is {entry!r}; expected a mapping with name, joint and offset")
             where = f"{source}: landmark '{entry['name']}'"
+            check_keys(entry, ("name", "joint", "offset", "noise"), where, LayoutError)
             if entry["name"] in names:
                 raise LayoutError(f"{where} stands twice; names must be unique")
             if entry.get("joint") not in skeleton.joint_names:
@@ -93,7 +100,7 @@ def built_in_layouts() -> list[str]:
 
 
 def _numbers(value: Any, count: int, where: str, what: str) -> list[float]:
-    numbers = isinstance(value, list) and len(value) == count and all(isinstance(v, (int, float)) for v in value)
-    if not numbers or not np.all(np.isfinite(value)):
+    numbers = finite_numbers(value, count)
+    if numbers is None:
         raise LayoutError(f"{where} has {what} {value!r}; expected {count} finite number(s)")
-    return [float(v) for v in value]
+    return numbers

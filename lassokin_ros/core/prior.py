@@ -17,7 +17,7 @@ from typing import Any, Mapping
 
 import numpy as np
 
-from lassokin_ros.core.errors import SkeletonError
+from lassokin_ros.core.errors import LayoutError, SkeletonError
 from lassokin_ros.core.kinematics import Kinematics
 from lassokin_ros.core.rotations import logarithm, right_jacobian, right_jacobian_inverse
 from lassokin_ros.core.skeleton import Skeleton
@@ -104,9 +104,15 @@ class PriorRows:
     """The prior's rows for one kinematics: of the joints that can move a landmark, root excepted."""
 
     def __init__(self, prior: PosePrior, kinematics: Kinematics) -> None:
+        """Raises LayoutError when there are no such joints."""
         live = kinematics.live.reshape(-1, 3)
         root = kinematics.skeleton.parents < 0
         self.joints = np.flatnonzero(np.any(live, axis=1) & ~root)
+        if len(self.joints) == 0:
+            raise LayoutError(
+                f"layout '{kinematics.layout.name}' has no landmark that a joint but the root moves; expected some on "
+                "the limbs or the head"
+            )
         chosen = _components(list(self.joints))
         self._n = kinematics.joint_count
         #: (k,) rad and (k, k) rad^2, as shipped.

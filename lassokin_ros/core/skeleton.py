@@ -15,10 +15,14 @@ from typing import Any, Mapping, Sequence
 import numpy as np
 
 from lassokin_ros.core.errors import SkeletonError
-from lassokin_ros.core.yaml_files import load_mapping, read_text
+from lassokin_ros.core.yaml_files import check_keys, finite_numbers, load_mapping, read_text, user_path
 
 AXIS_ORDERS = ("xyz", "xzy", "yxz", "yzx", "zxy", "zyx")
 HEIGHT_RANGE = (0.3, 2.6)  # m: an infant to the tallest person measured
+MOST_JOINTS = 300
+"""What is made of them grows with their number's square; a body with both hands has 55."""
+FARTHEST = 10.0
+"""m, or heights: largest coordinate of a joint at rest."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +105,9 @@ class Skeleton:
         joints = data.get("joints")
         if not isinstance(joints, Sequence) or isinstance(joints, str) or not joints:
             raise SkeletonError(f"{source}: 'joints' must be a list of joints with name, parent and position")
+        check_keys(data, ("name", "height_unit", "joints"), source, SkeletonError)
+        if len(joints) > MOST_JOINTS:
+            raise SkeletonError(f"{source}: {len(joints)} joints; expected at most {MOST_JOINTS}")
         unit = data.get("height_unit", "fraction")
         if unit not in ("fraction", "metre"):
             raise SkeletonError(f"{source}: height_unit is {unit!r}; expected 'fraction' (of the height) or 'metre'")
@@ -121,7 +128,7 @@ def skeleton_source(name_or_path: str) -> tuple[str, str]:
     if name_or_path in built_in_skeletons():
         file = resources.files("lassokin_ros.core") / "skeletons" / f"{name_or_path}.yaml"
         return f"skeleton '{name_or_path}'", file.read_text(encoding="utf-8")
-    path = Path(name_or_path)
+    path = user_path(name_or_path)
     if path.suffix.lower() in (".npz", ".bvh", ".urdf"):
         raise SkeletonError(
             f"{path}: the core reads skeletons from YAML only; read this one with "
@@ -129,7 +136,8 @@ def skeleton_source(name_or_path: str) -> tuple[str, str]:
         )
     if not path.is_file():
         raise SkeletonError(
-            f"skeleton '{name_or_path}' is neither built in ({', '.join(built_in_skeletons())}) nor a YAML file"
+            f"skeleton '{name_or_path}' is neither built in ({', '.join(built_in_skeletons())}) nor a file; expected a "
+            ".yaml, .npz, .bvh or .urdf file"
         )
     return str(path), read_text(path, SkeletonError)
 
@@ -147,6 +155,7 @@ def _parse_joints(
             raise SkeletonError(f"{where} is {entry!r}; expected a mapping with name, parent and position")
         name, parent = entry["name"], entry.get("parent")
         where = f"{source}: joint '{name}'"
+        check_keys(entry, ("name", "parent", "position", "axes"), where, SkeletonError)
         if name in names:
             raise SkeletonError(f"{where} stands twice; names must be unique")
         if (parent is None) != (not names):
@@ -164,7 +173,9 @@ def _parse_joints(
 
 
 def _position(value: Any, where: str) -> list[float]:
-    numbers = isinstance(value, list) and len(value) == 3 and all(isinstance(v, (int, float)) for v in value)
-    if not numbers or not np.all(np.isfinite(value)) or np.max(np.abs(value)) > 10:
-        raise SkeletonError(f"{where} has position {value!r}; expected three finite numbers, [x, y, z]")
-    return [float(v) for v in value]
+    numbers = finite_numbers(value, 3)
+    if numbers is None or max(map(abs, numbers)) > FARTHEST:
+        raise SkeletonError(
+            f"{where} has position {value!r}; expected three finite numbers, [x, y, z], of at most {FARTHEST:g}"
+        )
+    return numbers

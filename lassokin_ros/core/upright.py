@@ -31,6 +31,9 @@ TILT_COST = 4.0
 """Negative log-likelihood of that beside the mount as it was said. With less, people who lean before a level camera are
 taken for upright ones; with more, upright ones before a tilted camera for people who lean."""
 
+LONGEST_STEP = 0.2
+"""s: the most that one frame counts for, however long nobody was seen before it."""
+
 _RIGHT, _SIGHT = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 _ACROSS = np.array([1.0, 0.0, -1.0])  # of [e_z, e_y, e_x], what turns the vertical
 
@@ -74,7 +77,7 @@ class Upright:
 
     def learn(self, root: np.ndarray, step: float) -> None:
         """Let the vertical follow the pelvis' orientation (3, 3), held for `step` s, unless upside down."""
-        up = root[:, 1]
+        up, step = root[:, 1], min(step, LONGEST_STEP)
         if up.dot(self.vertical) > 0.5:
             self._seen += step
             share = min(step / min(FIRST_LEARNED_IN + self._seen, LEARNED_IN), 1.0)

@@ -1,7 +1,10 @@
-"""YAML read safely: no object construction, no aliases, a bounded size, one clear error."""
+"""YAML read safely: no object construction, no aliases, a bounded size, no unknown keys, one clear error."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Collection, Mapping
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -51,3 +54,31 @@ def load_mapping(text: str, source: str, error: type[LassokinError]) -> dict[str
     if not isinstance(data, dict):
         raise error(f"{source} holds {type(data).__name__}; expected a mapping at the top level")
     return data
+
+
+def user_path(name: str) -> Path:
+    """A path as somebody writes it: with `~` for the home, where there is one."""
+    try:
+        return Path(name).expanduser()
+    except RuntimeError:
+        return Path(name)
+
+
+def check_keys(data: Mapping[Any, Any], known: Collection[str], where: str, error: type[LassokinError]) -> None:
+    """`error` is raised, with the keys that are read, for one that nobody reads: it was meant to say something."""
+    for key in data:
+        if key not in known:
+            near = get_close_matches(str(key), known, 1)
+            meant = f"; did you mean '{near[0]}'?" if near else ""
+            raise error(f"{where} has the key {key!r}, which is none of: {', '.join(known)}{meant}")
+
+
+def finite_numbers(value: Any, count: int) -> list[float] | None:
+    """A list of so many finite numbers as floats; None for anything else."""
+    if not (isinstance(value, list) and len(value) == count and all(isinstance(v, (int, float)) for v in value)):
+        return None
+    try:
+        numbers = [float(v) for v in value]
+    except OverflowError:  # of an integer of some hundred digits
+        return None
+    return numbers if all(map(math.isfinite, numbers)) else None

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from importlib import import_module
-from pathlib import Path
 
 from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.core.skeleton import Skeleton
+from lassokin_ros.core.yaml_files import user_path
 
 READERS = {".npz": "smpl", ".bvh": "bvh", ".urdf": "urdf"}
 """Suffix -> module here with `read(path, height)`; imported when such a file turns up."""
@@ -18,7 +18,7 @@ def load_skeleton(name_or_path: str, height: float) -> Skeleton:
     height: m, the person's. It scales a skeleton in fractions of the height, and the places of landmarks on any;
     a file in metres keeps its lengths. Raises SkeletonError.
     """
-    path = Path(name_or_path)
+    path = user_path(name_or_path)
     module = READERS.get(path.suffix.lower())
     if module is None:
         return Skeleton.load(name_or_path, height)
