@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any, Callable, Iterator
 
 import numpy as np
@@ -152,12 +151,10 @@ def certificate_line(estimate: Estimate, name: str, hardware_id: str) -> StatusL
     problem, solution = estimate.problem, estimate.solution
     assert problem is not None and solution is not None
     certificate = solution.certificate
-    clamped = solution.alpha is not problem.alpha  # hardly ever: what was solved is known already
-    used = replace(problem, alpha=solution.alpha) if clamped else problem
     support = solution.support
     signs = np.sign(solution.omega[support])
-    literal = theorem1_literal(used, solution.x, support, signs)
-    projected = theorem1_projected(used, support, signs)
+    literal = theorem1_literal(problem, solution.x, support, signs)
+    projected = theorem1_projected(problem, support, signs)
     values = {
         "kkt1 [alpha]": certificate.kkt1,
         "kkt2 [alpha]": certificate.kkt2,

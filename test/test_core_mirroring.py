@@ -7,10 +7,12 @@ from scipy.spatial.transform import Rotation
 
 from lassokin_ros.core.frame_rows import FrameRows
 from lassokin_ros.core.initialisation import Initialiser
-from lassokin_ros.core.kinematics import BodyState
+from lassokin_ros.core.kinematics import BodyState, Kinematics
+from lassokin_ros.core.landmarks import Layout
 from lassokin_ros.core.mirroring import LIMBS, Mirroring, redirected
 from lassokin_ros.core.prior import PosePrior, PriorRows
 from lassokin_ros.core.rotations import least_turn
+from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.core.upright import Upright
 
 
@@ -122,3 +124,33 @@ def test_a_skeleton_without_limbs_has_none():
     assert np.isfinite(initialiser.fit(points, np.full(len(points), 300.0)).costs).all()
     assert mirroring.variants == mirroring.pairs == []
     assert none.rotations.shape == (0, n, 3, 3) and none.translation.shape == (0, 3)
+
+
+def of_body(change):
+    """Mirroring for the built-in body with its joints (names, parents, positions) changed."""
+    skeleton = body().skeleton
+    joints = []
+    for name, parent, place in zip(skeleton.joint_names, skeleton.parents, skeleton.rest_positions.tolist()):
+        above = None if parent < 0 else skeleton.joint_names[parent]
+        joints += change({"name": name, "parent": above, "position": place})
+    skeleton = Skeleton.from_mapping({"height_unit": "metre", "joints": joints}, 1.75)
+    return Mirroring(Kinematics(skeleton, Layout.load("coco17", skeleton)))
+
+
+def test_a_limb_with_a_joint_more_or_a_bone_less_is_not_mirrored():
+    def with_roll(joint):
+        if joint["name"] != "left_elbow":
+            return [joint]
+        return [{**joint, "name": "roll", "position": [0.3, 0.5, 0.0]}, {**joint, "parent": "roll"}]
+
+    places = dict(zip(body().skeleton.joint_names, body().skeleton.rest_positions.tolist()))
+
+    def without_shin(joint):
+        return [{**joint, "position": places["left_knee"]} if joint["name"] == "left_ankle" else joint]
+
+    whole, arm, leg = (of_body(change) for change in (lambda joint: [joint], with_roll, without_shin))
+    names = [mirroring._kinematics.skeleton.joint_names for mirroring in (whole, arm, leg)]
+    first = [{n[chain[0]] for chain, _ in m.variants} for m, n in zip((whole, arm, leg), names)]
+    assert len(first[0]) == 4 and len(whole.pairs) == 3
+    assert first[0] - first[1] == {"left_shoulder"} and len(arm.pairs) == 3
+    assert first[0] - first[2] == {"left_hip"} and leg.pairs == []

@@ -10,6 +10,7 @@ import pytest
 from cases import FACING, relative_error
 from sequences import CONFIG, FOCAL, NOISE_PX, RATE, aligned_error, frame, observations, same
 
+from lassokin_ros.core.certificate import certify
 from lassokin_ros.core.estimate import Observation, Rejection, Status
 from lassokin_ros.core.frame_rows import FrameRows
 from lassokin_ros.core.initialisation import Initialiser
@@ -324,3 +325,40 @@ def test_without_warm_start_every_lasso_goes_to_the_solver_and_the_answer_is_the
         a, b = warm.track(observation), cold.track(observation)
         assert b.solution.method in ("proxqp", "zero")
         assert np.abs(a.pose.positions - b.pose.positions).max() < 1e-6
+
+
+@pytest.mark.parametrize("joint", ["left_ankle", "left_wrist", "right_knee"])
+def test_a_bone_without_length_is_tracked(joint):
+    scales = np.ones(24)
+    plain = Tracker(CONFIG)
+    scales[plain.skeleton.index(joint)] = 0.0
+    tracker = Tracker(replace(CONFIG, calibrate=False), plain.skeleton.with_bone_scales(scales))
+    with np.errstate(all="raise", under="ignore"):
+        for _, observation in observations(tracker, 2.5):
+            estimate = tracker.track(observation)
+            assert estimate.accepted and np.isfinite(estimate.state.rotations).all()
+
+
+def test_the_certificate_is_of_the_problem_that_is_given():
+    """Where sparsity is so small that its alpha has to be raised, the problem has the raised one."""
+    tracker, raised = Tracker(replace(CONFIG, sparsity=1e-4)), 0
+    for _, observation in observations(tracker, 2.0):
+        estimate = tracker.track(observation)
+        problem, solution = estimate.problem, estimate.solution
+        again = certify(problem.A, problem.B, problem.z, problem.alpha, solution.omega, solution.x)
+        assert estimate.accepted and again.kkt_residual < 1e-6
+        raised += bool(np.all(problem.alpha > 1.01 * 1e-4 / tracker._increments._motion))
+    assert raised > 10
+
+
+@pytest.mark.parametrize(("smoothing", "lag"), [(1e-90, 0.0), (3e-7, 0.1), (1e-77, 0.2), (9e-4, 0.1), (1.1e-3, 0.1)])
+def test_the_shortest_steadying_is_none(smoothing, lag):
+    tracker = Tracker(replace(CONFIG, smoothing=smoothing, smoothing_lag=lag))
+    published = []
+    for _, observation in observations(tracker, 1.5):
+        tracker.track(observation)
+        published += tracker.published
+    published += tracker.flush()
+    assert len(published) == 45
+    off = [np.abs(one.state.rotations - one.solved.rotations).max() for one in published]
+    assert max(off) <= (0.02 if smoothing > 1e-3 else 0.0)

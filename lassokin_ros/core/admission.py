@@ -24,10 +24,10 @@ def admitted(
     """
     count = len(layout.names)
     none = np.zeros(count)
-    if observation.points.shape != (count, 2) or observation.confidence.shape != (count,):
-        return Rejection.WRONG_SHAPE, none
     if not (np.isfinite(observation.stamp) and FOCAL_RANGE[0] < observation.focal < FOCAL_RANGE[1]):
         return Rejection.NOT_FINITE, none
+    if observation.points.shape != (count, 2) or observation.confidence.shape != (count,):
+        return Rejection.WRONG_SHAPE, none
     if observation.stamp <= newest:
         return Rejection.OLD_STAMP, none
     near = np.abs(observation.points) < WIDEST

@@ -146,7 +146,7 @@ class Challengers:
         """Let the winner, if there is one, change places with the published state."""
         assert self._everyone is not None
         best = int(np.argmax(np.where(ripe, self._advantage, -np.inf)))
-        if self._advantage[best] <= MARGIN:
+        if not self._advantage[best] > MARGIN:  # nor NaN
             return None
         order = np.arange(self._count + 1)
         order[[best, -1]] = order[[-1, best]]

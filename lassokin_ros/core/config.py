@@ -61,7 +61,7 @@ class TrackerConfig:
         0.02, "time over which the published pose is steadied, without lag in steady motion", "s", 0.0, 1.0, live=True
     )
     smoothing_lag: float = setting(
-        0.0, "the pose is published this much later, smoothed with the frames since", "s", 0.0, 1.0, live=True
+        0.0, "the pose is published this much later, smoothed with the frames since", "s", 0.0, 0.25, live=True
     )
     warm_start: bool = setting(
         True,

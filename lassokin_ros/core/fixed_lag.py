@@ -68,10 +68,12 @@ class FixedLag:
             return []
         if len(self._waiting) == 1:  # with no lag it always is
             return [self._waiting.popleft().estimate]
-        released = []
-        for index in range(len(self._waiting) - 1, -1, -1):
-            this = self._waiting[index]
-            after = self._waiting[index + 1].forward if index + 1 < len(self._waiting) else None
+        waiting, released = list(self._waiting), []
+        for _ in range(count):
+            self._waiting.popleft()
+        for index in range(len(waiting) - 1, -1, -1):
+            this = waiting[index]
+            after = waiting[index + 1].forward if index + 1 < len(waiting) else None
             alone = after is None or after.begins
             if after is None or after.begins:
                 departure, velocity = map(this.forward.parts, (this.forward.departure, this.forward.velocity))
@@ -79,8 +81,6 @@ class FixedLag:
                 departure, velocity = _corrected(this.forward, after, departure, velocity)
             if index < count:
                 released.append(this.estimate if alone else self._smoothed(this, departure))
-        for _ in range(count):
-            self._waiting.popleft()
         return released[::-1]
 
     def _smoothed(self, waiting: _Waiting, departure: np.ndarray) -> Estimate:

@@ -5,7 +5,7 @@ The l1 penalty is on the frame's total increment, whatever it was linearised abo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,10 @@ from lassokin_ros.core.rotations import right_jacobian
 
 @dataclass(frozen=True, eq=False)
 class Increment:
-    """Where a frame leads: omega (3 n,) rad of all joints and x (3,) m of the root, by the last problem's solution."""
+    """Where a frame leads: omega (3 n,) rad of all joints and x (3,) m of the root, by the last problem's solution.
+
+    problem: as it was solved, with the alpha that the solver raised, where it had to (see `lasso.SMALLEST_ALPHA`).
+    """
 
     omega: np.ndarray
     problem: Lasso
@@ -73,6 +76,8 @@ class IncrementSolver:
                 break
             self._guess = solution.omega  # of the next problem, or of the next frame's first
             omega[self._rows.live], x = solution.omega, solution.x
+        if solution.alpha is not problem.alpha:
+            problem = replace(problem, alpha=solution.alpha)
         return Increment(omega, problem, solution)
 
     def _moved(self, state: BodyState, omega: np.ndarray, points: np.ndarray, weights: np.ndarray) -> Rows:

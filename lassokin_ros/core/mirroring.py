@@ -11,6 +11,8 @@ import math
 import numpy as np
 
 from lassokin_ros.core.kinematics import BodyPose, BodyState, Kinematics
+from lassokin_ros.core.robust import norm
+from lassokin_ros.core.skeleton import Skeleton
 
 LIMBS = (
     ("left_shoulder", "left_elbow", "left_wrist"),
@@ -20,14 +22,18 @@ LIMBS = (
 )
 """Chains of joints: a turn at each but the last moves the bone to the next."""
 
+SHORTEST = 1e-3
+"""m: a bone shorter than that has no direction to be mirrored."""
+
 
 class Mirroring:
-    """Mirrors the limbs that a skeleton has."""
+    """Mirrors the limbs that a skeleton has: two bones, one on the other, with no joint more between their ends."""
 
     def __init__(self, kinematics: Kinematics) -> None:
         names = kinematics.skeleton.joint_names
         self._kinematics = kinematics
         chains = [[names.index(joint) for joint in limb] for limb in LIMBS if set(limb) <= set(names)]
+        chains = [chain for chain in chains if _two_bones(kinematics.skeleton, chain)]
         self.variants = [(chain, bones) for chain in chains for bones in ((True, True), (False, True), (True, False))]
         """Of each limb that the skeleton has three, one after another: its joints from the trunk out, and which of its
         two bones are mirrored."""
@@ -77,6 +83,12 @@ class Mirroring:
             next_there = mirrored_along(next_there, sight)
         rotations[1] = redirected(second, next_bone, second.dot(next_bone), next_there.dot(rotations[0]))
         return rotations
+
+
+def _two_bones(skeleton: Skeleton, chain: list[int]) -> bool:
+    """Whether each joint of a chain but the first is the child of the one before, at the end of a bone."""
+    linked = bool(np.all(skeleton.parents[chain[1:]] == chain[:-1]))
+    return linked and bool(np.all(norm(skeleton.offsets[chain[1:]]) > SHORTEST))
 
 
 def mirrored_along(vector: np.ndarray, direction: np.ndarray) -> np.ndarray:

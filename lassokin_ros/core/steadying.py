@@ -25,6 +25,9 @@ DEPTH = 1.9
 LONGEST_STEP = 0.2
 """s between frames beyond which the filter starts anew: nothing is known of the motion between."""
 
+SHORTEST = 1e-3
+"""s: over a shorter time nothing is steadied that one would see, and covariances lose their digits."""
+
 FARTHEST = 0.25
 """Of its distance to the camera, how far in depth the published body may be from the solved one. A state that jumps to
 and fro in depth would carry the filter on through the camera; it begins anew instead."""
@@ -107,9 +110,9 @@ class Steadying:
 
         state: as solved, pose: its own; omega (3 n,) rad and translation_step (3,) m: the increment that led to it;
         step: s since the last frame; time: s over which motion in the image is steadied, the root of the noise over the
-        acceleration, and in which another explanation settles; 0: not at all.
+        acceleration, and in which another explanation settles; below `SHORTEST`: not at all.
         """
-        if self._covariance is None or time <= 0 or step > LONGEST_STEP:
+        if self._covariance is None or time < SHORTEST or step > LONGEST_STEP:
             return self._begun(state, step, time)
         ahead = _ahead(self._covariance[0], step, time), _ahead(self._covariance[1], step, DEPTH * time)
         (gain, velocity_gain, after), (depth_gain, depth_velocity_gain, depth_after) = map(_corrected, ahead)
@@ -133,7 +136,7 @@ class Steadying:
 
     def _begun(self, state: BodyState, step: float, time: float) -> BodyState:
         self.reset()
-        time = max(time, 1e-3)
+        time = max(time, SHORTEST)
         start = self._covariance = (1.0, 0.0, time**-2), (1.0, 0.0, (DEPTH * time) ** -2)
         none = self._departure
         self.forward = Forward(True, step, none, none, start, none, none, start, none)
