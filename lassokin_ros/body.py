@@ -147,6 +147,11 @@ class Body:
         """s since the person was last tracked; infinite before the first time."""
         return float("inf") if self.seen_ns is None else (stamp_ns - self.seen_ns) * 1e-9
 
+    def status_at(self, stamp_ns: int) -> Status:
+        """What is known of the person when nothing has come until a time, which nothing is changed by."""
+        lost = self.status is Status.TRACKING and self.unseen_s(stamp_ns) > self.tracker.config.lost_after
+        return Status.LOST if lost else self.status
+
     def expected(self, stamp_ns: int) -> np.ndarray | None:
         """(l, 2) normalised: the last skeleton's landmarks, moved on sideways with the person's velocity, projected."""
         if self._landmarks is None:

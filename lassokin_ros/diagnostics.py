@@ -12,6 +12,7 @@ from lassokin_ros.core.estimate import Status
 from lassokin_ros.frame import Frame, repeated_s
 from lassokin_ros.inbox import LOST, OVERTAKEN
 from lassokin_ros.pipeline import Pipeline
+from lassokin_ros.presence import Presence
 from msg_adapters.outputs import ERROR, OK, WARN, StatusLine
 
 SILENCE_S = 2.0
@@ -64,17 +65,21 @@ class Diagnostics:
             self._newest = accepted
             self._reprojection_px = max(f.estimate.reprojection_px for f in accepted if f.estimate is not None)
 
-    def line(self, now: float) -> StatusLine:
-        """The status of the period since the last call, which ends it."""
+    def line(self, now: float, presence: Presence | None = None) -> StatusLine:
+        """The status of the period since the last call, which ends it.
+
+        presence: who is there by now, where another time has passed than the messages tell.
+        """
+        presence = presence or Presence(self._pipeline.status, self._pipeline.ids)
         period = max(now - self._since, 1e-3)
         recent = Counter(self._pipeline.counts)
         recent.subtract(self._counts)
-        level, message = self._judge(now, recent)
-        values = self._figures(now, period, recent)
+        level, message = self._judge(now, recent, presence.status)
+        values = self._figures(now, period, recent, presence)
         self._begin(now)
         return StatusLine(level, f"{self._name}: tracking", message, self._hardware_id or "none", values)
 
-    def _judge(self, now: float, recent: Counter[str]) -> tuple[int, str]:
+    def _judge(self, now: float, recent: Counter[str], status: Status) -> tuple[int, str]:
         pipeline = self._pipeline
         if not pipeline.enabled:
             return OK, "disabled by ~/set_enabled"
@@ -94,18 +99,16 @@ class Diagnostics:
             )
         unused = _unused(recent)
         if unused:
-            return WARN, f"{pipeline.status.value}; {unused}"
-        if pipeline.status is not Status.TRACKING:
-            return WARN, pipeline.status.value
-        return OK, pipeline.status.value
+            return WARN, f"{status.value}; {unused}"
+        return OK if status is Status.TRACKING else WARN, status.value
 
     def _largest_deviation(self) -> float:
         return max((float(f.uncertainty.deviation.max()) for f in self._newest), default=float("nan"))
 
-    def _figures(self, now: float, period: float, recent: Counter[str]) -> dict[str, str]:
+    def _figures(self, now: float, period: float, recent: Counter[str], presence: Presence) -> dict[str, str]:
         counts = self._pipeline.counts
         values = {
-            "state": self._pipeline.status.value,
+            "state": presence.status.value,
             "input rate [Hz]": f"{recent['received'] / period:.2f}",
             "output rate [Hz]": f"{recent['accepted'] / period:.2f}",
             "keypoints age [s]": _age(now, self._keypoints_at),
@@ -119,8 +122,8 @@ class Diagnostics:
         for key in ("received", "accepted", "duplicated", "unstamped", "ignored while disabled", OVERTAKEN, LOST):
             values[f"{key} [messages]"] = str(counts[key])
         values["resets"] = str(counts["resets"])
-        if self._pipeline.ids is not None:
-            values["people"] = ", ".join(self._pipeline.ids) or "nobody"
+        if presence.ids is not None:
+            values["people"] = ", ".join(presence.ids) or "nobody"
             for key in ("people come", "people left", "people beyond max_people"):
                 values[key] = str(counts[key])
         for key in sorted(key for key in counts if key.startswith("rejected: ")):
@@ -129,7 +132,8 @@ class Diagnostics:
         if tracker.averaged:
             values["skeleton: left and right apart, averaged [%]"] = f"{100 * tracker.averaged:.1f}"
         for person, calibration in self._pipeline.calibrations().items():
-            values |= calibration_figures(calibration, tracker.config.calibrate, person)
+            if presence.ids is None or person in presence.ids:
+                values |= calibration_figures(calibration, tracker.config.calibrate, person)
         return values
 
 

@@ -33,6 +33,8 @@ from msg_adapters.backends import RclpyBackend
 from msg_adapters.outputs import DiagnosticArrayBuilder
 
 DIAGNOSTICS_PERIOD_S = 1.0
+LOOK_PERIOD_S = 0.25
+"""s: an absence that no message tells is noticed within twice this."""
 CAMERA_INFO_DEPTH = 1
 
 
@@ -91,6 +93,8 @@ class TrackerNode(Node):
         self.create_service(SetBool, "~/set_enabled", self._on_set_enabled)
         self.create_service(Trigger, "~/save_skeleton", self._on_save_skeleton)
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # diagnostics go on while simulated time stands still
+        self._as_of_ns = self._looked_ns = 0
+        self.create_timer(LOOK_PERIOD_S, self._look_who_is_there, clock=steady)
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics, clock=steady)
         jump = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True)
         self._jump_watch = self.get_clock().create_jump_callback(jump, post_callback=self._on_clock_jump)
@@ -154,7 +158,8 @@ class TrackerNode(Node):
         accepted = [frame for frame in frames if frame.accepted]
         outputs: list[Callable[[], None]] = []
         if self._people is not None and self._pipeline.ids is not None:
-            outputs = [partial(self._people.publish, accepted, self._pipeline.ids)]
+            if not frames or accepted:  # what is refused says nothing of who is there
+                outputs = [partial(self._people.publish, accepted, self._pipeline.ids)]
         elif self._person is not None:
             outputs = [partial(self._person.publish, frame) for frame in accepted]
         for publish in outputs:
@@ -171,10 +176,20 @@ class TrackerNode(Node):
         if self._pipeline.counts["unstamped"] == 1:
             self._warning.say("unstamped", "keypoints without a stamp: outputs carry the time of their arrival")
 
+    def _look_who_is_there(self) -> None:
+        """People leave though no message says so, see Pipeline.presence_at.
+
+        They are missed as of the last look: while the node itself is held up, messages wait that it has not read.
+        """
+        self._as_of_ns, self._looked_ns = self._looked_ns, self.get_clock().now().nanoseconds
+        ids = self._pipeline.presence_at(self._as_of_ns).ids
+        if self._people is not None and ids is not None:
+            self._people.keep(ids)
+
     def _publish_diagnostics(self) -> None:
         if self._bodies is not None:
             self._bodies.look_around()
-        line = self._diagnostics.line(time.monotonic())
+        line = self._diagnostics.line(time.monotonic(), self._pipeline.presence_at(self._as_of_ns))
         now_ns = self.get_clock().now().nanoseconds
         self._diagnostics_out.publish(self._status.fill(now_ns, "", [line]))
         if self._person is not None and self._person.state_publisher is not None:
@@ -206,6 +221,7 @@ class TrackerNode(Node):
 
     def _on_clock_jump(self, jump: TimeJump) -> None:
         self.get_logger().info("the clock has jumped: the state is forgotten")
+        self._as_of_ns = self._looked_ns = 0
         self._forget()
 
     def _forget(self) -> None:

@@ -14,6 +14,7 @@ from lassokin_ros.core.estimate import Status
 from lassokin_ros.frame import Frame
 from lassokin_ros.lens import Lens
 from lassokin_ros.matching import NEAR, distance, distances, reach, usable
+from lassokin_ros.presence import Presence, best
 
 BIRTH_MESSAGES = 3
 """A person whom nobody has numbered is believed in after this many sightings; one message in between may miss them."""
@@ -58,8 +59,12 @@ class People:
     @property
     def status(self) -> Status:
         """The best of the people's."""
-        states = [body.status for body in self._present.values()]
-        return next((s for s in (Status.TRACKING, Status.LOST) if s in states), Status.SEARCHING)
+        return best(body.status for body in self._present.values())
+
+    def presence_at(self, stamp_ns: int, forget_after: float) -> Presence:
+        """Who is there when nothing has come until a time, which nothing is changed by; forget_after: s."""
+        there = {person: body for person, body in self.bodies.items() if body.unseen_s(stamp_ns) <= forget_after}
+        return Presence(best(body.status_at(stamp_ns) for body in there.values()), list(there))
 
     def tracked_at(self, stamp_ns: int) -> bool:
         """True when somebody was tracked in the message of this stamp."""

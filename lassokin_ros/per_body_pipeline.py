@@ -17,6 +17,7 @@ from lassokin_ros.core.estimate import Status
 from lassokin_ros.frame import Frame
 from lassokin_ros.node_config import NodeConfig
 from lassokin_ros.pipeline import Pipeline
+from lassokin_ros.presence import Presence, best
 
 
 class PerBodyPipeline(Pipeline):
@@ -40,8 +41,11 @@ class PerBodyPipeline(Pipeline):
     @property
     def status(self) -> Status:
         """The best of the people's."""
-        states = [pipeline.status for pipeline in self._present.values()]
-        return next((s for s in (Status.TRACKING, Status.LOST) if s in states), Status.SEARCHING)
+        return best(pipeline.status for pipeline in self._present.values())
+
+    def presence_at(self, now_ns: int) -> Presence:
+        """As Pipeline's; who is there the detector says, whether keypoints of them come or not."""
+        return Presence(best(p.presence_at(now_ns).status for p in self._present.values()), self.ids)
 
     def calibrations(self) -> dict[str, Calibration]:
         """What is known of each person's lengths, by id."""

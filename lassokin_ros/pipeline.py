@@ -22,6 +22,7 @@ from lassokin_ros.frame import Frame, repeated_s
 from lassokin_ros.lens import Lens
 from lassokin_ros.matching import distances, reach, usable
 from lassokin_ros.node_config import MESSAGE, NodeConfig
+from lassokin_ros.presence import Presence
 from lassokin_ros.skeleton_readers.load import load_skeleton
 from lassokin_ros.stamps import StampWatch
 from msg_adapters.errors import AdapterError
@@ -55,6 +56,7 @@ class Pipeline:
         self.camera = Camera(self.config.rectified)
         self._stamps = StampWatch()
         self._person: int | None = None
+        self._latest: tuple[int, int] | None = None  # stamp and arrival, ns, of the last message not refused as a whole
 
     @property
     def has_camera(self) -> bool:
@@ -76,6 +78,20 @@ class Pipeline:
         """What is known of the person; of several people, of the one of whom most is known."""
         return self._body.status if self.people is None else self.people.status
 
+    def presence_at(self, now_ns: int) -> Presence:
+        """Who is there, and what is known of them, when no message has come until now_ns (ns, of the arrivals' clock).
+
+        This is only said. Nobody is forgotten by it: what has passed is for the next message's stamp to say, since a
+        recording that is stopped for a while looks from here like a detector that is silent.
+        """
+        if self._latest is None:
+            return Presence(self.status, self.ids)
+        stamp_ns, arrival_ns = self._latest
+        stamp_ns += max(now_ns - arrival_ns, 0)
+        if self.people is None:
+            return Presence(self._body.status_at(stamp_ns))
+        return self.people.presence_at(stamp_ns, self.config.forget_after)
+
     def calibrations(self) -> dict[str, Calibration]:
         """What is known of each person's lengths, by id; of one person alone under an empty id."""
         bodies = {"": self._body} if self.people is None else self.people.bodies
@@ -88,7 +104,7 @@ class Pipeline:
 
     def _forget_people(self) -> None:
         self._body.reset() if self.people is None else self.people.reset()
-        self._person = None
+        self._person = self._latest = None
         self.counts["resets"] += 1
 
     def tune(self, tracker_config: TrackerConfig, node_config: NodeConfig) -> None:
@@ -146,6 +162,7 @@ class Pipeline:
                 self._go_back(keypoints, stamp_ns, view.lens)
             if self.people is None:
                 seen = self._the_person(keypoints, stamp_ns, view.lens)
+                self._latest = stamp_ns, arrival_ns
                 frames = self._body.track(stamp_ns, frame_id, seen, view.lens)
                 if all(frame.accepted for frame in frames):
                     self._stamps.seen(stamp_ns, True)
@@ -153,6 +170,7 @@ class Pipeline:
             everybody = self._everybody(keypoints, view.lens)
         except AdapterError as error:
             return [Frame(stamp_ns, frame_id, None, error.reason, str(error))]
+        self._latest = stamp_ns, arrival_ns
         lasting = self._lasting(keypoints)
         frames = self.people.update(stamp_ns, frame_id, everybody, view.lens, lasting, self.config.forget_after)
         self._stamps.seen(stamp_ns, self.people.tracked_at(stamp_ns))

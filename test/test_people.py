@@ -12,6 +12,7 @@ pytest.importorskip("rosbags", reason="rosbags makes the messages")
 from messages import FOCAL, HEIGHT, WIDTH, camera_info, crowd, rosbags_backend  # noqa: E402
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
+from lassokin_ros.core.estimate import Status  # noqa: E402
 from lassokin_ros.core.kinematics import BodyState, Kinematics  # noqa: E402
 from lassokin_ros.core.landmarks import Layout  # noqa: E402
 from lassokin_ros.core.projection import project  # noqa: E402
@@ -19,6 +20,7 @@ from lassokin_ros.core.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.core.upright import Upright  # noqa: E402
 from lassokin_ros.node_config import NodeConfig  # noqa: E402
 from lassokin_ros.pipeline import MOST_PEOPLE, Pipeline  # noqa: E402
+from lassokin_ros.presence import Presence  # noqa: E402
 from lassokin_ros.synthetic import motion  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -125,6 +127,42 @@ def test_births_absences_and_deaths():
         last = feed(pipeline, i, [pixels[0][i], pixels[1][i]])
     assert set(last) == {"p1", "p3"}  # an id is not used again
     assert feed(pipeline, 80, []) == {} and pipeline.counts["accepted"] == pipeline.counts["received"]
+
+
+@pytest.mark.parametrize("people", [1, 3])
+def test_silence_is_an_absence_that_is_said_and_forgets_nobody(people):
+    """By the clock of arrivals, however far from the stamps it is, and only while that goes on."""
+    pixels = walk(30, 0.8, 3.5, 0.0, 1)[1], walk(30, -0.8, 3.5, 3.0, 2)[1]
+    config = TrackerConfig(lost_after=0.5), NodeConfig(max_people=people, person_ids="node", forget_after=1.0)
+    asked, left_alone = Pipeline(*config), Pipeline(*config)
+    answers = {asked: [], left_alone: []}
+    assert asked.presence_at(10**18).status is Status.SEARCHING
+    for pipeline, positions in answers.items():
+        pipeline.set_camera(camera_info(BACKEND))
+        for i in range(30):
+            message = crowd(BACKEND, stamp(i), [(of[i], np.full(17, 0.9)) for of in pixels[: 2 if i < 15 else 1]])
+            positions += [f.positions.tolist() for f in pipeline.frames(message, stamp(i) // 7)]
+            for silent_s in (0.0, 10.0) if pipeline is asked else ():
+                pipeline.presence_at(stamp(i) // 7 + round(silent_s * 1e9))
+    assert answers[asked] == answers[left_alone] and asked.counts == left_alone.counts
+    arrival_ns = stamp(29) // 7
+    said = [asked.presence_at(arrival_ns + round(silent_s * 1e9)) for silent_s in (-5.0, 0.4, 0.7, 1.2)]
+    tracking, lost, gone = (Presence(status) for status in (Status.TRACKING, Status.LOST, Status.LOST))
+    if people > 1:  # the second one was seen last half a second before the first
+        tracking, lost = Presence(Status.TRACKING, ["p1", "p2"]), Presence(Status.LOST, ["p1"])
+        gone = Presence(Status.SEARCHING, [])
+    assert said == [tracking, tracking, lost, gone]
+    asked.reset()
+    assert asked.presence_at(arrival_ns).status is Status.SEARCHING
+
+
+def test_messages_that_are_refused_tell_nothing_of_who_is_there():
+    pixels, pipeline = walk(5, 0.0, 3.5, 0.0, 1)[1], pipeline_for(max_people=1)
+    for i in range(5):
+        assert pipeline.process(crowd(BACKEND, stamp(i), [(pixels[i], np.full(17, 0.9))]), stamp(i)).accepted
+    refused = pipeline.process(crowd(BACKEND, stamp(4), [(pixels[4], np.full(17, 0.9))]), stamp(4) + 2 * 10**9)
+    assert refused.rejection == "old_stamp"
+    assert pipeline.presence_at(stamp(4) + 2 * 10**9).status is Status.LOST
 
 
 def test_who_comes_is_told_how_the_camera_is_held(monkeypatch):

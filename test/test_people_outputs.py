@@ -98,6 +98,29 @@ def test_each_of_several_people_has_a_set_of_topics():
     assert "Traceback" not in node.said
 
 
+def test_when_the_detector_falls_silent_people_leave():
+    namespace, refused = "/silent_people", "rejected: old_stamp [messages]"
+    settings = [f"-p {item}" for item in ("max_people:=3", "forget_after:=1.0", "lost_after:=0.5")]
+    with NodeProcess(namespace, *" ".join(settings).split()) as node, Peer(namespace, outputs=False) as peer:
+        them = PeerOfTwo(peer)
+        them.send_until(lambda: all(them.got.values()) and them.lists()[-1] == "p4,p9", "every topic of both people")
+        peer.spin_until(lambda: them.lists()[-1] == "", what="the empty list, without a message")
+        for person in ("p4", "p9"):
+            gone = f"{namespace}/bodies/{person}/joint_states"
+            peer.spin_until(lambda: not peer.node.get_publishers_info_by_topic(gone), what="its end")  # noqa: B023
+        values = values_of(peer.next_diagnostics())
+        assert (values["people"], values["state"]) == ("nobody", "searching")
+        lists = len(them.lists())
+        peer.keypoints.publish(two(BACKEND, them.sent - 1))
+        peer.next_diagnostics(lambda s: values_of(s).get(refused) == "1")
+        assert len(them.lists()) == lists  # a message that is refused brings nobody back
+        them.send_until(lambda: them.lists()[-1] == "p4,p9", "both again")
+        answered = f"bodies/p4/{topics.JOINT_STATES}"
+        them.got[answered].clear()
+        them.send_until(lambda: them.got[answered], "an answer")
+    assert "Traceback" not in node.said
+
+
 @pytest.mark.parametrize("parameter, package", [("rep155", "hri_msgs"), ("publish_tf", "tf2_msgs")])
 @pytest.mark.parametrize("people", [1, 2])
 def test_what_needs_another_package_says_so_at_the_start(parameter, package, people):

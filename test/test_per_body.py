@@ -12,12 +12,14 @@ from messages import FOCAL, FRAME, HEIGHT, WIDTH, camera_info, rosbags_backend
 
 from lassokin_ros import topics
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.estimate import Status
 from lassokin_ros.core.kinematics import Kinematics
 from lassokin_ros.core.landmarks import Layout
 from lassokin_ros.core.projection import project
 from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.node_config import NodeConfig
 from lassokin_ros.per_body_pipeline import PerBodyPipeline
+from lassokin_ros.presence import Presence
 from lassokin_ros.synthetic import motion
 from msg_adapters.backends import RclpyBackend, RosbagsBackend
 from msg_adapters.outputs import set_header
@@ -98,6 +100,14 @@ def test_who_comes_is_told_how_the_camera_is_held_by_who_is_there(pipeline):
     assert len(two.candidates()) == 1 and np.array_equal(two.vertical, one.vertical)
     pipeline.reset()
     assert len(two.candidates()) == 3
+
+
+def test_in_silence_bodies_stay_that_the_detector_lists_and_are_lost(pipeline):
+    pipeline.keep(["abc", "xyz"])
+    feed(pipeline, "abc", 0), feed(pipeline, "xyz", 0)
+    assert pipeline.presence_at(7) == Presence(Status.TRACKING, ["abc", "xyz"])
+    assert pipeline.presence_at(60 * 10**9) == Presence(Status.LOST, ["abc", "xyz"])
+    assert not feed(pipeline, "abc", 1)[0].estimate.initialised
 
 
 def test_settings_camera_and_reset_are_everybodys(pipeline):
