@@ -65,21 +65,22 @@ class Diagnostics:
             self._newest = accepted
             self._reprojection_px = max(f.estimate.reprojection_px for f in accepted if f.estimate is not None)
 
-    def line(self, now: float, presence: Presence | None = None) -> StatusLine:
+    def line(self, now: float, presence: Presence | None = None, concern: str = "") -> StatusLine:
         """The status of the period since the last call, which ends it.
 
-        presence: who is there by now, where another time has passed than the messages tell.
+        presence: who is there by now, where another time has passed than the messages tell; concern: what else is
+        worth a warning, empty for nothing.
         """
         presence = presence or Presence(self._pipeline.status, self._pipeline.ids)
         period = max(now - self._since, 1e-3)
         recent = Counter(self._pipeline.counts)
         recent.subtract(self._counts)
-        level, message = self._judge(now, recent, presence.status)
+        level, message = self._judge(now, recent, presence.status, concern)
         values = self._figures(now, period, recent, presence)
         self._begin(now)
         return StatusLine(level, f"{self._name}: tracking", message, self._hardware_id or "none", values)
 
-    def _judge(self, now: float, recent: Counter[str], status: Status) -> tuple[int, str]:
+    def _judge(self, now: float, recent: Counter[str], status: Status, concern: str) -> tuple[int, str]:
         pipeline = self._pipeline
         if not pipeline.enabled:
             return OK, "disabled by ~/set_enabled"
@@ -97,10 +98,9 @@ class Diagnostics:
                 f"keypoints are frozen: the same ones for {self._repeated_s:.1f} s; does the camera's image move, and "
                 "does the detector get it?"
             )
-        unused = _unused(recent)
-        if unused:
-            return WARN, f"{status.value}; {unused}"
-        return OK if status is Status.TRACKING else WARN, status.value
+        concerns = [words for words in (_unused(recent), concern) if words]
+        level = OK if status is Status.TRACKING and not concerns else WARN
+        return level, "; ".join([status.value, *concerns])
 
     def _largest_deviation(self) -> float:
         return max((float(f.uncertainty.deviation.max()) for f in self._newest), default=float("nan"))

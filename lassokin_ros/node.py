@@ -189,11 +189,13 @@ class TrackerNode(Node):
     def _publish_diagnostics(self) -> None:
         if self._bodies is not None:
             self._bodies.look_around()
-        line = self._diagnostics.line(time.monotonic(), self._pipeline.presence_at(self._as_of_ns))
-        now_ns = self.get_clock().now().nanoseconds
-        self._diagnostics_out.publish(self._status.fill(now_ns, "", [line]))
+        concern = ""
         if self._person is not None and self._person.state_publisher is not None:
             self._person.state_publisher.push()
+            concern = self._person.state_publisher.fault
+        line = self._diagnostics.line(time.monotonic(), self._pipeline.presence_at(self._as_of_ns), concern)
+        now_ns = self.get_clock().now().nanoseconds
+        self._diagnostics_out.publish(self._status.fill(now_ns, "", [line]))
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._forget()

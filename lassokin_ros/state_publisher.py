@@ -18,6 +18,10 @@ PATIENCE_S = 5.0
 """s: after this an unanswered request is given up, and made again."""
 
 
+ABSENT_S = 5.0
+"""s: a node that is started together with this one may take so long."""
+
+
 class StatePublisher:
     """Sets the other node's parameter when it has to change; nothing waits for it."""
 
@@ -27,6 +31,9 @@ class StatePublisher:
         self._client = node.create_client(SetParameters, f"{name}/set_parameters")
         self._text = self._known = self._refused = ""
         self._asked: tuple[Future, float] | None = None
+        self._there_at, self._warned = time.monotonic(), False
+        self.fault = ""
+        """Why the other node's URDF does not follow, in words; empty while it is there, or has not been away long."""
 
     def describe(self, text: str) -> None:
         """Here is another URDF."""
@@ -37,7 +44,9 @@ class StatePublisher:
         """Send what the other node does not know yet, if it is there; call it again from time to time."""
         if not self._client.service_is_ready():
             self._known = ""  # it may come back as it was at its start
+            self._miss()
             return
+        self._there_at, self.fault = time.monotonic(), ""
         if self._asked is not None:
             if time.monotonic() - self._asked[1] < PATIENCE_S:
                 return
@@ -51,6 +60,18 @@ class StatePublisher:
         future = self._client.call_async(request)
         self._asked = future, time.monotonic()
         future.add_done_callback(lambda done: self._answered(done, text))
+
+    def _miss(self) -> None:
+        """Say once, and from then on in `fault`, that the other node is not there."""
+        if time.monotonic() - self._there_at < ABSENT_S:
+            return
+        self.fault = (
+            f"state_publisher is '{self._name}', but there is no service {self._client.service_name}, so that its URDF "
+            "does not follow: is that node running, and is this its name?"
+        )
+        if not self._warned:
+            self._warned = True
+            self._node.get_logger().warning(self.fault)
 
     def _answered(self, future: Any, text: str) -> None:
         self._asked = None

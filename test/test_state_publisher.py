@@ -1,14 +1,17 @@
 """robot_state_publisher's URDF follows ours, on real DDS: a node with its parameter stands where it would."""
 
+import time
+
 import pytest
 
 pytest.importorskip("rclpy")
 
-from live import NodeProcess, Peer  # noqa: E402
+from live import START_NS, NodeProcess, Peer  # noqa: E402
 from messages import FRAME, pixels_of_motion  # noqa: E402
 from rcl_interfaces.msg import SetParametersResult  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 
+from lassokin_ros import topics  # noqa: E402
 from lassokin_ros.core.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.urdf import urdf  # noqa: E402
 
@@ -55,6 +58,34 @@ def test_it_follows_the_frame_and_a_restart():
         peer.spin_until(lambda: again.urdf == urdf(SKELETON, FRAME), what="the description after a restart")
         again.end()
     assert node.said == ""
+
+
+def test_one_that_is_not_there_is_said_once_and_served_when_it_comes():
+    namespace, pixels, sent = "/absent", pixels_of_motion(400, hz=10.0), 0
+    settings = "-p", "state_publisher:=robot_state_publisher", "-p", "calibrate:=false"
+    with NodeProcess(namespace, *settings) as node, Peer(namespace) as peer:
+        peer.start(pixels[0])
+        begun = time.monotonic()
+
+        def said_while_tracked(level, words):
+            """Keypoints ten times a second until the status is of this level and begins with these words."""
+            nonlocal sent
+            if time.monotonic() - begun > 0.1 * sent:
+                peer.send(START_NS + 10**8 * sent, pixels[sent])
+                sent += 1
+            newest = peer.got[topics.DIAGNOSTICS][-1].status[0]
+            return newest.level == level and newest.message.startswith(words)
+
+        service = f"{namespace}/robot_state_publisher/set_parameters"
+        warning = f"tracking; state_publisher is 'robot_state_publisher', but there is no service {service}"
+        peer.next_diagnostics()
+        peer.spin_until(lambda: said_while_tracked(b"\x01", warning), what="the warning")
+        other = StandIn(peer)
+        peer.spin_until(lambda: other.urdf == urdf(SKELETON, FRAME), what="the description")
+        peer.spin_until(lambda: said_while_tracked(b"\x00", "tracking"), what="the end of the warning")
+        other.end()
+    assert node.said.count("state_publisher is 'robot_state_publisher', but") == 1
+    assert len(node.said.splitlines()) == 1
 
 
 def test_a_refusal_is_said_once_and_harms_nothing():
