@@ -20,6 +20,7 @@ from lassokin_ros import archive_files
 from lassokin_ros.bags import remove_leftovers
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.interruption import Interrupted
+from lassokin_ros.output_places import check_places
 from lassokin_ros.progress import Progress
 from lassokin_ros.replay_record import Figures, origin_of, record_of
 
@@ -101,7 +102,7 @@ def _runner(options: argparse.Namespace) -> Runner:
 
 
 def tasks_of(options: argparse.Namespace) -> list[Task]:
-    """One task for each recording, by name. Makes the outputs' folders. Raises ArchiveError."""
+    """One task for each recording, by name. Makes the outputs' folders. Raises ArchiveError, OutputPlaceError."""
     folder = (options.output or Path()).absolute()
     if (folder / "metadata.yaml").exists() or folder.is_file():
         raise ArchiveError(f"'{folder}' is no folder for several outputs; choose another one with --output")
@@ -119,6 +120,7 @@ def tasks_of(options: argparse.Namespace) -> list[Task]:
             alone.params_file = [file.absolute() for file in options.params_file]
             archive_files.give_own(alone, name)
             tasks[output] = Task(name, alone)
+    check_places([task.options for task in tasks.values()])
     for needed in {place for task in tasks.values() for place in archive_files.folders(task.options)}:
         try:
             needed.mkdir(parents=True, exist_ok=True)

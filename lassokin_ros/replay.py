@@ -71,9 +71,12 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
 
     from lassokin_ros.offline_parameters import offline_settings
     from lassokin_ros.offline_tracker import OfflineTracker
+    from lassokin_ros.output_places import check_places
     from lassokin_ros.replay_record import KEY, Record, origin_of
     from msg_adapters.registry import full_type_name
 
+    options.output = options.output or Path(f"{options.bag.resolve().stem}_tracked")
+    check_places([options])
     tracker_config, node_config = offline_settings(options.params_file, options.p)
     if options.save_skeleton is not None and not tracker_config.calibrate:
         raise ConfigurationError("--save-skeleton has nothing to save without calibration; add -p calibrate:=true")
@@ -84,7 +87,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
         tracker = OfflineTracker(tracker_config, node_config, bag.types)
         report = _report(options, tracker)
         exports = _exports(options, tracker)
-        output = options.output or Path(f"{options.bag.resolve().stem}_tracked")
+        output = options.output
         storage = options.storage or bag.storage
         with BagWriter(output, storage, bag.types, options.force) as writer:
             progress = Progress(keypoints.count + camera.count, "messages", progress_on)
