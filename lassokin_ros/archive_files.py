@@ -8,6 +8,7 @@ from glob import escape
 from pathlib import Path
 
 from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.core.yaml_files import SUFFIXES
 
 PAGE, SKELETON = ".html", ".yaml"
 
@@ -18,8 +19,9 @@ class ArchiveFilesError(LassokinError):
 
 def check(options: argparse.Namespace) -> None:
     """Raise a LassokinError for an option that names one file for all recordings."""
-    for option, file, suffix in (("report", options.report, PAGE), ("save-skeleton", options.save_skeleton, SKELETON)):
-        if file is not None and file.suffix == suffix:
+    skeleton = options.save_skeleton
+    for option, file, suffixes in (("report", options.report, (PAGE,)), ("save-skeleton", skeleton, SUFFIXES)):
+        if file is not None and file.suffix.lower() in suffixes:
             raise ArchiveFilesError(
                 f"--{option} '{file}' names one file for many recordings; name a folder, in which each has its own"
             )

@@ -216,7 +216,7 @@ class TrackerNode(Node):
         try:
             path = Path(self._pipeline.config.skeleton_output)
             written = save_all(self._pipeline.calibrations(), path, self.get_clock().now().nanoseconds)
-            response.success, response.message = True, f"written: {', '.join(map(str, written))}"
+            response.success, response.message = True, f"written: {', '.join(str(path.absolute()) for path in written)}"
         except LassokinError as error:
             response.success, response.message = False, str(error)
         return response

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from pathlib import Path
 
 from lassokin_ros.core.config import check_setting, setting
 from lassokin_ros.core.errors import ConfigurationError
+from lassokin_ros.core.yaml_files import SUFFIXES
 from msg_adapters.registry import ADAPTERS, full_type_name
 
 MESSAGE, NODE = "message", "node"
@@ -85,5 +87,10 @@ class NodeConfig:
         if full_type_name(self.keypoints_type) not in ADAPTERS:
             raise ConfigurationError(
                 f"keypoints_type is '{self.keypoints_type}'; expected one of: {', '.join(ADAPTERS)}"
+            )
+        if Path(self.skeleton_output).suffix.lower() not in SUFFIXES:
+            raise ConfigurationError(
+                f"skeleton_output is '{self.skeleton_output}'; expected the name of a file that ends in "
+                f"{' or '.join(SUFFIXES)}"
             )
         return self

@@ -24,14 +24,14 @@ class Inputs:
         self._around = {folder: bag for place, bag in self._bags.items() for folder in place.parents}
 
     def refuse(self, what: str, path: Path) -> None:
-        """Raise OutputPlaceError when `path` is one of them, inside or around one; what: is to be written there."""
+        """Raise OutputPlaceError when `path` is one of them, in one, or an output around one; what: goes there."""
         place = _real(path)
         inside = next((folder for folder in place.parents if folder in self._bags), None)
         if place in self._bags:
             relation, bag = "is", self._bags[place]
         elif inside is not None:
             relation, bag = "is inside", self._bags[inside]
-        elif place in self._around:
+        elif what == OUTPUT and place in self._around:
             relation, bag = "is around", self._around[place]
         else:
             return

@@ -73,13 +73,16 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
     from lassokin_ros.offline_tracker import OfflineTracker
     from lassokin_ros.output_places import check_places
     from lassokin_ros.replay_record import KEY, Record, origin_of
+    from lassokin_ros.skeleton_file import check_skeleton_file
     from msg_adapters.registry import full_type_name
 
     options.output = options.output or Path(f"{options.bag.resolve().stem}_tracked")
     check_places([options])
     tracker_config, node_config = offline_settings(options.params_file, options.p)
-    if options.save_skeleton is not None and not tracker_config.calibrate:
-        raise ConfigurationError("--save-skeleton has nothing to save without calibration; add -p calibrate:=true")
+    if options.save_skeleton is not None:
+        if not tracker_config.calibrate:
+            raise ConfigurationError("--save-skeleton has nothing to save without calibration; add -p calibrate:=true")
+        check_skeleton_file(options.save_skeleton, node_config.several_people, options.force)
     with BagReader(options.bag) as bag:
         keypoints_type = full_type_name(node_config.keypoints_type)
         keypoints = bag.find(keypoints_type, options.keypoints_topic, topics.KEYPOINTS, "--keypoints-topic")

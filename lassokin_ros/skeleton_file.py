@@ -3,18 +3,36 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping, Sequence
 from datetime import datetime, timezone
+from glob import escape
 from pathlib import Path
 
 from lassokin_ros.calibration_figures import length_changes
 from lassokin_ros.core.calibration import Calibration
 from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.core.skeleton import Skeleton
-from lassokin_ros.whole_files import WholeFiles
+from lassokin_ros.core.yaml_files import SUFFIXES
+from lassokin_ros.whole_files import WholeFiles, refuse_existing
 
 LEAST_MOTION = 1.0
 """s of motion that calibration has to have seen before its skeleton is worth a file."""
+
+
+def check_skeleton_file(path: Path, several: bool, replace: bool) -> None:
+    """Raise SkeletonError when no skeleton could be saved at `path`: said before the work rather than after it.
+
+    several: each of several people has a file, the id added; replace: one that is there gives way.
+    """
+    if path.suffix.lower() not in SUFFIXES:
+        raise SkeletonError(f"'{path}' is no name for a skeleton; expected one that ends in {' or '.join(SUFFIXES)}")
+    path = Path(os.path.expanduser(path))
+    if not path.parent.exists():  # it will be made
+        return
+    pattern = f"{escape(path.stem)}_p[0-9]*{escape(path.suffix)}"
+    for file in sorted(path.parent.glob(pattern)) if several else [path]:
+        refuse_existing(file, replace, SkeletonError)
 
 
 def save_all(calibrations: Mapping[str, Calibration], path: Path, now_ns: int) -> list[Path]:

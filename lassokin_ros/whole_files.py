@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -55,7 +56,8 @@ class WholeFiles:
                 self._finish()
         finally:
             for part in self._parts.values():
-                part.unlink(missing_ok=True)
+                with suppress(OSError):  # none there, or a read-only disk, of which another error tells
+                    part.unlink()
 
     def _finish(self) -> None:
         for path in self._parts:  # once more: something may have come into being meanwhile

@@ -181,6 +181,35 @@ def test_replay_saves_the_skeleton(tmp_path, capsys):
     assert main([str(short), *calibrated]) == 2 and "recording" in capsys.readouterr().err
 
 
+UNFIT = {
+    "there": (["me.yaml"], "'me.yaml' exists already; choose another name or say --force"),
+    "somebody's": (["they.yaml", "-p", "max_people:=2"], "'they_p4.yaml' exists already; choose another name or say"),
+    "a folder": (["folder.yml", "--force"], "'folder.yml' is a folder; expected the name of a file"),
+    "bvh": (["me.bvh"], "'me.bvh' is no name for a skeleton; expected one that ends in .yaml or .yml"),
+    "nothing": (["", "--force"], "'.' is no name for a skeleton; expected one that ends in .yaml or .yml"),
+    "parameter": (["new.yaml", "-p", "skeleton_output:=me.urdf"], "skeleton_output is 'me.urdf'; expected the name of"),
+}
+
+
+@pytest.mark.parametrize("case", sorted(UNFIT))
+def test_a_place_that_is_unfit_for_the_skeleton_is_said_before_the_work(tmp_path, monkeypatch, capsys, case):
+    pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
+    from recordings import write_recording
+
+    from lassokin_ros.replay import main
+
+    arguments, expected = UNFIT[case]
+    monkeypatch.chdir(tmp_path)
+    write_recording(tmp_path / "walk", 3)
+    (tmp_path / "folder.yml").mkdir()
+    for name in ("me.yaml", "they_p4.yaml", "they_pose.yaml"):
+        (tmp_path / name).write_text("mine")
+    before = sorted(os.listdir())
+    assert main(["walk", "--save-skeleton", *arguments]) == 2
+    assert capsys.readouterr().err.startswith(f"replay: {expected}")
+    assert sorted(os.listdir()) == before and (tmp_path / "me.yaml").read_text() == "mine"
+
+
 def test_replay_says_that_it_took_an_uneven_skeletons_mean(tmp_path, capsys):
     pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
     from recordings import read, write_recording
@@ -211,7 +240,7 @@ def test_the_node_says_that_it_took_an_uneven_skeletons_mean(tmp_path):
 
 def test_the_running_node_describes_saves_and_reports_what_it_has_learned(tmp_path):
     pytest.importorskip("rclpy")
-    from live import BACKEND, START_NS, NodeProcess, Peer, values_of
+    from live import BACKEND, ROOT, START_NS, NodeProcess, Peer, values_of
     from messages import FRAME, camera_info, pixels_of_motion
     from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
     from rcl_interfaces.srv import SetParameters
@@ -254,11 +283,17 @@ def test_the_running_node_describes_saves_and_reports_what_it_has_learned(tmp_pa
         peer.spin_until(lambda: len(joints) == len(states) == len(pixels) + 1, what="the last answer")
         described = DescribedBody(urdf(Skeleton.load(str(saved), 1.75), FRAME))
         assert described.error(states[-1], joints[-1]) < 1e-6
-        impossible = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=str(saved / "below"))
-        request = SetParameters.Request(parameters=[Parameter(name="skeleton_output", value=impossible)])
-        assert peer.call(SetParameters, "set_parameters", request).results[0].successful
-        answer = peer.call(Trigger, "save_skeleton", Trigger.Request())
-        assert not answer.success and "cannot be written" in answer.message
+        answers = {}
+        for name in (os.path.relpath(saved, ROOT), str(saved / "below.yaml"), str(saved.with_suffix(".bvh"))):
+            value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=name)
+            request = SetParameters.Request(parameters=[Parameter(name="skeleton_output", value=value)])
+            result = peer.call(SetParameters, "set_parameters", request).results[0]
+            assert result.successful == name.endswith(".yaml"), result.reason
+            answers[name] = peer.call(Trigger, "save_skeleton", Trigger.Request())
+        relative, impossible, refused = answers.values()
+        assert relative.success and relative.message.startswith("written: /") and saved.name in relative.message
+        assert not impossible.success and "cannot be written" in impossible.message
+        assert refused.message == impossible.message  # that parameter was not taken
         peer.call(Trigger, "reset", Trigger.Request())
         answer = peer.call(Trigger, "save_skeleton", Trigger.Request())
         assert not answer.success and "nothing has been calibrated" in answer.message

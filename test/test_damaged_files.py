@@ -138,6 +138,21 @@ def test_a_forced_output_survives_a_full_disk(recording, small_disk):
     assert contents(small_disk / "out") == before
 
 
+def test_a_clean_up_that_fails_hides_no_error(tmp_path, monkeypatch):
+    """On a disk that is mounted for reading alone nothing can be removed either."""
+    from lassokin_ros.exports.errors import ExportError
+    from lassokin_ros.whole_files import WholeFiles
+
+    def read_only(*_, **__):
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr(Path, "open", read_only)
+    monkeypatch.setattr(Path, "unlink", read_only)
+    with pytest.raises(ExportError, match="walk.csv' cannot be written: Read-only file system$"):
+        with WholeFiles(False, ExportError) as files:
+            files.write_text(tmp_path / "walk.csv", "stamp")
+
+
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
 def test_a_folder_that_may_not_be_written_to_is_said(recording, tmp_path, capsys):
     tmp_path.chmod(0o555)

@@ -51,3 +51,11 @@ def test_values_out_of_range_are_refused(item):
     if item.metadata["high"] is not None:
         with pytest.raises(ConfigurationError, match=item.name):
             NodeConfig(**{item.name: type(item.default)(item.metadata["high"] + 1)}).checked()
+
+
+@pytest.mark.parametrize("name", ["", "me", "me.bvh", "~/.ros/", ".yaml"])
+def test_a_saved_skeleton_is_a_yaml_file(name):
+    """Of another suffix it would be taken for another format when it is loaded."""
+    with pytest.raises(ConfigurationError, match=f"skeleton_output is '{name}'; expected .* in .yaml or .yml"):
+        NodeConfig(skeleton_output=name).checked()
+    NodeConfig(skeleton_output="~/me.yml").checked()

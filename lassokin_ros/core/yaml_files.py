@@ -13,6 +13,8 @@ import yaml
 from lassokin_ros.core.errors import LassokinError
 
 MAX_CHARACTERS = 1_000_000
+SUFFIXES = (".yaml", ".yml")
+"""Of files that we write: a skeleton of another suffix would be taken for another format when it is read."""
 
 
 def read_text(path: Path, error: type[LassokinError]) -> str:
