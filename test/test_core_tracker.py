@@ -362,3 +362,12 @@ def test_the_shortest_steadying_is_none(smoothing, lag):
     assert len(published) == 45
     off = [np.abs(one.state.rotations - one.solved.rotations).max() for one in published]
     assert max(off) <= (0.02 if smoothing > 1e-3 else 0.0)
+
+
+def test_a_frame_of_no_time_moves_no_time_whatever_else_is_wrong():
+    tracker = Tracker(replace(CONFIG, smoothing_lag=0.2))
+    for _, observation in observations(tracker, 1.0):
+        tracker.track(observation)
+    estimate = tracker.track(Observation(np.inf, np.zeros((3, 2)), np.ones(3), FOCAL))
+    assert (estimate.rejection, estimate.status) == (Rejection.NOT_FINITE, Status.TRACKING)
+    assert tracker.published == []

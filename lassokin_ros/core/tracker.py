@@ -297,9 +297,9 @@ class Tracker:
         """The answer to a frame that is not used: only the status may change, when too long nothing was usable."""
         if self._state is None:
             self._sightings.forget()
-        elif observation.stamp - self._sightings.newest > self.config.lost_after:
-            self._status = Status.LOST
         self.published = []
-        if rejection is not Rejection.NOT_FINITE:  # time goes on for those that wait
+        if rejection is not Rejection.NOT_FINITE:  # time goes on
+            if self._state is not None and observation.stamp - self._sightings.newest > self.config.lost_after:
+                self._status = Status.LOST
             self.published = self._lag.due(observation.stamp, self.config.smoothing_lag)
         return Estimate(observation.stamp, self._status, rejection, certificate=certificate)
