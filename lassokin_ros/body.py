@@ -17,6 +17,7 @@ from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.frame import Frame
 from lassokin_ros.lens import Lens
+from lassokin_ros.refusals import in_words
 
 VELOCITY_MEMORY_S = 0.2
 """s: time over which a person's velocity is averaged, for the expectation alone."""
@@ -81,14 +82,14 @@ class Body:
             lens=lens,
             skeleton=self.tracker.skeleton,  # this frame's: calibration's new lengths count from the next one on
         )
-        estimate = self.tracker.track(Observation(seconds, seen.points, seen.confidence, lens.focal))
+        observation = Observation(seconds, seen.points, seen.confidence, lens.focal)
+        estimate = self.tracker.track(observation)
         self.status = estimate.status
         if estimate.rejection is not None:
             if self.seen_ns is None:
                 self._origin_ns = None  # time begins with the first frame that is used
-            reason = estimate.rejection.value
-            detail = f"the tracker did not use this frame: {reason}"
-            return [*self._due(self.tracker.published, stamp_ns), frame(estimate, reason, detail)]
+            detail = in_words(estimate, observation, self.tracker.config)
+            return [*self._due(self.tracker.published, stamp_ns), frame(estimate, estimate.rejection.value, detail)]
         self._learn_course(stamp_ns, estimate)
         self._waiting.append((stamp_ns, estimate.stamp, partial(frame, measure=self.tracker.uncertainty)))
         return self._due(self.tracker.published, stamp_ns)

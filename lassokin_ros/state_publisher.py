@@ -11,8 +11,11 @@ from typing import Any
 
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
+from rclpy.exceptions import InvalidServiceNameException
 from rclpy.node import Node
 from rclpy.task import Future
+
+from lassokin_ros.core.errors import ConfigurationError
 
 PATIENCE_S = 5.0
 """s: after this an unanswered request is given up, and made again."""
@@ -26,9 +29,15 @@ class StatePublisher:
     """Sets the other node's parameter when it has to change; nothing waits for it."""
 
     def __init__(self, node: Node, name: str) -> None:
-        """name: of robot_state_publisher, relative to the node's namespace."""
+        """name: of robot_state_publisher, relative to the node's namespace. ConfigurationError for what is no name."""
         self._node, self._name = node, name
-        self._client = node.create_client(SetParameters, f"{name}/set_parameters")
+        try:
+            self._client = node.create_client(SetParameters, f"{name}/set_parameters")
+        except InvalidServiceNameException:
+            raise ConfigurationError(
+                f"state_publisher is '{name}'; expected the name of a node, such as robot_state_publisher: letters, "
+                "digits and _, no digit first"
+            ) from None
         self._text = self._known = self._refused = ""
         self._asked: tuple[Future, float] | None = None
         self._there_at, self._warned = time.monotonic(), False

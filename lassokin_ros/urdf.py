@@ -35,7 +35,9 @@ def urdf(skeleton: Skeleton, base_frame: str, prefix: str = "") -> str:
     stands before the names of the body's links, so that several bodies go into one tree of frames; joints keep theirs.
     Raises SkeletonError when the base link's name is empty or one of the body's own links.
     """
-    if not base_frame or base_frame in _link_names(skeleton, prefix):
+    if not base_frame:
+        raise SkeletonError("base frame is empty; expected a name, such as camera_optical_frame (base_frame)")
+    if base_frame in _link_names(skeleton, prefix):
         raise SkeletonError(f"base frame is '{base_frame}'; expected a name that is not one of the skeleton's joints")
     robot = ElementTree.Element("robot", name=skeleton.name)
     for side, colour in _COLOURS.items():

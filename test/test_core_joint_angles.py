@@ -230,7 +230,7 @@ def test_bones_in_the_urdf_end_at_the_next_joint():
         assert np.linalg.norm(np.array(ends) - skeleton.offsets[child], axis=1).min() < 1e-5
 
 
-@pytest.mark.parametrize("frame", ["", "pelvis"])
-def test_a_base_frame_that_cannot_be_is_refused(frame):
-    with pytest.raises(SkeletonError, match=f"base frame is '{frame}'"):
+@pytest.mark.parametrize("frame, what", [("", "empty; expected a name"), ("pelvis", "'pelvis'; expected a name that")])
+def test_a_base_frame_that_cannot_be_is_refused(frame, what):
+    with pytest.raises(SkeletonError, match=f"base frame is {what}"):
         urdf(body().skeleton, frame)

@@ -232,6 +232,12 @@ def test_a_message_that_cannot_be_read_is_refused_as_a_whole():
     assert frame.rejection == "confidence_range" and pipeline.people.ids == []
 
 
+def test_a_refused_frame_says_what_it_held():
+    pipeline, xy = pipeline_for(max_people=1), walk(1, 0.0, 3.5, 0.0, 1)[1][0]
+    frame = pipeline.process(crowd(BACKEND, stamp(0), [(xy, np.where(np.arange(17) < 3, 0.9, 0.1))]), 0)
+    assert frame.detail == "3 landmarks at or above min_confidence 0.2; expected 4 or more (min_landmarks)"
+
+
 def test_one_followed_among_several_whose_order_changes():
     front, back, hidden = two_who_cross()
     pipeline = pipeline_for(max_people=1, person_ids="node")

@@ -30,10 +30,15 @@ def admitted(
         return Rejection.WRONG_SHAPE, none
     if observation.stamp <= newest:
         return Rejection.OLD_STAMP, none
-    near = np.abs(observation.points) < WIDEST
-    usable = near[:, 0] & near[:, 1] & (observation.confidence >= max(config.min_confidence, 1e-9))
+    usable = visible(observation, config)
     if np.count_nonzero(usable) < config.min_landmarks:
         return Rejection.TOO_FEW_LANDMARKS, none
     deviation = config.noise_px / observation.focal * layout.noise
     confidence = np.minimum(np.where(usable, observation.confidence, 0.0), 1.0)
     return None, np.sqrt(confidence) / deviation
+
+
+def visible(observation: Observation, config: TrackerConfig) -> np.ndarray:
+    """(l,) bool: which landmarks of an observation count as seen."""
+    near = np.abs(observation.points) < WIDEST
+    return near[:, 0] & near[:, 1] & (observation.confidence >= max(config.min_confidence, 1e-9))

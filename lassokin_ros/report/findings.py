@@ -65,7 +65,7 @@ def _refused(facts: Facts) -> Iterator[Finding]:
         level = PROBLEM if count > FEW * received or reason not in SELDOM_HARMFUL else NOTE
         what = "frames of single people" if of_person else "camera_info messages" if _of_camera(reason) else "frames"
         detail = facts.log.details.get(reason, "")
-        first = f" The first: {detail}." if detail and not detail.startswith("the tracker did not") else ""
+        first = f" The first: {detail}{_stop(detail)}" if detail else ""
         advice = advice_for(reason)
         rest = f": {advice}" if advice else ""
         yield Finding(level, f"{count} {_counted(what, count)} refused: {words_for(reason)}{rest}{_stop(rest)}{first}")
