@@ -19,9 +19,13 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.estimate import Status
 from lassokin_ros.core.tracker import Tracker
+from lassokin_ros.interruption import Interrupted, interruptible
 
 RATE = 30.0  # Hz
 SECONDS = 18.0
+LEAST_S, MOST_S = 1.0, 3600.0
+"""s of motion: with fewer there is nothing to promise anything of; more are more than the memory need hold."""
+USAGE_ERROR, INTERRUPTED = 2, 130
 QUEUE_DEPTH = 60
 START_NS = 1_700_000_000_000_000_000
 EVALUATED = ("neck", "head") + tuple(
@@ -190,32 +194,55 @@ def table(result: DemoResult) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the demo; exit code 0 when every figure is within what is promised, 1 when not, 2 when it could not run."""
+    """Run the demo; the exit code.
+
+    0 when every figure is within what is promised, 1 when not, 2 when it could not run (one line on stderr), 130 when
+    it was interrupted.
+    """
     parser = argparse.ArgumentParser(prog="demo", description=(__doc__ or "").split("\n", maxsplit=1)[0])
     parser.add_argument("--output", type=Path, default=Path("demo_output"), help="folder for what is made")
-    parser.add_argument("--seconds", type=float, default=SECONDS, help="of motion")
+    parser.add_argument("--seconds", type=_seconds, default=SECONDS, help="of motion")
     options = parser.parse_args(arguments)
     os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))  # nobody else's nodes
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     try:
-        from lassokin_ros.demo_picture import draw
-
-        options.output.mkdir(parents=True, exist_ok=True)
-        print(f"A person who walks, waves and squats: {options.seconds:g} s at {RATE:g} Hz, keypoints with noise, gaps")
-        print("and outliers, into the tracker on DDS (its body's proportions are the person's; nothing else is told).")
-        result = run(options.output, options.seconds)
-        draw(result, options.output / "skeleton.png")
-        write_page(options.output)
+        with interruptible():
+            return show(options.output, options.seconds)
     except (ImportError, OSError, LassokinError) as error:
         print(f"demo: {error}", file=sys.stderr)
-        return 2
+        return USAGE_ERROR
+    except Interrupted:
+        print(f"demo: interrupted; what {options.output} holds is not complete", file=sys.stderr)
+        return INTERRUPTED
+
+
+def show(folder: Path, seconds: float) -> int:
+    """Run the demo, write what it leaves, print its table; 0 when every promise is kept, 1 when not."""
+    from lassokin_ros.demo_picture import draw
+
+    folder.mkdir(parents=True, exist_ok=True)
+    print(f"A person who walks, waves and squats: {seconds:g} s at {RATE:g} Hz, keypoints with noise, gaps")
+    print("and outliers, into the tracker on DDS (its body's proportions are the person's; nothing else is told).")
+    result = run(folder, seconds)
+    draw(result, folder / "skeleton.png")
+    write_page(folder)
     print(table(result))
-    print(f"to look at in a browser: {options.output / 'report.html'} (the same motion replayed: replay --report)")
-    print(f"picture: {options.output / 'skeleton.png'}   recordings: {options.output}/keypoints, /tracked (rosbag2)")
+    print(f"to look at in a browser: {folder / 'report.html'} (the same motion replayed: replay --report)")
+    print(f"picture: {folder / 'skeleton.png'}   recordings: {folder}/keypoints, /tracked (rosbag2)")
     broken = result.broken_promises()
     if broken:
         print(f"not within what is promised: {', '.join(broken)}", file=sys.stderr)
     return 1 if broken else 0
+
+
+def _seconds(text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = float("nan")
+    if not LEAST_S <= seconds <= MOST_S:
+        raise argparse.ArgumentTypeError(f"{text}; expected {LEAST_S:g} to {MOST_S:g} s")
+    return seconds
 
 
 if __name__ == "__main__":

@@ -37,6 +37,23 @@ def interruptible() -> Iterator[None]:
             signal.signal(number, handler)
 
 
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Within, SIGINT and SIGTERM wait, and the first comes at the end: for a step that must not be left half done.
+
+    A process that is being started, for one, is nobody's when what starts it is interrupted.
+    """
+    waiting: list[int] = []
+    previous = {number: signal.signal(number, lambda received, _: waiting.append(received)) for number in SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+        for first in waiting[:1]:
+            signal.raise_signal(first)
+
+
 def _interrupt(_number: int, _frame: FrameType | None) -> None:
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)

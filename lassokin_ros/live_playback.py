@@ -23,6 +23,7 @@ from typing import Any
 from lassokin_ros import topics
 from lassokin_ros.bags import BagReader, BagWriter, typestore
 from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.interruption import uninterrupted
 
 DEADLINE_S = 30.0
 GRACE_S = 10.0
@@ -55,6 +56,7 @@ class LiveNode:
         self.sent: dict[int, float] = {}
         """Stamp of each keypoint message played, ns -> time of sending (s, monotonic)."""
         self._received_before = 0
+        self._process: Any = None
         assignments = [text for item in (parameters or {}).items() for text in ("-p", f"{item[0]}:={item[1]}")]
         arguments = ["--ros-args", "-r", f"__ns:={namespace}", *assignments]
         self._command = [sys.executable, "-m", "lassokin_ros.command_line", *arguments]
@@ -72,13 +74,25 @@ class LiveNode:
         self._executor.add_node(self._node)
         for topic in OUTPUTS:
             self._listen(topic)
-        self._process = subprocess.Popen(self._command, stderr=subprocess.PIPE, text=True)
+        try:
+            with uninterrupted():
+                self._process = subprocess.Popen(self._command, stderr=subprocess.PIPE, text=True)
+        except BaseException:
+            self.__exit__()
+            raise
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._executor.shutdown()
-        self._node.destroy_node()
-        self._context.try_shutdown()
+        try:
+            self._executor.shutdown()
+            self._node.destroy_node()
+            self._context.try_shutdown()
+        finally:  # whatever becomes of the peer, the node must not stay behind
+            self._end()
+
+    def _end(self) -> None:
+        if self._process is None:
+            return
         self._process.send_signal(signal.SIGINT)
         try:
             self.said = self._process.communicate(timeout=GRACE_S)[1]

@@ -1,8 +1,10 @@
 """The demo for a few seconds of motion: it runs, keeps its promises, leaves what it says, and notices what is wrong."""
 
 import os
+import signal
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +18,7 @@ pytest.importorskip("matplotlib", reason="the demo's picture needs matplotlib")
 from recordings import FRAME_TOPICS, read  # noqa: E402
 
 from lassokin_ros.bags import BagReader  # noqa: E402
-from lassokin_ros.demo import PROMISES, RATE, run, table  # noqa: E402
+from lassokin_ros.demo import PROMISES, RATE, main, run, table  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent
 SECONDS = 4
@@ -78,6 +80,35 @@ def test_every_broken_promise_is_found(result):
     ):
         assert broken.broken_promises() == names
         assert table(broken).count("NOT KEPT") == len(names)
+
+
+def children_of(pid):
+    """The command lines of a process' children, by their ids."""
+    text = Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii")
+    return {child: Path(f"/proc/{child}/cmdline").read_bytes() for child in text.split()}
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["int", "term"])
+def test_interrupted_it_says_so_in_one_line_and_leaves_no_node_behind(tmp_path, number):
+    command = [sys.executable, "-m", "lassokin_ros.demo", "--output", str(tmp_path / "out"), "--seconds", "60"]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as demo:
+        deadline, nodes = time.monotonic() + 60, {}
+        while not any(b"lassokin_ros.command_line" in line for line in nodes.values()):
+            assert demo.poll() is None and time.monotonic() < deadline, "no node was started"
+            nodes = children_of(demo.pid)
+        demo.send_signal(number)
+        said = demo.communicate(timeout=60)[1].splitlines()
+    assert demo.returncode == 130 and said[-1].startswith("demo: interrupted; "), said
+    assert not any("Traceback" in line for line in said)
+    assert not any(Path(f"/proc/{child}").exists() for child in nodes)
+
+
+@pytest.mark.parametrize("seconds", ["0", "-1", "nan", "inf", "long"])
+def test_seconds_that_are_no_motion_are_refused_with_what_was_expected(seconds, tmp_path, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["--output", str(tmp_path / "out"), "--seconds", seconds])
+    assert ended.value.code == 2 and f"--seconds: {seconds}; expected 1 to 3600 s" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 def test_an_output_that_cannot_be_written_is_one_line(tmp_path):

@@ -10,7 +10,7 @@ from contextlib import closing
 
 import pytest
 
-from lassokin_ros.interruption import AGAIN_S, Interrupted, interruptible
+from lassokin_ros.interruption import AGAIN_S, Interrupted, interruptible, uninterrupted
 
 CLEANING_S = 4 * AGAIN_S
 
@@ -92,6 +92,17 @@ def test_what_cleans_up_is_left_to_end():
                 wait(CLEANING_S)
                 done.append("finally")
     assert done == ["nested", "finally", "generator"]
+
+
+def test_what_must_not_be_interrupted_is_ended_first():
+    done = []
+    with pytest.raises(Interrupted), interruptible():
+        with uninterrupted():
+            interrupt_this_process()
+            interrupt_this_process()
+            done.append("step")
+        done.append("after")
+    assert done == ["step"]
 
 
 def test_handlers_and_timer_are_as_before():
