@@ -102,7 +102,7 @@ def _runner(options: argparse.Namespace) -> Runner:
 
 
 def tasks_of(options: argparse.Namespace) -> list[Task]:
-    """One task for each recording, by name. Makes the outputs' folders. Raises ArchiveError, OutputPlaceError."""
+    """One task for each recording, by name. Makes the outputs' folders. Raises ArchiveError, OutputError."""
     folder = (options.output or Path()).absolute()
     if (folder / "metadata.yaml").exists() or folder.is_file():
         raise ArchiveError(f"'{folder}' is no folder for several outputs; choose another one with --output")

@@ -164,6 +164,8 @@ def write_page(folder: Path) -> None:
     from lassokin_ros.node_config import NodeConfig
     from lassokin_ros.offline_tracker import OfflineTracker
     from lassokin_ros.report.command import Report
+    from lassokin_ros.report.page import ReportError
+    from lassokin_ros.whole_files import WholeFiles
 
     with BagReader(folder / "keypoints") as bag:
         tracker = OfflineTracker(TrackerConfig(), NodeConfig(), bag.types)
@@ -173,7 +175,8 @@ def write_page(folder: Path) -> None:
             take = tracker.keypoints if topic == KEYPOINTS else tracker.camera_info
             for _ in take(message, time_ns):
                 pass  # the node's outputs are recorded already; the page is what is wanted
-    report.write("the demo's keypoints", (KEYPOINTS, CAMERA_INFO))
+    with WholeFiles(replace=True, error=ReportError) as files:
+        report.write(files, "the demo's keypoints", (KEYPOINTS, CAMERA_INFO))
 
 
 def table(result: DemoResult) -> str:

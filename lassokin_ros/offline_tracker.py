@@ -21,6 +21,7 @@ from lassokin_ros.node_config import NodeConfig
 from lassokin_ros.offline_parameters import NODE_NAME
 from lassokin_ros.pipeline import Pipeline
 from lassokin_ros.skeleton_file import save_all
+from lassokin_ros.whole_files import WholeFiles
 from msg_adapters.backends import Backend, RosbagsBackend
 from msg_adapters.outputs import DiagnosticArrayBuilder
 
@@ -68,9 +69,9 @@ class OfflineTracker:
         """How often somebody who had been tracked was found anew, and once more when the end is lost."""
         return self._found_anew + (self.pipeline.status is Status.LOST)
 
-    def save_skeleton(self, path: Path) -> list[Path]:
-        """Write what calibration knows by now, as `skeleton_file.save_all` does. Raises SkeletonError."""
-        return save_all(self.pipeline.calibrations(), path, self.newest_ns)
+    def save_skeleton(self, path: Path, files: WholeFiles) -> list[Path]:
+        """Write what calibration knows by now as some of `files`, see `skeleton_file.save_all`."""
+        return save_all(self.pipeline.calibrations(), path, self.newest_ns, files)
 
     def camera_info(self, message: Any, time_ns: int) -> Iterator[tuple[str, str, Any]]:
         """Take a CameraInfo; see `keypoints`. None stands for a message that could not be read."""

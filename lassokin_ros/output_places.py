@@ -12,8 +12,8 @@ from lassokin_ros.core.errors import LassokinError
 OUTPUT = "the output"
 
 
-class OutputPlaceError(LassokinError):
-    """An output would take the place of what is read, or of another output."""
+class OutputError(LassokinError):
+    """An output has no place of its own, or cannot be written."""
 
 
 class Inputs:
@@ -24,7 +24,7 @@ class Inputs:
         self._around = {folder: bag for place, bag in self._bags.items() for folder in place.parents}
 
     def refuse(self, what: str, path: Path) -> None:
-        """Raise OutputPlaceError when `path` is one of them, in one, or an output around one; what: goes there."""
+        """Raise OutputError when `path` is one of them, in one, or an output around one; what: goes there."""
         place = _real(path)
         inside = next((folder for folder in place.parents if folder in self._bags), None)
         if place in self._bags:
@@ -35,11 +35,11 @@ class Inputs:
             relation, bag = "is around", self._around[place]
         else:
             return
-        raise OutputPlaceError(f"{what} '{path}' {relation} the recording that is read, '{bag}'; choose another")
+        raise OutputError(f"{what} '{path}' {relation} the recording that is read, '{bag}'; choose another")
 
 
 def check_places(replays: Sequence[argparse.Namespace]) -> None:
-    """Raise OutputPlaceError for an output that would destroy an input or another output, whatever --force says.
+    """Raise OutputError for an output that would destroy an input or another output, whatever --force says.
 
     replays: the options of one recording each, with its `bag` and its `output`. Raises ExportError as well.
     """
@@ -68,17 +68,17 @@ def _places(options: argparse.Namespace) -> Iterator[tuple[str, Path]]:
 
 
 def _refuse_shared(places: Sequence[tuple[str, Path]]) -> None:
-    """Raise OutputPlaceError for two outputs of one place, and a file inside an output, which is made as a whole."""
+    """Raise OutputError for two outputs of one place, and a file inside an output, which is made as a whole."""
     outputs = {_real(path): path for what, path in places if what == OUTPUT}
     taken: dict[Path, str] = {}
     for what, path in places:
         place = _real(path)
         if place in taken:
-            raise OutputPlaceError(f"{taken[place]} and {what} both name '{path}'; choose another name for one of them")
+            raise OutputError(f"{taken[place]} and {what} both name '{path}'; choose another name for one of them")
         taken[place] = what
         around = next((outputs[folder] for folder in place.parents if folder in outputs), None)
         if around is not None and what != OUTPUT:
-            raise OutputPlaceError(f"{what} '{path}' is inside the output '{around}'; choose another")
+            raise OutputError(f"{what} '{path}' is inside the output '{around}'; choose another")
 
 
 def _real(path: Path) -> Path:

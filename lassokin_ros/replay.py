@@ -6,7 +6,7 @@ import argparse
 import os
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from lassokin_ros.exports.command import Exports
     from lassokin_ros.replay_record import Figures
     from lassokin_ros.report.command import Report
+    from lassokin_ros.whole_files import WholeFiles
 
 USAGE_ERROR = 2
 INTERRUPTED = 130
@@ -71,9 +72,10 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
 
     from lassokin_ros.offline_parameters import offline_settings
     from lassokin_ros.offline_tracker import OfflineTracker
-    from lassokin_ros.output_places import check_places
+    from lassokin_ros.output_places import OutputError, check_places
     from lassokin_ros.replay_record import KEY, Record, origin_of
     from lassokin_ros.skeleton_file import check_skeleton_file
+    from lassokin_ros.whole_files import WholeFiles
     from msg_adapters.registry import full_type_name
 
     options.output = options.output or Path(f"{options.bag.resolve().stem}_tracked")
@@ -92,21 +94,19 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
         exports = _exports(options, tracker)
         output = options.output
         storage = options.storage or bag.storage
-        with BagWriter(output, storage, bag.types, options.force) as writer:
-            progress = Progress(keypoints.count + camera.count, "messages", progress_on)
-            seconds = _run(bag, keypoints, camera, tracker, writer, progress)
-            figures = _figures(tracker)
-            writer.note(KEY, Record(origin_of(options), figures).text)
-            files = [] if exports is None else exports.write(writer.folder)
-    if report is not None:
-        report.write(options.bag.resolve().name, (keypoints.name, camera.name))
-    summary = _summary(f"{options.bag} -> {output} ({storage})", (keypoints, camera), tracker, seconds)
-    if options.save_skeleton is not None:
-        written = tracker.save_skeleton(options.save_skeleton)
-        summary += f"\n{'skeleton':<15} {', '.join(map(str, written))}"
-    if exports is not None:
-        names = [str(output / file.name if file.parent == writer.folder else file) for file in files]
-        summary += f"\n{'exported':<15} {', '.join(names) or 'nothing: nobody was tracked'}"
+        # All or nothing: every file is on the disk before the recording has its name, and has its own right after it.
+        with WholeFiles(options.force, OutputError) as files:
+            with BagWriter(output, storage, bag.types, options.force) as writer:
+                progress = Progress(keypoints.count + camera.count, "messages", progress_on)
+                seconds = _run(bag, keypoints, camera, tracker, writer, progress)
+                figures = _figures(tracker)
+                writer.note(KEY, Record(origin_of(options), figures).text)
+                written = _files(options, tracker, exports, writer, files)
+                if report is not None:
+                    report.write(files, options.bag.resolve().name, (keypoints.name, camera.name))
+                files.check()
+            files.placed.append(output)
+    summary = _summary(f"{options.bag} -> {output} ({storage})", (keypoints, camera), tracker, seconds, written)
     return Replayed(summary, figures, 1e3 * float(np.median(tracker.frame_seconds or [np.nan])))
 
 
@@ -126,6 +126,20 @@ def _run(
     finally:
         progress.close()
     return time.monotonic() - started
+
+
+def _files(
+    options: argparse.Namespace, tracker: Any, exports: Exports | None, writer: BagWriter, files: WholeFiles
+) -> dict[str, str]:
+    """Write the skeleton and the exports; what the summary says of them."""
+    said = {}
+    if options.save_skeleton is not None:
+        said["skeleton"] = ", ".join(map(str, tracker.save_skeleton(options.save_skeleton, files)))
+    if exports is not None:
+        paths = exports.write(writer.folder, files)
+        names = [str(options.output / path.name if path.parent == writer.folder else path) for path in paths]
+        said["exported"] = ", ".join(names) or "nothing: nobody was tracked"
+    return said
 
 
 def _report(options: argparse.Namespace, tracker: Any) -> Report | None:
@@ -164,7 +178,9 @@ def _figures(tracker: Any) -> Figures:
     return Figures(counts["received"], counts["accepted"], tracker.times_lost, median)
 
 
-def _summary(title: str, inputs: Sequence[RecordedTopic], tracker: Any, seconds: float) -> str:
+def _summary(
+    title: str, inputs: Sequence[RecordedTopic], tracker: Any, seconds: float, written: Mapping[str, str]
+) -> str:
     import numpy as np
 
     from lassokin_ros.calibration_figures import averaged_sides
@@ -186,6 +202,7 @@ def _summary(title: str, inputs: Sequence[RecordedTopic], tracker: Any, seconds:
         lines["left and right"] = averaged_sides(averaged)
     if counts[LINK_AS_FRAME]:
         lines["base frame"] = "a frame_id is the name of one of the body's links; robot_description has another base"
+    lines.update(written)
     read = [f"{name:<15} {topic}" for name, topic in zip((topics.KEYPOINTS, topics.CAMERA_INFO), inputs)]
     return "\n".join([title, *read, *(f"{name:<15} {text}" for name, text in lines.items())])
 

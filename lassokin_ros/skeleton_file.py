@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from datetime import datetime, timezone
 from glob import escape
 from pathlib import Path
 
 from lassokin_ros.calibration_figures import length_changes
 from lassokin_ros.core.calibration import Calibration
-from lassokin_ros.core.errors import SkeletonError
+from lassokin_ros.core.errors import LassokinError, SkeletonError
 from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.core.yaml_files import SUFFIXES
 from lassokin_ros.whole_files import WholeFiles, refuse_existing
@@ -35,26 +36,25 @@ def check_skeleton_file(path: Path, several: bool, replace: bool) -> None:
         refuse_existing(file, replace, SkeletonError)
 
 
-def save_all(calibrations: Mapping[str, Calibration], path: Path, now_ns: int) -> list[Path]:
-    """Write a file for everybody who has been calibrated; the paths.
+def save_all(
+    calibrations: Mapping[str, Calibration], path: Path, now_ns: int, files: WholeFiles | None = None
+) -> list[Path]:
+    """Write a file for everybody who has been calibrated, `~` resolved, all or none; the paths.
 
-    calibrations: by id, an empty one where one person is followed. Raises SkeletonError when a file cannot be written,
-    or nobody has been calibrated, in which case nothing is written.
+    calibrations: by id, an empty one where one person is followed; now_ns: ns since 1970, for the comment; files: the
+    set of which they are to be some. Raises SkeletonError (or what `files` does) when a file cannot be written, or
+    nobody has been calibrated; a file that was there before then stays as it was.
     """
     if not calibrations:
         raise SkeletonError("nothing has been calibrated: nobody is there")
     ready = {person: known for person, known in calibrations.items() if known.moved >= LEAST_MOTION}
-    return [
-        save_calibrated(known, for_person(path, person), now_ns) for person, known in (ready or calibrations).items()
-    ]
+    texts = {person: _calibrated_text(known, now_ns) for person, known in (ready or calibrations).items()}
+    with WholeFiles(replace=True, error=SkeletonError) if files is None else nullcontext(files) as whole:
+        return [_write(for_person(path, person), text, whole) for person, text in texts.items()]
 
 
-def save_calibrated(calibration: Calibration, path: Path, now_ns: int) -> Path:
-    """Write what calibration knows by now; the path, `~` resolved.
-
-    now_ns: ns since 1970, for the comment. Raises SkeletonError when nothing has been calibrated, or the file cannot
-    be written; a file that was there before then stays as it was.
-    """
+def _calibrated_text(calibration: Calibration, now_ns: int) -> str:
+    """What calibration knows by now. Raises SkeletonError when nothing has been calibrated."""
     if calibration.moved < LEAST_MOTION:
         raise SkeletonError(
             f"nothing has been calibrated: {calibration.moved:.1f} s of motion seen, expected {LEAST_MOTION:g} or "
@@ -63,16 +63,13 @@ def save_calibrated(calibration: Calibration, path: Path, now_ns: int) -> Path:
     skeleton = calibration.skeleton
     state = "the lengths are final" if calibration.frozen else "the lengths were still being learned"
     changes = [f"{name} {change:+.1f} %" for name, change in length_changes(calibration).items()]
-    return write_text(
-        path,
-        skeleton_text(
-            skeleton,
-            (
-                f"Calibrated by lassokin_ros, {_date(now_ns)}.",
-                f"For a height of {skeleton.height:g} m: use it with the same parameter height.",
-                f"{calibration.moved:g} s of motion counted; {state}.",
-                f"Changed from skeleton {_quoted(skeleton.name)}: {', '.join(changes)}.",
-            ),
+    return skeleton_text(
+        skeleton,
+        (
+            f"Calibrated by lassokin_ros, {_date(now_ns)}.",
+            f"For a height of {skeleton.height:g} m: use it with the same parameter height.",
+            f"{calibration.moved:g} s of motion counted; {state}.",
+            f"Changed from skeleton {_quoted(skeleton.name)}: {', '.join(changes)}.",
         ),
     )
 
@@ -92,12 +89,17 @@ def skeleton_text(skeleton: Skeleton, comments: Sequence[str] = ()) -> str:
 
 def write_text(path: Path, text: str) -> Path:
     """Write a file whole or not at all, its folder too; the path, `~` resolved. SkeletonError when it is impossible."""
+    with WholeFiles(replace=True, error=SkeletonError) as files:
+        return _write(path, text, files)
+
+
+def _write(path: Path, text: str, files: WholeFiles) -> Path:
+    """The same as one of `files`."""
     try:
         path = path.expanduser()
         path.parent.mkdir(parents=True, exist_ok=True)
-        with WholeFiles(replace=True, error=SkeletonError) as files:
-            files.write_text(path, text)
-    except SkeletonError:
+        files.write_text(path, text)
+    except LassokinError:
         raise
     except (OSError, ValueError, RuntimeError) as problem:  # no name in the path, no home for `~`
         reason = getattr(problem, "strerror", None) or problem

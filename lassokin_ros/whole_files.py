@@ -28,6 +28,8 @@ class WholeFiles:
         """replace: files that are there give way; error: what is raised when a file cannot be written."""
         self._replace, self._error = replace, error
         self._parts: dict[Path, Path] = {}
+        self.placed: list[Path] = []
+        """What has its name already: said when one that comes after cannot have its own."""
 
     def write(self, path: Path, fill: Callable[[BinaryIO], None]) -> None:
         """Have `fill` write a file that will be at `path`."""
@@ -60,13 +62,23 @@ class WholeFiles:
                     part.unlink()
 
     def _finish(self) -> None:
-        for path in self._parts:  # once more: something may have come into being meanwhile
+        try:
+            self.check()
+            for path, part in self._parts.items():
+                try:
+                    part.replace(path)
+                except OSError as problem:
+                    raise self._error(f"'{path}' cannot be written: {problem.strerror or problem}") from None
+                self.placed.append(path)
+        except self._error as error:
+            if not self.placed:
+                raise
+            raise self._error(f"{error}; written before: {', '.join(map(str, self.placed))}") from None
+
+    def check(self) -> None:
+        """Raise the error when something has come into being in a file's place meanwhile."""
+        for path in self._parts:
             refuse_existing(path, self._replace, self._error)
-        for path, part in self._parts.items():
-            try:
-                part.replace(path)
-            except OSError as problem:
-                raise self._error(f"'{path}' cannot be written: {problem.strerror or problem}") from None
 
 
 def _put(file: BinaryIO, data: bytes) -> None:

@@ -176,8 +176,10 @@ def test_replay_saves_the_skeleton(tmp_path, capsys):
     assert described.error(states, joints) < PROMISE_M and DescribedBody(last).error(states, joints) < PROMISE_M
     assert main(calibrated) == 0 and saved.read_text() == text
     short = write_recording(tmp_path / "short", 15)
-    assert main([str(short), *calibrated[1:], "-o", str(tmp_path / "brief")]) == 2
+    brief = [str(short), *calibrated[1:], "-o", str(tmp_path / "brief"), "--report", str(tmp_path / "brief.html")]
+    assert main([*brief, "--export", str(tmp_path / "brief.csv")]) == 2
     assert "nothing has been calibrated" in capsys.readouterr().err and saved.read_text() == text
+    assert not list(tmp_path.glob("*brief*"))  # the recording neither
     assert main([str(short), *calibrated]) == 2 and "recording" in capsys.readouterr().err
 
 

@@ -138,6 +138,46 @@ def test_a_forced_output_survives_a_full_disk(recording, small_disk):
     assert contents(small_disk / "out") == before
 
 
+def wants_files(recording, folder, disk):
+    """Arguments for an output and an export in `folder`, and a report on `disk`."""
+    files = ["--export", str(folder / "walk.csv"), "--report", str(disk / "page.html")]
+    return [str(recording[0]), "--output", str(folder / "out"), *files]
+
+
+def test_a_report_for_which_the_disk_is_too_small_leaves_no_output_either(recording, small_disk, tmp_path, capsys):
+    assert main(wants_files(recording, tmp_path, small_disk)) == 2
+    assert "page.html' cannot be written: No space left on device\n" in capsys.readouterr().err
+    assert os.listdir(tmp_path) == ["disk"] and os.listdir(small_disk) == []
+
+
+def test_an_output_that_cannot_be_completed_leaves_no_files_either(recording, tmp_path, monkeypatch, capsys):
+    from rosbags.rosbag2 import Writer
+
+    def full(_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Writer, "close", full)
+    assert main(wants_files(recording, tmp_path, tmp_path)) == 2
+    assert "No space left on device" in capsys.readouterr().err and os.listdir(tmp_path) == []
+
+
+def test_what_has_its_name_when_a_file_cannot_have_its_own_is_said(recording, tmp_path, monkeypatch, capsys):
+    """Such as another user's file in a folder like /tmp, which one may write to but not replace."""
+    real = Path.replace
+
+    def not_mine(part, path):
+        if path.name == "page.html":
+            raise OSError(1, "Operation not permitted")
+        return real(part, path)
+
+    monkeypatch.setattr(Path, "replace", not_mine)
+    assert main(wants_files(recording, tmp_path, tmp_path)) == 2
+    out, table, page = (tmp_path / name for name in ("out", "walk.csv", "page.html"))
+    reason = f"'{page}' cannot be written: Operation not permitted; written before: {out}, {table}"
+    assert capsys.readouterr().err == f"replay: {reason}\n"
+    assert sorted(os.listdir(tmp_path)) == ["out", "walk.csv"]
+
+
 def test_a_clean_up_that_fails_hides_no_error(tmp_path, monkeypatch):
     """On a disk that is mounted for reading alone nothing can be removed either."""
     from lassokin_ros.exports.errors import ExportError

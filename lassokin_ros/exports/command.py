@@ -74,14 +74,17 @@ class Exports:
                     for path in target.folder.glob(f"{target.stem}_p*{target.suffix}"):
                         refuse_existing(path, replace, ExportError)
 
-    def write(self, output: Path) -> list[Path]:
-        """Write all files, or none; their paths. output: the folder for those that name none. Raises ExportError."""
+    def write(self, output: Path, files: WholeFiles) -> list[Path]:
+        """Write all files; their paths. output: the folder for those that name none, the others are some of `files`.
+
+        Raises ExportError, or what `files` does.
+        """
         motions = self._recorder.motions()
         paths: list[Path] = []
-        with WholeFiles(self._replace, ExportError) as files:
+        with WholeFiles(self._replace, ExportError) as inside:
             for target in self._targets:
                 for path, fill in _jobs(target, output, motions):
-                    files.write(path, fill)
+                    (inside if target.folder is None else files).write(path, fill)
                     paths.append(path)
         return paths
 

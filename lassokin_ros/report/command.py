@@ -9,7 +9,8 @@ from lassokin_ros.frame import Frame
 from lassokin_ros.pipeline import Pipeline
 from lassokin_ros.report.facts import Facts
 from lassokin_ros.report.log import ReplayLog
-from lassokin_ros.report.page import check_report, write_report
+from lassokin_ros.report.page import check_report, page
+from lassokin_ros.whole_files import WholeFiles
 
 
 class Report:
@@ -18,7 +19,7 @@ class Report:
     def __init__(self, path: Path, pipeline: Pipeline, replace: bool = False) -> None:
         """Raises ReportError when it could not be written: now rather than after the work."""
         check_report(path, replace)
-        self._path, self._pipeline, self._replace = path, pipeline, replace
+        self._path, self._pipeline = path, pipeline
         self._skeleton = pipeline.tracker.skeleton  # as given: calibration may make another of it
         self._log = ReplayLog(late=pipeline.tracker.config.smoothing_lag)
 
@@ -26,8 +27,11 @@ class Report:
         """A keypoint message that was worked on, see `OfflineTracker.watchers`."""
         self._log.add(frames, time_ns, seconds)
 
-    def write(self, title: str, topics: tuple[str, str]) -> None:
-        """Write the page; title: the recording's name; topics: of keypoints and camera_info. Raises ReportError."""
+    def write(self, files: WholeFiles, title: str, topics: tuple[str, str]) -> None:
+        """Write the page as one of `files`; title: the recording's name; topics: of keypoints and camera_info.
+
+        Raises ReportError, or what `files` does.
+        """
         pipeline = self._pipeline
         self._log.in_order()
         view = pipeline.camera.view
@@ -36,4 +40,4 @@ class Report:
         names = tracker.layout.names
         counts = dict(pipeline.counts)
         facts = Facts(title, topics, self._log, counts, tracker.config, pipeline.config, self._skeleton, names, size)
-        write_report(self._path, facts, self._replace)
+        files.write_text(self._path, page(facts))

@@ -16,7 +16,7 @@ from lassokin_ros.report import tables
 from lassokin_ros.report.data import page_data, timing_data
 from lassokin_ros.report.facts import Facts
 from lassokin_ros.report.findings import findings
-from lassokin_ros.whole_files import WholeFiles, refuse_existing
+from lassokin_ros.whole_files import refuse_existing
 
 SCRIPTS = ("common", "space", "image", "series", "page")
 """In the page they are one function, in this order."""
@@ -30,13 +30,6 @@ def check_report(path: Path, replace: bool = False) -> None:
     """Raise ReportError when a report could not be made at `path`: said before the work rather than after it."""
     _plotly()
     refuse_existing(path, replace, ReportError)
-
-
-def write_report(path: Path, facts: Facts, replace: bool = False) -> None:
-    """Write the page, all or nothing. Raises ReportError."""
-    text = page(facts)
-    with WholeFiles(replace, ReportError) as files:
-        files.write_text(path, text)
 
 
 def page(facts: Facts) -> str:
