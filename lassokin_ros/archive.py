@@ -23,6 +23,7 @@ from lassokin_ros.interruption import Interrupted
 from lassokin_ros.output_places import check_places
 from lassokin_ros.progress import Progress
 from lassokin_ros.replay_record import Figures, origin_of, record_of
+from lassokin_ros.summary_output import print_summary
 
 FAILED = 2
 """Exit code when a recording has no output."""
@@ -87,7 +88,7 @@ def replay_archive(options: argparse.Namespace) -> int:
         raise Interrupted(message) from None
     finally:
         progress.close()
-    print(table([results[task.name] for task in tasks]))
+    print_summary(table([results[task.name] for task in tasks]))
     return 0 if all(result.succeeded for result in results.values()) else FAILED
 
 

@@ -16,6 +16,7 @@ from lassokin_ros.bags import STORAGES, BagReader, BagWriter, RecordedTopic
 from lassokin_ros.core.errors import ConfigurationError, LassokinError
 from lassokin_ros.interruption import Interrupted, interruptible
 from lassokin_ros.progress import Progress
+from lassokin_ros.summary_output import print_summary
 
 if TYPE_CHECKING:
     from lassokin_ros.exports.command import Exports
@@ -50,7 +51,7 @@ def run(options: argparse.Namespace) -> int:
     if is_archive(options):
         return replay_archive(options)
     (options.bag,) = options.bags
-    print(replay(options).summary)
+    print_summary(replay(options).summary)
     return 0
 
 
@@ -261,9 +262,12 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _positive(text: str) -> int:
-    number = int(text)
+    try:
+        number = int(text)
+    except ValueError:
+        number = 0
     if number < 1:
-        raise argparse.ArgumentTypeError(f"{number}; expected 1 or more")
+        raise argparse.ArgumentTypeError(f"'{text}'; expected a whole number, 1 or more")
     return number
 
 

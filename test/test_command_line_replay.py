@@ -1,6 +1,9 @@
 """Bad input to `replay`: one clear line that says what was expected and what is there, exit code 2, nothing written."""
 
 import os
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -9,6 +12,10 @@ pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
 from recordings import START_NS, webcam_info, write_messages, write_recording  # noqa: E402
 
 from lassokin_ros.replay import main  # noqa: E402
+
+ROOT = Path(__file__).resolve().parent.parent
+NO_UTF8 = os.fsdecode(b"walk\xff")
+"""A folder's name, as Linux allows it."""
 
 
 @pytest.fixture(scope="module")
@@ -112,6 +119,55 @@ def test_two_cameras_are_not_guessed_at(folder, monkeypatch, capsys):
         assert bag.find("sensor_msgs/msg/CameraInfo", None, "camera_info", "--x").name == "/camera_info"
         with pytest.raises(BagError, match="topics for keypoints: /camera_info, /left/info, /right/info; .*--x"):
             bag.find("sensor_msgs/msg/CameraInfo", None, "keypoints", "--x")
+
+
+def replay_into(stdout, folder, *arguments):
+    """(exit code, stderr) of a replay whose summary goes to a file that takes nothing, or is read by nobody."""
+    command = [sys.executable, "-m", "lassokin_ros.replay", *arguments, "--report", "page"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, stdout=stdout, stderr=subprocess.PIPE, text=True, cwd=folder, env=environment)
+    assert {"out", "page"} <= set(os.listdir(folder))  # the work is done all the same
+    return done.returncode, done.stderr
+
+
+@pytest.fixture(params=[["walk"], ["walk", "wave", "--jobs", "1"]], ids=["one", "archive"])
+def arguments(request, tmp_path):
+    for name in ("walk", "wave"):
+        write_recording(tmp_path / name, 3)
+    return [*request.param, "--output", "out"]
+
+
+def test_a_summary_that_nobody_reads_is_no_fault(arguments, tmp_path):
+    reader, writer = os.pipe()
+    os.close(reader)
+    assert replay_into(writer, tmp_path, *arguments) == (0, "")
+    os.close(writer)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+def test_a_summary_that_cannot_be_printed_is_one_line(arguments, tmp_path):
+    with open("/dev/full", "w") as full:
+        said = "replay: the work is done, its summary cannot be printed: No space left on device\n"
+        assert replay_into(full, tmp_path, *arguments) == (2, said)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="file systems elsewhere have no such names")
+def test_names_that_are_no_utf8_are_printed_all_the_same(arguments, tmp_path, monkeypatch):
+    (tmp_path / "walk").rename(tmp_path / NO_UTF8)
+    monkeypatch.setenv("PYTHONIOENCODING", "utf-8:strict")
+    with open(tmp_path / "said", "w+", encoding="utf-8") as file:
+        assert replay_into(file, tmp_path, NO_UTF8, *arguments[1:]) == (0, "")
+        assert "walk\\udcff" in (tmp_path / "said").read_text(encoding="utf-8")
+    pages = [tmp_path / "page"] if (tmp_path / "page").is_file() else sorted((tmp_path / "page").iterdir())
+    assert "<h1>walk\\udcff" in pages[0].read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("number", ["x", "1.5", "0", "-1", ""])
+def test_a_number_of_processes_that_is_none_is_said(number, capsys):
+    with pytest.raises(SystemExit):
+        main(["a", f"--jobs={number}"])
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said == f"replay: error: argument --jobs: '{number}'; expected a whole number, 1 or more"
 
 
 @pytest.mark.parametrize("arguments", [[], ["a", "--jobs", "0"], ["a", "--storage", "zip"], ["a", "--nonsense"]])

@@ -32,6 +32,7 @@ class Report:
 
         Raises ReportError, or what `files` does.
         """
+        title = title.encode(errors="backslashreplace").decode()  # a file's name may hold what UTF-8 has not
         pipeline = self._pipeline
         self._log.in_order()
         view = pipeline.camera.view
