@@ -84,9 +84,9 @@ class Pipeline:
         This is only said. Nobody is forgotten by it: what has passed is for the next message's stamp to say, since a
         recording that is stopped for a while looks from here like a detector that is silent.
         """
-        if self._latest is None:
+        stamp_ns, arrival_ns = self._latest or (0, 0)
+        if arrival_ns == 0:  # nothing has come, or it came before a simulated clock did
             return Presence(self.status, self.ids)
-        stamp_ns, arrival_ns = self._latest
         stamp_ns += max(now_ns - arrival_ns, 0)
         if self.people is None:
             return Presence(self._body.status_at(stamp_ns))

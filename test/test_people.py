@@ -165,6 +165,12 @@ def test_messages_that_are_refused_tell_nothing_of_who_is_there():
     assert pipeline.presence_at(stamp(4) + 2 * 10**9).status is Status.LOST
 
 
+def test_what_came_before_a_simulated_clock_has_no_age():
+    pixels, pipeline = walk(5, 0.0, 3.5, 0.0, 1)[1], pipeline_for(max_people=1)
+    assert pipeline.process(crowd(BACKEND, stamp(0), [(pixels[0], np.full(17, 0.9))]), 0).accepted
+    assert pipeline.presence_at(10**18).status is Status.TRACKING
+
+
 def test_who_comes_is_told_how_the_camera_is_held(monkeypatch):
     """By who is there; in an empty room by who was there the longest; after a reset by nobody."""
     pixels = walk(100, -0.8, 3.5, 0.0, 1)[1], walk(100, 0.8, 4.0, 1.0, 2)[1]
