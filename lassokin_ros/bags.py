@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.core.yaml_files import load_mapping, read_text
 
 STORAGES = ("sqlite3", "mcap")
 FILE_NAME = "recording"
@@ -172,16 +173,26 @@ class BagReader:
 class BagWriter:
     """Writes a recording that appears under its name only when it is complete. Use it in a `with` statement."""
 
-    def __init__(self, path: Path, storage: str, types: Any, replace: bool = False) -> None:
+    def __init__(
+        self,
+        path: Path,
+        storage: str,
+        types: Any,
+        replace: bool = False,
+        ours: Callable[[str], bool] = lambda name: False,
+    ) -> None:
         """storage: one of STORAGES; types: of `typestore()`; replace: an existing recording at `path` gives way.
 
-        Raises BagError when something is at `path` already, or its folder does not exist.
+        ours: whether a file of this name in that recording's folder may go with it, besides those that are its own.
+        Raises BagError when something is at `path` already that may not be replaced, or its folder does not exist.
         """
-        self.path, self._types, self._replace = path, types, replace
+        self.path, self._types, self._replace, self._ours = path, types, replace, ours
         if path.exists() and not replace:
             raise BagError(f"'{path}' exists already; choose another output or say --force")
         if path.exists() and not (path.is_dir() and (path / "metadata.yaml").is_file()):
             raise BagError(f"'{path}' exists and is no rosbag2 recording; it will not be replaced")
+        if path.exists():
+            refuse_foreign(path, ours)
         if not path.parent.is_dir():
             raise BagError(f"there is no folder '{path.parent}' for the output '{path.name}'")
         self._storage = storage
@@ -249,12 +260,37 @@ class BagWriter:
             if self.path.exists():
                 if not self._replace:
                     raise BagError(f"'{self.path}' has come into being meanwhile; it will not be replaced")
+                refuse_foreign(self.path, self._ours)
                 self.path.rename(self._workshop / "replaced")
             (self._workshop / FILE_NAME).rename(self.path)
         except LassokinError:
             raise
         except Exception as error:
             raise BagError(f"'{self.path}' cannot be written: {error}") from None
+
+
+def refuse_foreign(path: Path, ours: Callable[[str], bool]) -> None:
+    """Raise BagError when in a recording's folder something is neither the recording's nor `ours` by its name."""
+    try:
+        entries = sorted(path.iterdir())
+    except OSError as error:
+        raise BagError(f"'{path}' cannot be replaced: {error.strerror}") from None
+    own = {"metadata.yaml", *_data_files(path)}
+    for entry in entries:
+        if entry.is_dir() or not (entry.name in own or ours(entry.name)):
+            raise BagError(
+                f"'{path}' will not be replaced: '{entry.name}' in it is no part of the recording; move that away or "
+                "choose another output"
+            )
+
+
+def _data_files(path: Path) -> list[str]:
+    """The files that a recording's metadata names; none when it cannot be read."""
+    try:
+        data = load_mapping(read_text(path / "metadata.yaml", BagError), str(path), BagError)
+        return [str(name) for name in data["rosbag2_bagfile_information"]["relative_file_paths"]]
+    except (BagError, KeyError, TypeError):
+        return []
 
 
 def remove_leftovers(path: Path) -> None:

@@ -71,6 +71,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
     """
     import numpy as np
 
+    from lassokin_ros.exports.command import is_inside_name
     from lassokin_ros.offline_parameters import offline_settings
     from lassokin_ros.offline_tracker import OfflineTracker
     from lassokin_ros.output_places import OutputError, check_places
@@ -97,7 +98,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
         storage = options.storage or bag.storage
         # All or nothing: every file is on the disk before the recording has its name, and has its own right after it.
         with WholeFiles(options.force, OutputError) as files:
-            with BagWriter(output, storage, bag.types, options.force) as writer:
+            with BagWriter(output, storage, bag.types, options.force, is_inside_name) as writer:
                 progress = Progress(keypoints.count + camera.count, "messages", progress_on)
                 seconds = _run(bag, keypoints, camera, tracker, writer, progress)
                 figures = _figures(tracker)

@@ -26,7 +26,7 @@ from recordings import (  # noqa: E402
     write_recording,
 )
 
-from lassokin_ros.bags import BagReader, BagWriter, typestore  # noqa: E402
+from lassokin_ros.bags import BagError, BagReader, BagWriter, typestore  # noqa: E402
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.replay import main  # noqa: E402
 from lassokin_ros.urdf import joint_names  # noqa: E402
@@ -260,6 +260,39 @@ def test_force_replaces_recordings_only(recording, tmp_path, capsys):
     assert main([str(recording), "-o", str(precious), "--force"]) == 2
     assert "is no rosbag2 recording; it will not be replaced" in capsys.readouterr().err
     assert (precious / "chapter.tex").read_text() == "..."
+
+
+@pytest.mark.parametrize("name", ["notes.txt", "labels/1.txt", "motion_of_mine.csv", ".hidden", "old.mcap"])
+def test_force_replaces_no_folder_in_which_the_user_has_something(recording, tmp_path, capsys, name):
+    output = tmp_path / "out"
+    assert main([str(recording), "-o", str(output), "--export", ".csv"]) == 0
+    (output / name).parent.mkdir(exist_ok=True)
+    (output / name).write_text("mine")
+    before = contents(output)
+    capsys.readouterr()
+    assert main([str(recording), "-o", str(output), "--force", "--export", ".csv"]) == 2
+    foreign = name.split("/")[0]
+    assert capsys.readouterr().err == (
+        f"replay: '{output}' will not be replaced: '{foreign}' in it is no part of the recording; move that away or "
+        "choose another output\n"
+    )
+    assert contents(output) == before and os.listdir(tmp_path) == ["out"]
+
+
+def test_what_comes_into_an_old_output_meanwhile_stays(recording, tmp_path):
+    output = tmp_path / "out"
+    assert main([str(recording), "-o", str(output)]) == 0
+    with pytest.raises(BagError, match="'notes.txt' in it is no part"), BagWriter(output, "mcap", typestore(), True):
+        (output / "notes.txt").write_text("mine")
+    assert (output / "notes.txt").read_text() == "mine" and os.listdir(tmp_path) == ["out"]
+
+
+def test_force_replaces_an_older_output_with_its_exports(recording, tmp_path):
+    arguments = [str(recording), "-o", str(tmp_path / "out"), "--force", "-p", "max_people:=2"]
+    every = [word for suffix in (".csv", ".npz", ".bvh", ".amass.npz") for word in ("--export", suffix)]
+    assert main([*arguments, *every]) == 0 and (tmp_path / "out" / "motion_p1.amass.npz").is_file()
+    assert main([*arguments, "--storage", "sqlite3"]) == 0
+    assert sorted(os.listdir(tmp_path / "out")) == ["metadata.yaml", "recording.db3"]
 
 
 def test_a_failed_force_leaves_the_old_output(tmp_path, recording):

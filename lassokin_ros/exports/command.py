@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -22,6 +23,9 @@ PERSONS: dict[str, Callable[[Motion, BinaryIO], None]] = {".bvh": write_bvh, ".a
 """Suffix -> writer of one person."""
 INSIDE = "motion"
 """What a file is called that goes into the output's folder."""
+
+
+_INSIDE = re.compile(rf"{INSIDE}(_p\d+)?({'|'.join(map(re.escape, [*TABLES, *PERSONS]))})")
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,11 @@ def target_of(wanted: Path) -> Target:
             return Target(name.removesuffix(suffix), suffix, wanted.parent)
     known = ", ".join([*TABLES, *PERSONS])
     raise ExportError(f"--export '{wanted}': the format is told by the suffix; expected one of: {known}")
+
+
+def is_inside_name(name: str) -> bool:
+    """True for what --export with a suffix alone calls a file in the output's folder."""
+    return _INSIDE.fullmatch(name) is not None
 
 
 def check_archive_exports(wanted: Sequence[Path]) -> None:
