@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from io import StringIO
 from typing import TextIO
 
 WIDTH = 30
@@ -17,7 +18,7 @@ class Progress:
         """plain_lines: how many lines to write in all when the stream is a file or a pipe."""
         self._total, self._unit = max(total, 1), unit
         self._plain_lines = plain_lines
-        self._stream = sys.stderr if stream is None else stream
+        self._stream: TextIO = stream or sys.stderr or StringIO()  # there is no stderr where it was closed
         self._shown = self._stream.isatty()
         self._started = time.monotonic()
         self._next = self._started

@@ -13,11 +13,15 @@ from lassokin_ros.core.errors import LassokinError
 
 def refuse_existing(path: Path, replace: bool, error: type[LassokinError]) -> None:
     """Raise `error` when a file cannot come into being at `path`; replace: one that is there gives way."""
-    if path.is_dir():
+    try:
+        folder, there, place = path.is_dir(), path.exists(), path.parent.is_dir()
+    except OSError as problem:  # a folder on the way that may not be searched
+        raise error(f"'{path}' cannot be written: {problem.strerror}") from None
+    if folder:
         raise error(f"'{path}' is a folder; expected the name of a file")
-    if path.exists() and not replace:
+    if there and not replace:
         raise error(f"'{path}' exists already; choose another name or say --force")
-    if not path.parent.is_dir():
+    if not place:
         raise error(f"there is no folder '{path.parent}' for '{path.name}'")
 
 

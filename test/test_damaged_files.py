@@ -200,6 +200,30 @@ def test_a_folder_that_may_not_be_written_to_is_said(recording, tmp_path, capsys
     assert "cannot be written: Permission denied" in capsys.readouterr().err
 
 
+def test_a_folder_that_may_not_be_searched_is_said(recording, tmp_path, monkeypatch, capsys):
+    """By a stand-in: tests may run as one who may do everything."""
+    asked = Path.is_dir
+
+    def is_dir(path, **options):
+        if path.name == "page.html":
+            raise PermissionError(13, "Permission denied", str(path))
+        return asked(path, **options)
+
+    monkeypatch.setattr(Path, "is_dir", is_dir)
+    arguments = [str(recording[0]), "-o", str(tmp_path / "out"), "--report", str(tmp_path / "page.html")]
+    assert main(arguments) == 2
+    assert capsys.readouterr().err.endswith("page.html' cannot be written: Permission denied\n")
+    assert not (tmp_path / "out").exists()
+
+
+def test_without_stderr_the_work_is_done_all_the_same(recording, tmp_path):
+    command = 'exec "$0" -m lassokin_ros.replay "$1" -o "$2" 2>&-'
+    shell = ["sh", "-c", command, sys.executable, str(recording[0]), str(tmp_path / "out")]
+    done = subprocess.run(shell, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 0 and "frames" in done.stdout
+    assert (tmp_path / "out" / "metadata.yaml").is_file()
+
+
 def test_an_output_that_is_a_file_stays(recording, tmp_path, capsys):
     (tmp_path / "out").write_text("mine")
     for more in ([], ["--force"]):
