@@ -240,12 +240,23 @@ def test_the_node_says_that_it_took_an_uneven_skeletons_mean(tmp_path):
     assert APART in node.said
 
 
+def saved_under(peer, name):
+    """What ~/save_skeleton answers with the parameter skeleton_output at `name`, taken only when that is a YAML's."""
+    from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+    from rcl_interfaces.srv import SetParameters
+    from std_srvs.srv import Trigger
+
+    value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=name)
+    request = SetParameters.Request(parameters=[Parameter(name="skeleton_output", value=value)])
+    result = peer.call(SetParameters, "set_parameters", request).results[0]
+    assert result.successful == name.endswith(".yaml"), result.reason
+    return peer.call(Trigger, "save_skeleton", Trigger.Request())
+
+
 def test_the_running_node_describes_saves_and_reports_what_it_has_learned(tmp_path):
     pytest.importorskip("rclpy")
     from live import BACKEND, ROOT, START_NS, NodeProcess, Peer, values_of
     from messages import FRAME, camera_info, pixels_of_motion
-    from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-    from rcl_interfaces.srv import SetParameters
     from std_srvs.srv import Trigger
 
     from lassokin_ros import topics
@@ -285,14 +296,8 @@ def test_the_running_node_describes_saves_and_reports_what_it_has_learned(tmp_pa
         peer.spin_until(lambda: len(joints) == len(states) == len(pixels) + 1, what="the last answer")
         described = DescribedBody(urdf(Skeleton.load(str(saved), 1.75), FRAME))
         assert described.error(states[-1], joints[-1]) < 1e-6
-        answers = {}
-        for name in (os.path.relpath(saved, ROOT), str(saved / "below.yaml"), str(saved.with_suffix(".bvh"))):
-            value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=name)
-            request = SetParameters.Request(parameters=[Parameter(name="skeleton_output", value=value)])
-            result = peer.call(SetParameters, "set_parameters", request).results[0]
-            assert result.successful == name.endswith(".yaml"), result.reason
-            answers[name] = peer.call(Trigger, "save_skeleton", Trigger.Request())
-        relative, impossible, refused = answers.values()
+        names = (os.path.relpath(saved, ROOT), str(saved / "below.yaml"), str(saved.with_suffix(".bvh")))
+        relative, impossible, refused = (saved_under(peer, name) for name in names)
         assert relative.success and relative.message.startswith("written: /") and saved.name in relative.message
         assert not impossible.success and "cannot be written" in impossible.message
         assert refused.message == impossible.message  # that parameter was not taken
