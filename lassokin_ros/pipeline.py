@@ -216,17 +216,37 @@ class Pipeline:
         return [Detection(points[i], confidence[i], number, pixels[i]) for i, number in enumerate(numbers.tolist())]
 
     def _the_person(self, keypoints: Keypoints, stamp_ns: int, lens: Lens) -> Detection:
-        """The one who is followed until lost; first, and then anew, the one seen with the highest confidence in all."""
+        """The one who is followed until lost; first, and then anew, one who is chosen."""
         if keypoints.persons is None or len(keypoints.persons) == 0:
             return self._detection(keypoints, None, lens)
-        tracking = self.status is Status.TRACKING
-        if tracking and not self._lasting(keypoints):
+        if self.status is Status.TRACKING:
+            seen = self._followed(keypoints, stamp_ns, lens)
+            # A silent detector tells nobody that the person is lost: the first stamp after it does.
+            lost = self._body.status_at(stamp_ns) is Status.LOST and not usable(seen, self.tracker.config)
+            if not lost:
+                return seen
+        return self._chosen(keypoints, lens)
+
+    def _followed(self, keypoints: Keypoints, stamp_ns: int, lens: Lens) -> Detection:
+        """The person who is tracked: by their number where it lasts, else by their place."""
+        if not self._lasting(keypoints):
             return self._nearest(self._everybody(keypoints, lens), stamp_ns)
-        if self._person is None or not tracking:
-            people, index = np.unique(keypoints.persons, return_inverse=True)
-            scores = np.clip(np.nan_to_num(keypoints.confidence, posinf=0.0), 0.0, 1.0)
-            self._person = int(people[np.argmax(np.bincount(index, scores))])
+        if self._person is None:
+            return self._chosen(keypoints, lens)
         return self._detection(keypoints, self._person, lens)
+
+    def _chosen(self, keypoints: Keypoints, lens: Lens) -> Detection:
+        """The one seen with the highest confidence in all, of those who can be tracked if there are any."""
+        assert keypoints.persons is not None
+        people, index = np.unique(keypoints.persons, return_inverse=True)
+        scores = np.clip(np.nan_to_num(keypoints.confidence, posinf=0.0), 0.0, 1.0)
+        best_first = people[np.argsort(-np.bincount(index, scores), kind="stable")][:MOST_PEOPLE]
+        detections = (self._detection(keypoints, int(person), lens) for person in best_first)
+        best = next(detections)
+        config = self.tracker.config
+        chosen = best if usable(best, config) else next((d for d in detections if usable(d, config)), best)
+        self._person = chosen.number
+        return chosen
 
     def _nearest(self, everybody: list[Detection], stamp_ns: int) -> Detection:
         """The detection nearest to where the person is expected; an empty one when none is near."""

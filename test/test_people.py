@@ -258,6 +258,40 @@ def test_one_followed_among_several_whose_order_changes():
     assert np.abs(np.array(depths) - 3.2).max() < 0.6
 
 
+@pytest.mark.parametrize("lasting", [True, False], ids=["message", "node"])
+def test_after_a_silence_the_first_message_is_used_whoever_is_in_it(lasting):
+    """A detector that starts anew numbers people anew, and they have gone elsewhere."""
+    before, after = walk(10, -0.8, 3.5, 0.0, 1)[1], walk(10, 3.2, 6.0, 0.0, 2)[1]
+    pipeline = pipeline_for(max_people=1, person_ids="message" if lasting else "node")
+    for i in range(10):
+        assert feed(pipeline, i, [before[i]], [4])
+    for i in range(5):
+        (frame,) = feed(pipeline, 55 + i, [after[i]], [7]).values()
+        assert frame.estimate.initialised is (i == 0) and abs(frame.positions[2] - 6.0) < 1.0
+
+
+def test_who_is_followed_stays_the_same_over_a_silence_while_they_are_seen():
+    followed, other = walk(10, -0.8, 3.5, 0.0, 1)[1], walk(10, 0.8, 3.5, 0.0, 2)[1]
+    pipeline = pipeline_for(max_people=1)
+    for i in range(10):
+        assert feed(pipeline, i, [followed[i]], [4])
+    people = [(other[0], np.full(17, 1.0)), (followed[0], np.full(17, 0.5))]
+    frame = pipeline.process(crowd(BACKEND, stamp(55), people, [7, 4]), 0)
+    assert frame.accepted and frame.positions[0] < -0.5
+
+
+@pytest.mark.parametrize("hidden", ["no place", "low confidence"])
+def test_one_who_cannot_be_tracked_keeps_nobody_from_being_followed(hidden):
+    """Confidences count for nothing where the points are not there, or are all too low."""
+    xy, pipeline = walk(5, 0.0, 3.5, 0.0, 1)[1], pipeline_for(max_people=1)
+    seen = np.arange(17) % 3 == 0
+    for i in range(5):
+        nobody = (xy[i] * np.nan, np.full(17, 0.9)) if hidden == "no place" else (xy[i], np.full(17, 0.19))
+        people = [nobody, (xy[i], np.where(seen, 0.5, 0.0))]
+        frame = pipeline.process(crowd(BACKEND, stamp(i), people), 0)
+        assert frame.accepted, (frame.rejection, frame.detail)
+
+
 @pytest.mark.skipif(not (DETECTIONS / "openpose_balancing.npz").is_file(), reason="no real detections (LASSOKIN_DATA)")
 @pytest.mark.parametrize("camera", [0, 1])
 def test_real_people_in_an_unstable_order_keep_their_ids(camera):
