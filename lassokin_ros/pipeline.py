@@ -56,6 +56,7 @@ class Pipeline:
         self.camera = Camera(self.config.rectified)
         self._stamps = StampWatch()
         self._person: int | None = None
+        self._seen_from: str | None = None  # frame of the camera that took the last image
         self._latest: tuple[int, int] | None = None  # stamp and arrival, ns, of the last message not refused as a whole
 
     @property
@@ -104,7 +105,7 @@ class Pipeline:
 
     def _forget_people(self) -> None:
         self._body.reset() if self.people is None else self.people.reset()
-        self._person = self._latest = None
+        self._person = self._latest = self._seen_from = None
         self.counts["resets"] += 1
 
     def tune(self, tracker_config: TrackerConfig, node_config: NodeConfig) -> None:
@@ -160,6 +161,7 @@ class Pipeline:
                 stamp_ns = keypoints.stamp_ns
             if self._stamps.check(stamp_ns, arrival_ns, self.config.jump_back):
                 self._go_back(keypoints, stamp_ns, view.lens)
+            self._see_from(view.intrinsics.frame_id)
             if self.people is None:
                 seen = self._the_person(keypoints, stamp_ns, view.lens)
                 self._latest = stamp_ns, arrival_ns
@@ -195,6 +197,14 @@ class Pipeline:
             raise AdapterError("too_few_landmarks", "the message is from an earlier time, and nobody is in it")
         self._forget_people()
         self._stamps.seen(stamp_ns, True)
+
+    def _see_from(self, frame: str) -> None:
+        """Forget everybody when the image is another camera's than the last; they were still seen from there after
+        `set_camera`, in images that came late.
+        """
+        if self._seen_from not in (None, frame):
+            self._forget_people()
+        self._seen_from = frame
 
     def _lasting(self, keypoints: Keypoints) -> bool:
         """True when the message's numbers tell who is who."""

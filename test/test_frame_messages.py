@@ -189,6 +189,17 @@ def test_another_cameras_info_forgets_the_state(pipeline):
     assert frame(pipeline, 1, frame_id="").estimate.initialised and pipeline.counts["resets"] == 1
 
 
+def test_images_of_the_camera_before_that_come_late_are_forgotten_too(pipeline):
+    info = camera_info(BACKEND, frame_id="another_camera")
+    set_header(info.header, START_NS + 3 * PERIOD_NS, "another_camera")
+    assert frame(pipeline, 0).accepted
+    pipeline.set_camera(info)
+    late = [frame(pipeline, i, frame_id="") for i in (1, 2)]
+    new = [frame(pipeline, i, frame_id="") for i in (3, 4)]
+    assert [f.frame_id for f in (*late, *new)] == [FRAME, FRAME, "another_camera", "another_camera"]
+    assert [f.estimate.initialised for f in (*late, *new)] == [True, False, True, False]
+
+
 def test_a_refused_camera_is_counted_each_time_and_the_good_one_stays(pipeline):
     for _ in range(3):
         assert pipeline.set_camera(camera_info(BACKEND, k=np.zeros(9))) == "camera_uncalibrated"
