@@ -124,8 +124,9 @@ class Diagnostics:
         values["resets"] = str(counts["resets"])
         if presence.ids is not None:
             values["people"] = ", ".join(presence.ids) or "nobody"
-            for key in ("people come", "people left", "people beyond max_people"):
-                values[key] = str(counts[key])
+            gone = len(set(self._pipeline.ids or ()) - set(presence.ids))  # in a silence: the next message counts them
+            values["people come"], values["people left"] = str(counts["people come"]), str(counts["people left"] + gone)
+            values["people beyond max_people"] = str(counts["people beyond max_people"])
         for key in sorted(key for key in counts if key.startswith("rejected: ")):
             values[f"{key} [messages]"] = str(counts[key])
         tracker = self._pipeline.tracker

@@ -113,6 +113,7 @@ def test_when_the_detector_falls_silent_people_leave():
             peer.spin_until(lambda: not peer.node.get_publishers_info_by_topic(gone), what="its end")  # noqa: B023
         values = values_of(peer.next_diagnostics())
         assert (values["people"], values["state"]) == ("nobody", "searching")
+        assert values["people left"] == values["people come"] != "0"
         lists = len(them.lists())
         peer.keypoints.publish(two(BACKEND, them.sent - 1))
         peer.next_diagnostics(lambda s: values_of(s).get(refused) == "1")
