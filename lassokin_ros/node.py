@@ -67,6 +67,11 @@ class TrackerNode(Node):
         self._person = self._people = None
         if config.several_people:
             self._people = PeopleOutputs(self, skeleton, config, name)
+            if config.state_publisher:
+                self.get_logger().warning(
+                    f"state_publisher is '{config.state_publisher}', which is left alone: it has the URDF of one "
+                    "person, and several are followed (max_people, rep155)"
+                )
         else:
             self._person = PersonOutputs(self, skeleton, config, name)
 

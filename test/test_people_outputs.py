@@ -1,5 +1,6 @@
 """Several people's topics: of the running node on real DDS, and of the replay."""
 
+import signal
 import subprocess
 from importlib.util import find_spec
 
@@ -123,6 +124,15 @@ def test_when_the_detector_falls_silent_people_leave():
         them.got[answered].clear()
         them.send_until(lambda: them.got[answered], "an answer")
     assert "Traceback" not in node.said
+
+
+def test_a_state_publisher_that_several_people_have_no_use_for_is_said():
+    namespace = "/no_use"
+    settings = "-p", "max_people:=2", "-p", "state_publisher:=robot_state_publisher"
+    with NodeProcess(namespace, *settings) as node, Peer(namespace, outputs=False) as peer:
+        peer.next_diagnostics()
+        node.stop(signal.SIGINT)
+    assert node.said.count("state_publisher is 'robot_state_publisher'") == 1 and "one person" in node.said
 
 
 @pytest.mark.parametrize("parameter, package", [("rep155", "hri_msgs"), ("publish_tf", "tf2_msgs")])
