@@ -25,6 +25,10 @@ SAME_BODY = 0.5 * NEAR
 MAKES_ROOM_S = 0.5
 """s: when all trackers are in use, who has been away this long gives way to somebody new."""
 
+FOUND_AT_ONCE = 4
+"""Lost people found anew in one message; the others wait for the next. Finding takes thirty times as long as following:
+a crowd found anew all at once keeps a slow machine longer than `lost_after`, and is lost again by the next message."""
+
 
 @dataclass(eq=False)
 class Candidate:
@@ -101,12 +105,14 @@ class People:
         return self._track(stamp_ns, frame_id, pairs, lens)
 
     def _track(self, stamp_ns: int, frame_id: str, pairs: dict[int, Detection], lens: Lens) -> list[Frame]:
-        frames = []
+        frames, found = [], 0
         for number, body in list(self._present.items()):
-            if number not in pairs:
+            lost = body.status_at(stamp_ns) is Status.LOST
+            if number not in pairs or (lost and found == FOUND_AT_ONCE):
                 frames += body.absent(stamp_ns, lens)
                 continue
             answers = body.track(stamp_ns, frame_id, pairs[number], lens, name(number))
+            found += lost and body.status is Status.TRACKING
             frames += [frame for frame in answers if frame.accepted]
             refused = [frame for frame in answers if not frame.accepted]
             for frame in refused:

@@ -19,6 +19,7 @@ from lassokin_ros.core.projection import project  # noqa: E402
 from lassokin_ros.core.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.core.upright import Upright  # noqa: E402
 from lassokin_ros.node_config import NodeConfig  # noqa: E402
+from lassokin_ros.people import FOUND_AT_ONCE  # noqa: E402
 from lassokin_ros.pipeline import MOST_PEOPLE, Pipeline  # noqa: E402
 from lassokin_ros.presence import Presence  # noqa: E402
 from lassokin_ros.synthetic import motion  # noqa: E402
@@ -214,6 +215,19 @@ def test_more_people_than_allowed():
     assert pipeline.counts["people beyond max_people"] == 30
     got = [set(feed(pipeline, i, [p[i] for p in pixels[1:]], [8, 9])) for i in range(30, 50)]
     assert got[0] == {"p8"} and got[-1] == {"p8", "p9"} and pipeline.people.ids == ["p8", "p9"]
+
+
+@pytest.mark.parametrize("lasting", [True, False], ids=["message", "node"])
+def test_a_crowd_that_was_lost_is_found_anew_a_few_at_a_time(lasting):
+    """All at once would take a slow machine so long that they are lost again by the next message."""
+    pixels = [walk(12, x, 6.0, x, 1)[1] for x in np.linspace(-2.5, 2.5, 7)]
+    pipeline = pipeline_for(max_people=7, person_ids="message" if lasting else "node")
+    ids = {person for i in range(6) for person in feed(pipeline, i, [of[i] for of in pixels], range(7))}
+    assert len(ids) == 7
+    answers = [feed(pipeline, 50 + i, [of[6 + i] for of in pixels], range(7)) for i in range(3)]
+    found = [[person for person, f in frames.items() if f.estimate.initialised] for frames in answers]
+    assert [len(frames) for frames in answers] == [FOUND_AT_ONCE, 7, 7]
+    assert sorted(sum(found, [])) == sorted(ids) and not found[2]
 
 
 def test_a_jump_back_in_time_forgets_everybody():
