@@ -77,10 +77,16 @@ def unknown_parameters(node: Node) -> list[str]:
     known = [item.name for config in (TrackerConfig, NodeConfig) for item in fields(config)]
     lines = []
     for name in getattr(node, "_parameter_overrides", {}):
-        if not node.has_parameter(name) and not name.startswith("qos_overrides"):
+        if not node.has_parameter(name) and not _overrides_another_topic(node, name):
             close = get_close_matches(name, known, 1)
             lines.append(f"there is no parameter '{name}'" + (f"; did you mean '{close[0]}'?" if close else ""))
     return lines
+
+
+def _overrides_another_topic(node: Node, name: str) -> bool:
+    """True for a QoS override of a topic that is not the node's: files for several nodes have them."""
+    topic, _, _ = name.rpartition(".")
+    return name.startswith("qos_overrides.") and not node.get_parameters_by_prefix(topic)
 
 
 class LiveParameters:

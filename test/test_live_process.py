@@ -56,6 +56,16 @@ def test_a_misspelt_parameter_is_pointed_out():
     assert "did you mean 'height'?" in node.said
 
 
+def test_a_policy_that_cannot_be_overridden_is_pointed_out():
+    own, other = "qos_overrides./overridden/camera_info.subscription", "qos_overrides./image.subscription"
+    settings = [f"{own}.durability:=transient_local", f"{own}.depth:=2", f"{other}.durability:=transient_local"]
+    with NodeProcess("/overridden", *(word for item in settings for word in ("-p", item))) as node:
+        with Peer("/overridden") as peer:
+            peer.next_diagnostics()
+        _, said = node.stop(signal.SIGINT)
+    assert said.count("there is no parameter") == 1 and f"'{own}.durability'" in said
+
+
 def test_it_comes_back_after_being_killed():
     namespace, pixels = "/killed", pixels_of_motion(1)[0]
     with Peer(namespace) as peer:
