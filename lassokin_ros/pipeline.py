@@ -25,6 +25,7 @@ from lassokin_ros.node_config import MESSAGE, NodeConfig
 from lassokin_ros.presence import Presence
 from lassokin_ros.skeleton_readers.load import load_skeleton
 from lassokin_ros.stamps import StampWatch
+from lassokin_ros.urdf import check_names
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
 from msg_adapters.registry import keypoint_adapter
@@ -43,6 +44,7 @@ class Pipeline:
         """Raises a LassokinError when the configuration cannot be used."""
         self.config = node_config.checked()
         skeleton = load_skeleton(tracker_config.checked().skeleton, tracker_config.height)
+        check_names(skeleton)
         bodies = [Body(tracker_config, skeleton) for _ in range(self.config.max_people)]
         self._bodies, self._body = bodies, bodies[0]
         self.tracker = bodies[0].tracker

@@ -8,6 +8,7 @@ and no mass: this describes where a body is, not how it would fall.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from xml.etree import ElementTree
 
@@ -37,7 +38,7 @@ def urdf(skeleton: Skeleton, base_frame: str, prefix: str = "") -> str:
     """
     if not base_frame:
         raise SkeletonError("base frame is empty; expected a name, such as camera_optical_frame (base_frame)")
-    if base_frame in _link_names(skeleton, prefix):
+    if base_frame in {prefix + name for name in _link_names(skeleton)}:
         raise SkeletonError(f"base frame is '{base_frame}'; expected a name that is not one of the skeleton's joints")
     robot = ElementTree.Element("robot", name=skeleton.name)
     for side, colour in _COLOURS.items():
@@ -57,9 +58,20 @@ def urdf(skeleton: Skeleton, base_frame: str, prefix: str = "") -> str:
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding="unicode") + "\n"
 
 
-def _link_names(skeleton: Skeleton, prefix: str) -> set[str]:
-    between = [f"{name}_link" for name in joint_names(skeleton)]
-    return {prefix + name for name in (*skeleton.joint_names, *between)}
+def check_names(skeleton: Skeleton) -> None:
+    """Raise SkeletonError where two joints or two links of the URDF would have one name, which is then no URDF."""
+    for kind, names in (("joints", joint_names(skeleton)), ("links", _link_names(skeleton))):
+        name, count = Counter(names).most_common(1)[0]
+        if count > 1:
+            raise SkeletonError(
+                f"skeleton '{skeleton.name}': two {kind} of its URDF would be called '{name}'; give the joint that it "
+                "is made of another name"
+            )
+
+
+def _link_names(skeleton: Skeleton) -> list[str]:
+    """Of the body, without a prefix, and of a few links that there could be."""
+    return [*skeleton.joint_names, *(f"{name}_link" for name in joint_names(skeleton))]
 
 
 def _add_ball_joint(robot: ElementTree.Element, skeleton: Skeleton, index: int, above: str, prefix: str) -> None:

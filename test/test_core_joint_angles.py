@@ -1,6 +1,7 @@
 """Joint angles: exact, continuous, and right through the URDF as independent readers understand it."""
 
 import itertools
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -12,7 +13,7 @@ from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.core.joint_angles import LOCK, JointAngleReader
 from lassokin_ros.core.rotations import exponential
 from lassokin_ros.core.skeleton import AXIS_ORDERS
-from lassokin_ros.urdf import joint_names, urdf
+from lassokin_ros.urdf import check_names, joint_names, urdf
 
 ORDERS = tuple("".join(order) for order in itertools.permutations("xyz"))
 
@@ -212,6 +213,15 @@ def test_the_urdf_is_what_robot_state_publisher_wants():
     assert root.find("link").find("inertial") is None and len(list(root.iter("visual"))) > 40
     colours = {material.get("name") for material in root.findall("material")}
     assert {visual.find("material").get("name") for visual in root.iter("visual")} == colours
+
+
+@pytest.mark.parametrize("name, twice", [("root", "joints .* 'root_x'"), ("head_x_link", "links .* 'head_x_link'")])
+def test_joint_names_of_which_no_urdf_can_be_made_are_refused(name, twice):
+    """`root` had two joints of each name root_x, root_y and root_z, one that slides and one that turns."""
+    skeleton = body().skeleton
+    check_names(skeleton)
+    with pytest.raises(SkeletonError, match=f"two {twice}; give the joint"):
+        check_names(replace(skeleton, joint_names=(name, *skeleton.joint_names[1:])))
 
 
 def test_bones_in_the_urdf_end_at_the_next_joint():

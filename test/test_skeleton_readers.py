@@ -15,6 +15,7 @@ from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.exports.bvh_file import hierarchy
 from lassokin_ros.node_config import NodeConfig
 from lassokin_ros.pipeline import Pipeline
+from lassokin_ros.skeleton_file import skeleton_text
 from lassokin_ros.skeleton_readers import smpl
 from lassokin_ros.skeleton_readers.load import load_skeleton
 from lassokin_ros.skeleton_readers.naming import tables
@@ -321,3 +322,10 @@ def test_node_and_replay_take_such_a_file(tmp_path):
     config = TrackerConfig(skeleton=str(tmp_path / "model.npz"))
     pipeline = Pipeline(config, NodeConfig(max_people=2))
     same(pipeline.tracker.skeleton, BUILT_IN)
+
+
+def test_node_and_replay_refuse_a_skeleton_of_which_no_urdf_can_be_made(tmp_path):
+    """As a BVH with names of its own may well have it."""
+    (tmp_path / "own.yaml").write_text(skeleton_text(BUILT_IN).replace('"pelvis"', '"root"'))
+    with pytest.raises(SkeletonError, match="two joints of its URDF would be called 'root_x'"):
+        Pipeline(TrackerConfig(skeleton=str(tmp_path / "own.yaml")), NodeConfig())
