@@ -1,6 +1,7 @@
 """What calibration has learned reaches the URDF, the diagnostics and a file, live and in a replay."""
 
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -70,6 +71,16 @@ def test_a_name_cannot_leave_its_comment_or_its_string(tmp_path):
     odd = skeleton_text(type(skeleton)('a"\njoints: []', *list(vars(skeleton).values())[1:6]), ["one"])
     path = write_text(tmp_path / "odd.yaml", odd)
     assert Skeleton.load(str(path), 1.75).name == 'a"\njoints: []'
+
+
+def test_a_name_in_any_script_comes_back(tmp_path):
+    """JSON's string, which stands in the file, has two halves for a character beyond 16 bits."""
+    skeleton = replace(Skeleton.load("anthropometric", 1.75), name="J\u00f6 \U0001f9cd")
+    path = write_text(tmp_path / "me.yaml", skeleton_text(skeleton))
+    assert Skeleton.load(str(path), 1.75).name == skeleton.name
+    path.write_text(path.read_text().replace("\\uddcd", ""))
+    with pytest.raises(SkeletonError, match="me.yaml is no valid YAML"):
+        Skeleton.load(str(path), 1.75)
 
 
 def test_everybody_who_has_been_calibrated_has_a_file(tmp_path):

@@ -36,6 +36,11 @@ class _Loader(yaml.SafeLoader):
             raise yaml.YAMLError(f"line {self.peek_event().start_mark.line + 1}: aliases (*name) are not read")
         return super().compose_node(parent, index)
 
+    def construct_scalar(self, node: Any) -> Any:
+        """JSON writes a character beyond 16 bits as two halves, which PyYAML leaves so; half a one alone is no text."""
+        value = super().construct_scalar(node)
+        return value if value.isascii() else value.encode("utf-16", "surrogatepass").decode("utf-16")
+
 
 def load_value(text: str, source: str, error: type[LassokinError]) -> Any:
     """Parse YAML text of any kind; `error` is raised, with `source` and the place, when it is none."""
