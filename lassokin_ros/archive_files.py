@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import copy
-from glob import escape
 from pathlib import Path
 
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.yaml_files import SUFFIXES
+from lassokin_ros.offline_parameters import offline_settings
+from lassokin_ros.whole_files import files_of_people
 
 PAGE, SKELETON = ".html", ".yaml"
 
@@ -50,12 +51,17 @@ def folders(options: argparse.Namespace) -> list[Path]:
 
 def all_there(options: argparse.Namespace) -> bool:
     """True when a recording whose output is there has the other files that the options ask for, too."""
-    wanted = [file for file in (options.report, options.save_skeleton) if file is not None]
+    _, node_config = offline_settings(options.params_file, options.p)
+    several = node_config.several_people
+    there = [options.report.exists()] if options.report is not None else []
+    if options.save_skeleton is not None:
+        there.append(_exists(options.save_skeleton, options.save_skeleton.suffix, several))
     if options.export:
-        from lassokin_ros.exports.command import target_of
+        from lassokin_ros.exports.command import PERSONS, target_of
 
-        wanted += [target_of(export).path(options.output) for export in options.export]
-    return all(map(_exists, wanted))
+        for target in map(target_of, options.export):
+            there.append(_exists(target.path(options.output), target.suffix, several and target.suffix in PERSONS))
+    return all(there)
 
 
 def made_anew(options: argparse.Namespace) -> argparse.Namespace:
@@ -71,7 +77,8 @@ def made_anew(options: argparse.Namespace) -> argparse.Namespace:
     return options
 
 
-def _exists(file: Path) -> bool:
-    """The file, or with several people one person's: <stem>_<id><suffix>."""
-    stem, dot, suffix = file.name.partition(".")
-    return file.exists() or any(file.parent.glob(f"{escape(stem)}_p*{dot}{suffix}"))
+def _exists(file: Path, suffix: str, each: bool) -> bool:
+    """The file; each: of several people, one person's in its place."""
+    if each:
+        return bool(files_of_people(file.parent, file.name.removesuffix(suffix), suffix))
+    return file.exists()

@@ -7,7 +7,6 @@ import os
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from datetime import datetime, timezone
-from glob import escape
 from pathlib import Path
 
 from lassokin_ros.calibration_figures import length_changes
@@ -15,7 +14,7 @@ from lassokin_ros.core.calibration import Calibration
 from lassokin_ros.core.errors import LassokinError, SkeletonError
 from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.core.yaml_files import SUFFIXES
-from lassokin_ros.whole_files import WholeFiles, refuse_existing
+from lassokin_ros.whole_files import WholeFiles, files_of_people, refuse_existing
 
 LEAST_MOTION = 1.0
 """s of motion that calibration has to have seen before its skeleton is worth a file."""
@@ -31,8 +30,7 @@ def check_skeleton_file(path: Path, several: bool, replace: bool) -> None:
     path = Path(os.path.expanduser(path))
     if not path.parent.exists():  # it will be made
         return
-    pattern = f"{escape(path.stem)}_p[0-9]*{escape(path.suffix)}"
-    for file in sorted(path.parent.glob(pattern)) if several else [path]:
+    for file in files_of_people(path.parent, path.stem, path.suffix) if several else [path]:
         refuse_existing(file, replace, SkeletonError)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -23,6 +24,15 @@ def refuse_existing(path: Path, replace: bool, error: type[LassokinError]) -> No
         raise error(f"'{path}' exists already; choose another name or say --force")
     if not place:
         raise error(f"there is no folder '{path.parent}' for '{path.name}'")
+
+
+def files_of_people(folder: Path, stem: str, suffix: str) -> list[Path]:
+    """Those in a folder of which several people have one each, by name: <stem>_<id><suffix>; an id is p and a number.
+
+    The number is the name's end: `walk_p2_p7.yaml` belongs to another recording than `walk`, and so may `walk_pages`.
+    """
+    name = re.compile(rf"{re.escape(stem)}_p\d+{re.escape(suffix)}")
+    return sorted(file for file in folder.glob("*") if name.fullmatch(file.name))
 
 
 class WholeFiles:

@@ -113,6 +113,27 @@ def test_exports_and_reports_are_each_recordings_own(archive, one_by_one, tmp_pa
     assert kept < set(contents(tmp_path / "out" / "walk_tracked"))
 
 
+def test_another_recordings_page_is_not_taken_for_its_own(tmp_path, capsys):
+    """By names that look as if one recording were a person of the other's; a dot in a name hides nobody's file."""
+    several = ["-p", "max_people:=2", "--save-skeleton", tmp_path / "lengths"]
+    (tmp_path / "bags").mkdir()
+    for name in ("walk", "walk_p2", "walk.v2"):
+        write_recording(tmp_path / "bags" / name, 60)
+    arguments = [tmp_path / "bags", "--output", tmp_path / "out", "--jobs", 1]
+    pages = ["--report", tmp_path / "pages"]
+    assert replayed(capsys, *arguments, *several, *pages)[0] == 0
+    saved = sorted(file.name for file in (tmp_path / "lengths").iterdir())
+    assert saved == ["walk.v2_p1.yaml", "walk_p1.yaml", "walk_p2_p1.yaml"]
+    (tmp_path / "pages" / "walk.html").unlink()
+    outcome = dict.fromkeys(["walk", "walk_p2", "walk.v2"], "done before")
+    code, said = replayed(capsys, *arguments, *several, *pages)
+    assert code == 0 and outcomes(said) == {**outcome, "walk": "tracked"}
+    (tmp_path / "lengths" / "walk_p1.yaml").unlink()
+    code, said = replayed(capsys, *arguments, *several, *pages)
+    assert code == 0 and outcomes(said) == {**outcome, "walk": "tracked"}
+    assert sorted(file.name for file in (tmp_path / "lengths").iterdir()) == saved
+
+
 def test_outputs_among_the_recordings_are_not_replayed(tmp_path, capsys, monkeypatch):
     write_recording(tmp_path / "a", 12)
     monkeypatch.chdir(tmp_path)

@@ -338,7 +338,9 @@ def test_several_people(two_people, tmp_path, capsys):
         assert (output / f"motion_{person}.amass.npz").is_file()
     assert sorted(os.listdir(tmp_path)) == ["out", "walk_p4.bvh", "walk_p9.bvh"]
     assert main([*arguments[:2], str(tmp_path / "b"), *arguments[3:], "--export", str(tmp_path / "walk.bvh")]) == 2
-    assert f"'{tmp_path / 'walk_p'}" in capsys.readouterr().err
+    assert f"'{tmp_path / 'walk_p4.bvh'}' exists already" in capsys.readouterr().err
+    (tmp_path / "wave_pose.bvh").write_text("nobody's")
+    assert main([*arguments[:2], str(tmp_path / "b"), *arguments[3:], "--export", str(tmp_path / "wave.bvh")]) == 0
 
 
 def test_an_archive_has_the_files_in_each_output(recording, tmp_path, capsys):

@@ -15,7 +15,7 @@ from lassokin_ros.exports.csv_file import write_csv
 from lassokin_ros.exports.errors import ExportError
 from lassokin_ros.exports.npz_file import write_npz
 from lassokin_ros.motion import Motion, MotionRecorder
-from lassokin_ros.whole_files import WholeFiles, refuse_existing
+from lassokin_ros.whole_files import WholeFiles, files_of_people, refuse_existing
 
 TABLES: dict[str, Callable[[Sequence[Motion], BinaryIO], None]] = {".csv": write_csv, ".npz": write_npz}
 """Suffix -> writer of all people into one file."""
@@ -80,7 +80,7 @@ class Exports:
             if target.folder is not None:
                 refuse_existing(target.path(Path()), replace, ExportError)
                 if several and target.suffix in PERSONS and not replace:
-                    for path in target.folder.glob(f"{target.stem}_p*{target.suffix}"):
+                    for path in files_of_people(target.folder, target.stem, target.suffix):
                         refuse_existing(path, replace, ExportError)
 
     def write(self, output: Path, files: WholeFiles) -> list[Path]:
