@@ -152,6 +152,14 @@ def test_our_bvh_gives_the_skeleton_of_which_it_was_made(tmp_path):
             same(load_skeleton(str(path), height), skeleton)
 
 
+def test_our_own_names_may_stand_behind_a_colon(tmp_path):
+    """As a program puts them that opened our BVH under a name of its own."""
+    path = tmp_path / "body.bvh"
+    names = re.sub(r"(ROOT|JOINT) ", r"\1 rig:", hierarchy(BUILT_IN))
+    path.write_text(f"{names}MOTION\nFrames: 0\nFrame Time: 0.1\n")
+    same(load_skeleton(str(path), 1.8), BUILT_IN)
+
+
 def with_joint(skeleton, joint):
     tree = zip(skeleton.joint_names, skeleton.parents, skeleton.rest_positions.tolist(), skeleton.axes)
     joints = [

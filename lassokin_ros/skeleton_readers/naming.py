@@ -74,7 +74,9 @@ def _with_more_joints(tree: RestTree, found: dict[str, int]) -> RestTree | None:
     parents = [places.index(tree.parents[place]) if tree.parents[place] >= 0 else -1 for place in places]
     if any(parent >= joint for joint, parent in enumerate(parents)):
         return None
-    names, axes = (tuple(column[place] for place in places) for column in (tree.names, tree.axes))
+    ours = {place: joint for joint, place in found.items()}  # without what stands before a colon
+    names = tuple(ours.get(place, tree.names[place]) for place in places)
+    axes = tuple(tree.axes[place] for place in places)
     return RestTree(names, tuple(parents), tree.positions[places], axes)
 
 
