@@ -51,6 +51,7 @@ def by_lasso_solver(name: str, guess: bool = False) -> Method:
 
     def solve(recorded: Recorded) -> Answer:
         solution = solver.solve(recorded.problem, recorded.guess if guess else None)
+        solution.certificate  # computed when asked for, as the tracker does for every answer
         return solution.omega, solution.x
 
     return solve

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Sequence
 
 import numpy as np
@@ -28,6 +28,10 @@ class Recorded:
     guess: np.ndarray | None = None
     dead: int = 0
 
+    def anew(self) -> Recorded:
+        """The same, without what an earlier solve has left in the problem (`Lasso.reduced`)."""
+        return replace(self, problem=replace(self.problem))
+
     def with_dead_columns(self) -> Lasso:
         """The same lasso with all degrees of freedom of the body, the dead ones last."""
         p = self.problem
@@ -47,7 +51,8 @@ class Recorder:
         """Solve, and keep the problem unless its answer is plainly 0."""
         solution = self._solver.solve(problem, guess, **more)
         if solution.method != "zero":
-            copy = Lasso(problem.A.copy(), problem.B.copy(), problem.z.copy(), solution.alpha.copy())
+            # "K": columns stay what lies together, as the tracker posed it.
+            copy = Lasso(problem.A.copy("K"), problem.B.copy("K"), problem.z.copy(), solution.alpha.copy())
             dead = self._degrees_of_freedom - len(copy.alpha)
             self.recorded.append(Recorded(copy, None if guess is None else guess.copy(), dead))
         return solution

@@ -1,6 +1,7 @@
 """Every formulation and solver of benchmarks/solvers.py gives the same lasso's minimiser, and none is believed."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from benchmarks.formulations import methods
 from benchmarks.problems import Recorded
 from benchmarks.report import data_folder
 from benchmarks.solvers import certified, main, measure
+from lassokin_ros.core import lasso
 from lassokin_ros.core.lasso import Lasso
 
 pytestmark = pytest.mark.filterwarnings("ignore:Converted matrix")
@@ -35,6 +37,27 @@ def test_every_method_solves_the_lasso(name, size, every_method):
     recorded = problem(*size)
     certificate = certified(recorded, every_method[name](recorded))
     assert certificate.kkt_residual < 1e-2 and abs(certificate.relative_gap) < 1e-3
+
+
+def test_no_method_is_spared_what_another_has_computed_of_the_problem(every_method):
+    found = []
+
+    def look(recorded):
+        found.append("reduced" in vars(recorded.problem))
+        return every_method[NAMES[0]](recorded)
+
+    recorded = problem(24, 30)
+    measure("test", [recorded, recorded], {"one": look, "other": look})
+    assert len(found) == 6 and not any(found[2:])  # the first two are not timed
+
+
+@pytest.mark.parametrize("name", NAMES[:2])
+def test_the_products_own_path_is_timed_with_its_certificate(name, every_method, monkeypatch):
+    certify, calls = lasso.certify, []
+    monkeypatch.setattr(lasso, "certify", lambda *arguments: calls.append(1) or certify(*arguments))
+    recorded = problem(50, 20)
+    every_method[name](replace(recorded, guess=every_method[name](recorded)[0]))
+    assert len(calls) >= 2
 
 
 def test_a_wrong_answer_and_no_answer_are_counted_as_failures(every_method):
