@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.formulations import methods
+from benchmarks.formulations import ByScikitLearn, methods
 from benchmarks.problems import Recorded
 from benchmarks.report import data_folder
 from benchmarks.solvers import certified, main, measure
@@ -58,6 +58,18 @@ def test_the_products_own_path_is_timed_with_its_certificate(name, every_method,
     recorded = problem(50, 20)
     every_method[name](replace(recorded, guess=every_method[name](recorded)[0]))
     assert len(calls) >= 2
+
+
+def test_coordinate_descent_starts_from_the_guess_and_has_the_gram_matrix_where_it_is_small():
+    pytest.importorskip("sklearn")
+    method = ByScikitLearn()
+    for size in ((50, 20), (24, 30)):
+        omega, _ = method(problem(*size))
+        model = method._models[size]
+        cold = model.n_iter_
+        method(problem(*size, seed=1))
+        method(replace(problem(*size), guess=omega))
+        assert model.n_iter_ < cold and model.precompute == (size[0] > size[1])
 
 
 def test_a_wrong_answer_and_no_answer_are_counted_as_failures(every_method):
