@@ -304,12 +304,18 @@ def landmark_positions(clip: Clip, layout: Layout, skeleton: Skeleton) -> np.nda
 
 
 def _spoil(pixels: np.ndarray, confidence: np.ndarray, condition: Condition, random: np.random.Generator) -> None:
-    """Bursts of 5-30 missing frames per landmark, and single wrong points 30-150 px away at full confidence."""
+    """Bursts of 5-30 missing frames per landmark, and single wrong points 30-150 px away at full confidence.
+
+    The last burst ends where the share is reached: a whole one more makes 24 % of 10 % in a clip of 82 frames.
+    """
     frames, landmarks = confidence.shape
     for landmark in range(landmarks):
-        while condition.missing > 0 and np.mean(confidence[:, landmark] == 0) < condition.missing:
+        left = round(condition.missing * frames)
+        while left > 0:
             start, length = random.integers(0, frames), random.integers(5, 31)
-            confidence[start : start + length, landmark] = 0
+            burst = start + np.flatnonzero(confidence[start : start + length, landmark])[:left]
+            confidence[burst, landmark] = 0
+            left -= len(burst)
     wrong = random.random((frames, landmarks)) < condition.outliers
     angle, size = random.uniform(0, 2 * np.pi, wrong.sum()), random.uniform(30, 150, wrong.sum())
     pixels[wrong] += np.stack([np.cos(angle), np.sin(angle)], axis=-1) * size[:, None]

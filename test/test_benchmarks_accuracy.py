@@ -161,6 +161,15 @@ def test_measured_bones_are_the_reference_s():
 
 
 @needs_clips
+@pytest.mark.parametrize("clip", ["exp_running_1", "12_01"])
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 1.0])
+def test_as_many_points_are_missing_as_is_said_in_a_short_clip_too(clip, share):
+    view = scene_of(Job(MOCAP / f"{clip}.npz", 0, "lasso", Condition(missing=share))).view
+    gone = np.mean(view.confidence == 0, axis=0)
+    assert np.abs(gone - share).max() <= 0.5 / len(view.confidence)
+
+
+@needs_clips
 def test_duplicates_are_the_same_keypoints_against_each_frames_truth(capsys):
     job = Job(MOCAP / "exp_running_1.npz", 0, "lasso")
     single, view = (scene_of(replace(job, condition=Condition(duplicates=k))).view for k in (1, 3))
