@@ -142,7 +142,15 @@ def in_parallel(function: Callable[[Any], T], jobs: Sequence[Any], processes: in
     if processes <= 1 or len(jobs) == 1:
         return [function(job) for job in jobs]
     with multiprocessing.get_context("fork").Pool(min(processes, len(jobs))) as pool:
-        return pool.map(function, jobs, chunksize=1)
+        return pool.map(partial(_said, function), jobs, chunksize=1)
+
+
+def _said(function: Callable[[Any], T], job: Any) -> T:
+    """function(job); a SystemExit as an error, for one that ends a worker lets the pool wait for ever."""
+    try:
+        return function(job)
+    except SystemExit as error:
+        raise LassokinError(error) from None
 
 
 def clip_files(options: argparse.Namespace) -> list[Path]:

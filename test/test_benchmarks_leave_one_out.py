@@ -1,8 +1,11 @@
 """accuracy.py --leave-one-out: every clip counts, under a prior that has not seen it; on three short clips."""
 
 import json
+import subprocess
+import sys
 from importlib import resources
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +19,7 @@ from benchmarks.report import data_folder
 from lassokin_ros.core.prior import PosePrior
 from lassokin_ros.core.skeleton import Skeleton
 
+ROOT = Path(__file__).resolve().parents[1]
 MOCAP = data_folder() / "mocap"
 CLIPS = ["02_02", "02_03", "exp_running_1"]
 SKELETON = Skeleton.load("anthropometric", 1.75)
@@ -97,6 +101,16 @@ def test_what_cannot_be_done_is_said(folder):
         (folder / f"{clip}.npz").unlink()
     with pytest.raises(SystemExit, match="no clip but 02_02 .* expected others"):
         main(["--data", str(folder), "--leave-one-out", "--jobs", "1"])
+
+
+@needs_clips
+def test_what_cannot_be_done_ends_several_processes_too(folder):
+    for clip in CLIPS[1:]:
+        (folder / f"{clip}.npz").unlink()
+    command = [sys.executable, "benchmarks/accuracy.py", "--data", str(folder), "--leave-one-out", "--jobs", "2"]
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert result.returncode == 2
+    assert result.stderr == f"accuracy.py: no clip but 02_02 in {folder}: expected others to learn its prior from\n"
 
 
 def test_detections_are_refused(tmp_path):
