@@ -134,7 +134,7 @@ def measure(options: argparse.Namespace) -> list[Record]:
         return _marked(options, [record for group in groups for record in group])
     if o.gap:
         return _marked(options, [record for record in results(partial(run_gap, seconds=o.gap)) if record])
-    return _marked(options, [record for record in results(run) if record["frames"]])
+    return _marked(options, [record for record in results(run) if record["frames"] or record["ends_lost"]])
 
 
 def in_parallel(function: Callable[[Any], T], jobs: Sequence[Any], processes: int) -> list[T]:

@@ -52,7 +52,7 @@ def report(options: argparse.Namespace, records: Sequence[Record]) -> None:
             continue
         print(f"\n{title}".rstrip())
         if options.initialisation:
-            print(table(initialisation_rows(group), {"method": "<", "frames": "d", **INITIALISATION}))
+            print(table(initialisation_rows(group), {"method": "<", "frames": "d", "found": "d", **INITIALISATION}))
         else:
             lead = dict.fromkeys((*by, "statistic"), "<") | {"runs": "d"}
             print(table(summarise(group, by, list(columns)), lead | columns))
@@ -103,18 +103,20 @@ def detections_head(options: argparse.Namespace) -> str:
 
 
 def initialisation_rows(records: Sequence[Record]) -> list[Record]:
-    """One row per method over its frames."""
+    """One row per method; figures are of the frames in which somebody was found."""
     rows = []
     for method in dict.fromkeys(r["method"] for r in records):
         group = [r for r in records if r["method"] == method]
-        error = np.array([r["init_mpjpe_mm"] for r in group])
+        found = [r for r in group if np.isfinite(r["init_mpjpe_mm"])]
+        error = np.array([r["init_mpjpe_mm"] for r in found] or [np.nan])
         rows.append({
             "method": method,
             "frames": len(group),
-            "init_median_mm": float(np.nanmedian(error)),
-            "init_p90_mm": float(np.nanpercentile(error, 90)),
-            "front_back_percent": 100 * float(np.mean([r["yaw_error_deg"] > 90 for r in group])),
-            "ms_p50": float(np.median([r["init_ms"] for r in group])),
+            "found": len(found),
+            "init_median_mm": float(np.median(error)),
+            "init_p90_mm": float(np.percentile(error, 90)),
+            "front_back_percent": 100 * float(np.mean([r["yaw_error_deg"] > 90 for r in found] or [np.nan])),
+            "ms_p50": float(np.median([r["init_ms"] for r in found] or [np.nan])),
         })  # fmt: skip
     return rows
 

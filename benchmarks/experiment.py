@@ -133,11 +133,12 @@ def described(job: Job, scene: Scene) -> Record:
 def score(track: Track, scene: Scene, score_from: float = 0.0) -> Record:
     """The figures of one track, over the frames from its first estimate (or `score_from` s) on.
 
-    A rejected frame counts with the last estimate, which is what a subscriber still has.
+    A rejected frame counts with the last estimate, which is what a subscriber still has. Without a frame to score all
+    are NaN: of a clip that ends before `score_from`, or where nobody was found, which is `ends_lost`.
     """
     view = scene.view
-    first = track.first
-    scored = slice(max(first, int(round(score_from * view.fps))), None)
+    first, begin = track.first, int(round(score_from * view.fps))
+    scored = slice(max(first, begin), None)
     joints, root = track.positions[:, scene.evaluated], track.positions[:, 0]
     estimate, truth, own_root, true_root = joints[scored], view.truth[scored], root[scored], view.root[scored]
     if len(estimate) == 0:
@@ -145,7 +146,7 @@ def score(track: Track, scene: Scene, score_from: float = 0.0) -> Record:
             "frames": 0,
             **dict.fromkeys(FIGURES, float("nan")),
             "rejected": int(track.rejected.sum()),
-            "ends_lost": True,
+            "ends_lost": begin < len(view.truth),
         }
     error = mpjpe(estimate, truth, own_root, true_root)
     flips = flipped_frames(estimate, truth, EVALUATED)

@@ -161,6 +161,21 @@ def test_measured_bones_are_the_reference_s():
 
 
 @needs_clips
+def test_a_run_that_finds_nobody_is_counted_and_a_clip_too_short_to_be_scored_is_left_out(capsys):
+    options = ["--clips", "exp_running_1,12_01", "--views", "1", "--jobs", "1", "--fps", "30"]
+    nobody = [*options, "--set", "min_landmarks=18"]
+    assert main(nobody) == 0
+    said = capsys.readouterr().out
+    assert "median        2" in said and "without an estimate of their last frame: 2 of 2" in said
+    assert main([*nobody, "--score-from", "2"]) == 0  # exp_running_1 lasts 1.4 s
+    assert "without an estimate of their last frame: 1 of 1" in capsys.readouterr().out
+    assert main([*options, "--score-from", "2"]) == 0
+    assert "without an estimate of their last frame: 0 of 1" in capsys.readouterr().out
+    assert main([*nobody, "--initialisation", "--per-clip", "2"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1].split() == ["lasso", "4", "0", "-", "-", "-", "-"]
+
+
+@needs_clips
 @pytest.mark.parametrize("clip", ["exp_running_1", "12_01"])
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 1.0])
 def test_as_many_points_are_missing_as_is_said_in_a_short_clip_too(clip, share):
