@@ -49,7 +49,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     if options.uncertainty or options.doubt:
         print(head(options))
-        print(table(records, UNCERTAINTY if options.uncertainty else doubt.COLUMNS))
+        for training in sorted({record["training"] for record in records}):
+            print("\ntraining clips, not to be reported:" if training else "")
+            rows = [record for record in records if record["training"] == training]
+            print(table(rows, UNCERTAINTY if options.uncertainty else doubt.COLUMNS))
+            print(rows[-1].get("ranking", ""))
     else:
         report(options, records)
         ends = [record["ends_lost"] for record in records if "ends_lost" in record]
@@ -124,11 +128,9 @@ def measure(options: argparse.Namespace) -> list[Record]:
         return in_parallel(partial(under_its_prior, function), jobs, o.jobs)
 
     if o.uncertainty:
-        return binned(results(uncertainty_of))
+        return _apart(options, jobs, results(uncertainty_of), binned)
     if o.doubt:
-        followed = results(doubt.doubts_of)
-        print(doubt.ranking(followed))
-        return doubt.binned(followed)
+        return _apart(options, jobs, results(doubt.doubts_of), doubt.binned)
     if o.initialisation:
         groups = results(partial(initialise_frames, count=o.per_clip))
         return _marked(options, [record for group in groups for record in group])
@@ -172,8 +174,25 @@ def clip_files(options: argparse.Namespace) -> list[Path]:
 
 def _marked(options: argparse.Namespace, records: list[Record]) -> list[Record]:
     """Each record says whether its prior was learned from its clip."""
-    seen = [] if options.leave_one_out else TRAINING
-    return [{**record, "training": record["clip"] in seen} for record in records]
+    return [{**record, "training": _training(options, record["clip"])} for record in records]
+
+
+def _training(options: argparse.Namespace, clip: str) -> bool:
+    return clip in TRAINING and not options.leave_one_out
+
+
+def _apart(
+    options: argparse.Namespace,
+    jobs: Sequence[Job],
+    followed: Sequence[T],
+    pooled: Callable[[Sequence[T]], list[Record]],
+) -> list[Record]:
+    """The records that `pooled` makes of many runs, of the training clips' by themselves."""
+    records = []
+    for training in (False, True):
+        group = [result for job, result in zip(jobs, followed) if _training(options, job.file.stem) == training]
+        records += [{**record, "training": training} for record in (pooled(group) if group else [])]
+    return records
 
 
 def _names(text: str) -> list[str]:

@@ -32,10 +32,10 @@ def doubts_of(job: Job) -> np.ndarray:
 
 
 def binned(frames: Sequence[np.ndarray]) -> list[Record]:
-    """One record per bin of the doubt, and one of all frames."""
+    """One record per bin of the doubt, and one of all frames; it says the ranking too."""
     said, _, error = np.concatenate(frames).T
     bins = [(low, high, (said >= low) & (said <= high)) for low, high in (*zip(EDGES, EDGES[1:]), (0.0, 1.0))]
-    return [
+    records: list[Record] = [
         {
             "from": low,
             "to": high,
@@ -47,6 +47,7 @@ def binned(frames: Sequence[np.ndarray]) -> list[Record]:
         for low, high, chosen in bins
         if chosen.any()
     ]
+    return [*records[:-1], *({**record, "ranking": ranking(frames)} for record in records[-1:])]
 
 
 def ranking(frames: Sequence[np.ndarray]) -> str:

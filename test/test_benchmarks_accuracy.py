@@ -176,6 +176,20 @@ def test_a_run_that_finds_nobody_is_counted_and_a_clip_too_short_to_be_scored_is
 
 
 @needs_clips
+@pytest.mark.parametrize("figure, count", [("--uncertainty", "joints"), ("--doubt", "frames")])
+def test_training_clips_are_kept_out_of_the_bins_too(figure, count, tmp_path, capsys):
+    def records(*clips):
+        file = tmp_path / "records.json"
+        options = ["--clips", ",".join(clips), "--views", "1", "--fps", "30", "--jobs", "1", "--json", str(file)]
+        assert main([*options, figure]) == 0
+        return json.loads(file.read_text(encoding="utf-8"))
+
+    alone, training, both = records("exp_running_1"), records("02_03"), records("exp_running_1", "02_03")
+    assert both == alone + training and capsys.readouterr().out.count("not to be reported") == 2
+    assert [r["training"] for r in (alone[-1], training[-1])] == [False, True] and alone[-1][count] > 0
+
+
+@needs_clips
 @pytest.mark.parametrize("clip", ["exp_running_1", "12_01"])
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 1.0])
 def test_as_many_points_are_missing_as_is_said_in_a_short_clip_too(clip, share):
