@@ -13,6 +13,7 @@ of the summary. With --leave-one-out every clip counts: each is run with a prior
 from __future__ import annotations
 
 import argparse
+import math
 import multiprocessing
 import os
 import sys
@@ -28,7 +29,7 @@ from benchmarks.detections import detection_jobs, run_detections
 from benchmarks.experiment import METHODS, Job, run
 from benchmarks.learn_prior import TRAINING
 from benchmarks.leave_one_out import under_its_prior
-from benchmarks.mocap import Condition
+from benchmarks.mocap import Condition, rate_of
 from benchmarks.report import Record, data_folder, table, write_json
 from benchmarks.special import initialise_frames, run_gap
 from benchmarks.uncertainty import COLUMNS as UNCERTAINTY
@@ -47,6 +48,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except LassokinError as error:
         print(f"accuracy.py: {error}", file=sys.stderr)
         return 2
+    if not options.detections:
+        print(_other_rates(options), end="")
     if options.uncertainty or options.doubt:
         print(head(options))
         for training in sorted({record["training"] for record in records}):
@@ -69,18 +72,18 @@ def parser() -> argparse.ArgumentParser:
     add, switch = result.add_argument, argparse.BooleanOptionalAction
     add("--data", type=Path, help="folder of clips (default: mocap/ in LASSOKIN_DATA or ../shared/data)")
     add("--detections", type=Path, nargs="+", metavar="FILE", help="real detector output (npz) instead of clips")
-    add("--noise-px", type=float, default=2.0, help="Gaussian noise of a keypoint, px (2)")
-    add("--missing", type=float, default=0.0, help="share of keypoints missing, in bursts of 5-30 frames (0)")
-    add("--outliers", type=float, default=0.0, help="share of keypoints 30-150 px off at full confidence (0)")
-    add("--swaps", type=float, default=0.0, help="share of frames with a limb's left and right swapped, in bursts (0)")
+    add("--noise-px", type=_size, default=2.0, help="Gaussian noise of a keypoint, px (2)")
+    add("--missing", type=_share, default=0.0, help="share of keypoints missing, in bursts of 5-30 frames (0)")
+    add("--outliers", type=_share, default=0.0, help="share of keypoints 30-150 px off at full confidence (0)")
+    add("--swaps", type=_share, default=0.0, help="share of frames with a limb's left and right swapped, in bursts (0)")
     add("--duplicates", type=_count, default=1, metavar="K", help="each detection comes K times, at the frame rate (1)")
-    add("--camera-roll", type=float, default=0.0, metavar="RAD", help="of the camera's mount, told only by --set (0)")
-    add("--camera-pitch", type=float, default=0.0, metavar="RAD", help="the same: it looks down by this much (0)")
+    add("--camera-roll", type=_finite, default=0.0, metavar="RAD", help="of the camera's mount, told only by --set (0)")
+    add("--camera-pitch", type=_finite, default=0.0, metavar="RAD", help="the same: it looks down by this much (0)")
     add("--lying", action="store_true", help="people are laid down, on one side or another")
-    add("--fps", type=float, default=60.0, help="frame rate, by leaving out frames (60)")
+    add("--fps", type=_positive, default=60.0, help="frame rate, by leaving out frames; or the nearest there is (60)")
     add("--landmarks", default="coco17", help="landmark layout (coco17)")
-    add("--views", type=int, default=2, help="cameras per clip (2)")
-    add("--seed", type=int, default=0, help="of cameras, noise and bone errors (0)")
+    add("--views", type=_count, default=2, help="cameras per clip (2)")
+    add("--seed", type=_seed, default=0, help="of cameras, noise and bone errors (0)")
     add("--seeds", type=_count, default=1, metavar="N", help="so many seeds, from --seed on, in one summary (1)")
     add("--methods", type=_names, default=["lasso"], help=f"comma-separated, of {','.join(METHODS)} (lasso)")
     add("--clips", type=_names, help="comma-separated names (default: all but the training clips)")
@@ -89,27 +92,29 @@ def parser() -> argparse.ArgumentParser:
     add("--leave-one-out", action="store_true", help="all clips, each with a prior learned from the folder's others")
     add("--generic-skeleton", action="store_true", help="give the person's height alone")
     add("--measured-bones", action="store_true", help="with --detections: bones as the reference has them")
-    add("--bone-error", type=float, default=0.0, help="standard deviation of the given bones' relative error (0)")
+    add("--bone-error", type=_size, default=0.0, help="standard deviation of the given bones' relative error (0)")
     add("--symmetric", action=switch, default=True, help="the same bone error on both sides (default)")
-    add("--score-from", type=float, default=0.0, metavar="S", help="score frames after S s, of clips that last (0)")
-    add("--tracker-noise-px", type=float, help="noise_px the methods are told (default: --noise-px, 1 or more)")
+    add("--score-from", type=_size, default=0.0, metavar="S", help="score frames after S s, of clips that last (0)")
+    add("--tracker-noise-px", type=float, help="noise_px that is told (clips: --noise-px, 1 or more; detections: 3)")
     add("--set", type=_setting, action="append", default=[], metavar="NAME=VALUE", help="any setting of the tracker")
     add("--initialisation", action="store_true", help="initialise from single frames spread over the clips")
-    add("--per-clip", type=int, default=6, help="with --initialisation: frames per clip and view (6)")
-    add("--gap", type=float, metavar="S", help="no landmark at all for S s in the middle of each clip")
+    add("--per-clip", type=_count, default=6, help="with --initialisation: frames per clip and view (6)")
+    add("--gap", type=_positive, metavar="S", help="no landmark at all for S s in the middle of each clip")
     add("--uncertainty", action="store_true", help="predicted against actual error of the joints, in bins, lasso only")
     add("--doubt", action="store_true", help="how likely poses are called wrong against how many are, lasso only")
-    add("--jobs", type=int, default=os.cpu_count(), help="processes (one per core)")
+    add("--jobs", type=_count, default=os.cpu_count(), help="processes (one per core)")
     add("--json", type=Path, metavar="FILE", help="write the records as a JSON list")
     return result
 
 
 def measure(options: argparse.Namespace) -> list[Record]:
     """The records of what the options ask for."""
-    _check_methods(options.methods)
+    _check_methods(options)
     if options.detections:
         if options.leave_one_out:
             raise SystemExit("--leave-one-out is for clips; no --detections were among what the prior was learned from")
+        if options.gap or options.initialisation or options.uncertainty or options.doubt:
+            raise SystemExit("--gap, --initialisation, --uncertainty and --doubt are for clips, not for --detections")
         recordings = detection_jobs(options.detections, options.methods, options.measured_bones, told(options))
         return in_parallel(run_detections, recordings, options.jobs)
     o = options
@@ -172,6 +177,13 @@ def clip_files(options: argparse.Namespace) -> list[Path]:
     return [file for file in files if not (exclude and file.stem in TRAINING)]
 
 
+def _other_rates(options: argparse.Namespace) -> str:
+    """A line that names the clips whose frames do not come at --fps, with the rate they are run at; or nothing."""
+    rates = {file.stem: rate_of(file, options.fps) for file in clip_files(options)}
+    others = [f"{name} {fps:.3g}" for name, fps in rates.items() if abs(fps - options.fps) > 0.01 * options.fps]
+    return f"Not at {options.fps:g} Hz, but at: {', '.join(others)}.\n" if others else ""
+
+
 def _marked(options: argparse.Namespace, records: list[Record]) -> list[Record]:
     """Each record says whether its prior was learned from its clip."""
     return [{**record, "training": _training(options, record["clip"])} for record in records]
@@ -199,24 +211,51 @@ def _names(text: str) -> list[str]:
     return [name for name in text.replace(",", " ").split() if name]
 
 
-def _count(text: str) -> int:
-    if int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text}; expected 1 or more")
-    return int(text)
+def _number(kind: Callable[[str], float], holds: Callable[[float], bool], expected: str) -> Callable[[str], Any]:
+    """An option's type: what `kind` reads of the text, where it is finite and `holds`."""
+
+    def read(text: str) -> Any:
+        try:
+            number = kind(text)
+        except ValueError:
+            number = math.nan
+        if not (math.isfinite(number) and holds(number)):
+            raise argparse.ArgumentTypeError(f"{text}; expected {expected}")
+        return number
+
+    return read
+
+
+_count = _number(int, lambda n: n >= 1, "1 or more")
+_seed = _number(int, lambda n: n >= 0, "a whole number, 0 or more")
+_finite = _number(float, lambda x: True, "a finite number")
+_positive = _number(float, lambda x: x > 0, "a number above 0")
+_size = _number(float, lambda x: x >= 0, "a number, 0 or more")
+_share = _number(float, lambda x: 0 <= x <= 1, "a share, 0 to 1")
+SWITCH = {**dict.fromkeys(("true", "1", "yes", "on"), True), **dict.fromkeys(("false", "0", "no", "off"), False)}
+GIVEN = {"height": "by each clip", "skeleton": "by each clip", "landmarks": "by --landmarks"}
+"""Settings that --set does not take, and what says them."""
 
 
 def _setting(text: str) -> tuple[str, Any]:
     name, _, value = text.partition("=")
     if not hasattr(TrackerConfig(), name):
         raise argparse.ArgumentTypeError(f"the tracker has no setting '{name}'")
+    if name in GIVEN:
+        raise argparse.ArgumentTypeError(f"'{name}' is given {GIVEN[name]}")
     kind = type(getattr(TrackerConfig(), name))
-    return name, value.lower() in ("true", "1", "yes", "on") if kind is bool else kind(value)
+    try:
+        return name, SWITCH[value.lower()] if kind is bool else kind(value)
+    except (KeyError, ValueError):
+        raise argparse.ArgumentTypeError(f"{text}; expected a value of type {kind.__name__}") from None
 
 
-def _check_methods(methods: Sequence[str]) -> None:
-    unknown = [method for method in methods if method not in METHODS]
-    if unknown:
+def _check_methods(options: argparse.Namespace) -> None:
+    unknown = [method for method in options.methods if method not in METHODS]
+    if unknown or not options.methods:
         raise SystemExit(f"no method {', '.join(unknown)}; expected some of: {', '.join(METHODS)}")
+    if options.initialisation and "smplify" in options.methods:
+        raise SystemExit("--initialisation is for methods that go frame by frame; smplify starts from lasso's")
 
 
 if __name__ == "__main__":

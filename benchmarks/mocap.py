@@ -228,10 +228,21 @@ class Condition:
     lying: bool = False
 
 
+def step_for(clip_fps: float, fps: float) -> int:
+    """Every which frame of a clip is used to come near `fps`; all of one that has no more."""
+    return max(1, round(clip_fps / fps))
+
+
+def rate_of(file: Path, fps: float) -> float:
+    """Hz at which a clip's frames are used when `fps` are asked for."""
+    own = float(np.load(file, allow_pickle=False)["fps"])
+    return own / step_for(own, fps)
+
+
 def view_of(clip: Clip, layout: Layout, skeleton: Skeleton, condition: Condition, view: int, seed: int) -> View:
     """Render one view: a camera that faces the clip's middle, 3-4 m away, f 1000-1400 px, by a seeded draw per view."""
     random = np.random.default_rng([seed, view, *clip.name.encode()])
-    step = max(1, round(clip.fps / condition.fps))
+    step = step_for(clip.fps, condition.fps)
     centre = 0.5 * (clip.position("pelvis").min(0) + clip.position("pelvis").max(0))
     focal, distance = random.uniform(1000, 1400), random.uniform(3.0, 4.0)
     yaw = random.uniform(-np.pi, np.pi)

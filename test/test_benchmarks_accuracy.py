@@ -198,6 +198,42 @@ def test_as_many_points_are_missing_as_is_said_in_a_short_clip_too(clip, share):
     assert np.abs(gone - share).max() <= 0.5 / len(view.confidence)
 
 
+@pytest.mark.parametrize(
+    "option",
+    "--noise-px=-1 --noise-px=nan --missing=2 --missing=nan --outliers=-1 --swaps=2 --fps=0 --fps=-5 --fps=nan "
+    "--views=0 --seed=-1 --gap=-1 --gap=0 --gap=nan --per-clip=-3 --jobs=0 --score-from=nan --score-from=-1 "
+    "--bone-error=-1 --camera-pitch=nan --duplicates=1.5 --set=sparsity=abc --set=sparsity --set=warm_start=maybe "
+    "--set=height=2 --set=landmarks=body25 --set=skeleton=x --set=speed=1".split(),
+)
+def test_an_option_that_cannot_be_meant_is_refused_by_its_name(option, capsys):
+    with pytest.raises(SystemExit) as end:
+        main([option, "--clips", "exp_running_1"])
+    said = capsys.readouterr().err
+    assert end.value.code == 2 and f"argument {option.split('=')[0]}: " in said and "invalid" not in said
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        "--methods=",
+        "--initialisation --methods smplify",
+        *(f"--detections any.npz --{what}" for what in ("gap=1", "initialisation", "uncertainty", "doubt")),
+    ],
+)
+def test_options_that_do_not_go_together_are_refused(options):
+    with pytest.raises(SystemExit, match="for clips|frame by frame|expected some of"):
+        main(options.split())
+
+
+@needs_clips
+def test_clips_that_do_not_have_the_rate_are_said(capsys):
+    options = ["--clips", "exp_running_1,ad_jumping_jacks", "--views", "1", "--jobs", "1"]
+    for rate, said in ((60, "ad_jumping_jacks 30"), (500, "ad_jumping_jacks 30, exp_running_1 60"), (30, "")):
+        assert main([*options, "--fps", str(rate)]) == 0
+        text = capsys.readouterr().out
+        assert (f"Not at {rate} Hz, but at: {said}.\n" in text) if said else "Not at" not in text
+
+
 @needs_clips
 def test_duplicates_are_the_same_keypoints_against_each_frames_truth(capsys):
     job = Job(MOCAP / "exp_running_1.npz", 0, "lasso")
