@@ -6,7 +6,7 @@ Every method gets the same keypoints and initialises by itself. Of each clip it 
 the person's bone lengths, or with --generic-skeleton the height alone; and the detector's noise in pixels.
 --initialisation measures first frames alone, --gap a stretch without any landmark, --detections FILE real detector
 output, --uncertainty and --doubt the tracker's own figures of its error against the error. Clips that the shipped
-prior was learned from do not count: they are left out, or with --all-clips and --clips run, marked with * and kept out
+prior has seen do not count: they are left out, or with --all-clips and --clips run, marked with * and kept out
 of the summary. With --leave-one-out every clip counts: each is run with a prior learned from all the others.
 """
 
@@ -27,7 +27,7 @@ from benchmarks import doubt
 from benchmarks.accuracy_table import head, report, told
 from benchmarks.detections import detection_jobs, run_detections
 from benchmarks.experiment import METHODS, Job, run
-from benchmarks.learn_prior import TRAINING
+from benchmarks.learn_prior import SEEN
 from benchmarks.leave_one_out import under_its_prior
 from benchmarks.mocap import Condition, rate_of
 from benchmarks.report import Record, data_folder, table, write_json
@@ -174,7 +174,7 @@ def clip_files(options: argparse.Namespace) -> list[Path]:
     exclude = options.exclude_training
     if exclude is None:
         exclude = not (options.clips or options.all_clips or options.leave_one_out)
-    return [file for file in files if not (exclude and file.stem in TRAINING)]
+    return [file for file in files if not (exclude and file.stem in SEEN)]
 
 
 def _other_rates(options: argparse.Namespace) -> str:
@@ -190,7 +190,7 @@ def _marked(options: argparse.Namespace, records: list[Record]) -> list[Record]:
 
 
 def _training(options: argparse.Namespace, clip: str) -> bool:
-    return clip in TRAINING and not options.leave_one_out
+    return clip in SEEN and not options.leave_one_out
 
 
 def _apart(

@@ -7,7 +7,7 @@ from typing import Any, Sequence
 
 import numpy as np
 
-from benchmarks.learn_prior import TRAINING
+from benchmarks.learn_prior import SEEN, TRAINING
 from benchmarks.report import Record, summarise, table
 
 COLUMNS = {
@@ -26,8 +26,13 @@ COLUMNS = {
 GAP = {"before_mm": ".1f", "gap_end_mm": ".1f", "after_mm": ".1f", "after_no_gap_mm": ".1f", "rise_mm": ".1f"}
 INITIALISATION = {"init_median_mm": ".1f", "init_p90_mm": ".1f", "front_back_percent": ".1f", "ms_p50": ".0f"}
 
+PRIOR_SHIPPED = (
+    f"Prior learned from (never in a summary): {' '.join(TRAINING)}\n"
+    f"Nor is a file of a take that is among these: {' '.join(clip for clip in SEEN if clip not in TRAINING)}"
+)
 PRIOR_OF_OTHERS = (
-    "Prior of each clip learned from all the other clips of its folder: every clip is unseen by it, and counts.\n"
+    "Prior of each clip learned from all the other clips of its folder, but not from another file of its take:\n"
+    "every clip is unseen by it, and counts. "
     "The tracker's constants were not learned anew; other clips of the same person may be in the prior."
 )
 
@@ -71,7 +76,7 @@ def head(options: argparse.Namespace) -> str:
         f"{_seeds(options)}.",
         f"Given of each clip: {given}; noise {noise:g} px. Settings {dict(options.set) or 'default'}. "
         "Automatic initialisation.",
-        PRIOR_OF_OTHERS if options.leave_one_out else f"Prior learned from (never in a summary): {' '.join(TRAINING)}",
+        PRIOR_OF_OTHERS if options.leave_one_out else PRIOR_SHIPPED,
         f"Times with {options.jobs} processes at once, one thread each.",
     ]
     if options.camera_roll or options.camera_pitch:

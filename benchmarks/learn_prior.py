@@ -27,9 +27,18 @@ TRAINING = (
     "01_01 01_06 02_02 02_03 02_06 02_07 07_05 11_01 131_03 13_29 14_20 49_18 exp_basketball_1 exp_jumping_1 "
     "exp_signal_1 exp_soccer_1 exp_traffic_4 exp_walking_1 gs_charleston1 gs_charleston2 gs_zombie"
 ).split()
+SAME_TAKE = ("02_01", "exp_walking_1")
+"""Two files of one recording, by way of two collections: frame by frame their joints turn alike, to 0.1 rad in all."""
+SEEN = (*TRAINING, *(clip for clip in SAME_TAKE if clip not in TRAINING))
+"""What the shipped prior has seen: the training clips, and the other file of a take that is among them."""
 FLOOR = 0.03  # rad: spread that even a degree of freedom which the capture held still is given
 COLLAR_FLOOR = 0.05  # rad: the capture's shoulders do not shrug, people do
 SHRINKAGE = 0.10  # share of the diagonal in the covariance: 21 clips do not know all correlations
+
+
+def same_take(one: str, other: str) -> bool:
+    """True for a clip's own name and for that of another file of the same recording."""
+    return one == other or {one, other} == set(SAME_TAKE)
 
 
 def rotation_vectors(clip: Clip) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Runs whose pose prior has never seen their clip: learned anew from all the other clips of its folder.
+"""Runs whose pose prior has never seen their clip: learned anew from all the other takes of its folder.
 
 Only the prior is learned anew. The tracker's constants stay as they are, and another clip of the same person may be
 among those that the prior is learned from.
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Callable, TypeVar
 
 from benchmarks.experiment import Job
-from benchmarks.learn_prior import Moments, combined, mapping, moments
+from benchmarks.learn_prior import Moments, combined, mapping, moments, same_take
 from benchmarks.mocap import load_clip
 from lassokin_ros.core.prior import PosePrior
 from lassokin_ros.core.skeleton import Skeleton
@@ -30,8 +30,8 @@ def under_its_prior(function: Callable[[Job], T], job: Job) -> T:
 
 
 def prior_without(file: Path) -> dict[str, Any]:
-    """The prior of all clips in the file's folder but the file's own, in the form that PosePrior reads."""
-    others = [other for other in sorted(file.parent.glob("*.npz")) if other.stem != file.stem]
+    """The prior of all clips in the file's folder that show another take, in the form that PosePrior reads."""
+    others = [other for other in sorted(file.parent.glob("*.npz")) if not same_take(other.stem, file.stem)]
     if not others:
         raise SystemExit(f"no clip but {file.stem} in {file.parent}: expected others to learn its prior from")
     return mapping(*combined([sample for other in others for sample in _moments_of(other)]))

@@ -4,15 +4,16 @@ import json
 import subprocess
 import sys
 from importlib import resources
-from itertools import product
+from itertools import combinations, product
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
-from benchmarks.accuracy import main
+from benchmarks.accuracy import clip_files, main, parser
 from benchmarks.experiment import Job
-from benchmarks.learn_prior import TRAINING, learn, mapping, write
+from benchmarks.learn_prior import SAME_TAKE, SEEN, TRAINING, learn, mapping, rotation_vectors, write
 from benchmarks.leave_one_out import prior_in_force, prior_without, under_its_prior
 from benchmarks.mocap import load_clips
 from benchmarks.report import data_folder
@@ -52,6 +53,30 @@ def test_the_prior_without_a_clip_is_learned_from_all_others_and_from_no_more(fo
     everything = mapping(*learn(load_clips(folder)))
     assert same(without, PosePrior.from_mapping(others, SKELETON))
     assert not np.allclose(without.mean, PosePrior.from_mapping(everything, SKELETON).mean, atol=1e-3)
+
+
+@needs_clips
+def test_another_file_of_the_same_take_is_not_unseen(tmp_path):
+    clips = [tmp_path / f"{name}.npz" for name in ("02_01", "02_03", "exp_walking_1")]
+    for file in clips:
+        file.symlink_to(MOCAP.resolve() / file.name)
+    of_one = mapping(*learn(load_clips(tmp_path, ["02_03"])))
+    for file in (clips[0], clips[2]):
+        assert same(PosePrior.from_mapping(prior_without(file), SKELETON), PosePrior.from_mapping(of_one, SKELETON))
+    assert {file.stem for file in clip_files(parser().parse_args(["--data", str(MOCAP)]))}.isdisjoint(SEEN)
+    assert "02_01" in SEEN and set(TRAINING) < set(SEEN)
+
+
+@needs_clips
+def test_no_other_two_clips_are_one_take():
+    joints = [SKELETON.index(f"{s}_{j}") for s in ("left", "right") for j in ("hip", "knee", "shoulder", "elbow")]
+    turns = {clip.name: rotation_vectors(clip)[:, joints].reshape(-1, 24) for clip in load_clips(MOCAP)}
+    near = {
+        frozenset((one, other))
+        for one, other in combinations(turns, 2)
+        if np.median(cKDTree(turns[other]).query(turns[one][::4])[0]) < 0.2
+    }
+    assert near == {frozenset(SAME_TAKE)}
 
 
 @needs_clips
