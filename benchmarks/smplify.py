@@ -29,7 +29,7 @@ from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.core.tracker import Tracker
 
 WINDOW, OVERLAP = 60, 16  # frames
-SMOOTH = 0.003  # m: standard deviation of a landmark's second difference at 60 Hz
+SMOOTH = 0.003  # m: standard deviation of a landmark's second difference at 60 Hz; an acceleration, so 4 times at 30
 EVALUATIONS = 12
 FRAME_STEPS = 4
 
@@ -40,7 +40,8 @@ def fit_clip(config: TrackerConfig, skeleton: Skeleton, observations: Sequence[O
     starter = Tracker(config, skeleton)
     first, state = _first(starter, observations)
     init_ms = 1000 * (time.perf_counter() - begin)
-    fit = WindowFit(starter.kinematics, config)
+    step = float(np.median(np.diff([o.stamp for o in observations]))) if len(observations) > 1 else 1 / 60
+    fit = WindowFit(starter.kinematics, config, SMOOTH * (60 * step) ** 2)
     states = fit.frame_by_frame(state, observations[first:])
     count = len(observations) - first
     rotations, translation = states.rotations.copy(), states.translation.copy()
@@ -83,8 +84,9 @@ def _track(
 class WindowFit:
     """The least-squares problem of a window; per frame, unknowns are the root's turn, joints' vectors, translation."""
 
-    def __init__(self, kinematics: Kinematics, config: TrackerConfig) -> None:
-        self.kinematics = kinematics
+    def __init__(self, kinematics: Kinematics, config: TrackerConfig, smooth: float = SMOOTH) -> None:
+        """smooth: m, standard deviation of a landmark's second difference from frame to frame."""
+        self.kinematics, self._smooth = kinematics, smooth
         self._config = config
         self._prior = PriorRows(PosePrior.load(kinematics.skeleton), kinematics)
         self._joints = np.concatenate([[0], self._prior.joints])
@@ -146,7 +148,7 @@ class WindowFit:
         pose = self.kinematics.pose(state)
         image = _robust(((project(pose.landmarks) - points) * weights[..., None]).reshape(len(points), -1))[0]
         prior = -self._prior.residual(state.rotations)[..., : len(self._prior.W)]  # the Gaussian, without limits
-        smooth = np.diff(pose.landmarks, 2, axis=0) / SMOOTH
+        smooth = np.diff(pose.landmarks, 2, axis=0) / self._smooth
         return np.concatenate([image.reshape(-1), prior.reshape(-1), smooth.reshape(-1)])
 
     def _jacobian(
@@ -166,7 +168,7 @@ class WindowFit:
     def _smoothness(self, pose: BodyPose, turns: np.ndarray) -> sparse.csr_array:
         L = self.kinematics.jacobian(pose)
         identity = np.tile(np.eye(3), (self.kinematics.landmark_count, 1))
-        moved = self._columns(L, np.broadcast_to(identity, L.shape[:-1] + (3,)), turns) / SMOOTH
+        moved = self._columns(L, np.broadcast_to(identity, L.shape[:-1] + (3,)), turns) / self._smooth
         frames, height = moved.shape[:2]
         differences = sparse.diags_array([1.0, -2.0, 1.0], offsets=[0, 1, 2], shape=(max(0, frames - 2), frames))
         return sparse.kron(differences, sparse.eye_array(height)) @ sparse.block_diag(list(moved), format="csr")

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks import smplify
 from benchmarks.accuracy import main
 from benchmarks.detections import height_of, measured
 from benchmarks.experiment import Job, bone_scales, run, scene_of
@@ -98,6 +99,21 @@ def test_every_baseline_runs_from_the_command_line(tmp_path):
     assert result.returncode == 0, result.stderr
     errors = {r["method"]: r["mpjpe_mm"] for r in json.loads(file.read_text(encoding="utf-8"))}
     assert set(errors) == {"ridge", "dls", "smplify"} and all(0 < error < 300 for error in errors.values())
+
+
+@needs_clips
+@pytest.mark.parametrize("fps", [60.0, 30.0])
+def test_smplify_is_asked_for_the_same_smoothness_at_every_frame_rate(fps, monkeypatch):
+    weights = []
+
+    def made(kinematics, config, smooth=smplify.SMOOTH):
+        weights.append(smooth)
+        raise InterruptedError
+
+    monkeypatch.setattr(smplify, "WindowFit", made)
+    with pytest.raises(InterruptedError):
+        scene_of(Job(MOCAP / "exp_running_1.npz", 0, "smplify", Condition(fps=fps))).follow("smplify")
+    assert weights == [pytest.approx(smplify.SMOOTH * (60 / fps) ** 2)]
 
 
 @needs_clips
