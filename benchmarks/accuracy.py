@@ -13,9 +13,7 @@ of the summary. With --leave-one-out every clip counts: each is run with a prior
 from __future__ import annotations
 
 import argparse
-import math
 import multiprocessing
-import os
 import sys
 from functools import partial
 from pathlib import Path
@@ -24,6 +22,7 @@ from typing import Any, Callable, Sequence, TypeVar
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks import doubt
+from benchmarks.accuracy_options import parser
 from benchmarks.accuracy_table import head, report, told
 from benchmarks.detections import detection_jobs, run_detections
 from benchmarks.experiment import METHODS, Job, run
@@ -34,7 +33,6 @@ from benchmarks.report import Record, data_folder, table, write_json
 from benchmarks.special import initialise_frames, run_gap
 from benchmarks.uncertainty import COLUMNS as UNCERTAINTY
 from benchmarks.uncertainty import binned, uncertainty_of
-from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import LassokinError
 
 T = TypeVar("T")
@@ -42,7 +40,7 @@ T = TypeVar("T")
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Command line."""
-    options = parser().parse_args(arguments)
+    options = parser(__doc__).parse_args(arguments)
     try:
         records = measure(options)
     except LassokinError as error:
@@ -64,47 +62,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"\nruns that end without an estimate of their last frame: {sum(ends)} of {len(ends)}")
     write_json(options.json, records)
     return 0
-
-
-def parser() -> argparse.ArgumentParser:
-    """The command line's options."""
-    result = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    add, switch = result.add_argument, argparse.BooleanOptionalAction
-    add("--data", type=Path, help="folder of clips (default: mocap/ in LASSOKIN_DATA or ../shared/data)")
-    add("--detections", type=Path, nargs="+", metavar="FILE", help="real detector output (npz) instead of clips")
-    add("--noise-px", type=_size, default=2.0, help="Gaussian noise of a keypoint, px (2)")
-    add("--missing", type=_share, default=0.0, help="share of keypoints missing, in bursts of 5-30 frames (0)")
-    add("--outliers", type=_share, default=0.0, help="share of keypoints 30-150 px off at full confidence (0)")
-    add("--swaps", type=_share, default=0.0, help="share of frames with a limb's left and right swapped, in bursts (0)")
-    add("--duplicates", type=_count, default=1, metavar="K", help="each detection comes K times, at the frame rate (1)")
-    add("--camera-roll", type=_finite, default=0.0, metavar="RAD", help="of the camera's mount, told only by --set (0)")
-    add("--camera-pitch", type=_finite, default=0.0, metavar="RAD", help="the same: it looks down by this much (0)")
-    add("--lying", action="store_true", help="people are laid down, on one side or another")
-    add("--fps", type=_positive, default=60.0, help="frame rate, by leaving out frames; or the nearest there is (60)")
-    add("--landmarks", default="coco17", help="landmark layout (coco17)")
-    add("--views", type=_count, default=2, help="cameras per clip (2)")
-    add("--seed", type=_seed, default=0, help="of cameras, noise and bone errors (0)")
-    add("--seeds", type=_count, default=1, metavar="N", help="so many seeds, from --seed on, in one summary (1)")
-    add("--methods", type=_names, default=["lasso"], help=f"comma-separated, of {','.join(METHODS)} (lasso)")
-    add("--clips", type=_names, help="comma-separated names (default: all but the training clips)")
-    add("--all-clips", action="store_true", help="run the training clips too")
-    add("--exclude-training", action=switch, default=None, help="default: on, unless another option names the clips")
-    add("--leave-one-out", action="store_true", help="all clips, each with a prior learned from the folder's others")
-    add("--generic-skeleton", action="store_true", help="give the person's height alone")
-    add("--measured-bones", action="store_true", help="with --detections: bones as the reference has them")
-    add("--bone-error", type=_size, default=0.0, help="standard deviation of the given bones' relative error (0)")
-    add("--symmetric", action=switch, default=True, help="the same bone error on both sides (default)")
-    add("--score-from", type=_size, default=0.0, metavar="S", help="score frames after S s, of clips that last (0)")
-    add("--tracker-noise-px", type=float, help="noise_px that is told (clips: --noise-px, 1 or more; detections: 3)")
-    add("--set", type=_setting, action="append", default=[], metavar="NAME=VALUE", help="any setting of the tracker")
-    add("--initialisation", action="store_true", help="initialise from single frames spread over the clips")
-    add("--per-clip", type=_count, default=6, help="with --initialisation: frames per clip and view (6)")
-    add("--gap", type=_positive, metavar="S", help="no landmark at all for S s in the middle of each clip")
-    add("--uncertainty", action="store_true", help="predicted against actual error of the joints, in bins, lasso only")
-    add("--doubt", action="store_true", help="how likely poses are called wrong against how many are, lasso only")
-    add("--jobs", type=_count, default=os.cpu_count(), help="processes (one per core)")
-    add("--json", type=Path, metavar="FILE", help="write the records as a JSON list")
-    return result
 
 
 def measure(options: argparse.Namespace) -> list[Record]:
@@ -205,49 +162,6 @@ def _apart(
         group = [result for job, result in zip(jobs, followed) if _training(options, job.file.stem) == training]
         records += [{**record, "training": training} for record in (pooled(group) if group else [])]
     return records
-
-
-def _names(text: str) -> list[str]:
-    return [name for name in text.replace(",", " ").split() if name]
-
-
-def _number(kind: Callable[[str], float], holds: Callable[[float], bool], expected: str) -> Callable[[str], Any]:
-    """An option's type: what `kind` reads of the text, where it is finite and `holds`."""
-
-    def read(text: str) -> Any:
-        try:
-            number = kind(text)
-        except ValueError:
-            number = math.nan
-        if not (math.isfinite(number) and holds(number)):
-            raise argparse.ArgumentTypeError(f"{text}; expected {expected}")
-        return number
-
-    return read
-
-
-_count = _number(int, lambda n: n >= 1, "1 or more")
-_seed = _number(int, lambda n: n >= 0, "a whole number, 0 or more")
-_finite = _number(float, lambda x: True, "a finite number")
-_positive = _number(float, lambda x: x > 0, "a number above 0")
-_size = _number(float, lambda x: x >= 0, "a number, 0 or more")
-_share = _number(float, lambda x: 0 <= x <= 1, "a share, 0 to 1")
-SWITCH = {**dict.fromkeys(("true", "1", "yes", "on"), True), **dict.fromkeys(("false", "0", "no", "off"), False)}
-GIVEN = {"height": "by each clip", "skeleton": "by each clip", "landmarks": "by --landmarks"}
-"""Settings that --set does not take, and what says them."""
-
-
-def _setting(text: str) -> tuple[str, Any]:
-    name, _, value = text.partition("=")
-    if not hasattr(TrackerConfig(), name):
-        raise argparse.ArgumentTypeError(f"the tracker has no setting '{name}'")
-    if name in GIVEN:
-        raise argparse.ArgumentTypeError(f"'{name}' is given {GIVEN[name]}")
-    kind = type(getattr(TrackerConfig(), name))
-    try:
-        return name, SWITCH[value.lower()] if kind is bool else kind(value)
-    except (KeyError, ValueError):
-        raise argparse.ArgumentTypeError(f"{text}; expected a value of type {kind.__name__}") from None
 
 
 def _check_methods(options: argparse.Namespace) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Mapping, Sequence
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -70,11 +71,24 @@ def detection_jobs(
     """All cameras of all files with all methods."""
     jobs = []
     for file in files:
-        if not file.is_file():
-            raise SystemExit(f"no file {file}; expected detections in the format of the shared data's README")
-        for camera in range(len(np.load(file)["kp2d"])):
+        for camera in range(_cameras(file)):
             jobs += [DetectionJob(file, camera, method, measured_bones, settings) for method in methods]
     return jobs
+
+
+def _cameras(file: Path) -> int:
+    """How many there are; SystemExit where the file is no detections."""
+    expected = "expected detections in the format of the shared data's README"
+    if not file.is_file():
+        raise SystemExit(f"no file {file}; {expected}")
+    try:
+        with np.load(file, allow_pickle=False) as data:
+            lacking = sorted({"K", "dist", "fps", "keypoint_names", "kp2d", "ref_cam"} - set(data))
+            if not lacking:
+                return len(data["kp2d"])
+    except (OSError, EOFError, BadZipFile, ValueError, TypeError, AttributeError):
+        raise SystemExit(f"{file} is no npz file; {expected}") from None
+    raise SystemExit(f"{file} has no {', '.join(lacking)}; {expected}")
 
 
 def load_recording(file: Path, camera: int) -> Recording:

@@ -22,6 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.report import Record, data_folder, table, write_json  # isort: skip  (one thread, before numpy comes)
 import numpy as np
 
+from benchmarks import option_types
 from benchmarks.callback import measure_callback
 from benchmarks.motion import FOCAL, HEIGHT, Motion, load_motion, observe, on_skeleton
 from benchmarks.robot_ik import PinkTracker, PinocchioLeastSquares, available
@@ -53,16 +54,12 @@ Step = Callable[[int], bool]
 def main(arguments: Sequence[str] | None = None) -> int:
     """Command line."""
     options = parser().parse_args(arguments)
-    parts = options.parts.split(",")
-    unknown = sorted(set(parts) - set(PARTS))
-    if unknown:
-        raise SystemExit(f"no part {', '.join(unknown)}; expected some of: {', '.join(PARTS)}")
     motion = load_motion(options.data or data_folder() / "mocap", options.frames)
     frames = len(motion.state.translation)
     print(f"{frames} frames of {motion.source} at 60 Hz, {NOISE_PX:g} px; one thread; variants interleaved.")
     records: list[Record] = []
     try:
-        for part in parts:
+        for part in options.parts:
             title, measured = MEASURES[part](motion)
             print(f"\n{part}: {title}")
             print(table(measured, {key: form for key, form in COLUMNS.items() if key in measured[0]}))
@@ -80,8 +77,9 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument(
         "--data", type=Path, help="folder of clips (default: mocap/ in LASSOKIN_DATA or ../shared/data)"
     )
-    result.add_argument("--frames", type=int, default=2000, help="(2000)")
-    result.add_argument("--parts", default=",".join(PARTS), help="comma-separated (all)")
+    result.add_argument("--frames", type=option_types.frames, default=2000, help="(2000)")
+    parts = option_types.some_of(PARTS)
+    result.add_argument("--parts", type=parts, default=list(PARTS), help=f"comma-separated, of {','.join(PARTS)} (all)")
     result.add_argument("--json", type=Path, metavar="FILE", help="write the records as a JSON list")
     return result
 

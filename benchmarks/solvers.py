@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import benchmarks.experiment as experiment  # isort: skip  (first: it says one thread before numpy comes)
 import numpy as np
 
-from benchmarks import formulations
+from benchmarks import formulations, option_types
 from benchmarks.formulations import Answer, Method
 from benchmarks.problems import KINDS, Recorded, record
 from benchmarks.report import Record, data_folder, table, write_json
@@ -64,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(
         f"{options.landmarks}, 60 Hz, 2 px; lassos recorded from {', '.join(clips)}; one thread; methods interleaved."
     )
-    for kind in options.kinds.split(","):
+    for kind in options.kinds:
         problems = record(kind, jobs, options.problems)
         rows, columns = problems[0].problem.A.shape
         measured = measure(kind, problems, chosen)
@@ -82,12 +82,15 @@ def parser() -> argparse.ArgumentParser:
         "--data", type=Path, help="folder of clips (default: mocap/ in LASSOKIN_DATA or ../shared/data)"
     )
     result.add_argument("--clips", default=",".join(CLIPS), help="comma-separated names")
-    result.add_argument("--problems", type=int, default=200, help="per kind (200)")
-    result.add_argument("--kinds", default=",".join(KINDS), help="comma-separated, of plain,default")
+    result.add_argument("--problems", type=option_types.count, default=200, help="per kind (200)")
+    kinds = option_types.some_of(KINDS)
+    result.add_argument("--kinds", type=kinds, default=list(KINDS), help=f"comma-separated, of {','.join(KINDS)} (all)")
     result.add_argument("--methods", help="comma-separated parts of names, beside the default (all)")
-    result.add_argument("--tolerance", type=float, default=1e-10, help="asked of the peers (1e-10: most are certified)")
+    result.add_argument(
+        "--tolerance", type=option_types.positive, default=1e-10, help="asked of the peers (1e-10: most are certified)"
+    )
     result.add_argument("--landmarks", default="coco17")
-    result.add_argument("--seed", type=int, default=0)
+    result.add_argument("--seed", type=option_types.seed, default=0)
     result.add_argument("--json", type=Path, metavar="FILE", help="write the records as a JSON list")
     return result
 

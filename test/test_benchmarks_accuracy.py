@@ -294,3 +294,14 @@ def test_a_lagged_pose_is_scored_against_its_own_frame():
     at_once, late = (run(Job(MOCAP / "exp_running_1.npz", 0, "lasso", settings={"smoothing_lag": s})) for s in (0, 0.1))
     assert at_once["frames"] == late["frames"] and late["rejected"] == 0 and not late["ends_lost"]
     assert late["accel_error"] < 0.85 * at_once["accel_error"] and late["mpjpe_mm"] < at_once["mpjpe_mm"] + 1
+
+
+@pytest.mark.parametrize("content", [None, b"", b"no array", b"PK\x03\x04", {"kp2d": np.zeros((1, 2, 25, 3))}])
+def test_a_file_that_holds_no_detections_is_one_line(content, tmp_path):
+    file = tmp_path / "detections.npz"
+    if isinstance(content, bytes):
+        file.write_bytes(content)
+    elif content is not None:
+        np.savez(file, **content)
+    with pytest.raises(SystemExit, match="expected detections in the format"):
+        main(["--detections", str(file)])

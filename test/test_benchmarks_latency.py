@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks import latency, solvers
 from benchmarks.latency import BODIES, PEOPLE, Run, interleaved, main
 from benchmarks.motion import load_motion
 from benchmarks.robot_ik import available
@@ -58,6 +59,18 @@ def test_interleaved_counts_what_it_is_told_to_and_gives_ratios():
     records = interleaved({"short": step("short", 100), "long": step("long", 100_000)}, 4)
     assert order == ["short", "long", "long", "short"] * 2
     assert [r["frames"] for r in records] == [3, 3] and records[0]["ratio"] == 1 and records[1]["ratio"] > 5
+
+
+@pytest.mark.parametrize(
+    "command, option",
+    [(latency.main, o) for o in ("--frames=0", "--frames=9", "--frames=x", "--parts=core,cores", "--parts=")]
+    + [(solvers.main, o) for o in ("--problems=0", "--kinds=foo", "--tolerance=nan", "--tolerance=0", "--seed=-1")],
+)
+def test_options_that_cannot_be_meant_are_refused_by_their_name(command, option, capsys):
+    with pytest.raises(SystemExit) as end:
+        command([option])
+    said = capsys.readouterr().err
+    assert end.value.code == 2 and f"argument {option.split('=')[0]}: " in said and "; expected " in said
 
 
 def test_command_line(tmp_path, capsys):

@@ -1,0 +1,49 @@
+"""Types of options: what a command's text may be, said in one line where it is not."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable, Collection
+from typing import Any
+
+
+def names(text: str) -> list[str]:
+    """Words with commas or blanks between."""
+    return [name for name in text.replace(",", " ").split() if name]
+
+
+def some_of(known: Collection[str]) -> Callable[[str], list[str]]:
+    """An option's type: names that are known, one or more."""
+
+    def read(text: str) -> list[str]:
+        chosen = names(text)
+        if not chosen or not set(chosen) <= set(known):
+            raise argparse.ArgumentTypeError(f"'{text}'; expected some of: {', '.join(known)}")
+        return chosen
+
+    return read
+
+
+def number(kind: Callable[[str], float], holds: Callable[[float], bool], expected: str) -> Callable[[str], Any]:
+    """An option's type: what `kind` reads of the text, where it is finite and `holds`."""
+
+    def read(text: str) -> Any:
+        try:
+            value = kind(text)
+        except ValueError:
+            value = math.nan
+        if not (math.isfinite(value) and holds(value)):
+            raise argparse.ArgumentTypeError(f"{text}; expected {expected}")
+        return value
+
+    return read
+
+
+count = number(int, lambda n: n >= 1, "1 or more")
+seed = number(int, lambda n: n >= 0, "a whole number, 0 or more")
+finite = number(float, lambda x: True, "a finite number")
+positive = number(float, lambda x: x > 0, "a number above 0")
+size = number(float, lambda x: x >= 0, "a number, 0 or more")
+share = number(float, lambda x: 0 <= x <= 1, "a share, 0 to 1")
+frames = number(int, lambda n: n >= 10, "10 or more")
