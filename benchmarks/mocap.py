@@ -284,14 +284,19 @@ LONGEST_SWAP = 12
 def swap_sides(
     pixels: np.ndarray, confidence: np.ndarray, names: Sequence[str], share: float, random: np.random.Generator
 ) -> None:
-    """Change left and right of limbs, in place, each of `SWAPPED` in its part of the share; pixels (f, l, 2)."""
-    begins = share / len(SWAPPED) / (0.5 * (1 + LONGEST_SWAP))
-    for limb in SWAPPED:
-        left, right = ([names.index(f"{side}_{joint}") for joint in limb] for side in ("left", "right"))
-        for first in np.flatnonzero(random.random(len(pixels)) < begins):
-            burst = slice(max(first, 1), first + random.integers(1, LONGEST_SWAP + 1))  # the first frame stays
-            for values in (pixels, confidence):
-                values[burst, left + right] = values[burst, right + left]
+    """Change left and right of one of `SWAPPED` in each burst, in place, in a share of the frames; pixels (f, l, 2)."""
+    frames = len(pixels)
+    untouched = np.arange(frames) > 0  # the first frame stays
+    left = min(round(share * frames), frames - 1)
+    while left > 0:
+        limb, start = SWAPPED[random.integers(len(SWAPPED))], random.integers(1, frames)
+        length = random.integers(1, LONGEST_SWAP + 1)
+        burst = start + np.flatnonzero(untouched[start : start + length])[:left]
+        one, other = ([names.index(f"{side}_{joint}") for joint in limb] for side in ("left", "right"))
+        for values in (pixels, confidence):
+            values[burst[:, None], one + other] = values[burst[:, None], other + one]
+        untouched[burst] = False
+        left -= len(burst)
 
 
 def landmark_positions(clip: Clip, layout: Layout, skeleton: Skeleton) -> np.ndarray:

@@ -214,6 +214,18 @@ def test_as_many_points_are_missing_as_is_said_in_a_short_clip_too(clip, share):
     assert np.abs(gone - share).max() <= 0.5 / len(view.confidence)
 
 
+@needs_clips
+@pytest.mark.parametrize("share", [0.0, 0.1, 1.0])
+def test_in_as_many_frames_a_limb_is_swapped_as_is_said(share):
+    exact, swapped = (
+        scene_of(Job(MOCAP / "exp_running_1.npz", 0, "lasso", Condition(noise_px=0, swaps=s))).view.pixels
+        for s in (0.0, share)
+    )
+    changed = (exact != swapped).any(axis=(1, 2))
+    assert not changed[0] and changed.sum() == min(round(share * len(exact)), len(exact) - 1)
+    assert np.array_equal(np.sort(exact, axis=1), np.sort(swapped, axis=1))
+
+
 @pytest.mark.parametrize(
     "option",
     "--noise-px=-1 --noise-px=nan --missing=2 --missing=nan --outliers=-1 --swaps=2 --fps=0 --fps=-5 --fps=nan "
