@@ -205,6 +205,14 @@ def test_other_programs_bvh(tmp_path, program, scale, turn, prefix):
     same(load_skeleton(str(path), 1.2), BUILT_IN, 1e-6)
 
 
+def test_a_byte_order_mark_may_stand_before_the_text(tmp_path):
+    for suffix, text in ((".bvh", renamed_bvh("mixamo")), (".yaml", skeleton_text(BUILT_IN))):
+        plain, marked = tmp_path / f"plain{suffix}", tmp_path / f"marked{suffix}"
+        plain.write_text(text, encoding="utf-8")
+        marked.write_text(text, encoding="utf-8-sig")
+        assert np.array_equal(load_skeleton(str(marked), 1.8).offsets, load_skeleton(str(plain), 1.8).offsets)
+
+
 def test_hanging_arms_and_splayed_legs_become_a_t_pose(tmp_path):
     """Lengths stay, feet and hands turn with their limbs."""
     rest = BUILT_IN.rest_positions.copy()

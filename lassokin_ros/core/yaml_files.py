@@ -20,7 +20,7 @@ SUFFIXES = (".yaml", ".yml")
 def read_text(path: Path, error: type[LassokinError]) -> str:
     """The text of a file; `error` is raised, with the reason, when it is too long, no UTF-8 or cannot be read."""
     try:
-        with path.open(encoding="utf-8") as file:
+        with path.open(encoding="utf-8-sig") as file:  # some editors put a byte order mark before it
             return file.read(MAX_CHARACTERS + 1)
     except UnicodeDecodeError as problem:
         raise error(f"{path} is no UTF-8 text: {problem.reason} at byte {problem.start}") from None
