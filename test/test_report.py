@@ -228,7 +228,7 @@ CASES = {
     "late": ({"times": lambda s: s + 2_500_000_000}, ("note", "Keypoints were recorded 2.5 s after their stamps: ")),
     "no stamps": (
         {"spoil": lambda s, p, c: s.__imul__(0)},
-        ("problem", f"{FRAMES} messages have no stamp: the time of"),
+        ("problem", f"Messages without a stamp: {FRAMES}. The time of"),
     ),
     "nothing": (
         {"spoil": absent(0, FRAMES)},

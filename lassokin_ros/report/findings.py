@@ -175,7 +175,7 @@ def _stamps(facts: Facts) -> Iterator[Finding]:
     unstamped = facts.counts.get("unstamped", 0)
     if unstamped:
         yield Finding(
-            PROBLEM, f"{unstamped} messages have no stamp: the time of recording stands for it, with its jitter."
+            PROBLEM, f"Messages without a stamp: {unstamped}. The time of recording stands for it, with its jitter."
         )
     delays = [m.delay for m in facts.log.messages if np.isfinite(m.delay)]
     if delays and abs(np.median(delays)) > LONG_DELAY_S:
