@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from lassokin_ros import topics
-from lassokin_ros.bags import STORAGES, BagReader, BagWriter, RecordedTopic
+from lassokin_ros.bags import BagReader, BagWriter, RecordedTopic
 from lassokin_ros.core.errors import ConfigurationError, LassokinError
 from lassokin_ros.interruption import Interrupted, interruptible
 from lassokin_ros.progress import Progress
+from lassokin_ros.replay_options import parser
 from lassokin_ros.summary_output import print_summary
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ INTERRUPTED = 130
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; the exit code: 0, 2 for input that cannot be used (one line on stderr), 130 when interrupted."""
-    options = _parser().parse_args(arguments)
+    options = parser().parse_args(arguments)
     # The matrices are small: further threads of BLAS cost more than they bring.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     try:
@@ -207,69 +208,6 @@ def _summary(
     lines.update(written)
     read = [f"{name:<15} {topic}" for name, topic in zip((topics.KEYPOINTS, topics.CAMERA_INFO), inputs)]
     return "\n".join([title, *read, *(f"{name:<15} {text}" for name, text in lines.items())])
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="replay",
-        description="Track the keypoints of a rosbag2 recording and write the node's topics to another one.",
-    )
-    parser.add_argument(
-        "bags",
-        type=Path,
-        nargs="+",
-        metavar="BAG",
-        help="rosbag2 folder, a single .mcap or .db3 file, or a folder of recordings; several are an archive",
-    )
-    parser.add_argument(
-        "--output",
-        "-o",
-        type=Path,
-        help="recording to write (default: <bag>_tracked, here); for an archive the folder of all <bag>_tracked",
-    )
-    parser.add_argument(
-        "--params-file", type=Path, action="append", default=[], metavar="YAML", help="ROS parameter file"
-    )
-    parser.add_argument("-p", action="append", default=[], metavar="name:=value", help="a parameter, as of the node")
-    parser.add_argument("--keypoints-topic", metavar="TOPIC", help="needed when the recording has several")
-    parser.add_argument("--camera-info-topic", metavar="TOPIC", help="needed when the recording has several")
-    parser.add_argument("--storage", choices=STORAGES, help="of the output (default: the input's)")
-    parser.add_argument(
-        "--report",
-        type=Path,
-        metavar="HTML",
-        help="write a page with plots and the skeleton in 3D, for a browser; of an archive: a folder of pages",
-    )
-    parser.add_argument(
-        "--export",
-        type=Path,
-        action="append",
-        default=[],
-        metavar="FILE",
-        help="write the motion to a .csv, .npz, .bvh or .amass.npz too; a suffix alone: into the output's folder",
-    )
-    parser.add_argument(
-        "--save-skeleton",
-        type=Path,
-        metavar="YAML",
-        help="write the calibrated skeleton of who is there at the end; of several people each their own, _<id> added",
-    )
-    parser.add_argument("--force", action="store_true", help="replace an output that exists")
-    parser.add_argument(
-        "--jobs", type=_positive, metavar="N", help="processes for an archive (default: one for each core)"
-    )
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="of dask.distributed, or its scheduler file")
-    return parser
-
-
-def _positive(text: str) -> int:
-    try:
-        number = int(text)
-    except ValueError:
-        number = 0
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"'{text}'; expected a whole number, 1 or more")
-    return number
 
 
 if __name__ == "__main__":
