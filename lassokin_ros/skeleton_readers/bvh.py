@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -34,51 +35,74 @@ def parse_hierarchy(text: str, source: str) -> RestTree:
     words = iter(head.split())
     if next(words, "") != "HIERARCHY" or not separator:
         raise SkeletonError(f"{source} is no BVH file; expected HIERARCHY at its beginning and MOTION behind that")
-    names: list[str] = []
-    parents: list[int] = []
-    offsets: list[list[float]] = []
-    axes: list[str] = []
-    above: list[int] = []  # the open blocks' joints; -1 for an end site
-    block = -1
+    tree = _Hierarchy(source)
     try:
         for word in words:
-            if word in ("ROOT", "JOINT"):
-                block = len(names)
-                names.append(next(words))
-                parents.append(above[-1] if above else -1)
-                offsets.append([0.0, 0.0, 0.0])
-                axes.append("xzy")
-            elif word == "End":
-                next(words)
-                block = -1
-            elif word == "{":
-                above.append(block)
-            elif word == "}":
-                above.pop()
-            elif word == "OFFSET":
-                numbers = [float(next(words)) for _ in range(3)]
-                if above[-1] >= 0:
-                    offsets[above[-1]] = numbers
-            elif word == "CHANNELS":
-                channels = [next(words) for _ in range(int(next(words)))]
-                axes[above[-1]] = _order(channels, axes[above[-1]])
-            else:
-                raise SkeletonError(f"{source}: '{word[:40]}' in HIERARCHY; expected JOINT, End Site, OFFSET, CHANNELS")
-            if len(names) > MOST_JOINTS:
-                raise SkeletonError(f"{source} has more than {MOST_JOINTS} joints")
+            tree.take(word, words)
     except SkeletonError:
         raise
     except (StopIteration, IndexError, ValueError):
-        raise SkeletonError(f"{source}: its HIERARCHY is broken near joint {names[-1] if names else '0'}") from None
-    if above or not names or parents.count(-1) != 1:
-        raise SkeletonError(f"{source}: its HIERARCHY is broken; expected one ROOT, and as many }} as {{")
-    positions = np.array(offsets)
-    positions[0] = 0.0  # where a root stands at rest is nobody's bone
-    for joint in range(1, len(names)):
-        positions[joint] += positions[parents[joint]]
-    if not np.isfinite(positions).all():
-        raise SkeletonError(f"{source}: an OFFSET is not finite")
-    return RestTree(tuple(names), tuple(parents), positions, tuple(axes))
+        near = tree.names[-1] if tree.names else "0"
+        raise SkeletonError(f"{source}: its HIERARCHY is broken near joint {near}") from None
+    return tree.rest()
+
+
+class _Hierarchy:
+    """What has been read so far: of each joint name, parent (-1: none), offset from it, and order of turns."""
+
+    def __init__(self, source: str) -> None:
+        """source: the file, for messages."""
+        self.names: list[str] = []
+        self._source = source
+        self._parents: list[int] = []
+        self._offsets: list[list[float]] = []
+        self._axes: list[str] = []
+        self._open: list[int] = []  # blocks' joints, the innermost last; -1 for an end site
+        self._block = -1  # whose the next block is
+
+    def take(self, word: str, words: Iterator[str]) -> None:
+        """One word, with those behind it that belong to it. StopIteration, IndexError or ValueError when broken."""
+        if word in ("ROOT", "JOINT"):
+            self._begin_joint(next(words))
+        elif word == "End":
+            next(words)
+            self._block = -1
+        elif word == "{":
+            self._open.append(self._block)
+        elif word == "}":
+            self._open.pop()
+        elif word == "OFFSET":
+            numbers = [float(next(words)) for _ in range(3)]
+            if self._open[-1] >= 0:
+                self._offsets[self._open[-1]] = numbers
+        elif word == "CHANNELS":
+            channels = [next(words) for _ in range(int(next(words)))]
+            self._axes[self._open[-1]] = _order(channels, self._axes[self._open[-1]])
+        else:
+            raise SkeletonError(
+                f"{self._source}: '{word[:40]}' in HIERARCHY; expected JOINT, End Site, OFFSET, CHANNELS"
+            )
+
+    def _begin_joint(self, name: str) -> None:
+        if len(self.names) == MOST_JOINTS:
+            raise SkeletonError(f"{self._source} has more than {MOST_JOINTS} joints")
+        self._block = len(self.names)
+        self.names.append(name)
+        self._parents.append(self._open[-1] if self._open else -1)
+        self._offsets.append([0.0, 0.0, 0.0])
+        self._axes.append("xzy")
+
+    def rest(self) -> RestTree:
+        """The whole tree, or SkeletonError."""
+        if self._open or not self.names or self._parents.count(-1) != 1:
+            raise SkeletonError(f"{self._source}: its HIERARCHY is broken; expected one ROOT, and as many }} as {{")
+        positions = np.array(self._offsets)
+        positions[0] = 0.0  # where a root stands at rest is nobody's bone
+        for joint in range(1, len(self.names)):
+            positions[joint] += positions[self._parents[joint]]
+        if not np.isfinite(positions).all():
+            raise SkeletonError(f"{self._source}: an OFFSET is not finite")
+        return RestTree(tuple(self.names), tuple(self._parents), positions, tuple(self._axes))
 
 
 def _order(channels: list[str], default: str) -> str:
