@@ -22,10 +22,13 @@ FLIP_MM = 100.0
 def mpjpe(estimate: np.ndarray, truth: np.ndarray, estimate_root: np.ndarray, truth_root: np.ndarray) -> np.ndarray:
     """(f,) mm: mean distance of the joints per frame, after both roots (f, 3) are moved to the origin.
 
-    Joints with a NaN are left out of the mean.
+    Joints with a NaN are left out of the mean; NaN where there is no other, as before somebody was found.
     """
     difference = (estimate - estimate_root[:, None]) - (truth - truth_root[:, None])
-    return 1000 * np.nanmean(np.linalg.norm(difference, axis=-1), axis=1)
+    size = np.linalg.norm(difference, axis=-1)
+    known = np.isfinite(size)
+    with np.errstate(invalid="ignore"):
+        return 1000 * np.where(known, size, 0.0).sum(axis=1) / known.sum(axis=1)
 
 
 def pa_mpjpe(estimate: np.ndarray, truth: np.ndarray) -> np.ndarray:

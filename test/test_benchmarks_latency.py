@@ -89,6 +89,6 @@ def test_callback_stages(tmp_path):
     """The real node's callback on real DDS where rclpy is, serialised messages where it is not."""
     pytest.importorskip("rosbags")
     file = tmp_path / "records.json"
-    assert main(["--data", str(tmp_path), "--frames", "6", "--parts", "callback", "--json", str(file)]) == 0
+    assert main(["--data", str(tmp_path), "--frames", "10", "--parts", "callback", "--json", str(file)]) == 0
     what = [r["what"] for r in json.loads(file.read_text(encoding="utf-8"))]
     assert {"decode", "undistort", "encode joint_states", "publish joint_states"} <= set(what)
