@@ -10,7 +10,7 @@ from lassokin_ros.core.point_filter import LONGEST_COURSE, SWAPPED_AT_MOST, TRUS
 from lassokin_ros.core.tracker import Tracker
 
 NAMES = ("nose", "left_knee", "right_knee", "left_ankle")
-RATE, NOISE = 60.0, 0.002
+RATE, NOISE, LIKENESS = 60.0, 0.002, 0.001
 CROSSED = [0, 2, 1, 3]
 
 
@@ -29,7 +29,7 @@ def filtered(frames, swapped=(), weights=None):
     for frame in range(frames):
         points = places(frame) + NOISE * random.normal(size=(4, 2))
         order = CROSSED if frame in swapped else slice(None)
-        answers.append(point_filter.update(frame / RATE, points[order], weights[order], 1.0))
+        answers.append(point_filter.update(frame / RATE, points[order], weights[order], 1.0, LIKENESS))
     return answers
 
 
@@ -65,10 +65,10 @@ def test_a_point_without_another_side_is_left_out_as_ever():
     point_filter = PointFilter(NAMES)
     weights = np.full(4, 1 / NOISE)
     for frame in range(20):
-        point_filter.update(frame / RATE, places(frame), weights, 1.0)
+        point_filter.update(frame / RATE, places(frame), weights, 1.0, LIKENESS)
     wrong = places(20)
     wrong[3] += 0.1
-    points, _ = point_filter.update(20 / RATE, wrong, weights, 1.0)
+    points, _ = point_filter.update(20 / RATE, wrong, weights, 1.0, LIKENESS)
     assert np.abs(points - places(20)).max() < 0.01
 
 
@@ -93,8 +93,8 @@ def test_what_is_expected_goes_on_for_a_while_and_teaches_nothing():
     random = np.random.default_rng(0)
     for frame in range(60):
         points = places(frame) + NOISE * random.normal(size=(4, 2))
-        a, u = plain.update(frame / RATE, points, weights, 1.0)
-        b, v = asked.update(frame / RATE, points, weights, 1.0)
+        a, u = plain.update(frame / RATE, points, weights, 1.0, LIKENESS)
+        b, v = asked.update(frame / RATE, points, weights, 1.0, LIKENESS)
         assert np.array_equal(a, b) and np.array_equal(u, v)
         soon, less = asked.expected((frame + 0.5) / RATE)
         assert np.array_equal(less, TRUST * v)

@@ -11,6 +11,7 @@ NAMES = ("nose", "left_wrist", "right_wrist")
 POINTS = np.array([[0.1, -0.2], [0.3, 0.1], [-0.2, 0.1]])
 WEIGHTS = np.full(3, 300.0)
 LOST_AFTER = 1.0
+HEIGHT = 1.75
 
 
 def seen(sightings, stamp, points, used=True):
@@ -26,13 +27,13 @@ def moved(step):
 
 
 def test_the_first_frame_is_news_of_somebody_lost():
-    sighting = seen(Sightings(NAMES), 5.0, POINTS)
+    sighting = seen(Sightings(NAMES, HEIGHT), 5.0, POINTS)
     assert sighting.lost and sighting.repeated == 0 and sighting.step == sighting.news == np.inf
     assert np.array_equal(sighting.points, POINTS)
 
 
 def test_time_is_counted_from_frames_that_were_used():
-    sightings = Sightings(NAMES)
+    sightings = Sightings(NAMES, HEIGHT)
     seen(sightings, 5.0, moved(0))
     refused = seen(sightings, 5.1, moved(1), used=False)
     later = seen(sightings, 5.3, moved(2))
@@ -41,7 +42,7 @@ def test_time_is_counted_from_frames_that_were_used():
 
 
 def test_a_repeated_frame_tells_nothing_and_those_after_it_know_since_when():
-    sightings = Sightings(NAMES)
+    sightings = Sightings(NAMES, HEIGHT)
     seen(sightings, 5.0, moved(0))
     again = seen(sightings, 5.1, moved(0))
     after = seen(sightings, 5.2, moved(1))
@@ -51,7 +52,7 @@ def test_a_repeated_frame_tells_nothing_and_those_after_it_know_since_when():
 
 
 def test_after_too_long_the_tracks_are_of_no_use():
-    sightings = Sightings(NAMES)
+    sightings = Sightings(NAMES, HEIGHT)
     seen(sightings, 5.0, moved(0))
     elsewhere = moved(0) + 0.4
     sighting = seen(sightings, 5.0 + LOST_AFTER + 0.01, elsewhere)
@@ -59,7 +60,7 @@ def test_after_too_long_the_tracks_are_of_no_use():
 
 
 def test_forgetting_keeps_the_time():
-    sightings = Sightings(NAMES)
+    sightings = Sightings(NAMES, HEIGHT)
     seen(sightings, 5.0, moved(0))
     sightings.forget()
     assert sightings.newest == 5.0 and seen(sightings, 5.1, moved(0)).repeated == 0
@@ -70,7 +71,7 @@ def test_forgetting_keeps_the_time():
 def test_reprojection_error_is_of_the_visible_points_as_detected():
     weights = np.array([300.0, 300.0, 0.0])
     observation = Observation(5.0, np.where(weights[:, None] > 0, POINTS, np.nan), np.ones(3), 1000.0)
-    sighting = Sightings(NAMES).of(observation, weights, None, LOST_AFTER)
+    sighting = Sightings(NAMES, HEIGHT).of(observation, weights, None, LOST_AFTER)
     off = np.array([[0.003, 0.0], [0.0, 0.004], [7.0, 7.0]])
     landmarks = 2.0 * np.concatenate([POINTS + off, np.ones((3, 1))], axis=1)
     pose = BodyPose(orientations=np.eye(3)[None], positions=np.zeros((1, 3)), landmarks=landmarks)

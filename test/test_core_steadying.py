@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from sequences import CONFIG, observations
 
 from lassokin_ros.core.kinematics import BodyPose, BodyState
-from lassokin_ros.core.steadying import DEPTH, FARTHEST, LONGEST_STEP, Steadying
+from lassokin_ros.core.steadying import DEPTH, FARTHEST, LONGEST_STEP, TYPICAL_SPEED, Steadying
 from lassokin_ros.core.tracker import Tracker
 
 STEP, TIME, JOINTS = 1 / 60, 0.02, 3
@@ -26,18 +26,18 @@ def posed(state):
     return BodyPose(state.rotations, np.zeros((JOINTS, 3)), np.zeros((0, 3)))
 
 
-def steadied(steadying, last, state, step=STEP, time=TIME):
+def steadied(steadying, last, state, step=STEP, time=TIME, speed=TYPICAL_SPEED):
     """The state to publish after the increment from the last one."""
     omega = Rotation.from_matrix(np.swapaxes(last.rotations, -1, -2) @ state.rotations).as_rotvec()
     moved = state.translation - last.translation
-    return steadying.steadied(state, posed(state), omega.ravel(), moved, step, time)
+    return steadying.steadied(state, posed(state), omega.ravel(), moved, step, speed, time)
 
 
-def followed(states, step=STEP, time=TIME):
+def followed(states, step=STEP, time=TIME, speed=TYPICAL_SPEED):
     """Steady a list of states; the increments are those between them."""
     steadying, last, published = Steadying(JOINTS), states[0], []
     for state in states:
-        published.append(steadied(steadying, last, state, step, time))
+        published.append(steadied(steadying, last, state, step, time, speed))
         last = state
     return published
 
@@ -158,7 +158,7 @@ def test_the_tracker_settles_to_another_limb_and_goes_at_once_to_another_body(an
     tracker._challengers.replace_published(successor)
     estimate = tracker.track(sequence[-1])
     left = angle(estimate.state, estimate.solved)
-    assert left == 0 if another_body else left > 0.5 * jump
+    assert left == 0 if another_body else left > 0.4 * jump
 
 
 def test_a_body_that_jumps_in_depth_is_not_published_through_the_camera():

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lassokin_ros.core.point_tracks import PointTracks
-from lassokin_ros.core.robust import squared_norm
+from lassokin_ros.core.robust import norm, squared_norm
 from lassokin_ros.core.symmetry import other_side
 
 GATE = 5.0
@@ -24,8 +24,6 @@ SWAPPED_AT_MOST = 0.5
 """s for which a pair's points are changed back; if they still seem swapped then, it was the tracks that were."""
 FORGOTTEN_AFTER = 0.3
 """s without a good point after which a track starts anew."""
-CORRELATION = 0.8
-"""Filtered errors last several frames; this factor on the weights accounts for it."""
 LONGEST_COURSE = 0.05
 """s for which points are expected to go on with their velocities; longer, more is lost than won."""
 TRUST = 0.5
@@ -56,14 +54,15 @@ class PointFilter:
         self._weights = np.zeros(count)
 
     def update(
-        self, stamp: float, points: np.ndarray, weights: np.ndarray, acceleration: float
+        self, stamp: float, points: np.ndarray, weights: np.ndarray, acceleration: float, likeness: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """Filtered points (l, 2) and weights (l,) of a frame; weight 0 where there is no good point.
 
         A landmark that is missing, or wrong for the first time, coasts on its velocity with growing variance.
 
         stamp: s, later than the last; points: (l, 2) normalised; weights: (l,) 1 / standard deviation, 0 = missing;
-        acceleration: standard deviation of a typical landmark's acceleration, normalised units / s^2.
+        acceleration: standard deviation of a typical landmark's acceleration, normalised units / s^2; likeness: that of
+        the place that keypoints show from the landmark's, normalised units: no track is better evidence than this.
         """
         step = min(max(stamp - self._stamp, 0.0), FORGOTTEN_AFTER)  # 0: one before it was filtered, then refused
         self._stamp = stamp
@@ -91,9 +90,14 @@ class PointFilter:
         self._unseen = np.where(good, 0.0, self._unseen + step)
         self._known = (self._known | anew) & (self._unseen < FORGOTTEN_AFTER)
         coasting = self._known & (~seen | (self._off == 1))
-        filtered = CORRELATION / np.sqrt(np.maximum(self._tracks.variance, 1e-12))
+        filtered = 1 / np.sqrt(np.maximum(self._tracks.variance, 0.0) + likeness * likeness)
         self._weights = np.where(good | coasting, filtered, 0.0)
         return self._tracks.position.copy(), self._weights
+
+    def speed(self) -> float:
+        """Normalised units / s: how fast the known tracks move, on average; 0 where none is known."""
+        speeds = norm(self._tracks.velocity)
+        return float(speeds.dot(self._known) / max(np.count_nonzero(self._known), 1))
 
     def expected(self, stamp: float) -> tuple[np.ndarray, np.ndarray]:
         """Points (l, 2) and weights (l,) of a frame that tells nothing new, by the tracks, which stay as they are.

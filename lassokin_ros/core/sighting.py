@@ -21,6 +21,10 @@ from lassokin_ros.core.repeats import Repeats
 ACCELERATION = 3.5
 """m/s^2: standard deviation of a body point's acceleration, typical of everyday motion."""
 
+LIKENESS = 0.002
+"""Of the height: standard deviation of the place on the body that a keypoint shows from the skeleton's landmark. However
+still a keypoint stands, it is no better evidence than this."""
+
 TYPICAL_DEPTH = 3.5
 """m: of somebody of whom nothing is known yet."""
 
@@ -31,8 +35,9 @@ class Sighting:
 
     detected: (l, 2) as the detector gave them, 0 where not visible; visible: (l,) bool; focal: px per normalised unit.
     points: (l, 2) and weights: (l,), 1 / standard deviation, 0 = missing: what the keypoints' tracks make of them.
-    repeated: s for which the keypoints have been the same, 0 where they are new. step: s since the last frame that was
-    used; news: s since the last one that told something new, 0 where this one tells nothing; lost: too long ago.
+    speed: m/s, of the keypoints' tracks on average. repeated: s for which the keypoints have been the same, 0 where
+    they are new. step: s since the last frame that was used; news: s since the last one that told something new, 0
+    where this one tells nothing; lost: too long ago.
     """
 
     stamp: float
@@ -41,6 +46,7 @@ class Sighting:
     focal: float
     points: np.ndarray
     weights: np.ndarray
+    speed: float
     repeated: float
     step: float
     news: float
@@ -55,8 +61,9 @@ class Sighting:
 class Sightings:
     """Makes a Sighting of each admitted observation; the caller says which of them were used."""
 
-    def __init__(self, names: Sequence[str]) -> None:
-        """names: of the landmarks."""
+    def __init__(self, names: Sequence[str], height: float) -> None:
+        """names: of the landmarks; height: m, the person's."""
+        self._likeness = LIKENESS * height
         self._repeats, self._filter = Repeats(), PointFilter(names)
         self.reset()
 
@@ -78,6 +85,7 @@ class Sightings:
         depth: m, the person's, None where it is not known; lost_after: s without news after which the tracks are of no
         use any more.
         """
+        depth = depth or TYPICAL_DEPTH
         stamp, focal, visible = observation.stamp, observation.focal, weights > 0
         repeated = self._repeats.age(stamp, observation.points, observation.confidence)
         lost = stamp - (self.newest if repeated else self._informed) > lost_after
@@ -88,9 +96,13 @@ class Sightings:
         if repeated:  # teaches the tracks nothing, least of all a standstill
             points, weights = self._filter.expected(stamp)
         else:
-            points, weights = self._filter.update(stamp, detected, weights, ACCELERATION / (depth or TYPICAL_DEPTH))
+            points, weights = self._filter.update(
+                stamp, detected, weights, ACCELERATION / depth, self._likeness / depth
+            )
+        speed = depth * self._filter.speed()
         news = 0.0 if repeated else stamp - self._informed
-        return Sighting(stamp, detected, visible, focal, points, weights, repeated, stamp - self.newest, news, lost)
+        step = stamp - self.newest
+        return Sighting(stamp, detected, visible, focal, points, weights, speed, repeated, step, news, lost)
 
     def used(self, sighting: Sighting) -> None:
         """The state follows this one now."""

@@ -4,7 +4,8 @@ The tracker answers every frame nearly from that frame's image alone, which lets
 but passes on the image's noise, most of all in depth. What is published follows it through one constant-velocity
 Kalman filter for each degree of freedom (white acceleration; Bar-Shalom, Li, Kirubarajan, Estimation with Applications
 to Tracking and Navigation, 2001, sec. 6.3), of two gains: one for what the image shows, turns about the viewing ray and
-steps across it, and a lower one for what moves the body in depth. When a limb's other explanation takes over, what is
+steps across it, and a lower one for what moves the body in depth. Both rise with the speed of the body: jitter is seen
+when somebody keeps still, lag when they move (as in Casiez, Roussel, Vogel, 1 Euro Filter, CHI 2012). When a limb's other explanation takes over, what is
 published goes there within a few frames, not in one. The tracker's own state, from which the next frame is linearised,
 stays as solved: fed back, a prediction in depth would hold on to what was wrong.
 """
@@ -21,6 +22,12 @@ from lassokin_ros.core.rotations import logarithm
 
 DEPTH = 1.9
 """How much longer motion in depth is steadied than motion in the image: one camera sees it that much worse."""
+
+TYPICAL_SPEED = 0.5
+"""m/s of the keypoints on average, at which motion is steadied over the time that was set."""
+
+STILL = 0.05
+"""m/s: slower, somebody is steadied hardly longer."""
 
 LONGEST_STEP = 0.2
 """s between frames beyond which the filter starts anew: nothing is known of the motion between."""
@@ -104,17 +111,19 @@ class Steadying:
         omega: np.ndarray,
         translation_step: np.ndarray,
         step: float,
+        speed: float,
         time: float,
     ) -> BodyState:
         """The state to publish.
 
         state: as solved, pose: its own; omega (3 n,) rad and translation_step (3,) m: the increment that led to it;
-        step: s since the last frame; time: s over which motion in the image is steadied, the root of the noise over the
-        acceleration, and in which another explanation settles; below `SHORTEST`: not at all.
+        step: s since the last frame; speed: m/s, the keypoints'; time: s over which motion in the image is steadied at
+        a typical speed, and in which another explanation settles; below `SHORTEST`: not at all.
         """
+        steady_over = max(time_at(speed, time), SHORTEST)
         if self._covariance is None or time < SHORTEST or step > LONGEST_STEP:
-            return self._begun(state, step, time)
-        ahead = _ahead(self._covariance[0], step, time), _ahead(self._covariance[1], step, DEPTH * time)
+            return self._begun(state, step, steady_over)
+        ahead = _ahead(self._covariance[0], step, steady_over), _ahead(self._covariance[1], step, DEPTH * steady_over)
         (gain, velocity_gain, after), (depth_gain, depth_velocity_gain, depth_after) = map(_corrected, ahead)
         predicted = self._departure + step * self._velocity
         predicted[:-1] -= omega.reshape(-1, 3)
@@ -131,12 +140,11 @@ class Steadying:
         published = self.forward.published(state, self._departure)
         solved = state.translation
         if abs((published.translation - solved).dot(solved)) > FARTHEST * solved.dot(solved):
-            return self._begun(state, step, time)
+            return self._begun(state, step, steady_over)
         return published
 
     def _begun(self, state: BodyState, step: float, time: float) -> BodyState:
         self.reset()
-        time = max(time, SHORTEST)
         start = self._covariance = (1.0, 0.0, time**-2), (1.0, 0.0, (DEPTH * time) ** -2)
         none = self._departure
         self.forward = Forward(True, step, none, none, start, none, none, start, none)
@@ -148,6 +156,14 @@ class Steadying:
         rays[-1] = ray = translation / math.sqrt(translation.dot(translation))
         np.matmul(ray, pose.orientations, out=rays[:-1])
         return rays
+
+
+def time_at(speed: float, time: float) -> float:
+    """s over which motion in the image is steadied at a speed, m/s, by the time, s, at a typical one.
+
+    That of the filter is the root of its noise over the acceleration, which goes with the speed.
+    """
+    return time * math.sqrt((TYPICAL_SPEED + STILL) / (speed + STILL))
 
 
 def _ahead(covariance: Covariance, step: float, time: float) -> Covariance:

@@ -82,7 +82,7 @@ class Tracker:
         self._second_look = SecondLook(self.kinematics.landmark_count)
         self._steadying = Steadying(self.kinematics.joint_count)
         self._lag = FixedLag(self.kinematics)
-        self._sightings = Sightings(self.layout.names)
+        self._sightings = Sightings(self.layout.names, self.skeleton.height)
         self.calibration, self.habit = Calibration(self._rows), Habit(self._rows)
         self._uncertainty = UncertaintyModel(self.kinematics, prior)
         motion = np.maximum(prior.motion, LEAST_MOTION)[self._rows.live]
@@ -147,7 +147,7 @@ class Tracker:
             return self._refused(observation, rejection, increment.solution.certificate)
         solved = self._take(start, fit, increment, sighting)
         steady = self._steadying.steadied(
-            solved.state, solved.pose, increment.omega, increment.x, sighting.step, config.smoothing
+            solved.state, solved.pose, increment.omega, increment.x, sighting.step, sighting.speed, config.smoothing
         )
         estimate = self._estimate(sighting, fit, increment, solved.state, steady)
         offsets = self.skeleton.offsets
