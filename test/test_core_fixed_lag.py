@@ -10,21 +10,21 @@ from sequences import CONFIG, RATE, observations, same
 from lassokin_ros.core.estimate import Estimate, Status
 from lassokin_ros.core.fixed_lag import FixedLag
 from lassokin_ros.core.kinematics import BodyState
-from lassokin_ros.core.steadying import DEPTH, Steadying
+from lassokin_ros.core.steadying import DEPTH, TYPICAL_SPEED, Steadying, time_at
 from lassokin_ros.core.tracker import Tracker
 
 TIME = 0.03
 LAGGED = replace(CONFIG, smoothing_lag=0.1)  # three frames
 
 
-def textbook(values, steps, time):
-    """Rauch, Tung and Striebel on (f, k) values: their smoothed (f, k), of unit noise."""
+def textbook(values, steps, times):
+    """Rauch, Tung and Striebel on (f, k) values: their smoothed (f, k), of unit noise and accelerations 1 / times^2."""
     f = len(values)
     means, covariances, ahead = np.zeros((f, 2, values.shape[1])), np.zeros((f, 2, 2)), np.zeros((f, 2, 2))
-    means[0, 0], covariances[0] = values[0], np.diag([1.0, time**-2])
+    means[0, 0], covariances[0] = values[0], np.diag([1.0, times[0] ** -2])
     for i in range(1, f):
         F = np.array([[1.0, steps[i]], [0.0, 1.0]])
-        G = np.array([[steps[i] ** 2 / 2], [steps[i]]]) / time**2
+        G = np.array([[steps[i] ** 2 / 2], [steps[i]]]) / times[i] ** 2
         ahead[i] = F @ covariances[i - 1] @ F.T + G @ G.T
         gain = ahead[i][:, :1] / (ahead[i][0, 0] + 1)
         means[i] = F @ means[i - 1] + gain * (values[i] - (F @ means[i - 1])[0])
@@ -36,17 +36,18 @@ def textbook(values, steps, time):
     return means[:, 0]
 
 
-def lagging(values, steps, offsets=None):
-    """A FixedLag in which frames wait: the body moved by values (f, 3), m; the angles stay."""
+def lagging(values, steps, offsets=None, speeds=None):
+    """A FixedLag in which frames wait: the body moved by values (f, 3), m; the angles stay. speeds: (f,) m/s."""
     kinematics = body()
     steadying, lag = Steadying(kinematics.joint_count), FixedLag(kinematics)
     rotations = np.tile(np.eye(3), (kinematics.joint_count, 1, 1))
     rotations[0], none = FACING, np.zeros(3 * kinematics.joint_count)
     last, stamp = values[0], 0.0
-    for place, step in zip(values, steps):
+    speeds = np.full(len(steps), TYPICAL_SPEED) if speeds is None else speeds
+    for place, step, speed in zip(values, steps, speeds):
         stamp += step
         state = BodyState(rotations, np.array(place))
-        steady = steadying.steadied(state, kinematics.pose(state), none, place - last, step, TIME)
+        steady = steadying.steadied(state, kinematics.pose(state), none, place - last, step, speed, TIME)
         estimate = Estimate(stamp, Status.TRACKING, None, steady, solved=state)
         own = kinematics.skeleton.offsets if offsets is None else offsets
         lag.add(estimate, steadying.forward, own, lambda pose: float(pose.positions[0, 0]))
@@ -58,11 +59,13 @@ def test_it_is_the_textbooks_smoother():
     random = np.random.default_rng(0)
     steps = random.uniform(0.01, 0.05, 40)
     nearer = np.cumsum(0.01 * random.normal(size=(40, 1)), axis=0) * [0.0, 0.0, 1.0] + [0.0, 0.0, 3.0]
-    smooth = np.array([e.state.translation for e in lagging(nearer, steps).flush()])
-    assert np.abs(smooth - textbook(nearer, steps, DEPTH * TIME)).max() < 1e-9
+    speeds = random.uniform(0.0, 3.0, 40)
+    times = np.array([time_at(speed, TIME) for speed in speeds])
+    smooth = np.array([e.state.translation for e in lagging(nearer, steps, speeds=speeds).flush()])
+    assert np.abs(smooth - textbook(nearer, steps, DEPTH * times)).max() < 1e-9
     values = np.cumsum(1e-4 * random.normal(size=(40, 3)), axis=0) * [1.0, 1.0, 0.0] + [0.0, 0.0, 3.0]
-    smooth = np.array([e.state.translation for e in lagging(values, steps).flush()])
-    assert np.abs(smooth - textbook(values, steps, TIME)).max() < 1e-6  # the viewing ray turns a little
+    smooth = np.array([e.state.translation for e in lagging(values, steps, speeds=speeds).flush()])
+    assert np.abs(smooth - textbook(values, steps, times)).max() < 1e-6  # the viewing ray turns a little
     stamps = np.cumsum(steps)
     lag = lagging(values, steps)
     due = lag.due(stamps[-1], 0.2)
@@ -194,7 +197,7 @@ def test_frames_that_wait_are_not_moved_when_the_next_one_starts_from_another_ex
     for frame, solved in enumerate([state] * 6 + [other] * 12):
         if frame == 6:
             steadying.exchange(state, other)
-        steady = steadying.steadied(solved, kinematics.pose(solved), none, np.zeros(3), 1 / RATE, TIME)
+        steady = steadying.steadied(solved, kinematics.pose(solved), none, np.zeros(3), 1 / RATE, TYPICAL_SPEED, TIME)
         estimate = Estimate(frame / RATE, Status.TRACKING, None, steady, solved=solved)
         lag.add(estimate, steadying.forward, kinematics.skeleton.offsets, lambda pose: 0.0)
     published = lag.flush()

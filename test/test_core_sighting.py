@@ -5,7 +5,7 @@ import pytest
 
 from lassokin_ros.core.estimate import Observation
 from lassokin_ros.core.kinematics import BodyPose
-from lassokin_ros.core.sighting import Sightings
+from lassokin_ros.core.sighting import LIKENESS, Sightings
 
 NAMES = ("nose", "left_wrist", "right_wrist")
 POINTS = np.array([[0.1, -0.2], [0.3, 0.1], [-0.2, 0.1]])
@@ -66,6 +66,29 @@ def test_forgetting_keeps_the_time():
     assert sightings.newest == 5.0 and seen(sightings, 5.1, moved(0)).repeated == 0
     sightings.reset()
     assert sightings.newest == -np.inf
+
+
+@pytest.mark.parametrize("depth", [1.5, 4.0])
+def test_speed_is_the_bodys_own_whatever_its_distance(depth):
+    sightings, course = Sightings(NAMES, HEIGHT), np.array([0.6, -0.8, 0.0])
+    landmarks = depth * np.concatenate([POINTS, np.ones((3, 1))], axis=1)
+    for frame in range(60):
+        places = landmarks + 0.5 * frame / 60 * course
+        observation = Observation(frame / 60, places[:, :2] / depth, np.ones(3), 1000.0)
+        sighting = sightings.of(observation, WEIGHTS, depth, LOST_AFTER)
+        sightings.used(sighting)
+    assert sighting.speed == pytest.approx(0.5, rel=0.02)
+
+
+def test_no_keypoint_is_better_evidence_than_what_it_shows_is_like_the_landmark():
+    """However long it stands still, and however exact the detector is."""
+    for depth, height in ((3.0, 1.75), (3.0, 1.0), (6.0, 1.75)):
+        sightings = Sightings(NAMES, height)
+        for frame in range(200):
+            observation = Observation(frame / 60, moved(frame), np.ones(3), 1000.0)
+            sighting = sightings.of(observation, 1e6 * np.ones(3), depth, LOST_AFTER)
+            sightings.used(sighting)
+        assert sighting.weights == pytest.approx(depth / (LIKENESS * height), rel=1e-3)
 
 
 def test_reprojection_error_is_of_the_visible_points_as_detected():

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from sequences import CONFIG, observations
 
 from lassokin_ros.core.kinematics import BodyPose, BodyState
-from lassokin_ros.core.steadying import DEPTH, FARTHEST, LONGEST_STEP, TYPICAL_SPEED, Steadying
+from lassokin_ros.core.steadying import DEPTH, FARTHEST, LONGEST_STEP, TYPICAL_SPEED, Steadying, time_at
 from lassokin_ros.core.tracker import Tracker
 
 STEP, TIME, JOINTS = 1 / 60, 0.02, 3
@@ -74,6 +74,20 @@ def test_longer_time_is_steadier():
         spreads.append(np.std([Rotation.from_matrix(state.rotations).as_rotvec() for state in published]))
     assert spreads == sorted(spreads, reverse=True)
     assert all(a is b for a, b in zip(states, followed(states, time=0.0)))
+
+
+def test_who_keeps_still_is_steadied_longer_and_who_moves_lags_less():
+    random = np.random.default_rng(4)
+    jitter = [turned(0.02 * random.normal(size=(JOINTS, 3))) for _ in range(400)]
+    starting = [turned(np.full((JOINTS, 3), 0.05 * max(i - 20, 0))) for i in range(24)]
+    spreads, lags = [], []
+    for speed in (0.0, 0.1, TYPICAL_SPEED, 2.0, 20.0):
+        left = [Rotation.from_matrix(state.rotations).as_rotvec() for state in followed(jitter, speed=speed)[50:]]
+        spreads.append(np.std(left))
+        lags.append(angle(starting[-1], followed(starting, speed=speed)[-1]))
+    assert spreads == sorted(spreads) and spreads[0] < 0.8 * spreads[2]
+    assert lags == sorted(lags, reverse=True) and lags[3] < 0.8 * lags[2]
+    assert time_at(TYPICAL_SPEED, TIME) == TIME
 
 
 def test_motion_in_depth_is_steadied_more():

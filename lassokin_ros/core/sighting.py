@@ -22,8 +22,8 @@ ACCELERATION = 3.5
 """m/s^2: standard deviation of a body point's acceleration, typical of everyday motion."""
 
 LIKENESS = 0.002
-"""Of the height: standard deviation of the place on the body that a keypoint shows from the skeleton's landmark. However
-still a keypoint stands, it is no better evidence than this."""
+"""Of the height: standard deviation of the place that a keypoint shows from the skeleton's landmark. However still a
+keypoint stands, it is no better evidence than this."""
 
 TYPICAL_DEPTH = 3.5
 """m: of somebody of whom nothing is known yet."""
@@ -85,13 +85,14 @@ class Sightings:
         depth: m, the person's, None where it is not known; lost_after: s without news after which the tracks are of no
         use any more.
         """
-        depth = depth or TYPICAL_DEPTH
         stamp, focal, visible = observation.stamp, observation.focal, weights > 0
         repeated = self._repeats.age(stamp, observation.points, observation.confidence)
         lost = stamp - (self.newest if repeated else self._informed) > lost_after
         if lost:
             self._filter.reset()
             repeated = 0.0
+        if lost or depth is None:
+            depth = TYPICAL_DEPTH
         detected = np.where(visible[:, None], observation.points, 0.0)
         if repeated:  # teaches the tracks nothing, least of all a standstill
             points, weights = self._filter.expected(stamp)

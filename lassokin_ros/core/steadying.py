@@ -4,10 +4,10 @@ The tracker answers every frame nearly from that frame's image alone, which lets
 but passes on the image's noise, most of all in depth. What is published follows it through one constant-velocity
 Kalman filter for each degree of freedom (white acceleration; Bar-Shalom, Li, Kirubarajan, Estimation with Applications
 to Tracking and Navigation, 2001, sec. 6.3), of two gains: one for what the image shows, turns about the viewing ray and
-steps across it, and a lower one for what moves the body in depth. Both rise with the speed of the body: jitter is seen
-when somebody keeps still, lag when they move (as in Casiez, Roussel, Vogel, 1 Euro Filter, CHI 2012). When a limb's other explanation takes over, what is
-published goes there within a few frames, not in one. The tracker's own state, from which the next frame is linearised,
-stays as solved: fed back, a prediction in depth would hold on to what was wrong.
+steps across it, and a lower one for what moves the body in depth. Both rise with the keypoints' speed: in who keeps
+still one sees jitter, in who moves lag (Casiez, Roussel, Vogel, 1 Euro Filter, CHI 2012). When a limb's other
+explanation takes over, what is published goes there within a few frames, not in one. The tracker's own state, from
+which the next frame is linearised, stays as solved: fed back, a prediction in depth would hold on to what was wrong.
 """
 
 from __future__ import annotations
