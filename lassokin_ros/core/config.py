@@ -58,7 +58,12 @@ class TrackerConfig:
         1.0, "time without a usable frame after which the state is found anew", "s", 0.05, 3600.0, live=True
     )
     smoothing: float = setting(
-        0.02, "time over which the published pose is steadied, without lag in steady motion", "s", 0.0, 1.0, live=True
+        0.02,
+        "time over which the published pose is steadied, without lag in steady motion; longer at rest",
+        "s",
+        0.0,
+        1.0,
+        live=True,
     )
     smoothing_lag: float = setting(
         0.0, "the pose is published this much later, smoothed with the frames since", "s", 0.0, 0.25, live=True
