@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+from sequences import observations
 
+from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Observation
 from lassokin_ros.core.kinematics import BodyPose
 from lassokin_ros.core.sighting import LIKENESS, Sightings
+from lassokin_ros.core.tracker import Tracker
 
 NAMES = ("nose", "left_wrist", "right_wrist")
 POINTS = np.array([[0.1, -0.2], [0.3, 0.1], [-0.2, 0.1]])
@@ -89,6 +92,16 @@ def test_no_keypoint_is_better_evidence_than_what_it_shows_is_like_the_landmark(
             sighting = sightings.of(observation, 1e6 * np.ones(3), depth, LOST_AFTER)
             sightings.used(sighting)
         assert sighting.weights == pytest.approx(depth / (LIKENESS * height), rel=1e-3)
+
+
+def test_the_tracker_goes_by_the_height_that_it_was_told():
+    weights = []
+    for height in (1.0, 2.0):
+        tracker = Tracker(TrackerConfig(height=height, noise_px=0.1))
+        _, observation = observations(tracker, noise_px=0.0)[0]
+        tracker.track(observation)
+        weights.append(tracker._sightings._filter._weights)
+    assert weights[0] == pytest.approx(2 * weights[1], rel=0.02)  # both as if at a typical depth: it is the first frame
 
 
 def test_reprojection_error_is_of_the_visible_points_as_detected():

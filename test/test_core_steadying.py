@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from sequences import CONFIG, observations
+from sequences import CONFIG, RATE, observations
 
 from lassokin_ros.core.kinematics import BodyPose, BodyState
 from lassokin_ros.core.steadying import DEPTH, FARTHEST, LONGEST_STEP, TYPICAL_SPEED, Steadying, time_at
@@ -157,6 +157,18 @@ def test_the_tracker_follows_the_same_states_whatever_is_published():
         assert np.array_equal(a.solved.rotations, c.solved.rotations)
     moves = [np.mean([np.abs(e.state.rotations - e.solved.rotations).max() for e in track]) for track in tracks]
     assert moves[0] == 0 and 0 < moves[1] < moves[2]
+
+
+def test_the_tracker_steadies_by_the_speed_that_the_keypoints_have():
+    tracker = Tracker(CONFIG)
+    sequence, steadied_by, told = observations(tracker, 2.0), tracker._steadying.steadied, []
+    tracker._steadying.steadied = lambda *a: told.append(a[-2]) or steadied_by(*a)  # speed, before the time
+    depths = [tracker.track(observation).state.translation[2] for _, observation in sequence]
+    steps = np.diff([observation.points for _, observation in observations(tracker, 2.0, noise_px=0.0)], axis=0)
+    moved = np.linalg.norm(steps, axis=-1).mean(axis=1) * RATE * depths[1:]
+    settled = slice(15, None)  # a new track's velocity is its noise
+    assert 0.8 < np.mean(told[1:][settled]) / np.mean(moved[settled]) < 1.25
+    assert np.corrcoef(told[1:][settled], moved[settled])[0, 1] > 0.5
 
 
 @pytest.mark.parametrize("another_body", [False, True])
