@@ -7,19 +7,19 @@ from sequences import observations
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Observation
 from lassokin_ros.core.kinematics import BodyPose
-from lassokin_ros.core.sighting import LIKENESS, Sightings
+from lassokin_ros.core.sighting import Sightings
 from lassokin_ros.core.tracker import Tracker
 
 NAMES = ("nose", "left_wrist", "right_wrist")
 POINTS = np.array([[0.1, -0.2], [0.3, 0.1], [-0.2, 0.1]])
 WEIGHTS = np.full(3, 300.0)
 LOST_AFTER = 1.0
-HEIGHT = 1.75
+LIKENESS = 0.005
 
 
 def seen(sightings, stamp, points, used=True):
     observation = Observation(stamp, points, np.ones(len(points)), 1000.0)
-    sighting = sightings.of(observation, WEIGHTS, None, LOST_AFTER)
+    sighting = sightings.of(observation, WEIGHTS, None, LIKENESS, LOST_AFTER)
     if used:
         sightings.used(sighting)
     return sighting
@@ -30,13 +30,13 @@ def moved(step):
 
 
 def test_the_first_frame_is_news_of_somebody_lost():
-    sighting = seen(Sightings(NAMES, HEIGHT), 5.0, POINTS)
+    sighting = seen(Sightings(NAMES), 5.0, POINTS)
     assert sighting.lost and sighting.repeated == 0 and sighting.step == sighting.news == np.inf
     assert np.array_equal(sighting.points, POINTS)
 
 
 def test_time_is_counted_from_frames_that_were_used():
-    sightings = Sightings(NAMES, HEIGHT)
+    sightings = Sightings(NAMES)
     seen(sightings, 5.0, moved(0))
     refused = seen(sightings, 5.1, moved(1), used=False)
     later = seen(sightings, 5.3, moved(2))
@@ -45,7 +45,7 @@ def test_time_is_counted_from_frames_that_were_used():
 
 
 def test_a_repeated_frame_tells_nothing_and_those_after_it_know_since_when():
-    sightings = Sightings(NAMES, HEIGHT)
+    sightings = Sightings(NAMES)
     seen(sightings, 5.0, moved(0))
     again = seen(sightings, 5.1, moved(0))
     after = seen(sightings, 5.2, moved(1))
@@ -55,7 +55,7 @@ def test_a_repeated_frame_tells_nothing_and_those_after_it_know_since_when():
 
 
 def test_after_too_long_the_tracks_are_of_no_use():
-    sightings = Sightings(NAMES, HEIGHT)
+    sightings = Sightings(NAMES)
     seen(sightings, 5.0, moved(0))
     elsewhere = moved(0) + 0.4
     sighting = seen(sightings, 5.0 + LOST_AFTER + 0.01, elsewhere)
@@ -63,7 +63,7 @@ def test_after_too_long_the_tracks_are_of_no_use():
 
 
 def test_forgetting_keeps_the_time():
-    sightings = Sightings(NAMES, HEIGHT)
+    sightings = Sightings(NAMES)
     seen(sightings, 5.0, moved(0))
     sightings.forget()
     assert sightings.newest == 5.0 and seen(sightings, 5.1, moved(0)).repeated == 0
@@ -73,25 +73,25 @@ def test_forgetting_keeps_the_time():
 
 @pytest.mark.parametrize("depth", [1.5, 4.0])
 def test_speed_is_the_bodys_own_whatever_its_distance(depth):
-    sightings, course = Sightings(NAMES, HEIGHT), np.array([0.6, -0.8, 0.0])
+    sightings, course = Sightings(NAMES), np.array([0.6, -0.8, 0.0])
     landmarks = depth * np.concatenate([POINTS, np.ones((3, 1))], axis=1)
     for frame in range(60):
         places = landmarks + 0.5 * frame / 60 * course
         observation = Observation(frame / 60, places[:, :2] / depth, np.ones(3), 1000.0)
-        sighting = sightings.of(observation, WEIGHTS, depth, LOST_AFTER)
+        sighting = sightings.of(observation, WEIGHTS, depth, LIKENESS, LOST_AFTER)
         sightings.used(sighting)
     assert sighting.speed == pytest.approx(0.5, rel=0.02)
 
 
 def test_no_keypoint_is_better_evidence_than_what_it_shows_is_like_the_landmark():
     """However long it stands still, and however exact the detector is."""
-    for depth, height in ((3.0, 1.75), (3.0, 1.0), (6.0, 1.75)):
-        sightings = Sightings(NAMES, height)
+    for depth, likeness in ((3.0, 0.0035), (3.0, 0.01), (6.0, 0.0035)):
+        sightings = Sightings(NAMES)
         for frame in range(200):
             observation = Observation(frame / 60, moved(frame), np.ones(3), 1000.0)
-            sighting = sightings.of(observation, 1e6 * np.ones(3), depth, LOST_AFTER)
+            sighting = sightings.of(observation, 1e6 * np.ones(3), depth, likeness, LOST_AFTER)
             sightings.used(sighting)
-        assert sighting.weights == pytest.approx(depth / (LIKENESS * height), rel=1e-3)
+        assert sighting.weights == pytest.approx(depth / likeness, rel=1e-3)
 
 
 def test_the_tracker_goes_by_the_height_that_it_was_told():
@@ -107,7 +107,7 @@ def test_the_tracker_goes_by_the_height_that_it_was_told():
 def test_reprojection_error_is_of_the_visible_points_as_detected():
     weights = np.array([300.0, 300.0, 0.0])
     observation = Observation(5.0, np.where(weights[:, None] > 0, POINTS, np.nan), np.ones(3), 1000.0)
-    sighting = Sightings(NAMES, HEIGHT).of(observation, weights, None, LOST_AFTER)
+    sighting = Sightings(NAMES).of(observation, weights, None, LIKENESS, LOST_AFTER)
     off = np.array([[0.003, 0.0], [0.0, 0.004], [7.0, 7.0]])
     landmarks = 2.0 * np.concatenate([POINTS + off, np.ones((3, 1))], axis=1)
     pose = BodyPose(orientations=np.eye(3)[None], positions=np.zeros((1, 3)), landmarks=landmarks)

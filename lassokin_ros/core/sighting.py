@@ -21,10 +21,6 @@ from lassokin_ros.core.repeats import Repeats
 ACCELERATION = 3.5
 """m/s^2: standard deviation of a body point's acceleration, typical of everyday motion."""
 
-LIKENESS = 0.002
-"""Of the height: standard deviation of the place that a keypoint shows from the skeleton's landmark. However still a
-keypoint stands, it is no better evidence than this."""
-
 TYPICAL_DEPTH = 3.5
 """m: of somebody of whom nothing is known yet."""
 
@@ -61,9 +57,8 @@ class Sighting:
 class Sightings:
     """Makes a Sighting of each admitted observation; the caller says which of them were used."""
 
-    def __init__(self, names: Sequence[str], height: float) -> None:
-        """names: of the landmarks; height: m, the person's."""
-        self._likeness = LIKENESS * height
+    def __init__(self, names: Sequence[str]) -> None:
+        """names: of the landmarks."""
         self._repeats, self._filter = Repeats(), PointFilter(names)
         self.reset()
 
@@ -79,11 +74,13 @@ class Sightings:
         self._repeats.reset()
         self._filter.reset()
 
-    def of(self, observation: Observation, weights: np.ndarray, depth: float | None, lost_after: float) -> Sighting:
+    def of(
+        self, observation: Observation, weights: np.ndarray, depth: float | None, likeness: float, lost_after: float
+    ) -> Sighting:
         """What an observation shows that `admitted` gave the weights (l,).
 
-        depth: m, the person's, None where it is not known; lost_after: s without news after which the tracks are of no
-        use any more.
+        depth: m, the person's, None where it is not known; likeness: m, standard deviation of the places that keypoints
+        show from the landmarks'; lost_after: s without news after which the tracks are of no use any more.
         """
         stamp, focal, visible = observation.stamp, observation.focal, weights > 0
         repeated = self._repeats.age(stamp, observation.points, observation.confidence)
@@ -97,9 +94,7 @@ class Sightings:
         if repeated:  # teaches the tracks nothing, least of all a standstill
             points, weights = self._filter.expected(stamp)
         else:
-            points, weights = self._filter.update(
-                stamp, detected, weights, ACCELERATION / depth, self._likeness / depth
-            )
+            points, weights = self._filter.update(stamp, detected, weights, ACCELERATION / depth, likeness / depth)
         speed = depth * self._filter.speed()
         news = 0.0 if repeated else stamp - self._informed
         step = stamp - self.newest

@@ -32,6 +32,7 @@ from lassokin_ros.core.initialisation import Fit, Initialiser
 from lassokin_ros.core.kinematics import BodyState, Kinematics
 from lassokin_ros.core.landmarks import Layout
 from lassokin_ros.core.lasso import LassoSolver
+from lassokin_ros.core.likeness import Likeness
 from lassokin_ros.core.limb_search import LimbSearch
 from lassokin_ros.core.prior import PosePrior, PriorRows
 from lassokin_ros.core.rotations import orthonormalised
@@ -82,7 +83,7 @@ class Tracker:
         self._second_look = SecondLook(self.kinematics.landmark_count)
         self._steadying = Steadying(self.kinematics.joint_count)
         self._lag = FixedLag(self.kinematics)
-        self._sightings = Sightings(self.layout.names, self.skeleton.height)
+        self._sightings, self.likeness = Sightings(self.layout.names), Likeness(self.skeleton.height)
         self.calibration, self.habit = Calibration(self._rows), Habit(self._rows)
         self._uncertainty = UncertaintyModel(self.kinematics, prior)
         motion = np.maximum(prior.motion, LEAST_MOTION)[self._rows.live]
@@ -113,6 +114,7 @@ class Tracker:
         self._second_look.reset()
         self.calibration.reset()
         self.habit.reset()
+        self.likeness.reset()
         self._take_lengths()
 
     @property
@@ -137,7 +139,7 @@ class Tracker:
         if rejection is not None:
             return self._refused(observation, rejection)
         depth = None if self._state is None else float(self._state.translation[2])
-        sighting = self._sightings.of(observation, weights, depth, config.lost_after)
+        sighting = self._sightings.of(observation, weights, depth, self.likeness.deviation, config.lost_after)
         if np.count_nonzero(sighting.weights) < config.min_landmarks:
             return self._refused(observation, Rejection.TOO_FEW_LANDMARKS)
         fit = self._found_anew(sighting)
@@ -183,11 +185,15 @@ class Tracker:
         )
 
     def _learn(self, sighting: Sighting, start: BodyState, fit: Fit | None, increment: Increment) -> None:
-        """Let a frame speak about the bones' lengths and about how the person holds themselves."""
+        """Let a frame speak about the bones' lengths, how the person holds themselves, and the keypoints' errors."""
         if self.config.calibrate and (fit is not None or not sighting.repeated):
             self._calibrate(sighting, fit is not None)
         if fit is None and not sighting.repeated and self.habit.advance(sighting.stamp, start, increment.problem):
             self._challengers.refresh()
+        if not sighting.repeated:
+            depth = float(start.translation[2] + increment.x[2])
+            weights = np.where(sighting.visible, sighting.weights, 0.0)  # what coasts is no measurement
+            self.likeness.advance(sighting.stamp, increment.problem, increment.solution.omega, weights, depth)
 
     def flush(self) -> list[Estimate]:
         """Those that still wait for their `smoothing_lag`, in order: no observation will come after them."""
