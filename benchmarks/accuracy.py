@@ -76,8 +76,9 @@ def measure(options: argparse.Namespace) -> list[Record]:
         return in_parallel(run_detections, recordings, options.jobs)
     o = options
     condition = Condition(
-        o.noise_px, o.missing, o.outliers, o.fps, o.swaps, o.duplicates, o.camera_roll, o.camera_pitch, o.lying
-    )
+        o.noise_px, o.missing, o.outliers, o.fps, o.swaps, o.duplicates, o.camera_roll, o.camera_pitch, o.lying,
+        o.wander_px, o.offset_px,
+    )  # fmt: skip
     methods = ["lasso"] if o.uncertainty or o.doubt else o.methods
     jobs = [
         Job(file, view, method, condition, o.landmarks, seed, o.generic_skeleton, o.bone_error, o.symmetric,

@@ -23,6 +23,8 @@ def parser(description: str | None = None) -> argparse.ArgumentParser:
     add("--data", type=Path, help="folder of clips (default: mocap/ in LASSOKIN_DATA or ../shared/data)")
     add("--detections", type=Path, nargs="+", metavar="FILE", help="real detector output (npz) instead of clips")
     add("--noise-px", type=size, default=2.0, help="Gaussian noise of a keypoint, px (2)")
+    add("--wander-px", type=size, default=0.0, help="the same of an error that lasts a tenth of a second, px (0)")
+    add("--offset-px", type=size, default=0.0, help="the same of one that stays, each landmark's own, px (0)")
     add("--missing", type=share, default=0.0, help="share of keypoints missing, in bursts of 5-30 frames (0)")
     add("--outliers", type=share, default=0.0, help="share of keypoints 30-150 px off at full confidence (0)")
     add("--swaps", type=share, default=0.0, help="share of frames with a limb's left and right swapped, in bursts (0)")

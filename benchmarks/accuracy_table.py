@@ -8,6 +8,7 @@ from typing import Any, Sequence
 import numpy as np
 
 from benchmarks.learn_prior import SEEN, TRAINING
+from benchmarks.mocap import WANDERS
 from benchmarks.report import Record, summarise, table
 
 COLUMNS = {
@@ -81,6 +82,11 @@ def head(options: argparse.Namespace) -> str:
     ]
     if options.camera_roll or options.camera_pitch:
         lines.append(f"Camera rolled by {options.camera_roll:g} rad and looking down by {options.camera_pitch:g} rad.")
+    if options.wander_px or options.offset_px:
+        lines.append(
+            f"Beside the noise keypoints are off by {options.wander_px:g} px for {WANDERS:g} s on end, and by "
+            f"{options.offset_px:g} px all the time (standard deviations)."
+        )
     if options.lying:
         lines.append("The people are laid down.")
     if options.duplicates > 1:

@@ -120,6 +120,8 @@ def described(job: Job, scene: Scene) -> Record:
         "outliers": job.condition.outliers,
         "swaps": job.condition.swaps,
         "duplicates": job.condition.duplicates,
+        "wander_px": job.condition.wander_px,
+        "offset_px": job.condition.offset_px,
         "landmarks": job.landmarks,
         "method": job.method,
         "seed": job.seed,

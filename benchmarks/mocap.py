@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from lassokin_ros.core.kinematics import BodyState, Kinematics
@@ -214,7 +215,8 @@ class Condition:
     swaps: share of the frames in which some limb's left and right are taken for each other, in bursts.
     duplicates: frames for which each detection stands, under stamps of their own: a detector slower than the camera.
     camera_roll, camera_pitch: rad, of the camera's mount, as the tracker's settings of that name. lying: the person is
-    laid down, on a side drawn by the seed, and moves as if standing.
+    laid down, on a side drawn by the seed, and moves as if standing. wander_px, offset_px: standard deviations of what
+    a detector is off by for `WANDERS` s on end, and for ever (a place of its own for each landmark of a view).
     """
 
     noise_px: float = 2.0
@@ -226,6 +228,8 @@ class Condition:
     camera_roll: float = 0.0
     camera_pitch: float = 0.0
     lying: bool = False
+    wander_px: float = 0.0
+    offset_px: float = 0.0
 
 
 def step_for(clip_fps: float, fps: float) -> int:
@@ -266,6 +270,8 @@ def view_of(clip: Clip, layout: Layout, skeleton: Skeleton, condition: Condition
     centre_px = np.array([640.0, 360.0])
     exact = points[..., :2] / points[..., 2:] * focal + centre_px
     pixels = exact + random.normal(size=exact.shape) * condition.noise_px
+    own = np.random.default_rng([seed, view, 5, *clip.name.encode()])  # so that all else stays as it was drawn
+    pixels += _lasting(exact.shape, clip.fps / step, condition, own)
     confidence = np.ones(exact.shape[:2])
     _spoil(pixels, confidence, condition, random)
     if condition.swaps > 0:
@@ -273,6 +279,19 @@ def view_of(clip: Clip, layout: Layout, skeleton: Skeleton, condition: Condition
     detected = np.arange(len(pixels)) // condition.duplicates * condition.duplicates
     pixels, confidence = pixels[detected], confidence[detected]
     return View(clip, clip.fps / step, focal, centre_px, truth, root, pixels, confidence)
+
+
+WANDERS = 0.1
+"""s: after this, a detector's wandering error has 1 / e of its correlation left; so on real recordings."""
+
+
+def _lasting(shape: tuple[int, ...], fps: float, condition: Condition, random: np.random.Generator) -> np.ndarray:
+    """px (f, l, 2): errors that last, a first-order Gauss-Markov process and an offset, of the condition's sizes."""
+    offset = condition.offset_px * random.normal(size=shape[1:])
+    wander = condition.wander_px * random.normal(size=shape)
+    kept = np.exp(-1 / (fps * WANDERS))
+    wander[1:] *= np.sqrt(1 - kept**2)
+    return np.asarray(offset + lfilter([1.0], [1.0, -kept], wander, axis=0))
 
 
 SWAPPED = (("hip", "knee", "ankle"), ("knee", "ankle"), ("shoulder", "elbow", "wrist"), ("elbow", "wrist"))

@@ -14,7 +14,7 @@ from benchmarks.accuracy import main
 from benchmarks.detections import height_of, measured
 from benchmarks.experiment import Job, bone_scales, run, scene_of
 from benchmarks.learn_prior import TRAINING
-from benchmarks.mocap import EVALUATED, Condition
+from benchmarks.mocap import EVALUATED, WANDERS, Condition
 from benchmarks.report import data_folder
 from lassokin_ros.core.kinematics import BodyState, Kinematics
 from lassokin_ros.core.landmarks import Layout
@@ -230,7 +230,8 @@ def test_in_as_many_frames_a_limb_is_swapped_as_is_said(share):
     "option",
     "--noise-px=-1 --noise-px=nan --missing=2 --missing=nan --outliers=-1 --swaps=2 --fps=0 --fps=-5 --fps=nan "
     "--views=0 --seed=-1 --gap=-1 --gap=0 --gap=nan --per-clip=-3 --jobs=0 --score-from=nan --score-from=-1 "
-    "--bone-error=-1 --camera-pitch=nan --duplicates=1.5 --set=sparsity=abc --set=sparsity --set=warm_start=maybe "
+    "--wander-px=-1 --offset-px=nan --bone-error=-1 --camera-pitch=nan "
+    "--duplicates=1.5 --set=sparsity=abc --set=sparsity --set=warm_start=maybe "
     "--set=height=2 --set=landmarks=body25 --set=skeleton=x --set=speed=1".split(),
 )
 def test_an_option_that_cannot_be_meant_is_refused_by_its_name(option, capsys):
@@ -272,6 +273,25 @@ def test_duplicates_are_the_same_keypoints_against_each_frames_truth(capsys):
     with pytest.raises(SystemExit):
         main(["--duplicates", "0"])
     assert "expected 1 or more" in capsys.readouterr().err
+
+
+@needs_clips
+def test_keypoints_are_off_by_what_is_said_and_for_as_long(capsys):
+    job = Job(MOCAP / "gs_lambada.npz", 0, "lasso")
+
+    def pixels(**how):
+        return scene_of(replace(job, condition=Condition(noise_px=0.0, **how))).view.pixels
+
+    exact = pixels()
+    stays, wanders = pixels(offset_px=3.0) - exact, pixels(wander_px=3.0) - exact
+    assert np.allclose(stays, stays[0], atol=1e-9) and 2 < stays[0].std() < 4
+    assert wanders.std() == pytest.approx(3.0, rel=0.1)
+    after = round(60 * WANDERS)
+    assert np.mean(wanders[after:] * wanders[:-after]) / 9 == pytest.approx(np.exp(-1), abs=0.1)
+    assert np.array_equal(pixels(missing=0.1), exact)  # other draws stay as they were
+    options = ["--clips", "exp_running_1", "--views", "1", "--jobs", "1", "--wander-px", "2", "--offset-px", "1.5"]
+    assert main(options) == 0
+    assert "off by 2 px for 0.1 s on end, and by 1.5 px all the time" in capsys.readouterr().out
 
 
 @needs_clips
