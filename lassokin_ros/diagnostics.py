@@ -19,6 +19,8 @@ SILENCE_S = 2.0
 """s: keypoints that stay away this long are worth a warning."""
 FROZEN_S = 1.0
 """s: so are the same keypoints again and again for longer than this."""
+NO_BODY = 0.08
+"""Of the height: keypoints that are farther than this from the best body are none; detectors are off by 2 %."""
 
 
 class Diagnostics:
@@ -43,6 +45,7 @@ class Diagnostics:
         self._counts = Counter(self._pipeline.counts)
         self._times_ms: list[float] = []
         self._delays: list[float] = []
+        self._misfits: list[float] = []
 
     def saw_camera(self, now: float) -> None:
         """A camera_info has come."""
@@ -64,6 +67,7 @@ class Diagnostics:
         if accepted:
             self._newest = accepted
             self._reprojection_px = max(f.estimate.reprojection_px for f in accepted if f.estimate is not None)
+            self._misfits.append(max(_misfit(frame) for frame in accepted))
 
     def line(self, now: float, presence: Presence | None = None, concern: str = "") -> StatusLine:
         """The status of the period since the last call, which ends it.
@@ -98,9 +102,19 @@ class Diagnostics:
                 f"keypoints are frozen: the same ones for {self._repeated_s:.1f} s; does the camera's image move, and "
                 "does the detector get it?"
             )
-        concerns = [words for words in (_unused(recent), concern) if words]
+        concerns = [words for words in (_unused(recent), self._no_body(), concern) if words]
         level = OK if status is Status.TRACKING and not concerns else WARN
         return level, "; ".join([status.value, *concerns])
+
+    def _no_body(self) -> str:
+        """What to look at where a period's keypoints are no body's; empty where they are one's."""
+        if not self._misfits or (far := float(np.median(self._misfits))) < NO_BODY:
+            return ""
+        config = self._pipeline.tracker.config
+        return (
+            f"keypoints are {far * config.height:.2f} m off the best body: does the detector count its landmarks as "
+            f"`landmarks: {config.landmarks}` says, and in pixels of the raw image?"
+        )
 
     def _largest_deviation(self) -> float:
         return max((float(f.uncertainty.deviation.max()) for f in self._newest), default=float("nan"))
@@ -136,6 +150,14 @@ class Diagnostics:
             if presence.ids is None or person in presence.ids:
                 values |= calibration_figures(calibration, tracker.config.calibrate, person)
         return values
+
+
+def _misfit(frame: Frame) -> float:
+    """Of the height: how far the keypoints of an accepted frame are from its body's landmarks, at its distance."""
+    estimate = frame.estimate
+    assert estimate is not None and estimate.state is not None and frame.lens is not None and frame.skeleton is not None
+    depth = float(estimate.state.translation[2])
+    return estimate.reprojection_px / frame.lens.focal * depth / frame.skeleton.height
 
 
 def _unused(recent: Counter[str]) -> str:

@@ -1,0 +1,41 @@
+"""What the status says of keypoints that are no body's."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags", reason="rosbags makes the messages")
+
+from messages import camera_info, cloud, pixels_of_motion, rosbags_backend  # noqa: E402
+
+from lassokin_ros.core.config import TrackerConfig  # noqa: E402
+from lassokin_ros.diagnostics import Diagnostics  # noqa: E402
+from lassokin_ros.node_config import NodeConfig  # noqa: E402
+from lassokin_ros.pipeline import Pipeline  # noqa: E402
+from msg_adapters.outputs import OK, WARN  # noqa: E402
+
+BACKEND = rosbags_backend()
+PIXELS = pixels_of_motion(60)
+
+
+def status_of(pixels):
+    """After a second of them."""
+    pipeline = Pipeline(TrackerConfig(), NodeConfig())
+    pipeline.set_camera(camera_info(BACKEND))
+    diagnostics = Diagnostics(pipeline, "tracker", 0.0)
+    for i, xy in enumerate(pixels):
+        frames = pipeline.frames(cloud(BACKEND, 5_000_000_000 + i * 16_666_667, xy), 0)
+        diagnostics.saw_message(frames, 0, i / 60, 0.001)
+    return diagnostics.line(1.0)
+
+
+def test_landmarks_counted_otherwise_than_said_are_a_warning():
+    status = status_of(PIXELS[:, np.random.default_rng(0).permutation(PIXELS.shape[1])])
+    assert status.level == WARN and "m off the best body" in status.message and "`landmarks: coco17`" in status.message
+
+
+@pytest.mark.parametrize("noise_px", [0.0, 8.0])
+def test_a_good_and_a_bad_detector_are_none(noise_px):
+    noise = noise_px * np.random.default_rng(1).normal(size=PIXELS.shape)
+    wrong = np.random.default_rng(2).random(PIXELS.shape[:2]) < 0.05
+    status = status_of(PIXELS + noise + 60.0 * wrong[:, :, None])
+    assert (status.level, status.message) == (OK, "tracking")
