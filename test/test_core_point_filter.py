@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sequences import CONFIG, aligned_error, observations
 
-from lassokin_ros.core.point_filter import LONGEST_COURSE, SWAPPED_AT_MOST, TRUST, PointFilter
+from lassokin_ros.core.point_filter import FORGOTTEN_AFTER, LONGEST_COURSE, SWAPPED_AT_MOST, TRUST, PointFilter
 from lassokin_ros.core.tracker import Tracker
 
 NAMES = ("nose", "left_knee", "right_knee", "left_ankle")
@@ -70,6 +70,33 @@ def test_a_point_without_another_side_is_left_out_as_ever():
     wrong[3] += 0.1
     points, _ = point_filter.update(20 / RATE, wrong, weights, 1.0, LIKENESS)
     assert np.abs(points - places(20)).max() < 0.01
+
+
+@pytest.mark.parametrize("gap", [FORGOTTEN_AFTER + 0.01, 0.5, 0.9, 100.0])
+def test_after_a_gap_without_any_frame_tracks_begin_anew(gap):
+    """The time in which no frame came is one without a good point, too: nothing is held against the first after it."""
+    point_filter = PointFilter(NAMES)
+    weights = np.full(4, 1 / NOISE)
+    for frame in range(20):
+        point_filter.update(frame / RATE, places(frame), weights, 1.0, LIKENESS)
+    moved, seen = places(20) + 0.3, np.array([1, 1, 1, 0]) * weights
+    points, answer = point_filter.update(19 / RATE + gap, moved, seen, 1.0, LIKENESS)
+    assert np.array_equal(points[:3], moved[:3]) and np.all(answer[:3] > 0)
+    assert answer[3] == 0  # where it was before the gap says nothing of it
+
+
+def test_the_tracker_follows_who_has_walked_on_in_a_gap():
+    """0.9 s without a frame, less than `lost_after`: the state is kept, and each frame after it is used."""
+    tracker = Tracker(CONFIG)
+    frames = observations(tracker, 2.0)
+    before, after = frames[:30], frames[30:40]
+    for _, observation in before:
+        assert tracker.track(observation).accepted
+    for index, (_, observation) in enumerate(after):
+        beside = observation.points + [0.35, 0.0]  # 1.4 m/s, 3.6 m away
+        estimate = tracker.track(replace(observation, points=beside, stamp=observation.stamp + 0.87))
+        assert estimate.accepted and not estimate.initialised
+        assert index == 0 or estimate.reprojection_px < 15
 
 
 def test_the_tracker_keeps_the_limbs_of_a_detector_that_mixes_them_up():

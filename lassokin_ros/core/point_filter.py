@@ -64,7 +64,10 @@ class PointFilter:
         acceleration: standard deviation of a typical landmark's acceleration, normalised units / s^2; likeness: that of
         the place that keypoints show from the landmark's, normalised units: no track is better evidence than this.
         """
-        step = min(max(stamp - self._stamp, 0.0), FORGOTTEN_AFTER)  # 0: one before it was filtered, then refused
+        gap = stamp - self._stamp
+        if gap >= FORGOTTEN_AFTER:  # a gap in which no frame came at all is counted by nothing else
+            self._known[:] = False
+        step = min(max(gap, 0.0), FORGOTTEN_AFTER)  # 0: one before it was filtered, then refused
         self._stamp = stamp
         seen = weights > 0
         variance = 1 / np.where(seen, weights, 1.0) ** 2
