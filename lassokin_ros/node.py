@@ -49,6 +49,7 @@ class TrackerNode(Node):
         self._pipeline = (PerBodyPipeline if settings[1].topic_per_body else Pipeline)(*settings)
         self._camera_warning = Throttle(self.get_logger().warning, time.monotonic)
         self._warning = Throttle(self.get_logger().warning, time.monotonic)
+        self._said_unstamped = False
         name = self.get_fully_qualified_name().lstrip("/")  # /diagnostics is shared by the trackers of all namespaces
         self._status = DiagnosticArrayBuilder(RclpyBackend())
         self._diagnostics = Diagnostics(self._pipeline, name, time.monotonic())
@@ -178,8 +179,9 @@ class TrackerNode(Node):
         for frame in frames:
             if not frame.accepted:
                 self._warning.say(str(frame.rejection), f"keypoints rejected ({frame.rejection}): {frame.detail}")
-        if self._pipeline.counts["unstamped"] == 1:
-            self._warning.say("unstamped", "keypoints without a stamp: outputs carry the time of their arrival")
+        if self._pipeline.counts["unstamped"] and not self._said_unstamped:  # once, however many follow
+            self._said_unstamped = True
+            self.get_logger().warning("keypoints without a stamp: outputs carry the time of their arrival")
 
     def _look_who_is_there(self) -> None:
         """People leave though no message says so, see Pipeline.presence_at.

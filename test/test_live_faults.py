@@ -14,7 +14,7 @@ import pytest
 rclpy = pytest.importorskip("rclpy")
 
 from live import BACKEND, START_NS, NodeProcess, Peer, stamp_of, values_of  # noqa: E402
-from messages import camera_info, pixels_of_motion  # noqa: E402
+from messages import camera_info, cloud, pixels_of_motion  # noqa: E402
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue  # noqa: E402
 from rcl_interfaces.srv import SetParameters  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
@@ -270,3 +270,35 @@ def test_a_callback_that_fails_does_not_end_the_node():
     _spin(node, [])
     assert len(calls) == 3
     node.destroy_node()
+
+
+@contextmanager
+def node_in_this_process(namespace, **settings):
+    """(node, function that serves its next callback): nothing is worked on while it is not called."""
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.parameter import Parameter as Setting
+
+    from lassokin_ros.node import TrackerNode
+
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    overrides = [Setting(name, value=value) for name, value in settings.items()]
+    node = TrackerNode(context=context, namespace=namespace, parameter_overrides=overrides)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    try:
+        yield node, lambda: executor.spin_once(timeout_sec=0.05)
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        context.try_shutdown()
+
+
+def test_keypoints_without_a_stamp_are_said_once(monkeypatch, capfd):
+    monkeypatch.setattr("lassokin_ros.throttle.PERIOD_S", 0.0)
+    with node_in_this_process("/unstamped_once") as (node, _):
+        node._on_camera_info(camera_info(BACKEND))
+        for index, stamp_ns in enumerate((0, *(time.time_ns() + n * STEP_NS for n in range(3)))):
+            node.work_on(cloud(BACKEND, stamp_ns, PIXELS[index]))
+        assert node._pipeline.counts["unstamped"] == 1
+    assert capfd.readouterr().err.count("without a stamp") == 1
