@@ -116,10 +116,11 @@ class TrackerNode(Node):
             self._camera_warning.say(reason, f"camera_info refused: {self._pipeline.camera_fault}")
 
     def _on_keypoints(self, message: Any, info: Mapping[str, Any]) -> None:
-        waiting = [(message, info), *self._waiting()]
-        for chosen in self._inbox.choose(waiting, self._keypoints.get_publisher_count()):
+        taken = [(message, info), *self._waiting()]
+        waiting = [((message, info.get("received_timestamp", 0)), info) for message, info in taken]
+        for chosen, received_ns in self._inbox.choose(waiting, self._keypoints.get_publisher_count()):
             if self.context.ok():
-                self.work_on(chosen)
+                self.work_on(chosen, received_ns=received_ns)
         self._inbox.done(time.time_ns())
 
     def _waiting(self) -> Iterator[tuple[Any, Mapping[str, Any]]]:
@@ -141,19 +142,27 @@ class TrackerNode(Node):
         assert isinstance(self._pipeline, PerBodyPipeline)
         self.work_on(message, partial(self._pipeline.frames_of, person))
 
-    def work_on(self, message: Any, frames_in: Callable[[Any, int], list[Frame]] | None = None) -> None:
-        """Track who is in one keypoint message, and publish; never raises. frames_in: instead of the pipeline's."""
+    def work_on(
+        self, message: Any, frames_in: Callable[[Any, int], list[Frame]] | None = None, received_ns: int = 0
+    ) -> None:
+        """Track who is in one keypoint message, and publish; never raises.
+
+        frames_in: instead of the pipeline's; received_ns: ns of the system's clock, 0 where the middleware has none.
+        """
         started = time.monotonic()
-        now_ns = self.get_clock().now().nanoseconds
+        clock: Any = self.get_clock()  # a ROSClock, which rclpy's type hints do not know
+        arrival_ns = clock.now().nanoseconds
+        if received_ns and not clock.ros_time_is_active:  # messages that have waited did not come all at once
+            arrival_ns = received_ns
         try:
-            frames = (frames_in or self._pipeline.frames)(message, now_ns)
+            frames = (frames_in or self._pipeline.frames)(message, arrival_ns)
             self._publish(frames)
             self._comment(frames)
         except Exception as error:  # the promise: no message, however strange, ends the node
             self._count_internal_error("a keypoint message", error)
             return
         ended = time.monotonic()
-        self._diagnostics.saw_message(frames, now_ns, ended, ended - started)
+        self._diagnostics.saw_message(frames, arrival_ns, ended, ended - started)
 
     def _count_internal_error(self, what: str, error: Exception) -> None:
         if self.context.ok():

@@ -14,13 +14,14 @@ import pytest
 rclpy = pytest.importorskip("rclpy")
 
 from live import BACKEND, START_NS, NodeProcess, Peer, stamp_of, values_of  # noqa: E402
-from messages import camera_info, cloud, pixels_of_motion  # noqa: E402
+from messages import camera_info, cloud, multi_array, pixels_of_motion  # noqa: E402
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue  # noqa: E402
 from rcl_interfaces.srv import SetParameters  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 
 from lassokin_ros import topics  # noqa: E402
 from lassokin_ros.inbox import LOST, OVERTAKEN  # noqa: E402
+from lassokin_ros.person_outputs import message_class  # noqa: E402
 
 PIXELS = pixels_of_motion(120)
 STEP_NS, BURST_STEP_NS = 16_666_667, 1_000_000
@@ -292,6 +293,33 @@ def node_in_this_process(namespace, **settings):
         executor.shutdown()
         node.destroy_node()
         context.try_shutdown()
+
+
+def test_what_waits_for_the_node_is_stamped_with_the_time_at_which_it_came():
+    namespace, kind = "/waiting", "std_msgs/msg/Float32MultiArray"
+    with node_in_this_process(namespace, keypoints_type=kind) as (_, serve), Peer(namespace, kind) as peer:
+        states, seen = peer.got[topics.JOINT_STATES], []
+        peer.node.create_subscription(message_class(kind), topics.KEYPOINTS, seen.append, 10)
+
+        def tracked():
+            peer.camera.publish(camera_info(BACKEND))
+            peer.keypoints.publish(multi_array(BACKEND, 0, PIXELS[0]))
+            serve()
+            return states and seen
+
+        peer.spin_until(tracked, what="the first output")
+        peer.spin_until(lambda: serve() or len(states) > 1 and peer.keypoints.wait_for_all_acked())
+        sent = []
+        for index in range(3):
+            seen.clear()
+            sent.append(time.time_ns())
+            peer.keypoints.publish(multi_array(BACKEND, 0, PIXELS[index]))
+            peer.spin_until(lambda: seen and time.time_ns() - sent[-1] > 30_000_000, what="its arrival")
+        held_up_until = time.time_ns()
+        stamps = lambda: [stamp_of(m) for m in states if stamp_of(m) >= sent[0]]  # noqa: E731
+        peer.spin_until(lambda: serve() or len(stamps()) == 3, what="the outputs")
+        assert [sum(at <= stamp for at in sent) for stamp in stamps()] == [1, 2, 3]
+        assert stamps()[-1] < held_up_until
 
 
 def test_keypoints_without_a_stamp_are_said_once(monkeypatch, capfd):
