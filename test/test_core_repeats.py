@@ -108,7 +108,9 @@ def test_the_same_keypoints_after_a_refused_start_or_a_gap_are_used():
     tracker.tune(replace(tracker.config, min_landmarks=4))
     assert tracker.track(later(good, 0.1)).repeated == 0
     assert tracker.track(later(good, 0.2)).repeated == pytest.approx(0.1)
+    learned = tracker.likeness.deviation
     found = tracker.track(later(good, 2.0))
     assert found.initialised and found.repeated == 0
     fresh = Tracker(tracker.config)
+    fresh.likeness.deviation = learned  # it is the same detector
     assert same(fresh.track(later(good, 2.0)).state, found.state)
