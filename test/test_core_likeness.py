@@ -8,8 +8,9 @@ from sequences import CONFIG, observations
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.lasso import Lasso
-from lassokin_ros.core.likeness import FIRST, LARGEST, LEAST, WEAKEST, Likeness, _free
+from lassokin_ros.core.likeness import FIRST, LARGEST, LEAST, Likeness, _free
 from lassokin_ros.core.tracker import Tracker
+from lassokin_ros.core.uncertainty import WEAKEST
 
 HEIGHT, DEPTH, LANDMARKS, UNKNOWNS, PRIOR = 1.75, 3.5, 40, 30, 12
 IMAGES = 2 * LANDMARKS

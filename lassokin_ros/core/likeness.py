@@ -3,11 +3,11 @@
 A detector has its own idea of a hip, clothes hide another, and the skeleton is not quite the person's: such errors
 last, so no filter of the tracks averages them out. With s_i the standard deviation of landmark i's noise that is left
 on its track and lambda that of its lasting error, a keypoint's is v_i = lambda^2 + s_i^2. The solved frame tells
-lambda: its residuals r, in units of v, have as many degrees of freedom as the image's rows have left,
+lambda: its residuals r_i, in units of sqrt(v_i), have as many degrees of freedom as the image's rows have left,
 
     E sum_i |r_i|^2 / 2 = sum_i f_i,    f_i = 1 - a_i^T H^-1 a_i,
 
-with a_i a row of [A B] and H = [A B]^T [A B] with the prior's rows (MacKay, Bayesian interpolation, 1992, eq. 4.10;
+with a_i a row of [A B] and H = [A B]^T [A B] with the prior's rows (MacKay, Bayesian interpolation, 1992, sec. 4;
 the l1 term holds the frame's motion only, and a lasting error has been followed). One number is learned for all
 landmarks: numbers of their own were no better, as most residuals lie where two landmarks disagree.
 """
@@ -21,6 +21,7 @@ from scipy.linalg import lapack
 
 from lassokin_ros.core.lasso import Lasso
 from lassokin_ros.core.robust import squared_norm
+from lassokin_ros.core.uncertainty import WEAKEST
 
 FIRST = 0.004
 """Of the height: standard deviation that is assumed of somebody's first frame."""
@@ -39,8 +40,6 @@ CAP = 3.0
 limb on the wrong side."""
 CAPPED = 1 - math.exp(-CAP)
 """What the cap leaves of the expectation of Gaussian residuals."""
-WEAKEST = 1e-3
-"""1/rad^2: information that every unknown is given, for those that nothing observes."""
 
 
 class Likeness:
