@@ -47,6 +47,16 @@ class Diagnostics:
         self._delays: list[float] = []
         self._misfits: list[float] = []
 
+    @property
+    def camera_came(self) -> bool:
+        """True when there was a camera_info, of whatever use."""
+        return self._camera_at is not None
+
+    @property
+    def keypoints_came(self) -> bool:
+        """The same of keypoints."""
+        return self._keypoints_at is not None
+
     def saw_camera(self, now: float) -> None:
         """A camera_info has come."""
         self._camera_at = now

@@ -16,9 +16,11 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_srvs.srv import SetBool, Trigger
 
 from lassokin_ros import topics
+from lassokin_ros.absent_input import AbsentInput
 from lassokin_ros.body_topics import BodyTopics
 from lassokin_ros.calibration_figures import averaged_sides
 from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.core.estimate import Status
 from lassokin_ros.diagnostics import Diagnostics
 from lassokin_ros.frame import Frame
 from lassokin_ros.inbox import Inbox
@@ -31,6 +33,7 @@ from lassokin_ros.skeleton_file import save_all
 from lassokin_ros.throttle import Throttle
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.outputs import DiagnosticArrayBuilder
+from msg_adapters.registry import ADAPTERS, full_type_name
 
 DIAGNOSTICS_PERIOD_S = 1.0
 LOOK_PERIOD_S = 0.25
@@ -49,7 +52,7 @@ class TrackerNode(Node):
         self._pipeline = (PerBodyPipeline if settings[1].topic_per_body else Pipeline)(*settings)
         self._camera_warning = Throttle(self.get_logger().warning, time.monotonic)
         self._warning = Throttle(self.get_logger().warning, time.monotonic)
-        self._said_unstamped = False
+        self._said_unstamped = self._said_tracking = False
         name = self.get_fully_qualified_name().lstrip("/")  # /diagnostics is shared by the trackers of all namespaces
         self._status = DiagnosticArrayBuilder(RclpyBackend())
         self._diagnostics = Diagnostics(self._pipeline, name, time.monotonic())
@@ -57,6 +60,7 @@ class TrackerNode(Node):
         self._open_outputs(settings[1], name)
         self._inbox = Inbox(settings[1].queue_depth, self._pipeline.counts)
         self._listen(settings[1])
+        self._await_inputs(settings[1], time.monotonic())
         for line in unknown_parameters(self):
             self.get_logger().warning(line)
         if self._pipeline.tracker.averaged:
@@ -104,6 +108,14 @@ class TrackerNode(Node):
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics, clock=steady)
         jump = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True)
         self._jump_watch = self.get_clock().create_jump_callback(jump, post_callback=self._on_clock_jump)
+
+    def _await_inputs(self, config: NodeConfig, now: float) -> None:
+        """Begin to watch for inputs that never come; now: s."""
+        self._absent_camera = AbsentInput(self, topics.CAMERA_INFO, topics.CAMERA_INFO_TYPE, (), now)
+        self._absent_keypoints = None
+        if self._bodies is None:
+            kind = full_type_name(config.keypoints_type)
+            self._absent_keypoints = AbsentInput(self, topics.KEYPOINTS, kind, ADAPTERS, now)
 
     def _on_camera_info(self, message: Any) -> None:
         self._diagnostics.saw_camera(time.monotonic())
@@ -209,7 +221,14 @@ class TrackerNode(Node):
         if self._person is not None and self._person.state_publisher is not None:
             self._person.state_publisher.push()
             concern = self._person.state_publisher.fault
-        line = self._diagnostics.line(time.monotonic(), self._pipeline.presence_at(self._as_of_ns), concern)
+        now, presence = time.monotonic(), self._pipeline.presence_at(self._as_of_ns)
+        self._absent_camera.look(now, self._diagnostics.camera_came)
+        if self._absent_keypoints is not None:
+            self._absent_keypoints.look(now, self._diagnostics.keypoints_came)
+        if presence.status is Status.TRACKING and not self._said_tracking:  # the first time: later ones are too many
+            self._said_tracking = True
+            self.get_logger().info("tracking")
+        line = self._diagnostics.line(now, presence, concern)
         now_ns = self.get_clock().now().nanoseconds
         self._diagnostics_out.publish(self._status.fill(now_ns, "", [line]))
 

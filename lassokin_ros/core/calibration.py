@@ -28,7 +28,7 @@ MODELS = (0.003, 0.05, 0.12)
 """What the given lengths may be: measured, good guesses, or somebody else's; standard deviation of a log-length about
 them. A measured skeleton is thereby left alone until the images clearly contradict it."""
 ODDS = (0.3, 0.6, 0.1)
-"""How likely each of them is at first: a guess that is near costs more while it passes for measured than the reverse."""
+"""How likely each is at first: a guess that passes for measured costs more than measured lengths that pass for one."""
 STATURE_SPREAD = 0.005
 """The same of the stature at rest: held, but as a row of a linear system."""
 LARGEST_STEP = 0.03

@@ -1,0 +1,72 @@
+"""Whoever starts the node with a wrong topic reads on the terminal what is missing, and what there is instead."""
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from live import BACKEND, START_NS, NodeProcess, Peer  # noqa: E402
+from messages import camera_info, pixels_of_motion  # noqa: E402
+from rcl_interfaces.msg import Log  # noqa: E402
+
+from lassokin_ros import topics  # noqa: E402
+from lassokin_ros.person_outputs import message_class  # noqa: E402
+
+
+class Reader(Peer):
+    """A peer that reads what the node says in its log."""
+
+    def __init__(self, namespace):
+        super().__init__(namespace, outputs=False)
+        self.said = []
+        name = f"{namespace[1:]}.tracker"
+        take = lambda log: self.said.append(log.msg) if log.name == name else None  # noqa: E731
+        self.node.create_subscription(Log, "/rosout", take, 100)
+
+    def hears(self, *words):
+        """Spin until one line has all the words."""
+        self.spin_until(lambda: any(all(w in line for w in words) for line in self.said), what=f"a line with {words}")
+
+
+def test_a_topic_of_another_name_is_named_and_what_comes_ends_the_complaint():
+    namespace, pixels = "/absent_name", pixels_of_motion(1)[0]
+    remap = "-r", "keypoints:=wrong", "-r", "camera_info:=front/camera_info"
+    with NodeProcess(namespace, *remap), Reader(namespace) as peer:
+        camera = peer.node.create_publisher(message_class(topics.CAMERA_INFO_TYPE), "front/camera_info", 10)
+        peer.hears("waiting for camera_info on /absent_name/front/camera_info", "its publisher is silent")
+        peer.hears("waiting for keypoints on /absent_name/wrong", "remap keypoints", "/absent_name/keypoints")
+        assert not any("joint_uncertainty" in line for line in peer.said)  # its own outputs are no candidates
+        camera.publish(camera_info(BACKEND))
+        peer.hears("camera_info has come")
+        peer.keypoints, sent = peer.node.create_publisher(peer.keypoints.msg_type, "wrong", 10), 0
+
+        def tracking():
+            nonlocal sent
+            sent += 1
+            peer.send(START_NS + sent * 33_000_000, pixels)
+            return "tracking" in peer.said
+
+        peer.spin_until(tracking, what="the word that it tracks")
+        assert "keypoints has come" in peer.said
+
+
+def test_a_topic_of_another_type_is_named():
+    namespace = "/absent_type"
+    with NodeProcess(namespace), Reader(namespace) as peer:
+        peer.node.destroy_publisher(peer.keypoints)
+        other = "geometry_msgs/msg/PolygonStamped"
+        peer.node.create_publisher(message_class(other), topics.KEYPOINTS, 10)
+        peer.node.destroy_publisher(peer.camera)
+        peer.node.create_publisher(message_class("sensor_msgs/msg/Image"), topics.CAMERA_INFO, 10)
+        peer.hears("waiting for keypoints", other, "set keypoints_type to that")
+        peer.hears("waiting for camera_info", "sensor_msgs/msg/Image; remap camera_info to another topic")
+
+
+def test_nothing_is_said_where_all_comes():
+    namespace, pixels = "/absent_nothing", pixels_of_motion(1)[0]
+    with NodeProcess(namespace), Reader(namespace) as peer:
+        peer.listen(topics.FRAME_OUTPUTS[0])
+        peer.start(pixels)
+        peer.hears("tracking")
+        for _ in range(4):
+            peer.next_diagnostics()
+        assert not [line for line in peer.said if "waiting" in line or "has come" in line]
