@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 
@@ -131,6 +132,7 @@ class Diagnostics:
 
     def _figures(self, now: float, period: float, recent: Counter[str], presence: Presence) -> dict[str, str]:
         counts = self._pipeline.counts
+        followed = presence.status is Status.TRACKING  # of somebody lost the last figures are no news
         values = {
             "state": presence.status.value,
             "input rate [Hz]": f"{recent['received'] / period:.2f}",
@@ -140,8 +142,8 @@ class Diagnostics:
             "keypoints delay median [s]": _figure(self._delays, 50),
             "callback time median [ms]": _figure(self._times_ms, 50),
             "callback time maximum [ms]": _figure(self._times_ms, 100),
-            "reprojection error [px]": f"{self._reprojection_px:.2f}",
-            "largest joint deviation [m]": f"{self._largest_deviation():.3f}",
+            "reprojection error [px]": f"{self._reprojection_px if followed else math.nan:.2f}",
+            "largest joint deviation [m]": f"{self._largest_deviation() if followed else math.nan:.3f}",
         }
         for key in ("received", "accepted", "duplicated", "unstamped", "ignored while disabled", OVERTAKEN, LOST):
             values[f"{key} [messages]"] = str(counts[key])

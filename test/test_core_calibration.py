@@ -1,5 +1,7 @@
 """Calibration of proportions: the lengths' Jacobian, recovery of known lengths, a right skeleton left alone."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from cases import FACING, body, central_difference, random_body, random_state, relative_error
@@ -158,6 +160,19 @@ def test_what_was_seen_is_not_forgotten(seed):
     limbs = [calibration.proportions.names.index(name) for name in ("thigh", "shank", "upper arm", "forearm")]
     seen = spreads[4:, limbs].mean(axis=1)
     assert len(seen) > 8 and np.all(seen[1:] < 1.06 * seen[:-1]) and seen[-1] < 0.7 * seen[0], seen
+
+
+def test_frames_that_cannot_be_solved_say_nothing(monkeypatch):
+    monkeypatch.setattr(calibration_module, "lapack", SimpleNamespace(dposv=lambda H, right: (H, right, 1)))
+    kinematics = body()
+    prior = PriorRows(PosePrior.load(kinematics.skeleton), kinematics)
+    calibration = Calibration(FrameRows(kinematics, prior, Upright()))
+    state = random_state(np.random.default_rng(0), kinematics)
+    points = project(kinematics.pose(state).landmarks)
+    for i in range(40):
+        calibration.advance(0.25 * i, state, points, np.full(len(points), 100.0))
+    assert np.array_equal(calibration.lengths, np.zeros(calibration.proportions.count))
+    assert np.isfinite(calibration.spread).all()
 
 
 def test_tracking_a_wrong_skeleton_becomes_better():

@@ -17,15 +17,19 @@ BACKEND = rosbags_backend()
 PIXELS = pixels_of_motion(60)
 
 
-def status_of(pixels):
-    """After a second of them."""
+def status_of(pixels, silence_s=0.0):
+    """After a second of them, or of two statuses the second, after so long without any."""
     pipeline = Pipeline(TrackerConfig(), NodeConfig())
     pipeline.set_camera(camera_info(BACKEND))
     diagnostics = Diagnostics(pipeline, "tracker", 0.0)
     for i, xy in enumerate(pixels):
-        frames = pipeline.frames(cloud(BACKEND, 5_000_000_000 + i * 16_666_667, xy), 0)
-        diagnostics.saw_message(frames, 0, i / 60, 0.001)
-    return diagnostics.line(1.0)
+        stamp_ns = 5_000_000_000 + i * 16_666_667
+        frames = pipeline.frames(cloud(BACKEND, stamp_ns, xy), stamp_ns)
+        diagnostics.saw_message(frames, stamp_ns, i / 60, 0.001)
+    status = diagnostics.line(1.0)
+    if silence_s:
+        status = diagnostics.line(1.0 + silence_s, pipeline.presence_at(6_000_000_000 + int(1e9 * silence_s)))
+    return status
 
 
 def test_landmarks_counted_otherwise_than_said_are_a_warning():
@@ -39,3 +43,10 @@ def test_a_good_and_a_bad_detector_are_none(noise_px):
     wrong = np.random.default_rng(2).random(PIXELS.shape[:2]) < 0.05
     status = status_of(PIXELS + noise + 60.0 * wrong[:, :, None])
     assert (status.level, status.message) == (OK, "tracking")
+
+
+def test_of_somebody_lost_there_are_no_figures():
+    before, after = status_of(PIXELS).values, status_of(PIXELS, silence_s=30.0).values
+    assert (before["state"], after["state"]) == ("tracking", "lost")
+    assert float(before["reprojection error [px]"]) < 5.0
+    assert after["reprojection error [px]"] == after["largest joint deviation [m]"] == "nan"

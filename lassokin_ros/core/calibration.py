@@ -146,7 +146,8 @@ class Calibration:
         count = self.proportions.count
         frame = KeptFrame(state, points, weights, self.lengths, np.zeros((count, count)), np.zeros(count))
         self._linearise(frame)
-        self._frames.append(frame)
+        if math.isfinite(frame.cost):  # else nothing is known of it
+            self._frames.append(frame)
 
     def _linearise(self, frame: KeptFrame) -> None:
         """Renew a frame's normal equations at the present lengths, and take one Gauss-Newton step of its pose."""
