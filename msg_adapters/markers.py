@@ -12,8 +12,9 @@ from msg_adapters.outputs import StampedBuilder
 SPHERE, SPHERE_LIST, LINE_LIST = 2, 7, 5  # visualization_msgs/Marker
 JOINT_SIZE, BONE_SIZE = 0.05, 0.025  # m
 JOINT_COLOUR, BONE_COLOUR = (0.10, 0.45, 0.85, 1.0), (0.95, 0.60, 0.10, 1.0)
-LIFETIME_NS = 500_000_000
-"""A marker that is not renewed disappears after this time: a lost person leaves no ghost in RViz."""
+LIFETIME_NS = 1_000_000_000
+"""A marker that is not renewed disappears after this time: a lost person leaves no ghost in RViz, and who is
+seen twice a second does not flicker."""
 
 
 class SkeletonMarkersBuilder(StampedBuilder):
