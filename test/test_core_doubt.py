@@ -16,6 +16,10 @@ def test_a_probability_that_grows_with_the_cost():
     assert np.isnan(doubt(float("nan")))
 
 
+def test_what_is_cheap_because_keypoints_are_trusted_less_is_no_less_doubtful():
+    assert doubt(20.0) < doubt(20.0, excess=2.0) < doubt(20.0, excess=10.0) < 1
+
+
 def test_a_person_is_less_doubtful_than_shuffled_keypoints():
     tracker, shuffled = Tracker(CONFIG), Tracker(CONFIG)
     order = np.random.default_rng(0).permutation(17)

@@ -51,8 +51,9 @@ class Estimate:
     """The tracker's answer to one observation. Fields below `status` are None when the frame was rejected.
 
     state, pose: what is to be published; solved: the state that the certificate is about, to which omega (3 n,) and
-    translation_step (3,) led from the last frame's, before it was steadied; cost: its negative log-likelihood (see
-    `doubt`); confidence: of an initialised frame, how likely the start is beside the next best, else NaN.
+    translation_step (3,) led from the last frame's, before it was steadied; cost: its negative log-likelihood, where
+    keypoints were taken to be off by `excess` times the least (see `doubt`); confidence: of an initialised frame, how
+    likely the start is beside the next best, else NaN.
     """
 
     stamp: float
@@ -69,6 +70,7 @@ class Estimate:
     solution: LassoSolution | None = None
     solved: BodyState | None = None
     cost: float = float("nan")
+    excess: float = 1.0
     confidence: float = float("nan")
     repeated: float = 0.0
 
@@ -80,4 +82,4 @@ class Estimate:
     @property
     def doubt(self) -> float:
         """0 to 1: how likely the pose is wrong, by more than 100 mm on average."""
-        return doubt(self.cost)
+        return doubt(self.cost, self.excess)

@@ -57,6 +57,11 @@ class Likeness:
         self._known = WORTH
         self._measured_at = -math.inf
 
+    @property
+    def excess(self) -> float:
+        """How many times the least that is ever learned, 1 or more."""
+        return self.deviation / (LEAST * self._height)
+
     def advance(self, stamp: float, problem: Lasso, omega: np.ndarray, weights: np.ndarray, depth: float) -> None:
         """Use a tracked frame: its lasso, of which the first rows are the image's, and the Omega that solves it.
 

@@ -180,6 +180,7 @@ class Tracker:
             solution=increment.solution,
             solved=solved,
             cost=self._cost,
+            excess=self.likeness.excess,
             confidence=float("nan") if fit is None else fit.confidence,
             repeated=sighting.repeated,
         )
