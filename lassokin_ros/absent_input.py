@@ -30,7 +30,7 @@ class AbsentInput:
             return
         self._came = came
         if came and self._said:
-            self._node.get_logger().info(f"{self._name} has come")
+            self._node.get_logger().info(f"the first message on {self._topic} has come")
         if came or (now < self._next_at and not self._said):
             return
         words = f"waiting for {self._name} on {self._topic} ({self._type}): {self._cause()}"

@@ -166,6 +166,12 @@ class Peer:
         self.close()
 
 
+def complaints(said):
+    """The lines on stderr beside those on which input is waited for and whether somebody is tracked."""
+    usual = "]: waiting for ", "]: the first message on ", "]: tracking"
+    return [line for line in said.splitlines() if not any(words in line for words in usual)]
+
+
 def values_of(message):
     """Key -> value of the first status of a DiagnosticArray, or of a DiagnosticStatus."""
     status = message.status[0] if hasattr(message, "status") else message

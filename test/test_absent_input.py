@@ -36,7 +36,7 @@ def test_a_topic_of_another_name_is_named_and_what_comes_ends_the_complaint():
         peer.hears("waiting for keypoints on /absent_name/wrong", "remap keypoints", "/absent_name/keypoints")
         assert not any("joint_uncertainty" in line for line in peer.said)  # its own outputs are no candidates
         camera.publish(camera_info(BACKEND))
-        peer.hears("camera_info has come")
+        peer.hears("the first message on /absent_name/front/camera_info has come")
         peer.keypoints, sent = peer.node.create_publisher(peer.keypoints.msg_type, "wrong", 10), 0
 
         def tracking():
@@ -46,7 +46,7 @@ def test_a_topic_of_another_name_is_named_and_what_comes_ends_the_complaint():
             return "tracking" in peer.said
 
         peer.spin_until(tracking, what="the word that it tracks")
-        assert "keypoints has come" in peer.said
+        assert "the first message on /absent_name/wrong has come" in peer.said
 
 
 def test_a_topic_of_another_type_is_named():
