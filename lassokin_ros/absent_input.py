@@ -45,8 +45,8 @@ class AbsentInput:
             return "its publisher is silent"
         if types:
             kind = sorted(types)[0]
-            remedy = f"set keypoints_type to that, or {self._name}" if kind in self._others else self._name
-            return f"what is published there is {kind}; remap {remedy} to another topic"
+            remedy = "set keypoints_type to that, or " if kind in self._others else ""
+            return f"what is published there is {kind}; {remedy}remap {self._name} to another topic"
         candidates = self._candidates()
         if not candidates:
             return f"nobody publishes there, nor anywhere what could be read; remap {self._name} to your topic"

@@ -57,7 +57,7 @@ def test_a_topic_of_another_type_is_named():
         peer.node.create_publisher(message_class(other), topics.KEYPOINTS, 10)
         peer.node.destroy_publisher(peer.camera)
         peer.node.create_publisher(message_class("sensor_msgs/msg/Image"), topics.CAMERA_INFO, 10)
-        peer.hears("waiting for keypoints", other, "set keypoints_type to that")
+        peer.hears("waiting for keypoints", f"{other}; set keypoints_type to that, or remap keypoints to another topic")
         peer.hears("waiting for camera_info", "sensor_msgs/msg/Image; remap camera_info to another topic")
 
 
