@@ -9,6 +9,7 @@ frames = pipeline.frames(keypoints, arrival_ns)      # the same for one person o
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,6 +33,9 @@ from msg_adapters.registry import keypoint_adapter
 
 if TYPE_CHECKING:
     from lassokin_ros.people import People
+
+PERSON_ABSENT = "person_absent"
+"""The reason against a message that has people, but not the one who is followed."""
 
 MOST_PEOPLE = 100
 """People in one message; more are refused before time is spent on them."""
@@ -170,6 +174,8 @@ class Pipeline:
                 frames = self._body.track(stamp_ns, frame_id, seen, view.lens)
                 if all(frame.accepted for frame in frames):
                     self._stamps.seen(stamp_ns, True)
+                elif others := self._others(keypoints, seen):
+                    frames[-1] = replace(frames[-1], rejection=PERSON_ABSENT, detail=self._absence(others, keypoints))
                 return frames
             everybody = self._everybody(keypoints, view.lens)
         except AdapterError as error:
@@ -246,6 +252,24 @@ class Pipeline:
         if self._person is None:
             return self._chosen(keypoints, lens)
         return self._detection(keypoints, self._person, lens)
+
+    def _others(self, keypoints: Keypoints, seen: Detection) -> int:
+        """How many people are in a message in which nothing of the one who is followed was seen."""
+        if keypoints.persons is None or np.isfinite(seen.points).any():
+            return 0
+        with np.errstate(invalid="ignore"):
+            confident = keypoints.confidence >= max(self.tracker.config.min_confidence, 1e-9)
+        return len(np.unique(keypoints.persons[confident & np.isfinite(keypoints.xy).all(axis=1)]))
+
+    def _absence(self, others: int, keypoints: Keypoints) -> str:
+        """Such a message in words: to say that there were no landmarks would send people after their confidences."""
+        waits = f"; another is followed after lost_after {self.tracker.config.lost_after:g} s"
+        if not self._lasting(keypoints):
+            return f"nobody of {others} in the message is near where the one who is followed was going{waits}"
+        return (
+            f"person {self._person}, who is followed, is not in the message, which has {others} other(s){waits}. Do "
+            "numbers change from image to image? Then set person_ids to node"
+        )
 
     def _chosen(self, keypoints: Keypoints, lens: Lens) -> Detection:
         """The one seen with the highest confidence in all, of those who can be tracked if there are any."""

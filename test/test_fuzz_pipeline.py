@@ -47,7 +47,7 @@ COURSES = {
 }
 
 
-FILTERED = ("too_few_landmarks", "not_certified", "too_small")
+FILTERED = ("too_few_landmarks", "person_absent", "not_certified", "too_small")
 """What the tracker may say when it has looked at the points."""
 
 

@@ -258,6 +258,21 @@ def test_a_refused_frame_says_what_it_held():
     assert frame.detail == "3 landmarks at or above min_confidence 0.2; expected 4 or more (min_landmarks)"
 
 
+@pytest.mark.parametrize("lasting", [True, False], ids=["message", "node"])
+def test_a_message_of_others_alone_is_refused_for_that(lasting):
+    """Not for too few landmarks: there are enough, of others."""
+    here, there = walk(2, -0.8, 3.5, 0.0, 1)[1], walk(2, 3.2, 6.0, 0.0, 2)[1]
+    pipeline = pipeline_for(max_people=1, person_ids="message" if lasting else "node")
+    assert feed(pipeline, 0, [here[0]], [4])
+    pairs = [(there[1], np.full(17, 0.9)), (here[1] + 900.0, np.full(17, 0.9))]
+    frame = pipeline.process(crowd(BACKEND, stamp(1), pairs, [7, 8]), 0)
+    assert frame.rejection == "person_absent" and pipeline.counts["rejected: person_absent"] == 1
+    assert ("person 4" in frame.detail and "person_ids" in frame.detail) is lasting, frame.detail
+    unseen = [(xy, np.full(17, 0.1)) for xy, _ in pairs]
+    frame = pipeline.process(crowd(BACKEND, stamp(2), unseen, [7, 8]), 0)
+    assert frame.rejection == "too_few_landmarks"
+
+
 def test_one_followed_among_several_whose_order_changes():
     front, back, hidden = two_who_cross()
     pipeline = pipeline_for(max_people=1, person_ids="node")

@@ -8,6 +8,11 @@ REASONS: dict[str, tuple[str, str]] = {
         "fewer than `min_landmarks` keypoints had a confidence of `min_confidence` or more: is anybody in the image, "
         "is `landmarks` right for your detector, is `min_confidence` too high?",
     ),
+    "person_absent": (
+        "the followed person absent, others there",
+        "one person is followed until lost: if numbers change from image to image set `person_ids: node`, and "
+        "`max_people` if everybody is to be followed",
+    ),
     "not_certified": (
         "no certified answer",
         "the optimum could not be proved, so that nothing was published: try `solver: proxqp`, `warm_start: false`",
