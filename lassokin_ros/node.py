@@ -52,7 +52,7 @@ class TrackerNode(Node):
         self._pipeline = (PerBodyPipeline if settings[1].topic_per_body else Pipeline)(*settings)
         self._camera_warning = Throttle(self.get_logger().warning, time.monotonic)
         self._warning = Throttle(self.get_logger().warning, time.monotonic)
-        self._said_unstamped = self._said_tracking = False
+        self._said_unstamped = self._said_misplaced = self._said_tracking = False
         name = self.get_fully_qualified_name().lstrip("/")  # /diagnostics is shared by the trackers of all namespaces
         self._status = DiagnosticArrayBuilder(RclpyBackend())
         self._diagnostics = Diagnostics(self._pipeline, name, time.monotonic())
@@ -203,6 +203,11 @@ class TrackerNode(Node):
         if self._pipeline.counts["unstamped"] and not self._said_unstamped:  # once, however many follow
             self._said_unstamped = True
             self.get_logger().warning("keypoints without a stamp: outputs carry the time of their arrival")
+        if not self._said_misplaced and frames and frames[0].accepted:
+            camera = self._pipeline.camera.at(frames[0].stamp_ns).intrinsics.frame_id
+            if words := _misplaced(frames[0].frame_id, camera):
+                self._said_misplaced = True
+                self.get_logger().warning(words)
 
     def _look_who_is_there(self) -> None:
         """People leave though no message says so, see Pipeline.presence_at.
@@ -268,6 +273,18 @@ class TrackerNode(Node):
 
     def _tune(self, settings: Settings) -> None:
         self._pipeline.tune(*settings)
+
+
+def _misplaced(frame_id: str, camera: str) -> str:
+    """What to say of outputs that will not be found where the camera is; camera: the frame_id of camera_info."""
+    if not frame_id:
+        return "neither keypoints nor camera_info have a frame_id: outputs have none, and RViz and TF cannot place them"
+    if not camera or frame_id == camera:
+        return ""
+    return (
+        f"keypoints have the frame_id '{frame_id}', camera_info '{camera}': outputs carry the keypoints', which is "
+        "taken for the camera's optical frame (z forward, x right, y down)"
+    )
 
 
 def _sensor_data(depth: int) -> QoSProfile:

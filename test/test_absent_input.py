@@ -61,6 +61,30 @@ def test_a_topic_of_another_type_is_named():
         peer.hears("waiting for camera_info", "sensor_msgs/msg/Image; remap camera_info to another topic")
 
 
+@pytest.mark.parametrize(
+    "ours, camera, words",
+    [
+        ("camera_link", "optical", "keypoints have the frame_id 'camera_link', camera_info 'optical'"),
+        ("", "", "neither keypoints nor camera_info have a frame_id"),
+    ],
+    ids=["another", "none"],
+)
+def test_a_frame_that_is_not_the_cameras_is_said_once(ours, camera, words):
+    namespace, pixels, sent = f"/misplaced_{ours}", pixels_of_motion(1)[0], 0
+    with NodeProcess(namespace), Reader(namespace) as peer:
+
+        def tracking():
+            nonlocal sent
+            sent += 1
+            peer.camera.publish(camera_info(BACKEND, frame_id=camera))
+            peer.send(START_NS + sent * 33_000_000, pixels, frame_id=ours)
+            return "tracking" in peer.said
+
+        peer.spin_until(tracking, what="the word that it tracks")
+        peer.next_diagnostics(lambda status: tracking() and status.message == "tracking")
+        assert len([line for line in peer.said if words in line]) == 1
+
+
 def test_nothing_is_said_where_all_comes():
     namespace, pixels = "/absent_nothing", pixels_of_motion(1)[0]
     with NodeProcess(namespace), Reader(namespace) as peer:
