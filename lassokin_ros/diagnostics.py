@@ -12,6 +12,7 @@ from lassokin_ros.calibration_figures import calibration_figures
 from lassokin_ros.core.estimate import Status
 from lassokin_ros.frame import Frame, repeated_s
 from lassokin_ros.inbox import LOST, OVERTAKEN
+from lassokin_ros.node_config import MESSAGE
 from lassokin_ros.pipeline import Pipeline
 from lassokin_ros.presence import Presence
 from msg_adapters.outputs import ERROR, OK, WARN, StatusLine
@@ -20,6 +21,8 @@ SILENCE_S = 2.0
 """s: keypoints that stay away this long are worth a warning."""
 FROZEN_S = 1.0
 """s: so are the same keypoints again and again for longer than this."""
+TURNOVER = 2
+"""People may come, and as many leave, in one period: more are a detector that numbers people anew in each image."""
 NO_BODY = 0.08
 """Of the height: keypoints that are farther than this from the best body are none; detectors are off by 2 %."""
 
@@ -113,7 +116,7 @@ class Diagnostics:
                 f"keypoints are frozen: the same ones for {self._repeated_s:.1f} s; does the camera's image move, and "
                 "does the detector get it?"
             )
-        concerns = [words for words in (_unused(recent), self._no_body(), concern) if words]
+        concerns = [words for words in (_unused(recent), self._no_body(), self._turnover(recent), concern) if words]
         level = OK if status is Status.TRACKING and not concerns else WARN
         return level, "; ".join([status.value, *concerns])
 
@@ -125,6 +128,16 @@ class Diagnostics:
         return (
             f"keypoints are {far * config.height:.2f} m off the best body: does the detector count its landmarks as "
             f"`landmarks: {config.landmarks}` says, and in pixels of the raw image?"
+        )
+
+    def _turnover(self, recent: Counter[str]) -> str:
+        """What to look at where people came and left faster than people do; empty where they did not."""
+        config, changed = self._pipeline.config, min(recent["people come"], recent["people left"])
+        if changed <= TURNOVER or recent["resets"] or config.topic_per_body or config.person_ids != MESSAGE:
+            return ""
+        return (
+            f"{recent['people come']} people came and {recent['people left']} left within a second: do the message's "
+            "person numbers change from image to image? Then set person_ids to node"
         )
 
     def _largest_deviation(self) -> float:

@@ -126,6 +126,26 @@ def test_when_the_detector_falls_silent_people_leave():
     assert "Traceback" not in node.said
 
 
+@pytest.mark.parametrize("person_ids", ["message", "node"])
+def test_numbers_that_change_from_image_to_image_are_said(person_ids):
+    """Else somebody new comes with every other message, all is well by the level, and most messages go unused."""
+    namespace, sent = f"/numbers_{person_ids}", 0
+    settings = ("-p", "max_people:=3", "-p", f"person_ids:={person_ids}")
+    with NodeProcess(namespace, *settings), Peer(namespace, outputs=False) as peer:
+
+        def seen(status):
+            nonlocal sent
+            sent += 1
+            peer.camera.publish(camera_info(BACKEND))
+            one = [(PIXELS[sent % 40], np.full(17, 0.9))]
+            peer.keypoints.publish(crowd(BACKEND, START_NS + 3 * sent * PERIOD_NS, one, [sent]))
+            numbered = "set person_ids to node" in status.message and status.level == b"\x01"
+            return numbered if person_ids == "message" else int(values_of(status)["accepted [messages]"]) > 20
+
+        status = peer.next_diagnostics(seen)
+        assert ("people came" in status.message) is (person_ids == "message"), status.message
+
+
 def test_a_state_publisher_that_several_people_have_no_use_for_is_said():
     namespace = "/no_use"
     settings = "-p", "max_people:=2", "-p", "state_publisher:=robot_state_publisher"
