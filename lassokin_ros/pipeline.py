@@ -12,17 +12,17 @@ from collections import Counter
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from lassokin_ros.body import Body, Detection
+from lassokin_ros.body import Body
 from lassokin_ros.camera import Camera, View
 from lassokin_ros.core.calibration import Calibration
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Status
+from lassokin_ros.detections import everybody
 from lassokin_ros.frame import Frame, repeated_s
 from lassokin_ros.lens import Lens
-from lassokin_ros.matching import distances, reach, usable
+from lassokin_ros.matching import usable
 from lassokin_ros.node_config import MESSAGE, NodeConfig
+from lassokin_ros.one_person import PERSON_ABSENT, OnePerson
 from lassokin_ros.presence import Presence
 from lassokin_ros.skeleton_readers.load import load_skeleton
 from lassokin_ros.stamps import StampWatch
@@ -33,12 +33,6 @@ from msg_adapters.registry import keypoint_adapter
 
 if TYPE_CHECKING:
     from lassokin_ros.people import People
-
-PERSON_ABSENT = "person_absent"
-"""The reason against a message that has people, but not the one who is followed."""
-
-MOST_PEOPLE = 100
-"""People in one message; more are refused before time is spent on them."""
 
 
 class Pipeline:
@@ -52,6 +46,7 @@ class Pipeline:
         bodies = [Body(tracker_config, skeleton) for _ in range(self.config.max_people)]
         self._bodies, self._body = bodies, bodies[0]
         self.tracker = bodies[0].tracker
+        self._landmark_count = self.tracker.kinematics.landmark_count
         self.enabled = True
         """While False, keypoints are counted and not looked at."""
         self.counts: Counter[str] = Counter()
@@ -61,7 +56,7 @@ class Pipeline:
         self._adapter = keypoint_adapter(self.config.keypoints_type)
         self.camera = Camera(self.config.rectified)
         self._stamps = StampWatch()
-        self._person: int | None = None
+        self._person = OnePerson(self._body)
         self._seen_from: str | None = None  # frame of the camera that took the last image
         self._latest: tuple[int, int] | None = None  # stamp and arrival, ns, of the last message not refused as a whole
 
@@ -111,7 +106,8 @@ class Pipeline:
 
     def _forget_people(self) -> None:
         self._body.reset() if self.people is None else self.people.reset()
-        self._person = self._latest = self._seen_from = None
+        self._person.reset()
+        self._latest = self._seen_from = None
         self.counts["resets"] += 1
 
     def tune(self, tracker_config: TrackerConfig, node_config: NodeConfig) -> None:
@@ -168,21 +164,21 @@ class Pipeline:
             if self._stamps.check(stamp_ns, arrival_ns, self.config.jump_back):
                 self._go_back(keypoints, stamp_ns, view.lens)
             self._see_from(view.intrinsics.frame_id)
+            lasting = self._lasting(keypoints)
             if self.people is None:
-                seen = self._the_person(keypoints, stamp_ns, view.lens)
+                seen = self._person.of(keypoints, stamp_ns, view.lens, lasting)
                 self._latest = stamp_ns, arrival_ns
                 frames = self._body.track(stamp_ns, frame_id, seen, view.lens)
                 if all(frame.accepted for frame in frames):
                     self._stamps.seen(stamp_ns, True)
-                elif others := self._others(keypoints, seen):
-                    frames[-1] = replace(frames[-1], rejection=PERSON_ABSENT, detail=self._absence(others, keypoints))
+                elif absence := self._person.absence(keypoints, seen, lasting):
+                    frames[-1] = replace(frames[-1], rejection=PERSON_ABSENT, detail=absence)
                 return frames
-            everybody = self._everybody(keypoints, view.lens)
+            people = everybody(keypoints, self._landmark_count, view.lens)
         except AdapterError as error:
             return [Frame(stamp_ns, frame_id, None, error.reason, str(error))]
         self._latest = stamp_ns, arrival_ns
-        lasting = self._lasting(keypoints)
-        frames = self.people.update(stamp_ns, frame_id, everybody, view.lens, lasting, self.config.forget_after)
+        frames = self.people.update(stamp_ns, frame_id, people, view.lens, lasting, self.config.forget_after)
         self._stamps.seen(stamp_ns, self.people.tracked_at(stamp_ns))
         return frames
 
@@ -201,7 +197,8 @@ class Pipeline:
 
     def _go_back(self, keypoints: Keypoints, stamp_ns: int, lens: Lens) -> None:
         """Forget everybody for a message from an earlier time; AdapterError for one that is of no use in any time."""
-        if not any(usable(seen, self.tracker.config) for seen in self._everybody(keypoints, lens)):
+        people = everybody(keypoints, self._landmark_count, lens)
+        if not any(usable(seen, self.tracker.config) for seen in people):
             raise AdapterError("too_few_landmarks", "the message is from an earlier time, and nobody is in it")
         self._forget_people()
         self._stamps.seen(stamp_ns, True)
@@ -220,79 +217,6 @@ class Pipeline:
         if persons is None or not keypoints.lasting or self.config.person_ids != MESSAGE:
             return False
         return len(persons) == 0 or bool(persons.min() >= 0)
-
-    def _detection(self, keypoints: Keypoints, person: int | None, lens: Lens) -> Detection:
-        pixels, confidence = keypoints.as_landmarks(self.tracker.kinematics.landmark_count, person)
-        return Detection(lens.normalise(pixels), confidence, person or 0, pixels)
-
-    def _everybody(self, keypoints: Keypoints, lens: Lens) -> list[Detection]:
-        """One detection for each person in the message."""
-        numbers, pixels, confidence = keypoints.everybody(self.tracker.kinematics.landmark_count)
-        if len(numbers) > MOST_PEOPLE:
-            raise AdapterError("too_many_people", f"{len(numbers)} people; expected at most {MOST_PEOPLE}")
-        points = lens.normalise(pixels.reshape(-1, 2)).reshape(pixels.shape)
-        return [Detection(points[i], confidence[i], number, pixels[i]) for i, number in enumerate(numbers.tolist())]
-
-    def _the_person(self, keypoints: Keypoints, stamp_ns: int, lens: Lens) -> Detection:
-        """The one who is followed until lost; first, and then anew, one who is chosen."""
-        if keypoints.persons is None or len(keypoints.persons) == 0:
-            return self._detection(keypoints, None, lens)
-        if self.status is Status.TRACKING:
-            seen = self._followed(keypoints, stamp_ns, lens)
-            # A silent detector tells nobody that the person is lost: the first stamp after it does.
-            lost = self._body.status_at(stamp_ns) is Status.LOST and not usable(seen, self.tracker.config)
-            if not lost:
-                return seen
-        return self._chosen(keypoints, lens)
-
-    def _followed(self, keypoints: Keypoints, stamp_ns: int, lens: Lens) -> Detection:
-        """The person who is tracked: by their number where it lasts, else by their place."""
-        if not self._lasting(keypoints):
-            return self._nearest(self._everybody(keypoints, lens), stamp_ns)
-        if self._person is None:
-            return self._chosen(keypoints, lens)
-        return self._detection(keypoints, self._person, lens)
-
-    def _others(self, keypoints: Keypoints, seen: Detection) -> int:
-        """How many people are in a message in which nothing of the one who is followed was seen."""
-        if keypoints.persons is None or np.isfinite(seen.points).any():
-            return 0
-        with np.errstate(invalid="ignore"):
-            confident = keypoints.confidence >= max(self.tracker.config.min_confidence, 1e-9)
-        return len(np.unique(keypoints.persons[confident & np.isfinite(keypoints.xy).all(axis=1)]))
-
-    def _absence(self, others: int, keypoints: Keypoints) -> str:
-        """Such a message in words: to say that there were no landmarks would send people after their confidences."""
-        waits = f"; another is followed after lost_after {self.tracker.config.lost_after:g} s"
-        if not self._lasting(keypoints):
-            return f"nobody of {others} in the message is near where the one who is followed was going{waits}"
-        return (
-            f"person {self._person}, who is followed, is not in the message, which has {others} other(s){waits}. Do "
-            "numbers change from image to image? Then set person_ids to node"
-        )
-
-    def _chosen(self, keypoints: Keypoints, lens: Lens) -> Detection:
-        """The one seen with the highest confidence in all, of those who can be tracked if there are any."""
-        assert keypoints.persons is not None
-        people, index = np.unique(keypoints.persons, return_inverse=True)
-        scores = np.clip(np.nan_to_num(keypoints.confidence, posinf=0.0), 0.0, 1.0)
-        best_first = people[np.argsort(-np.bincount(index, scores), kind="stable")][:MOST_PEOPLE]
-        detections = (self._detection(keypoints, int(person), lens) for person in best_first)
-        best = next(detections)
-        config = self.tracker.config
-        chosen = best if usable(best, config) else next((d for d in detections if usable(d, config)), best)
-        self._person = chosen.number
-        return chosen
-
-    def _nearest(self, everybody: list[Detection], stamp_ns: int) -> Detection:
-        """The detection nearest to where the person is expected; an empty one when none is near."""
-        expected, body = self._body.expected(stamp_ns), self._body
-        assert expected is not None
-        apart = distances(expected[None], everybody, body.tracker.config.min_confidence)[0]
-        best = int(np.argmin(apart))
-        if apart[best] <= reach(body.unseen_s(stamp_ns)):
-            return everybody[best]
-        return Detection(np.full_like(expected, np.nan), np.zeros(len(expected)))
 
 
 def _people(bodies: list[Body], counts: Counter[str]) -> People:

@@ -18,9 +18,10 @@ from lassokin_ros.core.landmarks import Layout  # noqa: E402
 from lassokin_ros.core.projection import project  # noqa: E402
 from lassokin_ros.core.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.core.upright import Upright  # noqa: E402
+from lassokin_ros.detections import MOST_PEOPLE  # noqa: E402
 from lassokin_ros.node_config import NodeConfig  # noqa: E402
 from lassokin_ros.people import FOUND_AT_ONCE  # noqa: E402
-from lassokin_ros.pipeline import MOST_PEOPLE, Pipeline  # noqa: E402
+from lassokin_ros.pipeline import Pipeline  # noqa: E402
 from lassokin_ros.presence import Presence  # noqa: E402
 from lassokin_ros.synthetic import motion  # noqa: E402
 
@@ -267,10 +268,29 @@ def test_a_message_of_others_alone_is_refused_for_that(lasting):
     pairs = [(there[1], np.full(17, 0.9)), (here[1] + 900.0, np.full(17, 0.9))]
     frame = pipeline.process(crowd(BACKEND, stamp(1), pairs, [7, 8]), 0)
     assert frame.rejection == "person_absent" and pipeline.counts["rejected: person_absent"] == 1
-    assert ("person 4" in frame.detail and "person_ids" in frame.detail) is lasting, frame.detail
+    assert "the 2 in the message" in frame.detail and ("person 4" in frame.detail) is lasting, frame.detail
     unseen = [(xy, np.full(17, 0.1)) for xy, _ in pairs]
     frame = pipeline.process(crowd(BACKEND, stamp(2), unseen, [7, 8]), 0)
     assert frame.rejection == "too_few_landmarks"
+
+
+def test_one_followed_keeps_the_track_when_the_detector_gives_another_number():
+    """Some number people anew in every image; a detector's tracker does when it lost somebody for a moment."""
+    here = walk(20, -0.8, 3.5, 0.0, 1)[1]
+    pipeline = pipeline_for(max_people=1)
+    frames = [feed(pipeline, i, [here[i]], [100 + i])[""] for i in range(20)]
+    assert all(frame.accepted for frame in frames)
+    assert [frame.estimate.initialised for frame in frames] == [True] + 19 * [False]
+
+
+def test_a_bystander_who_hides_the_followed_one_is_not_taken_for_them():
+    """Though they stand where the other is expected: they were seen beside each other."""
+    here = walk(3, -0.8, 3.5, 0.0, 1)[1]
+    pipeline = pipeline_for(max_people=1)
+    assert feed(pipeline, 0, [here[0], here[0] + 60.0], [4, 5])[""].accepted
+    frame = pipeline.process(crowd(BACKEND, stamp(1), [(here[1], np.full(17, 0.9))], [5]), 0)
+    assert frame.rejection == "person_absent"
+    assert feed(pipeline, 2, [here[2]], [6])[""].accepted, "somebody whom nobody has seen beside them"
 
 
 def test_one_followed_among_several_whose_order_changes():

@@ -10,8 +10,7 @@ REASONS: dict[str, tuple[str, str]] = {
     ),
     "person_absent": (
         "the followed person absent, others there",
-        "one person is followed until lost: if numbers change from image to image set `person_ids: node`, and "
-        "`max_people` if everybody is to be followed",
+        "one person is followed until lost for `lost_after`, whoever else is there; `max_people` follows everybody",
     ),
     "not_certified": (
         "no certified answer",
