@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
+from rclpy.clock import Clock, ClockType, JumpThreshold, ROSClock, TimeJump
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -111,6 +111,7 @@ class TrackerNode(Node):
 
     def _await_inputs(self, config: NodeConfig, now: float) -> None:
         """Begin to watch for inputs that never come; now: s."""
+        self._absent_clock = AbsentInput(self, topics.CLOCK, topics.CLOCK_TYPE, (), now)
         self._absent_camera = AbsentInput(self, topics.CAMERA_INFO, topics.CAMERA_INFO_TYPE, (), now)
         self._absent_keypoints = None
         if self._bodies is None:
@@ -227,6 +228,9 @@ class TrackerNode(Node):
             self._person.state_publisher.push()
             concern = self._person.state_publisher.fault
         now, presence = time.monotonic(), self._pipeline.presence_at(self._as_of_ns)
+        clock = self.get_clock()
+        simulated = isinstance(clock, ROSClock) and clock.ros_time_is_active
+        self._absent_clock.look(now, not simulated or clock.now().nanoseconds > 0)
         self._absent_camera.look(now, self._diagnostics.camera_came)
         if self._absent_keypoints is not None:
             self._absent_keypoints.look(now, self._diagnostics.keypoints_came)
@@ -234,8 +238,7 @@ class TrackerNode(Node):
             self._said_tracking = True
             self.get_logger().info("tracking")
         line = self._diagnostics.line(now, presence, concern)
-        now_ns = self.get_clock().now().nanoseconds
-        self._diagnostics_out.publish(self._status.fill(now_ns, "", [line]))
+        self._diagnostics_out.publish(self._status.fill(clock.now().nanoseconds, "", [line]))
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._forget()

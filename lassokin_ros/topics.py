@@ -7,6 +7,8 @@ from dataclasses import dataclass
 KEYPOINTS = "keypoints"
 CAMERA_INFO = "camera_info"
 CAMERA_INFO_TYPE = "sensor_msgs/msg/CameraInfo"
+CLOCK = "/clock"
+CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
 
 JOINT_STATES = "joint_states"
 TRANSLATION = "translation"

@@ -7,6 +7,7 @@ pytest.importorskip("rclpy")
 from live import BACKEND, START_NS, NodeProcess, Peer  # noqa: E402
 from messages import camera_info, pixels_of_motion  # noqa: E402
 from rcl_interfaces.msg import Log  # noqa: E402
+from rosgraph_msgs.msg import Clock  # noqa: E402
 
 from lassokin_ros import topics  # noqa: E402
 from lassokin_ros.person_outputs import message_class  # noqa: E402
@@ -59,6 +60,21 @@ def test_a_topic_of_another_type_is_named():
         peer.node.create_publisher(message_class("sensor_msgs/msg/Image"), topics.CAMERA_INFO, 10)
         peer.hears("waiting for keypoints", f"{other}; set keypoints_type to that, or remap keypoints to another topic")
         peer.hears("waiting for camera_info", "sensor_msgs/msg/Image; remap camera_info to another topic")
+
+
+def test_a_simulation_without_a_clock_is_said():
+    """/clock is remapped, as in test_live_time: another test's would be this node's too."""
+    namespace = "/absent_clock"
+    with NodeProcess(namespace, "-p", "use_sim_time:=true", "-r", "/clock:=clock"), Reader(namespace) as peer:
+        peer.hears("waiting for /clock on /absent_clock/clock", "nobody publishes there")
+        clock, time = peer.node.create_publisher(Clock, "clock", 10), Clock()
+        time.clock.sec = 1000
+
+        def told():
+            clock.publish(time)
+            return "the first message on /absent_clock/clock has come" in peer.said
+
+        peer.spin_until(told, what="the word that there is a clock")
 
 
 @pytest.mark.parametrize(
