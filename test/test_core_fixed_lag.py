@@ -73,6 +73,24 @@ def test_it_is_the_textbooks_smoother():
     assert [e.stamp for e in due + lag.flush()] == list(stamps) and lag.flush() == []
 
 
+def test_a_frame_that_brings_no_news_changes_none_before_it():
+    """In a steady turn all is as predicted, but for the viewing ray, which turns as the joints see it."""
+    kinematics = body()
+    steadying, lag = Steadying(kinematics.joint_count), FixedLag(kinematics)
+    omega = np.zeros((kinematics.joint_count, 3))
+    omega[0], omega[16] = [0.0, 5.0 / RATE, 0.0], [4.0 / RATE, 3.0 / RATE, 0.0]
+    state = BodyState(np.tile(np.eye(3), (kinematics.joint_count, 1, 1)), np.array([0.0, 0.0, 3.0]))
+    for frame in range(40):
+        step = omega.reshape(-1) if frame else np.zeros(omega.size)
+        state = state.retract(step, np.zeros(3))
+        steady = steadying.steadied(state, kinematics.pose(state), step, np.zeros(3), 1 / RATE, TYPICAL_SPEED, TIME)
+        estimate = Estimate(frame / RATE, Status.TRACKING, None, steady, solved=state)
+        lag.add(estimate, steadying.forward, kinematics.skeleton.offsets, lambda pose: 0.0)
+    settled = [waiting.estimate for waiting in lag._waiting][30:]
+    for smooth, before in zip(lag.flush()[30:], settled):
+        assert np.abs(smooth.state.rotations - before.state.rotations).max() < 1e-6
+
+
 def test_pose_and_reprojection_are_of_the_smoothed_state_and_the_frames_own_skeleton():
     random = np.random.default_rng(1)
     values = 0.01 * random.normal(size=(5, 3)) + [0.0, 0.0, 3.0]

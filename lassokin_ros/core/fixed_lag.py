@@ -97,9 +97,10 @@ def _corrected(
     """Departure and velocity of a frame by those, smoothed already, of the frame after it; (2, n + 1, 3) each.
 
     What moves in the image and what moves in depth have a gain each, P F^T P'^-1: P is this frame's covariance, P' the
-    one predicted from it, F = [1, step; 0, 1].
+    one predicted from it, F = [1, step; 0, 1]. What came of a prediction is told by parts as the later frame sees them:
+    the rays turn with the joints, and a turn of the rays is no news.
     """
-    off, faster = departure - after.parts(after.predicted), velocity - this.parts(this.velocity)
+    off, faster = departure - after.parts(after.predicted), velocity - after.parts(this.velocity)
     departure, velocity = this.parts(this.departure), this.parts(this.velocity)
     for part in range(2):
         value, both, speed = this.covariance[part]
