@@ -10,7 +10,7 @@ from sequences import CONFIG, RATE, observations, same
 from lassokin_ros.core.estimate import Estimate, Status
 from lassokin_ros.core.fixed_lag import FixedLag
 from lassokin_ros.core.kinematics import BodyState
-from lassokin_ros.core.steadying import DEPTH, TYPICAL_SPEED, Steadying, time_at
+from lassokin_ros.core.steadying import DEPTH, FARTHEST, TYPICAL_SPEED, Steadying, time_at
 from lassokin_ros.core.tracker import Tracker
 
 TIME = 0.03
@@ -89,6 +89,16 @@ def test_a_frame_that_brings_no_news_changes_none_before_it():
     settled = [waiting.estimate for waiting in lag._waiting][30:]
     for smooth, before in zip(lag.flush()[30:], settled):
         assert np.abs(smooth.state.rotations - before.state.rotations).max() < 1e-6
+
+
+def test_a_body_that_jumps_in_depth_is_not_smoothed_through_the_camera():
+    random, none = np.random.default_rng(0), np.zeros(24)
+    for _ in range(20):
+        depth = np.repeat(3.0 * np.exp(random.normal(size=6)), 4)
+        lag = lagging(np.stack([none, none, depth], axis=-1), np.full(24, 1 / 15))
+        for estimate in lag.flush():
+            solved = estimate.solved.translation[2]
+            assert abs(estimate.state.translation[2] - solved) <= (FARTHEST + 1e-9) * solved
 
 
 def test_pose_and_reprojection_are_of_the_smoothed_state_and_the_frames_own_skeleton():

@@ -16,7 +16,7 @@ import numpy as np
 
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.kinematics import BodyPose, Kinematics
-from lassokin_ros.core.steadying import Forward
+from lassokin_ros.core.steadying import Forward, strays
 
 TOLERANCE = 0.003
 """s by which a lag may be short: of 0.067 s four frames at 60 Hz lack 0.3 ms, and cameras are not more exact."""
@@ -84,9 +84,12 @@ class FixedLag:
         return released[::-1]
 
     def _smoothed(self, waiting: _Waiting, departure: np.ndarray) -> Estimate:
+        """A frame's estimate moved by its departure (2, n + 1, 3); as it was, where that strays too far in depth."""
         estimate = waiting.estimate
         assert estimate.solved is not None
         state = waiting.forward.published(estimate.solved, departure[0] + departure[1])
+        if strays(state, estimate.solved):
+            return estimate
         pose = self._kinematics.pose(state, waiting.offsets)
         return replace(estimate, state=state, pose=pose, reprojection_px=waiting.reprojection_px(pose))
 

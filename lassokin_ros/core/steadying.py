@@ -138,10 +138,7 @@ class Steadying:
             False, step, rays, predicted, ahead, self._departure, self._velocity, self._covariance, self._settling
         )
         published = self.forward.published(state, self._departure)
-        solved = state.translation
-        if abs((published.translation - solved).dot(solved)) > FARTHEST * solved.dot(solved):
-            return self._begun(state, step, steady_over)
-        return published
+        return self._begun(state, step, steady_over) if strays(published, state) else published
 
     def _begun(self, state: BodyState, step: float, time: float) -> BodyState:
         self.reset()
@@ -156,6 +153,12 @@ class Steadying:
         rays[-1] = ray = translation / math.sqrt(translation.dot(translation))
         np.matmul(ray, pose.orientations, out=rays[:-1])
         return rays
+
+
+def strays(published: BodyState, solved: BodyState) -> bool:
+    """Whether a published state is farther in depth from the solved one than it may be, see `FARTHEST`."""
+    place = solved.translation
+    return bool(abs((published.translation - place).dot(place)) > FARTHEST * place.dot(place))
 
 
 def time_at(speed: float, time: float) -> float:
