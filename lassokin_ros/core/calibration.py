@@ -41,7 +41,7 @@ INTERVAL = 0.25
 """s between kept frames. All are kept to the end: with every other one half of the evidence would go, and wrong lengths
 would pass for measured ones."""
 SETTLED = 0.5
-"""s after a start before frames are kept."""
+"""s after a start before frames count; the first is kept an `INTERVAL` later."""
 WORK_EVERY = 0.13
 """s between two pieces of work: one frame kept, or one linearised again."""
 UPDATE_EVERY = 1.0

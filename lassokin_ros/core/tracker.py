@@ -60,7 +60,7 @@ LEAST_MOTION = 0.003
 
 
 class Tracker:
-    """Follows one person; its only state is the body's, and the stamp at which it was last seen."""
+    """Follows one person: the body's state, and what was learned of person, keypoints and camera until `reset`."""
 
     def __init__(self, config: TrackerConfig | None = None, skeleton: Skeleton | None = None) -> None:
         """Raises a LassokinError (skeleton, layout, solver or setting) when the configuration cannot be used."""
