@@ -29,6 +29,7 @@ from benchmarks.experiment import METHODS, Job, run
 from benchmarks.learn_prior import SEEN
 from benchmarks.leave_one_out import under_its_prior
 from benchmarks.mocap import Condition, rate_of
+from benchmarks.refusals import exit_code
 from benchmarks.report import Record, data_folder, table, write_json
 from benchmarks.special import initialise_frames, run_gap
 from benchmarks.uncertainty import COLUMNS as UNCERTAINTY
@@ -41,11 +42,7 @@ T = TypeVar("T")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Command line."""
     options = parser(__doc__).parse_args(arguments)
-    try:
-        records = measure(options)
-    except LassokinError as error:
-        print(f"accuracy.py: {error}", file=sys.stderr)
-        return 2
+    records = measure(options)
     if not options.detections:
         print(_other_rates(options), end="")
     if options.uncertainty or options.doubt:
@@ -174,4 +171,4 @@ def _check_methods(options: argparse.Namespace) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_code(main))

@@ -25,10 +25,10 @@ import numpy as np
 from benchmarks import option_types
 from benchmarks.callback import measure_callback
 from benchmarks.motion import FOCAL, HEIGHT, Motion, load_motion, observe, on_skeleton
+from benchmarks.refusals import exit_code
 from benchmarks.robot_ik import PinkTracker, PinocchioLeastSquares, available
 from benchmarks.stages import percentiles, profile
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.estimate import Observation
 from lassokin_ros.core.kinematics import BodyState
 from lassokin_ros.core.tracker import Tracker
@@ -58,15 +58,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     frames = len(motion.state.translation)
     print(f"{frames} frames of {motion.source} at 60 Hz, {NOISE_PX:g} px; one thread; variants interleaved.")
     records: list[Record] = []
-    try:
-        for part in options.parts:
-            title, measured = MEASURES[part](motion)
-            print(f"\n{part}: {title}")
-            print(table(measured, {key: form for key, form in COLUMNS.items() if key in measured[0]}))
-            records += [{**record, "part": part} for record in measured]
-    except LassokinError as error:
-        print(f"latency.py: {error}", file=sys.stderr)
-        return 2
+    for part in options.parts:
+        title, measured = MEASURES[part](motion)
+        print(f"\n{part}: {title}")
+        print(table(measured, {key: form for key, form in COLUMNS.items() if key in measured[0]}))
+        records += [{**record, "part": part} for record in measured]
     write_json(options.json, records)
     return 0
 
@@ -224,4 +220,4 @@ MEASURES: dict[str, Callable[[Motion], tuple[str, list[Record]]]] = {
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_code(main))

@@ -8,6 +8,7 @@ Every clip counts alike, every pose also in its mirror image. The training clips
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.mocap import Clip, clip_skeleton, load_clips, true_state
+from benchmarks.refusals import exit_code
 from lassokin_ros.core.kinematics import Kinematics
 from lassokin_ros.core.landmarks import Layout
 from lassokin_ros.core.rotations import logarithm
@@ -143,4 +145,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(exit_code(main))

@@ -28,6 +28,7 @@ import numpy as np
 from benchmarks import formulations, option_types
 from benchmarks.formulations import Answer, Method
 from benchmarks.problems import KINDS, Recorded, record
+from benchmarks.refusals import exit_code
 from benchmarks.report import Record, data_folder, table, write_json
 from lassokin_ros.core.certificate import Certificate, certify
 from lassokin_ros.core.lasso import KKT_TOLERANCE
@@ -155,4 +156,4 @@ def _record(name: str, microseconds: np.ndarray, certificates: Sequence[Certific
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_code(main))
