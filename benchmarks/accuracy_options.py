@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.experiment import METHODS
-from benchmarks.option_types import count, finite, names, positive, seed, share, size
+from benchmarks.option_types import count, finite, names, output_file, positive, seed, share, size
 from lassokin_ros.core.config import TrackerConfig
 
 SWITCH = {**dict.fromkeys(("true", "1", "yes", "on"), True), **dict.fromkeys(("false", "0", "no", "off"), False)}
@@ -55,7 +55,7 @@ def parser(description: str | None = None) -> argparse.ArgumentParser:
     add("--uncertainty", action="store_true", help="predicted against actual error of the joints, in bins, lasso only")
     add("--doubt", action="store_true", help="how likely poses are called wrong against how many are, lasso only")
     add("--jobs", type=count, default=os.cpu_count(), help="processes (one per core)")
-    add("--json", type=Path, metavar="FILE", help="write the records as a JSON list")
+    add("--json", type=output_file, metavar="FILE", help="write the records as a JSON list")
     return result
 
 

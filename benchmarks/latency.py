@@ -76,7 +76,7 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument("--frames", type=option_types.frames, default=2000, help="(2000)")
     parts = option_types.some_of(PARTS)
     result.add_argument("--parts", type=parts, default=list(PARTS), help=f"comma-separated, of {','.join(PARTS)} (all)")
-    result.add_argument("--json", type=Path, metavar="FILE", help="write the records as a JSON list")
+    result.add_argument("--json", type=option_types.output_file, metavar="FILE", help="write the records, a JSON list")
     return result
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 from collections.abc import Callable, Collection
+from pathlib import Path
 from typing import Any
 
 
@@ -38,6 +40,16 @@ def number(kind: Callable[[str], float], holds: Callable[[float], bool], expecte
         return value
 
     return read
+
+
+def output_file(text: str) -> Path:
+    """An option's type: a place for a file; asked before the work, which may take hours, not after it."""
+    path = Path(text)
+    if path.is_dir() or not path.parent.is_dir():
+        raise argparse.ArgumentTypeError(f"{text}; expected a file in a folder that exists")
+    if not os.access(path if path.exists() else path.parent, os.W_OK):
+        raise argparse.ArgumentTypeError(f"{text}; expected a place that may be written")
+    return path
 
 
 count = number(int, lambda n: n >= 1, "1 or more")

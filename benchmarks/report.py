@@ -56,7 +56,10 @@ def write_json(path: Path | None, records: Sequence[Record]) -> None:
     if path is None:
         return
     clean = [{key: _plain(value) for key, value in record.items()} for record in records]
-    path.write_text(json.dumps(clean, indent=1) + "\n", encoding="utf-8")
+    try:
+        path.write_text(json.dumps(clean, indent=1) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise SystemExit(f"cannot write {path}: {error.strerror}; expected a file that can be written") from None
 
 
 def _plain(value: Any) -> Any:

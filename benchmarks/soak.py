@@ -22,6 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.report import Record, table, write_json  # isort: skip  (one thread, before numpy comes)
 import numpy as np
 
+from benchmarks.option_types import output_file
 from benchmarks.people_in_view import HEIGHT, LANDMARKS, view
 from benchmarks.processes import Usage
 from lassokin_ros.body import Body, Detection
@@ -57,7 +58,7 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument("--minutes", type=float, default=10.0, help="of the live run")
     result.add_argument("--people", type=int, default=4)
     result.add_argument("--hz", type=float, default=120.0, help="of the live run's keypoints")
-    result.add_argument("--json", type=Path)
+    result.add_argument("--json", type=output_file)
     return result
 
 

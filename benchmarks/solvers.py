@@ -92,7 +92,7 @@ def parser() -> argparse.ArgumentParser:
     )
     result.add_argument("--landmarks", default="coco17")
     result.add_argument("--seed", type=option_types.seed, default=0)
-    result.add_argument("--json", type=Path, metavar="FILE", help="write the records as a JSON list")
+    result.add_argument("--json", type=option_types.output_file, metavar="FILE", help="write the records, a JSON list")
     return result
 
 

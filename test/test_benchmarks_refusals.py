@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks import accuracy, latency, soak, solvers
 from benchmarks.refusals import exit_code
+from benchmarks.report import write_json
 from lassokin_ros.core.errors import LassokinError
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -43,3 +45,18 @@ def test_scripts_say_what_they_refuse(script, options, said):
     result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
     assert result.returncode == 2
     assert result.stderr.startswith(f"{script}.py: {said}") and result.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("command", [accuracy.main, latency.main, solvers.main, soak.main])
+@pytest.mark.parametrize("place", ["nowhere/records.json", "."])
+def test_records_that_could_not_be_written_are_said_before_the_work(command, place, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as end:
+        command(["--json", place])
+    assert end.value.code == 2
+    assert f"argument --json: {place}; expected a file in a folder that exists" in capsys.readouterr().err
+
+
+def test_a_disk_that_is_full_when_the_records_are_written_is_said():
+    with pytest.raises(SystemExit, match="cannot write /dev/full: No space left"):
+        write_json(Path("/dev/full"), [{"clip": "x"}])
