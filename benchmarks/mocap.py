@@ -1,7 +1,7 @@
 """Real motion for measuring: clips of joint trajectories, a camera's view of them, and SMPL-like ground truth.
 
 A clip file is an npz with `joints`, `root_trans`, `local_rot_wxyz`, `offsets`, `parents`, `joint_names`, `fps`,
-`std_index` and `std_names`; metres, world Y up (the folder's README says more).
+`std_index` and `std_names`, and a `label` if you like; metres, world Y up (the folder's README says more).
 """
 
 from __future__ import annotations
@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import BadZipFile
+from zlib import error as DamagedArchive
 
 import numpy as np
 from scipy.signal import lfilter
@@ -69,8 +71,8 @@ def load_clips(folder: Path, names: list[str] | None = None) -> list[Clip]:
 
 
 def load_clip(file: Path) -> Clip:
-    """Read one clip and derive the orientations that SMPL's joints would have."""
-    data = np.load(file, allow_pickle=False)
+    """Read one clip and derive the orientations that SMPL's joints would have; SystemExit where the file is none."""
+    data = _arrays(file)
     parents, offsets = data["parents"], data["offsets"]
     local = data["local_rot_wxyz"]
     frames, count = local.shape[:2]
@@ -90,13 +92,53 @@ def load_clip(file: Path) -> Clip:
     orientations = _smpl_orientations(world, rest, parents, index)
     return Clip(
         file.stem,
-        str(data["label"]),
+        str(data.get("label", "")),
         float(data["fps"]),
         tuple(index),
         data["joints"][:, list(index.values())],
         rest[list(index.values())],
         orientations,
     )
+
+
+NUMBERS = "joints root_trans local_rot_wxyz offsets parents fps std_index".split()
+STANDARD = set(EVALUATED) | {"pelvis", "spine", "head_top", "l_toe", "r_toe"}
+
+
+def _arrays(file: Path) -> dict[str, np.ndarray]:
+    """What a clip's file holds, as it must be; SystemExit with one line where it is not."""
+    expected = "expected motion capture in the form that benchmarks/mocap.py describes"
+    try:
+        with np.load(file, allow_pickle=False) as data:
+            lacking = [name for name in (*NUMBERS, "std_names") if name not in data]
+            arrays = {name: data[name] for name in data}
+    except (OSError, EOFError, BadZipFile, DamagedArchive, ValueError, TypeError, AttributeError):
+        raise SystemExit(f"{file} is no npz file of plain arrays; {expected}") from None
+    fault = f"has no {', '.join(lacking)}" if lacking else _fault(arrays)
+    if fault:
+        raise SystemExit(f"{file} {fault}; {expected}")
+    return arrays
+
+
+def _fault(arrays: dict[str, np.ndarray]) -> str:
+    """What makes a clip's arrays useless, in words; nothing when they are as they must be."""
+    for name in NUMBERS:
+        if arrays[name].dtype.kind not in "fiu" or not np.isfinite(arrays[name]).all():
+            return f"has {name} that are not all finite numbers"
+    frames, joints = len(np.atleast_1d(arrays["root_trans"])), len(np.atleast_1d(arrays["parents"]))
+    shapes = {"joints": (frames, joints, 3), "root_trans": (frames, 3), "local_rot_wxyz": (frames, joints, 4)}
+    shapes |= {"offsets": (joints, 3), "parents": (joints,), "fps": (), "std_index": arrays["std_names"].shape}
+    for name, shape in shapes.items():
+        if arrays[name].shape != shape:
+            return f"has {name} of shape {arrays[name].shape}, not {shape}"
+    if frames == 0 or not arrays["fps"] > 0:
+        return f"has {frames} frames at {float(arrays['fps']):g} Hz"
+    if not np.linalg.norm(arrays["local_rot_wxyz"], axis=-1).all():
+        return "has rotations of length 0"
+    if (arrays["parents"] >= np.arange(joints)).any() or not np.isin(arrays["std_index"], np.arange(joints)).all():
+        return "has parents that come after their children, or std_index of joints that are not there"
+    missing = sorted(STANDARD - {str(name) for name in arrays["std_names"]})
+    return f"has no joint {', '.join(missing)} in std_names" if missing else ""
 
 
 def _smpl_orientations(world: np.ndarray, rest: np.ndarray, parents: np.ndarray, index: dict[str, int]) -> np.ndarray:
@@ -239,7 +281,7 @@ def step_for(clip_fps: float, fps: float) -> int:
 
 def rate_of(file: Path, fps: float) -> float:
     """Hz at which a clip's frames are used when `fps` are asked for."""
-    own = float(np.load(file, allow_pickle=False)["fps"])
+    own = float(_arrays(file)["fps"])
     return own / step_for(own, fps)
 
 

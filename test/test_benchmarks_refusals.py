@@ -4,9 +4,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from benchmarks import accuracy, latency, soak, solvers
+from benchmarks.mocap import load_clip, rate_of
 from benchmarks.refusals import exit_code
 from benchmarks.report import write_json
 from lassokin_ros.core.errors import LassokinError
@@ -60,3 +62,67 @@ def test_records_that_could_not_be_written_are_said_before_the_work(command, pla
 def test_a_disk_that_is_full_when_the_records_are_written_is_said():
     with pytest.raises(SystemExit, match="cannot write /dev/full: No space left"):
         write_json(Path("/dev/full"), [{"clip": "x"}])
+
+
+PARENTS = {
+    "pelvis": "", "spine": "pelvis", "thorax": "spine", "neck": "thorax", "head": "neck", "head_top": "head",
+    **{f"{side}_{joint}": f"{side}_{parent}" if parent in ("hip", "knee", "ankle", "shoulder", "elbow") else parent
+       for side in "lr" for joint, parent in (("hip", "pelvis"), ("knee", "hip"), ("ankle", "knee"), ("toe", "ankle"),
+                                              ("shoulder", "thorax"), ("elbow", "shoulder"), ("wrist", "elbow"))},
+}  # fmt: skip
+
+
+def clip_arrays():
+    """The least that a clip's file may hold, 4 frames at 50 Hz; nothing in it moves."""
+    joints = list(PARENTS)
+    named = [name for name in joints if name != "thorax"]
+    return {
+        "joints": np.random.default_rng(0).normal(size=(4, len(joints), 3)),
+        "root_trans": np.zeros((4, 3)),
+        "local_rot_wxyz": np.tile([1.0, 0, 0, 0], (4, len(joints), 1)),
+        "offsets": np.random.default_rng(1).normal(size=(len(joints), 3)),
+        "parents": np.array([joints.index(parent) if parent else -1 for parent in PARENTS.values()]),
+        "fps": np.array(50.0),
+        "std_index": np.array([joints.index(name) for name in named]),
+        "std_names": np.array(named),
+    }
+
+
+def test_a_clip_needs_no_more_than_the_form_that_is_described(tmp_path):
+    np.savez(tmp_path / "still.npz", **clip_arrays())
+    assert load_clip(tmp_path / "still.npz").fps == 50 and rate_of(tmp_path / "still.npz", 25) == 25
+
+
+@pytest.mark.parametrize(
+    "name, value, said",
+    [
+        ("std_names", None, "has no std_names;"),
+        ("fps", None, "has no fps;"),
+        ("fps", lambda fps: -fps, "has 4 frames at -50 Hz;"),
+        ("fps", lambda fps: 0 * fps, "has 4 frames at 0 Hz;"),
+        ("fps", lambda _: np.array("fifty"), "has fps that are not all finite numbers;"),
+        ("joints", lambda joints: np.full_like(joints, np.nan), "has joints that are not all finite numbers;"),
+        ("joints", lambda joints: joints[:3], r"has joints of shape \(3, 20, 3\), not \(4, 20, 3\);"),
+        ("joints", lambda joints: joints.astype(object), "is no npz file of plain arrays;"),
+        ("local_rot_wxyz", lambda turns: 0 * turns, "has rotations of length 0;"),
+        ("local_rot_wxyz", lambda turns: turns[..., :3], "has local_rot_wxyz of shape"),
+        ("std_index", lambda index: index + 9, "has parents that come after their children, or std_index"),
+        ("std_names", lambda names: np.array(["nose", *names[1:]]), "has no joint pelvis in std_names;"),
+    ],
+)
+def test_a_clip_that_holds_no_motion_is_said_by_its_file(name, value, said, tmp_path):
+    arrays = clip_arrays()
+    value = value and value(arrays.pop(name))
+    np.savez(tmp_path / "odd.npz", **{k: v for k, v in {**arrays, name: value}.items() if v is not None})
+    with pytest.raises(SystemExit, match=f"odd.npz {said}"):
+        load_clip(tmp_path / "odd.npz")
+
+
+@pytest.mark.parametrize("content", [b"", b"no array", b"PK\x03\x04"])
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_a_damaged_clip_ends_a_run_with_one_line(content, jobs, tmp_path):
+    (tmp_path / "damaged.npz").write_bytes(content)
+    command = [sys.executable, "benchmarks/accuracy.py", "--data", str(tmp_path), "--jobs", jobs]
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert result.returncode == 2 and "Traceback" not in result.stderr
+    assert result.stderr.startswith(f"accuracy.py: {tmp_path / 'damaged.npz'} is no npz file of plain arrays; expected")
