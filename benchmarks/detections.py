@@ -11,10 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Mapping, Sequence
 from zipfile import BadZipFile
+from zlib import error as DamagedArchive
 
 import numpy as np
 
 from benchmarks.baselines import FOLLOWERS
+from benchmarks.experiment import FIGURES
 from benchmarks.metrics import acceleration_error, flipped_frames, mpjpe, pa_mpjpe
 from benchmarks.report import Record
 from benchmarks.runs import Track, follow
@@ -32,6 +34,7 @@ JOINTS = {
 }
 """Evaluated names and the landmarks that lie there, in every layout used here."""
 
+NEEDED = {"K", "dist", "fps", "keypoint_names", "kp2d", "ref_cam"}
 SIDES = ("left", "right")
 BONES = (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
 TRUNK = ("left_shoulder", "right_shoulder", "left_hip", "right_hip")
@@ -83,20 +86,47 @@ def _cameras(file: Path) -> int:
         raise SystemExit(f"no file {file}; {expected}")
     try:
         with np.load(file, allow_pickle=False) as data:
-            lacking = sorted({"K", "dist", "fps", "keypoint_names", "kp2d", "ref_cam"} - set(data))
-            if not lacking:
-                return len(data["kp2d"])
-    except (OSError, EOFError, BadZipFile, ValueError, TypeError, AttributeError):
+            lacking = sorted(NEEDED - set(data))
+            arrays = {name: data[name] for name in ("good", *sorted(NEEDED)) if name in data}
+    except (OSError, EOFError, BadZipFile, DamagedArchive, ValueError, TypeError, AttributeError):
         raise SystemExit(f"{file} is no npz file; {expected}") from None
-    raise SystemExit(f"{file} has no {', '.join(lacking)}; {expected}")
+    fault = f"has no {', '.join(lacking)}" if lacking else _fault(arrays)
+    if fault:
+        raise SystemExit(f"{file} {fault}; {expected}")
+    return len(arrays["kp2d"])
+
+
+def _fault(arrays: Mapping[str, np.ndarray]) -> str:
+    """What makes a file's arrays useless, in words; nothing when they are as they must be."""
+    layout, count = _layout(arrays["keypoint_names"])
+    for name in ("kp2d", "ref_cam", "K", "dist", "fps"):
+        if arrays[name].dtype.kind not in "fiu":
+            return f"has {name} that are not numbers"
+    if arrays["kp2d"].ndim != 4 or arrays["kp2d"].shape[2] < count or 0 in arrays["kp2d"].shape:
+        return f"has kp2d of shape {arrays['kp2d'].shape}, not (cameras, frames, {count} of {layout}, 3)"
+    cameras, frames, points = arrays["kp2d"].shape[:3]
+    shapes = {"kp2d": (cameras, frames, points, 3), "ref_cam": (cameras, frames, points, 3)}
+    shapes |= {"K": (cameras, 3, 3), "good": (frames, points), "fps": ()}
+    for name in shapes.keys() & arrays.keys():
+        if arrays[name].shape != shapes[name]:
+            return f"has {name} of shape {arrays[name].shape}, not {shapes[name]}"
+    distortion = arrays["dist"].shape
+    if len(distortion) != 2 or distortion[0] != cameras or distortion[1] > 5:
+        return f"has dist of shape {distortion}, not ({cameras}, 5 or fewer)"
+    if not (np.isfinite(arrays["fps"]) and arrays["fps"] > 0):
+        return f"has {float(arrays['fps']):g} frames a second"
+    return "has no reference" if not np.isfinite(arrays["ref_cam"]).any() else ""
+
+
+def _layout(names: np.ndarray) -> tuple[str, int]:
+    """The detector's layout, by its keypoints' names, and its number of points."""
+    return ("mediapipe33", 33) if "left_index" in names else ("body25b", 25)
 
 
 def load_recording(file: Path, camera: int) -> Recording:
     """Read one camera of a file, with lens distortion removed."""
     data = np.load(file)
-    names = [str(name) for name in data["keypoint_names"]]
-    mediapipe = "left_index" in names
-    layout, count = ("mediapipe33", 33) if mediapipe else ("body25b", 25)
+    layout, count = _layout(data["keypoint_names"])
     keypoints = data["kp2d"][camera, :, :count].astype(float)
     confidence = np.where(np.isfinite(keypoints).all(-1), keypoints[..., 2], 0.0)
     reference = data["ref_cam"][camera, :, :count].astype(float)
@@ -123,6 +153,8 @@ def height_of(reference: np.ndarray, layout: Layout) -> float:
         model = float(np.linalg.norm(unit.offsets[unit.index(f"left_{b}")]))
         pairs += [(model, _length(reference, layout, f"{side}_{a}", f"{side}_{b}")) for side in SIDES]
     seen = [(model, length) for model, length in pairs if np.isfinite(length)]
+    if not seen:
+        raise SystemExit("the reference shows no limb in a tenth of the frames; expected one that says the height")
     return sum(length for _, length in seen) / sum(model for model, _ in seen)
 
 
@@ -204,6 +236,9 @@ def score(track: Track, recording: Recording, layout: Layout) -> Record:
     known = np.where(scored[:, None, None], recording.reference, np.nan)
     truth, estimate = known[:, index], track.landmarks[:, index]
     own_root, true_root = track.landmarks[:, root].mean(1), known[:, root].mean(1)
+    if not scored.any():  # nobody was found, or never where the reference is known
+        none = {**dict.fromkeys(FIGURES, float("nan")), "rejected": int(track.rejected.sum())}
+        return {"frames": 0, **none, "ends_lost": bool(track.rejected[-1])}
     error = mpjpe(estimate[scored], truth[scored], own_root[scored], true_root[scored])
     flips = flipped_frames(estimate[scored], truth[scored], list(JOINTS))
     return {
@@ -222,4 +257,5 @@ def score(track: Track, recording: Recording, layout: Layout) -> Record:
         "frame_ms_p50": float(np.nanpercentile(track.frame_ms, 50)),
         "frame_ms_p99": float(np.nanpercentile(track.frame_ms, 99)),
         "rejected": int(track.rejected.sum()),
+        "ends_lost": bool(track.rejected[-1]),
     }

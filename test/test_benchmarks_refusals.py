@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 
 from benchmarks import accuracy, latency, soak, solvers
+from benchmarks.detections import detection_jobs, height_of, run_detections
 from benchmarks.mocap import load_clip, rate_of
 from benchmarks.refusals import exit_code
 from benchmarks.report import write_json
 from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.core.landmarks import Layout
+from lassokin_ros.core.skeleton import Skeleton
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -126,3 +129,51 @@ def test_a_damaged_clip_ends_a_run_with_one_line(content, jobs, tmp_path):
     result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
     assert result.returncode == 2 and "Traceback" not in result.stderr
     assert result.stderr.startswith(f"accuracy.py: {tmp_path / 'damaged.npz'} is no npz file of plain arrays; expected")
+
+
+def detection_arrays():
+    """One camera, 3 frames at 30 Hz of a detector with BODY_25B's points, in which there is nobody."""
+    return {
+        "kp2d": np.zeros((1, 3, 25, 3)),
+        "ref_cam": np.random.default_rng(0).normal(size=(1, 3, 25, 3)) * 0.15,
+        "K": np.diag([1000.0, 1000.0, 1.0])[None],
+        "dist": np.zeros((1, 4)),
+        "fps": np.array(30.0),
+        "keypoint_names": np.array([f"point {i}" for i in range(25)]),
+    }
+
+
+def test_a_recording_in_which_nobody_is_found_is_a_record_without_figures(tmp_path):
+    np.savez(tmp_path / "empty.npz", **detection_arrays())
+    for job in detection_jobs([tmp_path / "empty.npz"], ["lasso", "dls"], False, {}):
+        record = run_detections(job)
+        assert record["frames"] == 0 and record["rejected"] == 3 and record["ends_lost"]
+        assert np.isnan(record["mpjpe_mm"]) and np.isnan(record["frame_ms_p99"])
+
+
+@pytest.mark.parametrize(
+    "name, change, said",
+    [
+        ("fps", lambda fps: -fps, "has -30 frames a second"),
+        ("fps", lambda fps: fps * np.nan, "has nan frames a second"),
+        ("kp2d", lambda points: points[:, :, :17], r"has kp2d of shape .*, not \(cameras, frames, 25 of body25b, 3\)"),
+        ("kp2d", lambda points: points[..., :2], "has kp2d of shape"),
+        ("kp2d", lambda points: points[:, :0], "has kp2d of shape"),
+        ("kp2d", lambda points: points.astype(str), "has kp2d that are not numbers"),
+        ("ref_cam", lambda places: places[:, :2], "has ref_cam of shape"),
+        ("ref_cam", lambda places: places * np.nan, "has no reference"),
+        ("K", lambda K: K[0], "has K of shape"),
+        ("dist", lambda dist: np.zeros((1, 8)), "has dist of shape"),
+    ],
+)
+def test_detections_that_cannot_be_used_are_said_by_their_file(name, change, said, tmp_path):
+    arrays = detection_arrays()
+    np.savez(tmp_path / "odd.npz", **{**arrays, name: change(arrays[name])})
+    with pytest.raises(SystemExit, match=f"odd.npz {said}.*; expected detections"):
+        detection_jobs([tmp_path / "odd.npz"], ["lasso"], False, {})
+
+
+def test_a_reference_without_limbs_gives_no_height():
+    layout = Layout.load("body25b", Skeleton.load("anthropometric", 1.75))
+    with pytest.raises(SystemExit, match="no limb"):
+        height_of(np.full((3, 25, 3), np.nan), layout)
