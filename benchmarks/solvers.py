@@ -54,12 +54,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Command line."""
     options = parser().parse_args(arguments)
     formulations.TOLERANCE = options.tolerance
-    chosen = {name: method for name, method in formulations.methods().items() if _wanted(name, options.methods)}
+    every = formulations.methods()
+    unknown = [part for part in options.methods or () if not any(part in name for name in every)]
+    if unknown:
+        raise SystemExit(f"no method's name has {', '.join(unknown)}; expected parts of: {'; '.join(every)}")
+    chosen = {name: method for name, method in every.items() if _wanted(name, options.methods)}
     folder = options.data or data_folder() / "mocap"
-    clips = options.clips.split(",")
+    clips = options.clips
     files = [folder / f"{name}.npz" for name in clips]
-    if not all(file.is_file() for file in files):
-        raise SystemExit(f"{folder} lacks some of {', '.join(clips)}: give --data, or set LASSOKIN_DATA")
+    lacking = [file.stem for file in files if not file.is_file()]
+    if lacking or not files:
+        there = ", ".join(file.stem for file in sorted(folder.glob("*.npz"))) or "no clips (*.npz)"
+        raise SystemExit(f"no clip {', '.join(lacking)} in {folder}; it has: {there} (--clips, --data, LASSOKIN_DATA)")
     jobs = [experiment.Job(file, 0, "lasso", landmarks=options.landmarks, seed=options.seed) for file in files]
     records: list[Record] = []
     print(
@@ -67,6 +73,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     for kind in options.kinds:
         problems = record(kind, jobs, options.problems)
+        if not problems:
+            raise SystemExit(f"no lasso came up in {', '.join(clips)}; expected clips of 2 frames or more")
         rows, columns = problems[0].problem.A.shape
         measured = measure(kind, problems, chosen)
         print(f"\n{kind}: {len(problems)} problems, A {rows} x {columns}")
@@ -82,11 +90,11 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument(
         "--data", type=Path, help="folder of clips (default: mocap/ in LASSOKIN_DATA or ../shared/data)"
     )
-    result.add_argument("--clips", default=",".join(CLIPS), help="comma-separated names")
+    result.add_argument("--clips", type=option_types.names, default=list(CLIPS), help="comma-separated names")
     result.add_argument("--problems", type=option_types.count, default=200, help="per kind (200)")
     kinds = option_types.some_of(KINDS)
     result.add_argument("--kinds", type=kinds, default=list(KINDS), help=f"comma-separated, of {','.join(KINDS)} (all)")
-    result.add_argument("--methods", help="comma-separated parts of names, beside the default (all)")
+    result.add_argument("--methods", type=_parts, help="comma-separated parts of names, beside the default (all)")
     result.add_argument(
         "--tolerance", type=option_types.positive, default=1e-10, help="asked of the peers (1e-10: most are certified)"
     )
@@ -96,8 +104,13 @@ def parser() -> argparse.ArgumentParser:
     return result
 
 
-def _wanted(name: str, parts: str | None) -> bool:
-    return parts is None or name.startswith("default (") or any(part in name for part in parts.split(","))
+def _parts(text: str) -> list[str]:
+    """Parts of methods' names, which have blanks, with commas between."""
+    return [part.strip() for part in text.split(",") if part.strip()]
+
+
+def _wanted(name: str, parts: Sequence[str] | None) -> bool:
+    return parts is None or name.startswith("default (") or any(part in name for part in parts)
 
 
 def measure(kind: str, problems: Sequence[Recorded], chosen: dict[str, Method]) -> list[Record]:

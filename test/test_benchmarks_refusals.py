@@ -42,7 +42,9 @@ def test_what_ends_well_or_says_its_own_code_is_left_alone():
         ("accuracy", ["--data", "nowhere"], "no clips"),
         ("accuracy", ["--methods", "magic"], "no method magic"),
         ("accuracy", ["--detections", "nowhere.npz"], "no file nowhere.npz"),
-        ("solvers", ["--data", "nowhere"], "nowhere lacks some of"),
+        ("solvers", ["--data", "nowhere"], "no clip 01_01, 02_05"),
+        ("solvers", ["--clips", ","], "no clip"),
+        ("solvers", ["--methods", "primal,magic"], "no method's name has magic; expected parts of: default"),
     ],
 )
 def test_scripts_say_what_they_refuse(script, options, said):
@@ -177,3 +179,12 @@ def test_a_reference_without_limbs_gives_no_height():
     layout = Layout.load("body25b", Skeleton.load("anthropometric", 1.75))
     with pytest.raises(SystemExit, match="no limb"):
         height_of(np.full((3, 25, 3), np.nan), layout)
+
+
+def test_clips_in_which_no_lasso_comes_up_are_said(tmp_path):
+    arrays = clip_arrays()
+    first = {name: arrays[name][:1] for name in ("joints", "root_trans", "local_rot_wxyz")}
+    standing = {**arrays, **first, "offsets": 0.1 * np.ones_like(arrays["offsets"])}
+    np.savez(tmp_path / "one_frame.npz", **standing)
+    with pytest.raises(SystemExit, match="no lasso came up in one_frame"):
+        solvers.main(["--data", str(tmp_path), "--clips", "one_frame", "--problems", "2"])
