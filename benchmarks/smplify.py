@@ -38,7 +38,10 @@ def fit_clip(config: TrackerConfig, skeleton: Skeleton, observations: Sequence[O
     """Fit all frames; `frame_ms` is the mean over the clip."""
     begin = time.perf_counter()
     starter = Tracker(config, skeleton)
-    first, state = _first(starter, observations)
+    found = _first(starter, observations)
+    if found is None:
+        return _nobody(starter.kinematics, len(observations), 1000 * (time.perf_counter() - begin))
+    first, state = found
     init_ms = 1000 * (time.perf_counter() - begin)
     step = float(np.median(np.diff([o.stamp for o in observations]))) if len(observations) > 1 else 1 / 60
     fit = WindowFit(starter.kinematics, config, SMOOTH * (60 * step) ** 2)
@@ -55,12 +58,20 @@ def fit_clip(config: TrackerConfig, skeleton: Skeleton, observations: Sequence[O
     return _track(fit, BodyState(rotations, translation), observations, first, init_ms, begin)
 
 
-def _first(starter: Tracker, observations: Sequence[Observation]) -> tuple[int, BodyState]:
+def _first(starter: Tracker, observations: Sequence[Observation]) -> tuple[int, BodyState] | None:
     for frame, observation in enumerate(observations):
         state = starter.track(observation).state
         if state is not None:
             return frame, state
-    raise SystemExit("no frame of the clip can be initialised")
+    return None
+
+
+def _nobody(kinematics: Kinematics, count: int, taken_ms: float) -> Track:
+    """Of a clip in which no frame can be initialised: a record as of any other method, not the end of all runs."""
+    joints, landmarks = kinematics.skeleton.joint_count, len(kinematics.layout.names)
+    positions, points = np.full((count, joints, 3), np.nan), np.full((count, landmarks, 3), np.nan)
+    frame_ms = np.full(count, taken_ms / count)
+    return Track(positions, points, np.full(count, np.nan), np.ones(count, dtype=bool), frame_ms, float("nan"))
 
 
 def _track(
@@ -170,7 +181,10 @@ class WindowFit:
         identity = np.tile(np.eye(3), (self.kinematics.landmark_count, 1))
         moved = self._columns(L, np.broadcast_to(identity, L.shape[:-1] + (3,)), turns) / self._smooth
         frames, height = moved.shape[:2]
-        differences = sparse.diags_array([1.0, -2.0, 1.0], offsets=[0, 1, 2], shape=(max(0, frames - 2), frames))
+        if frames < 3:  # no second difference; scipy refuses diagonals beyond a matrix of one column
+            differences = sparse.csr_array((0, frames))
+        else:
+            differences = sparse.diags_array([1.0, -2.0, 1.0], offsets=[0, 1, 2], shape=(frames - 2, frames))
         return sparse.kron(differences, sparse.eye_array(height)) @ sparse.block_diag(list(moved), format="csr")
 
     def _columns(self, A: np.ndarray, B: np.ndarray, turns: np.ndarray) -> np.ndarray:

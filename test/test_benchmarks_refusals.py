@@ -188,3 +188,10 @@ def test_clips_in_which_no_lasso_comes_up_are_said(tmp_path):
     np.savez(tmp_path / "one_frame.npz", **standing)
     with pytest.raises(SystemExit, match="no lasso came up in one_frame"):
         solvers.main(["--data", str(tmp_path), "--clips", "one_frame", "--problems", "2"])
+
+
+def test_the_offline_fit_says_of_a_clip_without_anybody_what_the_others_say(tmp_path):
+    np.savez(tmp_path / "empty.npz", **detection_arrays())
+    (job,) = detection_jobs([tmp_path / "empty.npz"], ["smplify"], False, {})
+    record = run_detections(job)
+    assert record["frames"] == 0 and record["rejected"] == 3 and record["ends_lost"]
