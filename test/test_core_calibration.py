@@ -117,9 +117,8 @@ def test_the_volumes_change_is_the_derivative_of_its_logarithm(seed, monkeypatch
     calibration = Calibration(FrameRows(kinematics, PriorRows(prior, kinematics), Upright()))
     one = postures(prior, 4, seed)
     state = BodyState(one.rotations[seed], one.translation[seed])
-    frame = KeptFrame(
-        state, project(kinematics.pose(state).landmarks), np.full(17, FOCAL / 2), calibration.lengths, *[None] * 2
-    )
+    points, weights = project(kinematics.pose(state).landmarks), np.full(17, FOCAL / 2)
+    frame = KeptFrame(state, points, weights, 1.0, calibration.lengths, *[None] * 2)
     J, C, _, _ = calibration._frame_rows(frame)
     H = J.T @ J + DAMPING * np.eye(J.shape[1])
     coupling = np.linalg.solve(H, J.T @ C)

@@ -18,6 +18,7 @@ from scipy.linalg import blas, lapack
 
 from lassokin_ros.core.frame_rows import FrameRows
 from lassokin_ros.core.kinematics import BodyState
+from lassokin_ros.core.pace import Pace
 from lassokin_ros.core.projection import project, projection_jacobian
 from lassokin_ros.core.proportions import Proportions
 from lassokin_ros.core.robust import huber_cost, huber_weights, norm
@@ -31,21 +32,24 @@ ODDS = (0.3, 0.6, 0.1)
 """How likely each is at first: a guess that passes for measured costs more than measured lengths that pass for one."""
 STATURE_SPREAD = 0.005
 """The same of the stature at rest: held, but as a row of a linear system."""
-LARGEST_STEP = 0.03
+LARGEST_STEP = 0.1
 """Largest change of a log-length in one update: the kept frames' poses have to follow."""
 FARTHEST = 0.3
 """Largest log-length."""
 INFORMATION = 0.6
-"""Share of a kept frame's information that is counted: neither the prior's errors nor the tracks' are independent."""
-INTERVAL = 0.25
-"""s between kept frames. All are kept to the end: with every other one half of the evidence would go, and wrong lengths
-would pass for measured ones."""
-SETTLED = 0.5
-"""s after a start before frames count; the first is kept an `INTERVAL` later."""
-WORK_EVERY = 0.13
+"""Share of a kept frame's information that is counted: neither the prior's errors nor the tracks' are independent. Of
+frames kept more densely than in the end it is less, by the root of their interval; by the interval itself they would
+say no more than one of them, and in full measured lengths would soon pass for wrong ones."""
+KEEP = Pace(0.04, 0.05, 0.25)
+"""s between kept frames, by the s that they span: whoever comes has the wrong lengths in every frame until enough are
+kept. All are kept to the end: with every other one half of the evidence would go, and wrong lengths would pass for
+measured ones."""
+WORK = Pace(0.02, 0.02, 0.13)
 """s between two pieces of work: one frame kept, or one linearised again."""
-UPDATE_EVERY = 1.0
+UPDATE = Pace(0.2, 0.25, 1.0)
 """s between two updates of the skeleton."""
+SETTLED = 0.1
+"""s after a start before frames count; the first is kept an interval later."""
 DAMPING = 1e-3
 """1/rad^2, keeps what nothing observes where it is."""
 TYPICAL_COST = 12.0
@@ -71,12 +75,14 @@ LONGEST = 20.0
 class KeptFrame:
     """A frame that speaks about the lengths: what was seen, its pose, and its normal equations in the lengths.
 
-    information (p, p) and pull (p,), the gradient's negative, hold about `lengths`, where it was linearised last.
+    share: of INFORMATION; information (p, p) and pull (p,), the gradient's negative, hold about `lengths`, where it was
+    linearised last.
     """
 
     state: BodyState
     points: np.ndarray
     weights: np.ndarray
+    share: float
     lengths: np.ndarray
     information: np.ndarray
     pull: np.ndarray
@@ -122,29 +128,30 @@ class Calibration:
 
     def advance(self, stamp: float, state: BodyState, points: np.ndarray, weights: np.ndarray) -> bool:
         """Use a tracked frame (arguments as in `Tracker`); True when the lengths have changed."""
-        if self.frozen or stamp - self._worked_at < WORK_EVERY:
+        if self.frozen or stamp - self._worked_at < WORK.interval(self.moved):
             return False
         self._worked_at = stamp
         if np.isnan(self._kept_at):
             self.restart_clock(stamp)
         if np.isnan(self._updated_at):
             self._updated_at = stamp
-        if stamp - self._kept_at >= INTERVAL:
-            self.moved += INTERVAL
+        since = min(stamp - self._kept_at, KEEP.last)
+        if since >= KEEP.interval(self.moved):
+            self.moved += since
             self._kept_at = stamp
-            self._keep(state, points, weights)
+            self._keep(state, points, weights, math.sqrt(since / KEEP.last))
         elif self._frames:
             self._turn = (self._turn + 1) % len(self._frames)
             self._linearise(self._frames[self._turn])
-        if stamp - self._updated_at < UPDATE_EVERY or len(self._frames) < 4:
+        if stamp - self._updated_at < UPDATE.interval(self.moved) or len(self._frames) < 4:
             return False
         self._updated_at = stamp
         self._update()
         return True
 
-    def _keep(self, state: BodyState, points: np.ndarray, weights: np.ndarray) -> None:
+    def _keep(self, state: BodyState, points: np.ndarray, weights: np.ndarray, share: float) -> None:
         count = self.proportions.count
-        frame = KeptFrame(state, points, weights, self.lengths, np.zeros((count, count)), np.zeros(count))
+        frame = KeptFrame(state, points, weights, share, self.lengths, np.zeros((count, count)), np.zeros(count))
         self._linearise(frame)
         if math.isfinite(frame.cost):  # else nothing is known of it
             self._frames.append(frame)
@@ -224,7 +231,8 @@ class Calibration:
     def _normal_equations(self) -> tuple[np.ndarray, np.ndarray]:
         """(H (p, p), g (p,)) of all kept frames, about no change of the lengths; frames that cost much count less."""
         costs = np.array([frame.cost for frame in self._frames])
-        weights = INFORMATION / (1 + (costs / max(TYPICAL_COST, float(np.median(costs)))) ** 2)
+        shares = np.array([frame.share for frame in self._frames])
+        weights = INFORMATION * shares / (1 + (costs / max(TYPICAL_COST, float(np.median(costs)))) ** 2)
         information = np.array([frame.information for frame in self._frames])
         lengths = np.array([frame.lengths for frame in self._frames])
         pulls = np.array([frame.pull for frame in self._frames]) + (information @ lengths[:, :, None])[:, :, 0]
