@@ -1,7 +1,8 @@
 """robot_description of one body, anew when the base frame or the bones are no longer what was published.
 
 The promise: at every frame the newest description and joint_states reproduce joints, to LARGEST_ERROR. Calibration
-changes the lengths at most once a second and not for ever, so that no description comes more often than that.
+changes the lengths five times in the first second, later once a second and not for ever; no description comes more
+often than that.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ from cases import body
 from description_check import DescribedBody
 
 from lassokin_ros.calibration_figures import calibration_figures
-from lassokin_ros.core.calibration import Calibration
+from lassokin_ros.core.calibration import UPDATE, Calibration
 from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.core.frame_rows import FrameRows
 from lassokin_ros.core.prior import PosePrior, PriorRows
@@ -149,8 +149,9 @@ def test_in_a_replay_every_frames_joints_are_those_of_the_newest_urdf(tmp_path):
         assert main([str(recording), "-o", str(tmp_path / name), *settings]) == 0
     streams = {topic: read(tmp_path / "once", f"/{topic}") for topic in ("robot_description", "joint_states", "joints")}
     descriptions = [(time_ns, DescribedBody(m.data)) for time_ns, m in streams["robot_description"]]
-    assert 4 < len(descriptions) <= 1 + frames / RATE
-    assert np.diff([time_ns for time_ns, _ in descriptions]).min() > 0.9e9
+    assert 4 < len(descriptions) <= 8 + frames / RATE
+    apart = np.diff([time_ns for time_ns, _ in descriptions])  # often at first, then once a second
+    assert apart.min() > 0.9e9 * UPDATE.first and apart[-2:].min() > 0.9e9 * UPDATE.last
     errors, first = [], descriptions[0][1]
     for (time_ns, state), (_, joints) in zip(streams["joint_states"], streams["joints"]):
         newest = [d for published, d in descriptions if published <= time_ns][-1]
@@ -294,7 +295,7 @@ def test_the_running_node_describes_saves_and_reports_what_it_has_learned(tmp_pa
         values = values_of(peer.next_diagnostics())
         assert values["calibration"] == "learning" and float(values["calibration: motion seen [s]"]) > 2
         assert any(abs(float(v)) > 1 for key, v in values.items() if key.startswith("calibration: ") and "%" in key)
-        assert 3 < len(texts) <= 9  # at most one a second
+        assert 3 < len(texts) <= 16  # often at first, then once a second
         bodies, current = [DescribedBody(text.data) for text in texts], 0
         for state, poses in zip(states, joints):  # topics overtake one another: in order, each with one of them
             fits = [k for k in range(current, len(bodies)) if bodies[k].error(state, poses) < PROMISE_M]
