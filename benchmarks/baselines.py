@@ -1,6 +1,7 @@
 """Other methods on the same inputs, for comparison.
 
-All begin with the shipped tracker's automatic initialisation. Their own constants (below) were chosen on the training
+All begin with the shipped tracker's automatic initialisation, and again where they have left the person for behind the
+camera or out of sight. Their own constants (below) were chosen on the training
 clips of benchmarks/learn_prior.py at 60 Hz and 2 px, each the best of a coarse grid by median MPJPE.
 
 - plain: the paper's plain lasso, closed loop, one uniform alpha, every landmark weighted alike, no prior.
@@ -24,7 +25,7 @@ from lassokin_ros.core.observation_model import Linearisation, linearise
 from lassokin_ros.core.projection import project
 from lassokin_ros.core.rotations import orthonormalised
 from lassokin_ros.core.skeleton import Skeleton
-from lassokin_ros.core.tracker import Tracker
+from lassokin_ros.core.tracker import SMALLEST, Tracker
 
 PLAIN_ALPHA = 30.0  # 1/rad, with residuals in standard deviations
 RIDGE_WEIGHT = 10.0  # rho
@@ -61,6 +62,10 @@ class ImageOnly:
             omega = np.zeros(3 * self._kinematics.joint_count)
             omega[self._live] = live
             state = state.retract(omega, x)
+        if self._nowhere(state, observation.focal):
+            self._starter.reset()
+            self._state = None
+            return Estimate(observation.stamp, Status.SEARCHING, Rejection.TOO_SMALL)
         self._state = replace(state, rotations=orthonormalised(state.rotations))
         pose = self._kinematics.pose(self._state)
         error = (points - project(pose.landmarks))[weights > 0] * observation.focal
@@ -71,6 +76,11 @@ class ImageOnly:
             pose=pose,
             reprojection_px=float(np.sqrt(np.mean(np.sum(error * error, axis=-1)))),
         )
+
+    def _nowhere(self, state: BodyState, focal: float) -> bool:
+        """Whether the state is where no image leads back from, as the shipped tracker has it: it begins anew too."""
+        depth, height = state.translation[2], self._starter.skeleton.height
+        return not (depth > 0 and height * focal >= SMALLEST * self._config.noise_px * depth)
 
     def weights(self, observation: Observation) -> np.ndarray:
         """(l,): 1 / standard deviation of a visible landmark, 0 of a missing one."""

@@ -44,9 +44,9 @@ CAMERA_INFO_DEPTH = 1
 class TrackerNode(Node):
     """Keypoints and camera_info in; joint states, joints, translation, markers, certificate and diagnostics out."""
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, node_name: str = "tracker", **options: Any) -> None:
         """options: rclpy's (context, namespace, parameter_overrides, ...). Raises a LassokinError for a bad setting."""
-        super().__init__("tracker", **options)
+        super().__init__(node_name, **options)
         settings = declare(self)
         self._live_parameters = LiveParameters(self, settings, self._tune)
         self._pipeline = (PerBodyPipeline if settings[1].topic_per_body else Pipeline)(*settings)

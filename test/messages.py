@@ -30,10 +30,12 @@ def bytes_field(backend, data: bytes):
     return array("B", data) if isinstance(backend, RclpyBackend) else np.frombuffer(data, np.uint8)
 
 
-def pixels_of_motion(count: int, hz: float = 60.0, seed: int = 0, noise_px: float = 1.0) -> np.ndarray:
-    """(count, 17, 2) px: COCO keypoints of the synthetic motion, with a detector's noise."""
+def pixels_of_motion(
+    count: int, hz: float = 60.0, seed: int = 0, noise_px: float = 1.0, layout: str = "coco17"
+) -> np.ndarray:
+    """(count, l, 2) px: keypoints of the synthetic motion, with a detector's noise."""
     skeleton = Skeleton.load("anthropometric", 1.75)
-    kinematics = Kinematics(skeleton, Layout.load("coco17", skeleton))
+    kinematics = Kinematics(skeleton, Layout.load(layout, skeleton))
     landmarks = kinematics.pose(motion(skeleton, np.arange(count) / hz)).landmarks
     noise = np.random.default_rng(seed).normal(size=landmarks.shape[:-1] + (2,)) * noise_px
     return project(landmarks) * FOCAL + [WIDTH / 2, HEIGHT / 2] + noise

@@ -1,5 +1,7 @@
 """Whoever starts the node with a wrong topic reads on the terminal what is missing, and what there is instead."""
 
+import time
+
 import pytest
 
 pytest.importorskip("rclpy")
@@ -10,6 +12,7 @@ from rcl_interfaces.msg import Log  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 
 from lassokin_ros import topics  # noqa: E402
+from lassokin_ros.absent_input import PATIENCE_S  # noqa: E402
 from lassokin_ros.person_outputs import message_class  # noqa: E402
 
 
@@ -67,11 +70,11 @@ def test_a_simulation_without_a_clock_is_said():
     namespace = "/absent_clock"
     with NodeProcess(namespace, "-p", "use_sim_time:=true", "-r", "/clock:=clock"), Reader(namespace) as peer:
         peer.hears("waiting for /clock on /absent_clock/clock", "nobody publishes there")
-        clock, time = peer.node.create_publisher(Clock, "clock", 10), Clock()
-        time.clock.sec = 1000
+        clock, now = peer.node.create_publisher(Clock, "clock", 10), Clock()
+        now.clock.sec = 1000
 
         def told():
-            clock.publish(time)
+            clock.publish(now)
             return "the first message on /absent_clock/clock has come" in peer.said
 
         peer.spin_until(told, what="the word that there is a clock")
@@ -102,10 +105,12 @@ def test_a_frame_that_is_not_the_cameras_is_said_once(ours, camera, words):
 
 
 def test_nothing_is_said_where_all_comes():
-    namespace, pixels = "/absent_nothing", pixels_of_motion(1)[0]
+    namespace, pixels, began = "/absent_nothing", pixels_of_motion(1)[0], time.monotonic()
     with NodeProcess(namespace), Reader(namespace) as peer:
         peer.listen(topics.FRAME_OUTPUTS[0])
         peer.start(pixels)
+        if time.monotonic() - began > PATIENCE_S:
+            pytest.skip("this machine takes longer to start than the node waits")
         peer.hears("tracking")
         for _ in range(4):
             peer.next_diagnostics()

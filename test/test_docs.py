@@ -71,7 +71,7 @@ def test_every_block_is_run_or_visibly_of_another_machine():
 @pytest.fixture(scope="module")
 def workplace(tmp_path_factory):
     """A folder that looks like the repository after `make test`, for what the pages write."""
-    for module in ("rosbags", "matplotlib", "distributed", "plotly"):
+    for module in ("rclpy", "rosbags", "matplotlib", "distributed", "plotly"):
         pytest.importorskip(module, reason=f"{module} is needed by what the pages show")
     environment = Path(sys.prefix)
     if not (environment / "bin" / "activate").is_file():
