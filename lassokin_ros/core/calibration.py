@@ -38,8 +38,7 @@ FARTHEST = 0.3
 """Largest log-length."""
 INFORMATION = 0.6
 """Share of a kept frame's information that is counted: neither the prior's errors nor the tracks' are independent. Of
-frames kept more densely than in the end it is less, by the root of their interval; by the interval itself they would
-say no more than one of them, and in full measured lengths would soon pass for wrong ones."""
+frames kept more densely than in the end it is less, as their interval is: a detector's errors last."""
 KEEP = Pace(0.04, 0.05, 0.25)
 """s between kept frames, by the s that they span: whoever comes has the wrong lengths in every frame until enough are
 kept. All are kept to the end: with every other one half of the evidence would go, and wrong lengths would pass for
@@ -48,7 +47,7 @@ WORK = Pace(0.02, 0.02, 0.13)
 """s between two pieces of work: one frame kept, or one linearised again."""
 UPDATE = Pace(0.2, 0.25, 1.0)
 """s between two updates of the skeleton."""
-SETTLED = 0.1
+SETTLED = 0.5
 """s after a start before frames count; the first is kept an interval later."""
 DAMPING = 1e-3
 """1/rad^2, keeps what nothing observes where it is."""
@@ -139,7 +138,7 @@ class Calibration:
         if since >= KEEP.interval(self.moved):
             self.moved += since
             self._kept_at = stamp
-            self._keep(state, points, weights, math.sqrt(since / KEEP.last))
+            self._keep(state, points, weights, since / KEEP.last)
         elif self._frames:
             self._turn = (self._turn + 1) % len(self._frames)
             self._linearise(self._frames[self._turn])
