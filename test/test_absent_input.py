@@ -9,6 +9,7 @@ pytest.importorskip("rclpy")
 from live import BACKEND, START_NS, NodeProcess, Peer  # noqa: E402
 from messages import camera_info, pixels_of_motion  # noqa: E402
 from rcl_interfaces.msg import Log  # noqa: E402
+from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 
 from lassokin_ros import topics  # noqa: E402
@@ -24,7 +25,8 @@ class Reader(Peer):
         self.said = []
         name = f"{namespace[1:]}.tracker"
         take = lambda log: self.said.append(log.msg) if log.name == name else None  # noqa: E731
-        self.node.create_subscription(Log, "/rosout", take, 100)
+        kept = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # what was said before, too
+        self.node.create_subscription(Log, "/rosout", take, kept)
 
     def hears(self, *words):
         """Spin until one line has all the words."""
