@@ -140,7 +140,6 @@ def _result(live, tracker, times, stamps, truth, pixels, confidence) -> DemoResu
     rows = [places[m.header.stamp.sec * 1_000_000_000 + m.header.stamp.nanosec] for m in joints]
     estimate = np.array([[[p.position.x, p.position.y, p.position.z] for p in m.poses] for m in joints])
     values = [{pair.key: pair.value for pair in m.status[0].values} for m in certificates]
-    diagnostics = live.last_diagnostics()
     return DemoResult(
         tracker,
         times[rows],
@@ -152,8 +151,8 @@ def _result(live, tracker, times, stamps, truth, pixels, confidence) -> DemoResu
         np.array([float(v["reprojection error [px]"]) for v in values]),
         np.array(live.latencies_ms()),
         len(live.sent),
-        sum(int(value) for key, value in diagnostics.items() if key.startswith("rejected: ")),
-        diagnostics["state"],
+        live.rejected(),
+        live.last_diagnostics()["state"],
     )
 
 

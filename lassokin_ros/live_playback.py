@@ -55,7 +55,7 @@ class LiveNode:
         self.got: dict[str, list[Received]] = {topic.name: [] for topic in OUTPUTS}
         self.sent: dict[int, float] = {}
         """Stamp of each keypoint message played, ns -> time of sending (s, monotonic)."""
-        self._received_before = 0
+        self._received_before = self._rejected_before = 0
         self._process: Any = None
         assignments = [text for item in (parameters or {}).items() for text in ("-p", f"{item[0]}:={item[1]}")]
         arguments = ["--ros-args", "-r", f"__ns:={namespace}", *assignments]
@@ -179,7 +179,7 @@ class LiveNode:
         self._spin_while(silent, "the node's first answer")
         self._settle()
         self._reset()
-        self._received_before = self._received_count()
+        self._received_before, self._rejected_before = self._received_count(), self._rejected_count()
         for name in FRAME_NAMES:
             self.got[name].clear()
 
@@ -220,6 +220,10 @@ class LiveNode:
     def _count(self, message: Received) -> int:
         return int(self._values(message)["received [messages]"])
 
+    def _rejected_count(self) -> int:
+        """Messages that the node has rejected so far, by its last diagnostics."""
+        return sum(int(n) for key, n in self.last_diagnostics().items() if key.startswith("rejected: "))
+
     def _values(self, message: Received) -> dict[str, str]:
         status = self.types.deserialize_cdr(message.data, "diagnostic_msgs/msg/DiagnosticArray").status[0]
         return {pair.key: pair.value for pair in status.values}
@@ -247,6 +251,13 @@ class LiveNode:
         """From the sending of keypoints to the arrival of the joint states with their stamp, ms, for each answer."""
         arrivals = ((_stamp(message.data), message.arrival) for message in self.got[topics.JOINT_STATES])
         return [1e3 * (arrival - self.sent[stamp]) for stamp, arrival in arrivals if stamp in self.sent]
+
+    def rejected(self) -> int:
+        """Messages of the recording that the node rejected.
+
+        Not those before it: a frame sent while the node already hears keypoints but no camera_info yet is refused.
+        """
+        return self._rejected_count() - self._rejected_before
 
     def last_diagnostics(self) -> dict[str, str]:
         """Key -> value of the node's last diagnostics."""

@@ -12,6 +12,7 @@ pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
 from live import complaints  # noqa: E402
 from recordings import FRAME_TOPICS, read, write_recording  # noqa: E402
 
+from lassokin_ros import topics  # noqa: E402
 from lassokin_ros.core.errors import LassokinError  # noqa: E402
 from lassokin_ros.core.landmarks import Layout  # noqa: E402
 from lassokin_ros.core.skeleton import Skeleton  # noqa: E402
@@ -56,6 +57,27 @@ def test_replay_and_the_live_node_give_the_same(tmp_path):
         assert np.abs(mine.velocity - theirs.velocity).max() < 1e-6
     (description,) = {m.data for m in live.messages("robot_description")[-1:]}
     assert description == read(tmp_path / "replayed", "/robot_description")[0][1].data
+
+
+class HeardBeforeItsCamera(LiveNode):
+    """A node that hears keypoints before camera_info, as it may where DDS introduces the one topic sooner."""
+
+    def _warm_up(self, frames):
+        keypoints = next(data for is_keypoints, _, data in frames if is_keypoints)
+
+        def unnoticed():
+            self._publishers[1].publish(keypoints)
+            return not self.got[topics.DIAGNOSTICS] or not self._rejected_count()
+
+        self._spin_while(unnoticed, "a rejection")
+        super()._warm_up(frames)
+
+
+def test_what_was_rejected_before_the_recording_is_not_counted(tmp_path):
+    with HeardBeforeItsCamera(namespace="/early") as live:
+        live.play(write_recording(tmp_path / "walk", 10), rate=None, ahead=2)
+        assert int(live.last_diagnostics()["rejected: no_camera_info [messages]"]) > 0
+    assert live.rejected() == 0 and len(live.latencies_ms()) == 10
 
 
 def test_a_node_that_cannot_start_is_said():
