@@ -22,7 +22,7 @@ from typing import Any, Callable, Sequence, TypeVar
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks import doubt
-from benchmarks.accuracy_options import parser
+from benchmarks.accuracy_options import parser, unheeded
 from benchmarks.accuracy_table import head, report, told
 from benchmarks.detections import detection_jobs, run_detections
 from benchmarks.experiment import METHODS, Job, run
@@ -45,6 +45,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     records = measure(options)
     if not options.detections:
         print(_other_rates(options), end="")
+    elif unheeded(options):
+        print(f"Without effect on --detections, which are taken as they are: {', '.join(unheeded(options))}.")
     if options.uncertainty or options.doubt:
         print(head(options))
         for training in sorted({record["training"] for record in records}):

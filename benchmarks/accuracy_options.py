@@ -14,6 +14,8 @@ from lassokin_ros.core.config import TrackerConfig
 SWITCH = {**dict.fromkeys(("true", "1", "yes", "on"), True), **dict.fromkeys(("false", "0", "no", "off"), False)}
 GIVEN = {"height": "by each clip", "skeleton": "by each clip", "landmarks": "by --landmarks"}
 """Settings that --set does not take, and what says them."""
+OF_DETECTIONS = ("detections", "methods", "measured_bones", "tracker_noise_px", "set", "jobs", "json")
+"""What --detections heeds: its keypoints are taken as they are, from every camera."""
 
 
 def parser(description: str | None = None) -> argparse.ArgumentParser:
@@ -57,6 +59,13 @@ def parser(description: str | None = None) -> argparse.ArgumentParser:
     add("--jobs", type=count, default=os.cpu_count(), help="processes (one per core)")
     add("--json", type=output_file, metavar="FILE", help="write the records as a JSON list")
     return result
+
+
+def unheeded(options: argparse.Namespace) -> list[str]:
+    """The options given beside --detections that change nothing there."""
+    defaults = vars(parser().parse_args([]))
+    given = [name for name, value in vars(options).items() if value != defaults[name] and name not in OF_DETECTIONS]
+    return [f"--{name.replace('_', '-')}" for name in given]
 
 
 def _setting(text: str) -> tuple[str, Any]:

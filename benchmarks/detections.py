@@ -23,7 +23,7 @@ from benchmarks.runs import Track, follow
 from benchmarks.smplify import fit_clip
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Observation
-from lassokin_ros.core.landmarks import Layout
+from lassokin_ros.core.landmarks import Layout, built_in_layouts
 from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.lens import Lens
 
@@ -99,6 +99,8 @@ def _cameras(file: Path) -> int:
 def _fault(arrays: Mapping[str, np.ndarray]) -> str:
     """What makes a file's arrays useless, in words; nothing when they are as they must be."""
     layout, count = _layout(arrays["keypoint_names"])
+    if not layout:
+        return f"has keypoint_names that no layout of {', '.join(built_in_layouts())} begins with"
     for name in ("kp2d", "ref_cam", "K", "dist", "fps"):
         if arrays[name].dtype.kind not in "fiu":
             return f"has {name} that are not numbers"
@@ -119,8 +121,24 @@ def _fault(arrays: Mapping[str, np.ndarray]) -> str:
 
 
 def _layout(names: np.ndarray) -> tuple[str, int]:
-    """The detector's layout, by its keypoints' names, and its number of points."""
-    return ("mediapipe33", 33) if "left_index" in names else ("body25b", 25)
+    """The built-in layout that most of the keypoints' names agree with, and its number of points; "" where none does.
+
+    Detectors write LHip, l_hip or left_hip; they all agree on what lies at a joint (`JOINTS`), not on heads.
+    """
+    given, skeleton = [_plain(str(name)) for name in np.atleast_1d(names)], Skeleton.load("anthropometric", 1.75)
+    best = 0, "", 0
+    for layout in built_in_layouts():
+        landmarks = Layout.load(layout, skeleton).names
+        agree = {theirs for theirs, ours in zip(landmarks, given) if _plain(theirs) == ours}
+        if len(landmarks) <= len(given) and agree >= set(JOINTS.values()):
+            best = max(best, (len(agree), layout, len(landmarks)))
+    return best[1:]
+
+
+def _plain(name: str) -> str:
+    """A keypoint's name without what only its spelling is: LHip, l_hip and left_hip are lhip."""
+    letters = "".join(letter for letter in name.lower() if letter.isalnum())
+    return letters.replace("left", "l").replace("right", "r")
 
 
 def load_recording(file: Path, camera: int) -> Recording:

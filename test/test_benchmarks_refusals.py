@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from benchmarks import accuracy, latency, soak, solvers
-from benchmarks.detections import detection_jobs, height_of, run_detections
+from benchmarks.detections import detection_jobs, height_of, load_recording, run_detections
 from benchmarks.mocap import load_clip, rate_of
 from benchmarks.refusals import exit_code
 from benchmarks.report import write_json
 from lassokin_ros.core.errors import LassokinError
-from lassokin_ros.core.landmarks import Layout
+from lassokin_ros.core.landmarks import Layout, built_in_layouts
 from lassokin_ros.core.skeleton import Skeleton
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -133,6 +133,20 @@ def test_a_damaged_clip_ends_a_run_with_one_line(content, jobs, tmp_path):
     assert result.stderr.startswith(f"accuracy.py: {tmp_path / 'damaged.npz'} is no npz file of plain arrays; expected")
 
 
+def layout_names(name):
+    return Layout.load(name, Skeleton.load("anthropometric", 1.75)).names
+
+
+@pytest.mark.parametrize("name", built_in_layouts())
+@pytest.mark.parametrize("spell", [str, str.upper, lambda n: "".join(p.title() for p in n.split("_"))])
+def test_a_detectors_layout_is_told_by_its_names(name, spell, tmp_path):
+    names = [spell(n) for n in layout_names(name)]
+    points = np.zeros((1, 3, len(names) + 2, 3))
+    arrays = {"kp2d": points, "ref_cam": points + 0.1, "keypoint_names": np.array([*names, "extra", "more"])}
+    np.savez(tmp_path / "named.npz", **{**detection_arrays(), **arrays})
+    assert load_recording(tmp_path / "named.npz", 0).layout == name
+
+
 def detection_arrays():
     """One camera, 3 frames at 30 Hz of a detector with BODY_25B's points, in which there is nobody."""
     return {
@@ -141,7 +155,7 @@ def detection_arrays():
         "K": np.diag([1000.0, 1000.0, 1.0])[None],
         "dist": np.zeros((1, 4)),
         "fps": np.array(30.0),
-        "keypoint_names": np.array([f"point {i}" for i in range(25)]),
+        "keypoint_names": np.array(layout_names("body25b")),
     }
 
 
@@ -164,6 +178,8 @@ def test_a_recording_in_which_nobody_is_found_is_a_record_without_figures(tmp_pa
         ("kp2d", lambda points: points.astype(str), "has kp2d that are not numbers"),
         ("ref_cam", lambda places: places[:, :2], "has ref_cam of shape"),
         ("ref_cam", lambda places: places * np.nan, "has no reference"),
+        ("keypoint_names", lambda names: [f"point {i}" for i in range(25)], "has keypoint_names that no layout of"),
+        ("keypoint_names", lambda names: names[5:], "has keypoint_names that no layout of"),
         ("K", lambda K: K[0], "has K of shape"),
         ("dist", lambda dist: np.zeros((1, 8)), "has dist of shape"),
     ],
