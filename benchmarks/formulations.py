@@ -20,7 +20,7 @@ from lassokin_ros.core.lasso import Lasso, LassoSolver
 Answer = tuple[np.ndarray, np.ndarray]
 Method = Callable[[Recorded], Answer]
 TOLERANCE = 1e-10
-"""What the peers are asked for; benchmarks/solvers.py --tolerance sets it. The default path has its own, 1e-7."""
+"""What the peers are asked for; benchmarks/solvers.py --tolerance sets it. The default path has its own."""
 _dense = proxsuite.proxqp.dense
 
 

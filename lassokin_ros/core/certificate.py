@@ -55,7 +55,8 @@ def certify(
     active = omega != 0
     ratio = np.abs(correlation)
     kkt1 = _largest(np.abs(correlation - np.sign(omega)) * active)
-    kkt2 = _largest(np.maximum(np.where(active, 1.0, ratio), 1.0)) - 1
+    largest = _largest(ratio * ~active)
+    kkt2 = 0.0 if largest <= 1 else largest - 1
     kkt3 = _largest(np.abs(r.dot(B))) / float(alpha[alpha.argmin()])
     objective = float(0.5 * r.dot(r) + alpha.dot(np.abs(omega)))
     feasible = r / max(1.0, _largest(ratio))

@@ -23,7 +23,11 @@ from lassokin_ros.core.errors import SolverError
 
 _proxqp = proxsuite.proxqp
 _SOLVED = _proxqp.QPSolverOutput.PROXQP_SOLVED
-TOLERANCE = 1e-7
+TOLERANCE = {"condensed": 1e-4, "projected": 1e-7}
+"""Of ProxQP at first, absolute and relative: what the signs of Omega take, for `active_set.mend` solves exactly on
+them. With less, both forms leave signs that it does not mend, and are asked again."""
+TOLERANCE_AGAIN, GAP_AGAIN = 1e-9, 1e-7
+"""The same, and the duality gap's, when it is asked again."""
 LARGEST_CONDITION = 1e10
 """Of H, above which the condensed dual is not used."""
 
@@ -97,7 +101,7 @@ class DualSolver:
         qp: Any = self._objects.get(key) if effort == 0 else None
         fresh = qp is None
         if fresh:
-            qp = _new_proxqp(len(g), 0 if C is None else len(bound), C is None, effort)
+            qp = _new_proxqp(form, len(g), 0 if C is None else len(bound), effort)
         if fresh and effort == 0:
             self._objects[key] = qp
         if C is None:
@@ -115,13 +119,14 @@ class DualSolver:
         return np.array(qp.results.z)  # a copy: results.z is a live view
 
 
-def _new_proxqp(variables: int, constraints: int, box: bool, effort: int) -> Any:
+def _new_proxqp(form: str, variables: int, constraints: int, effort: int) -> Any:
     """A ProxQP object with the settings under which this problem is solved reliably.
 
     The dual is always feasible (u = 0), so the infeasibility tests are off: at their defaults they call 5-18 % of
     small-alpha problems infeasible. The gap check is on: it is off by default, and SOLVED then means little. Starts
     from zero: a warm start keeps the last, tiny step size and goes wrong. Iterations are capped: no frame may hang.
     """
+    box = form == "condensed"
     qp = _proxqp.dense.QP(
         variables,
         0,
@@ -131,9 +136,10 @@ def _new_proxqp(variables: int, constraints: int, box: bool, effort: int) -> Any
         _proxqp.dense.DenseBackend.PrimalDualLDLT,
     )
     settings = qp.settings
-    settings.eps_abs = settings.eps_rel = TOLERANCE * (1e-2 if effort else 1)
+    tolerance = TOLERANCE_AGAIN if effort else TOLERANCE[form]
+    settings.eps_abs = settings.eps_rel = tolerance
     settings.check_duality_gap = True
-    settings.eps_duality_gap_abs = settings.eps_duality_gap_rel = TOLERANCE
+    settings.eps_duality_gap_abs = settings.eps_duality_gap_rel = GAP_AGAIN if effort else tolerance
     settings.eps_primal_inf = settings.eps_dual_inf = 0.0
     settings.max_iter, settings.max_iter_in = ITERATIONS[effort]
     settings.initial_guess = _proxqp.InitialGuess.NO_INITIAL_GUESS
