@@ -7,7 +7,10 @@ import os
 import re
 import signal
 import sys
+import threading
 import time
+from concurrent.futures import Future
+from contextlib import suppress
 from typing import Any, Sequence
 
 USAGE_ERROR = 2
@@ -17,11 +20,12 @@ PAUSE_S = 0.1
 
 def tracker(arguments: Sequence[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM; the exit code: 0, or 2 when it could not start."""
-    stopped = _catch_signals()
+    stopped = _await_signal()
     # The matrices are small: further threads of BLAS cost more than they bring, and take cores from the robot.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     try:
         import rclpy
+        from rclpy.signals import SignalHandlerOptions
         from rclpy.utilities import remove_ros_args
 
         from lassokin_ros.core.errors import LassokinError
@@ -32,32 +36,37 @@ def tracker(arguments: Sequence[str] | None = None) -> int:
     node = None
     try:
         _parser().parse_args(remove_ros_args(argv)[1:])
-        rclpy.init(args=argv)
+        rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
         node = TrackerNode()
         _spin(node, stopped)
     except LassokinError as error:
         return _complain(str(error))
     except Exception as error:
-        if not stopped:
-            return _complain(_first_sentence(error))
+        return _complain(_first_sentence(error))
     finally:
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
-        _ignore_signals()
     return 0
 
 
-def _spin(node: Any, stopped: list[int]) -> None:
+def _spin(node: Any, stopped: Future[int]) -> None:
     """Serve the node until a signal or its context's end; an exception out of a callback is said, and survived."""
+    from rclpy.exceptions import InvalidHandle
     from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+
+    def wake(_: Future[int]) -> None:
+        with suppress(InvalidHandle):  # the node may have ended meanwhile
+            guard.trigger()
 
     executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
-    while not stopped and node.context.ok():
+    guard = node.create_guard_condition(lambda: None)
+    stopped.add_done_callback(wake)
+    while not stopped.done() and node.context.ok():
         try:
-            executor.spin()
-        except (KeyboardInterrupt, ExternalShutdownException):
+            executor.spin_once()
+        except ExternalShutdownException:
             break
         except Exception as error:
             if node.context.ok():
@@ -66,22 +75,18 @@ def _spin(node: Any, stopped: list[int]) -> None:
     executor.shutdown()
 
 
-def _catch_signals() -> list[int]:
-    """Collect SIGINT and SIGTERM instead of raising, from now to the process's end.
+def _await_signal() -> Future[int]:
+    """Done at the first SIGINT or SIGTERM; from now to the process's end they interrupt nothing.
 
-    rclpy's own handler, which wakes and ends `spin`, is put before this one later and calls it: a second signal
-    (launch sends one to the whole group) then interrupts nothing.
+    They are blocked in every thread, and one of its own waits for the first; later ones (launch sends one to the whole
+    group) stay pending. rclpy's handler would end its context at any moment, that of a message being logged or
+    published too, which then fails.
     """
-    caught: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda received, _: caught.append(received))
-    return caught
-
-
-def _ignore_signals() -> None:
-    """For the interpreter's own end, which puts back the default action (death) for every signal not ignored."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)
+    signals = (signal.SIGINT, signal.SIGTERM)
+    signal.pthread_sigmask(signal.SIG_BLOCK, signals)
+    stopped: Future[int] = Future()
+    threading.Thread(target=lambda: stopped.set_result(signal.sigwait(signals)), daemon=True).start()
+    return stopped
 
 
 def _parser() -> argparse.ArgumentParser:

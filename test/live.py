@@ -99,6 +99,10 @@ class Peer:
         """One PointCloud2 of keypoints."""
         self.keypoints.publish(cloud(BACKEND, stamp_ns, xy, **options))
 
+    def send_camera(self, **options):
+        """One camera_info."""
+        self.camera.publish(camera_info(BACKEND, **options))
+
     def start(self, xy, frame_id=FRAME):
         """Send camera_info and a frame again and again until the newest is answered on every topic."""
         stamp_ns, next_at, pause = START_NS - 1_000_000_000, 0.0, 0.1
@@ -110,7 +114,7 @@ class Peer:
                 return True
             if time.monotonic() > next_at:
                 stamp_ns, next_at, pause = stamp_ns + 5_000_000, time.monotonic() + pause, 1.1 * pause
-                self.camera.publish(camera_info(BACKEND, frame_id=frame_id))
+                self.send_camera(frame_id=frame_id)
                 self.send(stamp_ns, xy, frame_id=frame_id)
             return False
 

@@ -97,7 +97,7 @@ def test_a_frame_that_is_not_the_cameras_is_said_once(ours, camera, words):
         def tracking():
             nonlocal sent
             sent += 1
-            peer.camera.publish(camera_info(BACKEND, frame_id=camera))
+            peer.send_camera(frame_id=camera)
             peer.send(START_NS + sent * 33_000_000, pixels, frame_id=ours)
             return "tracking" in peer.said
 

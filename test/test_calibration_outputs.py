@@ -267,8 +267,8 @@ def saved_under(peer, name):
 
 def test_the_running_node_describes_saves_and_reports_what_it_has_learned(tmp_path):
     pytest.importorskip("rclpy")
-    from live import BACKEND, ROOT, START_NS, NodeProcess, Peer, values_of
-    from messages import FRAME, camera_info, pixels_of_motion
+    from live import ROOT, START_NS, NodeProcess, Peer, values_of
+    from messages import FRAME, pixels_of_motion
     from std_srvs.srv import Trigger
 
     from lassokin_ros import topics
@@ -289,7 +289,7 @@ def test_the_running_node_describes_saves_and_reports_what_it_has_learned(tmp_pa
         states.clear(), joints.clear()
         del texts[:-1]
         for i, xy in enumerate(pixels):
-            peer.camera.publish(camera_info(BACKEND))
+            peer.send_camera()
             peer.send(START_NS + i * 40_000_000, xy)
             peer.spin_until(lambda: min(len(states), len(joints)) > i, what="the answer")  # noqa: B023
         values = values_of(peer.next_diagnostics())

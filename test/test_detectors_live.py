@@ -8,7 +8,7 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 from detector_messages import HRI, YOLO, ZED, hri_skeleton, yolo_detections, zed_objects
-from messages import FOCAL, FRAME, HEIGHT, WIDTH, camera_info
+from messages import FOCAL, FRAME, HEIGHT, WIDTH
 
 pytest.importorskip("rclpy")
 
@@ -55,7 +55,7 @@ def test_what_a_detector_sends_is_tracked(keypoints_type):
         states, sent = peer.got[topics.JOINT_STATES], []
 
         def answered():
-            peer.camera.publish(camera_info(BACKEND))
+            peer.send_camera()
             sent.append(START_NS + len(sent) * 33_333_333)
             peer.keypoints.publish(message(sent[-1], pixels[len(sent) % FRAMES]))
             return len(states) >= FRAMES

@@ -1,10 +1,12 @@
 """What happens to a node in a bad world: bursts, peers that die or stand still, signals at any moment."""
 
+import os
 import signal
 import subprocess
 import sys
 import time
 from collections import Counter
+from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -65,9 +67,20 @@ def increase(peer, before):
 
 
 @contextmanager
-def standing_still(process):
-    """A process that gets no processor meanwhile."""
-    process.send_signal(signal.SIGSTOP)
+def standing_still(process, probe):
+    """A process that gets no processor meanwhile, stopped where it holds no lock of DDS's shared memory.
+
+    Who sends something to one that holds such a lock is held up for a second, and the message is lost; `probe` sends
+    something to it.
+    """
+    while True:
+        process.send_signal(signal.SIGSTOP)
+        os.waitid(os.P_PID, process.pid, os.WSTOPPED)
+        started = time.monotonic()
+        probe()
+        if time.monotonic() - started < 0.5:
+            break
+        process.send_signal(signal.SIGCONT)
     yield
     process.send_signal(signal.SIGCONT)
 
@@ -87,7 +100,7 @@ def endpoint(role, namespace, **options):
 def test_after_a_short_hiccup_every_message_is_used(running):
     process, peer = running
     before, outputs = counts(peer), len(peer.got[topics.JOINT_STATES])
-    with standing_still(process):
+    with standing_still(process, peer.send_camera):
         last = send(peer, 4)
     peer.spin_until(lambda: len(peer.got[topics.JOINT_STATES]) == outputs + 4, what="an answer for each")
     assert answered(peer, last)
@@ -97,7 +110,7 @@ def test_after_a_short_hiccup_every_message_is_used(running):
 def test_of_a_burst_the_newest_is_used_and_the_rest_is_counted(running):
     process, peer = running
     before, outputs, sent = counts(peer), len(peer.got[topics.JOINT_STATES]), 300
-    with standing_still(process):
+    with standing_still(process, peer.send_camera):
         last = send(peer, sent, BURST_STEP_NS)
     peer.spin_until(lambda: answered(peer, last), what="the newest message's answer")
     status = peer.next_diagnostics(lambda s: OVERTAKEN in s.message)
@@ -163,11 +176,16 @@ def test_a_camera_info_that_vanishes_stays_in_use(running):
 
 def test_a_subscriber_that_stands_still_holds_nobody_up(running):
     _, peer = running
+
+    def probe():
+        last = send(peer)
+        peer.spin_until(lambda: answered(peer, last), what="an answer")
+
     with endpoint("sink", peer.namespace, stdout=subprocess.PIPE) as slow:
         assert slow.stdout.readline() == b"ready\n"
         subscribers = peer.node.count_subscribers
         peer.spin_until(lambda: subscribers(f"{peer.namespace}/joint_states") == 2, what="the other subscriber")
-        with standing_still(slow):
+        with standing_still(slow, probe):
             said = peer.got[topics.DIAGNOSTICS]
             said.clear()
             for _ in range(200):
@@ -240,13 +258,13 @@ def test_a_signal_before_camera_info():
 
 
 def test_signals_during_initialisation():
-    """From the moment on in which a process handles signals (before, it has done nothing) at any moment."""
+    """From the moment on in which a process awaits signals (before, it has done nothing) at any moment."""
     signals = [(TERM,), (INT, INT), (INT,), (TERM, TERM), (INT, TERM), (INT, INT)]
     with ExitStack() as stack:
         nodes = [stack.enter_context(NodeProcess("/early")) for _ in signals]
         ends = []
         for node, numbers in zip(nodes, signals):
-            while not handles(node.process.pid, TERM):
+            while not awaits(node.process.pid, TERM):
                 assert node.process.poll() is None
                 time.sleep(0.002)
             ends.append(node.stop(*numbers))
@@ -254,11 +272,11 @@ def test_signals_during_initialisation():
     assert [(code, complaints(said)) for code, said in ends] == [(0, [])] * len(signals)
 
 
-def handles(pid, number):
-    """True when a process has a handler for a signal."""
+def awaits(pid, number):
+    """True when a process has taken a signal into its own hands: it is blocked, and a thread waits for it."""
     status = Path(f"/proc/{pid}/status").read_text(encoding="ascii")
-    caught = next(line.split()[1] for line in status.splitlines() if line.startswith("SigCgt"))
-    return bool(int(caught, 16) >> (number - 1) & 1)
+    blocked = next(line.split()[1] for line in status.splitlines() if line.startswith("SigBlk"))
+    return bool(int(blocked, 16) >> (number - 1) & 1)
 
 
 def test_a_callback_that_fails_does_not_end_the_node():
@@ -275,7 +293,7 @@ def test_a_callback_that_fails_does_not_end_the_node():
         raise ValueError("on purpose")
 
     node.create_timer(0.01, fail)
-    _spin(node, [])
+    _spin(node, Future())
     assert len(calls) == 3
     node.destroy_node()
 
@@ -309,7 +327,7 @@ def test_what_waits_for_the_node_is_stamped_with_the_time_at_which_it_came():
         peer.node.create_subscription(message_class(kind), topics.KEYPOINTS, seen.append, 10)
 
         def tracked():
-            peer.camera.publish(camera_info(BACKEND))
+            peer.send_camera()
             peer.keypoints.publish(multi_array(BACKEND, 0, PIXELS[0]))
             serve()
             return states and seen

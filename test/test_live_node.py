@@ -342,7 +342,7 @@ def test_no_output_before_a_usable_camera_info():
 
         def refused(status):
             send_next(peer)
-            peer.camera.publish(camera_info(BACKEND, k=np.zeros(9)))
+            peer.send_camera(k=np.zeros(9))
             values = values_of(status)
             return int(values.get("rejected: no_camera_info [messages]", 0)) > 0 and status.level == ERROR
 
@@ -351,10 +351,10 @@ def test_no_output_before_a_usable_camera_info():
         assert int(values_of(status)["rejected: camera_uncalibrated [messages]"]) > 0
         assert not any(peer.got[topic.name] for topic in topics.FRAME_OUTPUTS)
         peer.spin_until(
-            lambda: [peer.camera.publish(camera_info(BACKEND)), send_next(peer)] and peer.got[topics.JOINT_STATES]
+            lambda: [peer.send_camera(), send_next(peer)] and peer.got[topics.JOINT_STATES]
         )
         # A camera_info that is none, later, does not take the good one away.
-        peer.camera.publish(camera_info(BACKEND, k=np.zeros(9)))
+        peer.send_camera(k=np.zeros(9))
         status = peer.next_diagnostics(lambda s: s.level == ERROR)
         assert "stays in use" in status.message
         outputs = len(peer.got[topics.JOINT_STATES])

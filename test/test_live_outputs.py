@@ -6,7 +6,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from live import BACKEND, START_NS, NodeProcess, Peer, frame_of, stamp_of, values_of  # noqa: E402
-from messages import CARRIERS, FRAME, camera_info, pixels_of_motion  # noqa: E402
+from messages import CARRIERS, FRAME, pixels_of_motion  # noqa: E402
 
 from lassokin_ros import topics  # noqa: E402
 from lassokin_ros.core.skeleton import Skeleton  # noqa: E402
@@ -22,7 +22,7 @@ def stream(peer, pixels, period_ns=16_666_667):
     answers = peer.got[topics.JOINT_STATES]
     for i, (stamp, xy) in enumerate(zip(stamps, pixels)):
         peer.spin_until(lambda: i - len(answers) < AHEAD, what=f"the answer to frame {i - AHEAD}")  # noqa: B023
-        peer.camera.publish(camera_info(BACKEND))
+        peer.send_camera()
         peer.send(stamp, xy)
     return stamps
 
@@ -95,7 +95,7 @@ def test_each_carrier(keypoints_type):
         before = peer.node.get_clock().now().nanoseconds
 
         def answered():
-            peer.camera.publish(camera_info(BACKEND))
+            peer.send_camera()
             sent.append(START_NS + len(sent) * 10_000_000)
             peer.keypoints.publish(CARRIERS[keypoints_type](BACKEND, sent[-1], pixels[len(sent) % 5]))
             return len(states) >= 5

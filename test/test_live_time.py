@@ -4,8 +4,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from live import BACKEND, NodeProcess, Peer, stamp_of, values_of  # noqa: E402
-from messages import camera_info  # noqa: E402
+from live import NodeProcess, Peer, stamp_of, values_of  # noqa: E402
 from test_live_node import PIXELS, WARN, feed, send_next  # noqa: E402
 
 from lassokin_ros import topics  # noqa: E402
@@ -60,9 +59,7 @@ def test_simulated_time_that_goes_back_forgets_the_state():
             clock.publish(message)
 
         def until(seconds, condition):
-            peer.spin_until(
-                lambda: [tick(seconds), peer.camera.publish(camera_info(BACKEND)), send_next(peer)] and condition()
-            )
+            peer.spin_until(lambda: [tick(seconds), peer.send_camera(), send_next(peer)] and condition())
 
         until(1000, lambda: peer.got[topics.CERTIFICATE])
         stamps = [stamp_of(m) for m in [*peer.got[topics.DIAGNOSTICS]]]

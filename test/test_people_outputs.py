@@ -58,7 +58,7 @@ class PeerOfTwo:
         """step: periods from one message's stamp to the next's."""
 
         def met():
-            self.peer.camera.publish(camera_info(BACKEND))
+            self.peer.send_camera()
             self.peer.keypoints.publish(two(BACKEND, self.sent, persons))
             self.sent += step
             return condition()
@@ -136,7 +136,7 @@ def test_numbers_that_change_from_image_to_image_are_said(person_ids):
         def seen(status):
             nonlocal sent
             sent += 1
-            peer.camera.publish(camera_info(BACKEND))
+            peer.send_camera()
             one = [(PIXELS[sent % 40], np.full(17, 0.9))]
             peer.keypoints.publish(crowd(BACKEND, START_NS + 3 * sent * PERIOD_NS, one, [sent]))
             numbered = "set person_ids to node" in status.message and status.level == b"\x01"

@@ -153,9 +153,7 @@ class Humans:
 
     def send(self, **aside):
         """A frame of each body, by id how far aside."""
-        from live import BACKEND as RCLPY
-
-        self.peer.camera.publish(camera_info(RCLPY))
+        self.peer.send_camera()
         for person, shift in aside.items():
             if person not in self.out:
                 name = f"/humans/bodies/{person}/skeleton2d"
@@ -252,7 +250,7 @@ def test_several_people_of_one_message_under_rep155s_names():
         peer.node.create_subscription(IdsList, topics.REP155_TRACKED_OUTPUT.name, lists.append, qos)
 
         def both():
-            peer.camera.publish(camera_info(RclpyBackend()))
+            peer.send_camera()
             people = [(pixels + [shift, 0], np.full(17, 0.9)) for shift in (-120, 120)]
             sent.append(1)
             peer.keypoints.publish(crowd(RclpyBackend(), START_NS + len(sent) * PERIOD_NS, people, (4, 9)))

@@ -112,7 +112,6 @@ def test_the_replay_publishes_every_frame_and_the_same_bytes_again(tmp_path):
 
 def test_the_live_node_publishes_late_what_the_pipeline_does():
     pytest.importorskip("rclpy", reason="the node needs rclpy")
-    from live import BACKEND as LIVE
     from live import NodeProcess, Peer, values_of
     from std_srvs.srv import Trigger
 
@@ -125,7 +124,7 @@ def test_the_live_node_publishes_late_what_the_pipeline_does():
         peer.listen(next(t for t in topics.FRAME_OUTPUTS if t.name == topics.JOINT_STATES))
 
         def has_camera(status):
-            peer.camera.publish(camera_info(LIVE))  # until one has come
+            peer.send_camera()  # until one has come
             return status.message == "waiting for keypoints"
 
         peer.next_diagnostics(has_camera)

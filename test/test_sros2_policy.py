@@ -11,8 +11,8 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from live import BACKEND, START_NS, NodeProcess, Peer  # noqa: E402
-from messages import camera_info, pixels_of_motion  # noqa: E402
+from live import START_NS, NodeProcess, Peer  # noqa: E402
+from messages import pixels_of_motion  # noqa: E402
 
 from lassokin_ros import topics  # noqa: E402
 
@@ -84,7 +84,7 @@ def watch(peer, done, everything):
     def seen():
         nonlocal sent
         sent += 1
-        peer.camera.publish(camera_info(BACKEND))
+        peer.send_camera()
         peer.send(START_NS + sent * 33_000_000, pixels)
         for rule, names in graph_of(peer).items():
             done.setdefault(rule, set()).update(names)
