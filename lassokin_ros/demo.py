@@ -152,7 +152,7 @@ def _result(live, tracker, times, stamps, truth, pixels, confidence) -> DemoResu
         np.array(live.latencies_ms()),
         len(live.sent),
         live.rejected(),
-        live.last_diagnostics()["state"],
+        live.state(),
     )
 
 

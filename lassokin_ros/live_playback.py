@@ -10,6 +10,7 @@ Set ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE before: both processes take 
 
 from __future__ import annotations
 
+import math
 import signal
 import struct
 import subprocess
@@ -262,6 +263,15 @@ class LiveNode:
     def last_diagnostics(self) -> dict[str, str]:
         """Key -> value of the node's last diagnostics."""
         return self._values(self.got[topics.DIAGNOSTICS][-1])
+
+    def state(self) -> str:
+        """The tracking state while answers came: of the last diagnostics before the last of them.
+
+        Of later ones `lost` is right too: nothing comes any more. Where there are none before, the first ones after.
+        """
+        last = max((message.arrival for name in FRAME_NAMES for message in self.got[name][-1:]), default=math.inf)
+        said = self.got[topics.DIAGNOSTICS]
+        return self._values(next((m for m in reversed(said) if m.arrival <= last), said[0]))["state"]
 
     def record(self, path: Path, storage: str = "mcap", replace: bool = False) -> None:
         """Write everything that came to a recording, at the playback's time. Raises BagError."""

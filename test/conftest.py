@@ -20,6 +20,7 @@ def pytest_configure(config):
     config.addinivalue_line("markers", "xdist_group(name): tests that run one after the other")
 
 
+@pytest.hookimpl(tryfirst=True)  # pytest-xdist's own reads the marks
 def pytest_collection_modifyitems(items):
     """Where two processes share the tests, one of them does all that run nodes: two at once would wait for a core.
 
@@ -30,8 +31,12 @@ def pytest_collection_modifyitems(items):
         item.add_marker(pytest.mark.xdist_group("nodes" if real[item.path] else item.path.stem))
 
 
-def pytest_terminal_summary(terminalreporter):
-    """How many cases the fuzz tests have run, where they ran in this process."""
+def pytest_terminal_summary(terminalreporter, config):
+    """How many cases the fuzz tests have run, where they ran in this process; and whether groups were kept together."""
     fuzzing = sys.modules.get("fuzzing")
     for line in fuzzing.report() if fuzzing else ():
         terminalreporter.write_line(line)
+    # pytest-xdist writes a test's group behind its id, where pytest lets it; without a word it may group nothing.
+    passed = terminalreporter.stats.get("passed", ())
+    if config.getoption("dist", "no") == "loadgroup" and not all("@" in report.nodeid for report in passed):
+        terminalreporter.write_line("pytest-xdist groups no tests under this pytest: nodes ran two at once", red=True)

@@ -172,7 +172,7 @@ class Peer:
 
 def complaints(said):
     """The lines on stderr beside those on which input is waited for and whether somebody is tracked."""
-    usual = "]: waiting for ", "]: the first message on ", "]: tracking"
+    usual = "]: waiting for ", "]: the first message on ", "]: tracking", "]: keypoints rejected (no_camera_info)"
     return [line for line in said.splitlines() if not any(words in line for words in usual)]
 
 

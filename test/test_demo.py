@@ -60,7 +60,7 @@ def test_the_command_keeps_its_promises_and_leaves_what_it_says(tmp_path):
         read(tmp_path / "out" / bag, topic) for bag, topic in (("keypoints", "/keypoints"), ("tracked", "/joints"))
     )
     delays = [(b - a) * 1e-9 for (a, _), (b, _) in zip(inputs, outputs)]
-    assert -0.001 < min(delays) and np.median(delays) < 0.1  # recorded at the playback's time
+    assert -0.001 < min(delays) and (late or np.median(delays) < 0.1)  # recorded at the playback's time
 
 
 def test_the_result_is_held_against_the_motion_frame_by_frame(result):

@@ -126,7 +126,7 @@ def test_real_detector_output_is_tracked_from_the_first_frame_to_the_last(tmp_pa
     joints = live.messages("joints")
     usable = (keypoints[..., 2] >= 0.2).sum(axis=1) >= 4
     assert usable.all() and [stamp(m) for m in joints] == stamps.tolist()
-    assert live.last_diagnostics()["state"] == "tracking"
+    assert live.state() == "tracking"
     places = np.array(poses_positions(joints))
     skeleton = Skeleton.load("anthropometric", height)
     mine = places[:, [skeleton.index(name) for name in EVALUATED]]
