@@ -106,7 +106,10 @@ def in_parallel(function: Callable[[Any], T], jobs: Sequence[Any], processes: in
     if processes <= 1 or len(jobs) == 1:
         return [function(job) for job in jobs]
     with multiprocessing.get_context("fork").Pool(min(processes, len(jobs))) as pool:
-        return pool.map(partial(_said, function), jobs, chunksize=1)
+        results = pool.map(partial(_said, function), jobs, chunksize=1)
+        pool.close()  # they end by themselves: who has used rclpy in this process hands down a deaf ear for SIGTERM
+        pool.join()
+        return results
 
 
 def _said(function: Callable[[Any], T], job: Any) -> T:

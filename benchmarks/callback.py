@@ -65,11 +65,12 @@ def _nodes() -> Iterator[list[Any]]:
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ.setdefault("ROS_DOMAIN_ID", str(30 + os.getpid() % 60))
     import rclpy
+    from rclpy.signals import SignalHandlerOptions
 
     from lassokin_ros.node import TrackerNode
 
     context = rclpy.Context()
-    rclpy.init(context=context)
+    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
     height = rclpy.parameter.Parameter("height", value=HEIGHT)
     options = {"context": context, "parameter_overrides": [height], "use_global_arguments": False}
     nodes = [TrackerNode(namespace=f"/latency_{number}", **options) for number in range(len(AUDIENCES))]

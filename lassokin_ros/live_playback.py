@@ -67,9 +67,11 @@ class LiveNode:
         from rclpy.context import Context
         from rclpy.executors import SingleThreadedExecutor
         from rclpy.node import Node
+        from rclpy.signals import SignalHandlerOptions
 
         self._context = Context()
-        rclpy.init(context=self._context)
+        # rclpy's would stay when the context has ended, and keep SIGTERM from ending the processes of a pool.
+        rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self._node = Node("player", namespace=self.namespace, context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)

@@ -14,6 +14,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
 
 from lassokin_ros import topics
 from lassokin_ros.person_outputs import message_class
@@ -21,6 +22,8 @@ from msg_adapters.backends import RclpyBackend
 
 DEADLINE_S = 30.0
 START_NS = 1_000_000_000_000
+NO_HANDLERS = SignalHandlerOptions.NO
+"""rclpy's would stay when the context has ended, and keep SIGTERM from ending the processes of other tests' pools."""
 SIMULATED_NS = 10**18
 """Stamps before this are not the system clock's."""
 BACKEND = RclpyBackend()
@@ -60,7 +63,7 @@ class Peer:
 
     def __init__(self, namespace, keypoints_type="sensor_msgs/msg/PointCloud2", reliable=True, outputs=True):
         self.context = Context()
-        rclpy.init(context=self.context, domain_id=int(os.environ["ROS_DOMAIN_ID"]))
+        rclpy.init(context=self.context, domain_id=int(os.environ["ROS_DOMAIN_ID"]), signal_handler_options=NO_HANDLERS)
         self.node = Node("peer", namespace=namespace, context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)

@@ -15,7 +15,7 @@ import pytest
 
 rclpy = pytest.importorskip("rclpy")
 
-from live import BACKEND, START_NS, NodeProcess, Peer, complaints, stamp_of, values_of  # noqa: E402
+from live import BACKEND, NO_HANDLERS, START_NS, NodeProcess, Peer, complaints, stamp_of, values_of  # noqa: E402
 from messages import camera_info, cloud, multi_array, pixels_of_motion  # noqa: E402
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue  # noqa: E402
 from rcl_interfaces.srv import SetParameters  # noqa: E402
@@ -277,7 +277,7 @@ def test_a_callback_that_fails_does_not_end_the_node():
     from lassokin_ros.command_line import _spin
 
     context = rclpy.Context()
-    rclpy.init(context=context)
+    rclpy.init(context=context, signal_handler_options=NO_HANDLERS)
     node, calls = rclpy.create_node("failing", context=context), []
 
     def fail():
@@ -301,7 +301,7 @@ def node_in_this_process(namespace, **settings):
     from lassokin_ros.node import TrackerNode
 
     context = rclpy.Context()
-    rclpy.init(context=context)
+    rclpy.init(context=context, signal_handler_options=NO_HANDLERS)
     overrides = [Setting(name, value=value) for name, value in settings.items()]
     node = TrackerNode(context=context, namespace=namespace, parameter_overrides=overrides)
     executor = SingleThreadedExecutor(context=context)
