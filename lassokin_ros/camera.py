@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
+
+import numpy as np
 
 from lassokin_ros.core.errors import CameraError
 from lassokin_ros.lens import Lens
@@ -13,6 +16,12 @@ from msg_adapters.errors import AdapterError
 IN_FLIGHT_NS = 1_000_000_000
 """Keypoints of an image up to this much older than a change of the camera are read with the camera before it: a
 detector takes its time."""
+BEYOND = "beyond the image"
+"""Under what messages are counted whose keypoints leave it."""
+MARGIN = 0.05
+"""Of the image: how far keypoints may lie beyond it, as those of a limb that it cuts do."""
+FEW = 0.1
+"""Share of an image's keypoints that may lie farther out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +36,15 @@ class View:
     def size(self) -> tuple[int, int]:
         """(width, height) px of the image."""
         return self.intrinsics.width, self.intrinsics.height
+
+    @cached_property
+    def _limit(self) -> np.ndarray:
+        size = np.array(self.size, dtype=float)
+        return np.where(size > 0, (1 + MARGIN) * size, np.inf)
+
+    def is_left_by(self, xy: np.ndarray) -> bool:
+        """True where many of the keypoints (k, 2), px, lie beyond the right or lower border: a larger image's."""
+        return int(np.count_nonzero((xy > self._limit).any(axis=1))) > FEW * len(xy)
 
 
 class Camera:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lassokin_ros.calibration_figures import calibration_figures
+from lassokin_ros.camera import BEYOND
 from lassokin_ros.core.estimate import Status
 from lassokin_ros.frame import Frame, repeated_s
 from lassokin_ros.inbox import LOST, OVERTAKEN
@@ -116,9 +117,20 @@ class Diagnostics:
                 f"keypoints are frozen: the same ones for {self._repeated_s:.1f} s; does the camera's image move, and "
                 "does the detector get it?"
             )
-        concerns = [words for words in (_unused(recent), self._no_body(), self._turnover(recent), concern) if words]
+        possible = _unused(recent), self._beyond(recent), self._no_body(), self._turnover(recent), concern
+        concerns = [words for words in possible if words]
         level = OK if status is Status.TRACKING and not concerns else WARN
         return level, "; ".join([status.value, *concerns])
+
+    def _beyond(self, recent: Counter[str]) -> str:
+        """What to look at where most of a period's keypoints left the image; empty where they did not."""
+        if (view := self._pipeline.camera.view) is None or 2 * recent[BEYOND] <= recent["received"]:
+            return ""
+        width, height = view.size
+        return (
+            f"keypoints lie outside the image of {width} x {height} px that camera_info speaks of: are they pixels of "
+            "the raw image, in its full size?"
+        )
 
     def _no_body(self) -> str:
         """What to look at where a period's keypoints are no body's; empty where they are one's."""
@@ -166,7 +178,7 @@ class Diagnostics:
             gone = len(set(self._pipeline.ids or ()) - set(presence.ids))  # in a silence: the next message counts them
             values["people come"], values["people left"] = str(counts["people come"]), str(counts["people left"] + gone)
             values["people beyond max_people"] = str(counts["people beyond max_people"])
-        for key in sorted(key for key in counts if key.startswith("rejected: ")):
+        for key in sorted(key for key in counts if key.startswith("rejected: ") or key == BEYOND):
             values[f"{key} [messages]"] = str(counts[key])
         tracker = self._pipeline.tracker
         if tracker.averaged:

@@ -24,6 +24,7 @@ from lassokin_ros.core.estimate import Status
 from lassokin_ros.diagnostics import Diagnostics
 from lassokin_ros.frame import Frame
 from lassokin_ros.inbox import Inbox
+from lassokin_ros.kept_camera_info import KeptCameraInfo
 from lassokin_ros.node_config import NodeConfig
 from lassokin_ros.parameters import LiveParameters, Settings, declare, unknown_parameters
 from lassokin_ros.per_body_pipeline import PerBodyPipeline
@@ -91,6 +92,7 @@ class TrackerNode(Node):
             self._on_camera_info,
             _sensor_data(CAMERA_INFO_DEPTH),
         )
+        self._kept_camera_info = KeptCameraInfo(self, self._on_camera_info)
         self._bodies = None
         if isinstance(self._pipeline, PerBodyPipeline):
             qos = _sensor_data(config.queue_depth)
@@ -231,6 +233,7 @@ class TrackerNode(Node):
         clock = self.get_clock()
         simulated = isinstance(clock, ROSClock) and clock.ros_time_is_active
         self._absent_clock.look(now, not simulated or clock.now().nanoseconds > 0)
+        self._kept_camera_info.look(self._diagnostics.camera_came)
         self._absent_camera.look(now, self._diagnostics.camera_came)
         if self._absent_keypoints is not None:
             self._absent_keypoints.look(now, self._diagnostics.keypoints_came)

@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from lassokin_ros.body import Body
-from lassokin_ros.camera import Camera, View
+from lassokin_ros.camera import BEYOND, Camera, View
 from lassokin_ros.core.calibration import Calibration
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Status
@@ -50,7 +50,8 @@ class Pipeline:
         self.enabled = True
         """While False, keypoints are counted and not looked at."""
         self.counts: Counter[str] = Counter()
-        """Messages by what became of them: received, accepted, duplicated, unstamped, resets, "rejected: <reason>"."""
+        """Messages by what became of them: received, accepted, duplicated, unstamped, resets, "rejected: <reason>", and
+        those whose keypoints leave the image."""
         self.people = _people(bodies, self.counts) if self.config.several_people else None
         """Who is there, when several people are followed; None when it is one."""
         self._adapter = keypoint_adapter(self.config.keypoints_type)
@@ -157,6 +158,7 @@ class Pipeline:
         try:
             keypoints, view = self._decode(message)
             frame_id = keypoints.frame_id or view.intrinsics.frame_id
+            self._count_beyond(keypoints, view)
             if keypoints.stamp_ns is None:
                 self.counts["unstamped"] += 1
             else:
@@ -194,6 +196,11 @@ class Pipeline:
         if view is not present:
             keypoints = self._adapter.decode(message, view.size)
         return keypoints, view
+
+    def _count_beyond(self, keypoints: Keypoints, view: View) -> None:
+        believed = keypoints.confidence >= self.tracker.config.min_confidence  # others may well be out of sight
+        if view.is_left_by(keypoints.xy[believed]):
+            self.counts[BEYOND] += 1
 
     def _go_back(self, keypoints: Keypoints, stamp_ns: int, lens: Lens) -> None:
         """Forget everybody for a message from an earlier time; AdapterError for one that is of no use in any time."""

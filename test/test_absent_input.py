@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from live import BACKEND, START_NS, NodeProcess, Peer  # noqa: E402
+from live import BACKEND, START_NS, NodeProcess, Peer, values_of  # noqa: E402
 from messages import camera_info, pixels_of_motion  # noqa: E402
 from rcl_interfaces.msg import Log  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
@@ -65,6 +65,33 @@ def test_a_topic_of_another_type_is_named():
         peer.node.create_publisher(message_class("sensor_msgs/msg/Image"), topics.CAMERA_INFO, 10)
         peer.hears("waiting for keypoints", f"{other}; set keypoints_type to that, or remap keypoints to another topic")
         peer.hears("waiting for camera_info", "sensor_msgs/msg/Image; remap camera_info to another topic")
+
+
+def test_a_camera_info_sent_once_and_kept_is_asked_for():
+    """Beside a publisher that keeps nothing, whose camera_info counts as ever."""
+    namespace, pixels, sent = "/kept", pixels_of_motion(1)[0], 0
+    with Reader(namespace) as peer:
+        kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        camera = peer.node.create_publisher(message_class(topics.CAMERA_INFO_TYPE), topics.CAMERA_INFO, kept)
+        camera.publish(camera_info(BACKEND))
+        with NodeProcess(namespace):
+
+            def tracking():
+                nonlocal sent
+                sent += 1
+                peer.send(START_NS + sent * 33_000_000, pixels)
+                return "tracking" in peer.said
+
+            peer.spin_until(tracking, what="the word that it tracks")
+            peer.spin_until(lambda: camera.get_subscription_count() == 1, what="the end of what asked for it")
+            assert not any("incompatible" in line for line in peer.said)
+            said = peer.got[topics.DIAGNOSTICS]
+
+            def seen():
+                peer.send_camera(frame_id="another")
+                return said and values_of(said[-1])["resets"] == "1"
+
+            peer.spin_until(seen, what="the state forgotten for the other publisher's camera")
 
 
 def test_a_simulation_without_a_clock_is_said():

@@ -17,14 +17,14 @@ BACKEND = rosbags_backend()
 PIXELS = pixels_of_motion(60)
 
 
-def status_of(pixels, silence_s=0.0):
+def status_of(pixels, silence_s=0.0, confidence=None):
     """After a second of them, or of two statuses the second, after so long without any."""
     pipeline = Pipeline(TrackerConfig(), NodeConfig())
     pipeline.set_camera(camera_info(BACKEND))
     diagnostics = Diagnostics(pipeline, "tracker", 0.0)
     for i, xy in enumerate(pixels):
         stamp_ns = 5_000_000_000 + i * 16_666_667
-        frames = pipeline.frames(cloud(BACKEND, stamp_ns, xy), stamp_ns)
+        frames = pipeline.frames(cloud(BACKEND, stamp_ns, xy, None if confidence is None else confidence[i]), stamp_ns)
         diagnostics.saw_message(frames, stamp_ns, i / 60, 0.001)
     status = diagnostics.line(1.0)
     if silence_s:
@@ -45,6 +45,21 @@ def test_a_good_and_a_bad_detector_are_none(noise_px):
     wrong = np.random.default_rng(2).random(PIXELS.shape[:2]) < 0.05
     status = status_of(PIXELS + noise + 60.0 * wrong[:, :, None])
     assert (status.level, status.message) == (OK, "tracking")
+
+
+@pytest.mark.parametrize(
+    "scale, low, confidence, said",
+    [(1.0, 0.0, 1.0, False), (2.0, 0.0, 1.0, True), (1.0, 90.0, 1.0, False), (1.0, 500.0, 0.1, False)],
+    ids=["usual", "larger", "near the border", "not believed"],
+)
+def test_pixels_of_a_larger_image_are_a_warning(scale, low, confidence, said):
+    """Not so feet that the border cuts, nor points out of sight of which the detector itself is not sure."""
+    pixels, confidences = scale * PIXELS, np.ones(PIXELS.shape[:2])
+    pixels[:, 13:, 1] += low
+    confidences[:, 13:] = confidence
+    status = status_of(pixels, confidence=confidences)
+    assert (status.level == WARN and "of 640 x 480 px" in status.message) == said
+    assert ("beyond the image [messages]" in status.values) == said
 
 
 def test_of_somebody_lost_there_are_no_figures():

@@ -165,6 +165,10 @@ def upside_down(stamps, pixels, confidence):
     pixels[..., 1] = 720 - pixels[..., 1]
 
 
+def of_a_larger_image(stamps, pixels, confidence):
+    pixels *= 3
+
+
 def half_seen(stamps, pixels, confidence):
     confidence[::3, 3] = confidence[1::3, 3] = 0
 
@@ -218,6 +222,10 @@ CASES = {
     "upside down": (
         {"spoil": upside_down},
         ("problem", "In the image the shoulders are below the ankles most of the time: is the"),
+    ),
+    "larger image": (
+        {"spoil": of_a_larger_image},
+        ("problem", f"In {FRAMES} of {FRAMES} messages keypoints lie outside the image of camera_info: are they"),
     ),
     "seldom": ({"spoil": half_seen}, ("note", "Seen in fewer than half of the frames: left_ear 33%.")),
     "slow": (

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lassokin_ros.camera import BEYOND
 from lassokin_ros.report.facts import Facts, landmark_errors
 from lassokin_ros.report.spans import NO_MESSAGE, NOBODY, Span
 from lassokin_ros.report.words import advice_for, words_for
@@ -185,6 +186,16 @@ def _stamps(facts: Facts) -> Iterator[Finding]:
         )
 
 
+def _outside(facts: Facts) -> Iterator[Finding]:
+    outside, received = facts.counts.get(BEYOND, 0), facts.counts.get("received", 0)
+    if outside > FEW * max(received, 1):
+        yield Finding(
+            PROBLEM,
+            f"In {outside} of {received} messages keypoints lie outside the image of camera_info: are they pixels of "
+            "the raw image, in its full size?",
+        )
+
+
 def _rate(facts: Facts) -> Iterator[Finding]:
     if 0 < facts.rate < SLOW_HZ and len(facts.log.messages) > 3:
         yield Finding(
@@ -272,6 +283,7 @@ RULES: tuple[Callable[[Facts], Iterator[Finding]], ...] = (
     _lost,
     _stamps,
     _reprojection,
+    _outside,
     _landmarks,
     _place,
     _upside_down,
