@@ -50,7 +50,8 @@ class Keypoints:
     def as_landmarks(self, count: int, person: int | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Points (count, 2) px, NaN where missing, and confidence (count,), 0 where missing.
 
-        Missing is: absent, a coordinate that is not finite or not a pixel's, a confidence that is NaN, 0 or less.
+        Missing is: absent, a coordinate that is not finite or not a pixel's, a confidence that is NaN, 0 or less, and
+        exactly (0, 0): detectors put there what they have not found, Ultralytics' YOLO with its confidence left.
         person: take this person's points only. Raises AdapterError when a point that is not missing has an id that
         the layout does not have (the layout is the wrong one), when an id stands twice (two people in one message
         without `person`), or when a confidence is no fraction of 1: such a frame is refused, never guessed at.
@@ -74,7 +75,7 @@ class Keypoints:
         """(k,) bool: what is not missing."""
         with np.errstate(invalid="ignore"):
             near = np.abs(self.xy) <= LARGEST_PIXEL
-            present: np.ndarray = (self.confidence > 0) & near[:, 0] & near[:, 1]
+            present: np.ndarray = (self.confidence > 0) & near[:, 0] & near[:, 1] & self.xy.any(axis=1)
         return present
 
     def _placed(self, places: np.ndarray, present: np.ndarray, count: int, rows: int) -> tuple[np.ndarray, np.ndarray]:

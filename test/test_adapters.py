@@ -142,11 +142,11 @@ def test_what_the_layout_does_not_have_is_refused(backend):
 
 
 def test_missing_points(backend):
-    xy = np.array([[1.0, 2.0], [np.nan, 3.0], [np.inf, 3.0], [1e30, 3.0], [4.0, 5.0], [4.0, 5.0], [4.0, 5.0]])
-    confidence = np.array([1.0, 1.0, 1.0, 1.0, np.nan, -1.0, 1.25])
-    points, scores = decode("sensor_msgs/PointCloud2", cloud(backend, STAMP, xy, confidence)).as_landmarks(7)
-    assert np.flatnonzero(np.isfinite(points[:, 0])).tolist() == [0, 6]
-    assert scores.tolist() == [1, 0, 0, 0, 0, 0, 1]
+    xy = np.array([[1.0, 2.0], [np.nan, 3.0], [np.inf, 3.0], [1e30, 3.0], *[[4.0, 5.0]] * 3, [0.0, 0.0], [0.0, 5.0]])
+    confidence = np.array([1.0, 1.0, 1.0, 1.0, np.nan, -1.0, 1.25, 0.4, 0.5])
+    points, scores = decode("sensor_msgs/PointCloud2", cloud(backend, STAMP, xy, confidence)).as_landmarks(9)
+    assert np.flatnonzero(np.isfinite(points[:, 0])).tolist() == [0, 6, 8]
+    assert scores.tolist() == [1, 0, 0, 0, 0, 0, 1, 0, 0.5]
 
 
 def test_stamps(backend):
