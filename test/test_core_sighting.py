@@ -11,6 +11,7 @@ from lassokin_ros.core.sighting import Sightings
 from lassokin_ros.core.tracker import Tracker
 
 NAMES = ("nose", "left_wrist", "right_wrist")
+LIMBS = (-1, 0, 0)
 POINTS = np.array([[0.1, -0.2], [0.3, 0.1], [-0.2, 0.1]])
 WEIGHTS = np.full(3, 300.0)
 LOST_AFTER = 1.0
@@ -30,13 +31,13 @@ def moved(step):
 
 
 def test_the_first_frame_is_news_of_somebody_lost():
-    sighting = seen(Sightings(NAMES), 5.0, POINTS)
+    sighting = seen(Sightings(NAMES, LIMBS), 5.0, POINTS)
     assert sighting.lost and sighting.repeated == 0 and sighting.step == sighting.news == np.inf
     assert np.array_equal(sighting.points, POINTS)
 
 
 def test_time_is_counted_from_frames_that_were_used():
-    sightings = Sightings(NAMES)
+    sightings = Sightings(NAMES, LIMBS)
     seen(sightings, 5.0, moved(0))
     refused = seen(sightings, 5.1, moved(1), used=False)
     later = seen(sightings, 5.3, moved(2))
@@ -45,7 +46,7 @@ def test_time_is_counted_from_frames_that_were_used():
 
 
 def test_a_repeated_frame_tells_nothing_and_those_after_it_know_since_when():
-    sightings = Sightings(NAMES)
+    sightings = Sightings(NAMES, LIMBS)
     seen(sightings, 5.0, moved(0))
     again = seen(sightings, 5.1, moved(0))
     after = seen(sightings, 5.2, moved(1))
@@ -55,7 +56,7 @@ def test_a_repeated_frame_tells_nothing_and_those_after_it_know_since_when():
 
 
 def test_after_too_long_the_tracks_are_of_no_use():
-    sightings = Sightings(NAMES)
+    sightings = Sightings(NAMES, LIMBS)
     seen(sightings, 5.0, moved(0))
     elsewhere = moved(0) + 0.4
     sighting = seen(sightings, 5.0 + LOST_AFTER + 0.01, elsewhere)
@@ -63,7 +64,7 @@ def test_after_too_long_the_tracks_are_of_no_use():
 
 
 def test_forgetting_keeps_the_time():
-    sightings = Sightings(NAMES)
+    sightings = Sightings(NAMES, LIMBS)
     seen(sightings, 5.0, moved(0))
     sightings.forget()
     assert sightings.newest == 5.0 and seen(sightings, 5.1, moved(0)).repeated == 0
@@ -73,7 +74,7 @@ def test_forgetting_keeps_the_time():
 
 @pytest.mark.parametrize("depth", [1.5, 4.0])
 def test_speed_is_the_bodys_own_whatever_its_distance(depth):
-    sightings, course = Sightings(NAMES), np.array([0.6, -0.8, 0.0])
+    sightings, course = Sightings(NAMES, LIMBS), np.array([0.6, -0.8, 0.0])
     landmarks = depth * np.concatenate([POINTS, np.ones((3, 1))], axis=1)
     for frame in range(60):
         places = landmarks + 0.5 * frame / 60 * course
@@ -86,7 +87,7 @@ def test_speed_is_the_bodys_own_whatever_its_distance(depth):
 def test_no_keypoint_is_better_evidence_than_what_it_shows_is_like_the_landmark():
     """However long it stands still, and however exact the detector is."""
     for depth, likeness in ((3.0, 0.0035), (3.0, 0.01), (6.0, 0.0035)):
-        sightings = Sightings(NAMES)
+        sightings = Sightings(NAMES, LIMBS)
         for frame in range(200):
             observation = Observation(frame / 60, moved(frame), np.ones(3), 1000.0)
             sighting = sightings.of(observation, 1e6 * np.ones(3), depth, likeness, LOST_AFTER)
@@ -107,7 +108,7 @@ def test_the_tracker_goes_by_the_height_that_it_was_told():
 def test_reprojection_error_is_of_the_visible_points_as_detected():
     weights = np.array([300.0, 300.0, 0.0])
     observation = Observation(5.0, np.where(weights[:, None] > 0, POINTS, np.nan), np.ones(3), 1000.0)
-    sighting = Sightings(NAMES).of(observation, weights, None, LIKENESS, LOST_AFTER)
+    sighting = Sightings(NAMES, LIMBS).of(observation, weights, None, LIKENESS, LOST_AFTER)
     off = np.array([[0.003, 0.0], [0.0, 0.004], [7.0, 7.0]])
     landmarks = 2.0 * np.concatenate([POINTS + off, np.ones((3, 1))], axis=1)
     pose = BodyPose(orientations=np.eye(3)[None], positions=np.zeros((1, 3)), landmarks=landmarks)

@@ -2,8 +2,8 @@
 
 Each landmark follows a track of its own (`point_tracks`). In the image both position and velocity are seen, so
 predicting there is safe; predicting joint angles is not, since their depth is not seen. A point too far from its
-prediction is left out; when it stays there, the track starts anew from it. Two points that a detector has taken for
-each other, left for right, are each far from their own prediction and near the other's: they are changed back.
+prediction is left out; when it stays there, the track starts anew from it. Points that a detector has taken for each
+other, left for right, are changed back (see `side_swaps`).
 """
 
 from __future__ import annotations
@@ -14,14 +14,13 @@ import numpy as np
 
 from lassokin_ros.core.point_tracks import PointTracks
 from lassokin_ros.core.robust import norm, squared_norm
-from lassokin_ros.core.symmetry import other_side
+from lassokin_ros.core.side_swaps import SWAPPED, SideSwaps
 
-GATE = 5.0
-"""Standard deviations of the prediction beyond which a point is taken for wrong."""
+GATE = 2 * 5.0**2
+"""A point is taken for wrong whose squared distance from its prediction is more than this times the variance along
+each axis: 5 standard deviations of both."""
 CONVINCED_AFTER = 3
 """Frames in a row that a point must be off before its track starts anew there."""
-SWAPPED_AT_MOST = 0.5
-"""s for which a pair's points are changed back; if they still seem swapped then, it was the tracks that were."""
 FORGOTTEN_AFTER = 0.3
 """s without a good point after which a track starts anew."""
 LONGEST_COURSE = 0.05
@@ -33,13 +32,10 @@ TRUST = 0.5
 class PointFilter:
     """Tracks of l landmarks; all landmarks are updated at once."""
 
-    def __init__(self, names: Sequence[str]) -> None:
-        """names: of the landmarks; those that differ in left_ and right_ alone are pairs."""
+    def __init__(self, names: Sequence[str], limbs: Sequence[int]) -> None:
+        """names: of the landmarks; limbs: which of them are of the same pair of limbs, see `limb_pairs`."""
         self._count = len(names)
-        place = {name: index for index, name in enumerate(names)}
-        #: (l,) of each landmark the one on the other side; itself where there is none.
-        self._other = np.array([place.get(other_side(name), index) for index, name in enumerate(names)], dtype=int)
-        self._tracks = PointTracks(self._count)
+        self._tracks, self._swaps = PointTracks(self._count), SideSwaps(names, limbs)
         self.reset()
 
     def reset(self) -> None:
@@ -47,10 +43,10 @@ class PointFilter:
         count = self._count
         self._stamp = -np.inf
         self._tracks.reset()
+        self._swaps.reset()
         self._known = np.zeros(count, dtype=bool)
         self._off = np.zeros(count)
         self._unseen = np.zeros(count)
-        self._swapped = np.zeros(count)
         self._weights = np.zeros(count)
 
     def update(
@@ -72,23 +68,26 @@ class PointFilter:
         seen = weights > 0
         variance = 1 / np.where(seen, weights, 1.0) ** 2
         self._tracks.predict(step, acceleration)
-        innovation, far = self._compared(points, variance)
-        familiar = seen & self._known
-        off = familiar & far
-        if np.count_nonzero(off):  # a tenth of what any() costs
-            points, variance, seen = self._unswapped(points, variance, seen, off, step)
-            innovation, far = self._compared(points, variance)
+        innovation, distance = self._compared(points, variance)
+        used = seen & self._known
+        anew = seen & ~self._known
+        strange = np.count_nonzero(used & (distance > SWAPPED / 2))  # a tenth of what any() costs
+        if strange or self._swaps.pending:
+            order, given_up = self._sides(points, variance, used, distance, step)
+            points, variance, seen = points[order], variance[order], seen[order]
+            innovation, distance = self._compared(points, variance)
             familiar = seen & self._known
-            off = familiar & far
+            off = familiar & (distance > GATE)
+            used = familiar & ~off
             self._off = (self._off + 1) * off
+            anew = (seen & ~self._known) | given_up | (self._off >= CONVINCED_AFTER)
         else:
-            self._off[:] = self._swapped[:] = 0.0  # it is the time of one swap, not of all
-        anew = (seen & ~self._known) | (self._off >= CONVINCED_AFTER)
-        used = familiar & ~off
+            self._off[:] = 0.0
         self._tracks.correct(used, innovation, variance)
         if np.count_nonzero(anew):
             self._tracks.start(anew, points, variance)
             self._off[anew] = 0.0
+            self._swaps.begin(anew, stamp)
         good = used | anew
         self._unseen = np.where(good, 0.0, self._unseen + step)
         self._known = (self._known | anew) & (self._unseen < FORGOTTEN_AFTER)
@@ -111,19 +110,15 @@ class PointFilter:
         return self._tracks.position + step * self._tracks.velocity, TRUST * self._weights
 
     def _compared(self, points: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(innovation (l, 2), whether it is beyond the gate (l,) bool) of points."""
+        """(innovation (l, 2), its square over its variance along both axes (l,)) of points."""
         innovation = points - self._tracks.position
-        spread = self._tracks.variance + variance
-        return innovation, squared_norm(innovation) > 2 * GATE * GATE * spread
+        return innovation, squared_norm(innovation) / (self._tracks.variance + variance)
 
-    def _unswapped(
-        self, points: np.ndarray, variance: np.ndarray, seen: np.ndarray, off: np.ndarray, step: float
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The points, variances and what is seen, with those pairs changed that fit their tracks only crosswise."""
-        other = self._other
-        _, far = self._compared(points[other], variance[other])
-        odd = off & ~far
-        odd &= odd[other] & (other != np.arange(self._count))
-        self._swapped = np.where(odd, self._swapped + step, 0.0)
-        order = np.where(odd & (self._swapped < SWAPPED_AT_MOST), other, np.arange(self._count))
-        return points[order], variance[order], seen[order]
+    def _sides(
+        self, points: np.ndarray, variance: np.ndarray, familiar: np.ndarray, distance: np.ndarray, step: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The landmark whose point each is to have, and which are given up (l,), as `SideSwaps.order` says."""
+        other = self._swaps.other
+        _, crossed = self._compared(points[other], variance[other])
+        crossed[~(familiar & familiar[other])] = np.nan
+        return self._swaps.order(self._stamp, step, distance, crossed)

@@ -57,9 +57,9 @@ class Sighting:
 class Sightings:
     """Makes a Sighting of each admitted observation; the caller says which of them were used."""
 
-    def __init__(self, names: Sequence[str]) -> None:
-        """names: of the landmarks."""
-        self._repeats, self._filter = Repeats(), PointFilter(names)
+    def __init__(self, names: Sequence[str], limbs: Sequence[int]) -> None:
+        """names: of the landmarks; limbs: which of them are of the same pair of limbs, see `limb_pairs`."""
+        self._repeats, self._filter = Repeats(), PointFilter(names, limbs)
         self.reset()
 
     def reset(self) -> None:

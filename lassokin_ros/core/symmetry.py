@@ -1,4 +1,7 @@
-"""A body's left and right are about as long: where a given skeleton's are not, they were guessed, not measured."""
+"""A body's left and right: which is which, and that they are about as long.
+
+Where a given skeleton's are not, they were guessed, not measured.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +15,26 @@ up to 0.043; lengths that are 5 % off, each at random, have about 0.07."""
 
 
 def other_side(name: str) -> str:
-    """left_knee for right_knee and the other way round; the name itself where it has no side."""
-    for side, other in (("left_", "right_"), ("right_", "left_")):
-        if name.startswith(side):
+    """left_knee for right_knee, mouth_left for mouth_right, and the other way round; a name without a side as it is."""
+    for side, other in (("left", "right"), ("right", "left")):
+        if name.startswith(f"{side}_"):
             return other + name.removeprefix(side)
+        if name.endswith(f"_{side}"):
+            return name.removesuffix(side) + other
     return name
+
+
+def limb_pairs(skeleton: Skeleton) -> np.ndarray:
+    """(n,) of each joint a number that both arms' joints share, both legs', and all joints of the trunk (-1)."""
+    names = skeleton.joint_names
+    limbs = np.full(len(names), -1)
+    for joint, (name, parent) in enumerate(zip(names, skeleton.parents)):
+        other = other_side(name)
+        if parent >= 0 and limbs[parent] >= 0:
+            limbs[joint] = limbs[parent]
+        elif other != name and other in names:
+            limbs[joint] = min(joint, names.index(other))
+    return limbs
 
 
 def asymmetry(skeleton: Skeleton) -> float:

@@ -1,0 +1,158 @@
+"""Keypoints that a detector has taken for each other, left for right: changed back together, but not for ever."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sequences import CONFIG, aligned_error, observations
+
+from lassokin_ros.core.landmarks import Layout, built_in_layouts
+from lassokin_ros.core.point_filter import PointFilter
+from lassokin_ros.core.side_swaps import LONGEST, SHARE, SideSwaps
+from lassokin_ros.core.skeleton import Skeleton
+from lassokin_ros.core.symmetry import limb_pairs, other_side
+from lassokin_ros.core.tracker import Tracker
+
+PARTS = ("eye", "shoulder", "wrist", "hip", "knee", "ankle")
+NAMES = ("nose", *(f"{side}_{part}" for part in PARTS for side in ("left", "right")))
+LIMBS = (-1, -1, -1, 7, 7, 7, 7, 1, 1, 1, 1, 1, 1)
+ALL = PARTS
+LEGS = ("hip", "knee", "ankle")
+RATE, NOISE, LIKENESS = 60.0, 0.002, 0.001
+
+
+def crossed(parts):
+    """(l,) the landmarks' order with left and right of some parts exchanged."""
+    named = [other_side(name) if name.split("_")[-1] in parts else name for name in NAMES]
+    return [NAMES.index(name) for name in named]
+
+
+def places(frame):
+    """(13, 2): somebody who walks by; knees, ankles and wrists pass twice a second, hips stay side by side."""
+    time = frame / RATE
+    points, stride = [(0.0, -0.4)], np.sin(2 * np.pi * time)
+    halves = (0.02, 0.06, -0.1 * stride, 0.004, 0.06 * stride, 0.1 * stride)
+    for reach, level in zip(halves, (-0.42, -0.3, 0.0, 0.0, 0.2, 0.4)):
+        points += [(reach, level), (-reach, level)]
+    return np.array(points) + [0.2 * time, 0.0]
+
+
+def filtered(frames, swapped=(), parts=ALL, weights=None, start=0):
+    """The filter's answers to noisy points, of which some parts are swapped in some frames."""
+    random = np.random.default_rng(0)
+    point_filter = PointFilter(NAMES, LIMBS)
+    weights = np.full(len(NAMES), 1 / NOISE) if weights is None else weights
+    answers = []
+    for frame in range(start, frames):
+        points = places(frame) + NOISE * random.normal(size=(len(NAMES), 2))
+        order = crossed(parts) if frame in swapped else slice(None)
+        answers.append(point_filter.update(frame / RATE, points[order], weights[order], 1.0, LIKENESS))
+    return answers
+
+
+def assert_same(plain, mended):
+    for (a, u), (b, v) in zip(plain, mended, strict=True):
+        assert np.array_equal(a, b) and np.array_equal(u, v)
+
+
+@pytest.mark.parametrize("length", [1, 2, 5, 25, 90, 115])
+def test_a_body_is_changed_back_as_a_whole(length):
+    """Hips are closer to each other than their noise, wrists and legs pass: they follow the others."""
+    assert_same(filtered(520), filtered(520, range(400, 400 + length)))
+
+
+@pytest.mark.parametrize("parts", [LEGS, ("knee", "ankle"), ("shoulder", "wrist")], ids="-".join)
+@pytest.mark.parametrize("first, last", [(405, 418), (390, 412), (400, 425), (400, 490)])
+def test_limbs_are_changed_back_while_the_rest_is_not(parts, first, last):
+    """Also where the swap begins, lasts or ends while the legs pass each other (frames 390, 420, 450, …)."""
+    plain, mended = filtered(560), filtered(560, range(first, last), parts)
+    off = max(np.abs(a - b).max() for (a, _), (b, _) in zip(plain, mended))
+    assert off < 3 * NOISE  # pairs that pass are nearer to each other than this
+    assert np.array_equal(plain[-1][1] > 0, mended[-1][1] > 0)
+
+
+def test_the_time_is_of_one_swap_not_of_all():
+    swapped = [frame for start in range(400, 1400, 100) for frame in range(start, start + 40)]
+    assert_same(filtered(1400), filtered(1400, swapped))
+
+
+def test_weights_go_with_their_points():
+    weights = np.where(np.arange(len(NAMES)) % 3, 500.0, 100.0)
+    assert_same(filtered(120, (), ALL, weights), filtered(120, range(60, 65), ALL, weights))
+
+
+@pytest.mark.parametrize("before", [60, 600])
+def test_what_stays_swapped_is_believed_in_the_end(before):
+    """Else a start with left for right, which the detector then corrects, would be held for ever."""
+    swapped = range(before, before + 240)
+    answers = filtered(before + 240, swapped)
+    believed = [np.abs(answers[frame][0] - places(frame)[crossed(ALL)]).max() < 0.02 for frame in swapped]
+    first, hold = believed.index(True), min(LONGEST, SHARE / (1 - SHARE) * before / RATE)
+    assert hold - 0.02 < first / RATE < hold + 0.05 and all(believed[first + 2 :])
+
+
+def test_points_that_are_wrong_alone_are_not_taken_for_swapped():
+    """A wrist that is taken for the other one, which itself is where it was: both are at one place, none is changed."""
+    random = np.random.default_rng(0)
+    point_filter, weights = PointFilter(NAMES, LIMBS), np.full(len(NAMES), 1 / NOISE)
+    left, right = NAMES.index("left_wrist"), NAMES.index("right_wrist")
+    for frame in range(400, 436):  # the stride is at its widest at its end
+        points = places(frame) + NOISE * random.normal(size=(len(NAMES), 2))
+        if frame == 435:
+            points[left] = points[right]
+        answer, _ = point_filter.update(frame / RATE, points, weights, 1.0, LIKENESS)
+    assert np.linalg.norm(places(435)[left] - places(435)[right]) > 0.15
+    assert np.abs(answer - places(435)).max() < 6 * NOISE
+
+
+@pytest.mark.parametrize("crossed, swapped", [((3.0, 9.0), True), ((3.0, 39.0), False), ((np.nan, np.nan), False)])
+def test_points_that_fit_nowhere_are_not_taken_for_swapped(crossed, swapped):
+    """Where hands meet, both jump: each may be nearer to the other's track, and yet not where that goes on."""
+    swaps = SideSwaps(("left_wrist", "right_wrist"), (0, 0))
+    order, given_up = swaps.order(1.0, 0.03, np.array([58.0, 60.0]), np.array(crossed))
+    assert list(order) == ([1, 0] if swapped else [0, 1]) and not given_up.any()
+    assert swaps.pending is swapped
+
+
+def test_the_tracker_keeps_the_limbs_of_a_detector_that_mixes_them_up():
+    plain, mixed = Tracker(CONFIG), Tracker(CONFIG)
+    names = plain.layout.names
+    sides = [[names.index(f"{side}_{joint}") for joint in ("knee", "ankle")] for side in ("left", "right")]
+    errors = []
+    for frame, (truth, observation) in enumerate(observations(plain, 2.0)):
+        points = observation.points.copy()
+        if frame > 10 and frame % 20 < 8:
+            points[sides[0] + sides[1]] = points[sides[1] + sides[0]]
+        right = aligned_error(plain.track(observation), truth)
+        errors.append((right, aligned_error(mixed.track(replace(observation, points=points)), truth)))
+    plainly, mixed_up = np.median(errors, axis=0)
+    assert mixed_up < plainly + 0.01
+
+
+def test_the_tracker_is_not_moved_by_a_body_swapped_for_half_a_second():
+    """The same states to the bit: every keypoint is back in its place."""
+    plain, mixed = Tracker(CONFIG), Tracker(CONFIG)
+    order = [plain.layout.names.index(other_side(name)) for name in plain.layout.names]
+    for frame, (_, observation) in enumerate(observations(plain, 3.0)):
+        seen = observation
+        if 100 <= frame < 130:
+            seen = replace(observation, points=observation.points[order], confidence=observation.confidence[order])
+        a, b = plain.track(observation), mixed.track(seen)
+        assert np.array_equal(a.state.rotations, b.state.rotations)
+
+
+def test_limbs_are_told_by_the_skeleton():
+    skeleton = Skeleton.load("anthropometric", 1.75)
+    limbs = limb_pairs(skeleton)
+    of = {name: limbs[joint] for joint, name in enumerate(skeleton.joint_names)}
+    assert of["left_hip"] == of["right_foot"] != of["left_collar"] == of["right_wrist"]
+    assert of["pelvis"] == of["spine2"] == of["head"] == -1
+    assert of["left_hip"] >= 0 and of["left_collar"] >= 0
+
+
+@pytest.mark.parametrize("name", built_in_layouts())
+def test_every_landmark_with_a_side_has_another(name):
+    layout = Layout.load(name, Skeleton.load("anthropometric", 1.75))
+    sided = [landmark for landmark in layout.names if "left" in landmark or "right" in landmark]
+    assert all(other_side(landmark) != landmark and other_side(landmark) in layout.names for landmark in sided)
+    assert len(sided) >= 12 and all(other_side(other_side(landmark)) == landmark for landmark in layout.names)
