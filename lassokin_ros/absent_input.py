@@ -25,9 +25,14 @@ class AbsentInput:
         self._said, self._next_at = "", now + PATIENCE_S
 
     def look(self, now: float, came: bool) -> None:
-        """Say what there is to say; now: s, of the clock of the start; came: a message has come by now."""
-        if self._came:
+        """Say what there is to say.
+
+        now: s, of the clock of the start; came: a message has come by now, or none is waited for.
+        """
+        if self._came and came:
             return
+        if self._came:  # a clock is waited for since use_sim_time was set
+            self._said, self._next_at = "", now + PATIENCE_S
         self._came = came
         if came and self._said:
             self._node.get_logger().info(f"the first message on {self._topic} has come")

@@ -38,13 +38,16 @@ class View:
         return self.intrinsics.width, self.intrinsics.height
 
     @cached_property
-    def _limit(self) -> np.ndarray:
+    def _limits(self) -> tuple[np.ndarray, np.ndarray]:
+        """The least and greatest coordinates (2,) px that keypoints may have."""
         size = np.array(self.size, dtype=float)
-        return np.where(size > 0, (1 + MARGIN) * size, np.inf)
+        margin = np.where(size > 0, MARGIN * size, np.inf)
+        return -margin, size + margin
 
     def is_left_by(self, xy: np.ndarray) -> bool:
-        """True where many of the keypoints (k, 2), px, lie beyond the right or lower border: a larger image's."""
-        return int(np.count_nonzero((xy > self._limit).any(axis=1))) > FEW * len(xy)
+        """True where many of the keypoints (k, 2), px, lie beyond the borders: they are another image's."""
+        least, greatest = self._limits
+        return int(np.count_nonzero(((xy < least) | (xy > greatest)).any(axis=1))) > FEW * len(xy)
 
 
 class Camera:

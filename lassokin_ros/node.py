@@ -233,7 +233,7 @@ class TrackerNode(Node):
         clock = self.get_clock()
         simulated = isinstance(clock, ROSClock) and clock.ros_time_is_active
         self._absent_clock.look(now, not simulated or clock.now().nanoseconds > 0)
-        self._kept_camera_info.look(self._diagnostics.camera_came)
+        self._kept_camera_info.look(now, self._diagnostics.camera_came)
         self._absent_camera.look(now, self._diagnostics.camera_came)
         if self._absent_keypoints is not None:
             self._absent_keypoints.look(now, self._diagnostics.keypoints_came)

@@ -54,9 +54,8 @@ class OnePerson:
         if not tracked or keypoints.persons is None or np.isfinite(seen.points).any():
             return ""
         config = self._body.tracker.config
-        with np.errstate(invalid="ignore"):
-            confident = keypoints.confidence >= max(config.min_confidence, 1e-9)
-        others = len(np.unique(keypoints.persons[confident & np.isfinite(keypoints.xy).all(axis=1)]))
+        confident = keypoints.present & (keypoints.confidence >= config.min_confidence)
+        others = len(np.unique(keypoints.persons[confident]))
         if not others:
             return ""
         who = f"person {self._number} is not among" if lasting else "nobody is near where they are expected, of"
@@ -85,7 +84,8 @@ class OnePerson:
         """The one seen with the highest confidence in all, of those who can be tracked if there are any."""
         assert keypoints.persons is not None
         people, index = np.unique(keypoints.persons, return_inverse=True)
-        scores = np.clip(np.nan_to_num(keypoints.confidence, posinf=0.0), 0.0, 1.0)
+        counted = keypoints.present & np.isfinite(keypoints.confidence)
+        scores = np.where(counted, keypoints.confidence, 0.0).clip(max=1.0)
         best_first = people[np.argsort(-np.bincount(index, scores), kind="stable")][:MOST_PEOPLE]
         detections = (detection(keypoints, int(person), self._count, lens) for person in best_first)
         best = next(detections)

@@ -56,7 +56,7 @@ class Keypoints:
         the layout does not have (the layout is the wrong one), when an id stands twice (two people in one message
         without `person`), or when a confidence is no fraction of 1: such a frame is refused, never guessed at.
         """
-        present = self._present()
+        present = self.present
         if person is not None and self.persons is not None:
             present &= self.persons == person
         return self._placed(self.ids, present, count, count)
@@ -68,11 +68,12 @@ class Keypoints:
             return np.zeros(1, dtype=np.int64), points[None], confidence[None]
         numbers, index = np.unique(self.persons, return_inverse=True)
         places = index.reshape(-1) * count + self.ids
-        points, confidence = self._placed(places, self._present(), count, len(numbers) * count)
+        points, confidence = self._placed(places, self.present, count, len(numbers) * count)
         return numbers, points.reshape(-1, count, 2), confidence.reshape(-1, count)
 
-    def _present(self) -> np.ndarray:
-        """(k,) bool: what is not missing."""
+    @property
+    def present(self) -> np.ndarray:
+        """(k,) bool: what is not missing, see `as_landmarks`."""
         with np.errstate(invalid="ignore"):
             near = np.abs(self.xy) <= LARGEST_PIXEL
             present: np.ndarray = (self.confidence > 0) & near[:, 0] & near[:, 1] & self.xy.any(axis=1)

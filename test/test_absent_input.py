@@ -2,14 +2,16 @@
 
 import time
 
+import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
 
 from live import BACKEND, START_NS, NodeProcess, Peer, values_of  # noqa: E402
 from messages import camera_info, pixels_of_motion  # noqa: E402
-from rcl_interfaces.msg import Log  # noqa: E402
-from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
+from rcl_interfaces.msg import Log, Parameter, ParameterType, ParameterValue  # noqa: E402
+from rcl_interfaces.srv import SetParameters  # noqa: E402
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 
 from lassokin_ros import topics  # noqa: E402
@@ -94,6 +96,30 @@ def test_a_camera_info_sent_once_and_kept_is_asked_for():
             peer.spin_until(seen, what="the state forgotten for the other publisher's camera")
 
 
+def test_what_a_later_publisher_keeps_is_asked_for_too():
+    """The camera's driver is started anew and says once what has changed, before the node has found it."""
+    namespace = "/kept_later"
+    kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+    def publisher(peer, message):
+        camera = peer.node.create_publisher(message_class(topics.CAMERA_INFO_TYPE), topics.CAMERA_INFO, kept)
+        camera.publish(message)
+        return camera
+
+    with NodeProcess(namespace), Reader(namespace) as peer:
+        silent = QoSProfile(depth=1, durability=kept.durability, reliability=ReliabilityPolicy.BEST_EFFORT)
+        peer.node.create_publisher(message_class(topics.CAMERA_INFO_TYPE), topics.CAMERA_INFO, silent)  # keeps nothing
+        refused = publisher(peer, camera_info(BACKEND, k=np.zeros(9)))
+        said = peer.got[topics.DIAGNOSTICS]
+        peer.spin_until(lambda: said and "refused" in said[-1].status[0].message, what="the first camera, refused")
+        peer.node.destroy_publisher(refused)
+        camera = publisher(peer, camera_info(BACKEND))
+        peer.spin_until(lambda: "refused" not in said[-1].status[0].message, what="the second camera, taken")
+        peer.node.destroy_publisher(camera)
+        publisher(peer, camera_info(BACKEND, frame_id="another"))
+        peer.spin_until(lambda: values_of(said[-1])["resets"] == "1", what="the third camera, another one")
+
+
 def test_a_simulation_without_a_clock_is_said():
     """/clock is remapped, as in test_live_time: another test's would be this node's too."""
     namespace = "/absent_clock"
@@ -107,6 +133,17 @@ def test_a_simulation_without_a_clock_is_said():
             return "the first message on /absent_clock/clock has come" in peer.said
 
         peer.spin_until(told, what="the word that there is a clock")
+
+
+def test_a_clock_is_waited_for_since_use_sim_time_was_set():
+    namespace = "/later_clock"
+    with NodeProcess(namespace, "-r", "/clock:=clock"), Reader(namespace) as peer:
+        peer.hears("waiting for keypoints")  # later than the word of a clock would have been
+        assert not any("waiting for /clock" in line for line in peer.said)
+        value = ParameterValue(type=ParameterType.PARAMETER_BOOL, bool_value=True)
+        request = SetParameters.Request(parameters=[Parameter(name="use_sim_time", value=value)])
+        assert peer.call(SetParameters, "set_parameters", request).results[0].successful
+        peer.hears("waiting for /clock on /later_clock/clock", "nobody publishes there")
 
 
 @pytest.mark.parametrize(

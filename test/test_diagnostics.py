@@ -62,6 +62,12 @@ def test_pixels_of_a_larger_image_are_a_warning(scale, low, confidence, said):
     assert ("beyond the image [messages]" in status.values) == said
 
 
+def test_pixels_from_another_origin_are_a_warning():
+    """The image's centre, say."""
+    status = status_of(PIXELS - [320.0, 240.0])
+    assert status.level == WARN and "of 640 x 480 px" in status.message
+
+
 def test_of_somebody_lost_there_are_no_figures():
     before, after = status_of(PIXELS).values, status_of(PIXELS, silence_s=30.0).values
     assert (before["state"], after["state"]) == ("tracking", "lost")

@@ -259,6 +259,19 @@ def test_a_refused_frame_says_what_it_held():
     assert frame.detail == "3 landmarks at or above min_confidence 0.2; expected 4 or more (min_landmarks)"
 
 
+@pytest.mark.parametrize("missing", [0.0, np.nan], ids=["origin", "nan"])
+def test_points_that_are_missing_are_nobodys_whatever_their_confidence(missing):
+    """Neither is somebody chosen for them, nor is a person of nothing else one of the people in a message."""
+    pipeline, here = pipeline_for(max_people=1), walk(2, 0.0, 3.5, 0.0, 1)[1]
+    half, nothing = here[0] + 150.0, np.full((17, 2), missing)
+    half[5:14] = missing
+    pipeline.process(crowd(BACKEND, stamp(0), [(here[0], np.full(17, 0.8)), (half, np.full(17, 0.99))], [1, 2]), 0)
+    assert abs(pipeline.tracker.state.translation[0]) < 0.3, "the whole person, in the middle"
+    for index, number in enumerate((1, 7), 1):
+        frame = pipeline.process(crowd(BACKEND, stamp(index), [(nothing, np.full(17, 0.9))], [number]), 0)
+        assert frame.rejection == "too_few_landmarks"
+
+
 @pytest.mark.parametrize("lasting", [True, False], ids=["message", "node"])
 def test_a_message_of_others_alone_is_refused_for_that(lasting):
     """Not for too few landmarks: there are enough, of others."""
