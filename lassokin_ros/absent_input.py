@@ -25,14 +25,9 @@ class AbsentInput:
         self._said, self._next_at = "", now + PATIENCE_S
 
     def look(self, now: float, came: bool) -> None:
-        """Say what there is to say.
-
-        now: s, of the clock of the start; came: a message has come by now, or none is waited for.
-        """
-        if self._came and came:
+        """Say what there is to say; now: s, of the clock of the start; came: a message has come by now."""
+        if self._came:
             return
-        if self._came:  # a clock is waited for since use_sim_time was set
-            self._said, self._next_at = "", now + PATIENCE_S
         self._came = came
         if came and self._said:
             self._node.get_logger().info(f"the first message on {self._topic} has come")
@@ -42,6 +37,10 @@ class AbsentInput:
         if words != self._said or now >= self._next_at:
             self._said, self._next_at = words, now + AGAIN_S
             self._node.get_logger().warning(words)
+
+    def excuse(self, now: float) -> None:
+        """In place of `look` while nothing is waited for: as at the start, now: s."""
+        self._came, self._said, self._next_at = False, "", now + PATIENCE_S
 
     def _cause(self) -> str:
         """Why nothing comes, as far as the graph tells."""

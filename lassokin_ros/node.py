@@ -232,7 +232,10 @@ class TrackerNode(Node):
         now, presence = time.monotonic(), self._pipeline.presence_at(self._as_of_ns)
         clock = self.get_clock()
         simulated = isinstance(clock, ROSClock) and clock.ros_time_is_active
-        self._absent_clock.look(now, not simulated or clock.now().nanoseconds > 0)
+        if simulated:
+            self._absent_clock.look(now, clock.now().nanoseconds > 0)
+        else:
+            self._absent_clock.excuse(now)
         self._kept_camera_info.look(now, self._diagnostics.camera_came)
         self._absent_camera.look(now, self._diagnostics.camera_came)
         if self._absent_keypoints is not None:

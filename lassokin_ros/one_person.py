@@ -69,7 +69,7 @@ class OnePerson:
         if self._number is None:
             return self._chosen(keypoints, lens)
         assert keypoints.persons is not None
-        numbers = frozenset(keypoints.persons.tolist())
+        numbers = frozenset(keypoints.persons[keypoints.present].tolist())
         if self._number not in numbers and (strangers := numbers - self._bystanders):
             # A detector that lost the person for an image or two gives them another number when it finds them again.
             people = [seen for seen in everybody(keypoints, self._count, lens) if seen.number in strangers]

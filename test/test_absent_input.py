@@ -1,6 +1,7 @@
 """Whoever starts the node with a wrong topic reads on the terminal what is missing, and what there is instead."""
 
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E
 from rosgraph_msgs.msg import Clock  # noqa: E402
 
 from lassokin_ros import topics  # noqa: E402
-from lassokin_ros.absent_input import PATIENCE_S  # noqa: E402
+from lassokin_ros.absent_input import PATIENCE_S, AbsentInput  # noqa: E402
 from lassokin_ros.person_outputs import message_class  # noqa: E402
 
 
@@ -144,6 +145,46 @@ def test_a_clock_is_waited_for_since_use_sim_time_was_set():
         request = SetParameters.Request(parameters=[Parameter(name="use_sim_time", value=value)])
         assert peer.call(SetParameters, "set_parameters", request).results[0].successful
         peer.hears("waiting for /clock on /later_clock/clock", "nobody publishes there")
+
+
+def test_a_clock_that_is_no_longer_waited_for_has_not_come():
+    said = []
+
+    class Listener:
+        """In place of a node: what is said, and a graph without anybody."""
+
+        def resolve_topic_name(self, name):
+            return name
+
+        def get_logger(self):
+            return SimpleNamespace(info=said.append, warning=said.append)
+
+        def get_publishers_info_by_topic(self, topic):
+            return []
+
+        def get_topic_names_and_types(self):
+            return []
+
+        def get_publisher_names_and_types_by_node(self, name, namespace):
+            return []
+
+        def get_name(self):
+            return "tracker"
+
+        def get_namespace(self):
+            return "/"
+
+    clock = AbsentInput(Listener(), "/clock", "rosgraph_msgs/msg/Clock", (), 0.0)
+    for now in (1.0, 2.0, 4.0):
+        clock.look(now, False)
+    assert len(said) == 1 and said.pop().startswith("waiting for /clock")
+    clock.excuse(5.0)
+    assert not said
+    clock.look(6.0, False)
+    assert not said  # patience begins anew
+    clock.look(9.0, False)
+    clock.look(10.0, True)
+    assert [line.split(" ")[0] for line in said] == ["waiting", "the"]
 
 
 @pytest.mark.parametrize(

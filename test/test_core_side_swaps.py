@@ -10,7 +10,7 @@ from lassokin_ros.core.landmarks import Layout, built_in_layouts
 from lassokin_ros.core.point_filter import PointFilter
 from lassokin_ros.core.side_swaps import LONGEST, SHARE, SideSwaps
 from lassokin_ros.core.skeleton import Skeleton
-from lassokin_ros.core.symmetry import limb_pairs, other_side
+from lassokin_ros.core.symmetry import limb_groups, other_side
 from lassokin_ros.core.tracker import Tracker
 
 PARTS = ("eye", "shoulder", "wrist", "hip", "knee", "ankle")
@@ -19,6 +19,8 @@ LIMBS = (-1, -1, -1, 7, 7, 7, 7, 1, 1, 1, 1, 1, 1)
 ALL = PARTS
 LEGS = ("hip", "knee", "ankle")
 RATE, NOISE, LIKENESS = 60.0, 0.002, 0.001
+EPOCH = 1.7e9
+"""s: stamps are of the clock, not of the start."""
 
 
 def crossed(parts):
@@ -37,17 +39,35 @@ def places(frame):
     return np.array(points) + [0.2 * time, 0.0]
 
 
-def filtered(frames, swapped=(), parts=ALL, weights=None, start=0):
-    """The filter's answers to noisy points, of which some parts are swapped in some frames."""
+def hands_together(frame):
+    """The same, with a hand where the other one might be soon after it is hidden."""
+    points = places(frame)
+    for side, place in (("left", 0.02), ("right", -0.02)):
+        points[NAMES.index(f"{side}_wrist"), 0] = place + 0.2 * frame / RATE
+    return points
+
+
+def filtered(frames, swapped=(), parts=ALL, weights=None, at=places):
+    """The filter's answers to noisy points, of which some parts are swapped in some frames.
+
+    weights: (l,), or of a frame; at: the places of a frame.
+    """
     random = np.random.default_rng(0)
     point_filter = PointFilter(NAMES, LIMBS)
     weights = np.full(len(NAMES), 1 / NOISE) if weights is None else weights
     answers = []
-    for frame in range(start, frames):
-        points = places(frame) + NOISE * random.normal(size=(len(NAMES), 2))
+    for frame in range(frames):
+        points = at(frame) + NOISE * random.normal(size=(len(NAMES), 2))
         order = crossed(parts) if frame in swapped else slice(None)
-        answers.append(point_filter.update(frame / RATE, points[order], weights[order], 1.0, LIKENESS))
+        seen = weights(frame) if callable(weights) else weights
+        answers.append(point_filter.update(EPOCH + frame / RATE, points[order], seen[order], 1.0, LIKENESS))
     return answers
+
+
+def without(hidden, first=0):
+    """Weights of a frame: some landmarks are missing from a frame on."""
+    seen = np.array([name not in hidden for name in NAMES])
+    return lambda frame: np.where(seen | (frame < first), 1 / NOISE, 0.0)
 
 
 def assert_same(plain, mended):
@@ -71,8 +91,9 @@ def test_limbs_are_changed_back_while_the_rest_is_not(parts, first, last):
     assert np.array_equal(plain[-1][1] > 0, mended[-1][1] > 0)
 
 
-def test_the_time_is_of_one_swap_not_of_all():
-    swapped = [frame for start in range(400, 1400, 100) for frame in range(start, start + 40)]
+@pytest.mark.parametrize("of, out_of", [(40, 100), (3, 4)])
+def test_the_time_is_of_one_swap_not_of_all(of, out_of):
+    swapped = [frame for frame in range(400, 1400) if frame % out_of < of]
     assert_same(filtered(1400), filtered(1400, swapped))
 
 
@@ -91,27 +112,113 @@ def test_what_stays_swapped_is_believed_in_the_end(before):
     assert hold - 0.02 < first / RATE < hold + 0.05 and all(believed[first + 2 :])
 
 
-def test_points_that_are_wrong_alone_are_not_taken_for_swapped():
-    """A wrist that is taken for the other one, which itself is where it was: both are at one place, none is changed."""
+def test_of_what_was_believed_nothing_is_surer_than_the_rest():
+    """Eyes side by side say nothing while all else is given up; when they come apart, they may not hold it back."""
+
+    def at(frame):
+        points = places(frame)
+        points[[NAMES.index("left_eye"), NAMES.index("right_eye")], 0] += 0.02 * (frame < 1940) * np.array([-1, 1])
+        return points
+
+    swapped = range(1800, 1950)  # for longer than LONGEST, after half a minute
+    answers = filtered(1980, swapped, at=at)
+    assert all(np.abs(answers[frame][0] - at(frame)).max() < 0.02 for frame in (1850, *range(1965, 1980)))
+    assert np.abs(answers[1948][0] - at(1948)[crossed(ALL)]).max() < 0.02
+
+
+@pytest.mark.parametrize("parts", [LEGS, ("ankle",)], ids="-".join)
+@pytest.mark.parametrize("first", [0, 370, 398])
+def test_a_limb_that_is_seen_without_the_other_stays_where_it_is(parts, first):
+    """From the side the far arm is hidden: nothing is there to be exchanged with, though the legs are swapped."""
+    weights = without({"right_wrist", "right_shoulder"}, first)
+    plain, mended = (filtered(430, swapped, parts, weights, hands_together) for swapped in ((), range(400, 425)))
+    near = [NAMES.index("left_wrist"), NAMES.index("left_shoulder")]
+    for (a, u), (b, v) in zip(plain, mended, strict=True):
+        assert np.array_equal(a[near], b[near]) and np.array_equal(u[near], v[near])
+
+
+@pytest.mark.parametrize("first", [0, 330, 395])
+def test_a_limb_that_is_seen_without_the_other_goes_with_the_body(first):
+    """Of a body that is swapped as a whole its one wrist comes as the other one."""
+    weights = without({"right_wrist"}, first)
+    assert_same(*(filtered(430, swapped, ALL, weights, hands_together) for swapped in ((), range(400, 425))))
+
+
+def test_what_is_not_seen_has_no_say():
+    """Only the wrists, which are swapped, and the hips, side by side, are left: these go with those."""
+    hidden = {f"{side}_{part}" for part in ("eye", "shoulder", "knee", "ankle") for side in ("left", "right")}
+    weights = without(hidden, 400)
+    assert_same(filtered(420, (), ALL, weights), filtered(420, range(400, 410), ALL, weights))
+
+
+def test_a_wrist_that_is_taken_for_the_other_one_too_is_left_out():
+    """Both are at one place, where one of them is: nothing is exchanged, and the other coasts."""
     random = np.random.default_rng(0)
     point_filter, weights = PointFilter(NAMES, LIMBS), np.full(len(NAMES), 1 / NOISE)
     left, right = NAMES.index("left_wrist"), NAMES.index("right_wrist")
     for frame in range(400, 436):  # the stride is at its widest at its end
         points = places(frame) + NOISE * random.normal(size=(len(NAMES), 2))
         if frame == 435:
-            points[left] = points[right]
-        answer, _ = point_filter.update(frame / RATE, points, weights, 1.0, LIKENESS)
+            points[left] = points[right] + NOISE * random.normal(size=2)
+        answer, _ = point_filter.update(EPOCH + frame / RATE, points, weights, 1.0, LIKENESS)
     assert np.linalg.norm(places(435)[left] - places(435)[right]) > 0.15
     assert np.abs(answer - places(435)).max() < 6 * NOISE
+    assert point_filter.order is not None and np.array_equal(point_filter.order, np.arange(len(NAMES)))
+
+
+def evidence(swaps, stamp, straight, crossed, step=0.1):
+    """The answer to distances of ("left_wrist", "right_wrist", "left_knee", "right_knee") with tracks alike."""
+    order, given_up = swaps.order(stamp, step, np.array(straight), np.array(crossed), np.ones(len(straight)))
+    return list(order), list(given_up)
 
 
 @pytest.mark.parametrize("crossed, swapped", [((3.0, 9.0), True), ((3.0, 39.0), False), ((np.nan, np.nan), False)])
 def test_points_that_fit_nowhere_are_not_taken_for_swapped(crossed, swapped):
     """Where hands meet, both jump: each may be nearer to the other's track, and yet not where that goes on."""
     swaps = SideSwaps(("left_wrist", "right_wrist"), (0, 0))
-    order, given_up = swaps.order(1.0, 0.03, np.array([58.0, 60.0]), np.array(crossed))
-    assert list(order) == ([1, 0] if swapped else [0, 1]) and not given_up.any()
+    order, given_up = evidence(swaps, 1.0, (58.0, 60.0), crossed)
+    assert order == ([1, 0] if swapped else [0, 1]) and not any(given_up)
     assert swaps.pending is swapped
+
+
+def test_time_that_was_spent_comes_back_where_nothing_shows_a_swap():
+    """Pairs that stand side by side are led by others, and may never show that they are straight again."""
+    swaps = SideSwaps(("left_wrist", "right_wrist", "left_knee", "right_knee"), (0, 0, 1, 1))
+    swaps.begin(np.full(4, True), 90.0)
+    beside, apart = (1.0, 1.0), (60.0, 60.0)
+    for frame in range(15):
+        assert evidence(swaps, 100 + frame / 10, beside + apart, beside + beside)[0] == [1, 0, 3, 2]
+    for frame in range(16):
+        assert swaps.pending or frame == 15
+        assert evidence(swaps, 102 + frame / 10, beside + beside, beside + apart)[0] == [0, 1, 2, 3]
+    assert not swaps.pending
+    for frame in range(15):
+        assert evidence(swaps, 104 + frame / 10, apart + apart, beside + beside) == ([1, 0, 3, 2], 4 * [False])
+
+
+def test_tracks_that_begin_anew_know_nothing_of_what_was_before():
+    swaps, apart, beside = SideSwaps(("left_wrist", "right_wrist"), (0, 0)), (60.0, 60.0), (1.0, 1.0)
+    swaps.begin(np.full(2, True), 90.0)
+    assert evidence(swaps, 100.0, apart, beside) == ([1, 0], [False, False])
+    swaps.begin(np.full(2, True), 100.1)
+    assert evidence(swaps, 100.2, apart, beside) == ([1, 0], [False, False])
+    assert evidence(swaps, 100.3, apart, beside) == ([0, 1], [True, True])  # a quarter of 0.2 s is over
+    swaps.reset()
+    assert not swaps.pending and evidence(swaps, 0.05, apart, beside, step=0.02) == ([1, 0], [False, False])
+
+
+def test_a_filter_that_is_reset_has_no_swaps():
+    weights, random = np.full(len(NAMES), 1 / NOISE), np.random.default_rng(0)
+    reset, new = PointFilter(NAMES, LIMBS), PointFilter(NAMES, LIMBS)
+    for frame in range(200):
+        order = crossed(ALL) if frame > 180 else slice(None)
+        reset.update(EPOCH + frame / RATE, places(frame)[order], weights, 1.0, LIKENESS)
+    reset.reset()
+    for frame in range(200, 300):
+        points = places(frame) + NOISE * random.normal(size=(len(NAMES), 2))
+        points = points[crossed(LEGS)] if frame > 240 else points
+        answers = [each.update(EPOCH + frame / RATE, points, weights, 1.0, LIKENESS) for each in (reset, new)]
+        assert_same(answers[:1], answers[1:])
 
 
 def test_the_tracker_keeps_the_limbs_of_a_detector_that_mixes_them_up():
@@ -143,7 +250,7 @@ def test_the_tracker_is_not_moved_by_a_body_swapped_for_half_a_second():
 
 def test_limbs_are_told_by_the_skeleton():
     skeleton = Skeleton.load("anthropometric", 1.75)
-    limbs = limb_pairs(skeleton)
+    limbs = limb_groups(skeleton)
     of = {name: limbs[joint] for joint, name in enumerate(skeleton.joint_names)}
     assert of["left_hip"] == of["right_foot"] != of["left_collar"] == of["right_wrist"]
     assert of["pelvis"] == of["spine2"] == of["head"] == -1

@@ -113,3 +113,28 @@ def test_reprojection_error_is_of_the_visible_points_as_detected():
     landmarks = 2.0 * np.concatenate([POINTS + off, np.ones((3, 1))], axis=1)
     pose = BodyPose(orientations=np.eye(3)[None], positions=np.zeros((1, 3)), landmarks=landmarks)
     assert sighting.reprojection_px(pose) == pytest.approx(1000 * np.sqrt((0.003**2 + 0.004**2) / 2))
+
+
+def test_what_is_changed_back_is_visible_as_the_side_that_it_is():
+    """Else a swap that is mended well would be told of as a large error; also where its message comes again."""
+    sightings, hidden = Sightings(NAMES, LIMBS), np.array([1.0, 0.0, 1.0])
+    landmarks = 2.0 * np.concatenate([POINTS, np.ones((3, 1))], axis=1)
+    pose = BodyPose(orientations=np.eye(3)[None], positions=np.zeros((1, 3)), landmarks=landmarks)
+    order = [0, 2, 1]
+
+    def at(frame, weights, points, stamp=0.0):
+        observation = Observation((stamp or frame) / 60, points, np.ones(3), 1000.0)
+        sighting = sightings.of(observation, weights, None, LIKENESS, LOST_AFTER)
+        sightings.used(sighting)
+        return sighting
+
+    for frame in range(60):
+        plain = at(frame, WEIGHTS, POINTS + 1e-4 * (frame % 2))
+    swapped = at(60, WEIGHTS, POINTS[order])
+    again = at(60, WEIGHTS, POINTS[order], 60.5)
+    for sighting in (swapped, again):
+        assert sighting.reprojection_px(pose) < plain.reprojection_px(pose) + 1e-9 and sighting.visible.all()
+    assert again.repeated and np.array_equal(again.detected, POINTS)
+    at(61, WEIGHTS, POINTS + 1e-4)
+    one = at(62, hidden * WEIGHTS, POINTS + 2e-4)
+    assert list(one.visible) == [True, False, True] and one.reprojection_px(pose) < 1.0

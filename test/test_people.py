@@ -272,6 +272,16 @@ def test_points_that_are_missing_are_nobodys_whatever_their_confidence(missing):
         assert frame.rejection == "too_few_landmarks"
 
 
+def test_a_number_without_points_does_not_hide_that_the_person_has_another_now():
+    here, confidence = walk(40, 0.0, 3.5, 0.0, 1)[1], np.full(17, 0.9)
+    pipeline = pipeline_for(max_people=1)
+    assert all(feed(pipeline, i, [here[i]], [1])[""].accepted for i in range(10))
+    pairs = [(np.zeros((17, 2)), confidence), (here[10], confidence)]
+    assert pipeline.process(crowd(BACKEND, stamp(10), pairs, [1, 7]), 0).accepted
+    frames = [feed(pipeline, i, [here[i]], [7])[""] for i in range(11, 20)]
+    assert all(frame.accepted and not frame.estimate.initialised for frame in frames)
+
+
 @pytest.mark.parametrize("lasting", [True, False], ids=["message", "node"])
 def test_a_message_of_others_alone_is_refused_for_that(lasting):
     """Not for too few landmarks: there are enough, of others."""

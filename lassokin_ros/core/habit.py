@@ -26,8 +26,8 @@ from lassokin_ros.core.lasso import Lasso
 from lassokin_ros.core.rotations import logarithm
 
 SHARE = 0.3
-"""Of the shipped covariance, what lasts. Half of it differs between clips of motion capture; with less the gain is the
-same and a wrong pose does less harm."""
+"""Of the prior's covariance, the part that is a person's habit and lasts. Half of the covariance differs between clips
+of motion capture; with less the gain is the same and a wrong pose does less harm."""
 MEMORY = 30.0
 """s."""
 EVERY = 0.25

@@ -33,7 +33,7 @@ class PointFilter:
     """Tracks of l landmarks; all landmarks are updated at once."""
 
     def __init__(self, names: Sequence[str], limbs: Sequence[int]) -> None:
-        """names: of the landmarks; limbs: which of them are of the same pair of limbs, see `limb_pairs`."""
+        """names: of the landmarks; limbs: which of them are of the same pair of limbs, see `limb_groups`."""
         self._count = len(names)
         self._tracks, self._swaps = PointTracks(self._count), SideSwaps(names, limbs)
         self.reset()
@@ -48,6 +48,8 @@ class PointFilter:
         self._off = np.zeros(count)
         self._unseen = np.zeros(count)
         self._weights = np.zeros(count)
+        #: (l,) the landmark whose point each had in the last update, its own or the other side's; None: all their own.
+        self.order: np.ndarray | None = None
 
     def update(
         self, stamp: float, points: np.ndarray, weights: np.ndarray, acceleration: float, likeness: float
@@ -73,8 +75,9 @@ class PointFilter:
         anew = seen & ~self._known
         strange = np.count_nonzero(used & (distance > SWAPPED / 2))  # a tenth of what any() costs
         if strange or self._swaps.pending:
-            order, given_up = self._sides(points, variance, used, distance, step)
+            order, given_up = self._sides(points, variance, seen, distance, step)
             points, variance, seen = points[order], variance[order], seen[order]
+            self.order = order
             innovation, distance = self._compared(points, variance)
             familiar = seen & self._known
             off = familiar & (distance > GATE)
@@ -83,6 +86,7 @@ class PointFilter:
             anew = (seen & ~self._known) | given_up | (self._off >= CONVINCED_AFTER)
         else:
             self._off[:] = 0.0
+            self.order = None
         self._tracks.correct(used, innovation, variance)
         if np.count_nonzero(anew):
             self._tracks.start(anew, points, variance)
@@ -115,10 +119,12 @@ class PointFilter:
         return innovation, squared_norm(innovation) / (self._tracks.variance + variance)
 
     def _sides(
-        self, points: np.ndarray, variance: np.ndarray, familiar: np.ndarray, distance: np.ndarray, step: float
+        self, points: np.ndarray, variance: np.ndarray, seen: np.ndarray, distance: np.ndarray, step: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """The landmark whose point each is to have, and which are given up (l,), as `SideSwaps.order` says."""
         other = self._swaps.other
         _, crossed = self._compared(points[other], variance[other])
-        crossed[~(familiar & familiar[other])] = np.nan
-        return self._swaps.order(self._stamp, step, distance, crossed)
+        straight = np.where(self._known & seen, distance, np.nan)
+        crossed[~(self._known & seen[other])] = np.nan
+        spread = self._tracks.variance + variance.min()
+        return self._swaps.order(self._stamp, step, straight, crossed, spread)

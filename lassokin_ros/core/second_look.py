@@ -19,8 +19,8 @@ COSTLY_FOR = 0.06
 CHEAPER = 0.5
 """Share of the tracked state's cost below which the other one's must be."""
 SOONEST, LATEST = 0.15, 2.4
-"""s from one look to the next, at first; twice as long each time, up to the latest. After as long without a costly
-frame it is as at first."""
+"""s from one look to the next, at first; twice as long each time, up to the latest. After `LATEST` without a
+costly frame it begins with the soonest again."""
 
 
 class SecondLook:

@@ -29,7 +29,8 @@ TYPICAL_DEPTH = 3.5
 class Sighting:
     """One frame's keypoints as the tracker uses them; all points are normalised image coordinates.
 
-    detected: (l, 2) as the detector gave them, 0 where not visible; visible: (l,) bool; focal: px per normalised unit.
+    detected: (l, 2) as the detector gave them, left and right changed back, 0 where not visible; visible: (l,) bool;
+    focal: px per normalised unit.
     points: (l, 2) and weights: (l,), 1 / standard deviation, 0 = missing: what the keypoints' tracks make of them.
     speed: m/s, of the keypoints' tracks on average. repeated: s for which the keypoints have been the same, 0 where
     they are new. step: s since the last frame that was used; news: s since the last one that told something new, 0
@@ -58,7 +59,7 @@ class Sightings:
     """Makes a Sighting of each admitted observation; the caller says which of them were used."""
 
     def __init__(self, names: Sequence[str], limbs: Sequence[int]) -> None:
-        """names: of the landmarks; limbs: which of them are of the same pair of limbs, see `limb_pairs`."""
+        """names: of the landmarks; limbs: which of them are of the same pair of limbs, see `limb_groups`."""
         self._repeats, self._filter = Repeats(), PointFilter(names, limbs)
         self.reset()
 
@@ -95,6 +96,9 @@ class Sightings:
             points, weights = self._filter.expected(stamp)
         else:
             points, weights = self._filter.update(stamp, detected, weights, ACCELERATION / depth, likeness / depth)
+        order = self._filter.order
+        if order is not None:
+            detected, visible = detected[order], visible[order]
         speed = depth * self._filter.speed()
         news = 0.0 if repeated else stamp - self._informed
         step = stamp - self.newest

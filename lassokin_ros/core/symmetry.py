@@ -24,7 +24,7 @@ def other_side(name: str) -> str:
     return name
 
 
-def limb_pairs(skeleton: Skeleton) -> np.ndarray:
+def limb_groups(skeleton: Skeleton) -> np.ndarray:
     """(n,) of each joint a number that both arms' joints share, both legs', and all joints of the trunk (-1)."""
     names = skeleton.joint_names
     limbs = np.full(len(names), -1)

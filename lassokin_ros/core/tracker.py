@@ -40,7 +40,7 @@ from lassokin_ros.core.second_look import SecondLook
 from lassokin_ros.core.sighting import Sighting, Sightings
 from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.core.steadying import Steadying
-from lassokin_ros.core.symmetry import LARGEST_ASYMMETRY, asymmetry, limb_pairs, symmetrised
+from lassokin_ros.core.symmetry import LARGEST_ASYMMETRY, asymmetry, limb_groups, symmetrised
 from lassokin_ros.core.uncertainty import JointUncertainty, UncertaintyModel
 from lassokin_ros.core.upright import Upright
 
@@ -83,7 +83,7 @@ class Tracker:
         self._second_look = SecondLook(self.kinematics.landmark_count)
         self._steadying = Steadying(self.kinematics.joint_count)
         self._lag = FixedLag(self.kinematics)
-        limbs = limb_pairs(self.skeleton)[self.layout.joints]
+        limbs = limb_groups(self.skeleton)[self.layout.joints]
         self._sightings, self.likeness = Sightings(self.layout.names, limbs), Likeness(self.skeleton.height)
         self.calibration, self.habit = Calibration(self._rows), Habit(self._rows)
         self._uncertainty = UncertaintyModel(self.kinematics, prior)
