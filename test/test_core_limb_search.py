@@ -4,18 +4,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 from cases import FACING, body, central_difference, random_body, relative_error
 from sequences import CONFIG, observations
 
 from lassokin_ros.core.frame_rows import FrameRows
 from lassokin_ros.core.initialisation import Initialiser
 from lassokin_ros.core.kinematics import BodyState
+from lassokin_ros.core.landmarks import Layout
 from lassokin_ros.core.limb_search import MARGIN, OLD_ENOUGH, LimbSearch
 from lassokin_ros.core.mirroring import Mirroring
 from lassokin_ros.core.prior import PosePrior, PriorRows
 from lassokin_ros.core.projection import project
 from lassokin_ros.core.robust import capped_weights
 from lassokin_ros.core.rotations import exponential
+from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.core.upright import Upright
 
@@ -217,7 +220,7 @@ landmarks:
 ELBOW = "  - {name: left_elbow, joint: left_elbow, offset: [0.0, 0.0, 0.0]}\n"
 
 
-@pytest.mark.parametrize(("arm", "searched"), [("", 0), (ELBOW, 12)])
+@pytest.mark.parametrize(("arm", "searched"), [("", 0), (ELBOW, 3)])
 def test_limbs_that_no_landmark_shows_are_left_alone(tmp_path, arm, searched):
     layout = tmp_path / "torso.yaml"
     layout.write_text(TORSO + arm)
@@ -225,3 +228,24 @@ def test_limbs_that_no_landmark_shows_are_left_alone(tmp_path, arm, searched):
     assert tracker._limbs.count == searched
     for _, observation in observations(tracker, 0.3):
         assert tracker.track(observation).accepted
+
+
+@pytest.mark.parametrize("hidden", [("knee", "ankle"), ("ankle",)], ids="-".join)
+@pytest.mark.parametrize("seed", [0, 1])
+def test_what_no_landmark_shows_stays_at_the_mean(tmp_path, hidden, seed):
+    """Else the body's balance alone would bend it, with nothing to bring it back."""
+    skeleton = Skeleton.load("anthropometric", 1.75)
+    coco = Layout.load("coco17", skeleton)
+    entries = [
+        {"name": name, "joint": skeleton.joint_names[joint], "offset": offset.tolist()}
+        for name, joint, offset in zip(coco.names, coco.joints, coco.offsets)
+        if not name.endswith(hidden)
+    ]
+    layout = tmp_path / "hidden.yaml"
+    layout.write_text(yaml.safe_dump({"name": "hidden", "landmarks": entries}))
+    tracker = Tracker(replace(CONFIG, landmarks=str(layout)))
+    dead = np.flatnonzero(~tracker.kinematics.live.reshape(-1, 3).any(axis=1))
+    assert skeleton.index("left_knee") in dead
+    mean = exponential(PosePrior.load(skeleton).mean)[dead]
+    for _, observation in observations(tracker, 9.0, seed=seed):
+        assert np.allclose(tracker.track(observation).solved.rotations[dead], mean, atol=1e-9)

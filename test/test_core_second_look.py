@@ -97,3 +97,22 @@ def test_keypoints_that_come_again_are_no_reason_to_look_anew(monkeypatch):
     assert repeated.repeated > 0 and not looked
     tracker.track(replace(observation, stamp=observation.stamp + 2 / RATE, points=observation.points + 1e-3))
     assert len(looked) == 1
+
+
+def test_a_look_in_vain_changes_nothing(monkeypatch):
+    """Not even which way is up, which each look tries anew."""
+    plain, looking = Tracker(CONFIG), Tracker(CONFIG)
+    fit = looking._initialiser.fit
+
+    def look(points, weights):
+        found = fit(points, weights)
+        looking._upright.vertical = np.array([1.0, 0.0, 0.0])  # as of somebody who lies
+        return found
+
+    for i, (_, observation) in enumerate(observations(plain, 1.0)):
+        if i == 15:
+            monkeypatch.setattr(looking._initialiser, "fit", look)
+            monkeypatch.setattr(looking._second_look, "due", lambda stamp, cost: True)
+            monkeypatch.setattr(looking._second_look, "convinces", lambda cost, best: False)
+        a, b = plain.track(observation), looking.track(observation)
+        assert np.array_equal(a.state.rotations, b.state.rotations)

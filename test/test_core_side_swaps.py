@@ -196,6 +196,23 @@ def test_time_that_was_spent_comes_back_where_nothing_shows_a_swap():
         assert evidence(swaps, 104 + frame / 10, apart + apart, beside + beside) == ([1, 0, 3, 2], 4 * [False])
 
 
+def test_a_pair_is_changed_back_and_given_up_together():
+    """Whatever they are like: no point may be given to both."""
+    random = np.random.default_rng(0)
+    for _ in range(20):
+        swaps, stamp, step = SideSwaps(NAMES, random.integers(-1, 3, size=len(NAMES))), 90.0, 1 / RATE
+        for _ in range(200):
+            stamp += step
+            missing, anew = random.random((2, len(NAMES))) < ((0.1,), (0.02,))
+            straight, across = random.exponential(random.choice([1.0, 60.0], size=(2, len(NAMES))))
+            across = np.where(missing | missing[swaps.other], np.nan, across)
+            variance = random.exponential(size=len(NAMES))
+            order, given_up = swaps.order(stamp, step, np.where(missing, np.nan, straight), across, variance)
+            assert np.array_equal(order[order], np.arange(len(NAMES)))
+            assert np.array_equal(given_up, given_up[swaps.other])
+            swaps.begin(anew | given_up, stamp)
+
+
 def test_tracks_that_begin_anew_know_nothing_of_what_was_before():
     swaps, apart, beside = SideSwaps(("left_wrist", "right_wrist"), (0, 0)), (60.0, 60.0), (1.0, 1.0)
     swaps.begin(np.full(2, True), 90.0)

@@ -51,9 +51,9 @@ class Estimate:
     """The tracker's answer to one observation. Fields below `status` are None when the frame was rejected.
 
     state, pose: what is to be published; solved: the state that the certificate is about, to which omega (3 n,) and
-    translation_step (3,) led from the last frame's, before it was steadied; cost: its negative log-likelihood, where
-    keypoints were taken to be off by `excess` times the least (see `doubt`); confidence: of an initialised frame, how
-    likely the start is beside the next best, else NaN.
+    translation_step (3,) led from the last frame's, before it was steadied; cost: its negative log-likelihood (with the
+    camera's tilt's, where it was found anew), where keypoints were taken to be off by `excess` times the least (see
+    `doubt`); confidence: of an initialised frame, how likely the start is beside the next best, else NaN.
     """
 
     stamp: float

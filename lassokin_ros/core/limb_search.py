@@ -54,8 +54,6 @@ class LimbSearch:
         self._kinematics, self._mirroring, self._balance = kinematics, mirroring, balance
         #: (h, 3) joints.
         self._chains = np.array([chain for chain, _ in mirroring.variants], dtype=int).reshape(-1, 3)
-        if not np.isin(self._chains, prior.joints).any():  # no landmark shows any of them
-            self._chains = self._chains[:0]
         self.count = len(self._chains)
         if self.count:
             self._find_landmarks()

@@ -27,16 +27,20 @@ SHORTEST = 1e-3
 
 
 class Mirroring:
-    """Mirrors the limbs that a skeleton has: two bones, one on the other, with no joint more between their ends."""
+    """Mirrors the limbs that a skeleton has and landmarks show: two bones, one on the other, with no joint between.
+
+    A joint that turns nothing that is seen is left as it is: no keypoint and no prior would ever bring it back.
+    """
 
     def __init__(self, kinematics: Kinematics) -> None:
         names = kinematics.skeleton.joint_names
         self._kinematics = kinematics
         chains = [[names.index(joint) for joint in limb] for limb in LIMBS if set(limb) <= set(names)]
-        chains = [chain for chain in chains if _two_bones(kinematics.skeleton, chain)]
+        self._shown = np.any(kinematics.live.reshape(-1, 3), axis=1)
+        chains = [chain for chain in chains if self._shown[chain[0]] and _two_bones(kinematics.skeleton, chain)]
         self.variants = [(chain, bones) for chain in chains for bones in ((True, True), (False, True), (True, False))]
-        """Of each limb that the skeleton has three, one after another: its joints from the trunk out, and which of its
-        two bones are mirrored."""
+        """Of each such limb three, one after another: its joints from the trunk out, and which of its two bones are
+        mirrored. Where its second joint turns nothing that is seen, the outer bone follows the inner one."""
 
         self.pairs = [
             (one, other)
@@ -81,7 +85,8 @@ class Mirroring:
             rotations[0] = redirected(first, bone, there, mirrored_along(there, sight))
         if outer:
             next_there = mirrored_along(next_there, sight)
-        rotations[1] = redirected(second, next_bone, second.dot(next_bone), next_there.dot(rotations[0]))
+        if self._shown[chain[1]]:
+            rotations[1] = redirected(second, next_bone, second.dot(next_bone), next_there.dot(rotations[0]))
         return rotations
 
 

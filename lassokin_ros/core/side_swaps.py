@@ -38,8 +38,10 @@ class SideSwaps:
         #: (l,) of each landmark the one on the other side; itself where there is none.
         self.other = np.array([place.get(other_side(name), index) for index, name in enumerate(names)], dtype=int)
         self._paired = paired = self.other != self._own
+        limb_of = np.asarray(limbs)
+        limb_of = np.where(limb_of == limb_of[self.other], limb_of, -1)  # a pair goes together
         #: (g, l): 1 where a landmark is one of a pair: of the whole body, the first; of both arms; of both legs; …
-        self._groups = np.array([paired, *(paired & (limbs == limb) for limb in np.unique(limbs))], dtype=float)
+        self._groups = np.array([paired, *(paired & (limb_of == limb) for limb in np.unique(limb_of))], dtype=float)
         self.reset()
 
     def reset(self) -> None:
@@ -66,6 +68,7 @@ class SideSwaps:
         side's point from each track, nan where the track or the point is missing; variance: (l,) > 0, the tracks'.
         """
         other, groups = self.other, self._groups
+        self._spent = np.maximum(self._spent, self._spent[other])  # one of a pair may have begun anew
         swapped, in_place = self._evidence(straight, crossed, variance)
         lasted = np.max(stamp - np.maximum(self._begun, self._begun[other]), where=swapped, initial=0.0)
         held = swapped & (self._spent < min(LONGEST, SHARE * lasted))

@@ -194,7 +194,7 @@ class Tracker:
             self._challengers.refresh()
         if not sighting.repeated:
             depth = float(start.translation[2] + increment.x[2])
-            weights = np.where(sighting.visible, sighting.weights, 0.0)  # what coasts is no measurement
+            weights = np.where(sighting.visible, sighting.weights, 0.0)  # what is not seen coasts
             self.likeness.advance(sighting.stamp, increment.problem, increment.solution.omega, weights, depth)
 
     def flush(self) -> list[Estimate]:
@@ -207,8 +207,12 @@ class Tracker:
             return self._initialiser.fit(sighting.points, sighting.weights)
         if sighting.repeated or not self._second_look.due(sighting.stamp, self._cost):
             return None
+        believed = self._upright.vertical
         fit = self._initialiser.fit(sighting.points, sighting.weights)
-        return fit if self._second_look.convinces(self._cost, float(fit.costs[0])) else None
+        if self._second_look.convinces(self._cost, float(fit.costs[0])):
+            return fit
+        self._upright.vertical = believed  # not that of an explanation which is not taken
+        return None
 
     def _follow(self, fit: Fit | None, sighting: Sighting) -> tuple[BodyState, Increment]:
         """Where the frame starts from, a state just found or the present one, and the increment from there."""
