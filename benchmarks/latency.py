@@ -89,13 +89,22 @@ class Run:
         self.tracker = Tracker(TrackerConfig(height=HEIGHT, landmarks=landmarks, skeleton=skeleton, noise_px=NOISE_PX))
         self.state = on_skeleton(motion, self.tracker.skeleton)
         self.observations: list[Observation] = observe(self.state, self.tracker.kinematics, NOISE_PX, seed)
-        self._starts = motion.starts
+        self.starts = motion.starts
 
     def step(self, frame: int) -> bool:
         """Track one frame; a clip's first frame starts anew and does not count."""
-        if frame in self._starts:
-            self.tracker.reset()
-        return not self.tracker.track(self.observations[frame]).initialised
+        return step_together([self], frame)
+
+
+def step_together(runs: Sequence[Run], frame: int) -> bool:
+    """Track one frame of several people's at once; False when somebody's starts anew."""
+    for run in runs:
+        if frame in run.starts:
+            run.tracker.reset()
+    if len(runs) == 1:
+        return not runs[0].tracker.track(runs[0].observations[frame]).initialised
+    estimates = Tracker.track_together([run.tracker for run in runs], [run.observations[frame] for run in runs])
+    return not any(estimate.initialised for estimate in estimates)
 
 
 def interleaved(steps: Mapping[str, Step], frames: int) -> list[Record]:
@@ -181,11 +190,11 @@ def joints(motion: Motion) -> tuple[str, list[Record]]:
 
 
 def people(motion: Motion) -> tuple[str, list[Record]]:
-    """By number of people, each with a tracker of their own and noise of their own."""
+    """By number of people, each with a tracker and noise of their own, side by side as in the node."""
 
     def step_of(count: int) -> Step:
         runs = [Run(motion, seed=person) for person in range(count)]
-        return lambda frame: all([run.step(frame) for run in runs])
+        return lambda frame: step_together(runs, frame)
 
     steps = {f"{count} {'person' if count == 1 else 'people'}": step_of(count) for count in PEOPLE}
     frames = max(2, len(motion.state.translation) // 4)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -69,6 +69,27 @@ class Body:
         What is now to be published, and last, when this detection is refused, the frame that says why. Without
         `smoothing_lag` that is this detection's frame and no other.
         """
+        observation, frame = self._begun(stamp_ns, frame_id, seen, lens, person)
+        return self._answered(stamp_ns, observation, self.tracker.track(observation), frame)
+
+    @staticmethod
+    def track_together(
+        bodies: Mapping[str, Body], stamp_ns: int, frame_id: str, seen: Sequence[Detection], lens: Lens
+    ) -> list[list[Frame]]:
+        """`track` for several people at once, by their ids, and what is seen of each."""
+        people = zip(bodies.items(), seen)
+        begun = [body._begun(stamp_ns, frame_id, one, lens, person) for (person, body), one in people]
+        trackers, observations = [body.tracker for body in bodies.values()], [observation for observation, _ in begun]
+        estimates = Tracker.track_together(trackers, observations)
+        return [
+            body._answered(stamp_ns, observation, estimate, frame)
+            for body, (observation, frame), estimate in zip(bodies.values(), begun, estimates)
+        ]
+
+    def _begun(
+        self, stamp_ns: int, frame_id: str, seen: Detection, lens: Lens, person: str
+    ) -> tuple[Observation, Callable[..., Frame]]:
+        """What the tracker is to see, and what makes the frame of its answer."""
         if self._origin_ns is None:
             self._origin_ns = stamp_ns
         seconds = (stamp_ns - self._origin_ns) * 1e-9
@@ -82,8 +103,12 @@ class Body:
             lens=lens,
             skeleton=self.tracker.skeleton,  # this frame's: calibration's new lengths count from the next one on
         )
-        observation = Observation(seconds, seen.points, seen.confidence, lens.focal)
-        estimate = self.tracker.track(observation)
+        return Observation(seconds, seen.points, seen.confidence, lens.focal), frame
+
+    def _answered(
+        self, stamp_ns: int, observation: Observation, estimate: Estimate, frame: Callable[..., Frame]
+    ) -> list[Frame]:
+        """The frames that are due with the tracker's answer."""
         self.status = estimate.status
         if estimate.rejection is not None:
             if self.seen_ns is None:

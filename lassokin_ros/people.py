@@ -105,14 +105,20 @@ class People:
         return self._track(stamp_ns, frame_id, pairs, lens)
 
     def _track(self, stamp_ns: int, frame_id: str, pairs: dict[int, Detection], lens: Lens) -> list[Frame]:
+        lost = {number for number, body in self._present.items() if body.status_at(stamp_ns) is Status.LOST}
+        going_on = [number for number in self._present if number in pairs and number not in lost]
+        bodies, seen = {name(n): self._present[n] for n in going_on}, [pairs[n] for n in going_on]
+        tracked = dict(zip(going_on, Body.track_together(bodies, stamp_ns, frame_id, seen, lens)))
         frames, found = [], 0
         for number, body in list(self._present.items()):
-            lost = body.status_at(stamp_ns) is Status.LOST
-            if number not in pairs or (lost and found == FOUND_AT_ONCE):
+            if number not in pairs or (number in lost and found == FOUND_AT_ONCE):
                 frames += body.absent(stamp_ns, lens)
                 continue
-            answers = body.track(stamp_ns, frame_id, pairs[number], lens, name(number))
-            found += lost and body.status is Status.TRACKING
+            if number in tracked:
+                answers = tracked[number]
+            else:
+                answers = body.track(stamp_ns, frame_id, pairs[number], lens, name(number))
+                found += body.status is Status.TRACKING
             frames += [frame for frame in answers if frame.accepted]
             refused = [frame for frame in answers if not frame.accepted]
             for frame in refused:

@@ -65,7 +65,7 @@ def test_it_is_horizontal_and_does_not_care_where_the_body_is_or_faces():
     balance = balance_of(kinematics, (0.2, -1.0, 0.3))
     state = random_state(random, kinematics, 0.5)
     there = offset_of(balance, kinematics, state)
-    assert abs(there @ balance._upright.vertical) < 1e-12
+    assert abs(there @ balance.upright.vertical) < 1e-12
     elsewhere = offset_of(balance, kinematics, replace(state, translation=state.translation + [0.5, -0.2, 1.0]))
     assert np.allclose(there, elsewhere)
 

@@ -34,6 +34,7 @@ class Wrong:
         for frame in range(frames):
             self.pool.linearise(self.points, self.weights)
             self.pool.advance(np.zeros(72), np.zeros(3), np.full(len(self.live), alpha))
+            self.pool.weigh(self.points, self.weights)
             state = self.pool.compete(self.points, self.weights, np.full(len(self.live), alpha))
             if state is not None:
                 return frame, state

@@ -16,7 +16,6 @@ from lassokin_ros.core.limb_search import MARGIN, OLD_ENOUGH, LimbSearch
 from lassokin_ros.core.mirroring import Mirroring
 from lassokin_ros.core.prior import PosePrior, PriorRows
 from lassokin_ros.core.projection import project
-from lassokin_ros.core.robust import capped_weights
 from lassokin_ros.core.rotations import exponential
 from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.core.tracker import Tracker
@@ -98,7 +97,7 @@ def test_a_limb_costs_more_or_less_by_what_the_whole_body_does(layout):
     *_, image = scene.search._image_rows(pose, scene.points, scene.weights)
     steadier = scene.search._steadier(pose, published.pose)
     prior, as_published = 0.5 * np.sum(prior_rows(scene.search, published)[1] ** 2, axis=-1)
-    own = image + prior - as_published - scene.search._carries @ scene.image_costs(published) - steadier
+    own = image + prior - as_published - scene.image_costs(published) @ scene.search._carries - steadier
     assert np.ptp(steadier) > 0.01
     before = scene.rows.cost(published, scene.points, scene.weights)
     for explanation in range(scene.search.count):
@@ -202,9 +201,7 @@ def test_a_skeleton_without_limbs_is_left_alone():
     n = kinematics.joint_count
     state = BodyState(np.tile(np.eye(3), (n, 1, 1)), np.array([0.0, 0.0, 3.0]))
     published = rows.hypotheses(state)
-    points = np.zeros((kinematics.landmark_count, 2))
     search.start(state)
-    search.advance(published, points, capped_weights(np.ones(len(points))), np.zeros(len(points)))
     assert search.count == 0 and search.exchange(published) is None
 
 

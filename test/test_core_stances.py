@@ -115,6 +115,7 @@ def test_challengers_of_a_lying_body_lie_too(stance):
     for _ in range(30):
         pool.linearise(points, weights)
         pool.advance(np.zeros(72), np.zeros(3), np.full(len(live), 1e-3))
+        pool.weigh(points, weights)
         winner = pool.compete(points, weights, np.full(len(live), 1e-3))
         if winner is not None:
             break

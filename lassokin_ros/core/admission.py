@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from lassokin_ros.core.config import TrackerConfig
@@ -24,7 +26,7 @@ def admitted(
     """
     count = len(layout.names)
     none = np.zeros(count)
-    if not (np.isfinite(observation.stamp) and FOCAL_RANGE[0] < observation.focal < FOCAL_RANGE[1]):
+    if not (math.isfinite(observation.stamp) and FOCAL_RANGE[0] < observation.focal < FOCAL_RANGE[1]):
         return Rejection.NOT_FINITE, none
     if observation.points.shape != (count, 2) or observation.confidence.shape != (count,):
         return Rejection.WRONG_SHAPE, none

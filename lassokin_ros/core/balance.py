@@ -8,6 +8,8 @@ Cauchy's loss: whoever sits or lies has no need of balance.
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 
 from lassokin_ros.core.kinematics import BodyPose, Kinematics
@@ -38,7 +40,7 @@ class Balance:
     count = 3
 
     def __init__(self, kinematics: Kinematics, upright: Upright) -> None:
-        self._upright, self._live = upright, np.flatnonzero(kinematics.live)
+        self.upright, self._live = upright, np.flatnonzero(kinematics.live)
         #: (n,) of the joints' places, the centre of mass less the middle of the feet; they add up to 0.
         self.shares = _shares(kinematics.skeleton.joint_names)
         carried = kinematics.skeleton.ancestors.T * self.shares  # (n, n): by each joint, itself included
@@ -46,20 +48,29 @@ class Balance:
         self._arms = carried - np.diag(carried.sum(axis=1))
         self._vertical, self._level = np.empty(0), np.empty((3, 3))
 
+    def by(self, upright: Upright) -> Balance:
+        """The same by another vertical, or by several people's, of `Upright.together`."""
+        other = copy(self)
+        other.upright = upright
+        return other
+
     def offset(self, positions: np.ndarray) -> np.ndarray:
         """(..., 3) m: from the middle of the feet to the centre of mass, horizontally; positions (..., n, 3)."""
         return self.horizontal(self.shares.dot(positions))
 
     def horizontal(self, vectors: np.ndarray) -> np.ndarray:
         """Vectors (..., 3) without their vertical part."""
-        return np.asarray(vectors.dot(self.level))
+        level = self.level
+        if level.ndim == 2:
+            return np.asarray(vectors.dot(level))
+        return np.asarray((vectors[..., None, :] @ level)[..., 0, :])
 
     @property
     def level(self) -> np.ndarray:
-        """(3, 3), what projects on the horizontal plane."""
-        if self._vertical is not self._upright.vertical:  # which is another array when it has learned
-            self._vertical = self._upright.vertical
-            self._level = _IDENTITY - self._vertical[:, None] * self._vertical
+        """(..., 3, 3), what projects on the horizontal plane."""
+        if self._vertical is not self.upright.vertical:  # which is another array when it has learned
+            self._vertical = self.upright.vertical
+            self._level = _IDENTITY - self._vertical[..., :, None] * self._vertical[..., None, :]
         return self._level
 
     def arms(self, positions: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ challenger once it has found its place. Single limbs are `limb_search`'s.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from lassokin_ros.core.kinematics import BodyState
 from lassokin_ros.core.robust import CAP, huber_weights, norm
 from lassokin_ros.core.rotations import orthonormalised
 from lassokin_ros.core.stances import ROOTS, nearest
+from lassokin_ros.core.together import shared, stacked
 
 COARSE = np.array([8.0, 8.0, 8.0, 8.0, 2.0, 2.0, 2.0, 1.0])
 """Factor on the noise while a challenger is young, by its age in frames."""
@@ -49,7 +51,10 @@ ALIKE = 0.02
 
 
 class Challengers:
-    """A pool of states that run beside the published one, with it: what a frame asks of one, it asks of all at once."""
+    """A pool of states that run beside the published one, with it: what a frame asks of one, it asks of all at once.
+
+    Of several people's pools at once (see `together`) all arrays have a first axis of people.
+    """
 
     def __init__(self, initialiser: Initialiser, rows: FrameRows, count: int) -> None:
         self._initialiser = initialiser
@@ -70,7 +75,7 @@ class Challengers:
         self._advantage = np.zeros(self._count)
         self._turns = self._renewals = 0
         turned = [self._turned(state, points, weights) for _ in range(self._count)]
-        self._everyone = self._rows.hypotheses(_stacked([*turned, state]))
+        self._everyone = self._rows.hypotheses(stacked([*turned, state]))
 
     def stop(self) -> None:
         """Drop the pool."""
@@ -87,50 +92,65 @@ class Challengers:
         assert self._everyone is not None
         return self._everyone[-1]
 
+    @staticmethod
+    def together(several: Sequence[Challengers]) -> Challengers:
+        """Of several people, by the rows of each; what a method `takes` is put in their place, see `together`."""
+        whole = copy(several[0])
+        whole._rows = FrameRows.together([one._rows for one in several])
+        return whole
+
+    @shared(takes=("_everyone", "_age"), gives=("_linearised",))
     def linearise(self, points: np.ndarray, weights: np.ndarray) -> Rows:
         """The rows of a frame about the published state; those about the others stay here for `advance`."""
         assert self._everyone is not None
-        factor = np.ones((self._count + 1, 1))
-        factor[:-1, 0] = COARSE.take(self._age, mode="clip")
-        rows = self._rows.linearise(self._everyone, points, weights / factor, self._robust)
-        self._linearised = Rows(rows.columns[:-1], rows.z[:-1])
-        return Rows(rows.columns[-1].copy(), rows.z[-1].copy())  # alone: who keeps these does not keep all
+        factor = np.ones((*self._age.shape[:-1], self._count + 1, 1))
+        factor[..., :-1, 0] = COARSE.take(self._age, mode="clip")
+        weights = weights[..., None, :] / factor
+        rows = self._rows.linearise(self._everyone, points[..., None, :, :], weights, self._robust)
+        self._linearised = Rows(rows.columns[..., :-1, :, :], rows.z[..., :-1, :])
+        # Alone: who keeps these does not keep all.
+        return Rows(rows.columns[..., -1, :, :].copy(), rows.z[..., -1, :].copy())
 
     def _robust(self, size: np.ndarray) -> np.ndarray:
         return np.where(size > self._caps, 0.0, huber_weights(size))
 
-    def advance(self, omega: np.ndarray, x: np.ndarray, alpha: np.ndarray, counts: bool = True) -> BodyState:
+    @shared(takes=("_everyone", "_age", "_linearised"), gives=("_everyone", "_increments"))
+    def advance(self, omega: np.ndarray, x: np.ndarray, alpha: np.ndarray) -> BodyState:
         """The published state after a frame's increment; the challengers take a Gauss-Newton step each.
 
         omega: (3 n,) rad, x: (3,) m: the increment, from where `linearise` found the published state; alpha: (live,)
-        the cost per rad of each degree of freedom that it paid, a Laplace density's, of variance 2 / alpha^2; counts:
-        False for a frame that is no further evidence: they come nearer to the same image, and are none the older.
+        the cost per rad of each degree of freedom that it paid, a Laplace density's, of variance 2 / alpha^2.
         """
         assert self._everyone is not None
-        steady = (self._age >= STEADY_FROM)[:, None]
-        omegas, steps = self._initialiser.step(self._linearised, steady * (0.5 * alpha**2))
-        self._age += counts
-        self._increments = np.concatenate([omegas, omega[None]])
-        moved = self._everyone.state.retract(self._increments, np.concatenate([steps, x[None]]))
-        in_front(BodyState(moved.rotations[:-1], moved.translation[:-1]))
-        moved.rotations[-1] = orthonormalised(moved.rotations[-1])
+        steady = (self._age >= STEADY_FROM)[..., None]
+        omegas, steps = self._initialiser.step(self._linearised, steady * (0.5 * alpha**2)[..., None, :])
+        self._increments = np.concatenate([omegas, omega[..., None, :]], axis=-2)
+        moved = self._everyone.state.retract(self._increments, np.concatenate([steps, x[..., None, :]], axis=-2))
+        in_front(BodyState(moved.rotations, moved.translation[..., :-1, :]))
+        moved.rotations[..., -1, :, :, :] = orthonormalised(moved.rotations[..., -1, :, :, :])
         self._everyone = self._rows.hypotheses(moved)
-        return BodyState(moved.rotations[-1], moved.translation[-1])
+        return BodyState(moved.rotations[..., -1, :, :, :], moved.translation[..., -1, :])
+
+    @shared(takes=("_everyone",), gives=("image_costs", "_costs"))
+    def weigh(self, points: np.ndarray, weights: np.ndarray) -> None:
+        """What all cost on the frame's points, for `compete`."""
+        assert self._everyone is not None
+        images = self._rows.image_costs(self._everyone.pose, points[..., None, :, :], weights[..., None, :])
+        self.image_costs = images[..., -1, :]
+        self._costs = images.sum(axis=-1) + self._rows.own_cost(self._everyone)
 
     def compete(self, points: np.ndarray, weights: np.ndarray, alpha: np.ndarray) -> BodyState | None:
-        """Compare all on the frame's points: the state that should replace the published one, or None.
+        """Compare all, as they were weighed on the frame's points: the state that should replace the published one.
 
-        alpha: (live,) cost per rad of each degree of freedom's increment, which all pay.
+        alpha: (live,) cost per rad of each degree of freedom's increment, which all pay. Of a frame that is no further
+        evidence nothing is compared: they come nearer to the same image, and are none the older.
         """
-        assert self._everyone is not None
-        images = self._rows.image_costs(self._everyone.pose, points, weights)
-        cost = images.sum(axis=-1) + self._rows.own_cost(self._everyone)
-        self.image_costs = images[-1]
-        self.cost = float(cost[-1])
-        cost += np.abs(self._increments.take(self._rows.live, axis=-1)).dot(alpha)
+        self._age += 1
+        self.cost = float(self._costs[-1])
+        cost = self._costs + np.abs(self._increments.take(self._rows.live, axis=-1)).dot(alpha)
         self._advantage += SHARES.take(self._age, mode="clip") * (cost[-1] - cost[:-1] - self._advantage)
         ripe = self._age >= OLD_ENOUGH
-        if not ripe.any():
+        if not np.count_nonzero(ripe):  # a tenth of what any() costs
             return None
         winner = self._exchange(ripe)
         self._recycle(ripe, points, weights)
@@ -185,7 +205,3 @@ class Challengers:
         side = round(facing + SIDES[self._turns % len(SIDES)]) % STARTS
         self._turns += 1
         return self._initialiser.start(side, stance, points, weights)
-
-
-def _stacked(states: Sequence[BodyState]) -> BodyState:
-    return BodyState(np.stack([s.rotations for s in states]), np.stack([s.translation for s in states]))

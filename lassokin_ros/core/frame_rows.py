@@ -9,6 +9,8 @@ each with its own view of points that fit badly.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import Callable
 
@@ -62,6 +64,16 @@ class FrameRows:
         #: Indices of the degrees of freedom that are asked for; the root's come first, which the prior does not know.
         self.live = np.flatnonzero(kinematics.live)
 
+    @staticmethod
+    def together(several: Sequence[FrameRows]) -> FrameRows:
+        """Of several people, each by what was learned of them: for k states of each, (people, k, ...)."""
+        whole = copy(several[0])
+        whole.kinematics = Kinematics.together([rows.kinematics for rows in several])
+        whole.prior = PriorRows.together([rows.prior for rows in several])
+        whole.upright = Upright.together([rows.upright for rows in several])
+        whole.balance = whole.balance.by(whole.upright)
+        return whole
+
     def hypotheses(self, state: BodyState) -> Hypotheses:
         """Of states (..., n, 3, 3) and (..., 3), for the skeleton as it is now."""
         return Hypotheses(state, self.kinematics.pose(state), self.prior.posture(state.rotations))
@@ -76,10 +88,10 @@ class FrameRows:
     ) -> Rows:
         """The rows about each hypothesis.
 
-        points: (l, 2) normalised, any finite value where the weight is 0; weights: (..., l), 1 / standard deviation,
-        0 = missing; robust: factors on the landmarks' squared errors, of their sizes in standard deviations (see
-        `robust.py`); turn: (..., n, 3, 3), the right Jacobian of an increment already made, of which Omega then is
-        the total.
+        points: (..., l, 2) normalised, any finite value where the weight is 0; weights: (..., l), 1 / standard
+        deviation, 0 = missing; robust: factors on the landmarks' squared errors, of their sizes in standard deviations
+        (see `robust.py`); turn: (..., n, 3, 3), the right Jacobian of an increment already made, of which Omega then
+        is the total.
         """
         pose, count, first = about.pose, len(self.live), self.prior.first
         shape, images = pose.landmarks.shape[:-2], 2 * self.kinematics.landmark_count

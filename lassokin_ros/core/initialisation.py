@@ -163,20 +163,27 @@ class Initialiser:
     def step(self, rows: Rows, ridge: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """One damped Gauss-Newton step by the rows about S states: increments Omega (S, 3 n) and x (S, 3).
 
-        ridge: (S, live) 1/rad^2, what holds each degree of freedom beyond that.
+        ridge: (S, live) 1/rad^2, what holds each degree of freedom beyond that. S may be several axes.
         """
         count = len(self._live)
         H = rows.columns @ rows.columns.swapaxes(-1, -2)
-        diagonal = H.reshape(len(H), -1)[:, :: H.shape[-1] + 1]
+        diagonal = H.reshape(*H.shape[:-2], -1)[..., :: H.shape[-1] + 1]
         diagonal += self._damping
         if ridge is not None:
-            diagonal[:, :count] += ridge
+            diagonal[..., :count] += ridge
         step = _solved(H, (rows.columns @ rows.z[..., None])[..., 0])
-        turns = step[..., :count]
-        turns *= LARGEST_TURN / np.maximum(np.abs(turns).max(axis=-1, keepdims=True), LARGEST_TURN)
+        turns = within(step[..., :count])
         omega = np.zeros(step.shape[:-1] + (3 * self._kinematics.joint_count,))
         omega[..., self._live] = turns
         return omega, step[..., count:]
+
+
+def within(turns: np.ndarray) -> np.ndarray:
+    """Turns (..., k) rad, which are changed: of those with one beyond `LARGEST_TURN` all are made smaller alike."""
+    size = np.abs(turns)
+    if np.count_nonzero(size > LARGEST_TURN):  # seldom
+        turns *= LARGEST_TURN / np.maximum(size.max(axis=-1, keepdims=True), LARGEST_TURN)
+    return turns
 
 
 def _joined(fits: Sequence[Fit]) -> Fit:
@@ -194,8 +201,9 @@ def in_front(states: BodyState) -> BodyState:
 
 def _solved(H: np.ndarray, g: np.ndarray) -> np.ndarray:
     """(S, n) solutions of positive definite systems; by Cholesky in place, half the time of numpy's batched solve."""
+    n = g.shape[-1]
     step = np.zeros(g.shape)  # zeros_like takes ten times as long
-    for matrix, right, result in zip(H, g, step):
+    for matrix, right, result in zip(H.reshape(-1, n, n), g.reshape(-1, n), step.reshape(-1, n)):
         _, solution, failed = lapack.dposv(matrix.T, right, overwrite_a=1)
         if not failed:  # else it stays where it is
             result[:] = solution

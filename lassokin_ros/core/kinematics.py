@@ -10,6 +10,7 @@ Functions take leading batch axes (hypotheses, people) where shapes are written 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,6 +19,7 @@ import numpy as np
 from lassokin_ros.core.landmarks import Layout
 from lassokin_ros.core.rotations import exponential, hat
 from lassokin_ros.core.skeleton import Skeleton
+from lassokin_ros.core.together import gathered
 
 _IDENTITY = np.eye(3)
 
@@ -67,6 +69,11 @@ class Kinematics:
         self.joint_count, self.landmark_count = n, len(layout.names)
         self._live = np.flatnonzero(self.live)
         self._live_reach = np.ascontiguousarray(self._row_reach[:, self._live].T)
+
+    @staticmethod
+    def together(several: Sequence[Kinematics]) -> Kinematics:
+        """Of several people, whose skeletons differ in lengths alone: for states (people, k, ...)."""
+        return gathered(several, "_vectors")
 
     def reshape(self, skeleton: Skeleton) -> None:
         """Take over the lengths of a skeleton that is otherwise the same (same tree, same landmarks)."""

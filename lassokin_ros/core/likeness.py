@@ -62,15 +62,23 @@ class Likeness:
         """How many times the least that is ever learned, 1 or more."""
         return self.deviation / (LEAST * self._height)
 
+    @property
+    def _every(self) -> float:
+        """s from one measurement to the next."""
+        return max(SOONEST, SHARE * self._known)
+
+    def due(self, stamp: float) -> bool:
+        """Whether the frame of this stamp, s, is to be used."""
+        return stamp - self._measured_at >= self._every
+
     def advance(self, stamp: float, problem: Lasso, omega: np.ndarray, weights: np.ndarray, depth: float) -> None:
         """Use a tracked frame: its lasso, of which the first rows are the image's, and the Omega that solves it.
 
         stamp: s; omega: (n,) rad; weights: (l,), 1 / standard deviation in normalised units, 0 = missing; depth: m.
         """
-        every = max(SOONEST, SHARE * self._known)
-        step = min(stamp - self._measured_at, 2 * every)
-        if step < every:
+        if not self.due(stamp):
             return
+        step = min(stamp - self._measured_at, 2 * self._every)
         self._measured_at = stamp
         seen = weights > 0
         free = _free(problem, len(weights))[seen]

@@ -23,44 +23,49 @@ class LimbPrior:
         self._places, self._angles = places, 3 * t
         gaussian = np.zeros((h, 3 * t, 3 * t))
         #: C m = fixed - linear theta, theta of all the prior's joints.
-        self._fixed, self._linear = np.zeros((h, 3 * t)), np.zeros((h, 3 * t, prior.W.shape[1]))
+        self._fixed, linear = np.zeros((h, 3 * t)), np.zeros((h, 3 * t, prior.W.shape[1]))
         limits = []
         for limb in range(h):
             mine = np.flatnonzero(np.repeat(known[limb], 3))
             columns = (3 * places[limb][:, None] + np.arange(3)).reshape(-1)[mine]
             Q, C = np.linalg.qr(prior.W[:, columns])
             gaussian[limb][np.ix_(mine, mine)] = C
-            self._linear[limb, mine] = Q.T @ prior.W
-            self._linear[limb][np.ix_(mine, columns)] -= C
+            linear[limb, mine] = Q.T @ prior.W
+            linear[limb][np.ix_(mine, columns)] -= C
             self._fixed[limb, mine] = Q.T @ prior.whitened_mean
             rows = np.flatnonzero(prior.limits[:, columns].any(axis=1))
             limits.append((rows, mine, prior.limits[np.ix_(rows, columns)]))
+        self._linear = np.ascontiguousarray(linear.reshape(-1, prior.W.shape[1]).T)
         self._stack(prior, gaussian, limits)
 
     def _stack(
         self, prior: PriorRows, gaussian: np.ndarray, limits: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
     ) -> None:
-        """The rows, and between which values they cost nothing: a Gaussian's two are one, and follow the body."""
+        """The rows, and between which values the limits' cost nothing; the Gaussian's value follows the body."""
         h, angles, _ = gaussian.shape
-        count = angles + max(len(rows) for rows, *_ in limits)
-        self._rows, self._low, self._high = np.zeros((h, count, angles)), np.zeros((h, count)), np.zeros((h, count))
+        most = max(len(rows) for rows, *_ in limits)
+        count = angles + most
+        self._rows, self._low, self._high = np.zeros((h, count, angles)), np.zeros((h, most)), np.zeros((h, most))
         self._rows[:, :angles] = gaussian
         for limb, (rows, mine, axes) in enumerate(limits):
-            own = angles + np.arange(len(rows))
-            self._rows[limb][np.ix_(own, mine)] = axes
+            own = np.arange(len(rows))
+            self._rows[limb][np.ix_(angles + own, mine)] = axes
             self._low[limb, own], self._high[limb, own] = prior.low[rows], prior.high[rows]
         #: (h, t, 3, r).
         self._columns = self._rows.swapaxes(-1, -2).reshape(h, -1, 3, count).copy()
 
     def linearise(self, published: Posture, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Columns (h, 3 t, r) as rows, of limbs (h, t, 3, 3); right sides (2, h, r), of those and as published."""
-        h, angles = len(rotations), self._angles
-        theta = np.empty((2, *self._places.shape, 3))
-        theta[0], theta[1] = logarithm(rotations), published.theta.take(self._places, axis=0)
-        values = (self._rows @ theta.reshape(2, h, angles, 1))[..., 0]
-        self._low[:, :angles] = self._high[:, :angles] = self._fixed - self._linear.dot(published.theta.reshape(-1))
-        z = np.minimum(np.maximum(values, self._low), self._high) - values
+        """Columns (..., h, 3 t, r) as rows of limbs (..., h, t, 3, 3); right sides (2, ..., h, r), as published."""
+        limbs, angles = rotations.shape[:-4] + self._fixed.shape, self._angles
+        theta = np.empty((2, *rotations.shape[:-1]))
+        theta[0], theta[1] = logarithm(rotations), published.theta.take(self._places, axis=-2)
+        values = (self._rows @ theta.reshape(2, *limbs, 1))[..., 0]
+        whole = published.theta.reshape(*limbs[:-2], -1)
+        between = np.empty(values.shape)
+        between[..., :angles] = self._fixed - whole.dot(self._linear).reshape(limbs)
+        between[0, ..., angles:], between[1, ..., angles:] = self._low, self._high
+        z = np.minimum(np.maximum(values, between[0]), between[1]) - values
         inner = right_jacobian_inverse(theta[0])
-        columns = (inner.swapaxes(-1, -2) @ self._columns).reshape(h, angles, -1)
-        np.copyto(columns[..., angles:], 0.0, where=z[0, :, None, angles:] == 0)
+        columns = (inner.swapaxes(-1, -2) @ self._columns).reshape(*limbs, -1)
+        np.copyto(columns[..., angles:], 0.0, where=z[0][..., None, angles:] == 0)
         return columns, z

@@ -8,10 +8,14 @@ all of them at once. One whose cost, averaged over some frames, is lower takes t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from copy import copy
+
 import numpy as np
 
 from lassokin_ros.core.balance import Balance
 from lassokin_ros.core.frame_rows import Hypotheses
+from lassokin_ros.core.initialisation import within
 from lassokin_ros.core.kinematics import BodyPose, BodyState, Kinematics, twists, wrenches
 from lassokin_ros.core.limb_prior import LimbPrior
 from lassokin_ros.core.mirroring import Mirroring
@@ -20,6 +24,8 @@ from lassokin_ros.core.projection import project_with_jacobian
 from lassokin_ros.core.robust import capped_cost, capped_weights, norm, squared_norm
 from lassokin_ros.core.rotations import exponential
 from lassokin_ros.core.small_systems import SmallSystems
+from lassokin_ros.core.together import shared
+from lassokin_ros.core.upright import Upright
 
 COUNTED_FROM = 2
 """Frames of age after which an explanation's cost counts: by then it has found its place."""
@@ -39,21 +45,21 @@ ALIKE = 0.01
 """m: distance of the limb's joints below which it has become the published one."""
 DAMPING = 1e-3
 """1/rad^2, keeps turns that nothing observes where they are."""
-LARGEST_TURN = 0.7
-"""rad: no joint's degree of freedom turns more in a frame."""
 
 
 class LimbSearch:
     """The h other explanations of one skeleton's limbs, three of each limb.
 
     A limb is a chain of joints from the trunk out. What is fixed to its last joint, a foot or a hand, stays as it is
-    published relative to that; the last joint itself turns only where landmarks show it.
+    published relative to that; the last joint itself turns only where landmarks show it. Of several people at once (see
+    `together`) all arrays have a first axis of people.
     """
 
     def __init__(self, kinematics: Kinematics, prior: PriorRows, mirroring: Mirroring, balance: Balance) -> None:
         self._kinematics, self._mirroring, self._balance = kinematics, mirroring, balance
-        #: (h, 3) joints.
+        #: (h, 3) joints, and (h,) those in whose frames the first of them turn.
         self._chains = np.array([chain for chain, _ in mirroring.variants], dtype=int).reshape(-1, 3)
+        self._trunk = kinematics.skeleton.parents[self._chains[:, 0]]
         self.count = len(self._chains)
         if self.count:
             self._find_landmarks()
@@ -62,9 +68,9 @@ class LimbSearch:
     def _find_landmarks(self) -> None:
         """(h, c) of each limb its landmarks, padded, and which of its joints, 0 to 2, carries each."""
         skeleton, joints = self._kinematics.skeleton, self._kinematics.layout.joints
-        #: (h, l): 1 where the limb carries a landmark.
         carries = skeleton.ancestors[joints][:, self._chains[:, 0]].T
-        self._carries = carries.astype(float)  # for products
+        #: (l, h): 1 where a landmark is carried by the limb.
+        self._carries = carries.T.astype(float)  # for products
         most = carries.sum(axis=1).max()
         self._landmarks = np.argsort(~carries, axis=1, kind="stable")[:, :most]
         self._real = np.take_along_axis(carries, self._landmarks, axis=1)
@@ -104,41 +110,48 @@ class LimbSearch:
         #: (h, 3, 3, 3) of each explanation the local rotations of its chain.
         self._rotations = self._mirroring.all(state).rotations[np.arange(self.count)[:, None], self._chains]
 
+    @staticmethod
+    def together(several: Sequence[LimbSearch]) -> LimbSearch:
+        """Of several people, by the vertical of each; what `advance` takes is put in their place, see `together`."""
+        whole, first = copy(several[0]), several[0]
+        whole._balance = first._balance.by(Upright.together([one._balance.upright for one in several]))
+        whole._systems = SmallSystems.of(len(several) * first.count, 3 * first._turning)
+        return whole
+
+    @shared(takes=("_rotations", "_age", "_advantage"), gives=("_rotations", "_age", "_advantage", "_apart"))
     def advance(self, published: Hypotheses, points: np.ndarray, weights: np.ndarray, image_costs: np.ndarray) -> None:
         """One Gauss-Newton step of every explanation on a frame, and its cost beside the published limb's.
 
         points: (l, 2) normalised; weights: (l,) 1 / standard deviation, 0 = missing; image_costs: (l,) the landmarks',
         as published.
         """
-        if not self.count:
-            return
         pose = self._posed(published)
         image, image_z, image_cost = self._image_rows(pose, points, weights)
-        prior, prior_z = self._limb_prior.linearise(published.posture, self._rotations[:, : self._turning])
+        turning = self._rotations[..., : self._turning, :, :]
+        prior, prior_z = self._limb_prior.linearise(published.posture, turning)
         columns = np.concatenate([image, prior], axis=-1)
         H = columns @ columns.swapaxes(-1, -2) + self._damping
         g = (columns @ np.concatenate([image_z, prior_z[0]], axis=-1)[..., None])[..., 0]
         step = self._systems.solve(H, g)
         prior_cost, published_prior_cost = 0.5 * squared_norm(prior_z)
         # What it costs after the step, by its own model.
-        cost = image_cost + prior_cost - 0.5 * (g[:, None] @ step[..., None])[:, 0, 0]
-        gain = self._carries.dot(image_costs) + published_prior_cost - cost
+        cost = image_cost + prior_cost - 0.5 * (g[..., None, :] @ step[..., None])[..., 0, 0]
+        gain = image_costs.dot(self._carries) + published_prior_cost - cost
         self._compare(gain + self._steadier(pose, published.pose))
-        step *= LARGEST_TURN / np.maximum(np.abs(step).max(axis=-1, keepdims=True), LARGEST_TURN)
-        turning = self._rotations[:, : self._turning]
-        turning[:] = turning @ exponential(step.reshape(self.count, self._turning, 3))
-        self._apart = norm(pose.positions - published.pose.positions.take(self._chains, axis=0)).max(axis=-1)
+        turning[:] = turning @ exponential(within(step).reshape(turning.shape[:-1]))
+        self._apart = norm(pose.positions - published.pose.positions.take(self._chains, axis=-2)).max(axis=-1)
 
     def _steadier(self, pose: BodyPose, published: BodyPose) -> np.ndarray:
         """(h,) how much less each explanation costs than the published pose by the body's balance."""
         balance, last = self._balance, self._chains[:, 2]
-        arms = balance.arms(published.positions).take(last, axis=0)[..., None]  # of what is fixed to the last joint
-        turned = pose.orientations[:, 2] @ (published.orientations.take(last, axis=0).swapaxes(-1, -2) @ arms)
-        moved = np.zeros((self.count + 1, 3))  # that of the published pose, last, is 0
-        np.matmul(self._shares, pose.positions - published.positions.take(self._chains, axis=0), out=moved[:-1, None])
-        moved[:-1] += (turned - arms)[..., 0]
-        costs = balance.cost(balance.offset(published.positions) + balance.horizontal(moved))
-        return costs[-1] - costs[:-1]
+        arms = balance.arms(published.positions).take(last, axis=-2)[..., None]  # of what is fixed to the last joint
+        turned = pose.orientations[..., 2, :, :] @ (published.orientations.take(last, -3).swapaxes(-1, -2) @ arms)
+        apart = pose.positions - published.positions.take(self._chains, axis=-2)
+        moved = np.zeros((*apart.shape[:-3], self.count + 1, 3))  # that of the published pose, last, is 0
+        np.matmul(self._shares, apart, out=moved[..., :-1, None, :])
+        moved[..., :-1, :] += (turned - arms)[..., 0]
+        costs = balance.cost(balance.offset(published.positions[..., None, :, :]) + balance.horizontal(moved))
+        return costs[..., -1:] - costs[..., :-1]
 
     def _compare(self, gain: np.ndarray) -> None:
         self._age += 1
@@ -184,33 +197,36 @@ class LimbSearch:
     def _posed(self, published: Hypotheses) -> BodyPose:
         """Orientations (h, 3, 3, 3) and positions (h, 3, 3) of the chains' joints, landmarks (h, c, 3)."""
         pose, rotations = published.pose, self._rotations
-        there, centres = pose.orientations.take(self._chains, axis=0), pose.positions.take(self._chains, axis=0)
-        orientation = there[:, 0] @ published.state.rotations.take(self._chains[:, 0], axis=0).swapaxes(-1, -2)
+        there, centres = pose.orientations.take(self._chains, axis=-3), pose.positions.take(self._chains, axis=-2)
+        orientation = pose.orientations.take(self._trunk, axis=-3)
         orientations = np.empty(rotations.shape)
         for joint in range(3):
-            orientation = orientations[:, joint] = orientation @ rotations[:, joint]
+            orientation = orientations[..., joint, :, :] = orientation @ rotations[..., joint, :, :]
         # What is fixed to a joint turns with it: the bone to the next one, the way to a landmark.
-        vectors = np.empty(self._turned_by.shape + (3, 1))
-        np.subtract(centres[:, 1:], centres[:, :-1], out=vectors[:, :2, :, 0])
-        landmarks, carriers = pose.landmarks.take(self._landmarks, axis=0), pose.positions.take(self._carriers, axis=0)
-        np.subtract(landmarks, carriers, out=vectors[:, 2:, :, 0])
-        turns = (orientations @ there.swapaxes(-1, -2)).reshape(-1, 3, 3).take(self._turned_by, axis=0)
+        people = rotations.shape[:-4]
+        vectors = np.empty((*people, *self._turned_by.shape, 3, 1))
+        np.subtract(centres[..., 1:, :], centres[..., :-1, :], out=vectors[..., :2, :, 0])
+        landmarks, carriers = pose.landmarks.take(self._landmarks, -2), pose.positions.take(self._carriers, -2)
+        np.subtract(landmarks, carriers, out=vectors[..., 2:, :, 0])
+        turns = (orientations @ there.swapaxes(-1, -2)).reshape(*people, -1, 3, 3).take(self._turned_by, axis=-3)
         places = self._sums @ (turns @ vectors)[..., 0]
-        places += centres[:, :1]
-        return BodyPose(orientations, places[:, :3], places[:, 3:])
+        places += centres[..., :1, :]
+        return BodyPose(orientations, places[..., :3, :], places[..., 3:, :])
 
     def _image_rows(
         self, pose: BodyPose, points: np.ndarray, weights: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The image's columns (h, 3 t, 2 c) as rows, right sides (h, 2 c), and robust cost (h,)."""
         places, F = project_with_jacobian(pose.landmarks)
-        error = points.take(self._landmarks, axis=0) - places
-        weight = weights.take(self._landmarks) * self._real
+        error = points.take(self._landmarks, axis=-2) - places
+        weight = weights.take(self._landmarks, axis=-1) * self._real
         size = norm(error) * weight
         weight = weight * np.sqrt(capped_weights(size))
         F *= weight[..., None, None]
         error *= weight[..., None]
-        turning = BodyPose(pose.orientations[:, : self._turning], pose.positions[:, : self._turning], pose.landmarks)
-        columns = twists(turning, turning.orientations) @ wrenches(pose, F.reshape(self.count, -1, 3)).swapaxes(-1, -2)
+        joints = slice(0, self._turning)
+        turning = BodyPose(pose.orientations[..., joints, :, :], pose.positions[..., joints, :], pose.landmarks)
+        rows = F.reshape(*F.shape[:-3], -1, 3)
+        columns = twists(turning, turning.orientations) @ wrenches(pose, rows).swapaxes(-1, -2)
         columns *= self._reach
-        return columns, error.reshape(self.count, -1), capped_cost(size).dot(self._ones)
+        return columns, error.reshape(rows.shape[:-1]), capped_cost(size).dot(self._ones)

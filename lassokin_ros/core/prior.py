@@ -11,6 +11,7 @@ priors/joint_limits.yaml: zero inside the range of motion, a spring of `LIMIT_SP
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
 from typing import Any, Mapping
@@ -21,6 +22,7 @@ from lassokin_ros.core.errors import LayoutError, SkeletonError
 from lassokin_ros.core.kinematics import Kinematics
 from lassokin_ros.core.rotations import logarithm, right_jacobian, right_jacobian_inverse
 from lassokin_ros.core.skeleton import Skeleton
+from lassokin_ros.core.together import gathered
 from lassokin_ros.core.yaml_files import load_mapping
 
 LIMIT_SPREAD = 0.05
@@ -127,6 +129,11 @@ class PriorRows:
         #: Its degrees of freedom are the live ones from this on: those before are the root's.
         self.first = int(np.count_nonzero(live[root]))
         self._live = np.flatnonzero(live[self.joints].reshape(-1))
+
+    @staticmethod
+    def together(several: Sequence[PriorRows]) -> PriorRows:
+        """Of several people, each about their own mean: for rotations (people, k, ...)."""
+        return gathered(several, "whitened_mean")
 
     def move(self, mean: np.ndarray) -> None:
         """Be about another mean (k,) from now on; what was made of postures before is no longer right."""

@@ -5,12 +5,21 @@ For 12 of 6 unknowns this takes half the time of numpy's batched solve, most of 
 
 from __future__ import annotations
 
+import math
+from functools import lru_cache
+
 import numpy as np
 from scipy.linalg import lapack
 
 
 class SmallSystems:
     """h systems of n unknowns."""
+
+    @staticmethod
+    @lru_cache(maxsize=32)
+    def of(h: int, n: int) -> SmallSystems:
+        """The same again and again, for numbers that change."""
+        return SmallSystems(h, n)
 
     def __init__(self, h: int, n: int) -> None:
         diagonal, column = np.arange(n), np.arange(h * n)[:, None]
@@ -19,16 +28,15 @@ class SmallSystems:
         #: (h n, n): of column j of the whole matrix the entries i, j from i = j on, by their places in (h, n, n).
         self._places = np.where(inside, row * n + column % n, 0)
         self._inside = inside.astype(float)
-        self._shape = h, n
 
     def solve(self, H: np.ndarray, g: np.ndarray) -> np.ndarray:
-        """(h, n) with H x = g, of symmetric H (h, n, n), g (h, n).
+        """(..., n) with H x = g, of symmetric H (..., n, n), g (..., n), h in all.
 
         Raises numpy.linalg.LinAlgError where a matrix has no inverse.
         """
         band = H.take(self._places)
         band *= self._inside
         _, solution, failed = lapack.dpbsv(band.T, g.reshape(-1), lower=1, overwrite_ab=1)
-        if failed or not np.isfinite(solution.sum()):  # in a band, one that goes wrong spoils its neighbours
+        if failed or not math.isfinite(solution.sum()):  # in a band, one that goes wrong spoils its neighbours
             return np.linalg.solve(H, g[..., None])[..., 0]
-        return np.asarray(solution).reshape(self._shape)
+        return np.asarray(solution).reshape(g.shape)

@@ -9,12 +9,13 @@ lies down, lies down.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from lassokin_ros.core.robust import squared_norm
 from lassokin_ros.core.rotations import exponential, hat
+from lassokin_ros.core.together import gathered
 
 SPREAD = 0.12
 """rad: standard deviation of the lean."""
@@ -45,6 +46,11 @@ class Upright:
 
     def __init__(self, roll: float = 0.0, pitch: float = 0.0) -> None:
         self.mounted(roll, pitch)
+
+    @staticmethod
+    def together(several: Sequence[Upright]) -> Upright:
+        """Of several people, each with the vertical that was learned from them: for roots (people, k, 3, 3)."""
+        return gathered(several, "vertical")
 
     def mounted(self, roll: float, pitch: float) -> None:
         """Believe in a camera mounted like that, see `vertical_of`, and forget what was learned."""
