@@ -26,6 +26,7 @@ STAGES = {
     "solve: mend on the support": "lasso:mend",
     "solve: certify": "lasso:certify",
     "challengers: a step": "challengers:Challengers.advance",
+    "challengers: weigh": "challengers:Challengers.weigh",
     "challengers: compare, renew": "challengers:Challengers.compete",
     "limbs: a step": "limb_search:LimbSearch.advance",
     "limbs: exchange, renew": "limb_search:LimbSearch.exchange",

@@ -14,6 +14,7 @@ from lassokin_ros.core.estimate import Estimate, Observation, Status
 from lassokin_ros.core.joint_angles import JointAngleReader
 from lassokin_ros.core.projection import project
 from lassokin_ros.core.skeleton import Skeleton
+from lassokin_ros.core.together import Steps, alone, side_by_side
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.frame import Frame
 from lassokin_ros.lens import Lens
@@ -69,27 +70,20 @@ class Body:
         What is now to be published, and last, when this detection is refused, the frame that says why. Without
         `smoothing_lag` that is this detection's frame and no other.
         """
-        observation, frame = self._begun(stamp_ns, frame_id, seen, lens, person)
-        return self._answered(stamp_ns, observation, self.tracker.track(observation), frame)
+        return alone(self._steps(stamp_ns, frame_id, seen, lens, person))
 
     @staticmethod
     def track_together(
         bodies: Mapping[str, Body], stamp_ns: int, frame_id: str, seen: Sequence[Detection], lens: Lens
     ) -> list[list[Frame]]:
-        """`track` for several people at once, by their ids, and what is seen of each."""
-        people = zip(bodies.items(), seen)
-        begun = [body._begun(stamp_ns, frame_id, one, lens, person) for (person, body), one in people]
-        trackers, observations = [body.tracker for body in bodies.values()], [observation for observation, _ in begun]
-        estimates = Tracker.track_together(trackers, observations)
-        return [
-            body._answered(stamp_ns, observation, estimate, frame)
-            for body, (observation, frame), estimate in zip(bodies.values(), begun, estimates)
-        ]
+        """`track` for several people at once, by their ids, and what is seen of each; see `side_by_side` for errors."""
+        people = zip(bodies.items(), seen, strict=True)
+        return side_by_side([body._steps(stamp_ns, frame_id, one, lens, person) for (person, body), one in people])
 
-    def _begun(
+    def _steps(
         self, stamp_ns: int, frame_id: str, seen: Detection, lens: Lens, person: str
-    ) -> tuple[Observation, Callable[..., Frame]]:
-        """What the tracker is to see, and what makes the frame of its answer."""
+    ) -> Steps[list[Frame]]:
+        """What `track` does."""
         if self._origin_ns is None:
             self._origin_ns = stamp_ns
         seconds = (stamp_ns - self._origin_ns) * 1e-9
@@ -103,12 +97,8 @@ class Body:
             lens=lens,
             skeleton=self.tracker.skeleton,  # this frame's: calibration's new lengths count from the next one on
         )
-        return Observation(seconds, seen.points, seen.confidence, lens.focal), frame
-
-    def _answered(
-        self, stamp_ns: int, observation: Observation, estimate: Estimate, frame: Callable[..., Frame]
-    ) -> list[Frame]:
-        """The frames that are due with the tracker's answer."""
+        observation = Observation(seconds, seen.points, seen.confidence, lens.focal)
+        estimate = yield from self.tracker.steps(observation)
         self.status = estimate.status
         if estimate.rejection is not None:
             if self.seen_ns is None:

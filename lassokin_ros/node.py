@@ -166,9 +166,9 @@ class TrackerNode(Node):
         """
         started = time.monotonic()
         clock: Any = self.get_clock()  # a ROSClock, which rclpy's type hints do not know
-        arrival_ns = clock.now().nanoseconds
-        if received_ns and not clock.ros_time_is_active:  # messages that have waited did not come all at once
-            arrival_ns = received_ns
+        # Messages that have waited did not come all at once.
+        waited = received_ns and not clock.ros_time_is_active
+        arrival_ns = received_ns if waited else clock.now().nanoseconds
         try:
             frames = (frames_in or self._pipeline.frames)(message, arrival_ns)
             self._publish(frames)

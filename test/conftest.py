@@ -11,7 +11,7 @@ os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-REAL = re.compile(r'^from (live|archives) import|importorskip\("rclpy"', re.MULTILINE)
+REAL = re.compile(r'^\s*from (live|archives) import|importorskip\("rclpy', re.MULTILINE)
 """In the text of tests that run nodes, or commands that work on all cores."""
 
 

@@ -9,7 +9,7 @@ from cases import FACING, body, central_difference, random_body, relative_error
 from sequences import CONFIG, observations
 
 from lassokin_ros.core.frame_rows import FrameRows
-from lassokin_ros.core.initialisation import Initialiser
+from lassokin_ros.core.initialisation import Initialiser, within
 from lassokin_ros.core.kinematics import BodyState
 from lassokin_ros.core.landmarks import Layout
 from lassokin_ros.core.limb_search import MARGIN, OLD_ENOUGH, LimbSearch
@@ -246,3 +246,9 @@ def test_what_no_landmark_shows_stays_at_the_mean(tmp_path, hidden, seed):
     mean = exponential(PosePrior.load(skeleton).mean)[dead]
     for _, observation in observations(tracker, 9.0, seed=seed):
         assert np.allclose(tracker.track(observation).solved.rotations[dead], mean, atol=1e-9)
+
+
+def test_a_turn_that_is_too_large_is_made_smaller_as_a_whole():
+    turns = np.array([[[0.1, -0.2, 0.3]], [[1.4, -0.7, 0.0]]])
+    held = within(turns.copy())
+    assert np.array_equal(held[0], turns[0]) and np.allclose(held[1], 0.5 * turns[1])

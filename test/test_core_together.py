@@ -8,6 +8,7 @@ from sequences import CONFIG, observations
 
 from lassokin_ros.core import together
 from lassokin_ros.core.challengers import Challengers
+from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.frame_rows import FrameRows
 from lassokin_ros.core.limb_search import LimbSearch
 from lassokin_ros.core.skeleton import Skeleton
@@ -36,14 +37,42 @@ def without_points(observation):
     return replace(observation, points=np.full_like(observation.points, np.nan))
 
 
-def test_each_is_answered_as_if_alone():
+KEPT = {
+    "_challengers": ("_everyone", "_age", "_advantage", "_costs", "image_costs", "_increments", "_linearised"),
+    "_limbs": ("_rotations", "_age", "_advantage", "_apart"),
+    "_upright": ("vertical",),
+}
+
+
+def arrays(value):
+    """All arrays of what a tracker keeps."""
+    if value is None or isinstance(value, np.ndarray):
+        return [] if value is None else [value]
+    return [array for part in vars(value).values() for array in arrays(part)]
+
+
+def kept(tracker):
+    """The arrays from which the next frame goes on, by name."""
+    for part, names in KEPT.items():
+        for name in names:
+            if hasattr(getattr(tracker, part), name):
+                for array in arrays(getattr(getattr(tracker, part), name)):
+                    yield name, array
+
+
+def test_each_is_answered_as_if_alone_and_goes_on_as_if_alone():
     trackers, frames = people()
     others, _ = people()
     accepted, exchanged = 0, 0
+    ages = set()
     for frame in frames:
         before = [tracker.state for tracker in others]
         answers = Tracker.track_together(trackers, frame)
         expected = [tracker.track(seen) for tracker, seen in zip(others, frame)]
+        ages.add(len({tracker._challengers._age[0] for tracker in others if tracker.state is not None}))
+        for mine, theirs in zip(trackers, others):
+            for (name, a), (_, b) in zip(kept(mine), kept(theirs), strict=True):
+                assert a.shape == b.shape and np.allclose(a, b, rtol=1e-5, atol=1e-5), name
         exchanged += sum(o._successor is not None and b is not None for o, b in zip(others, before))
         for answer, one in zip(answers, expected):
             assert (answer.rejection, answer.status, answer.initialised) == (one.rejection, one.status, one.initialised)
@@ -56,6 +85,7 @@ def test_each_is_answered_as_if_alone():
     assert accepted > 250 and exchanged > 1
     assert all(np.allclose(a.skeleton.offsets, b.skeleton.offsets) for a, b in zip(trackers, others))
     assert not np.allclose(trackers[1].skeleton.offsets, trackers[0].skeleton.offsets)
+    assert max(ages) > 2 and np.ptp([tracker._upright.vertical for tracker in others], axis=0).max() > 0.01
 
 
 def test_what_all_have_to_compute_is_computed_at_once(monkeypatch):
@@ -115,6 +145,15 @@ def test_an_error_in_one_leaves_the_others_as_they_would_be(monkeypatch, method)
 
 def test_nobody_at_all():
     assert Tracker.track_together([], []) == []
+
+
+def test_who_cannot_go_together_is_said():
+    trackers, frames = people(4)
+    with pytest.raises(ValueError, match="argument 2 is shorter"):
+        Tracker.track_together(trackers, frames[0][:2])
+    unlike = Tracker(replace(CONFIG, landmarks="h36m17"))
+    with pytest.raises(ConfigurationError, match="one layout"):
+        Tracker.track_together([trackers[0], unlike], frames[0][:2])
 
 
 @dataclass(eq=False)

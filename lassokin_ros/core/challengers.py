@@ -108,7 +108,7 @@ class Challengers:
         weights = weights[..., None, :] / factor
         rows = self._rows.linearise(self._everyone, points[..., None, :, :], weights, self._robust)
         self._linearised = Rows(rows.columns[..., :-1, :, :], rows.z[..., :-1, :])
-        # Alone: who keeps these does not keep all.
+        # A copy: who keeps these does not keep the challengers'.
         return Rows(rows.columns[..., -1, :, :].copy(), rows.z[..., -1, :].copy())
 
     def _robust(self, size: np.ndarray) -> np.ndarray:
@@ -126,7 +126,7 @@ class Challengers:
         omegas, steps = self._initialiser.step(self._linearised, steady * (0.5 * alpha**2)[..., None, :])
         self._increments = np.concatenate([omegas, omega[..., None, :]], axis=-2)
         moved = self._everyone.state.retract(self._increments, np.concatenate([steps, x[..., None, :]], axis=-2))
-        in_front(BodyState(moved.rotations, moved.translation[..., :-1, :]))
+        in_front(moved.translation[..., :-1, :])
         moved.rotations[..., -1, :, :, :] = orthonormalised(moved.rotations[..., -1, :, :, :])
         self._everyone = self._rows.hypotheses(moved)
         return BodyState(moved.rotations[..., -1, :, :, :], moved.translation[..., -1, :])

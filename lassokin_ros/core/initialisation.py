@@ -125,7 +125,8 @@ class Initialiser:
         for factor, iterations in schedule:
             for _ in range(iterations):
                 rows = self._rows.linearise(self._rows.hypotheses(states), points, weights / factor, capped_weights)
-                states = in_front(states.retract(*self.step(rows)))
+                states = states.retract(*self.step(rows))
+                in_front(states.translation)
         return Fit(states, self._rows.cost(self._rows.hypotheses(states), points, weights))
 
     def start(self, side: int, stance: int, points: np.ndarray, weights: np.ndarray) -> BodyState:
@@ -193,10 +194,9 @@ def _joined(fits: Sequence[Fit]) -> Fit:
     return Fit(BodyState(rotations, translation), np.concatenate([fit.costs for fit in fits]))
 
 
-def in_front(states: BodyState) -> BodyState:
-    """The states, which are changed, with all depths at least `NEAREST`."""
-    np.maximum(states.translation[..., 2], NEAREST, out=states.translation[..., 2])
-    return states
+def in_front(translation: np.ndarray) -> None:
+    """Change translations (..., 3) m: all depths are at least `NEAREST` from now on."""
+    np.maximum(translation[..., 2], NEAREST, out=translation[..., 2])
 
 
 def _solved(H: np.ndarray, g: np.ndarray) -> np.ndarray:

@@ -23,6 +23,7 @@ from lassokin_ros.core.calibration import Calibration
 from lassokin_ros.core.certificate import Certificate
 from lassokin_ros.core.challengers import Challengers
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.estimate import Estimate, Observation, Rejection, Status
 from lassokin_ros.core.fixed_lag import FixedLag
 from lassokin_ros.core.frame_rows import FrameRows, Hypotheses
@@ -136,19 +137,22 @@ class Tracker:
 
     def track(self, observation: Observation) -> Estimate:
         """Use one observation. Never raises for what a detector may send: see `Estimate.rejection`."""
-        return alone(self._step(observation))
+        return alone(self.steps(observation))
 
     @staticmethod
     def track_together(trackers: Sequence[Tracker], observations: Sequence[Observation]) -> list[Estimate]:
         """Use one observation with each of several trackers, which is quicker than one after another.
 
-        They are alike: of one configuration, and of skeletons of one tree. Their answers are those of `track`, but for
-        rounding.
+        Their answers are those of `track`, but for rounding. Raises ConfigurationError for trackers of unlike layouts
+        or trees of joints.
         """
-        return side_by_side([tracker._step(seen) for tracker, seen in zip(trackers, observations)])
+        if len({(tracker.layout.names, tracker.skeleton.parents.tobytes()) for tracker in trackers}) > 1:
+            raise ConfigurationError("trackers that go together must have one layout and one tree of joints")
+        pairs = zip(trackers, observations, strict=True)
+        return side_by_side([tracker.steps(observation) for tracker, observation in pairs])
 
-    def _step(self, observation: Observation) -> Steps[Estimate]:
-        """What is done with an observation."""
+    def steps(self, observation: Observation) -> Steps[Estimate]:
+        """What `track` does, to be run by itself or beside others of its kind, see `together`."""
         config = self.config
         rejection, weights = admitted(observation, self._sightings.newest, self.layout, config)
         if rejection is not None:
