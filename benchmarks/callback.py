@@ -21,6 +21,7 @@ from benchmarks.stages import Clock, percentiles
 from lassokin_ros import topics
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Observation
+from lassokin_ros.core.together import Steps, alone
 from lassokin_ros.frame_messages import FrameMessages
 from lassokin_ros.node_config import NodeConfig
 from lassokin_ros.pipeline import Pipeline
@@ -94,7 +95,15 @@ def _nodes() -> Iterator[list[Any]]:
 def _clock(node: Any) -> Clock:
     """On the step of a node's tracker."""
     clock, tracker = Clock(), node._pipeline.tracker
-    tracker.track = clock.around(tracker.track)
+    original = tracker.steps
+    track = clock.around(lambda observation: alone(original(observation)))
+
+    def steps(observation: Observation) -> Steps[Any]:
+        """All of it at once: there is nobody beside whom to go."""
+        return track(observation)
+        yield
+
+    tracker.steps = steps
     return clock
 
 
