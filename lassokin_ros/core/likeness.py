@@ -72,12 +72,10 @@ class Likeness:
         return stamp - self._measured_at >= self._every
 
     def advance(self, stamp: float, problem: Lasso, omega: np.ndarray, weights: np.ndarray, depth: float) -> None:
-        """Use a tracked frame: its lasso, of which the first rows are the image's, and the Omega that solves it.
+        """Use a tracked frame that is due: its lasso, whose first rows are the image's, and the Omega that solves it.
 
         stamp: s; omega: (n,) rad; weights: (l,), 1 / standard deviation in normalised units, 0 = missing; depth: m.
         """
-        if not self.due(stamp):
-            return
         step = min(stamp - self._measured_at, 2 * self._every)
         self._measured_at = stamp
         seen = weights > 0

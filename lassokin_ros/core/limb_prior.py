@@ -55,7 +55,10 @@ class LimbPrior:
         self._columns = self._rows.swapaxes(-1, -2).reshape(h, -1, 3, count).copy()
 
     def linearise(self, published: Posture, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Columns (..., h, 3 t, r) as rows of limbs (..., h, t, 3, 3); right sides (2, ..., h, r), as published."""
+        """Columns (..., h, 3 t, r) as rows, and right sides (2, ..., h, r), the limbs' and as published.
+
+        published: the whole body's; rotations: (..., h, t, 3, 3), the limbs'.
+        """
         limbs, angles = rotations.shape[:-4] + self._fixed.shape, self._angles
         theta = np.empty((2, *rotations.shape[:-1]))
         theta[0], theta[1] = logarithm(rotations), published.theta.take(self._places, axis=-2)

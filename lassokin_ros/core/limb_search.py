@@ -57,9 +57,8 @@ class LimbSearch:
 
     def __init__(self, kinematics: Kinematics, prior: PriorRows, mirroring: Mirroring, balance: Balance) -> None:
         self._kinematics, self._mirroring, self._balance = kinematics, mirroring, balance
-        #: (h, 3) joints, and (h,) those in whose frames the first of them turn.
+        #: (h, 3) joints.
         self._chains = np.array([chain for chain, _ in mirroring.variants], dtype=int).reshape(-1, 3)
-        self._trunk = kinematics.skeleton.parents[self._chains[:, 0]]
         self.count = len(self._chains)
         if self.count:
             self._find_landmarks()
@@ -198,7 +197,8 @@ class LimbSearch:
         """Orientations (h, 3, 3, 3) and positions (h, 3, 3) of the chains' joints, landmarks (h, c, 3)."""
         pose, rotations = published.pose, self._rotations
         there, centres = pose.orientations.take(self._chains, axis=-3), pose.positions.take(self._chains, axis=-2)
-        orientation = pose.orientations.take(self._trunk, axis=-3)
+        first = published.state.rotations.take(self._chains[:, 0], axis=-3)
+        orientation = there[..., 0, :, :] @ first.swapaxes(-1, -2)
         orientations = np.empty(rotations.shape)
         for joint in range(3):
             orientation = orientations[..., joint, :, :] = orientation @ rotations[..., joint, :, :]

@@ -59,8 +59,8 @@ def alone(steps: Steps[T]) -> T:
 def side_by_side(several: Sequence[Steps[T]]) -> list[T]:
     """Everybody's, in their order: who comes to another kind of work waits for those who still have the one before.
 
-    An error in one of them is raised when all the others have ended: they are left as they would be without that one.
-    (Of several errors it is the first.)
+    An error in one of them, the first, is raised when all the others have ended: they are left as they would be
+    without that one.
     """
     ended: dict[int, T] = {}
     errors: list[Exception] = []
