@@ -75,15 +75,15 @@ def _promises(people: int, hz: float, memory_mb: float, cpu: float) -> list[Reco
 
 
 def _core_share(people: int, hz: float) -> float:
-    """% of a core that the core's steps alone take for these people: processor time of a step, times steps per s."""
-    body, seen = Body(TrackerConfig(height=HEIGHT, landmarks=LANDMARKS)), view(0, STEPS, hz, 1)
-    lens, times = WEBCAM.lens, []
-    for number, (pixels, confidence) in enumerate(zip(seen.pixels[:, 0], seen.confidence[:, 0])):
-        found = Detection(lens.normalise(pixels), confidence)
+    """% of a core that the core's steps alone take for these people: processor time of a message, times those per s."""
+    bodies = {f"p{person}": Body(TrackerConfig(height=HEIGHT, landmarks=LANDMARKS)) for person in range(people)}
+    lens, times, seen = WEBCAM.lens, [], view(0, STEPS, hz, people)
+    for number, message in enumerate(zip(seen.pixels, seen.confidence)):
+        found = [Detection(lens.normalise(pixels), confidence) for pixels, confidence in zip(*message)]
         start = time.thread_time()
-        body.track(round(number * 1e9 / hz), "", found, lens)
+        Body.track_together(bodies, round(number * 1e9 / hz), "", found, lens)
         times.append(time.thread_time() - start)
-    return 100 * float(np.mean(times[1:])) * people * hz
+    return 100 * float(np.mean(times[1:])) * hz
 
 
 def _messages(people: int, hz: float) -> list[bytes]:
