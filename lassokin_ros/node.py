@@ -19,6 +19,7 @@ from lassokin_ros import topics
 from lassokin_ros.absent_input import AbsentInput
 from lassokin_ros.body_topics import BodyTopics
 from lassokin_ros.calibration_figures import averaged_sides
+from lassokin_ros.camera_info_input import CameraInfoInput
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.estimate import Status
 from lassokin_ros.diagnostics import Diagnostics
@@ -30,6 +31,7 @@ from lassokin_ros.parameters import LiveParameters, Settings, declare, unknown_p
 from lassokin_ros.per_body_pipeline import PerBodyPipeline
 from lassokin_ros.person_outputs import PeopleOutputs, PersonOutputs, advertise, message_class
 from lassokin_ros.pipeline import Pipeline
+from lassokin_ros.polled import SimulatedTime
 from lassokin_ros.skeleton_file import save_all
 from lassokin_ros.throttle import Throttle
 from msg_adapters.backends import RclpyBackend
@@ -39,7 +41,6 @@ from msg_adapters.registry import ADAPTERS, full_type_name
 DIAGNOSTICS_PERIOD_S = 1.0
 LOOK_PERIOD_S = 0.25
 """s: an absence that no message tells is noticed within twice this."""
-CAMERA_INFO_DEPTH = 1
 
 
 class TrackerNode(Node):
@@ -83,16 +84,15 @@ class TrackerNode(Node):
 
     def _listen(self, config: NodeConfig) -> None:
         """Subscriptions, services, timer and the watch on the clock."""
-        subscribe = partial(
-            self.create_subscription, qos_overriding_options=QoSOverridingOptions.with_default_policies()
+        self._simulated_time = SimulatedTime(self)
+        self._camera_info = CameraInfoInput(
+            self,
+            known=lambda: self._pipeline.has_camera,
+            on_any=lambda: self._diagnostics.saw_camera(time.monotonic()),
+            on_new=self._on_camera_info,
+            on_error=partial(self._count_internal_error, "a camera_info message"),
         )
-        subscribe(
-            message_class(topics.CAMERA_INFO_TYPE),
-            topics.CAMERA_INFO,
-            self._on_camera_info,
-            _sensor_data(CAMERA_INFO_DEPTH),
-        )
-        self._kept_camera_info = KeptCameraInfo(self, self._on_camera_info)
+        self._kept_camera_info = KeptCameraInfo(self, self._camera_info.take)
         self._bodies = None
         if isinstance(self._pipeline, PerBodyPipeline):
             qos = _sensor_data(config.queue_depth)
@@ -100,7 +100,13 @@ class TrackerNode(Node):
         else:
             on_keypoints: Any = self._on_keypoints  # with message_info, which rclpy's type hints do not know
             kind, qos = message_class(config.keypoints_type), _sensor_data(self._inbox.reserve)
-            self._keypoints = subscribe(kind, topics.KEYPOINTS, on_keypoints, qos)
+            self._keypoints = self.create_subscription(
+                kind,
+                topics.KEYPOINTS,
+                on_keypoints,
+                qos,
+                qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            )
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/set_enabled", self._on_set_enabled)
         self.create_service(Trigger, "~/save_skeleton", self._on_save_skeleton)
@@ -120,17 +126,19 @@ class TrackerNode(Node):
             kind = full_type_name(config.keypoints_type)
             self._absent_keypoints = AbsentInput(self, topics.KEYPOINTS, kind, ADAPTERS, now)
 
-    def _on_camera_info(self, message: Any) -> None:
-        self._diagnostics.saw_camera(time.monotonic())
-        try:
-            reason = self._pipeline.set_camera(message)
-        except Exception as error:  # as with keypoints: no message ends the node
-            self._count_internal_error("a camera_info message", error)
-            return
+    def _catch_up(self) -> None:
+        """Read what wakes nobody: the time, where it is simulated, and the camera."""
+        self._simulated_time.poll()
+        self._camera_info.poll()
+
+    def _on_camera_info(self, message: Any) -> bool:
+        reason = self._pipeline.set_camera(message)
         if reason is not None:
             self._camera_warning.say(reason, f"camera_info refused: {self._pipeline.camera_fault}")
+        return reason is None
 
     def _on_keypoints(self, message: Any, info: Mapping[str, Any]) -> None:
+        self._catch_up()
         taken = [(message, info), *self._waiting()]
         waiting = [((message, info.get("received_timestamp", 0)), info) for message, info in taken]
         for chosen, received_ns in self._inbox.choose(waiting, self._keypoints.get_publisher_count()):
@@ -155,6 +163,7 @@ class TrackerNode(Node):
 
     def _on_body(self, person: str, message: Any) -> None:
         assert isinstance(self._pipeline, PerBodyPipeline)
+        self._catch_up()
         self.work_on(message, partial(self._pipeline.frames_of, person))
 
     def work_on(
@@ -213,10 +222,11 @@ class TrackerNode(Node):
                 self.get_logger().warning(words)
 
     def _look_who_is_there(self) -> None:
-        """People leave though no message says so, see Pipeline.presence_at.
+        """A camera_info comes though no keypoints do, people leave though no message says so: see presence_at.
 
         They are missed as of the last look: while the node itself is held up, messages wait that it has not read.
         """
+        self._catch_up()
         self._as_of_ns, self._looked_ns = self._looked_ns, self.get_clock().now().nanoseconds
         ids = self._pipeline.presence_at(self._as_of_ns).ids
         if self._people is not None and ids is not None:

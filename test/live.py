@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import rclpy
@@ -13,6 +14,7 @@ from messages import FRAME, camera_info, cloud
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
@@ -56,6 +58,25 @@ class NodeProcess:
     def __exit__(self, *_):
         if self.process.poll() is None:
             self.stop(signal.SIGINT)
+
+
+@contextmanager
+def node_in_this_process(namespace, **settings):
+    """(node, function that serves its next callback): nothing is worked on while it is not called."""
+    from lassokin_ros.node import TrackerNode
+
+    context = rclpy.Context()
+    rclpy.init(context=context, signal_handler_options=NO_HANDLERS)
+    overrides = [Parameter(name, value=value) for name, value in settings.items()]
+    node = TrackerNode(context=context, namespace=namespace, parameter_overrides=overrides)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    try:
+        yield node, lambda: executor.spin_once(timeout_sec=0.05)
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        context.try_shutdown()
 
 
 class Peer:

@@ -15,7 +15,17 @@ import pytest
 
 rclpy = pytest.importorskip("rclpy")
 
-from live import BACKEND, NO_HANDLERS, START_NS, NodeProcess, Peer, complaints, stamp_of, values_of  # noqa: E402
+from live import (  # noqa: E402
+    BACKEND,
+    NO_HANDLERS,
+    START_NS,
+    NodeProcess,
+    Peer,
+    complaints,
+    node_in_this_process,
+    stamp_of,
+    values_of,
+)
 from messages import camera_info, cloud, multi_array, pixels_of_motion  # noqa: E402
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue  # noqa: E402
 from rcl_interfaces.srv import SetParameters  # noqa: E402
@@ -292,28 +302,6 @@ def test_a_callback_that_fails_does_not_end_the_node():
     node.destroy_node()
 
 
-@contextmanager
-def node_in_this_process(namespace, **settings):
-    """(node, function that serves its next callback): nothing is worked on while it is not called."""
-    from rclpy.executors import SingleThreadedExecutor
-    from rclpy.parameter import Parameter as Setting
-
-    from lassokin_ros.node import TrackerNode
-
-    context = rclpy.Context()
-    rclpy.init(context=context, signal_handler_options=NO_HANDLERS)
-    overrides = [Setting(name, value=value) for name, value in settings.items()]
-    node = TrackerNode(context=context, namespace=namespace, parameter_overrides=overrides)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    try:
-        yield node, lambda: executor.spin_once(timeout_sec=0.05)
-    finally:
-        executor.shutdown()
-        node.destroy_node()
-        context.try_shutdown()
-
-
 def test_what_waits_for_the_node_is_stamped_with_the_time_at_which_it_came():
     namespace, kind = "/waiting", "std_msgs/msg/Float32MultiArray"
     with node_in_this_process(namespace, keypoints_type=kind) as (_, serve), Peer(namespace, kind) as peer:
@@ -344,7 +332,7 @@ def test_what_waits_for_the_node_is_stamped_with_the_time_at_which_it_came():
 def test_keypoints_without_a_stamp_are_said_once(monkeypatch, capfd):
     monkeypatch.setattr("lassokin_ros.throttle.PERIOD_S", 0.0)
     with node_in_this_process("/unstamped_once") as (node, _):
-        node._on_camera_info(camera_info(BACKEND))
+        node._camera_info.take(camera_info(BACKEND))
         for index, stamp_ns in enumerate((0, *(time.time_ns() + n * STEP_NS for n in range(3)))):
             node.work_on(cloud(BACKEND, stamp_ns, PIXELS[index]))
         assert node._pipeline.counts["unstamped"] == 1
