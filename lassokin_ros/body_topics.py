@@ -13,6 +13,7 @@ from rclpy.subscription import Subscription
 
 from lassokin_ros import topics
 from lassokin_ros.person_outputs import message_class
+from lassokin_ros.polled import ignore_events
 
 LIST_DEPTH = 10
 ID = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,99}")
@@ -62,3 +63,4 @@ class BodyTopics:
             topic = f"{topics.REP155_BODIES}/{person}/{topics.SKELETON2D}"
             take = partial(self._on_keypoints, person)
             self._subscriptions[person] = self._node.create_subscription(self._type, topic, take, self._qos)
+            ignore_events(self._subscriptions[person])  # its QoS matches every publisher's

@@ -31,7 +31,7 @@ from lassokin_ros.parameters import LiveParameters, Settings, declare, unknown_p
 from lassokin_ros.per_body_pipeline import PerBodyPipeline
 from lassokin_ros.person_outputs import PeopleOutputs, PersonOutputs, advertise, message_class
 from lassokin_ros.pipeline import Pipeline
-from lassokin_ros.polled import SimulatedTime
+from lassokin_ros.polled import SimulatedTime, ignore_events
 from lassokin_ros.skeleton_file import save_all
 from lassokin_ros.throttle import Throttle
 from msg_adapters.backends import RclpyBackend
@@ -63,6 +63,8 @@ class TrackerNode(Node):
         self._inbox = Inbox(settings[1].queue_depth, self._pipeline.counts)
         self._listen(settings[1])
         self._await_inputs(settings[1], time.monotonic())
+        for publisher in self.publishers:  # rclpy's own; see `advertise`
+            ignore_events(publisher)
         for line in unknown_parameters(self):
             self.get_logger().warning(line)
         if self._pipeline.tracker.averaged:
@@ -250,6 +252,8 @@ class TrackerNode(Node):
         self._absent_camera.look(now, self._diagnostics.camera_came)
         if self._absent_keypoints is not None:
             self._absent_keypoints.look(now, self._diagnostics.keypoints_came)
+            if self._diagnostics.keypoints_came:
+                ignore_events(self._keypoints)
         if presence.status is Status.TRACKING and not self._said_tracking:  # the first time: later ones are too many
             self._said_tracking = True
             self.get_logger().info("tracking")

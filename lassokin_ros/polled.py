@@ -32,14 +32,22 @@ class Unattended(CallbackGroup):
 UNATTENDED = Unattended()
 
 
+def ignore_events(endpoint: Any) -> None:
+    """Wait no longer for the events of a publisher or subscription (another endpoint's QoS or type does not match).
+
+    Each is waited for with every message, and takes as long as a subscription does.
+    """
+    for event in endpoint.event_handlers:
+        event.callback_group = UNATTENDED
+
+
 def poll(subscription: Subscription, most: int) -> None:
     """Call a subscription's callback with what has come, in its order, `most` messages of it.
 
     From now on no executor waits for it. To be called from another callback of its callback group.
     """
-    events: Any = subscription.event_handlers  # what waits for them is woken by its messages too
-    for entity in (subscription, *events):
-        entity.callback_group = UNATTENDED
+    subscription.callback_group = UNATTENDED
+    ignore_events(subscription)  # what waits for them is woken by its messages too
     handle = subscription.handle
     for _ in range(most):
         with handle:
