@@ -49,39 +49,39 @@ def theorem1_literal(problem: Lasso, x: np.ndarray, support: np.ndarray, signs: 
 
     x: (3,) m; support: indices V; signs: (len(V),) of Omega on V.
     """
-    A_V = problem.A.T.take(support, axis=0)  # in a tracker's problem, columns of A are what lies together
-    return _conditions(problem, problem.A, A_V, problem.z - problem.B @ x, support, signs)
+    A, B, reduced = problem.A, problem.B, problem.reduced
+    crossing = B.T.dot(A)
+    H = reduced.H + crossing.T.dot(reduced.Y.dot(A))  # A^T A: with what M has taken off
+    return _conditions(problem.alpha, H, (problem.z - B.dot(x)).dot(A), crossing, support, signs)
 
 
 def theorem1_projected(problem: Lasso, support: np.ndarray, signs: np.ndarray) -> RecoveryConditions:
     """Conditions 1-3 with the translation eliminated: M A for A and M z for z*."""
     reduced = problem.reduced
-    A_V = reduced.A.take(support, axis=1).T
-    return _conditions(problem, reduced.A, A_V, reduced.z, support, signs)
+    return _conditions(problem.alpha, reduced.H, reduced.g, problem.B.T.dot(reduced.A), support, signs)
 
 
 def _conditions(
-    problem: Lasso, A: np.ndarray, A_V: np.ndarray, z: np.ndarray, support: np.ndarray, signs: np.ndarray
+    alpha: np.ndarray, H: np.ndarray, g: np.ndarray, crossing: np.ndarray, support: np.ndarray, signs: np.ndarray
 ) -> RecoveryConditions:
-    """For A (m, n) and z* (m,) in place of the problem's own; A_V: (v, m), the support's columns of A as rows.
+    """Of H = A^T A (n, n), g = A^T z* (n,) and crossing = B^T A (3, n), for A and z* in place of the problem's own.
 
     With G = A_V^T A_V, (A_V)^{+T} = A_V G^-1 and (A_V)^+ = G^-1 A_V^T; columns over alpha put alpha beside the signs.
     """
     if len(support) == 0:
         return RecoveryConditions(0.0, float("inf"), 0.0)
-    alpha_V = problem.alpha[support]
-    right = np.array([alpha_V * signs, A_V @ z]).T
-    answers, again = _solved(A_V @ A_V.T, alpha_V, right)
-    direction, estimate = answers.T
-    against = direction @ A_V  # (A_V)^{+T} Sigma_V
-    left = np.abs(against @ A) / problem.alpha
+    alpha_V, rows = alpha.take(support), H.take(support, axis=0)
+    right = np.array([alpha_V * signs, g.take(support)]).T
+    answers, again = _solved(rows.take(support, axis=1), alpha_V, right)
+    direction, estimate = answers.T  # A_V direction = (A_V)^{+T} Sigma_V
+    left = np.abs(direction.dot(rows)) / alpha
     left[support] = 0.0
     sign = np.sign(estimate)
-    same = sign @ signs == len(signs)
+    same = sign.dot(signs) == len(signs)
     kept = sign * (estimate - (direction if same else again(alpha_V * sign)))
-    across = against @ problem.B
+    across = crossing.take(support, axis=1).dot(direction)
     # By its place an extreme costs less than half of what max() does on arrays this small.
-    return RecoveryConditions(float(left[left.argmax()]), float(kept[kept.argmin()]), math.sqrt(across @ across))
+    return RecoveryConditions(float(left[left.argmax()]), float(kept[kept.argmin()]), math.sqrt(across.dot(across)))
 
 
 def _solved(
