@@ -36,12 +36,12 @@ MOST_MEMORY_MB, MOST_CPU, MOST_CORE_CPU, PROMISED_PEOPLE, PROMISED_HZ = 150.0, 8
 CPU, CORE_CPU = "process, % of a core", "of it the core's steps, % of a core"
 
 
-def soak_live(seconds: float, people: int, hz: float) -> list[Record]:
-    """Rows of the table of benchmarks/soak.py."""
+def soak_live(seconds: float, people: int, hz: float, clock_hz: float = 0.0) -> list[Record]:
+    """Rows of the table of benchmarks/soak.py; clock_hz: 0 for the system's time."""
     messages = _messages(people, hz)
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ.setdefault("ROS_DOMAIN_ID", str(30 + os.getpid() % 60))
-    with Load(people) as load:
+    with Load(people, clock_hz) as load:
         load.feed(messages, hz, WARM_UP_S)
         before = load.counts()
         load.forget()
@@ -114,8 +114,8 @@ def _messages(people: int, hz: float) -> list[bytes]:
 class Load:
     """The node as a child process and a peer in this one. Use it in a `with` statement."""
 
-    def __init__(self, people: int) -> None:
-        self._people = people
+    def __init__(self, people: int, clock_hz: float = 0.0) -> None:
+        self._people, self._clock_hz = people, clock_hz
         self._arrived: dict[int, int] = {}
         self._status: dict[str, str] = {}
         self._statuses = 0
@@ -126,9 +126,12 @@ class Load:
         import rclpy
         from diagnostic_msgs.msg import DiagnosticArray
         from rclpy.executors import SingleThreadedExecutor
+        from rosgraph_msgs.msg import Clock
         from sensor_msgs.msg import CameraInfo, JointState, PointCloud2
 
         arguments = ["-r", f"__ns:={NAMESPACE}", "-p", f"height:={HEIGHT}", "-p", f"max_people:={self._people}"]
+        if self._clock_hz:
+            arguments += ["-p", "use_sim_time:=true", "-r", "/clock:=clock"]
         command = [sys.executable, "-m", "lassokin_ros.command_line", "--ros-args", *arguments]
         self._process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
         rclpy.init()
@@ -138,6 +141,7 @@ class Load:
         self._camera_info = camera_info(RclpyBackend(), 0, FRAME_ID, WEBCAM.K, WEBCAM.D, WEBCAM.size)
         self._camera = self._node.create_publisher(CameraInfo, topics.CAMERA_INFO, 1)
         self._keypoints = self._node.create_publisher(PointCloud2, topics.KEYPOINTS, 10)
+        self._clock = self._node.create_publisher(Clock, "clock", 10) if self._clock_hz else None
         for person in [""] if self._people == 1 else [f"p{number}" for number in range(self._people)]:
             name = topics.of_person(topics.JOINT_STATES, person)
             self._node.create_subscription(JointState, name, self._on_answer, 100, raw=True)
@@ -178,12 +182,26 @@ class Load:
                 sent += 1
                 progress.advance()
 
-        thread = threading.Thread(target=send)
-        thread.start()
-        while thread.is_alive():
+        threads = [threading.Thread(target=send)]
+        if self._clock is not None:
+            threads.append(threading.Thread(target=self._tick, args=(threads[0],)))
+        for thread in threads:
+            thread.start()
+        while any(thread.is_alive() for thread in threads):
             self._executor.spin_once(timeout_sec=0.05)
         progress.close()
         return sent
+
+    def _tick(self, thread: threading.Thread) -> None:
+        """Publish the time on /clock while a thread runs."""
+        from rosgraph_msgs.msg import Clock
+
+        message, due = Clock(), time.monotonic()
+        while thread.is_alive():
+            message.clock.sec, message.clock.nanosec = divmod(time.time_ns(), 1_000_000_000)
+            self._clock.publish(message)
+            due = max(due + 1 / self._clock_hz, time.monotonic())
+            time.sleep(max(due - time.monotonic(), 0))
 
     def counts(self) -> dict[str, int]:
         """The node's counters, of diagnostics that began after now."""

@@ -80,9 +80,7 @@ class Body:
         people = zip(bodies.items(), seen, strict=True)
         return side_by_side([body._steps(stamp_ns, frame_id, one, lens, person) for (person, body), one in people])
 
-    def _steps(
-        self, stamp_ns: int, frame_id: str, seen: Detection, lens: Lens, person: str
-    ) -> Steps[list[Frame]]:
+    def _steps(self, stamp_ns: int, frame_id: str, seen: Detection, lens: Lens, person: str) -> Steps[list[Frame]]:
         """What `track` does."""
         if self._origin_ns is None:
             self._origin_ns = stamp_ns

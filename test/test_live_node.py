@@ -350,9 +350,7 @@ def test_no_output_before_a_usable_camera_info():
         assert "K[0] = 0" in status.message
         assert int(values_of(status)["rejected: camera_uncalibrated [messages]"]) > 0
         assert not any(peer.got[topic.name] for topic in topics.FRAME_OUTPUTS)
-        peer.spin_until(
-            lambda: [peer.send_camera(), send_next(peer)] and peer.got[topics.JOINT_STATES]
-        )
+        peer.spin_until(lambda: [peer.send_camera(), send_next(peer)] and peer.got[topics.JOINT_STATES])
         # A camera_info that is none, later, does not take the good one away.
         peer.send_camera(k=np.zeros(9))
         status = peer.next_diagnostics(lambda s: s.level == ERROR)

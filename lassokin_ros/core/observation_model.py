@@ -27,9 +27,7 @@ class Linearisation:
     residual: np.ndarray
 
 
-def linearise(
-    kinematics: Kinematics, pose: BodyPose, points: np.ndarray, weights: np.ndarray
-) -> Linearisation:
+def linearise(kinematics: Kinematics, pose: BodyPose, points: np.ndarray, weights: np.ndarray) -> Linearisation:
     """Linearise the projection about a pose.
 
     points: (..., l, 2) observed, normalised image coordinates (any finite value where the weight is 0);

@@ -259,9 +259,7 @@ class Tracker:
         self._nowhere = 0 if rejection is None else self._nowhere + 1
         return rejection
 
-    def _take(
-        self, start: BodyState, fit: Fit | None, increment: Increment, sighting: Sighting
-    ) -> Steps[Hypotheses]:
+    def _take(self, start: BodyState, fit: Fit | None, increment: Increment, sighting: Sighting) -> Steps[Hypotheses]:
         """Make the state after a certified increment the present one, and let the challengers see the same points.
 
         fit: where the state was found anew, what it was found as.
