@@ -70,16 +70,22 @@ class Lens:
         if not self.model:
             normalised: np.ndarray = (pixels - self._centre) / self._focal_lengths
             return normalised
-        result = np.full(pixels.shape, np.nan)
         seen = np.isfinite(pixels).all(axis=1)
+        if 0 < np.count_nonzero(seen) == len(seen):
+            return self._straightened(pixels)
+        result = np.full(pixels.shape, np.nan)
         if seen.any():
-            points = pixels[seen]
-            straight = self._undistort(points)
-            with np.errstate(invalid="ignore"):
-                miss = np.abs(self.distort(straight) - points).max(axis=1)
-                straight[~(miss < LARGEST_MISS_PX)] = np.nan
-            result[seen] = straight
+            result[seen] = self._straightened(pixels[seen])
         return result
+
+    def _straightened(self, points: np.ndarray) -> np.ndarray:
+        """(k, 2) finite px -> (k, 2), NaN for what lies beyond the lens."""
+        straight = self._undistort(points)
+        with np.errstate(invalid="ignore"):
+            good = (np.abs(self.distort(straight) - points) < LARGEST_MISS_PX).all(axis=1)
+        if np.count_nonzero(good) < len(good):
+            straight[~good] = np.nan
+        return straight
 
     def _undistort(self, points: np.ndarray) -> np.ndarray:
         """(k, 2) finite px -> (k, 2)."""
@@ -100,8 +106,9 @@ class Lens:
         if not self.model:
             return normalised * self._focal_lengths + self._centre
         cv2, zero = self._opencv, np.zeros(3)
-        rays = np.concatenate([normalised, np.ones((len(normalised), 1))], axis=1)[:, None, :]
-        rays = np.nan_to_num(rays, nan=1e9)
+        rays = np.ones((len(normalised), 1, 3))
+        rays[:, 0, :2] = normalised
+        np.copyto(rays, 1e9, where=~np.isfinite(rays))  # np.nan_to_num takes several times as long
         project = cv2.fisheye.projectPoints if self.model == "equidistant" else cv2.projectPoints
         pixels: np.ndarray = project(rays, zero, zero, self.K, self.D)[0].reshape(-1, 2)
         return pixels
