@@ -46,15 +46,18 @@ class CameraInfoInput:
             self._type,
             topics.CAMERA_INFO,
             self._on_serialised,
-            # the sensor-data profile, which reliable and best-effort publishers both match, with another depth
-            QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT),
+            _sensor_data(),
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
             raw=True,
         )
+        self._may_wait = self._subscription.qos_profile == _sensor_data()
 
     def poll(self) -> None:
-        """Take what has come, in its order, once there is a camera."""
-        if self._known():
+        """Take what has come, in its order, once there is a camera.
+
+        With another QoS the executor goes on waiting: less depth would miss messages, and not all publishers match.
+        """
+        if self._may_wait and self._known():
             poll(self._subscription, DEPTH)
 
     def take(self, message: Any) -> None:
@@ -76,3 +79,11 @@ class CameraInfoInput:
         except Exception as error:  # no message, however strange, ends the node
             self._on_error(error)
             return False
+
+
+def _sensor_data() -> QoSProfile:
+    """The sensor-data profile, which reliable and best-effort publishers both match, with another depth.
+
+    A new one each time: rclpy writes a user's overrides into what it is given.
+    """
+    return QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -130,8 +130,11 @@ class TrackerNode(Node):
 
     def _catch_up(self) -> None:
         """Read what wakes nobody: the time, where it is simulated, and the camera."""
-        self._simulated_time.poll()
-        self._camera_info.poll()
+        for what, poll in (("a time", self._simulated_time.poll), ("a camera_info message", self._camera_info.poll)):
+            try:
+                poll()
+            except Exception as error:  # in the way of nothing else
+                self._count_internal_error(what, error)
 
     def _on_camera_info(self, message: Any) -> bool:
         reason = self._pipeline.set_camera(message)
@@ -252,7 +255,8 @@ class TrackerNode(Node):
         self._absent_camera.look(now, self._diagnostics.camera_came)
         if self._absent_keypoints is not None:
             self._absent_keypoints.look(now, self._diagnostics.keypoints_came)
-            if self._diagnostics.keypoints_came:
+            matches_all = self._keypoints.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+            if self._diagnostics.keypoints_came and matches_all:
                 ignore_events(self._keypoints)
         if presence.status is Status.TRACKING and not self._said_tracking:  # the first time: later ones are too many
             self._said_tracking = True

@@ -33,7 +33,7 @@ UNATTENDED = Unattended()
 
 
 def ignore_events(endpoint: Any) -> None:
-    """Wait no longer for the events of a publisher or subscription (another endpoint's QoS or type does not match).
+    """Wait no longer for the events of a publisher or subscription, which say that another endpoint does not match.
 
     Each is waited for with every message, and takes as long as a subscription does.
     """

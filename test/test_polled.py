@@ -13,6 +13,7 @@ from rosgraph_msgs.msg import Clock  # noqa: E402
 
 from lassokin_ros import topics  # noqa: E402
 from lassokin_ros.person_outputs import message_class  # noqa: E402
+from lassokin_ros.polled import UNATTENDED  # noqa: E402
 
 PIXELS = pixels_of_motion(2)
 
@@ -90,6 +91,24 @@ def test_the_same_again_is_not_looked_at_but_what_is_refused_is_counted_each_tim
         assert node._pipeline.counts["rejected: internal_error"] == 1 and focal(node) == 600.0
 
 
+@pytest.mark.parametrize("policy", [{"depth": 1}, {"reliability": "reliable"}])
+def test_with_a_qos_of_ones_own_the_executor_goes_on_waiting(policy):
+    """Of one message alone a change's stamp would be missed, and a publisher that does not match is to be said."""
+    settings = {
+        f"qos_overrides./own_qos/{topic}.subscription.{name}": value
+        for topic in ("camera_info", "keypoints")
+        for name, value in policy.items()
+    }
+    with node_in_this_process("/own_qos", **settings) as (node, serve), Peer("/own_qos", outputs=False) as peer:
+        without_timers(node)
+        peer.spin_until(lambda: [peer.send_camera(), serve()] and node._pipeline.has_camera)
+        peer.spin_until(lambda: [peer.send(0, PIXELS[0]), serve()] and node._diagnostics.keypoints_came)
+        peer.spin_until(lambda: [peer.camera.publish(of(700.0)), serve()] and focal(node) == 700.0)
+        node._publish_diagnostics()
+        attended = [event.callback_group is not UNATTENDED for event in node._keypoints.event_handlers]
+        assert attended and all(attended) == ("reliability" in policy)
+
+
 def test_keypoints_are_read_with_the_camera_that_came_before_them():
     with node_in_this_process("/in_time") as (node, serve), Peer("/in_time", outputs=False) as peer:
         peer.spin_until(lambda: [peer.send_camera(), serve()] and node._pipeline.has_camera)
@@ -135,6 +154,18 @@ def test_a_clock_is_read_when_the_time_is_needed(simulated):
         tick()
         peer.spin_until(lambda: node._catch_up() or now() == 150 * 10**9, what="the time before")
         assert node._pipeline.counts["resets"] == resets + 1
+
+
+def test_a_time_that_is_none_costs_nothing_else():
+    with node_in_this_process("/no_time", use_sim_time=True) as (node, _), Peer("/no_time", outputs=False) as peer:
+        without_timers(node)
+        clock, message = peer.node.create_publisher(Clock, "/clock", 10), Clock()
+        message.clock.sec = -1
+        node._catch_up()
+        counts = node._pipeline.counts
+        peer.spin_until(lambda: [clock.publish(message), node._catch_up()] and counts["rejected: internal_error"])
+        node._camera_info.take(of(600.0))
+        peer.spin_until(lambda: [peer.camera.publish(of(700.0)), node._catch_up()] and focal(node) == 700.0)
 
 
 def test_without_use_sim_time_there_is_no_clock_to_read():

@@ -49,28 +49,29 @@ def theorem1_literal(problem: Lasso, x: np.ndarray, support: np.ndarray, signs: 
 
     x: (3,) m; support: indices V; signs: (len(V),) of Omega on V.
     """
-    A, B, reduced = problem.A, problem.B, problem.reduced
-    crossing = B.T.dot(A)
-    H = reduced.H + crossing.T.dot(reduced.Y.dot(A))  # A^T A: with what M has taken off
-    return _conditions(problem.alpha, H, (problem.z - B.dot(x)).dot(A), crossing, support, signs)
+    A, B = problem.A, problem.B
+    # From A itself: H with what M took off put back has lost the digits by which dependent columns are told.
+    rows = A.T.take(support, axis=0).dot(A)
+    return _conditions(problem.alpha, rows, (problem.z - B.dot(x)).dot(A), B.T.dot(A), support, signs)
 
 
 def theorem1_projected(problem: Lasso, support: np.ndarray, signs: np.ndarray) -> RecoveryConditions:
     """Conditions 1-3 with the translation eliminated: M A for A and M z for z*."""
     reduced = problem.reduced
-    return _conditions(problem.alpha, reduced.H, reduced.g, problem.B.T.dot(reduced.A), support, signs)
+    rows, crossing = reduced.H.take(support, axis=0), problem.B.T.dot(reduced.A)
+    return _conditions(problem.alpha, rows, reduced.g, crossing, support, signs)
 
 
 def _conditions(
-    alpha: np.ndarray, H: np.ndarray, g: np.ndarray, crossing: np.ndarray, support: np.ndarray, signs: np.ndarray
+    alpha: np.ndarray, rows: np.ndarray, g: np.ndarray, crossing: np.ndarray, support: np.ndarray, signs: np.ndarray
 ) -> RecoveryConditions:
-    """Of H = A^T A (n, n), g = A^T z* (n,) and crossing = B^T A (3, n), for A and z* in place of the problem's own.
+    """Of rows = A_V^T A (v, n), g = A^T z* (n,) and crossing = B^T A (3, n), for A and z* in place of the problem's.
 
     With G = A_V^T A_V, (A_V)^{+T} = A_V G^-1 and (A_V)^+ = G^-1 A_V^T; columns over alpha put alpha beside the signs.
     """
     if len(support) == 0:
         return RecoveryConditions(0.0, float("inf"), 0.0)
-    alpha_V, rows = alpha.take(support), H.take(support, axis=0)
+    alpha_V = alpha.take(support)
     right = np.array([alpha_V * signs, g.take(support)]).T
     answers, again = _solved(rows.take(support, axis=1), alpha_V, right)
     direction, estimate = answers.T  # A_V direction = (A_V)^{+T} Sigma_V
