@@ -10,13 +10,13 @@ from functools import partial
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 
 from lassokin_ros import topics
 from lassokin_ros.person_outputs import message_class
 from lassokin_ros.polled import poll
+from lassokin_ros.qos import sensor_data
 
 DEPTH = 100
 """Messages that are kept between two looks: nearly half a second of a 240 Hz camera. A change must not be missed, nor
@@ -46,11 +46,11 @@ class CameraInfoInput:
             self._type,
             topics.CAMERA_INFO,
             self._on_serialised,
-            _sensor_data(),
+            sensor_data(DEPTH),
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
             raw=True,
         )
-        self._may_wait = self._subscription.qos_profile == _sensor_data()
+        self._may_wait = self._subscription.qos_profile == sensor_data(DEPTH)
 
     def poll(self) -> None:
         """Take what has come, in its order, once there is a camera.
@@ -79,11 +79,3 @@ class CameraInfoInput:
         except Exception as error:  # no message, however strange, ends the node
             self._on_error(error)
             return False
-
-
-def _sensor_data() -> QoSProfile:
-    """The sensor-data profile, which reliable and best-effort publishers both match, with another depth.
-
-    A new one each time: rclpy writes a user's overrides into what it is given.
-    """
-    return QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)

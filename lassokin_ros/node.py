@@ -11,7 +11,6 @@ from typing import Any
 from rclpy.clock import Clock, ClockType, JumpThreshold, ROSClock, TimeJump
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_srvs.srv import SetBool, Trigger
 
@@ -32,6 +31,7 @@ from lassokin_ros.per_body_pipeline import PerBodyPipeline
 from lassokin_ros.person_outputs import PeopleOutputs, PersonOutputs, advertise, message_class
 from lassokin_ros.pipeline import Pipeline
 from lassokin_ros.polled import SimulatedTime, ignore_events
+from lassokin_ros.qos import matches_every_publisher, sensor_data
 from lassokin_ros.skeleton_file import save_all
 from lassokin_ros.throttle import Throttle
 from msg_adapters.backends import RclpyBackend
@@ -97,11 +97,11 @@ class TrackerNode(Node):
         self._kept_camera_info = KeptCameraInfo(self, self._camera_info.take)
         self._bodies = None
         if isinstance(self._pipeline, PerBodyPipeline):
-            qos = _sensor_data(config.queue_depth)
+            qos = sensor_data(config.queue_depth)
             self._bodies = BodyTopics(self, config.keypoints_type, qos, self._on_bodies, self._on_body)
         else:
             on_keypoints: Any = self._on_keypoints  # with message_info, which rclpy's type hints do not know
-            kind, qos = message_class(config.keypoints_type), _sensor_data(self._inbox.reserve)
+            kind, qos = message_class(config.keypoints_type), sensor_data(self._inbox.reserve)
             self._keypoints = self.create_subscription(
                 kind,
                 topics.KEYPOINTS,
@@ -255,8 +255,7 @@ class TrackerNode(Node):
         self._absent_camera.look(now, self._diagnostics.camera_came)
         if self._absent_keypoints is not None:
             self._absent_keypoints.look(now, self._diagnostics.keypoints_came)
-            matches_all = self._keypoints.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
-            if self._diagnostics.keypoints_came and matches_all:
+            if self._diagnostics.keypoints_came and matches_every_publisher(self._keypoints.qos_profile):
                 ignore_events(self._keypoints)
         if presence.status is Status.TRACKING and not self._said_tracking:  # the first time: later ones are too many
             self._said_tracking = True
@@ -312,8 +311,3 @@ def _misplaced(frame_id: str, camera: str) -> str:
         f"keypoints have the frame_id '{frame_id}', camera_info '{camera}': outputs carry the keypoints', which is "
         "taken for the camera's optical frame (z forward, x right, y down)"
     )
-
-
-def _sensor_data(depth: int) -> QoSProfile:
-    """The sensor-data profile, which reliable and best-effort publishers both match, with another depth."""
-    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -73,6 +73,18 @@ def test_both_forms_are_the_theorem_as_it_is_written(order, dependent):
                 assert conditions.condition3 == pytest.approx(across, rel=1e-9, abs=1e-9)
 
 
+def test_what_can_hardly_be_told_from_a_translation_spoils_no_digits_of_the_literal_form():
+    """Its first two conditions know B by z* alone, and dependent columns are told by the last digits."""
+    random = np.random.default_rng(3)
+    A, z, alpha, support = random.normal(size=(20, 9)), random.normal(size=20), np.full(9, 0.1), np.array([2, 4, 7])
+    A[:, 4] = A[:, 2] + A[:, 7]
+    B = random.normal(size=(20, 3))
+    well = theorem1_literal(Lasso(A, B, z, alpha), np.zeros(3), support, np.ones(3))
+    B = B[:, :1] + 1e-4 * B
+    ill = theorem1_literal(Lasso(A, B, z, alpha), np.zeros(3), support, np.ones(3))
+    assert (ill.condition1, ill.condition2) == pytest.approx((well.condition1, well.condition2), rel=1e-9)
+
+
 def test_an_empty_support_holds():
     assert theorem1_projected(by_hand(), np.array([], dtype=int), np.array([])).holds
 

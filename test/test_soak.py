@@ -40,11 +40,12 @@ def test_people_in_view_go_on_and_stand_apart():
     assert np.array_equal(seen.pixels, again.pixels)
 
 
-def test_the_real_node_for_two_seconds(monkeypatch):
+@pytest.mark.parametrize("clock_hz", [0.0, 200.0])
+def test_the_real_node_for_two_seconds(monkeypatch, clock_hz):
     pytest.importorskip("rclpy")
     monkeypatch.setattr(live_load, "WARM_UP_S", 1.0)
     monkeypatch.setattr(live_load, "STEPS", 20)
-    rows = {record["what"]: record for record in live_load.soak_live(2.0, 1, 30.0)}
+    rows = {record["what"]: record for record in live_load.soak_live(2.0, 1, 30.0, clock_hz)}
     assert rows["messages sent"]["end"] == rows["messages received"]["end"] == "60"
     assert rows["messages neither received nor counted"]["end"] == "0"
     assert int(rows["messages answered for everybody"]["end"]) >= 50
