@@ -17,7 +17,7 @@ test: $(INSTALLED)
 	$(RUN) $(VENV)/bin/python -m pytest --numprocesses 2 --dist loadgroup
 
 fuzz: $(INSTALLED)
-	$(RUN) LASSOKIN_FUZZ_CASES=$(or $(CASES),90000) $(VENV)/bin/python -m pytest test/test_fuzz_adapters.py test/test_fuzz_pipeline.py test/test_fuzz_tracker.py
+	$(RUN) LASSOKIN_FUZZ_CASES=$(or $(CASES),90000) $(VENV)/bin/python -m pytest test/msg_adapters/test_fuzz_adapters.py test/pipeline/test_fuzz_pipeline.py test/core/test_fuzz_tracker.py
 
 lint: $(INSTALLED)
 	$(VENV)/bin/ruff check .

@@ -38,6 +38,7 @@ TEST = [
     "flake8-quotes>=3.4",
     "pydocstyle>=6.3",
     "mypy>=1.11",
+    "import-linter>=2.5",
     "types-PyYAML>=6.0",
     "playwright>=1.40",
     "pybvh>=0.9",
@@ -54,9 +55,10 @@ setup(
     license=MANIFEST.findtext("license"),
     packages=find_packages(include=["lassokin_ros", "lassokin_ros.*", "msg_adapters", "msg_adapters.*"]),
     package_data={
-        "lassokin_ros.core": ["skeletons/*.yaml", "layouts/*.yaml", "priors/*.yaml"],
+        "lassokin_ros.core.body": ["skeletons/*.yaml", "layouts/*.yaml"],
+        "lassokin_ros.core.evidence": ["priors/*.yaml"],
         "lassokin_ros.skeleton_readers": ["names.yaml"],
-        "lassokin_ros.report": ["page.html", "page.css", "*.js"],
+        "lassokin_ros.replay.report": ["page.html", "page.css", "*.js"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
@@ -78,8 +80,8 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "tracker = lassokin_ros.command_line:tracker",
-            "replay = lassokin_ros.replay:main",
+            "tracker = lassokin_ros.node.command:tracker",
+            "replay = lassokin_ros.cli.replay:main",
         ]
     },
 )

@@ -5,7 +5,7 @@
 Every method gets the same keypoints and initialises by itself. Of each clip it is given what a user could measure:
 the person's bone lengths, or with --generic-skeleton the height alone; and the detector's noise in pixels.
 --initialisation measures first frames alone, --gap a stretch without any landmark, --detections FILE real detector
-output, --uncertainty and --doubt the tracker's own figures of its error against the error. Clips that the shipped
+output, --uncertainty and --failure-probability the tracker's own figures of its error against the error. Clips that the shipped
 prior has seen do not count: they are left out, or with --all-clips and --clips run, marked with * and kept out
 of the summary. With --leave-one-out every clip counts: each is run with a prior learned from all the others.
 """
@@ -21,19 +21,19 @@ from typing import Any, Callable, Sequence, TypeVar
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks import doubt
-from benchmarks.accuracy_options import parser, unheeded
-from benchmarks.accuracy_table import head, report, told
-from benchmarks.detections import detection_jobs, run_detections
-from benchmarks.experiment import METHODS, Job, run
+from benchmarks.accuracy_run import failure_probability as failure_probability
+from benchmarks.accuracy_run.experiment import METHODS, Job, run
+from benchmarks.accuracy_run.leave_one_out import under_its_prior
+from benchmarks.accuracy_run.options import parser, unheeded
+from benchmarks.accuracy_run.special import initialise_frames, run_gap
+from benchmarks.accuracy_run.table import head, report, told
+from benchmarks.accuracy_run.uncertainty import COLUMNS as UNCERTAINTY
+from benchmarks.accuracy_run.uncertainty import binned, uncertainty_of
+from benchmarks.common.refusals import exit_code
+from benchmarks.common.report import Record, data_folder, table, write_json
+from benchmarks.data.detections import detection_jobs, run_detections
+from benchmarks.data.mocap import Condition, rate_of
 from benchmarks.learn_prior import SEEN
-from benchmarks.leave_one_out import under_its_prior
-from benchmarks.mocap import Condition, rate_of
-from benchmarks.refusals import exit_code
-from benchmarks.report import Record, data_folder, table, write_json
-from benchmarks.special import initialise_frames, run_gap
-from benchmarks.uncertainty import COLUMNS as UNCERTAINTY
-from benchmarks.uncertainty import binned, uncertainty_of
 from lassokin_ros.core.errors import LassokinError
 
 T = TypeVar("T")
@@ -47,12 +47,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(_other_rates(options), end="")
     elif unheeded(options):
         print(f"Without effect on --detections, which are taken as they are: {', '.join(unheeded(options))}.")
-    if options.uncertainty or options.doubt:
+    if options.uncertainty or options.failure_probability:
         print(head(options))
         for training in sorted({record["training"] for record in records}):
             print("\ntraining clips, not to be reported:" if training else "")
             rows = [record for record in records if record["training"] == training]
-            print(table(rows, UNCERTAINTY if options.uncertainty else doubt.COLUMNS))
+            print(table(rows, UNCERTAINTY if options.uncertainty else failure_probability.COLUMNS))
             print(rows[-1].get("ranking", ""))
     else:
         report(options, records)
@@ -69,8 +69,8 @@ def measure(options: argparse.Namespace) -> list[Record]:
     if options.detections:
         if options.leave_one_out:
             raise SystemExit("--leave-one-out is for clips; no --detections were among what the prior was learned from")
-        if options.gap or options.initialisation or options.uncertainty or options.doubt:
-            raise SystemExit("--gap, --initialisation, --uncertainty and --doubt are for clips, not for --detections")
+        if options.gap or options.initialisation or options.uncertainty or options.failure_probability:
+            raise SystemExit("--gap, --initialisation, --uncertainty and --failure-probability are for clips, not for --detections")
         recordings = detection_jobs(options.detections, options.methods, options.measured_bones, told(options))
         return in_parallel(run_detections, recordings, options.jobs)
     o = options
@@ -78,7 +78,7 @@ def measure(options: argparse.Namespace) -> list[Record]:
         o.noise_px, o.missing, o.outliers, o.fps, o.swaps, o.duplicates, o.camera_roll, o.camera_pitch, o.lying,
         o.wander_px, o.offset_px,
     )  # fmt: skip
-    methods = ["lasso"] if o.uncertainty or o.doubt else o.methods
+    methods = ["lasso"] if o.uncertainty or o.failure_probability else o.methods
     jobs = [
         Job(file, view, method, condition, o.landmarks, seed, o.generic_skeleton, o.bone_error, o.symmetric,
             told(o), o.score_from, o.leave_one_out)
@@ -91,8 +91,8 @@ def measure(options: argparse.Namespace) -> list[Record]:
 
     if o.uncertainty:
         return _apart(options, jobs, results(uncertainty_of), binned)
-    if o.doubt:
-        return _apart(options, jobs, results(doubt.doubts_of), doubt.binned)
+    if o.failure_probability:
+        return _apart(options, jobs, results(failure_probability.failure_probabilities_of), failure_probability.binned)
     if o.initialisation:
         groups = results(partial(initialise_frames, count=o.per_clip))
         return _marked(options, [record for group in groups for record in group])

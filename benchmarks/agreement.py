@@ -20,9 +20,9 @@ import proxsuite  # noqa: E402
 import scipy  # noqa: E402
 
 from lassokin_ros.core.estimate import Observation  # noqa: E402
-from lassokin_ros.core.projection import project  # noqa: E402
+from lassokin_ros.core.image.projection import project  # noqa: E402
 from lassokin_ros.core.tracker import Tracker  # noqa: E402
-from lassokin_ros.synthetic import motion  # noqa: E402
+from lassokin_ros.demo.synthetic import motion  # noqa: E402
 
 FRAMES, RATE, FOCAL, NOISE_PX = 600, 30.0, 1000.0, 2.0
 

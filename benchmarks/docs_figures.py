@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np  # noqa: E402
 
-from benchmarks.docs_scenes import (  # noqa: E402
+from benchmarks.docs_figures_scenes import (  # noqa: E402
     NO_GAPS,
     averages,
     error,
@@ -32,7 +32,7 @@ from benchmarks.docs_scenes import (  # noqa: E402
     with_gap,
     with_poor_points,
 )
-from lassokin_ros.synthetic import Detector  # noqa: E402
+from lassokin_ros.demo.synthetic import Detector  # noqa: E402
 
 TRUE, COLOURS = "#8a8a8a", ("#d1495b", "#1f6fb4", "#2a9d4a", "#e08d20")
 LEFT_KNEE = 4

@@ -19,8 +19,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np  # noqa: E402
 
-from lassokin_ros.core.kinematics import BodyState  # noqa: E402
-from lassokin_ros.core.rotations import exponential, orthonormalised  # noqa: E402
+from lassokin_ros.core.body.kinematics import BodyState  # noqa: E402
+from lassokin_ros.core.body.rotations import exponential, orthonormalised  # noqa: E402
 
 JOINTS, BLOCK = 24, 1000
 STEP_RAD = 0.05

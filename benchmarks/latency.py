@@ -19,18 +19,18 @@ from typing import Any, Callable, Mapping, Sequence
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.report import Record, data_folder, table, write_json  # isort: skip  (one thread, before numpy comes)
+from benchmarks.common.report import Record, data_folder, table, write_json  # isort: skip  (one thread, before numpy comes)
 import numpy as np
 
-from benchmarks import option_types
-from benchmarks.callback import measure_callback
-from benchmarks.motion import FOCAL, HEIGHT, Motion, load_motion, observe, on_skeleton
-from benchmarks.refusals import exit_code
-from benchmarks.robot_ik import PinkTracker, PinocchioLeastSquares, available
-from benchmarks.stages import percentiles, profile
+from benchmarks.common import option_types
+from benchmarks.common.refusals import exit_code
+from benchmarks.data.motion import FOCAL, HEIGHT, Motion, load_motion, observe, on_skeleton
+from benchmarks.methods.robot_ik import PinkTracker, PinocchioLeastSquares, available
+from benchmarks.timing.callback import measure_callback
+from benchmarks.timing.stages import percentiles, profile
+from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Observation
-from lassokin_ros.core.kinematics import BodyState
 from lassokin_ros.core.tracker import Tracker
 
 BODIES = Path(__file__).resolve().parent / "bodies"
@@ -48,7 +48,7 @@ COLUMNS = {
     "ratio": ".2f",
 }
 Step = Callable[[int], bool]
-"""Work on frame i; False when this frame is not to be counted."""
+"""BatchedCall on frame i; False when this frame is not to be counted."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -103,7 +103,7 @@ def step_together(runs: Sequence[Run], frame: int) -> bool:
             run.tracker.reset()
     if len(runs) == 1:
         return not runs[0].tracker.track(runs[0].observations[frame]).initialised
-    estimates = Tracker.track_together([run.tracker for run in runs], [run.observations[frame] for run in runs])
+    estimates = Tracker.track_batch([run.tracker for run in runs], [run.observations[frame] for run in runs])
     return not any(estimate.initialised for estimate in estimates)
 
 

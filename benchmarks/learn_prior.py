@@ -1,6 +1,6 @@
 """Learn the shipped pose prior from the training clips, and write it with its provenance.
 
-    python -m benchmarks.learn_prior --data DIR --output lassokin_ros/core/priors/cmu.yaml
+    python -m benchmarks.learn_prior --data DIR --output lassokin_ros/core/evidence/priors/cmu.yaml
 
 Every clip counts alike, every pose also in its mirror image. The training clips never count in a reported accuracy.
 """
@@ -16,13 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.mocap import Clip, clip_skeleton, load_clips, true_state
-from benchmarks.refusals import exit_code
-from lassokin_ros.core.kinematics import Kinematics
-from lassokin_ros.core.landmarks import Layout
-from lassokin_ros.core.rotations import logarithm
-from lassokin_ros.core.skeleton import Skeleton
-from lassokin_ros.core.symmetry import other_side
+from benchmarks.common.refusals import exit_code
+from benchmarks.data.mocap import Clip, clip_skeleton, load_clips, true_state
+from lassokin_ros.core.body.kinematics import Kinematics
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.rotations import logarithm
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.body.symmetry import other_side
 
 # Every third clip by name is kept for measuring; these are the others.
 TRAINING = (

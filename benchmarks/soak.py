@@ -20,19 +20,19 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.report import Record, table, write_json  # isort: skip  (one thread, before numpy comes)
+from benchmarks.common.report import Record, table, write_json  # isort: skip  (one thread, before numpy comes)
 import numpy as np
 
-from benchmarks.option_types import output_file
-from benchmarks.people_in_view import HEIGHT, LANDMARKS, view
-from benchmarks.processes import Usage
-from lassokin_ros.body import Body, Detection
+from benchmarks.common.option_types import output_file
+from benchmarks.data.people_in_view import HEIGHT, LANDMARKS, view
+from benchmarks.timing.load_table import latency_rows, row, usage_rows
+from benchmarks.timing.processes import Usage
+from lassokin_ros.common.progress import Progress
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.progress import Progress
-from lassokin_ros.synthetic import WEBCAM
+from lassokin_ros.demo.synthetic import WEBCAM
+from lassokin_ros.pipeline.people.tracked_person import Body, Detection
 
 HZ, CHUNK = 60.0, 1200
-MOST_GROWTH_MB = 5.0
 LARGEST_DEVIATION = 1e-9
 COLUMNS = {"what": "<", "begin": "", "end": "", "holds": ""}
 
@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Command line; the exit code."""
     options = parser().parse_args(arguments)
     if options.live:
-        from benchmarks.live_load import soak_live
+        from benchmarks.timing.live_load import soak_live
 
         records = soak_live(options.minutes * 60, options.people, options.hz, options.clock)
     else:
@@ -99,36 +99,6 @@ def _deviation(rotations: np.ndarray, positions: np.ndarray) -> float:
     if not (np.isfinite(positions).all() and np.isfinite(rotations).all()):
         return float("inf")
     return float(np.abs(rotations.transpose(0, 2, 1) @ rotations - np.eye(3)).max())
-
-
-def row(what: str, begin: object, end: object, holds: bool | None = None) -> Record:
-    """One row of the table."""
-    return {
-        "what": what,
-        "begin": str(begin),
-        "end": str(end),
-        "holds": "" if holds is None else "yes" if holds else "NO",
-    }
-
-
-def usage_rows(begin: Usage, end: Usage) -> list[Record]:
-    """Memory, descriptors and threads, which must not grow."""
-    grown = end.memory_mb - begin.memory_mb
-    return [
-        row("memory, MB", f"{begin.memory_mb:.1f}", f"{end.memory_mb:.1f}", grown < MOST_GROWTH_MB),
-        row("file descriptors", begin.descriptors, end.descriptors, end.descriptors <= begin.descriptors),
-        row("threads", begin.threads, end.threads, end.threads <= begin.threads),
-    ]
-
-
-def latency_rows(what: str, times_ms: np.ndarray) -> list[Record]:
-    """Percentiles of the first and the last tenth."""
-    tenth = max(len(times_ms) // 10, 1)
-    first, last = times_ms[:tenth], times_ms[-tenth:]
-    return [
-        row(f"{what} p{p}, ms, first and last tenth", f"{np.percentile(first, p):.2f}", f"{np.percentile(last, p):.2f}")
-        for p in (50, 99)
-    ]
 
 
 if __name__ == "__main__":

@@ -24,16 +24,17 @@ from typing import Sequence
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-import benchmarks.experiment as experiment  # isort: skip  (first: it says one thread before numpy comes)
+import benchmarks.accuracy_run.experiment as experiment  # isort: skip  (first: it says one thread before numpy comes)
 import numpy as np
 
-from benchmarks import formulations, option_types
-from benchmarks.formulations import Answer, Method
-from benchmarks.problems import KINDS, Recorded, record
-from benchmarks.refusals import exit_code
-from benchmarks.report import Record, data_folder, table, write_json
-from lassokin_ros.core.certificate import Certificate, certify
-from lassokin_ros.core.lasso import KKT_TOLERANCE
+from benchmarks.common import option_types
+from benchmarks.common.refusals import exit_code
+from benchmarks.common.report import Record, data_folder, table, write_json
+from benchmarks.timing import formulations
+from benchmarks.timing.formulations import Answer, Method
+from benchmarks.timing.problems import KINDS, Recorded, record
+from lassokin_ros.core.lasso.certificate import Certificate, certify
+from lassokin_ros.core.lasso.lasso import KKT_TOLERANCE
 
 CLIPS = ("01_01", "02_05", "49_18", "exp_soccer_1", "gs_charleston2", "13_31")
 CUTS = (0.0, 1e-8, 1e-6, 1e-4)

@@ -1,0 +1,42 @@
+"""3D human motion from 2D keypoints, one certified lasso per frame.
+
+The public interface is what `__all__` lists; every other name in this package is internal and may change.
+
+    from lassokin_ros import Lens, Observation, Tracker, TrackerConfig
+
+The names are imported on first use, so that commands can set thread limits before numpy is imported.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from lassokin_ros.core.config import TrackerConfig
+    from lassokin_ros.core.errors import LassokinError
+    from lassokin_ros.core.estimate import Estimate, Observation, Rejection, Status
+    from lassokin_ros.core.tracker import Tracker
+    from lassokin_ros.pipeline.lens import Lens
+
+__all__ = ["Estimate", "LassokinError", "Lens", "Observation", "Rejection", "Status", "Tracker", "TrackerConfig"]
+
+_MODULES = {
+    "Estimate": "lassokin_ros.core.estimate",
+    "LassokinError": "lassokin_ros.core.errors",
+    "Lens": "lassokin_ros.pipeline.lens",
+    "Observation": "lassokin_ros.core.estimate",
+    "Rejection": "lassokin_ros.core.estimate",
+    "Status": "lassokin_ros.core.estimate",
+    "Tracker": "lassokin_ros.core.tracker",
+    "TrackerConfig": "lassokin_ros.core.config",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name on first use (PEP 562)."""
+    if name not in _MODULES:
+        raise AttributeError(f"module 'lassokin_ros' has no attribute '{name}'; it offers {', '.join(__all__)}")
+    return getattr(import_module(_MODULES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -13,7 +13,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-from lassokin_ros.description import urdf_from_parameters
+from lassokin_ros.pipeline.outputs.urdf_from_parameters import urdf_from_parameters
 
 CONFIG = Path(__file__).resolve().parent.parent / "config"
 ARGUMENTS = {

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from msg_adapters.backends import Backend
-from msg_adapters.clouds import CloudBuilder
-from msg_adapters.outputs import set_header
+from msg_adapters.output_messages.builders import set_header
+from msg_adapters.output_messages.clouds import CloudBuilder
 
 POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("confidence", "<f4"), ("id", "<i4")])
 

@@ -16,14 +16,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import blas, lapack
 
-from lassokin_ros.core.frame_rows import FrameRows
-from lassokin_ros.core.kinematics import BodyState
-from lassokin_ros.core.pace import Pace
-from lassokin_ros.core.projection import project, projection_jacobian
-from lassokin_ros.core.proportions import Proportions
-from lassokin_ros.core.robust import huber_cost, huber_weights, norm
-from lassokin_ros.core.rotations import exponential
-from lassokin_ros.core.skeleton import Skeleton
+from lassokin_ros.core.body.kinematics import BodyState
+from lassokin_ros.core.body.proportions import Proportions
+from lassokin_ros.core.body.rotations import exponential
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.evidence.frame_model import FrameModel
+from lassokin_ros.core.image.projection import project, projection_jacobian
+from lassokin_ros.core.image.robust_loss import huber_cost, huber_weights, norm
+from lassokin_ros.core.schedule import Schedule
 
 MODELS = (0.003, 0.05, 0.12)
 """What the given lengths may be: measured, good guesses, or somebody else's; standard deviation of a log-length about
@@ -39,13 +39,13 @@ FARTHEST = 0.3
 INFORMATION = 0.6
 """Share of a kept frame's information that is counted: neither the prior's errors nor the tracks' are independent. Of
 frames kept more densely than in the end it is less, as their interval is: a detector's errors last."""
-KEEP = Pace(0.04, 0.05, 0.25)
+KEEP = Schedule(0.04, 0.05, 0.25)
 """s between kept frames, by the s that they span: whoever comes has the wrong lengths in every frame until enough are
 kept. All are kept to the end: with every other one half of the evidence would go, and wrong lengths would pass for
 measured ones."""
-WORK = Pace(0.02, 0.02, 0.13)
+WORK = Schedule(0.02, 0.02, 0.13)
 """s between two pieces of work: one frame kept, or one linearised again."""
-UPDATE = Pace(0.2, 0.25, 1.0)
+UPDATE = Schedule(0.2, 0.25, 1.0)
 """s between two updates of the skeleton."""
 SETTLED = 0.5
 """s after a start before frames count; the first is kept an interval later."""
@@ -91,7 +91,7 @@ class KeptFrame:
 class Calibration:
     """Learns the lengths of one person; `advance` with every tracked frame, then take `skeleton`."""
 
-    def __init__(self, rows: FrameRows) -> None:
+    def __init__(self, rows: FrameModel) -> None:
         self._kinematics = kinematics = rows.kinematics
         self.proportions = Proportions(kinematics)
         self._rows = rows

@@ -7,10 +7,10 @@ from enum import Enum
 
 import numpy as np
 
-from lassokin_ros.core.certificate import Certificate
-from lassokin_ros.core.doubt import doubt
-from lassokin_ros.core.kinematics import BodyPose, BodyState
-from lassokin_ros.core.lasso import Lasso, LassoSolution
+from lassokin_ros.core.body.kinematics import BodyPose, BodyState
+from lassokin_ros.core.lasso.certificate import Certificate
+from lassokin_ros.core.lasso.lasso import Lasso, LassoSolution
+from lassokin_ros.core.output.failure_probability import failure_probability
 
 
 class Status(Enum):
@@ -80,6 +80,6 @@ class Estimate:
         return self.rejection is None
 
     @property
-    def doubt(self) -> float:
+    def failure_probability(self) -> float:
         """0 to 1: how likely the pose is wrong, by more than 100 mm on average."""
-        return doubt(self.cost, self.excess)
+        return failure_probability(self.cost, self.excess)

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from lassokin_ros.core.body.skeleton import AXIS_ORDERS, Skeleton
 from lassokin_ros.core.errors import SkeletonError
-from lassokin_ros.core.skeleton import AXIS_ORDERS, Skeleton
 from lassokin_ros.core.yaml_files import read_text
 from lassokin_ros.skeleton_readers.naming import in_our_names
 from lassokin_ros.skeleton_readers.rest_pose import in_metres, in_our_pose

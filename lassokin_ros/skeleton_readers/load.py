@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from importlib import import_module
 
+from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import SkeletonError
-from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.core.yaml_files import user_path
 
 READERS = {".npz": "smpl", ".bvh": "bvh", ".urdf": "urdf"}

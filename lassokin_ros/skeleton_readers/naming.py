@@ -9,8 +9,8 @@ from __future__ import annotations
 from functools import cache
 from importlib import resources
 
+from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import SkeletonError
-from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.core.yaml_files import load_mapping
 from lassokin_ros.skeleton_readers.rest_tree import RestTree
 

@@ -10,9 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from lassokin_ros.core.body.rotations import least_turn
+from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import SkeletonError
-from lassokin_ros.core.rotations import least_turn
-from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.skeleton_readers.naming import OURS, SIDES
 from lassokin_ros.skeleton_readers.rest_tree import RestTree
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import SkeletonError
-from lassokin_ros.core.skeleton import Skeleton
 
 MOST_JOINTS = 1000
 

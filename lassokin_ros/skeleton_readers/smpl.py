@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from lassokin_ros.core.body.skeleton import HEIGHT_RANGE, Skeleton
 from lassokin_ros.core.errors import SkeletonError
-from lassokin_ros.core.skeleton import HEIGHT_RANGE, Skeleton
 from lassokin_ros.skeleton_readers.naming import OURS
 from lassokin_ros.skeleton_readers.rest_tree import RestTree, to_skeleton
 

@@ -13,13 +13,13 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from lassokin_ros.core.body.joint_angles import ROOT_JOINTS
+from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import SkeletonError
-from lassokin_ros.core.skeleton import Skeleton
 from lassokin_ros.core.yaml_files import MAX_CHARACTERS, read_text
 from lassokin_ros.skeleton_readers.naming import in_our_names
 from lassokin_ros.skeleton_readers.rest_pose import in_our_pose
 from lassokin_ros.skeleton_readers.rest_tree import RestTree, to_skeleton
-from lassokin_ros.urdf import ROOT_JOINTS
 
 MOST_LINKS = 4000
 
@@ -147,7 +147,7 @@ def _links(joints: list[Joint]) -> RestTree:
 
 
 def _our_own(joints: list[Joint], source: str) -> RestTree:
-    """The ball joints, each of which is three revolute joints in a row, see lassokin_ros.urdf."""
+    """The ball joints, each of which is three revolute joints in a row, see lassokin_ros.pipeline.outputs.urdf."""
     places = _placed(joints)
     ball_of: dict[str, str] = {}  # link -> the ball joint that it belongs to
     parents: dict[str, str] = {}

@@ -1,0 +1,204 @@
+"""One clip seen by one camera, followed by one method, and scored: the unit of work of benchmarks/accuracy.py."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Mapping
+
+import numpy as np
+
+from benchmarks.accuracy_run.metrics import acceleration_error, flipped_frames, mpjpe, pa_mpjpe
+from benchmarks.accuracy_run.runs import Follower, Track, follow
+from benchmarks.common.report import Record
+from benchmarks.data.mocap import (
+    EVALUATED,
+    SMPL_NAME,
+    Clip,
+    Condition,
+    View,
+    clip_height,
+    clip_skeleton,
+    load_clip,
+    view_of,
+)
+from benchmarks.methods.baselines import FOLLOWERS
+from benchmarks.methods.smplify import fit_clip
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.estimate import Observation
+
+METHODS = (*FOLLOWERS, "smplify")
+
+
+@dataclass(frozen=True)
+class Job:
+    """What to run; everything that a worker process needs to know.
+
+    bone_error: standard deviation of the bones' relative error; symmetric: left and right bones get the same one.
+    settings: of TrackerConfig, beside height, landmarks and noise_px. score_from: s, earlier frames are not scored.
+    left_out: the prior is learned from the folder's other clips (benchmarks/accuracy_run/leave_one_out.py).
+    """
+
+    file: Path
+    view: int
+    method: str
+    condition: Condition = Condition()
+    landmarks: str = "coco17"
+    seed: int = 0
+    generic_skeleton: bool = False
+    bone_error: float = 0.0
+    symmetric: bool = True
+    settings: Mapping[str, Any] | None = None
+    score_from: float = 0.0
+    left_out: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A job's clip, what the camera saw of it, and what the method is told: skeleton and settings."""
+
+    clip: Clip
+    view: View
+    skeleton: Skeleton
+    config: TrackerConfig
+
+    @property
+    def observations(self) -> list[Observation]:
+        """All frames, in order."""
+        v, points = self.view, self.view.normalised
+        return [Observation(f / v.fps, points[f], v.confidence[f], v.focal) for f in range(len(points))]
+
+    @property
+    def evaluated(self) -> list[int]:
+        """Joint indices of `EVALUATED`."""
+        return [self.skeleton.index(SMPL_NAME[name]) for name in EVALUATED]
+
+    def follower(self, method: str) -> Follower:
+        """A new tracker or baseline."""
+        return FOLLOWERS[method](self.config, self.skeleton)
+
+    def follow(self, method: str, observations: list[Observation] | None = None) -> Track:
+        """Run one method over the clip, or over `observations`."""
+        observations = self.observations if observations is None else observations
+        landmarks = len(Layout.load(self.config.landmarks, self.skeleton).names)
+        if method == "smplify":
+            return fit_clip(self.config, self.skeleton, observations)
+        return follow(self.follower(method), observations, self.skeleton.joint_count, landmarks)
+
+
+def scene_of(job: Job) -> Scene:
+    """Load the clip and render the job's view of it. The camera sees the clip's own body, whatever is told of it."""
+    clip = load_clip(job.file)
+    own = clip_skeleton(clip, generic=False)
+    told = clip_skeleton(clip, generic=job.generic_skeleton)
+    if job.bone_error > 0:
+        told = told.with_bone_scales(bone_scales(told, job))
+    settings = {"noise_px": max(1.0, job.condition.noise_px), **(job.settings or {})}
+    config = TrackerConfig(height=clip_height(clip), landmarks=job.landmarks, **settings).checked()
+    view = view_of(clip, Layout.load(job.landmarks, own), own, job.condition, job.view, job.seed)
+    return Scene(clip, view, told, config)
+
+
+def bone_scales(skeleton: Skeleton, job: Job) -> np.ndarray:
+    """(n,) factors 1 + error, one draw per seed and clip."""
+    random = np.random.default_rng([job.seed, 77, *job.file.stem.encode()])
+    scales = 1 + job.bone_error * random.normal(size=skeleton.joint_count)
+    if job.symmetric:
+        for joint, name in enumerate(skeleton.joint_names):
+            if name.startswith("right_"):
+                scales[joint] = scales[skeleton.index("left_" + name.removeprefix("right_"))]
+    return scales
+
+
+def run(job: Job) -> Record:
+    """Follow the clip and score it."""
+    scene = scene_of(job)
+    track = scene.follow(job.method)
+    return {**described(job, scene), **score(track, scene, job.score_from)}
+
+
+def described(job: Job, scene: Scene) -> Record:
+    """The record's fields that say what was run."""
+    return {
+        "clip": scene.clip.name,
+        "view": job.view,
+        "fps": scene.view.fps,
+        "noise_px": job.condition.noise_px,
+        "missing": job.condition.missing,
+        "outliers": job.condition.outliers,
+        "swaps": job.condition.swaps,
+        "duplicates": job.condition.duplicates,
+        "wander_px": job.condition.wander_px,
+        "offset_px": job.condition.offset_px,
+        "landmarks": job.landmarks,
+        "method": job.method,
+        "seed": job.seed,
+        "skeleton": "height" if job.generic_skeleton else "bones",
+        "bone_error": job.bone_error,
+        "prior": "other clips" if job.left_out else "shipped",
+        "height_m": scene.config.height,
+    }
+
+
+def score(track: Track, scene: Scene, score_from: float = 0.0) -> Record:
+    """The figures of one track, over the frames from its first estimate (or `score_from` s) on.
+
+    A rejected frame counts with the last estimate, which is what a subscriber still has. Without a frame to score all
+    are NaN: of a clip that ends before `score_from`, or where nobody was found, which is `ends_lost`.
+    """
+    view = scene.view
+    first, begin = track.first, int(round(score_from * view.fps))
+    scored = slice(max(first, begin), None)
+    joints, root = track.positions[:, scene.evaluated], track.positions[:, 0]
+    estimate, truth, own_root, true_root = joints[scored], view.truth[scored], root[scored], view.root[scored]
+    if len(estimate) == 0:
+        return {
+            "frames": 0,
+            **dict.fromkeys(FIGURES, float("nan")),
+            "rejected": int(track.rejected.sum()),
+            "ends_lost": begin < len(view.truth),
+        }
+    error = mpjpe(estimate, truth, own_root, true_root)
+    flips = flipped_frames(estimate, truth, EVALUATED)
+    start = mpjpe(joints[first : first + 1], view.truth[first : first + 1], root[first, None], view.root[first, None])
+    return {
+        "frames": len(estimate),
+        "mpjpe_mm": float(np.mean(error)),
+        "pa_mpjpe_mm": float(np.mean(pa_mpjpe(estimate, truth))),
+        "root_mm": float(1000 * np.mean(np.linalg.norm(own_root - true_root, axis=-1))),
+        "accel_error": acceleration_error(estimate, truth, own_root, true_root, view.fps),
+        "reprojection_px": _mean(track.reprojection_px[scored]),
+        "frames_over_100mm": int(np.sum(error > 100)),
+        "over_100mm_percent": float(100 * np.mean(error > 100)),
+        "flips": int(np.sum(flips)),
+        "flips_percent": float(100 * np.mean(flips)),
+        "init_ms": track.init_ms,
+        "init_mpjpe_mm": float(start[0]),
+        "frame_ms_p50": float(np.percentile(track.frame_ms[first:], 50)),
+        "frame_ms_p99": float(np.percentile(track.frame_ms[first:], 99)),
+        "rejected": int(np.sum(track.rejected[scored])),
+        "ends_lost": bool(track.rejected[-1]),
+        "before_first": first,
+    }
+
+
+FIGURES = (
+    "mpjpe_mm pa_mpjpe_mm root_mm accel_error reprojection_px frames_over_100mm over_100mm_percent flips flips_percent "
+    "init_ms init_mpjpe_mm frame_ms_p50 frame_ms_p99"
+).split()
+
+
+def _mean(values: np.ndarray) -> float:
+    return float(np.nanmean(values)) if np.isfinite(values).any() else float("nan")
+
+
+def with_gap(observations: list[Observation], start: int, length: int) -> list[Observation]:
+    """The same frames with every landmark missing in `length` of them."""
+    return [
+        replace(o, points=np.full_like(o.points, np.nan), confidence=np.zeros_like(o.confidence))
+        if start <= frame < start + length
+        else o
+        for frame, o in enumerate(observations)
+    ]

@@ -1,0 +1,62 @@
+"""Runs whose pose prior has never seen their clip: learned anew from all the other takes of its folder.
+
+Only the prior is learned anew. The tracker's constants stay as they are, and another clip of the same person may be
+among those that the prior is learned from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Callable, TypeVar
+
+from benchmarks.accuracy_run.experiment import Job
+from benchmarks.data.mocap import load_clip
+from benchmarks.learn_prior import Moments, combined, mapping, moments, same_take
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.evidence.pose_prior import PosePrior
+
+T = TypeVar("T")
+
+
+def under_its_prior(function: Callable[[Job], T], job: Job) -> T:
+    """function(job), when `job.left_out` with the prior of the folder's other clips in place of the shipped one."""
+    if not job.left_out:
+        return function(job)
+    with prior_in_force(prior_without(job.file)):
+        return function(job)
+
+
+def prior_without(file: Path) -> dict[str, Any]:
+    """The prior of all clips in the file's folder that show another take, in the form that PosePrior reads."""
+    others = [other for other in sorted(file.parent.glob("*.npz")) if not same_take(other.stem, file.stem)]
+    if not others:
+        raise SystemExit(f"no clip but {file.stem} in {file.parent}: expected others to learn its prior from")
+    return mapping(*combined([sample for other in others for sample in _moments_of(other)]))
+
+
+@lru_cache(maxsize=None)
+def _moments_of(file: Path) -> list[Moments]:
+    """Of a clip and its mirror image, once per process: 31 clips take a second."""
+    return moments(load_clip(file))
+
+
+@contextmanager
+def prior_in_force(form: Mapping[str, Any]) -> Iterator[None]:
+    """Whatever asks for the shipped prior meanwhile, in this process, is given this one.
+
+    All methods ask PosePrior.load when they are made. The core offers no choice of prior, which no user needs; so the
+    method itself is replaced, and put back.
+    """
+
+    def load(cls: type[PosePrior], skeleton: Skeleton) -> PosePrior:
+        return cls.from_mapping(form, skeleton)
+
+    shipped = vars(PosePrior)["load"]
+    setattr(PosePrior, "load", classmethod(load))
+    try:
+        yield
+    finally:
+        setattr(PosePrior, "load", shipped)

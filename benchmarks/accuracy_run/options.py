@@ -1,0 +1,81 @@
+"""The options of benchmarks/accuracy.py."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+from typing import Any
+
+from benchmarks.accuracy_run.experiment import METHODS
+from benchmarks.common.option_types import count, finite, names, output_file, positive, seed, share, size
+from lassokin_ros.core.config import TrackerConfig
+
+SWITCH = {**dict.fromkeys(("true", "1", "yes", "on"), True), **dict.fromkeys(("false", "0", "no", "off"), False)}
+GIVEN = {"height": "by each clip", "skeleton": "by each clip", "landmarks": "by --landmarks"}
+"""Settings that --set does not take, and what says them."""
+OF_DETECTIONS = ("detections", "methods", "measured_bones", "tracker_noise_px", "set", "jobs", "json")
+"""What --detections heeds: its keypoints are taken as they are, from every camera."""
+
+
+def parser(description: str | None = None) -> argparse.ArgumentParser:
+    """The command line's options."""
+    result = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add, switch = result.add_argument, argparse.BooleanOptionalAction
+    add("--data", type=Path, help="folder of clips (default: mocap/ in LASSOKIN_DATA or ../shared/data)")
+    add("--detections", type=Path, nargs="+", metavar="FILE", help="real detector output (npz) instead of clips")
+    add("--noise-px", type=size, default=2.0, help="Gaussian noise of a keypoint, px (2)")
+    add("--wander-px", type=size, default=0.0, help="the same of an error that lasts a tenth of a second, px (0)")
+    add("--offset-px", type=size, default=0.0, help="the same of one that stays, each landmark's own, px (0)")
+    add("--missing", type=share, default=0.0, help="share of keypoints missing, in bursts of 5-30 frames (0)")
+    add("--outliers", type=share, default=0.0, help="share of keypoints 30-150 px off at full confidence (0)")
+    add("--swaps", type=share, default=0.0, help="share of frames with a limb's left and right swapped, in bursts (0)")
+    add("--duplicates", type=count, default=1, metavar="K", help="each detection comes K times, at the frame rate (1)")
+    add("--camera-roll", type=finite, default=0.0, metavar="RAD", help="of the camera's mount, told only by --set (0)")
+    add("--camera-pitch", type=finite, default=0.0, metavar="RAD", help="the same: it looks down by this much (0)")
+    add("--lying", action="store_true", help="people are laid down, on one side or another")
+    add("--fps", type=positive, default=60.0, help="frame rate, by leaving out frames; or the nearest there is (60)")
+    add("--landmarks", default="coco17", help="landmark layout (coco17)")
+    add("--views", type=count, default=2, help="cameras per clip (2)")
+    add("--seed", type=seed, default=0, help="of cameras, noise and bone errors (0)")
+    add("--seeds", type=count, default=1, metavar="N", help="so many seeds, from --seed on, in one summary (1)")
+    add("--methods", type=names, default=["lasso"], help=f"comma-separated, of {','.join(METHODS)} (lasso)")
+    add("--clips", type=names, help="comma-separated names (default: all but the training clips)")
+    add("--all-clips", action="store_true", help="run the training clips too")
+    add("--exclude-training", action=switch, default=None, help="default: on, unless another option names the clips")
+    add("--leave-one-out", action="store_true", help="all clips, each with a prior learned from the folder's others")
+    add("--generic-skeleton", action="store_true", help="give the person's height alone")
+    add("--measured-bones", action="store_true", help="with --detections: bones as the reference has them")
+    add("--bone-error", type=size, default=0.0, help="standard deviation of the given bones' relative error (0)")
+    add("--symmetric", action=switch, default=True, help="the same bone error on both sides (default)")
+    add("--score-from", type=size, default=0.0, metavar="S", help="score frames after S s, of clips that last (0)")
+    add("--tracker-noise-px", type=float, help="noise_px that is told (clips: --noise-px, 1 or more; detections: 3)")
+    add("--set", type=_setting, action="append", default=[], metavar="NAME=VALUE", help="any setting of the tracker")
+    add("--initialisation", action="store_true", help="initialise from single frames spread over the clips")
+    add("--per-clip", type=count, default=6, help="with --initialisation: frames per clip and view (6)")
+    add("--gap", type=positive, metavar="S", help="no landmark at all for S s in the middle of each clip")
+    add("--uncertainty", action="store_true", help="predicted against actual error of the joints, in bins, lasso only")
+    add("--failure-probability", action="store_true", help="how likely poses are called wrong against how many are, lasso only")
+    add("--jobs", type=count, default=os.cpu_count(), help="processes (one per core)")
+    add("--json", type=output_file, metavar="FILE", help="write the records as a JSON list")
+    return result
+
+
+def unheeded(options: argparse.Namespace) -> list[str]:
+    """The options given beside --detections that change nothing there."""
+    defaults = vars(parser().parse_args([]))
+    given = [name for name, value in vars(options).items() if value != defaults[name] and name not in OF_DETECTIONS]
+    return [f"--{name.replace('_', '-')}" for name in given]
+
+
+def _setting(text: str) -> tuple[str, Any]:
+    name, _, value = text.partition("=")
+    if not hasattr(TrackerConfig(), name):
+        raise argparse.ArgumentTypeError(f"the tracker has no setting '{name}'")
+    if name in GIVEN:
+        raise argparse.ArgumentTypeError(f"'{name}' is given {GIVEN[name]}")
+    kind = type(getattr(TrackerConfig(), name))
+    try:
+        return name, SWITCH[value.lower()] if kind is bool else kind(value)
+    except (KeyError, ValueError):
+        raise argparse.ArgumentTypeError(f"{text}; expected a value of type {kind.__name__}") from None

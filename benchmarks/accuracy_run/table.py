@@ -1,0 +1,138 @@
+"""What benchmarks/accuracy.py prints: a head that says what was run and what was given, rows, and a summary."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any, Sequence
+
+import numpy as np
+
+from benchmarks.common.report import Record, summarise, table
+from benchmarks.data.mocap import WANDERS
+from benchmarks.learn_prior import SEEN, TRAINING
+
+COLUMNS = {
+    "mpjpe_mm": ".1f",
+    "pa_mpjpe_mm": ".1f",
+    "root_mm": ".0f",
+    "accel_error": ".1f",
+    "reprojection_px": ".1f",
+    "over_100mm_percent": ".1f",
+    "flips_percent": ".1f",
+    "init_mpjpe_mm": ".0f",
+    "init_ms": ".0f",
+    "frame_ms_p50": ".2f",
+    "frame_ms_p99": ".2f",
+}
+GAP = {"before_mm": ".1f", "gap_end_mm": ".1f", "after_mm": ".1f", "after_no_gap_mm": ".1f", "rise_mm": ".1f"}
+INITIALISATION = {"init_median_mm": ".1f", "init_p90_mm": ".1f", "front_back_percent": ".1f", "ms_p50": ".0f"}
+
+PRIOR_SHIPPED = (
+    f"Prior learned from (never in a summary): {' '.join(TRAINING)}\n"
+    f"Nor is a file of a take that is among these: {' '.join(clip for clip in SEEN if clip not in TRAINING)}"
+)
+PRIOR_OF_OTHERS = (
+    "Prior of each clip learned from all the other clips of its folder, but not from another file of its take:\n"
+    "every clip is unseen by it, and counts. "
+    "The tracker's constants were not learned anew; other clips of the same person may be in the prior."
+)
+
+
+def report(options: argparse.Namespace, records: Sequence[Record]) -> None:
+    """Print head, rows and summary; training clips never stand in the summary."""
+    print(detections_head(options) if options.detections else head(options))
+    counted = [r for r in records if not r.get("training")]
+    training = [r for r in records if r.get("training")]
+    if not records:
+        print("nothing to measure: no clip is long enough")
+        return
+    by = ("clip", "method") if options.detections else ("method",)
+    columns = GAP if options.gap else COLUMNS
+    if not options.initialisation:
+        shown = [{**r, "clip": r["clip"] + (" *" if r.get("training") else "")} for r in records]
+        seed = {"seed": "d"} if options.seeds > 1 and not options.detections else {}
+        lead = {"clip": "<", "view": "d"} | seed | {"method": "<"} | ({} if options.gap else {"frames": "d"})
+        print(table(shown, lead | columns))
+    for title, group in (("", counted), ("training clips, not to be reported:", training)):
+        if not group:
+            continue
+        print(f"\n{title}".rstrip())
+        if options.initialisation:
+            print(table(initialisation_rows(group), {"method": "<", "frames": "d", "found": "d", **INITIALISATION}))
+        else:
+            lead = dict.fromkeys((*by, "statistic"), "<") | {"runs": "d"}
+            print(table(summarise(group, by, list(columns)), lead | columns))
+
+
+def head(options: argparse.Namespace) -> str:
+    """What was run on clips, in words."""
+    given = "the height alone" if options.generic_skeleton else "bone lengths and trunk at rest"
+    if options.bone_error:
+        kind = "the same left and right" if options.symmetric else "each by itself"
+        given += f" wrong by {options.bone_error:.1%} at random ({kind})"
+    noise = options.tracker_noise_px or max(1.0, options.noise_px)
+    lines = [
+        f"{options.fps:g} Hz, noise {options.noise_px:g} px, {options.missing:.0%} missing, {options.outliers:.0%} "
+        f"outliers, {options.swaps:.0%} swapped, {options.landmarks}; {options.views} views per clip, "
+        f"{_seeds(options)}.",
+        f"Given of each clip: {given}; noise {noise:g} px. Settings {dict(options.set) or 'default'}. "
+        "Automatic initialisation.",
+        PRIOR_OF_OTHERS if options.leave_one_out else PRIOR_SHIPPED,
+        f"Times with {options.jobs} processes at once, one thread each.",
+    ]
+    if options.camera_roll or options.camera_pitch:
+        lines.append(f"Camera rolled by {options.camera_roll:g} rad and looking down by {options.camera_pitch:g} rad.")
+    if options.wander_px or options.offset_px:
+        lines.append(
+            f"Beside the noise keypoints are off by {options.wander_px:g} px for {WANDERS:g} s on end, and by "
+            f"{options.offset_px:g} px all the time (standard deviations)."
+        )
+    if options.lying:
+        lines.append("The people are laid down.")
+    if options.duplicates > 1:
+        lines.append(f"Each detection comes {options.duplicates} times; every frame counts against its own truth.")
+    if options.score_from:
+        lines.append(f"Scored from {options.score_from:g} s on; clips that end before are left out.")
+    return "\n".join(lines) + "\n"
+
+
+def _seeds(options: argparse.Namespace) -> str:
+    last = options.seed + options.seeds - 1
+    return f"seed {options.seed}" if last == options.seed else f"seeds {options.seed} to {last}"
+
+
+def detections_head(options: argparse.Namespace) -> str:
+    """What was run on real detections, in words."""
+    height = "the height at which the built-in proportions give the reference's limbs and trunk their length"
+    given = height + (", and the reference's bones" if options.measured_bones else " alone")
+    return (
+        f"Real detections: {', '.join(f.name for f in options.detections)}; one camera at a time.\n"
+        f"Given: {given}. Settings {told(options) or 'default'}. Automatic initialisation.\n"
+        "Limb joints against the multi-camera 3D reference, aligned at the middle of the hips (no hips in view: of the "
+        "shoulders).\nThe reference is the detector's own points triangulated; 2-4 cm of bias are its own.\n"
+    )
+
+
+def initialisation_rows(records: Sequence[Record]) -> list[Record]:
+    """One row per method; figures are of the frames in which somebody was found."""
+    rows = []
+    for method in dict.fromkeys(r["method"] for r in records):
+        group = [r for r in records if r["method"] == method]
+        found = [r for r in group if np.isfinite(r["init_mpjpe_mm"])]
+        error = np.array([r["init_mpjpe_mm"] for r in found] or [np.nan])
+        rows.append({
+            "method": method,
+            "frames": len(group),
+            "found": len(found),
+            "init_median_mm": float(np.median(error)),
+            "init_p90_mm": float(np.percentile(error, 90)),
+            "front_back_percent": 100 * float(np.mean([r["yaw_error_deg"] > 90 for r in found] or [np.nan])),
+            "ms_p50": float(np.median([r["init_ms"] for r in found] or [np.nan])),
+        })  # fmt: skip
+    return rows
+
+
+def told(options: argparse.Namespace) -> dict[str, Any]:
+    """Settings of the tracker that the command line gives."""
+    noise = {} if options.tracker_noise_px is None else {"noise_px": options.tracker_noise_px}
+    return {**noise, **dict(options.set)}

@@ -1,0 +1,1 @@
+"""Options, reports and errors that all benchmarks share."""

@@ -1,0 +1,1 @@
+"""Motion capture, detector output and synthetic scenes as sequences of observations."""

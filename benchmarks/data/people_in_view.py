@@ -1,0 +1,39 @@
+"""Keypoints of several people for as long as one likes: our own motion, seen by a detector with its faults."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lassokin_ros.core.body.kinematics import BodyState, Kinematics
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.demo.synthetic import Detector, detections, exact_pixels, motion
+
+HEIGHT, LANDMARKS = 1.75, "coco17"
+APART_M, LATER_S = 0.8, 3.1
+"""People stand this far from one another, and do the same this much later."""
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """f frames of p people: pixels (f, p, 17, 2) and confidences (f, p, 17), 0 where nothing was found."""
+
+    pixels: np.ndarray
+    confidence: np.ndarray
+
+
+def view(first: int, count: int, hz: float, people: int, detector: Detector = Detector()) -> View:
+    """Frames `first` to `first + count` of a motion without end; the same call gives the same numbers."""
+    skeleton = Skeleton.load("anthropometric", HEIGHT)
+    kinematics = Kinematics(skeleton, Layout.load(LANDMARKS, skeleton))
+    pixels, confidence = [], []
+    for person in range(people):
+        state = motion(skeleton, (first + np.arange(count)) / hz + LATER_S * person)
+        place = np.array([(person - (people - 1) / 2) * APART_M, 0.0, 0.25 * people])
+        exact = exact_pixels(kinematics, BodyState(state.rotations, state.translation + place))
+        found = detections(exact, hz, seed=1000 * first + person, detector=detector)
+        pixels.append(found[0])
+        confidence.append(found[1])
+    return View(np.stack(pixels, axis=1), np.stack(confidence, axis=1))

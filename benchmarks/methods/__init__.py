@@ -1,0 +1,1 @@
+"""Methods that the tracker is compared with."""

@@ -1,0 +1,152 @@
+"""Other methods on the same inputs, for comparison.
+
+All begin with the shipped tracker's automatic initialisation, and again where they have left the person for behind the
+camera or out of sight. Their own constants (below) were chosen on the training
+clips of benchmarks/learn_prior.py at 60 Hz and 2 px, each the best of a coarse grid by median MPJPE.
+
+- plain: the paper's plain lasso, closed loop, one uniform alpha, every landmark weighted alike, no prior.
+- ridge: the shipped pipeline with sum rho alpha_k^2 Omega_k^2 / 2 in place of sum alpha_k |Omega_k|.
+- dls: damped least squares, the usual inverse kinematics of robots, one step a frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from lassokin_ros.core.body.kinematics import BodyState
+from lassokin_ros.core.body.rotations import orthonormalised
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.estimate import Estimate, Observation, Rejection, Status
+from lassokin_ros.core.image.observation_model import Linearisation, linearise
+from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.lasso.certificate import Certificate
+from lassokin_ros.core.lasso.lasso import Lasso, LassoSolution, LassoSolver, eliminate_translation
+from lassokin_ros.core.tracker import SMALLEST, Tracker
+
+PLAIN_ALPHA = 30.0  # 1/rad, with residuals in standard deviations
+RIDGE_WEIGHT = 10.0  # rho
+DAMPING = 30.0  # 1/rad, lambda of dls, with residuals in standard deviations
+DLS_STEPS = 1
+
+
+class ImageOnly:
+    """A follower that knows nothing but the image: closed loop, no prior; subclasses say how a step is solved."""
+
+    steps = 1
+
+    def __init__(self, config: TrackerConfig, skeleton: Skeleton) -> None:
+        self._starter = Tracker(config, skeleton)
+        self._config = config
+        self._kinematics = self._starter.kinematics
+        self._live = np.flatnonzero(self._kinematics.live)
+        self._state: BodyState | None = None
+
+    def track(self, observation: Observation) -> Estimate:
+        """Use one observation; the first usable one is the shipped tracker's."""
+        if self._state is None:
+            estimate = self._starter.track(observation)
+            self._state = estimate.state if estimate.accepted else None
+            return estimate
+        weights = self.weights(observation)
+        if np.count_nonzero(weights) < self._config.min_landmarks:
+            return Estimate(observation.stamp, Status.TRACKING, Rejection.TOO_FEW_LANDMARKS)
+        points = np.where(weights[:, None] > 0, observation.points, 0.0)
+        state = self._state
+        for _ in range(self.steps):
+            model = linearise(self._kinematics, self._kinematics.pose(state), points, weights)
+            live, x = self.step(model)
+            omega = np.zeros(3 * self._kinematics.joint_count)
+            omega[self._live] = live
+            state = state.retract(omega, x)
+        if self._nowhere(state, observation.focal):
+            self._starter.reset()
+            self._state = None
+            return Estimate(observation.stamp, Status.SEARCHING, Rejection.TOO_SMALL)
+        self._state = replace(state, rotations=orthonormalised(state.rotations))
+        pose = self._kinematics.pose(self._state)
+        error = (points - project(pose.landmarks))[weights > 0] * observation.focal
+        return Estimate(
+            observation.stamp,
+            Status.TRACKING,
+            state=self._state,
+            pose=pose,
+            reprojection_px=float(np.sqrt(np.mean(np.sum(error * error, axis=-1)))),
+        )
+
+    def _nowhere(self, state: BodyState, focal: float) -> bool:
+        """Whether the state is where no image leads back from, as the shipped tracker has it: it begins anew too."""
+        depth, height = state.translation[2], self._starter.skeleton.height
+        return not (depth > 0 and height * focal >= SMALLEST * self._config.noise_px * depth)
+
+    def weights(self, observation: Observation) -> np.ndarray:
+        """(l,): 1 / standard deviation of a visible landmark, 0 of a missing one."""
+        visible = np.all(np.isfinite(observation.points), axis=-1)
+        visible &= observation.confidence >= max(self._config.min_confidence, 1e-9)
+        return np.where(visible, observation.focal / self._config.noise_px, 0.0)
+
+    def step(self, model: Linearisation) -> tuple[np.ndarray, np.ndarray]:
+        """(Omega of the live degrees of freedom, x)."""
+        raise NotImplementedError
+
+
+class PlainLasso(ImageOnly):
+    """The paper's lasso with one alpha for all."""
+
+    def __init__(self, config: TrackerConfig, skeleton: Skeleton) -> None:
+        super().__init__(config, skeleton)
+        self._alpha = np.full(len(self._live), PLAIN_ALPHA)
+        self._lasso = LassoSolver(config.solver)
+
+    def step(self, model: Linearisation) -> tuple[np.ndarray, np.ndarray]:
+        """Solve the frame's lasso."""
+        A = np.ascontiguousarray(model.A[:, self._live])
+        solution = self._lasso.solve(Lasso(A, model.B, model.residual, self._alpha))
+        return solution.omega, solution.x
+
+
+class DampedLeastSquares(ImageOnly):
+    """(J^T J + lambda^2 I)^-1 J^T e on rotations and translation; the translation is not damped."""
+
+    steps = DLS_STEPS
+
+    def step(self, model: Linearisation) -> tuple[np.ndarray, np.ndarray]:
+        """Solve one damped step."""
+        J = np.concatenate([model.A[:, self._live], model.B], axis=1)
+        H = J.T @ J
+        damping = np.full(len(H), DAMPING**2)
+        damping[-3:] = 1e-6
+        H.flat[:: len(H) + 1] += damping
+        solution = cho_solve(cho_factor(H), J.T @ model.residual)
+        return solution[:-3], solution[-3:]
+
+
+class RidgeSolver:
+    """Takes the place of LassoSolver: 1/2 ||z - B x - A Omega||^2 + rho/2 sum (alpha_k Omega_k)^2."""
+
+    def solve(self, problem: Lasso, guess: np.ndarray | None = None) -> LassoSolution:
+        """The minimiser; its certificate's residuals are those of the ridge's own stationarity, in units of alpha."""
+        reduced = eliminate_translation(problem)
+        penalty = RIDGE_WEIGHT * problem.alpha**2
+        omega = np.linalg.solve(reduced.H + np.diag(penalty), reduced.g)
+        x = reduced.Y @ (problem.z - problem.A @ omega)
+        r = problem.z - problem.B @ x - problem.A @ omega
+        gradient = float(np.max(np.abs(problem.A.T @ r - penalty * omega) / problem.alpha))
+        kkt3 = float(np.max(np.abs(problem.B.T @ r)) / problem.alpha.min())
+        objective = float(0.5 * r @ r + 0.5 * penalty @ (omega * omega))
+        certificate = Certificate(gradient, 0.0, kkt3, objective, 0.0, 0.0, len(omega))
+        return LassoSolution(omega, x, problem.alpha, lambda: certificate, "ridge")
+
+
+class RidgeTracker(Tracker):
+    """The shipped tracker with the l1 term replaced by a quadratic one of the same per-degree-of-freedom shape."""
+
+    def __init__(self, config: TrackerConfig, skeleton: Skeleton) -> None:
+        super().__init__(config, skeleton)
+        self._increments.lasso = RidgeSolver()  # type: ignore[assignment]
+
+
+FOLLOWERS = {"lasso": Tracker, "plain": PlainLasso, "ridge": RidgeTracker, "dls": DampedLeastSquares}

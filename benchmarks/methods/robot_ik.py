@@ -1,0 +1,110 @@
+"""Robot inverse kinematics on the same body, through pinocchio: what one would use without this package.
+
+The body is the URDF that the node publishes, 75 revolute and prismatic joints. Two peers:
+- pink (differential inverse kinematics as a QP): one position task per landmark, a light posture task. It knows no
+  cameras, so it is given the landmarks' true places in 3D: an easier task than ours.
+- damped least squares on the image, one step a frame, with pinocchio's Jacobians.
+"""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+
+from lassokin_ros.core.body.joint_angles import JointAngleReader
+from lassokin_ros.core.body.kinematics import BodyState, Kinematics
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.image.projection import project, projection_jacobian
+from lassokin_ros.pipeline.outputs.urdf import joint_names, urdf
+
+DAMPING = 30.0  # as in benchmarks/methods/baselines.py
+PINK_SOLVERS = ("proxqp", "daqp")
+
+
+def available() -> list[str]:
+    """Names of the peers that are installed."""
+    if find_spec("pinocchio") is None:
+        return []
+    pink = [f"pink, {solver}" for solver in PINK_SOLVERS] if find_spec("pink") else []
+    return [*pink, "pinocchio, damped least squares"]
+
+
+class _Robot:
+    """The body as a pinocchio model with one operational frame per landmark."""
+
+    def __init__(self, kinematics: Kinematics, start: BodyState) -> None:
+        import pinocchio
+
+        self.pin = pinocchio
+        skeleton, layout = kinematics.skeleton, kinematics.layout
+        self.model = pinocchio.buildModelFromXML(urdf(skeleton, "camera"))
+        self.frames = []
+        for name, joint, offset in zip(layout.names, layout.joints, layout.offsets):
+            link = self.model.getFrameId(skeleton.joint_names[joint])
+            parent = self.model.frames[link]
+            place = parent.placement * pinocchio.SE3(np.eye(3), offset)
+            frame = pinocchio.Frame(f"landmark_{name}", parent.parentJoint, link, place, pinocchio.OP_FRAME)
+            self.frames.append(self.model.addFrame(frame))
+        self.data = self.model.createData()
+        self.q = self.configuration(skeleton, start)
+
+    def configuration(self, skeleton: Skeleton, state: BodyState) -> np.ndarray:
+        """The model's joint vector of a state."""
+        values = np.concatenate([state.translation, JointAngleReader(skeleton.axes).read(state.rotations).ravel()])
+        by_name = dict(zip(joint_names(skeleton), values))
+        q = self.pin.neutral(self.model)
+        for name, joint in zip(list(self.model.names)[1:], list(self.model.joints)[1:]):
+            q[joint.idx_q] = by_name[name]
+        return q
+
+
+class PinkTracker:
+    """One pink step a frame towards the landmarks' places in 3D."""
+
+    def __init__(self, kinematics: Kinematics, start: BodyState, solver: str) -> None:
+        import pink
+
+        robot = _Robot(kinematics, start)
+        self._pink, self._solver = pink, solver
+        self._configuration = pink.Configuration(robot.model, robot.data, robot.q)
+        names = [robot.model.frames[frame].name for frame in robot.frames]
+        self._tasks = [pink.tasks.FrameTask(name, position_cost=1.0, orientation_cost=0.0) for name in names]
+        posture = pink.tasks.PostureTask(cost=1e-3)
+        posture.set_target(robot.q)
+        self._all: list[Any] = [*self._tasks, posture]
+        self._pin = robot.pin
+
+    def track(self, landmarks: np.ndarray) -> np.ndarray:
+        """One frame; landmarks (l, 3) m. Returns the model's joint vector."""
+        for task, point in zip(self._tasks, landmarks):
+            task.set_target(self._pin.SE3(np.eye(3), point))
+        velocity = self._pink.solve_ik(self._configuration, self._all, 1 / 60, solver=self._solver)
+        self._configuration.integrate_inplace(velocity, 1 / 60)
+        q: np.ndarray = self._configuration.q
+        return q
+
+
+class PinocchioLeastSquares:
+    """(J^T J + lambda^2 I)^-1 J^T e on the image, the rotations damped."""
+
+    def __init__(self, kinematics: Kinematics, start: BodyState) -> None:
+        self._robot = _Robot(kinematics, start)
+        self._damping = np.full(self._robot.model.nv, DAMPING**2)
+        self._damping[:3] = 1e-6
+
+    def track(self, points: np.ndarray, weight: float) -> np.ndarray:
+        """One frame; points (l, 2) normalised, weight 1 / standard deviation. Returns the landmarks (l, 3) before."""
+        robot, pin = self._robot, self._robot.pin
+        pin.computeJointJacobians(robot.model, robot.data, robot.q)
+        pin.updateFramePlacements(robot.model, robot.data)
+        places = np.array([robot.data.oMf[frame].translation for frame in robot.frames])
+        aligned = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        jacobians = np.array([pin.getFrameJacobian(robot.model, robot.data, f, aligned)[:3] for f in robot.frames])
+        J = (projection_jacobian(places) @ jacobians).reshape(-1, robot.model.nv) * weight
+        error = (points - project(places)).reshape(-1) * weight
+        H = J.T @ J
+        H.flat[:: len(H) + 1] += self._damping
+        robot.q = pin.integrate(robot.model, robot.q, np.linalg.solve(H, J.T @ error))
+        return places

@@ -1,0 +1,244 @@
+"""The real process `tracker` under load on real DDS: fed at a steady pace, its answers timed, its figures kept."""
+
+from __future__ import annotations
+
+import os
+import signal
+import struct
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from benchmarks.common.report import Record
+from benchmarks.data.people_in_view import HEIGHT, LANDMARKS, view
+from benchmarks.timing.load_table import latency_rows, row, usage_rows
+from benchmarks.timing.processes import Usage
+from lassokin_ros.common.progress import Progress
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.demo.synthetic import WEBCAM
+from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
+from lassokin_ros.pipeline.outputs import topics
+from lassokin_ros.pipeline.people.tracked_person import Body, Detection
+from msg_adapters.backends import RclpyBackend
+from msg_adapters.inputs import camera_info
+
+NAMESPACE, FRAME_ID = "/soak", "camera_optical_frame"
+CYCLE_S, WARM_UP_S, DEADLINE_S = 24.0, 5.0, 30.0
+DETECTION_S = 0.01
+"""By how much keypoints come after their image's camera_info, or a third of the time between two images."""
+STEPS = 500
+MOST_MEMORY_MB, MOST_CPU, MOST_CORE_CPU, PROMISED_PEOPLE, PROMISED_HZ = 150.0, 8.0, 4.0, 1, 30.0
+CPU, CORE_CPU = "process, % of a core", "of it the core's steps, % of a core"
+
+
+def soak_live(seconds: float, people: int, hz: float, clock_hz: float = 0.0) -> list[Record]:
+    """Rows of the table of benchmarks/soak.py; clock_hz: 0 for the system's time."""
+    messages = _messages(people, hz)
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    os.environ.setdefault("ROS_DOMAIN_ID", str(30 + os.getpid() % 60))
+    with Load(people, clock_hz) as load:
+        load.feed(messages, hz, WARM_UP_S)
+        before = load.counts()
+        load.forget()
+        begin, started = load.usage(), time.monotonic()
+        sent = load.feed(messages, hz, seconds)
+        end, spent = load.usage(), time.monotonic() - started
+        counts = {key: number - before.get(key, 0) for key, number in load.counts().items()}
+        latencies = np.array(load.latencies_ms)
+        exit_code, said = load.end()
+    lost = sent - counts["received"] - counts[LOST]
+    return [
+        *usage_rows(begin, end),
+        *_promises(people, hz, end.memory_mb, 100 * (end.cpu_s - begin.cpu_s) / spent),
+        *latency_rows("sent to joint_states", latencies),
+        row("messages sent", "", sent),
+        *(row(f"messages {key}", "", number) for key, number in counts.items() if number),
+        row("messages neither received nor counted", "", lost, lost == 0),
+        row("messages answered for everybody", "", len(latencies)),
+        row("exit code at SIGINT, lines said", "", f"{exit_code}, {len(said)}", exit_code == 0),
+    ]
+
+
+def _promises(people: int, hz: float, memory_mb: float, cpu: float) -> list[Record]:
+    """Memory and processor time; their bounds are promised for one person at 30 Hz."""
+    core = _core_share(people, hz)
+    if people > PROMISED_PEOPLE or hz > PROMISED_HZ:
+        return [row(CPU, "", f"{cpu:.1f}"), row(CORE_CPU, "", f"{core:.1f}")]
+    return [
+        row(f"memory below {MOST_MEMORY_MB:g} MB", "", "", memory_mb < MOST_MEMORY_MB),
+        row(f"{CPU}, below {MOST_CPU:g}", "", f"{cpu:.1f}", cpu < MOST_CPU),
+        row(f"{CORE_CPU}, below {MOST_CORE_CPU:g}", "", f"{core:.1f}", core < MOST_CORE_CPU),
+    ]
+
+
+def _core_share(people: int, hz: float) -> float:
+    """% of a core that the core's steps alone take for these people: processor time of a message, times those per s."""
+    bodies = {f"p{person}": Body(TrackerConfig(height=HEIGHT, landmarks=LANDMARKS)) for person in range(people)}
+    lens, times, seen = WEBCAM.lens, [], view(0, STEPS, hz, people)
+    for number, message in enumerate(zip(seen.pixels, seen.confidence)):
+        found = [Detection(lens.normalise(pixels), confidence) for pixels, confidence in zip(*message)]
+        start = time.thread_time()
+        Body.track_batch(bodies, round(number * 1e9 / hz), "", found, lens)
+        times.append(time.thread_time() - start)
+    return 100 * float(np.mean(times[1:])) * hz
+
+
+def _messages(people: int, hz: float) -> list[bytes]:
+    """A cycle of serialised keypoint messages; their stamps are written when they are sent."""
+    from rclpy.serialization import serialize_message
+    from sensor_msgs.msg import PointCloud2, PointField
+    from std_msgs.msg import Header
+
+    kinds = {"x": PointField.FLOAT32, "y": PointField.FLOAT32, "confidence": PointField.FLOAT32,
+             "id": PointField.INT32, "person": PointField.INT32}  # fmt: skip
+    dtype = np.dtype([(name, "<f4" if kind == PointField.FLOAT32 else "<i4") for name, kind in kinds.items()])
+    fields = [PointField(name=n, offset=4 * i, datatype=k, count=1) for i, (n, k) in enumerate(kinds.items())]
+    result, seen = [], view(0, round(CYCLE_S * hz), hz, people)
+    for pixels, confidence in zip(seen.pixels, seen.confidence):
+        points = np.zeros(confidence.shape, dtype)
+        points["x"], points["y"], points["confidence"] = pixels[..., 0], pixels[..., 1], confidence
+        points["id"], points["person"] = np.arange(confidence.shape[1]), np.arange(people)[:, None]
+        data = points[confidence > 0].tobytes()
+        width = len(data) // dtype.itemsize
+        result.append(serialize_message(PointCloud2(
+            header=Header(frame_id=FRAME_ID), height=1, width=width, fields=fields, point_step=dtype.itemsize,
+            row_step=len(data), data=data, is_dense=True)))  # fmt: skip
+    return result
+
+
+class Load:
+    """The node as a child process and a peer in this one. Use it in a `with` statement."""
+
+    def __init__(self, people: int, clock_hz: float = 0.0) -> None:
+        self._people, self._clock_hz = people, clock_hz
+        self._arrived: dict[int, int] = {}
+        self._status: dict[str, str] = {}
+        self._statuses = 0
+        self.latencies_ms: list[float] = []
+        """From the sending of each message to the last person's joint states."""
+
+    def __enter__(self) -> Load:
+        import rclpy
+        from diagnostic_msgs.msg import DiagnosticArray
+        from rclpy.executors import SingleThreadedExecutor
+        from rosgraph_msgs.msg import Clock
+        from sensor_msgs.msg import CameraInfo, JointState, PointCloud2
+
+        arguments = ["-r", f"__ns:={NAMESPACE}", "-p", f"height:={HEIGHT}", "-p", f"max_people:={self._people}"]
+        if self._clock_hz:
+            arguments += ["-p", "use_sim_time:=true", "-r", "/clock:=clock"]
+        command = [sys.executable, "-m", "lassokin_ros.node.command", "--ros-args", *arguments]
+        self._process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        rclpy.init()
+        self._node = rclpy.create_node("load", namespace=NAMESPACE)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._camera_info = camera_info(RclpyBackend(), 0, FRAME_ID, WEBCAM.K, WEBCAM.D, WEBCAM.size)
+        self._camera = self._node.create_publisher(CameraInfo, topics.CAMERA_INFO, 1)
+        self._keypoints = self._node.create_publisher(PointCloud2, topics.KEYPOINTS, 10)
+        self._clock = self._node.create_publisher(Clock, "clock", 10) if self._clock_hz else None
+        for person in [""] if self._people == 1 else [f"p{number}" for number in range(self._people)]:
+            name = topics.of_person(topics.JOINT_STATES, person)
+            self._node.create_subscription(JointState, name, self._on_answer, 100, raw=True)
+        self._node.create_subscription(DiagnosticArray, topics.DIAGNOSTICS, self._on_diagnostics, 10)
+        self._spin_until(lambda: self._statuses and self._keypoints.get_subscription_count(), "the node")
+        return self
+
+    def _on_answer(self, data: bytes) -> None:
+        seconds, nanoseconds = struct.unpack_from("<iI", data, 4)
+        stamp_ns = seconds * 1_000_000_000 + nanoseconds
+        answers = self._arrived.pop(stamp_ns, 0) + 1
+        if answers == self._people:
+            self.latencies_ms.append(1e-6 * (time.time_ns() - stamp_ns))
+        else:
+            self._arrived[stamp_ns] = answers
+
+    def _on_diagnostics(self, message: Any) -> None:
+        if message.status[0].name.startswith(NAMESPACE[1:]):
+            self._status = {pair.key: pair.value for pair in message.status[0].values}
+            self._statuses += 1
+
+    def feed(self, messages: list[bytes], hz: float, seconds: float) -> int:
+        """Publish keypoints and camera_info at a steady pace, from a thread of its own; the number sent."""
+        count, sent = round(seconds * hz), 0
+        progress = Progress(count, "messages")
+
+        def send() -> None:
+            nonlocal sent
+            due = time.monotonic()
+            for number in range(count):
+                time.sleep(max(due - time.monotonic(), 0))
+                due = max(due + 1 / hz, time.monotonic())  # a sender that was held up does not make up for it
+                self._camera.publish(self._camera_info)
+                time.sleep(min(DETECTION_S, 1 / (3 * hz)))
+                data = bytearray(messages[number % len(messages)])
+                struct.pack_into("<iI", data, 4, *divmod(time.time_ns(), 1_000_000_000))
+                self._keypoints.publish(bytes(data))
+                sent += 1
+                progress.advance()
+
+        threads = [threading.Thread(target=send)]
+        if self._clock is not None:
+            threads.append(threading.Thread(target=self._tick, args=(threads[0],)))
+        for thread in threads:
+            thread.start()
+        while any(thread.is_alive() for thread in threads):
+            self._executor.spin_once(timeout_sec=0.05)
+        progress.close()
+        return sent
+
+    def _tick(self, thread: threading.Thread) -> None:
+        """Publish the time on /clock while a thread runs."""
+        from rosgraph_msgs.msg import Clock
+
+        message, due = Clock(), time.monotonic()
+        while thread.is_alive():
+            message.clock.sec, message.clock.nanosec = divmod(time.time_ns(), 1_000_000_000)
+            self._clock.publish(message)
+            due = max(due + 1 / self._clock_hz, time.monotonic())
+            time.sleep(max(due - time.monotonic(), 0))
+
+    def counts(self) -> dict[str, int]:
+        """The node's counters, of diagnostics that began after now."""
+        wanted = self._statuses + 2
+        self._spin_until(lambda: self._statuses >= wanted, "the diagnostics")
+        names = {key.removesuffix(" [messages]"): v for key, v in self._status.items() if key.endswith(" [messages]")}
+        first = ("received", "accepted", OVERTAKEN, LOST)
+        return {key: int(names[key]) for key in (*first, *(k for k in names if k not in first))}
+
+    def forget(self) -> None:
+        """Forget the latencies so far."""
+        self.latencies_ms.clear()
+        self._arrived.clear()
+
+    def usage(self) -> Usage:
+        """What the node's process takes now."""
+        return Usage.of(self._process.pid)
+
+    def end(self) -> tuple[int, list[str]]:
+        """Stop the node as a user would; its exit code and what it said on stderr."""
+        self._process.send_signal(signal.SIGINT)
+        said = self._process.communicate(timeout=DEADLINE_S)[1]
+        return self._process.returncode, said.splitlines()
+
+    def __exit__(self, *_: object) -> None:
+        import rclpy
+
+        if self._process.poll() is None:
+            self._process.kill()
+        self._process.communicate()
+        self._executor.shutdown()
+        self._node.destroy_node()
+        rclpy.try_shutdown()
+
+    def _spin_until(self, condition: Callable[[], Any], what: str) -> None:
+        end = time.monotonic() + DEADLINE_S
+        while not condition():
+            if time.monotonic() > end or self._process.poll() is not None:
+                raise SystemExit(f"{what} did not come within {DEADLINE_S:g} s, or the node has ended")
+            self._executor.spin_once(timeout_sec=0.05)

@@ -1,0 +1,1 @@
+"""Replay over many recordings, by processes or on a dask cluster."""

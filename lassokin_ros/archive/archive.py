@@ -1,0 +1,143 @@
+"""An archive: `replay` over many recordings, each of which is done as if it were the only one.
+
+A recording that cannot be read, or whose worker dies again and again, is a line in the table at the end. An output
+that is complete and of the same input and settings is not made again (see `replay_record`), so that the command goes on
+where it was interrupted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import os
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+
+from lassokin_ros.archive import output_files
+from lassokin_ros.archive.tasks import DONE_BEFORE, TRACKED, ArchiveError, Result, Runner, Task
+from lassokin_ros.common.interruption import Interrupted
+from lassokin_ros.common.progress import Progress
+from lassokin_ros.common.summary_output import print_summary
+from lassokin_ros.replay.output_paths import check_output_paths
+from lassokin_ros.replay.record import origin_of, record_of
+
+FAILED = 2
+"""Exit code when a recording has no output."""
+RECORDING_FILES = (".mcap", ".db3")
+
+
+def is_archive(options: argparse.Namespace) -> bool:
+    """True for several recordings, a folder of them, and whatever is sent to a cluster."""
+    return len(options.bags) > 1 or options.scheduler is not None or bool(_inside(options.bags[0]))
+
+
+def replay_archive(options: argparse.Namespace) -> int:
+    """Replay all of options.bags into the folder options.output and print the table; the exit code.
+
+    Raises a LassokinError when the settings cannot be used or two outputs would have the same name.
+    """
+    output_files.check(options)
+    tasks = tasks_of(options)
+    origin_of(tasks[0].options)  # settings that cannot be used are said once, before anything starts
+    progress = Progress(len(tasks), "recordings")
+    results: dict[str, Result] = {}
+    try:
+        with closing(_runner(options)(tasks)) as outcomes:
+            for result in outcomes:
+                results[result.name] = result
+                progress.advance(note=f"{result.name}: {result.outcome}")
+    except Interrupted:
+        done = sum(result.succeeded for result in results.values())
+        message = f"{done} of {len(tasks)} recordings are done; the same command goes on from there"
+        raise Interrupted(message) from None
+    finally:
+        progress.close()
+    print_summary(table([results[task.name] for task in tasks]))
+    return 0 if all(result.succeeded for result in results.values()) else FAILED
+
+
+def _runner(options: argparse.Namespace) -> Runner:
+    if options.scheduler is not None:
+        from lassokin_ros.archive.dask_cluster import on_cluster
+
+        return on_cluster(options.scheduler)
+    from lassokin_ros.archive.process_pool import in_processes
+
+    return in_processes(options.jobs)
+
+
+def tasks_of(options: argparse.Namespace) -> list[Task]:
+    """One task for each recording, by name. Makes the outputs' folders. Raises ArchiveError, OutputError."""
+    folder = (options.output or Path()).absolute()
+    if (folder / "metadata.yaml").exists() or folder.is_file():
+        raise ArchiveError(f"'{folder}' is no folder for several outputs; choose another one with --output")
+    tasks: dict[Path, Task] = {}
+    for argument in options.bags:
+        for bag, name in _inside(argument) or [(argument, _name(argument.resolve()))]:
+            output = folder / f"{name}_tracked"
+            if output in tasks:
+                raise ArchiveError(
+                    f"'{tasks[output].options.bag}' and '{bag.absolute()}' would both be written to '{output}'; "
+                    "give the folder in which both are, or rename one"
+                )
+            alone = copy.copy(options)
+            alone.bag, alone.output, alone.bags = bag.absolute(), output, [bag.absolute()]
+            alone.params_file = [file.absolute() for file in options.params_file]
+            output_files.give_own(alone, name)
+            tasks[output] = Task(name, alone)
+    check_output_paths([task.options for task in tasks.values()])
+    for needed in {place for task in tasks.values() for place in output_files.folders(task.options)}:
+        try:
+            needed.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ArchiveError(f"'{needed}' cannot be made: {error.strerror}") from None
+    return sorted(tasks.values(), key=lambda task: task.name)
+
+
+def _inside(folder: Path) -> list[tuple[Path, str]]:
+    """(recording, its path below the folder without a file's suffix); none when it is no folder of recordings.
+
+    Hidden folders and outputs of `replay` are left out.
+    """
+    if not folder.is_dir() or (folder / "metadata.yaml").exists():
+        return []
+    found = []
+    for here, folders, files in os.walk(folder):
+        place = Path(here)
+        if "metadata.yaml" in files:
+            folders.clear()
+            bags = [] if record_of(place) else [place]
+        else:
+            bags = [place / file for file in files if Path(file).suffix in RECORDING_FILES and file[0] != "."]
+        folders[:] = [name for name in folders if name[0] != "."]
+        found += [(bag, str(bag.parent.relative_to(folder) / _name(bag))) for bag in bags]
+    return found
+
+
+def _name(bag: Path) -> str:
+    return bag.stem if bag.suffix in RECORDING_FILES and not bag.is_dir() else bag.name
+
+
+def table(results: Sequence[Result]) -> str:
+    """One line for each recording, and how many there are of each kind."""
+    head = ("recording", "frames in", "out", "lost", "reprojection px", "ms/frame", "result")
+    rows = [head, *map(_row, results)]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(head) - 1)]
+    lines = []
+    for row in rows:
+        numbers = (f"{text:>{width}}" for text, width in zip(row[1:-1], widths[1:]))
+        lines.append("  ".join([f"{row[0]:<{widths[0]}}", *numbers, row[-1]]))
+    kinds = [result.outcome.partition(":")[0] for result in results]
+    counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys([TRACKED, DONE_BEFORE, *kinds]))
+    return "\n".join([*lines, f"{len(results)} recordings: {counts}"])
+
+
+def _row(result: Result) -> tuple[str, ...]:
+    figures = result.figures
+    if figures is None:
+        return (result.name, *["-"] * 5, result.outcome)
+    error = "-" if figures.reprojection_px is None else f"{figures.reprojection_px:.2f}"
+    time = "-" if result.frame_ms != result.frame_ms else f"{result.frame_ms:.2f}"
+    counts = map(str, (figures.frames_in, figures.frames_out, figures.lost))
+    return (result.name, *counts, error, time, result.outcome)

@@ -1,0 +1,84 @@
+"""What recordings of an archive have beside their outputs, each its own: exports, a report, a saved skeleton."""
+
+from __future__ import annotations
+
+import argparse
+import copy
+from pathlib import Path
+
+from lassokin_ros.common.atomic_files import files_of_people
+from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.core.yaml_files import SUFFIXES
+from lassokin_ros.pipeline.parameter_files import offline_settings
+
+PAGE, SKELETON = ".html", ".yaml"
+
+
+class ArchiveFilesError(LassokinError):
+    """One file is named for many recordings."""
+
+
+def check(options: argparse.Namespace) -> None:
+    """Raise a LassokinError for an option that names one file for all recordings."""
+    skeleton = options.save_skeleton
+    for option, file, suffixes in (("report", options.report, (PAGE,)), ("save-skeleton", skeleton, SUFFIXES)):
+        if file is not None and file.suffix.lower() in suffixes:
+            raise ArchiveFilesError(
+                f"--{option} '{file}' names one file for many recordings; name a folder, in which each has its own"
+            )
+    if options.export:
+        from lassokin_ros.replay.exports.exports import check_archive_exports
+
+        check_archive_exports(options.export)
+
+
+def give_own(options: argparse.Namespace, name: str) -> None:
+    """Turn the folders that --report and --save-skeleton name into this recording's files in them.
+
+    options: of this recording alone, changed in place; name: its path below the archive's folder.
+    """
+    if options.report is not None:
+        options.report = options.report.absolute() / f"{name}{PAGE}"
+    if options.save_skeleton is not None:
+        options.save_skeleton = options.save_skeleton.absolute() / f"{name}{SKELETON}"
+
+
+def folders(options: argparse.Namespace) -> list[Path]:
+    """That must be there before this recording is done."""
+    files = [options.output, options.report, options.save_skeleton]
+    return [file.parent for file in files if file is not None]
+
+
+def all_there(options: argparse.Namespace) -> bool:
+    """True when a recording whose output is there has the other files that the options ask for, too."""
+    _, node_config = offline_settings(options.params_file, options.p)
+    several = node_config.several_people
+    there = [options.report.exists()] if options.report is not None else []
+    if options.save_skeleton is not None:
+        there.append(_exists(options.save_skeleton, options.save_skeleton.suffix, several))
+    if options.export:
+        from lassokin_ros.replay.exports.exports import PERSONS, target_of
+
+        for target in map(target_of, options.export):
+            there.append(_exists(target.path(options.output), target.suffix, several and target.suffix in PERSONS))
+    return all(there)
+
+
+def made_anew(options: argparse.Namespace) -> argparse.Namespace:
+    """The options with which a recording is done again in place of its output, whose exports it keeps."""
+    from lassokin_ros.replay.exports.exports import INSIDE, PERSONS, TABLES
+
+    options = copy.copy(options)
+    options.force, options.export = True, list(options.export)
+    for file in sorted(options.output.glob(f"{INSIDE}*")):
+        suffix = max((s for s in (*TABLES, *PERSONS) if file.name.endswith(s)), key=len, default="")
+        if suffix and Path(suffix) not in options.export:
+            options.export.append(Path(suffix))
+    return options
+
+
+def _exists(file: Path, suffix: str, each: bool) -> bool:
+    """The file; each: of several people, one person's in its place."""
+    if each:
+        return bool(files_of_people(file.parent, file.name.removesuffix(suffix), suffix))
+    return file.exists()

@@ -1,0 +1,1 @@
+"""The body: skeleton, kinematics, rotations, joint angles, landmark layouts, proportions."""

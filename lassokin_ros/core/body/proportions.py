@@ -1,0 +1,86 @@
+"""A skeleton's proportions: about a dozen log-lengths, the same left and right, and how the body changes with them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
+from lassokin_ros.core.body.skeleton import Skeleton
+
+PAIRS = {
+    "hip width": ("hip", "x"),
+    "hip drop": ("hip", "yz"),
+    "thigh": ("knee", "xyz"),
+    "shank": ("ankle", "xyz"),
+    "foot": ("foot", "xyz"),
+    "shoulder width": ("collar shoulder", "x"),
+    "shoulder height": ("collar shoulder", "yz"),
+    "upper arm": ("elbow", "xyz"),
+    "forearm": ("wrist", "xyz"),
+    "hand": ("hand", "xyz"),
+}
+"""Lengths of SMPL's tree that stand left and right: the joints at whose offsets' components they are."""
+MIDDLE = {"trunk": "spine1 spine2 spine3", "neck": "neck", "head": "head"}
+
+
+class Proportions:
+    """The log-lengths (p,) of one skeleton, 0 = as given, and what they do to offsets and landmarks."""
+
+    def __init__(self, kinematics: Kinematics) -> None:
+        skeleton = kinematics.skeleton
+        self.given = skeleton
+        self._kinematics = kinematics
+        self._parent = np.maximum(skeleton.parents, 0)
+        self._reach = skeleton.ancestors[kinematics.layout.joints].astype(float)
+        parts = _parts(skeleton)
+        seen = [name for name, part in parts.items() if np.any(self._reach @ np.abs(part).sum(-1) > 1e-6)]
+        self.names = tuple(seen)
+        #: (p, n, 3) m: the offsets that each length scales.
+        self.parts = np.array([parts[name] for name in seen]).reshape(-1, skeleton.joint_count, 3)
+        height = skeleton.rest_positions[:, 1]
+        top, bottom = int(np.argmax(height)), int(np.argmin(height))
+        path = skeleton.ancestors[top].astype(float) - skeleton.ancestors[bottom]
+        #: (p,) share of the stature at rest that each length makes.
+        self.stature_shares = self.parts[:, :, 1] @ path / max(height[top] - height[bottom], 1e-9)
+
+    @property
+    def count(self) -> int:
+        """Number of lengths."""
+        return len(self.names)
+
+    def skeleton(self, lengths: np.ndarray) -> Skeleton:
+        """The given skeleton with other lengths."""
+        return self.given.with_offsets(self.offsets(lengths))
+
+    def offsets(self, lengths: np.ndarray) -> np.ndarray:
+        """(..., n, 3) m of lengths (..., p)."""
+        return self.given.offsets + np.tensordot(np.expm1(lengths), self.parts, 1)
+
+    def jacobian(self, pose: BodyPose, lengths: np.ndarray) -> np.ndarray:
+        """(l, 3, p) m: derivative of the landmarks by the log-lengths, in the camera frame, root held."""
+        scaled = np.moveaxis(np.exp(lengths)[:, None, None] * self.parts, 0, -1)
+        bones = pose.orientations[self._parent] @ scaled
+        n = self.given.joint_count
+        return (self._reach @ bones.reshape(n, -1)).reshape(len(self._reach), 3, self.count)
+
+
+def _parts(skeleton: Skeleton) -> dict[str, np.ndarray]:
+    """(n, 3) m of each length: its share of the offsets. Joints that the tables do not name stand for themselves."""
+    names = skeleton.joint_names
+    groups: dict[str, tuple[list[str], str]] = {}
+    for length, (kinds, axes) in PAIRS.items():
+        groups[length] = ([f"{side}_{kind}" for side in ("left", "right") for kind in kinds.split()], axes)
+    groups |= {length: (joints.split(), "xyz") for length, joints in MIDDLE.items()}
+    known = {joint for joints, _ in groups.values() for joint in joints}
+    for name in (name for name in names if name not in known):
+        kind = name.removeprefix("left_").removeprefix("right_")
+        groups[kind] = ([*groups.get(kind, ([], ""))[0], name], "xyz")
+    parts = {}
+    for length, (joints, axes) in groups.items():
+        part = np.zeros((skeleton.joint_count, 3))
+        components = ["xyz".index(axis) for axis in axes]
+        for joint in (names.index(joint) for joint in joints if joint in names):
+            part[joint, components] = skeleton.offsets[joint, components]
+        if part.any():
+            parts[length] = part
+    return parts

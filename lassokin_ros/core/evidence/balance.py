@@ -1,0 +1,112 @@
+"""A weak belief that a body is above its feet: one camera hardly sees how far it leans towards it, or its legs away.
+
+Who stands, walks or squats has the centre of mass above the support, nearly; a leaning body with straight legs, which
+looks like one that squats, has not. The belief is about the horizontal distance between the centre of mass and the
+middle of the feet, horizontal as `Upright` has learned it. Its weight falls off for large distances, in the manner of
+Cauchy's loss: whoever sits or lies has no need of balance.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+
+import numpy as np
+
+from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
+from lassokin_ros.core.body.rotations import hat
+from lassokin_ros.core.evidence.upright import Upright
+from lassokin_ros.core.image.robust_loss import squared_norm
+
+SPREAD = 0.1
+"""m: standard deviation of each horizontal coordinate of the centre of mass about the middle of the feet."""
+
+TRUNK = (("neck", "pelvis", 0.497, 0.5), ("head", "head", 0.081, 0.0))
+LIMBS = (
+    ("shoulder", "elbow", 0.028, 0.436),
+    ("elbow", "wrist", 0.022, 0.682),
+    ("hip", "knee", 0.100, 0.433),
+    ("knee", "ankle", 0.0465, 0.433),
+    ("ankle", "foot", 0.0145, 0.5),
+)
+"""Segments: from and to which joint, share of the body's mass, and where its centre is between them (Winter,
+Biomechanics and motor control of human movement, 2009, table 4.1; the trunk's half way: its joints are others here)."""
+
+_IDENTITY = np.eye(3)
+
+
+class Balance:
+    """Rows for the increment of all live degrees of freedom; none pulls at a skeleton without these joints' names."""
+
+    count = 3
+
+    def __init__(self, kinematics: Kinematics, upright: Upright) -> None:
+        self.upright, self._live = upright, np.flatnonzero(kinematics.live)
+        #: (n,) of the joints' places, the centre of mass less the middle of the feet; they add up to 0.
+        self.shares = _shares(kinematics.skeleton.joint_names)
+        carried = kinematics.skeleton.ancestors.T * self.shares  # (n, n): by each joint, itself included
+        #: (n, n): of the joints' places, the arms.
+        self._arms = carried - np.diag(carried.sum(axis=1))
+        self._vertical, self._level = np.empty(0), np.empty((3, 3))
+
+    def by(self, upright: Upright) -> Balance:
+        """The same by another vertical, or by several people's, of `Upright.together`."""
+        other = copy(self)
+        other.upright = upright
+        return other
+
+    def offset(self, positions: np.ndarray) -> np.ndarray:
+        """(..., 3) m: from the middle of the feet to the centre of mass, horizontally; positions (..., n, 3)."""
+        return self.horizontal(self.shares.dot(positions))
+
+    def horizontal(self, vectors: np.ndarray) -> np.ndarray:
+        """Vectors (..., 3) without their vertical part."""
+        level = self.level
+        if level.ndim == 2:
+            return np.asarray(vectors.dot(level))
+        return np.asarray((vectors[..., None, :] @ level)[..., 0, :])
+
+    @property
+    def level(self) -> np.ndarray:
+        """(..., 3, 3), what projects on the horizontal plane."""
+        if self._vertical is not self.upright.vertical:  # which is another array when it has learned
+            self._vertical = self.upright.vertical
+            self._level = _IDENTITY - self._vertical[..., :, None] * self._vertical[..., None, :]
+        return self._level
+
+    def arms(self, positions: np.ndarray) -> np.ndarray:
+        """(..., n, 3) m: what each joint turns of the offset, as seen from that joint; positions (..., n, 3)."""
+        return np.asarray(self._arms @ positions)
+
+    def linearise(self, pose: BodyPose, axes: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """(columns, z): rows (..., live, 3) and right sides (..., 3), in standard deviations.
+
+        axes: (..., n, 3, 3) of the joints' increments where they are not the orientations. A turn w of joint k moves
+        the offset by w x a_k, a_k the arm of all that it carries, along h by w^T hat(a_k) h.
+        """
+        offset = self.offset(pose.positions)
+        weight = 1 / np.sqrt(SPREAD**2 + 0.25 * squared_norm(offset))[..., None]
+        axes = pose.orientations if axes is None else axes
+        torques = axes.swapaxes(-1, -2) @ hat(self.arms(pose.positions))
+        torques = torques.reshape(*torques.shape[:-3], -1, 3).take(self._live, axis=-2)
+        return torques @ (weight[..., None] * self.level), -weight * offset
+
+    def cost(self, offset: np.ndarray) -> np.ndarray:
+        """(...,) what the rows' weights are the derivative of: 2 log(1 + offset^2 / (2 SPREAD)^2); offset (..., 3)."""
+        return np.asarray(2 * np.log1p(squared_norm(offset) / (4 * SPREAD**2)))
+
+
+def _shares(names: tuple[str, ...]) -> np.ndarray:
+    """(n,) by the joints' names; zeros where one is not there."""
+    shares = np.zeros(len(names))
+    sides = [(f"{s}_{a}", f"{s}_{b}", mass, at) for s in ("left", "right") for a, b, mass, at in LIMBS]
+    segments = (*TRUNK, *sides)
+    if not {joint for segment in segments for joint in segment[:2]} <= set(names):
+        return shares
+    for first, last, mass, at in segments:
+        shares[names.index(first)] += mass * (1 - at)
+        shares[names.index(last)] += mass * at
+    shares /= shares.sum()
+    for side in ("left", "right"):
+        for joint in ("ankle", "foot"):
+            shares[names.index(f"{side}_{joint}")] -= 0.25
+    return shares

@@ -1,0 +1,211 @@
+"""A prior on body posture: how likely a set of joint rotations is, as rows of a linear model.
+
+A Gaussian on the rotation vectors of all joints but the root, learned from motion capture (see
+benchmarks/learn_prior.py, which wrote the shipped file and says from which clips). Its rows join those of the image,
+
+    || W (theta(R exp(Omega)) - mean) ||^2,   W^T W = Sigma^-1,
+
+so that each frame's problem stays the lasso. Beside them stands one row for every limit in
+priors/joint_limits.yaml: zero inside the range of motion, a spring of `LIMIT_SPREAD` outside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import resources
+from typing import Any, Mapping
+
+import numpy as np
+
+from lassokin_ros.core.batch import stack_attribute
+from lassokin_ros.core.body.kinematics import Kinematics
+from lassokin_ros.core.body.rotations import logarithm, right_jacobian, right_jacobian_inverse
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.errors import LayoutError, SkeletonError
+from lassokin_ros.core.yaml_files import load_mapping
+
+LIMIT_SPREAD = 0.05
+"""rad: standard deviation with which a joint beyond its range of motion is pushed back."""
+
+
+@dataclass(frozen=True)
+class JointLimit:
+    """The part of a joint's rotation vector along a unit axis stays within low..high, rad."""
+
+    joint: str
+    axis: tuple[float, float, float]
+    low: float
+    high: float
+
+
+def joint_limits() -> list[JointLimit]:
+    """The shipped ranges of motion."""
+    file = resources.files("lassokin_ros.core.evidence") / "priors" / "joint_limits.yaml"
+    entries = load_mapping(file.read_text(encoding="utf-8"), "joint limits", SkeletonError)["limits"]
+    limits = []
+    for entry in entries:
+        axis = np.array(entry["axis"], dtype=float)
+        x, y, z = axis / np.linalg.norm(axis)
+        low, high = np.radians([entry["low"], entry["high"]])
+        limits.append(JointLimit(entry["joint"], (float(x), float(y), float(z)), float(low), float(high)))
+    return limits
+
+
+@dataclass(frozen=True, eq=False)
+class PosePrior:
+    """mean: (n, 3) rad rotation vectors; covariance: (3 n, 3 n) rad^2, both in the skeleton's joint order.
+
+    motion: (3 n,) rad per frame at 60 Hz: the mean size of each degree of freedom's increment in human motion.
+    Joints that the file does not know have mean 0 and a spread of 0.5 rad; the root is free.
+    """
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    motion: np.ndarray
+
+    @classmethod
+    def load(cls, skeleton: Skeleton) -> PosePrior:
+        """The shipped prior, for the joints of `skeleton` that it knows by name."""
+        file = resources.files("lassokin_ros.core.evidence") / "priors" / "cmu.yaml"
+        return cls.from_mapping(load_mapping(file.read_text(encoding="utf-8"), "pose prior", SkeletonError), skeleton)
+
+    @classmethod
+    def from_mapping(cls, data: Mapping[str, Any], skeleton: Skeleton) -> PosePrior:
+        """Build from the parsed YAML form (see priors/cmu.yaml)."""
+        n = skeleton.joint_count
+        mean, covariance = np.zeros((n, 3)), np.eye(3 * n) * 0.25
+        motion = np.full(3 * n, 0.01)
+        known = [name for name in data["joints"] if name in skeleton.joint_names]
+        source = [data["joints"].index(name) for name in known]
+        target = [skeleton.index(name) for name in known]
+        mean[target] = np.array(data["mean"])[source]
+        size = 3 * len(data["joints"])
+        full = np.zeros((size, size))
+        full[np.tril_indices(size)] = np.concatenate([np.array(row, dtype=float) for row in data["covariance"]])
+        full = full + np.tril(full, -1).T
+        s, t = _components(source), _components(target)
+        covariance[np.ix_(t, t)] = full[np.ix_(s, s)]
+        motion[t] = np.array(data["motion"], dtype=float).reshape(-1)[s]
+        return cls(mean, covariance, motion)
+
+
+def _components(joints: list[int]) -> np.ndarray:
+    return (3 * np.array(joints, dtype=int)[:, None] + np.arange(3)).reshape(-1)
+
+
+@dataclass(frozen=True, eq=False)
+class Posture:
+    """theta: (..., joints, 3) rad, the rotation vectors of the prior's joints; residual: (..., k + m), its rows' z."""
+
+    theta: np.ndarray
+    residual: np.ndarray
+
+
+class PriorRows:
+    """The prior's rows for one kinematics: of the joints that can move a landmark, root excepted."""
+
+    def __init__(self, prior: PosePrior, kinematics: Kinematics) -> None:
+        """Raises LayoutError when there are no such joints."""
+        live = kinematics.live.reshape(-1, 3)
+        root = kinematics.skeleton.parents < 0
+        self.joints = np.flatnonzero(np.any(live, axis=1) & ~root)
+        if len(self.joints) == 0:
+            raise LayoutError(
+                f"layout '{kinematics.layout.name}' has no landmark that a joint but the root moves; expected some on "
+                "the limbs or the head"
+            )
+        chosen = _components(list(self.joints))
+        self._n = kinematics.joint_count
+        #: (k,) rad and (k, k) rad^2, as shipped.
+        self.mean, self.covariance = prior.mean[self.joints].reshape(-1), prior.covariance[np.ix_(chosen, chosen)]
+        #: (k, k) upper triangular, W of the module's text.
+        self.W = np.linalg.cholesky(np.linalg.inv(self.covariance)).T
+        self._take_limits(kinematics)
+        rows = np.concatenate([self.W, self.limits])
+        self._rows_transposed = np.ascontiguousarray(rows.T)
+        self.move(self.mean)
+        self._columns_by_joint = self._rows_transposed.reshape(len(self.joints), 3, len(rows))
+        #: Its degrees of freedom are the live ones from this on: those before are the root's.
+        self.first = int(np.count_nonzero(live[root]))
+        self._live = np.flatnonzero(live[self.joints].reshape(-1))
+
+    @staticmethod
+    def stack(several: Sequence[PriorRows]) -> PriorRows:
+        """Of several people, each about their own mean: for rotations (people, k, ...)."""
+        return stack_attribute(several, "whitened_mean")
+
+    def move(self, mean: np.ndarray) -> None:
+        """Be about another mean (k,) from now on; what was made of postures before is no longer right."""
+        #: (k,), W mean.
+        self.whitened_mean = self.W @ mean
+
+    def _take_limits(self, kinematics: Kinematics) -> None:
+        """Rows `limits` (m, 3 joints) and ranges `low`, `high` (m,), in `LIMIT_SPREAD`, of those that count here."""
+        names = [kinematics.skeleton.joint_names[joint] for joint in self.joints]
+        limits = [limit for limit in joint_limits() if limit.joint in names]
+        self.limits = np.zeros((len(limits), 3 * len(names)))
+        for row, limit in zip(self.limits, limits):
+            place = 3 * names.index(limit.joint)
+            row[place : place + 3] = limit.axis
+        self.limits /= LIMIT_SPREAD
+        self.low = np.array([limit.low for limit in limits]) / LIMIT_SPREAD
+        self.high = np.array([limit.high for limit in limits]) / LIMIT_SPREAD
+
+    @property
+    def count(self) -> int:
+        """Number of rows, the prior's and the limits'."""
+        return len(self.W) + len(self.low)
+
+    def posture(self, rotations: np.ndarray) -> Posture:
+        """What rows and cost of a posture are made of; rotations: (..., n, 3, 3)."""
+        theta = logarithm(rotations.take(self.joints, axis=-3))
+        return Posture(theta, self._right_side(theta))
+
+    def residual(self, rotations: np.ndarray) -> np.ndarray:
+        """Right sides (..., k + m): W (mean - theta), then how far each limit is passed, in standard deviations."""
+        return self.posture(rotations).residual
+
+    def linearise(self, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(A, z): rows (..., k + m, 3 n) and right sides (..., k + m) so that they read ||z - A Omega||^2."""
+        posture = self.posture(rotations)
+        columns, z = self._columns(posture, None), posture.residual
+        A = np.zeros((*z.shape, self._n, 3))
+        A[..., self.joints, :] = columns.swapaxes(-1, -2).reshape(*z.shape, len(self.joints), 3)
+        return A.reshape(*z.shape, 3 * self._n), z
+
+    def live_columns(self, posture: Posture, turn: np.ndarray | None = None) -> np.ndarray:
+        """A's columns of the live degrees of freedom after the root's, as rows: (..., live - first, k + m).
+
+        turn: (..., n, 3, 3), a further factor on the right of each joint's block (the right Jacobian of an increment
+        already made).
+        """
+        return self._columns(posture, turn).take(self._live, axis=-2)
+
+    def by_theta(self, A: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Rows A (r, live - first) of the increment as rows (r, 3 joints) of theta: Omega = J_r(theta) d theta."""
+        rows = np.zeros((len(A), 3 * len(self.joints)))
+        rows[:, self._live] = A
+        turned = rows.reshape(len(A), len(self.joints), 1, 3) @ right_jacobian(theta)
+        return np.asarray(turned.reshape(rows.shape))
+
+    def _columns(self, posture: Posture, turn: np.ndarray | None) -> np.ndarray:
+        """(..., 3 joints, k + m), the columns of A as rows, in which order no product needs a copy.
+
+        d theta / d Omega is the inverse right Jacobian of SO(3) at theta.
+        """
+        theta, z = posture.theta, posture.residual
+        inner = right_jacobian_inverse(theta)
+        if turn is not None:
+            inner = inner @ turn.take(self.joints, axis=-3)
+        columns = (inner.swapaxes(-1, -2) @ self._columns_by_joint).reshape(*theta.shape[:-2], -1, self.count)
+        gaussian = len(self.W)
+        np.copyto(columns[..., gaussian:], 0.0, where=z[..., None, gaussian:] == 0)
+        return columns
+
+    def _right_side(self, theta: np.ndarray) -> np.ndarray:
+        z = np.asarray(theta.reshape(*theta.shape[:-2], -1).dot(self._rows_transposed))
+        gaussian, place = z[..., : len(self.W)], z[..., len(self.W) :]
+        np.subtract(self.whitened_mean, gaussian, out=gaussian)
+        np.subtract(np.minimum(np.maximum(place, self.low), self.high), place, out=place)
+        return z

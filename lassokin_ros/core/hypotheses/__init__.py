@@ -1,0 +1,1 @@
+"""Other explanations of the image: initialisation, alternative bodies and limbs, re-initialisation."""

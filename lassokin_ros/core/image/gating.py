@@ -1,0 +1,46 @@
+"""What of an observation may be used: the reason against it, or its landmarks' weights."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.estimate import Observation, Rejection
+
+FOCAL_RANGE = 1e-3, 1e9
+"""px: beyond, weights lose their digits."""
+
+WIDEST = 10.0
+"""Normalised image coordinate, beyond which a point is none: 84 degrees off the optical axis."""
+
+
+def gate_observation(
+    observation: Observation, newest: float, layout: Layout, config: TrackerConfig
+) -> tuple[Rejection | None, np.ndarray]:
+    """The reason against an observation, if any, and its landmarks' weights (l,), 1 / standard deviation, 0 = not used.
+
+    newest: s, the stamp that its own must be later than. A weight's unit is that of normalised image coordinates.
+    """
+    count = len(layout.names)
+    none = np.zeros(count)
+    if not (math.isfinite(observation.stamp) and FOCAL_RANGE[0] < observation.focal < FOCAL_RANGE[1]):
+        return Rejection.NOT_FINITE, none
+    if observation.points.shape != (count, 2) or observation.confidence.shape != (count,):
+        return Rejection.WRONG_SHAPE, none
+    if observation.stamp <= newest:
+        return Rejection.OLD_STAMP, none
+    usable = visible(observation, config)
+    if np.count_nonzero(usable) < config.min_landmarks:
+        return Rejection.TOO_FEW_LANDMARKS, none
+    deviation = config.noise_px / observation.focal * layout.noise
+    confidence = np.minimum(np.where(usable, observation.confidence, 0.0), 1.0)
+    return None, np.sqrt(confidence) / deviation
+
+
+def visible(observation: Observation, config: TrackerConfig) -> np.ndarray:
+    """(l,) bool: which landmarks of an observation count as seen."""
+    near = np.abs(observation.points) < WIDEST
+    return near[:, 0] & near[:, 1] & (observation.confidence >= max(config.min_confidence, 1e-9))

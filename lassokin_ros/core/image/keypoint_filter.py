@@ -1,0 +1,130 @@
+"""A filter on the keypoints' tracks in the image, without lag: less noise, and no single wrong point.
+
+Each landmark follows a track of its own (`keypoint_tracks`). In the image both position and velocity are seen, so
+predicting there is safe; predicting joint angles is not, since their depth is not seen. A point too far from its
+prediction is left out; when it stays there, the track starts anew from it. Points that a detector has taken for each
+other, left for right, are changed back (see `side_swaps`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lassokin_ros.core.image.keypoint_tracks import KeypointTracks
+from lassokin_ros.core.image.robust_loss import norm, squared_norm
+from lassokin_ros.core.image.side_swaps import SWAPPED, SideSwaps
+
+GATE = 2 * 5.0**2
+"""A point is taken for wrong whose squared distance from its prediction is more than this times the variance along
+each axis: 5 standard deviations of both."""
+CONVINCED_AFTER = 3
+"""Frames in a row that a point must be off before its track starts anew there."""
+FORGOTTEN_AFTER = 0.3
+"""s without a good point after which a track starts anew."""
+LONGEST_COURSE = 0.05
+"""s for which points are expected to go on with their velocities; longer, more is lost than won."""
+TRUST = 0.5
+"""Factor on the weights of points that are expected, not seen."""
+
+
+class KeypointFilter:
+    """Tracks of l landmarks; all landmarks are updated at once."""
+
+    def __init__(self, names: Sequence[str], limbs: Sequence[int]) -> None:
+        """names: of the landmarks; limbs: which of them are of the same pair of limbs, see `limb_groups`."""
+        self._count = len(names)
+        self._tracks, self._swaps = KeypointTracks(self._count), SideSwaps(names, limbs)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all tracks."""
+        count = self._count
+        self._stamp = -np.inf
+        self._tracks.reset()
+        self._swaps.reset()
+        self._known = np.zeros(count, dtype=bool)
+        self._off = np.zeros(count)
+        self._unseen = np.zeros(count)
+        self._weights = np.zeros(count)
+        #: (l,) the landmark whose point each had in the last update, its own or the other side's; None: all their own.
+        self.order: np.ndarray | None = None
+
+    def update(
+        self, stamp: float, points: np.ndarray, weights: np.ndarray, acceleration: float, model_error: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Filtered points (l, 2) and weights (l,) of a frame; weight 0 where there is no good point.
+
+        A landmark that is missing, or wrong for the first time, coasts on its velocity with growing variance.
+
+        stamp: s, later than the last; points: (l, 2) normalised; weights: (l,) 1 / standard deviation, 0 = missing;
+        acceleration: standard deviation of a typical landmark's acceleration, normalised units / s^2; model_error: that of
+        the place that keypoints show from the landmark's, normalised units: no track is better evidence than this.
+        """
+        gap = stamp - self._stamp
+        if gap >= FORGOTTEN_AFTER:  # a gap in which no frame came at all is counted by nothing else
+            self._known[:] = False
+        step = min(max(gap, 0.0), FORGOTTEN_AFTER)  # 0: one before it was filtered, then refused
+        self._stamp = stamp
+        seen = weights > 0
+        variance = 1 / np.where(seen, weights, 1.0) ** 2
+        self._tracks.predict(step, acceleration)
+        innovation, distance = self._compared(points, variance)
+        used = seen & self._known
+        anew = seen & ~self._known
+        strange = np.count_nonzero(used & (distance > SWAPPED / 2))  # a tenth of what any() costs
+        if strange or self._swaps.pending:
+            order, given_up = self._sides(points, variance, seen, distance, step)
+            points, variance, seen = points[order], variance[order], seen[order]
+            self.order = order
+            innovation, distance = self._compared(points, variance)
+            familiar = seen & self._known
+            off = familiar & (distance > GATE)
+            used = familiar & ~off
+            self._off = (self._off + 1) * off
+            anew = (seen & ~self._known) | given_up | (self._off >= CONVINCED_AFTER)
+        else:
+            self._off[:] = 0.0
+            self.order = None
+        self._tracks.correct(used, innovation, variance)
+        if np.count_nonzero(anew):
+            self._tracks.start(anew, points, variance)
+            self._off[anew] = 0.0
+            self._swaps.begin(anew, stamp)
+        good = used | anew
+        self._unseen = np.where(good, 0.0, self._unseen + step)
+        self._known = (self._known | anew) & (self._unseen < FORGOTTEN_AFTER)
+        coasting = self._known & (~seen | (self._off == 1))
+        filtered = 1 / np.sqrt(np.maximum(self._tracks.variance, 0.0) + model_error * model_error)
+        self._weights = np.where(good | coasting, filtered, 0.0)
+        return self._tracks.position.copy(), self._weights
+
+    def speed(self) -> float:
+        """Normalised units / s: how fast the known tracks move, on average; 0 where none is known."""
+        speeds = norm(self._tracks.velocity)
+        return float(speeds.dot(self._known) / max(np.count_nonzero(self._known), 1))
+
+    def expected(self, stamp: float) -> tuple[np.ndarray, np.ndarray]:
+        """Points (l, 2) and weights (l,) of a frame that tells nothing new, by the tracks, which stay as they are.
+
+        The weights do not fall with time: where nothing new comes for long, the last points are still the best known.
+        """
+        step = min(max(stamp - self._stamp, 0.0), LONGEST_COURSE)
+        return self._tracks.position + step * self._tracks.velocity, TRUST * self._weights
+
+    def _compared(self, points: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(innovation (l, 2), its square over its variance along both axes (l,)) of points."""
+        innovation = points - self._tracks.position
+        return innovation, squared_norm(innovation) / (self._tracks.variance + variance)
+
+    def _sides(
+        self, points: np.ndarray, variance: np.ndarray, seen: np.ndarray, distance: np.ndarray, step: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The landmark whose point each is to have, and which are given up (l,), as `SideSwaps.order` says."""
+        other = self._swaps.other
+        _, crossed = self._compared(points[other], variance[other])
+        straight = np.where(self._known & seen, distance, np.nan)
+        crossed[~(self._known & seen[other])] = np.nan
+        spread = self._tracks.variance + variance.min()
+        return self._swaps.order(self._stamp, step, straight, crossed, spread)

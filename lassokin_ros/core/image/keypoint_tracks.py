@@ -1,0 +1,119 @@
+"""Tracks of points in the image, each followed at several degrees of liveliness at once.
+
+Whoever stands still deserves a filter that believes in standing still, whoever throws a ball another. So each landmark
+has constant-velocity Kalman filters of several white accelerations, which exchange what they know: the interacting
+multiple models of Blom and Bar-Shalom (The interacting multiple model algorithm for systems with Markovian switching
+coefficients, 1988; Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, sec.
+11.6.6). How probable a liveliness is, each point tells by how well that one has predicted it.
+
+Between frames what a model believes is eight numbers: its chance, and multiplied with that, about the track's merged
+position and velocity, the means of x, y, v_x, v_y and the second moments pp, pv, vv, of both coordinates together. In
+these, models are mixed and predicted by products with one small matrix each. In all arrays landmarks come last, which
+numpy goes through quickest.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+LIVELINESS = np.array([0.15, 0.5, 1.5, 4.0])
+"""The models' accelerations, as multiples of the typical one."""
+STEADFAST = 0.8
+"""s for which a track keeps its liveliness: the mean time until another model holds."""
+FIRST_VELOCITY = 1.0
+"""1/s: standard deviation of a new track's velocity, normalised image coordinates."""
+BOUNDLESS = 1e30
+"""Variance of a point that is not used, which then tells nothing."""
+IMPOSSIBLE = 100.0
+"""Negative log-likelihood from which on points are alike: the chances of all models must not vanish at once."""
+
+LEAST_CHANCE = 1e-6
+"""Of another model from one frame to the next, so that none vanishes, however short the step."""
+
+_MODELS = len(LIVELINESS)
+_SAME = np.eye(_MODELS)
+_ONES, _HALVES = np.ones(_MODELS), np.full(_MODELS, 0.5)
+#: Of p and v, the products pp, pv, vv; also the gain and the entry whose product a correction takes off each of those.
+_LEFT, _RIGHT = np.array([0, 0, 1]), np.array([0, 1, 1])
+
+
+class KeypointTracks:
+    """Tracks of l points; all are predicted and corrected at once."""
+
+    def __init__(self, count: int) -> None:
+        self._count = count
+        self._squares = (LIVELINESS**2)[:, None]
+        self._transition = np.eye(8, 9)
+        self._mixed = np.empty((9, _MODELS, count))
+        self.reset()
+
+    def reset(self) -> None:
+        """Tracks that know nothing; see `start`."""
+        self._merged = np.zeros((2, 2, self._count))  # of position and velocity x and y
+        self.position, self.velocity = self._merged.swapaxes(1, 2)
+        """(l, 2) each; views that follow."""
+        self.variance = np.zeros(self._count)
+        """Of each coordinate of the position."""
+        self._beliefs = np.zeros((8, _MODELS, self._count))
+        self._beliefs[0] = 1 / _MODELS
+
+    def start(self, which: np.ndarray, points: np.ndarray, variance: np.ndarray) -> None:
+        """Begin tracks anew, which (l,) bool, at points (l, 2) of variance (l,), with no velocity known."""
+        self.position[which], self.velocity[which], self.variance[which] = points[which], 0.0, variance[which]
+        self._beliefs[..., which] = 0.0
+        self._beliefs[0][:, which] = 1 / _MODELS
+        self._beliefs[5][:, which] = 2 / _MODELS * variance[which]
+        self._beliefs[7][:, which] = 2 / _MODELS * FIRST_VELOCITY**2
+
+    def predict(self, step: float, acceleration: float) -> None:
+        """Go on by step, s; acceleration: standard deviation of a typical track's, normalised units / s^2."""
+        switching = max(1 - math.exp(-step / STEADFAST), LEAST_CHANCE) / (_MODELS - 1)
+        stays = switching + (1 - _MODELS * switching) * _SAME
+        mixed = self._mixed
+        np.matmul(stays, self._beliefs, out=mixed[:8])
+        np.multiply(self._squares, mixed[0], out=mixed[8])
+        np.dot(self._over(step, acceleration), mixed.reshape(9, -1), out=self._beliefs.reshape(8, -1))
+        self._merged[0] += step * self._merged[1]
+        self.variance = _HALVES.dot(self._beliefs[5])
+
+    def correct(self, used: np.ndarray, innovation: np.ndarray, variance: np.ndarray) -> None:
+        """Correct the tracks used (l,) bool by points of variance (l,); innovation (l, 2): point less position."""
+        beliefs = self._beliefs
+        chances, rows = beliefs[0], beliefs[1:] / beliefs[0]
+        means, covariance = rows[:4].reshape(2, 2, _MODELS, -1), rows[4:]  # (pv, xy, model, l); (pp pv vv, model, l)
+        covariance -= _moments(means)
+        own = innovation.T[:, None] - means[0]
+        spread = covariance[0] + np.where(used, 2 * variance, BOUNDLESS)
+        squares = own * own
+        surprise = (squares[0] + squares[1]) / spread
+        chances *= np.exp(-np.minimum(surprise, IMPOSSIBLE)) / spread
+        chances /= _ONES.dot(chances)
+        gains = covariance[:2] / spread
+        means += gains[:, None] * own
+        covariance -= gains.take(_LEFT, axis=0) * covariance.take(_RIGHT, axis=0)
+        merged = _ONES @ (chances * means)
+        means -= merged[:, :, None]
+        covariance += _moments(means)
+        np.multiply(chances, rows, out=beliefs[1:])
+        self._merged += merged
+        self.variance = _HALVES.dot(beliefs[5])
+
+    def _over(self, step: float, acceleration: float) -> np.ndarray:
+        """(8, 9), for what a model believes, and last its chance with its acceleration squared, in typical ones.
+
+        Positions go on with their velocities for step, s, to which the acceleration adds, in both coordinates.
+        """
+        transition, noise = self._transition, 2 * (acceleration * step) ** 2
+        transition[1, 3] = transition[2, 4] = transition[6, 7] = step
+        transition[5, 6], transition[5, 7] = 2 * step, step * step
+        transition[5, 8], transition[6, 8], transition[7, 8] = noise * step * step / 4, noise * step / 2, noise
+        return transition
+
+
+def _moments(means: np.ndarray) -> np.ndarray:
+    """(3, ...): what means (2, 2, ...) of position and velocity, x and y, contribute to pp, pv, vv."""
+    products = means.take(_LEFT, axis=0) * means.take(_RIGHT, axis=0)
+    result: np.ndarray = products[:, 0] + products[:, 1]
+    return result

@@ -1,0 +1,1 @@
+"""What is derived from the solved state: smoothed pose, fixed lag, uncertainty, failure probability."""

@@ -1,0 +1,1 @@
+"""`make demo`: synthetic motion played into the real node, with a table and a picture."""

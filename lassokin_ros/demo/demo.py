@@ -1,0 +1,174 @@
+"""`make demo`: the real node on real DDS follows a synthetic person, and what came out is held against the truth.
+
+Everything is made here: a recording of keypoints with a detector's noise and a lens' distortion, its playback into the
+node at its own pace, the recording of the outputs, a table, a picture, and a page to look at it in a browser.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from lassokin_ros.common.interruption import Interrupted, interruptible
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.core.estimate import Status
+from lassokin_ros.core.tracker import Tracker
+from lassokin_ros.demo.result import PROMISES, DemoResult
+
+RATE = 30.0  # Hz
+SECONDS = 18.0
+LEAST_S, MOST_S = 1.0, 3600.0
+"""s of motion: with fewer there is nothing to promise anything of; more are more than the memory need hold."""
+USAGE_ERROR, INTERRUPTED = 2, 130
+QUEUE_DEPTH = 60
+START_NS = 1_700_000_000_000_000_000
+def run(folder: Path, seconds: float, rate: float = 1.0) -> DemoResult:
+    """Make the recording, play it into the node, write `keypoints` and `tracked` below folder.
+
+    rate: times the recording's own pace. Raises a LassokinError when the node cannot be started or does not answer.
+    """
+    from lassokin_ros.common.progress import Progress
+    from lassokin_ros.demo.live_playback import LiveNode
+    from lassokin_ros.demo.synthetic import WEBCAM, detections, exact_pixels, motion
+    from lassokin_ros.replay.keypoint_recording import write_keypoint_recording
+
+    tracker = Tracker(TrackerConfig())
+    times = np.arange(round(seconds * RATE)) / RATE
+    stamps = START_NS + np.round(times * 1e9).astype(np.int64)
+    states = motion(tracker.skeleton, times)
+    truth = tracker.kinematics.pose(states).positions
+    pixels, confidence = detections(exact_pixels(tracker.kinematics, states), RATE, seed=1)
+    recording = folder / "keypoints"
+    write_keypoint_recording(
+        recording, stamps, pixels, confidence, WEBCAM.K, WEBCAM.D, WEBCAM.size, replace=recording.exists()
+    )
+    # A deep queue: where the machine is busy for a moment, it shows in the latency, not as lost frames.
+    with LiveNode({"queue_depth": QUEUE_DEPTH}) as live:
+        progress = Progress(len(times), "frames", plain_lines=4)
+        try:
+            live.play(recording, rate, on_frame=progress.advance)
+        finally:
+            progress.close()
+    live.record(folder / "tracked", replace=(folder / "tracked").exists())
+    return _result(live, tracker, times, stamps, truth, pixels, confidence)
+
+
+def _result(live, tracker, times, stamps, truth, pixels, confidence) -> DemoResult:  # type: ignore[no-untyped-def]
+    """Answers beside what was sent, by their stamps."""
+    joints, certificates = live.messages("joints"), live.messages("~/certificate")
+    places = {stamp: row for row, stamp in enumerate(stamps.tolist())}
+    rows = [places[m.header.stamp.sec * 1_000_000_000 + m.header.stamp.nanosec] for m in joints]
+    estimate = np.array([[[p.position.x, p.position.y, p.position.z] for p in m.poses] for m in joints])
+    values = [{pair.key: pair.value for pair in m.status[0].values} for m in certificates]
+    return DemoResult(
+        tracker,
+        times[rows],
+        estimate,
+        truth[rows],
+        pixels[rows],
+        confidence[rows],
+        np.array([float(v["support size"]) for v in values]),
+        np.array([float(v["reprojection error [px]"]) for v in values]),
+        np.array(live.latencies_ms()),
+        len(live.sent),
+        live.rejected(),
+        live.state(),
+    )
+
+
+def write_page(folder: Path) -> None:
+    """The report of a replay of `keypoints` below folder: report.html. Raises a LassokinError."""
+    from lassokin_ros.common.atomic_files import AtomicFiles
+    from lassokin_ros.pipeline.settings import NodeSettings
+    from lassokin_ros.replay.bags import BagReader
+    from lassokin_ros.replay.keypoint_recording import CAMERA_INFO, KEYPOINTS
+    from lassokin_ros.replay.offline_tracker import OfflineTracker
+    from lassokin_ros.replay.report.page import ReportError
+    from lassokin_ros.replay.report.report import Report
+
+    with BagReader(folder / "keypoints") as bag:
+        tracker = OfflineTracker(TrackerConfig(), NodeSettings(), bag.types)
+        report = Report(folder / "report.html", tracker.pipeline, replace=True)
+        tracker.watchers.append(report.add)
+        for topic, time_ns, message in bag.messages(bag.topics):
+            take = tracker.keypoints if topic == KEYPOINTS else tracker.camera_info
+            for _ in take(message, time_ns):
+                pass  # the node's outputs are recorded already; the page is what is wanted
+    with AtomicFiles(replace=True, error=ReportError) as files:
+        report.write(files, "the demo's keypoints", (KEYPOINTS, CAMERA_INFO))
+
+
+def table(result: DemoResult) -> str:
+    """The figures beside what is promised."""
+    broken = result.broken_promises()
+    lines = [f"{'':<32}{'measured':>10}{'promised':>13}"]
+    for name, value in result.figures().items():
+        limit, unit = PROMISES[name]
+        sign = ">=" if name == "frames out" else "<="
+        share = unit.startswith("share")
+        text, bound = (f"{value:.1%}", f"{sign} {limit:.0%}") if share else (f"{value:.1f}", f"{sign} {limit:g}")
+        mark = "   NOT KEPT" if name in broken else ""
+        lines.append(f"{name + ('' if share else f' [{unit}]'):<32}{text:>10}{bound:>13}{mark}")
+    mark = "   NOT KEPT" if "tracking state" in broken else ""
+    lines.append(f"{'tracking state at the end':<32}{result.state:>10}{Status.TRACKING.value:>13}{mark}")
+    lines.append(f"frames: {result.frames_in} in, {len(result.times)} out, {result.rejected} rejected")
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the demo; the exit code.
+
+    0 when every figure is within what is promised, 1 when not, 2 when it could not run (one line on stderr), 130 when
+    it was interrupted.
+    """
+    parser = argparse.ArgumentParser(prog="demo", description=(__doc__ or "").split("\n", maxsplit=1)[0])
+    parser.add_argument("--output", type=Path, default=Path("demo_output"), help="folder for what is made")
+    parser.add_argument("--seconds", type=_seconds, default=SECONDS, help="of motion")
+    options = parser.parse_args(arguments)
+    os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))  # nobody else's nodes
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    try:
+        with interruptible():
+            return show(options.output, options.seconds)
+    except (ImportError, OSError, LassokinError) as error:
+        print(f"demo: {error}", file=sys.stderr)
+        return USAGE_ERROR
+    except Interrupted:
+        print(f"demo: interrupted; what {options.output} holds is not complete", file=sys.stderr)
+        return INTERRUPTED
+
+
+def show(folder: Path, seconds: float) -> int:
+    """Run the demo, write what it leaves, print its table; 0 when every promise is kept, 1 when not."""
+    from lassokin_ros.demo.picture import draw
+
+    folder.mkdir(parents=True, exist_ok=True)
+    print(f"A person who walks, waves and squats: {seconds:g} s at {RATE:g} Hz, keypoints with noise, gaps")
+    print("and outliers, into the tracker on DDS (its body's proportions are the person's; nothing else is told).")
+    result = run(folder, seconds)
+    draw(result, folder / "skeleton.png")
+    write_page(folder)
+    print(table(result))
+    print(f"to look at in a browser: {folder / 'report.html'} (the same motion replayed: replay --report)")
+    print(f"picture: {folder / 'skeleton.png'}   recordings: {folder}/keypoints, /tracked (rosbag2)")
+    broken = result.broken_promises()
+    if broken:
+        print(f"not within what is promised: {', '.join(broken)}", file=sys.stderr)
+    return 1 if broken else 0
+
+
+def _seconds(text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = float("nan")
+    if not LEAST_S <= seconds <= MOST_S:
+        raise argparse.ArgumentTypeError(f"{text}; expected {LEAST_S:g} to {MOST_S:g} s")
+    return seconds
+

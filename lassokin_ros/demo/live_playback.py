@@ -1,0 +1,305 @@
+"""A recording played into the real node, in a process of its own, on real DDS; its outputs collected.
+
+    with LiveNode({"height": 1.8}) as live:
+        live.play(recording)
+    live.messages("joints")
+
+The messages go through untouched (serialised), so that this process's own work does not distort the latencies.
+Set ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE before: both processes take them from the environment.
+"""
+
+from __future__ import annotations
+
+import math
+import signal
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lassokin_ros.common.interruption import uninterrupted
+from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.pipeline.outputs import topics
+from lassokin_ros.replay.bags import BagReader, BagWriter, typestore
+
+DEADLINE_S = 30.0
+GRACE_S = 10.0
+QUIET_S = 3.0
+NODE_NAME = "tracker"
+OUTPUTS = (*topics.FRAME_OUTPUTS, *topics.OTHER_OUTPUTS)
+FRAME_NAMES = tuple(topic.name for topic in topics.FRAME_OUTPUTS)
+
+
+class PlaybackError(LassokinError, RuntimeError):
+    """The node did not start, did not answer in time, or did not end as it should."""
+
+
+@dataclass(frozen=True)
+class Received:
+    """One output message: serialised, with its time of arrival (s, monotonic)."""
+
+    arrival: float
+    data: bytes
+
+
+class LiveNode:
+    """The node as a child process and a peer on DDS in this one. Use it in a `with` statement."""
+
+    def __init__(self, parameters: Mapping[str, Any] | None = None, namespace: str = "/playback") -> None:
+        """parameters: of the node; namespace: of node and topics."""
+        self.namespace = namespace
+        self.types = typestore()
+        self.got: dict[str, list[Received]] = {topic.name: [] for topic in OUTPUTS}
+        self.sent: dict[int, float] = {}
+        """Stamp of each keypoint message played, ns -> time of sending (s, monotonic)."""
+        self._received_before = self._rejected_before = 0
+        self._process: Any = None
+        assignments = [text for item in (parameters or {}).items() for text in ("-p", f"{item[0]}:={item[1]}")]
+        arguments = ["--ros-args", "-r", f"__ns:={namespace}", *assignments]
+        self._command = [sys.executable, "-m", "lassokin_ros.node.command", *arguments]
+
+    def __enter__(self) -> LiveNode:
+        import rclpy
+        from rclpy.context import Context
+        from rclpy.executors import SingleThreadedExecutor
+        from rclpy.node import Node
+        from rclpy.signals import SignalHandlerOptions
+
+        self._context = Context()
+        # rclpy's would stay when the context has ended, and keep SIGTERM from ending the processes of a pool.
+        rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self._node = Node("player", namespace=self.namespace, context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        for topic in OUTPUTS:
+            self._listen(topic)
+        try:
+            with uninterrupted():
+                self._process = subprocess.Popen(self._command, stderr=subprocess.PIPE, text=True)
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        try:
+            self._executor.shutdown()
+            self._node.destroy_node()
+            self._context.try_shutdown()
+        finally:  # whatever becomes of the peer, the node must not stay behind
+            self._end()
+
+    def _end(self) -> None:
+        if self._process is None:
+            return
+        self._process.send_signal(signal.SIGINT)
+        try:
+            self.said = self._process.communicate(timeout=GRACE_S)[1]
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self.said = self._process.communicate()[1]
+        self.exit_code = self._process.returncode
+
+    def _listen(self, topic: topics.OutputTopic) -> None:
+        from rclpy.qos import DurabilityPolicy, QoSProfile
+
+        durability = DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE
+        collected = self.got[topic.name]
+
+        def collect(data: bytes) -> None:
+            collected.append(Received(time.monotonic(), data))
+
+        qos = QoSProfile(depth=100, durability=durability)
+        name = topic.name.replace("~", NODE_NAME)
+        self._node.create_subscription(_message_class(topic.message_type), name, collect, qos, raw=True)
+
+    def play(
+        self,
+        recording: Path,
+        rate: float | None = 1.0,
+        ahead: int | None = None,
+        on_frame: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Play keypoints and camera_info of a recording and wait for the last answer.
+
+        rate: times the recording's own pace, None = no pace. ahead: wait while more frames than this are unanswered
+        (for recordings of which every frame is used). on_frame: called after each keypoint message.
+        Raises PlaybackError at a deadline, BagError for a recording that cannot be used.
+        """
+        frames = self._load(recording)
+        self._warm_up(frames)
+        self._executor.spin_once(timeout_sec=0)
+        started, first = time.monotonic(), frames[0][1]
+        self.epoch = started, first, rate or 1.0
+        for is_keypoints, time_ns, data in frames:
+            if rate is not None:
+                self._spin_to(started + (time_ns - first) * 1e-9 / rate)
+            if is_keypoints and ahead is not None:
+                self._spin_while(lambda: len(self.sent) - len(self.got[topics.JOINT_STATES]) > ahead, "an answer")
+            if is_keypoints:
+                self.sent[_stamp(data)] = time.monotonic()
+                on_frame()
+            self._publishers[is_keypoints].publish(data)
+            self._executor.spin_once(timeout_sec=0)
+        self._finish()
+
+    def _load(self, recording: Path) -> list[tuple[bool, int, bytes]]:
+        """(is it keypoints, time of recording in ns, serialised message) of all inputs; makes the publishers."""
+        from rclpy.qos import QoSProfile
+
+        with BagReader(recording) as bag:
+            camera = bag.find(topics.CAMERA_INFO_TYPE, None, topics.CAMERA_INFO, "its name")
+            keypoints = bag.find("sensor_msgs/msg/PointCloud2", None, topics.KEYPOINTS, "its name")
+            frames = [(name == keypoints.name, time_ns, data) for name, time_ns, data in bag.raw([camera, keypoints])]
+        self._publishers = [
+            self._node.create_publisher(_message_class(topic.message_type), name, QoSProfile(depth=10))
+            for topic, name in ((camera, topics.CAMERA_INFO), (keypoints, topics.KEYPOINTS))
+        ]
+        return frames
+
+    def _warm_up(self, frames: list[tuple[bool, int, bytes]]) -> None:
+        """Send the first frame with earlier stamps until every output comes back; then make the node forget.
+
+        Only an answer on every topic proves that both processes have found each other in both directions.
+        """
+        camera = next(data for is_keypoints, _, data in frames if not is_keypoints)
+        keypoints = next(data for is_keypoints, _, data in frames if is_keypoints)
+        stamp = _stamp(keypoints) - 1000 * 1_000_000_000
+        next_try = 0.0
+
+        def silent() -> bool:
+            nonlocal stamp, next_try
+            if time.monotonic() >= next_try:
+                next_try, stamp = time.monotonic() + 0.1, stamp + 100_000_000
+                self._publishers[0].publish(camera)
+                self._publishers[1].publish(_restamped(keypoints, stamp))
+            return not all(self.got[name] for name in FRAME_NAMES)
+
+        self._spin_while(silent, "the node's first answer")
+        self._settle()
+        self._reset()
+        self._received_before, self._rejected_before = self._received_count(), self._rejected_count()
+        for name in FRAME_NAMES:
+            self.got[name].clear()
+
+    def _reset(self) -> None:
+        from std_srvs.srv import Trigger
+
+        client = self._node.create_client(Trigger, f"{NODE_NAME}/reset")
+        self._spin_while(lambda: not client.service_is_ready(), "the service reset")
+        future = client.call_async(Trigger.Request())
+        self._spin_while(lambda: not future.done(), "the answer of the service reset")
+
+    def _settle(self) -> None:
+        """Wait for two diagnostics in a row that count the same number of messages."""
+        self.got[topics.DIAGNOSTICS].clear()
+
+        def moving() -> bool:
+            counts = [self._count(message) for message in self.got[topics.DIAGNOSTICS][-2:]]
+            return len(counts) < 2 or counts[0] != counts[1]
+
+        self._spin_while(moving, "a quiet second")
+
+    def _finish(self) -> None:
+        """Wait until the node has counted every frame and its outputs have come; what is lost stays lost."""
+        expected, end = self._received_before + len(self.sent), time.monotonic() + QUIET_S
+        begun = len(self.got[topics.DIAGNOSTICS])
+        while time.monotonic() < end and (
+            len(self.got[topics.DIAGNOSTICS]) == begun or self._received_count() < expected
+        ):
+            self._executor.spin_once(timeout_sec=0.05)
+        end = time.monotonic() + QUIET_S
+        while time.monotonic() < end and len({len(self.got[name]) for name in FRAME_NAMES}) > 1:
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def _received_count(self) -> int:
+        """Messages that the node has received so far, by its last diagnostics."""
+        return self._count(self.got[topics.DIAGNOSTICS][-1])
+
+    def _count(self, message: Received) -> int:
+        return int(self._values(message)["received [messages]"])
+
+    def _rejected_count(self) -> int:
+        """Messages that the node has rejected so far, by its last diagnostics."""
+        return sum(int(n) for key, n in self.last_diagnostics().items() if key.startswith("rejected: "))
+
+    def _values(self, message: Received) -> dict[str, str]:
+        status = self.types.deserialize_cdr(message.data, "diagnostic_msgs/msg/DiagnosticArray").status[0]
+        return {pair.key: pair.value for pair in status.values}
+
+    def _spin_to(self, moment: float) -> None:
+        while (left := moment - time.monotonic()) > 0:
+            self._executor.spin_once(timeout_sec=left)
+
+    def _spin_while(self, condition: Callable[[], bool], what: str) -> None:
+        """Spin while a condition holds. Raises PlaybackError at the deadline, or when the node has ended."""
+        end = time.monotonic() + DEADLINE_S
+        while condition():
+            if self._process.poll() is not None:
+                raise PlaybackError(f"the node has ended: {(self._process.stderr or sys.stdin).read().strip()}")
+            if time.monotonic() > end:
+                raise PlaybackError(f"{what} did not come within {DEADLINE_S:g} s")
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def messages(self, topic: str) -> list[Any]:
+        """The messages of one output that have come since the playback began, in rosbags' form."""
+        kind = next(t.message_type for t in OUTPUTS if t.name == topic)
+        return [self.types.deserialize_cdr(message.data, kind) for message in self.got[topic]]
+
+    def latencies_ms(self) -> list[float]:
+        """From the sending of keypoints to the arrival of the joint states with their stamp, ms, for each answer."""
+        arrivals = ((_stamp(message.data), message.arrival) for message in self.got[topics.JOINT_STATES])
+        return [1e3 * (arrival - self.sent[stamp]) for stamp, arrival in arrivals if stamp in self.sent]
+
+    def rejected(self) -> int:
+        """Messages of the recording that the node rejected.
+
+        Not those before it: a frame sent while the node already hears keypoints but no camera_info yet is refused.
+        """
+        return self._rejected_count() - self._rejected_before
+
+    def last_diagnostics(self) -> dict[str, str]:
+        """Key -> value of the node's last diagnostics."""
+        return self._values(self.got[topics.DIAGNOSTICS][-1])
+
+    def state(self) -> str:
+        """The tracking state while answers came: of the last diagnostics before the last of them.
+
+        Of later ones `lost` is right too: nothing comes any more. Where there are none before, the first ones after.
+        """
+        last = max((message.arrival for name in FRAME_NAMES for message in self.got[name][-1:]), default=math.inf)
+        said = self.got[topics.DIAGNOSTICS]
+        return self._values(next((m for m in reversed(said) if m.arrival <= last), said[0]))["state"]
+
+    def record(self, path: Path, storage: str = "mcap", replace: bool = False) -> None:
+        """Write everything that came to a recording, at the playback's time. Raises BagError."""
+        started, first, rate = self.epoch
+        with BagWriter(path, storage, self.types, replace) as writer:
+            everything = [(max(m.arrival, started), topic, m.data) for topic in OUTPUTS for m in self.got[topic.name]]
+            for arrival, topic, data in sorted(everything, key=lambda item: item[0]):
+                name = topic.name.replace("~", NODE_NAME).strip("/")
+                time_ns = first + round((arrival - started) * rate * 1e9)
+                writer.write_raw(f"/{name}", topic.message_type, time_ns, data, topic.latched)
+
+
+def _stamp(data: bytes) -> int:
+    """ns, of a serialised message that begins with a header."""
+    seconds, nanoseconds = struct.unpack_from("<iI", data, 4)
+    return int(seconds * 1_000_000_000 + nanoseconds)
+
+
+def _restamped(data: bytes, stamp_ns: int) -> bytes:
+    copy = bytearray(data)
+    struct.pack_into("<iI", copy, 4, *divmod(stamp_ns, 1_000_000_000))
+    return bytes(copy)
+
+
+def _message_class(message_type: str) -> Any:
+    from importlib import import_module
+
+    package, _, name = message_type.split("/")
+    return getattr(import_module(f"{package}.msg"), name)

@@ -1,0 +1,144 @@
+"""Motion of our own making and what a detector would see of it: for the demo and the tests, where truth is known.
+
+Everything is a function of time and a seed; nothing is random otherwise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lassokin_ros.core.body.kinematics import BodyPose, BodyState, Kinematics
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.rotations import exponential
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.image.projection import project
+from lassokin_ros.pipeline.lens import Lens
+
+UPRIGHT = np.diag([1.0, -1.0, -1.0])
+"""Orientation of a person who stands upright and faces the camera: y up is the camera's -y."""
+
+DISTANCE = 3.6  # m, to the camera
+CAMERA_HEIGHT = 1.1  # m
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A webcam: K (3, 3) px, plumb_bob coefficients D (5,), size (width, height) px."""
+
+    K: np.ndarray
+    D: np.ndarray
+    size: tuple[int, int]
+
+    @property
+    def lens(self) -> Lens:
+        """Its lens."""
+        return Lens(self.K, self.D, "plumb_bob" if self.D.any() else "")
+
+
+WEBCAM = Camera(
+    np.array([[920.0, 0.0, 645.0], [0.0, 918.0, 352.0], [0.0, 0.0, 1.0]]),
+    np.array([-0.11, 0.06, 0.0008, -0.0006, 0.0]),
+    (1280, 720),
+)
+
+
+@dataclass(frozen=True)
+class Detector:
+    """A detector's habits: px of noise, share of single wrong points, gaps (short, per landmark) per second."""
+
+    noise_px: float = 2.0
+    outliers: float = 0.005
+    gaps_per_second: float = 0.1
+    gap_s: tuple[float, float] = (0.1, 0.4)
+
+
+def motion(skeleton: Skeleton, times: np.ndarray) -> BodyState:
+    """Rotations (f, n, 3, 3) and translations (f, 3) m, camera frame, at times (f,) s.
+
+    A person walks on the spot and turns to both sides, waves, squats; then from the beginning, a little otherwise,
+    since the parts' periods differ. Feet stay on the ground. For skeletons with SMPL's joint names and T-pose.
+    """
+    t = np.asarray(times, dtype=float)
+    walk, wave, squat = _share(t, 0.0), _share(t, 1 / 3), _share(t, 2 / 3)
+    step = 2 * np.pi * 0.9 * t
+    rotations = np.tile(np.eye(3), (len(t), skeleton.joint_count, 1, 1))
+
+    def turn(joint: str, **angles: np.ndarray | float) -> None:
+        index = skeleton.index(joint)
+        for axis, angle in angles.items():
+            vectors = np.zeros((len(t), 3))
+            vectors[:, "xyz".index(axis)] = angle
+            rotations[:, index] = rotations[:, index] @ exponential(vectors)
+
+    yaw = 0.55 * np.sin(2 * np.pi * t / 7.3)
+    rotations[:, 0] = UPRIGHT
+    turn("pelvis", y=yaw, x=0.25 * squat, z=0.03 * walk * np.sin(step))
+    turn("spine1", x=0.05 + 0.12 * squat, y=0.06 * walk * np.sin(step))
+    turn("spine3", x=0.04 + 0.06 * squat, y=0.08 * walk * np.sin(step) + 0.1 * wave)
+    turn("neck", x=-0.08 - 0.1 * squat, y=-0.4 * yaw)
+    turn("head", y=0.15 * np.sin(2 * np.pi * t / 4.1), x=0.06 * np.sin(2 * np.pi * t / 2.9))
+    for side, sign, phase in (("left", 1.0, 0.0), ("right", -1.0, np.pi)):
+        swing = np.sin(step + phase)
+        lift = walk * np.clip(swing, 0, None) ** 2
+        thigh = 0.06 + 0.55 * lift + 0.95 * squat
+        knee = 0.12 + 0.95 * lift + 1.55 * squat
+        turn(f"{side}_hip", x=-thigh, z=0.06 * sign)
+        turn(f"{side}_knee", x=knee)
+        turn(f"{side}_ankle", x=0.6 * (thigh - knee) + 0.2 * squat)
+        waving = wave if side == "right" else 0.25 * wave
+        turn(f"{side}_shoulder", x=0.45 * walk * swing - 0.9 * squat, z=-sign * (1.32 - 1.35 * waving))
+        turn(f"{side}_elbow", y=-sign * (0.35 + 0.25 * walk * (1 - swing)), z=sign * waving * _waving(t))
+        turn(f"{side}_wrist", y=-0.1 * sign * np.sin(2 * np.pi * t / 1.7))
+    return BodyState(rotations, _on_the_ground(skeleton, rotations, t))
+
+
+def _share(t: np.ndarray, offset: float) -> np.ndarray:
+    """(f,) 0 to 1, smooth: how far one of the three parts of the 12 s cycle is on."""
+    on = np.clip(1.5 * np.cos(2 * np.pi * (t / 12.0 - offset)) - 0.25, 0, 1)
+    return on * on * (3 - 2 * on)
+
+
+def _waving(t: np.ndarray) -> np.ndarray:
+    return 1.1 + 0.5 * np.sin(2 * np.pi * 1.1 * t)
+
+
+def _on_the_ground(skeleton: Skeleton, rotations: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """(f, 3) m: translations that keep the lower foot at the ground, swaying a little."""
+    pose = _pose(skeleton, rotations)
+    feet = [skeleton.index(f"{side}_{joint}") for side in ("left", "right") for joint in ("ankle", "foot")]
+    lowest = pose.positions[:, feet, 1].max(axis=1)
+    sway = 0.12 * np.sin(2 * np.pi * t / 9.1), 0.2 * np.sin(2 * np.pi * t / 11.7)
+    return np.stack([sway[0], CAMERA_HEIGHT - 0.05 - lowest, DISTANCE + sway[1]], axis=-1)
+
+
+def _pose(skeleton: Skeleton, rotations: np.ndarray) -> BodyPose:
+    kinematics = Kinematics(skeleton, Layout.load("smpl24", skeleton))
+    return kinematics.pose(BodyState(rotations, np.zeros(rotations.shape[:1] + (3,))))
+
+
+def exact_pixels(kinematics: Kinematics, states: BodyState, camera: Camera = WEBCAM) -> np.ndarray:
+    """(f, l, 2) px of the raw image: the landmarks through the lens."""
+    normalised = project(kinematics.pose(states).landmarks)
+    return camera.lens.distort(normalised.reshape(-1, 2)).reshape(normalised.shape)
+
+
+def detections(
+    pixels: np.ndarray, rate: float, seed: int = 0, detector: Detector = Detector()
+) -> tuple[np.ndarray, np.ndarray]:
+    """What a detector makes of exact pixels (f, l, 2): pixels and confidences (f, l), 0 where nothing was found.
+
+    rate: Hz. Wrong points come with a confidence like the others'.
+    """
+    random = np.random.default_rng(seed)
+    frames, landmarks = pixels.shape[:2]
+    found = pixels + random.normal(size=pixels.shape) * detector.noise_px
+    confidence = random.beta(12, 3, size=(frames, landmarks))
+    wrong = random.random((frames, landmarks)) < detector.outliers
+    angle, size = random.uniform(0, 2 * np.pi, wrong.sum()), random.uniform(30, 120, wrong.sum())
+    found[wrong] += np.stack([np.cos(angle), np.sin(angle)], axis=-1) * size[:, None]
+    for landmark in range(landmarks):
+        for start in np.flatnonzero(random.random(frames) < detector.gaps_per_second / rate):
+            confidence[start : start + round(random.uniform(*detector.gap_s) * rate), landmark] = 0.0
+    return np.where(confidence[..., None] > 0, found, 0.0), confidence

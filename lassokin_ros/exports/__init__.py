@@ -1,1 +1,0 @@
-"""Motion out, for other tools: one small module for each format, fed by `lassokin_ros.motion.Motion`."""

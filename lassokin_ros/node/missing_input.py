@@ -1,0 +1,68 @@
+"""What the log says of an input that has never come: which topic is waited for, and what there is instead."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from rclpy.node import Node
+
+PATIENCE_S = 3.0
+"""s from the start before an absence is worth a line."""
+AGAIN_S = 30.0
+"""s after which the same is said again."""
+LISTED = 4
+"""Topics that a line names at most."""
+
+
+class MissingInput:
+    """One topic that the node listens to; `look` once in a while until something has come."""
+
+    def __init__(self, node: Node, name: str, message_type: str, others: Collection[str], now: float) -> None:
+        """name: the topic's before remapping; others: further types that `keypoints_type` may name; now: s."""
+        self._node, self._name, self._type, self._others = node, name, message_type, set(others) - {message_type}
+        self._topic = node.resolve_topic_name(name)
+        self._came = False
+        self._said, self._next_at = "", now + PATIENCE_S
+
+    def look(self, now: float, came: bool) -> None:
+        """Say what there is to say; now: s, of the clock of the start; came: a message has come by now."""
+        if self._came:
+            return
+        self._came = came
+        if came and self._said:
+            self._node.get_logger().info(f"the first message on {self._topic} has come")
+        if came or (now < self._next_at and not self._said):
+            return
+        words = f"waiting for {self._name} on {self._topic} ({self._type}): {self._cause()}"
+        if words != self._said or now >= self._next_at:
+            self._said, self._next_at = words, now + AGAIN_S
+            self._node.get_logger().warning(words)
+
+    def excuse(self, now: float) -> None:
+        """In place of `look` while nothing is waited for: as at the start, now: s."""
+        self._came, self._said, self._next_at = False, "", now + PATIENCE_S
+
+    def _cause(self) -> str:
+        """Why nothing comes, as far as the graph tells."""
+        types = [publisher.topic_type for publisher in self._node.get_publishers_info_by_topic(self._topic)]
+        if self._type in types:
+            return "its publisher is silent"
+        if types:
+            kind = sorted(types)[0]
+            remedy = "set keypoints_type to that, or " if kind in self._others else ""
+            return f"what is published there is {kind}; {remedy}remap {self._name} to another topic"
+        candidates = self._candidates()
+        if not candidates:
+            return f"nobody publishes there, nor anywhere what could be read; remap {self._name} to your topic"
+        listed = ", ".join(candidates[:LISTED]) + (", ..." if len(candidates) > LISTED else "")
+        return f"nobody publishes there; remap {self._name} to your topic. What could be read: {listed}"
+
+    def _candidates(self) -> list[str]:
+        """The topics of other nodes that have a type which can be read, with the type where it is another one."""
+        node, found = self._node, []
+        own = {name for name, _ in node.get_publisher_names_and_types_by_node(node.get_name(), node.get_namespace())}
+        for name, types in node.get_topic_names_and_types():
+            readable = [kind for kind in types if kind == self._type or kind in self._others]
+            if readable and name not in own and node.count_publishers(name):
+                found.append(name if self._type in readable else f"{name} (keypoints_type {readable[0]})")
+        return found

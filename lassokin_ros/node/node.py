@@ -1,0 +1,313 @@
+"""The node: a callback converts, tracks and publishes; what it does stands in pipeline.py and the core."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rclpy.clock import Clock, ClockType, JumpThreshold, ROSClock, TimeJump
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from std_srvs.srv import SetBool, Trigger
+
+from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.core.estimate import Status
+from lassokin_ros.node.camera_info_input import CameraInfoInput
+from lassokin_ros.node.latched_camera_info import LatchedCameraInfo
+from lassokin_ros.node.log_throttle import LogThrottle
+from lassokin_ros.node.missing_input import MissingInput
+from lassokin_ros.node.parameters import LiveParameters, Settings, declare, unknown_parameters
+from lassokin_ros.node.person_outputs import PeopleOutputs, PersonOutputs, advertise, message_class
+from lassokin_ros.node.polled_subscription import SimulatedTime, ignore_events
+from lassokin_ros.node.qos import matches_every_publisher, sensor_data
+from lassokin_ros.node.rep155_inputs import Rep155Inputs
+from lassokin_ros.pipeline.frame import Frame
+from lassokin_ros.pipeline.keypoint_queue import KeypointQueue
+from lassokin_ros.pipeline.outputs import topics
+from lassokin_ros.pipeline.outputs.calibration_status import averaged_sides
+from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics
+from lassokin_ros.pipeline.outputs.skeleton_file import save_all
+from lassokin_ros.pipeline.people.per_body_pipeline import PerBodyPipeline
+from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.settings import NodeSettings
+from msg_adapters.backends import RclpyBackend
+from msg_adapters.detectors.registry import ADAPTERS, full_type_name
+from msg_adapters.output_messages.builders import DiagnosticArrayBuilder
+
+DIAGNOSTICS_PERIOD_S = 1.0
+LOOK_PERIOD_S = 0.25
+"""s: an absence that no message tells is noticed within twice this."""
+
+
+class TrackerNode(Node):
+    """Keypoints and camera_info in; joint states, joints, translation, markers, certificate and diagnostics out."""
+
+    def __init__(self, node_name: str = "tracker", **options: Any) -> None:
+        """options: rclpy's (context, namespace, parameter_overrides, ...). Raises a LassokinError for a bad setting."""
+        super().__init__(node_name, **options)
+        settings = declare(self)
+        self._live_parameters = LiveParameters(self, settings, self._tune)
+        self._pipeline = (PerBodyPipeline if settings[1].topic_per_body else Pipeline)(*settings)
+        self._camera_warning = LogThrottle(self.get_logger().warning, time.monotonic)
+        self._warning = LogThrottle(self.get_logger().warning, time.monotonic)
+        self._said_unstamped = self._said_misplaced = self._said_tracking = False
+        name = self.get_fully_qualified_name().lstrip("/")  # /diagnostics is shared by the trackers of all namespaces
+        self._status = DiagnosticArrayBuilder(RclpyBackend())
+        self._diagnostics = Diagnostics(self._pipeline, name, time.monotonic())
+        self._diagnostics_out = advertise(self, topics.DIAGNOSTICS_OUTPUT)
+        self._open_outputs(settings[1], name)
+        self._queue = KeypointQueue(settings[1].queue_depth, self._pipeline.counts)
+        self._listen(settings[1])
+        self._await_inputs(settings[1], time.monotonic())
+        for publisher in self.publishers:  # rclpy's own; see `advertise`
+            ignore_events(publisher)
+        for line in unknown_parameters(self):
+            self.get_logger().warning(line)
+        if self._pipeline.tracker.averaged:
+            self.get_logger().warning(averaged_sides(self._pipeline.tracker.averaged))
+
+    def _open_outputs(self, config: NodeSettings, name: str) -> None:
+        """One person's topics, or those that several people's begin with."""
+        skeleton = self._pipeline.tracker.skeleton
+        self._person = self._people = None
+        if config.several_people:
+            self._people = PeopleOutputs(self, skeleton, config, name)
+            if config.state_publisher:
+                self.get_logger().warning(
+                    f"state_publisher is '{config.state_publisher}', which is left alone: it has the URDF of one "
+                    "person, and several are followed (max_people, rep155)"
+                )
+        else:
+            self._person = PersonOutputs(self, skeleton, config, name)
+
+    def _listen(self, config: NodeSettings) -> None:
+        """Subscriptions, services, timer and the watch on the clock."""
+        self._simulated_time = SimulatedTime(self)
+        self._camera_info = CameraInfoInput(
+            self,
+            known=lambda: self._pipeline.has_camera,
+            on_any=lambda: self._diagnostics.saw_camera(time.monotonic()),
+            on_new=self._on_camera_info,
+            on_error=partial(self._count_internal_error, "a camera_info message"),
+        )
+        self._kept_camera_info = LatchedCameraInfo(self, self._camera_info.take)
+        self._bodies = None
+        if isinstance(self._pipeline, PerBodyPipeline):
+            qos = sensor_data(config.queue_depth)
+            self._bodies = Rep155Inputs(self, config.keypoints_type, qos, self._on_bodies, self._on_body)
+        else:
+            on_keypoints: Any = self._on_keypoints  # with message_info, which rclpy's type hints do not know
+            kind, qos = message_class(config.keypoints_type), sensor_data(self._queue.reserve)
+            self._keypoints = self.create_subscription(
+                kind,
+                topics.KEYPOINTS,
+                on_keypoints,
+                qos,
+                qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            )
+        self.create_service(Trigger, "~/reset", self._on_reset)
+        self.create_service(SetBool, "~/set_enabled", self._on_set_enabled)
+        self.create_service(Trigger, "~/save_skeleton", self._on_save_skeleton)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)  # diagnostics go on while simulated time stands still
+        self._as_of_ns = self._looked_ns = 0
+        self.create_timer(LOOK_PERIOD_S, self._look_who_is_there, clock=steady)
+        self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics, clock=steady)
+        jump = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True)
+        self._jump_watch = self.get_clock().create_jump_callback(jump, post_callback=self._on_clock_jump)
+
+    def _await_inputs(self, config: NodeSettings, now: float) -> None:
+        """Begin to watch for inputs that never come; now: s."""
+        self._absent_clock = MissingInput(self, topics.CLOCK, topics.CLOCK_TYPE, (), now)
+        self._absent_camera = MissingInput(self, topics.CAMERA_INFO, topics.CAMERA_INFO_TYPE, (), now)
+        self._absent_keypoints = None
+        if self._bodies is None:
+            kind = full_type_name(config.keypoints_type)
+            self._absent_keypoints = MissingInput(self, topics.KEYPOINTS, kind, ADAPTERS, now)
+
+    def _catch_up(self) -> None:
+        """Read what wakes nobody: the time, where it is simulated, and the camera."""
+        for what, poll in (("a time", self._simulated_time.poll), ("a camera_info message", self._camera_info.poll)):
+            try:
+                poll()
+            except Exception as error:  # in the way of nothing else
+                self._count_internal_error(what, error)
+
+    def _on_camera_info(self, message: Any) -> bool:
+        reason = self._pipeline.set_camera(message)
+        if reason is not None:
+            self._camera_warning.say(reason, f"camera_info refused: {self._pipeline.camera_fault}")
+        return reason is None
+
+    def _on_keypoints(self, message: Any, info: Mapping[str, Any]) -> None:
+        self._catch_up()
+        taken = [(message, info), *self._waiting()]
+        waiting = [((message, info.get("received_timestamp", 0)), info) for message, info in taken]
+        for chosen, received_ns in self._queue.choose(waiting, self._keypoints.get_publisher_count()):
+            if self.context.ok():
+                self.work_on(chosen, received_ns=received_ns)
+        self._queue.done(time.time_ns())
+
+    def _waiting(self) -> Iterator[tuple[Any, Mapping[str, Any]]]:
+        """The keypoint messages that wait behind the one that the executor has taken."""
+        for _ in range(self._queue.reserve):
+            with self._keypoints.handle:
+                taken = self._keypoints.handle.take_message(self._keypoints.msg_type, self._keypoints.raw)
+            if taken is None:
+                return
+            yield taken
+
+    def _on_bodies(self, ids: Sequence[str]) -> Sequence[str]:
+        assert isinstance(self._pipeline, PerBodyPipeline) and self._people is not None
+        self._pipeline.keep(ids)
+        self._people.keep(self._pipeline.ids)
+        return self._pipeline.ids
+
+    def _on_body(self, person: str, message: Any) -> None:
+        assert isinstance(self._pipeline, PerBodyPipeline)
+        self._catch_up()
+        self.work_on(message, partial(self._pipeline.frames_of, person))
+
+    def work_on(
+        self, message: Any, frames_in: Callable[[Any, int], list[Frame]] | None = None, received_ns: int = 0
+    ) -> None:
+        """Track who is in one keypoint message, and publish; never raises.
+
+        frames_in: instead of the pipeline's; received_ns: ns of the system's clock, 0 where the middleware has none.
+        """
+        started = time.monotonic()
+        clock: Any = self.get_clock()  # a ROSClock, which rclpy's type hints do not know
+        # Messages that have waited did not come all at once.
+        waited = received_ns and not clock.ros_time_is_active
+        arrival_ns = received_ns if waited else clock.now().nanoseconds
+        try:
+            frames = (frames_in or self._pipeline.frames)(message, arrival_ns)
+            self._publish(frames)
+            self._comment(frames)
+        except Exception as error:  # the promise: no message, however strange, ends the node
+            self._count_internal_error("a keypoint message", error)
+            return
+        ended = time.monotonic()
+        self._diagnostics.saw_message(frames, arrival_ns, ended, ended - started)
+
+    def _count_internal_error(self, what: str, error: Exception) -> None:
+        if self.context.ok():
+            self._pipeline.counts["rejected: internal_error"] += 1
+            self._warning.say("internal_error", f"{what} was dropped: {type(error).__name__}: {error}")
+
+    def _publish(self, frames: list[Frame]) -> None:
+        accepted = [frame for frame in frames if frame.accepted]
+        outputs: list[Callable[[], None]] = []
+        if self._people is not None and self._pipeline.ids is not None:
+            if not frames or accepted:  # what is refused says nothing of who is there
+                outputs = [partial(self._people.publish, accepted, self._pipeline.ids)]
+        elif self._person is not None:
+            outputs = [partial(self._person.publish, frame) for frame in accepted]
+        for publish in outputs:
+            try:
+                publish()
+            except LassokinError as error:
+                self._warning.say("base_frame", str(error))
+
+    def _comment(self, frames: list[Frame]) -> None:
+        """What is said in the log."""
+        for frame in frames:
+            if not frame.accepted:
+                self._warning.say(str(frame.rejection), f"keypoints rejected ({frame.rejection}): {frame.detail}")
+        if self._pipeline.counts["unstamped"] and not self._said_unstamped:  # once, however many follow
+            self._said_unstamped = True
+            self.get_logger().warning("keypoints without a stamp: outputs carry the time of their arrival")
+        if not self._said_misplaced and frames and frames[0].accepted:
+            camera = self._pipeline.camera.at(frames[0].stamp_ns).intrinsics.frame_id
+            if words := _misplaced(frames[0].frame_id, camera):
+                self._said_misplaced = True
+                self.get_logger().warning(words)
+
+    def _look_who_is_there(self) -> None:
+        """A camera_info comes though no keypoints do, people leave though no message says so: see presence_at.
+
+        They are missed as of the last look: while the node itself is held up, messages wait that it has not read.
+        """
+        self._catch_up()
+        self._as_of_ns, self._looked_ns = self._looked_ns, self.get_clock().now().nanoseconds
+        ids = self._pipeline.presence_at(self._as_of_ns).ids
+        if self._people is not None and ids is not None:
+            self._people.keep(ids)
+
+    def _publish_diagnostics(self) -> None:
+        if self._bodies is not None:
+            self._bodies.look_around()
+        concern = ""
+        if self._person is not None and self._person.state_publisher is not None:
+            self._person.state_publisher.push()
+            concern = self._person.state_publisher.fault
+        now, presence = time.monotonic(), self._pipeline.presence_at(self._as_of_ns)
+        clock = self.get_clock()
+        simulated = isinstance(clock, ROSClock) and clock.ros_time_is_active
+        if simulated:
+            self._absent_clock.look(now, clock.now().nanoseconds > 0)
+        else:
+            self._absent_clock.excuse(now)
+        self._kept_camera_info.look(now, self._diagnostics.camera_came)
+        self._absent_camera.look(now, self._diagnostics.camera_came)
+        if self._absent_keypoints is not None:
+            self._absent_keypoints.look(now, self._diagnostics.keypoints_came)
+            if self._diagnostics.keypoints_came and matches_every_publisher(self._keypoints.qos_profile):
+                ignore_events(self._keypoints)
+        if presence.status is Status.TRACKING and not self._said_tracking:  # the first time: later ones are too many
+            self._said_tracking = True
+            self.get_logger().info("tracking")
+        line = self._diagnostics.line(now, presence, concern)
+        self._diagnostics_out.publish(self._status.fill(clock.now().nanoseconds, "", [line]))
+
+    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._forget()
+        response.success, response.message = True, "state forgotten; the next usable frame initialises anew"
+        return response
+
+    def _on_set_enabled(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        """Disabled, the node keeps its topics and its camera, and costs next to nothing; nobody is remembered."""
+        changed = self._pipeline.enabled is not request.data
+        self._pipeline.enabled = request.data
+        if changed:
+            self._forget()
+        response.success = True
+        response.message = ("enabled" if request.data else "disabled") + ("" if changed else " already")
+        return response
+
+    def _on_save_skeleton(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            path = Path(self._pipeline.config.skeleton_output)
+            written = save_all(self._pipeline.calibrations(), path, self.get_clock().now().nanoseconds)
+            response.success, response.message = True, f"written: {', '.join(str(path.absolute()) for path in written)}"
+        except LassokinError as error:
+            response.success, response.message = False, str(error)
+        return response
+
+    def _on_clock_jump(self, jump: TimeJump) -> None:
+        self.get_logger().info("the clock has jumped: the state is forgotten")
+        self._as_of_ns = self._looked_ns = 0
+        self._forget()
+
+    def _forget(self) -> None:
+        self._pipeline.reset()
+        if self._people is not None:
+            self._people.keep(self._pipeline.ids or [])
+
+    def _tune(self, settings: Settings) -> None:
+        self._pipeline.tune(*settings)
+
+
+def _misplaced(frame_id: str, camera: str) -> str:
+    """What to say of outputs that will not be found where the camera is; camera: the frame_id of camera_info."""
+    if not frame_id:
+        return "neither keypoints nor camera_info have a frame_id: outputs have none, and RViz and TF cannot place them"
+    if not camera or frame_id == camera:
+        return ""
+    return (
+        f"keypoints have the frame_id '{frame_id}', camera_info '{camera}': outputs carry the keypoints', which is "
+        "taken for the camera's optical frame (z forward, x right, y down)"
+    )

@@ -1,0 +1,172 @@
+"""ROS parameters from the settings' dataclasses: declared, described, checked, and written down as YAML and a table.
+
+Nothing here names a parameter: names, defaults, descriptions, units and ranges stand in core/config.py and
+node_config.py alone. `python3 -m lassokin_ros.node.parameters` prints config/tracker.yaml, with `--table` the README's
+table.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import Field, fields, replace
+from difflib import get_close_matches
+from typing import TYPE_CHECKING, Any, Callable, Sequence
+
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.errors import ConfigurationError
+from lassokin_ros.pipeline.settings import NodeSettings
+
+if TYPE_CHECKING:
+    from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+    from rclpy.node import Node
+    from rclpy.parameter import Parameter
+
+Settings = tuple[TrackerConfig, NodeSettings]
+ROS_TYPES = {float: "double", int: "integer", bool: "bool", str: "string"}
+
+
+def describe(item: Field) -> ParameterDescriptor:
+    """The descriptor of one setting: description with its unit, range, choices, and read-only unless live."""
+    from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+
+    facts = item.metadata
+    descriptor = ParameterDescriptor(name=item.name, description=facts["description"], read_only=not facts["live"])
+    if facts["unit"]:
+        descriptor.description += f" [{facts['unit']}]"
+    if facts["choices"]:
+        descriptor.additional_constraints = f"one of: {', '.join(facts['choices'])}"
+    if facts["low"] is not None:
+        low, high = facts["low"], facts["high"]
+        if isinstance(item.default, float):
+            descriptor.floating_point_range = [FloatingPointRange(from_value=float(low), to_value=float(high))]
+        else:
+            descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=1)]
+    return descriptor
+
+
+def declare(node: Node) -> Settings:
+    """Declare every setting on the node and return the settings with the values given at start.
+
+    Raises ConfigurationError for a value of the wrong type or out of its range.
+    """
+    tracker = _declared(node, TrackerConfig())
+    settings = NodeSettings()
+    return tracker.checked(), _declared(node, settings).checked()
+
+
+def _declared(node: Node, config: Any) -> Any:
+    from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+
+    values = {}
+    for item in fields(config):
+        try:
+            values[item.name] = node.declare_parameter(item.name, item.default, describe(item)).value
+        except (InvalidParameterTypeException, InvalidParameterValueException):
+            kind = ROS_TYPES[type(item.default)]
+            hint = " (written with a decimal point)" if kind == "double" else ""
+            given = getattr(node, "_parameter_overrides", {}).get(item.name)
+            raise ConfigurationError(
+                f"parameter '{item.name}' is {given.value if given else 'wrong'!r}; expected "
+                f"{_range(item) or 'a value'}, of type {kind}{hint}"
+            ) from None
+    return replace(config, **values)
+
+
+def unknown_parameters(node: Node) -> list[str]:
+    """One line for each parameter given at start that the node does not have: most likely misspelt."""
+    known = [item.name for config in (TrackerConfig, NodeSettings) for item in fields(config)]
+    lines = []
+    for name in getattr(node, "_parameter_overrides", {}):
+        if not node.has_parameter(name) and not _overrides_another_topic(node, name):
+            close = get_close_matches(name, known, 1)
+            lines.append(f"there is no parameter '{name}'" + (f"; did you mean '{close[0]}'?" if close else ""))
+    return lines
+
+
+def _overrides_another_topic(node: Node, name: str) -> bool:
+    """True for a QoS override of a topic that is not the node's: files for several nodes have them."""
+    topic, _, _ = name.rpartition(".")
+    return name.startswith("qos_overrides.") and not node.get_parameters_by_prefix(topic)
+
+
+class LiveParameters:
+    """Lets live settings be changed while the node runs: all of one request, or none of it."""
+
+    def __init__(self, node: Node, settings: Settings, on_change: Callable[[Settings], None]) -> None:
+        """on_change: called with the new settings after each change that was accepted."""
+        self.settings = settings
+        self._on_change = on_change
+        node.add_on_set_parameters_callback(self._check)
+        node.add_post_set_parameters_callback(self._apply)
+
+    def _check(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+        from rcl_interfaces.msg import SetParametersResult
+
+        try:
+            self._changed(parameters)
+        except (ConfigurationError, TypeError) as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _apply(self, parameters: Sequence[Parameter]) -> None:
+        self.settings = self._changed(parameters)
+        self._on_change(self.settings)
+
+    def _changed(self, parameters: Sequence[Parameter]) -> Settings:
+        tracker, node = self.settings
+        return _with_values(tracker, parameters).checked(), _with_values(node, parameters).checked()
+
+
+def _with_values(config: Any, parameters: Sequence[Parameter]) -> Any:
+    names = {item.name for item in fields(config)}
+    return replace(config, **{p.name: p.value for p in parameters if p.name in names})
+
+
+def all_settings() -> list[Field]:
+    """Every setting that is a parameter, in the order of the file and the table."""
+    return [*fields(TrackerConfig), *fields(NodeSettings)]
+
+
+def parameter_file() -> str:
+    """The text of config/tracker.yaml: every parameter at its default, with its comment."""
+    lines = [
+        "# Every parameter of the tracker with its default. Made by `python3 -m lassokin_ros.node.parameters`.",
+        "# (live) may be changed while the node runs, the others are read-only.",
+        "/**:",
+        "  ros__parameters:",
+    ]
+    for item in all_settings():
+        facts = [_range(item), "live" if item.metadata["live"] else ""]
+        remark = "; ".join(fact for fact in facts if fact)
+        lines.append(f"    # {item.metadata['description']}" + (f" ({remark})" if remark else ""))
+        lines.append(f"    {item.name}: {_yaml(item.default)}")
+    return "\n".join(lines) + "\n"
+
+
+def parameter_table() -> str:
+    """The README's table of parameters, in Markdown."""
+    lines = ["| parameter | default | unit | range | live | meaning |", "|---|---|---|---|---|---|"]
+    for item in all_settings():
+        facts = item.metadata
+        live = "yes" if facts["live"] else ""
+        unit = facts["unit"]
+        limits = _range(item).removesuffix(f" {unit}") if unit else _range(item)
+        lines.append(f"| `{item.name}` | {_yaml(item.default)} | {unit} | {limits} | {live} | {facts['description']} |")
+    return "\n".join(lines) + "\n"
+
+
+def _range(item: Field) -> str:
+    facts = item.metadata
+    if facts["choices"]:
+        return f"one of: {', '.join(facts['choices'])}"
+    return "" if facts["low"] is None else f"{facts['low']:g} to {facts['high']:g} {facts['unit']}".rstrip()
+
+
+def _yaml(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f'"{value}"' if isinstance(value, str) else repr(value)
+
+
+if __name__ == "__main__":
+    sys.stdout.write(parameter_table() if "--table" in sys.argv[1:] else parameter_file())

@@ -1,0 +1,150 @@
+"""What is published of people: one set of topics for each, made when the person comes and ended when they leave."""
+
+from __future__ import annotations
+
+from functools import partial
+from importlib import import_module
+from typing import Any, Callable
+
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
+
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.errors import ConfigurationError
+from lassokin_ros.node.state_publisher import StatePublisher
+from lassokin_ros.pipeline.frame import Frame
+from lassokin_ros.pipeline.outputs import topics
+from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages, id_list
+from lassokin_ros.pipeline.outputs.robot_description import RobotDescription
+from lassokin_ros.pipeline.settings import NodeSettings
+from msg_adapters.backends import RclpyBackend
+from msg_adapters.detectors.registry import full_type_name
+
+OUTPUT_DEPTH = 10
+
+
+def message_class(message_type: str) -> Any:
+    """The class of a message type, imported now. Raises ConfigurationError when its package is not installed."""
+    package, _, name = full_type_name(message_type).split("/")
+    try:
+        return getattr(import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError):
+        raise ConfigurationError(
+            f"message type {message_type} needs the ROS package {package}, which is not installed: apt install "
+            f"ros-$ROS_DISTRO-{package.replace('_', '-')}, or source the workspace that has it"
+        ) from None
+
+
+def advertise(node: Node, topic: topics.OutputTopic, name: str = "", overridable: bool = True) -> Publisher:
+    """A publisher of a topic, under another name if one is given.
+
+    overridable: its QoS has parameters; people's topics come and go, parameters would stay.
+    """
+    durability = DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE
+    qos = QoSProfile(depth=1 if topic.latched else OUTPUT_DEPTH, durability=durability)
+    override = QoSOverridingOptions.with_default_policies() if overridable else None
+    kind = message_class(topic.message_type)
+    # A subscriber whose QoS does not match is told so on its own side. Here, two events for each publisher would be
+    # waited for with every message: half of the executor's work for one person, most of it for several.
+    events = PublisherEventCallbacks(use_default_callbacks=False)
+    name = name or topic.name
+    return node.create_publisher(kind, name, qos, qos_overriding_options=override, event_callbacks=events)
+
+
+class PersonOutputs:
+    """One person's publishers; person: the id, empty when one person is followed."""
+
+    def __init__(self, node: Node, skeleton: Skeleton, config: NodeSettings, title: str, person: str = "") -> None:
+        """title: the node's name, in the certificate. Raises SkeletonError when config.base_frame cannot be a frame."""
+        backend = RclpyBackend()
+        self._node = node
+        self._description = RobotDescription(backend, skeleton, config.base_frame, person)
+        name = partial(topics.of_person, person=person, rep155=config.rep155)
+        self._out = {t.name: advertise(node, t, name(t.name), not person) for t in topics.PERSON_OUTPUTS}
+        if config.publish_tf:
+            self._out[topics.TF] = advertise(node, topics.TF_OUTPUT, overridable=not person)
+        self._messages = FrameMessages(backend, skeleton, title, person, config.publish_tf, config.rep155, True)
+        self.state_publisher = None
+        if not person and config.state_publisher:
+            self.state_publisher = StatePublisher(node, config.state_publisher)
+        if not person:
+            self._describe(self._description.first())
+
+    def publish(self, frame: Frame, copy_markers: Callable[[Any], None] | None = None) -> None:
+        """Publish what somebody listens to of an accepted frame.
+
+        copy_markers: takes the person's markers too. Raises SkeletonError for a frame_id that is a link's name, after
+        everything else has been published.
+        """
+        try:
+            description = self._description.follow(frame)
+            if description is not None:
+                self._describe(description)
+        finally:
+            self._publish_frame(frame, copy_markers)
+
+    def _describe(self, description: Any) -> None:
+        self._out[topics.ROBOT_DESCRIPTION].publish(description)
+        if self.state_publisher is not None:
+            self.state_publisher.describe(description.data)
+
+    def _publish_frame(self, frame: Frame, copy_markers: Callable[[Any], None] | None) -> None:
+        for topic, message in self._messages.build(frame, lambda name: self._is_wanted(name, copy_markers)):
+            self._out[topic].publish(message)
+            if copy_markers is not None and topic == topics.MARKERS:
+                copy_markers(message)
+
+    def _is_wanted(self, topic: str, copy_markers: Callable[[Any], None] | None = None) -> bool:
+        if topic == topics.MARKERS and copy_markers is not None:
+            return True
+        return self._out[topic].get_subscription_count() > 0
+
+    def close(self) -> None:
+        """End the topics."""
+        for publisher in self._out.values():
+            self._node.destroy_publisher(publisher)
+
+
+class PeopleOutputs:
+    """A PersonOutputs for each of several people, the list of their ids, and everybody's markers in one topic."""
+
+    def __init__(self, node: Node, skeleton: Skeleton, config: NodeSettings, title: str) -> None:
+        """Raises ConfigurationError when a message type that is asked for is not installed."""
+        if config.publish_tf:
+            message_class(topics.TF_OUTPUT.message_type)  # now, not when the first person comes
+        self._of = partial(PersonOutputs, node, skeleton, config, title)
+        self._people: dict[str, PersonOutputs] = {}
+        self._ids: list[str] = []
+        self._node, backend = node, RclpyBackend()
+        self._tracked = None  # the list of bodies that come on topics of their own is the detector's
+        if not config.topic_per_body:
+            self._tracked = advertise(node, topics.REP155_TRACKED_OUTPUT if config.rep155 else topics.TRACKED_OUTPUT)
+        self._list = id_list(backend, config.rep155)
+        everybody = next(t for t in topics.FRAME_OUTPUTS if t.name == topics.MARKERS)
+        self._markers = advertise(node, everybody)
+        self._publish_list()
+
+    def publish(self, frames: list[Frame], ids: list[str]) -> None:
+        """Publish everybody's frame; ids: of all who are there, with a frame or without."""
+        copy_markers = self._markers.publish if self._markers.get_subscription_count() else None
+        for frame in frames:
+            if frame.person not in self._people:
+                self._people[frame.person] = self._of(frame.person)
+            self._people[frame.person].publish(frame, copy_markers)
+        self.keep(ids)
+
+    def keep(self, ids: list[str]) -> None:
+        """End the topics of who has left, and publish the list when it has changed."""
+        gone = [person for person in self._people if person not in ids]
+        for person in gone:
+            self._people.pop(person).close()
+        if gone or ids != self._ids:
+            self._ids = list(ids)
+            self._publish_list()
+
+    def _publish_list(self) -> None:
+        if self._tracked is not None:
+            self._tracked.publish(self._list(self._node.get_clock().now().nanoseconds, "", self._ids))

@@ -1,0 +1,1 @@
+"""From an estimate to output messages: topics, URDF, diagnostics, texts."""

@@ -1,0 +1,215 @@
+"""What the node says of itself once a second: level, sentence, and figures with units."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+
+from lassokin_ros.core.estimate import Status
+from lassokin_ros.pipeline.camera import BEYOND
+from lassokin_ros.pipeline.frame import Frame, repeated_s
+from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
+from lassokin_ros.pipeline.outputs.calibration_status import calibration_figures
+from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.settings import MESSAGE
+from msg_adapters.output_messages.builders import ERROR, OK, WARN, StatusLine
+
+SILENCE_S = 2.0
+"""s: keypoints that stay away this long are worth a warning."""
+FROZEN_S = 1.0
+"""s: so are the same keypoints again and again for longer than this."""
+TURNOVER = 2
+"""People may come, and as many leave, in one period: more are a detector that numbers people anew in each image."""
+NO_BODY = 0.08
+"""Of the height: keypoints that are farther than this from the best body are none; detectors are off by 2 %."""
+
+
+class Diagnostics:
+    """Gathers figures over one period and makes the status of them; times are seconds of a steady clock."""
+
+    def __init__(self, pipeline: Pipeline, name: str, now: float) -> None:
+        """name: the node's."""
+        self._pipeline = pipeline
+        self._name = name
+        self._since = now
+        self._keypoints_at: float | None = None
+        self._camera_at: float | None = None
+        self._counts: Counter[str] = Counter()
+        self._begin(now)
+        self._hardware_id = ""
+        self._reprojection_px = float("nan")
+        self._newest: list[Frame] = []
+        self._repeated_s = 0.0
+
+    def _begin(self, now: float) -> None:
+        self._since = now
+        self._counts = Counter(self._pipeline.counts)
+        self._times_ms: list[float] = []
+        self._delays: list[float] = []
+        self._misfits: list[float] = []
+
+    @property
+    def camera_came(self) -> bool:
+        """True when there was a camera_info, of whatever use."""
+        return self._camera_at is not None
+
+    @property
+    def keypoints_came(self) -> bool:
+        """The same of keypoints."""
+        return self._keypoints_at is not None
+
+    def saw_camera(self, now: float) -> None:
+        """A camera_info has come."""
+        self._camera_at = now
+
+    def saw_message(self, frames: Sequence[Frame], arrival_ns: int, now: float, callback_s: float) -> None:
+        """A keypoint message was worked on; frames: what it gave, none when nobody was there.
+
+        arrival_ns: ns, of the clock that stamps messages; callback_s: s, from the message's arrival in the callback to
+        the last output.
+        """
+        self._keypoints_at = now
+        self._repeated_s = repeated_s(frames)
+        self._times_ms.append(1e3 * callback_s)
+        for frame in frames[:1]:
+            self._delays.append((arrival_ns - frame.stamp_ns) * 1e-9 - frame.held_s)
+            self._hardware_id = frame.frame_id or self._hardware_id
+        accepted = [f for f in frames if f.accepted and f.estimate is not None]
+        if accepted:
+            self._newest = accepted
+            self._reprojection_px = max(f.estimate.reprojection_px for f in accepted if f.estimate is not None)
+            self._misfits.append(max(_misfit(frame) for frame in accepted))
+
+    def line(self, now: float, presence: Presence | None = None, concern: str = "") -> StatusLine:
+        """The status of the period since the last call, which ends it.
+
+        presence: who is there by now, where another time has passed than the messages tell; concern: what else is
+        worth a warning, empty for nothing.
+        """
+        presence = presence or Presence(self._pipeline.status, self._pipeline.ids)
+        period = max(now - self._since, 1e-3)
+        recent = Counter(self._pipeline.counts)
+        recent.subtract(self._counts)
+        level, message = self._judge(now, recent, presence.status, concern)
+        values = self._figures(now, period, recent, presence)
+        self._begin(now)
+        return StatusLine(level, f"{self._name}: tracking", message, self._hardware_id or "none", values)
+
+    def _judge(self, now: float, recent: Counter[str], status: Status, concern: str) -> tuple[int, str]:
+        pipeline = self._pipeline
+        if not pipeline.enabled:
+            return OK, "disabled by ~/set_enabled"
+        if pipeline.camera_fault:
+            kept = "; the last good one stays in use" if pipeline.has_camera else ""
+            return ERROR, f"camera_info refused: {pipeline.camera_fault}{kept}"
+        if not pipeline.has_camera:
+            return WARN, "waiting for camera_info"
+        if self._keypoints_at is None:
+            return WARN, "waiting for keypoints"
+        if now - self._keypoints_at > SILENCE_S:
+            return WARN, f"no keypoints for {now - self._keypoints_at:.1f} s"
+        if self._repeated_s > FROZEN_S:
+            return WARN, (
+                f"keypoints are frozen: the same ones for {self._repeated_s:.1f} s; does the camera's image move, and "
+                "does the detector get it?"
+            )
+        possible = _unused(recent), self._beyond(recent), self._no_body(), self._turnover(recent), concern
+        concerns = [words for words in possible if words]
+        level = OK if status is Status.TRACKING and not concerns else WARN
+        return level, "; ".join([status.value, *concerns])
+
+    def _beyond(self, recent: Counter[str]) -> str:
+        """What to look at where most of a period's keypoints left the image; empty where they did not."""
+        if (view := self._pipeline.camera.view) is None or 2 * recent[BEYOND] <= recent["received"]:
+            return ""
+        width, height = view.size
+        return (
+            f"keypoints lie outside the image of {width} x {height} px that camera_info speaks of: are they pixels of "
+            "the raw image, in its full size?"
+        )
+
+    def _no_body(self) -> str:
+        """What to look at where a period's keypoints are no body's; empty where they are one's."""
+        if not self._misfits or (far := float(np.median(self._misfits))) < NO_BODY:
+            return ""
+        config = self._pipeline.tracker.config
+        return (
+            f"keypoints are {far * config.height:.2f} m off the best body: does the detector count its landmarks as "
+            f"`landmarks: {config.landmarks}` says, and in pixels of the raw image?"
+        )
+
+    def _turnover(self, recent: Counter[str]) -> str:
+        """What to look at where people came and left faster than people do; empty where they did not."""
+        config, changed = self._pipeline.config, min(recent["people come"], recent["people left"])
+        if changed <= TURNOVER or recent["resets"] or config.topic_per_body or config.person_ids != MESSAGE:
+            return ""
+        return (
+            f"{recent['people come']} people came and {recent['people left']} left within a second: do the message's "
+            "person numbers change from image to image? Then set person_ids to node"
+        )
+
+    def _largest_deviation(self) -> float:
+        return max((float(f.uncertainty.deviation.max()) for f in self._newest), default=float("nan"))
+
+    def _figures(self, now: float, period: float, recent: Counter[str], presence: Presence) -> dict[str, str]:
+        counts = self._pipeline.counts
+        followed = presence.status is Status.TRACKING  # of somebody lost the last figures are no news
+        values = {
+            "state": presence.status.value,
+            "input rate [Hz]": f"{recent['received'] / period:.2f}",
+            "output rate [Hz]": f"{recent['accepted'] / period:.2f}",
+            "keypoints age [s]": _age(now, self._keypoints_at),
+            "camera_info age [s]": _age(now, self._camera_at),
+            "keypoints delay median [s]": _figure(self._delays, 50),
+            "callback time median [ms]": _figure(self._times_ms, 50),
+            "callback time maximum [ms]": _figure(self._times_ms, 100),
+            "reprojection error [px]": f"{self._reprojection_px if followed else math.nan:.2f}",
+            "largest joint deviation [m]": f"{self._largest_deviation() if followed else math.nan:.3f}",
+        }
+        for key in ("received", "accepted", "duplicated", "unstamped", "ignored while disabled", OVERTAKEN, LOST):
+            values[f"{key} [messages]"] = str(counts[key])
+        values["resets"] = str(counts["resets"])
+        if presence.ids is not None:
+            values["people"] = ", ".join(presence.ids) or "nobody"
+            gone = len(set(self._pipeline.ids or ()) - set(presence.ids))  # in a silence: the next message counts them
+            values["people come"], values["people left"] = str(counts["people come"]), str(counts["people left"] + gone)
+            values["people beyond max_people"] = str(counts["people beyond max_people"])
+        for key in sorted(key for key in counts if key.startswith("rejected: ") or key == BEYOND):
+            values[f"{key} [messages]"] = str(counts[key])
+        tracker = self._pipeline.tracker
+        if tracker.averaged:
+            values["skeleton: left and right apart, averaged [%]"] = f"{100 * tracker.averaged:.1f}"
+        for person, calibration in self._pipeline.calibrations().items():
+            if presence.ids is None or person in presence.ids:
+                values |= calibration_figures(calibration, tracker.config.calibrate, person)
+        return values
+
+
+def _misfit(frame: Frame) -> float:
+    """Of the height: how far the keypoints of an accepted frame are from its body's landmarks, at its distance."""
+    estimate = frame.estimate
+    assert estimate is not None and estimate.state is not None and frame.lens is not None and frame.skeleton is not None
+    depth = float(estimate.state.translation[2])
+    return estimate.reprojection_px / frame.lens.focal * depth / frame.skeleton.height
+
+
+def _unused(recent: Counter[str]) -> str:
+    """Which messages of a period were not used, and why; empty when all were."""
+    refused = {key.partition(": ")[2]: n for key, n in recent.items() if key.startswith("rejected: ") and n > 0}
+    parts = [f"{key}: {recent[key]}" for key in (OVERTAKEN, LOST) if recent[key]]
+    if refused:
+        listed = ", ".join(f"{reason} {count}" for reason, count in sorted(refused.items()))
+        parts.insert(0, f"rejected of {recent['received']}: {listed}")
+    return "; ".join(parts)
+
+
+def _age(now: float, then: float | None) -> str:
+    return "never" if then is None else f"{now - then:.3f}"
+
+
+def _figure(values: list[float], percentile: int) -> str:
+    return f"{np.percentile(values, percentile):.3f}" if values else "nan"

@@ -1,0 +1,75 @@
+"""Why the tracker did not use a frame, in words with the frame's own numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.estimate import Estimate, Observation, Rejection
+from lassokin_ros.core.image.gating import FOCAL_RANGE, visible
+from lassokin_ros.core.lasso.lasso import KKT_TOLERANCE
+from lassokin_ros.core.tracker import SMALLEST
+
+
+def rejection_text(answer: Estimate, observation: Observation, config: TrackerConfig) -> str:
+    """One line on a rejected answer to an observation: what was wrong, what was expected, what to do."""
+    assert answer.rejection is not None
+    return _WORDS[answer.rejection](answer, observation, config)
+
+
+def _too_few_landmarks(_: Estimate, observation: Observation, config: TrackerConfig) -> str:
+    seen = visible(observation, config)
+    count, expected = np.count_nonzero(seen), f"expected {config.min_landmarks} or more (min_landmarks)"
+    found = f"{count} landmark{'' if count == 1 else 's'} at or above min_confidence {config.min_confidence:g}"
+    if count >= config.min_landmarks:
+        return f"{found}, but some of them far from where they were going; {expected} that can be believed"
+    confident = observation.confidence >= max(config.min_confidence, 1e-9)
+    aside = np.count_nonzero(confident & np.isfinite(observation.points).all(axis=1) & ~seen)
+    if aside:
+        return f"{found}, besides {aside} that no camera sees; {expected}: is camera_info the keypoints' camera's?"
+    return f"{found}; {expected}"
+
+
+def _too_small(_: Estimate, observation: Observation, config: TrackerConfig) -> str:
+    return (
+        "the body that fits best would be smaller than the noise, or behind the camera; expected "
+        f"{SMALLEST * config.noise_px:g} px ({SMALLEST:g} noise_px) or more: are the keypoints px, is camera_info "
+        "their camera's?"
+    )
+
+
+def _not_certified(answer: Estimate, observation: Observation, config: TrackerConfig) -> str:
+    residual = float("nan") if answer.certificate is None else answer.certificate.kkt_residual
+    return (
+        f"the optimum was not proved, its KKT residual is {residual:.1e}; expected {KKT_TOLERANCE:g} or less: try "
+        "solver proxqp, warm_start false"
+    )
+
+
+def _old_stamp(_: Estimate, observation: Observation, config: TrackerConfig) -> str:
+    return "the stamp is not newer than the last one; expected one that is: do two detectors use one topic?"
+
+
+def _not_finite(_: Estimate, observation: Observation, config: TrackerConfig) -> str:
+    low, high = FOCAL_RANGE
+    return (
+        f"the stamp is {observation.stamp:g} s, the focal length {observation.focal:g} px; expected finite numbers, "
+        f"and {low:g} to {high:g} px: look at the stamp and at camera_info's K"
+    )
+
+
+def _wrong_shape(_: Estimate, observation: Observation, config: TrackerConfig) -> str:
+    shapes = f"points {observation.points.shape} and confidences {observation.confidence.shape}"
+    return f"{shapes}; expected one of each for every landmark of the layout '{config.landmarks}'"
+
+
+_WORDS: dict[Rejection, Callable[[Estimate, Observation, TrackerConfig], str]] = {
+    Rejection.TOO_FEW_LANDMARKS: _too_few_landmarks,
+    Rejection.TOO_SMALL: _too_small,
+    Rejection.NOT_CERTIFIED: _not_certified,
+    Rejection.OLD_STAMP: _old_stamp,
+    Rejection.NOT_FINITE: _not_finite,
+    Rejection.WRONG_SHAPE: _wrong_shape,
+}

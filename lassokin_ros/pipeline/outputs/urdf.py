@@ -1,0 +1,146 @@
+"""The skeleton as a URDF, which `joint_states` drives through robot_state_publisher.
+
+From the base link (the camera's optical frame) three prismatic joints `root_x`, `root_y`, `root_z` carry the body; each
+ball joint is then three revolute joints `<joint>_x`, `<joint>_y`, `<joint>_z` in the order of its axes, and the link
+behind the third is named `<joint>`: its pose is the joint's pose in the topic `joints`. Links have shapes to look at
+and no mass: this describes where a body is, not how it would fall.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from xml.etree import ElementTree
+
+import numpy as np
+
+from lassokin_ros.core.body.joint_angles import ROOT_JOINTS
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.errors import SkeletonError
+
+_AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
+_TURNS = 200 * np.pi  # rad: published angles are unwrapped, a spinning dancer's grow
+_REACH = 1000.0  # m
+_COLOURS = {"left": "0.20 0.45 0.75 1", "right": "0.80 0.35 0.25 1", "": "0.55 0.55 0.58 1"}
+
+
+def joint_names(skeleton: Skeleton) -> list[str]:
+    """Names in JointState's order: the three of the root, then x, y, z of each ball joint (75 for SMPL's tree)."""
+    return list(ROOT_JOINTS) + [f"{joint}_{axis}" for joint in skeleton.joint_names for axis in "xyz"]
+
+
+def urdf(skeleton: Skeleton, base_frame: str, prefix: str = "") -> str:
+    """The URDF of a skeleton as XML text.
+
+    base_frame: name of the base link, the frame in which translations are given (the camera's optical frame). prefix:
+    stands before the names of the body's links, so that several bodies go into one tree of frames; joints keep theirs.
+    Raises SkeletonError when the base link's name is empty or one of the body's own links.
+    """
+    if not base_frame:
+        raise SkeletonError("base frame is empty; expected a name, such as camera_optical_frame (base_frame)")
+    if base_frame in {prefix + name for name in _link_names(skeleton)}:
+        raise SkeletonError(f"base frame is '{base_frame}'; expected a name that is not one of the skeleton's joints")
+    robot = ElementTree.Element("robot", name=skeleton.name)
+    for side, colour in _COLOURS.items():
+        material = ElementTree.SubElement(robot, "material", name=_material(side))
+        ElementTree.SubElement(material, "color", rgba=colour)
+    ElementTree.SubElement(robot, "link", name=base_frame)
+    above = base_frame
+    for name, axis in zip(ROOT_JOINTS, "xyz"):
+        link = f"{prefix}{name}_link"
+        ElementTree.SubElement(robot, "link", name=link)
+        _add_joint(robot, name, "prismatic", above, link, axis, np.zeros(3), _REACH)
+        above = link
+    for index, joint in enumerate(skeleton.joint_names):
+        parent = skeleton.parents[index]
+        _add_ball_joint(robot, skeleton, index, above if parent < 0 else prefix + skeleton.joint_names[parent], prefix)
+    ElementTree.indent(robot)
+    return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding="unicode") + "\n"
+
+
+def check_names(skeleton: Skeleton) -> None:
+    """Raise SkeletonError where two joints or two links of the URDF would have one name, which is then no URDF."""
+    for kind, names in (("joints", joint_names(skeleton)), ("links", _link_names(skeleton))):
+        name, count = Counter(names).most_common(1)[0]
+        if count > 1:
+            raise SkeletonError(
+                f"skeleton '{skeleton.name}': two {kind} of its URDF would be called '{name}'; give the joint that it "
+                "is made of another name"
+            )
+
+
+def _link_names(skeleton: Skeleton) -> list[str]:
+    """Of the body, without a prefix, and of a few links that there could be."""
+    return [*skeleton.joint_names, *(f"{name}_link" for name in joint_names(skeleton))]
+
+
+def _add_ball_joint(robot: ElementTree.Element, skeleton: Skeleton, index: int, above: str, prefix: str) -> None:
+    joint, offset = skeleton.joint_names[index], skeleton.offsets[index]
+    for number, axis in enumerate(skeleton.axes[index]):
+        last = number == 2
+        child = prefix + (joint if last else f"{joint}_{axis}_link")
+        link = ElementTree.SubElement(robot, "link", name=child)
+        if last:
+            _add_visuals(link, skeleton, index)
+        _add_joint(robot, f"{joint}_{axis}", "revolute", above, child, axis, offset, _TURNS)
+        above, offset = child, np.zeros(3)
+
+
+def _add_joint(
+    robot: ElementTree.Element,
+    name: str,
+    kind: str,
+    parent: str,
+    child: str,
+    axis: str,
+    offset: np.ndarray,
+    limit: float,
+) -> None:
+    joint = ElementTree.SubElement(robot, "joint", name=name, type=kind)
+    ElementTree.SubElement(joint, "parent", link=parent)
+    ElementTree.SubElement(joint, "child", link=child)
+    ElementTree.SubElement(joint, "origin", xyz=_text(offset), rpy="0 0 0")
+    ElementTree.SubElement(joint, "axis", xyz=_text(_AXES[axis]))
+    ElementTree.SubElement(joint, "limit", lower=f"{-limit:.6g}", upper=f"{limit:.6g}", effort="1000", velocity="1000")
+
+
+def _add_visuals(link: ElementTree.Element, skeleton: Skeleton, index: int) -> None:
+    """A ball at the joint and a rod along each bone that leaves it; a ball for a head above a joint of that name."""
+    height, name = skeleton.height, skeleton.joint_names[index]
+    _add_shape(link, name, np.zeros(3), (0.0, 0.0), "sphere", radius=0.02 * height)
+    if name == "head":
+        _add_shape(link, name, np.array([0.0, 0.045, 0.02]) * height, (0.0, 0.0), "sphere", radius=0.055 * height)
+    for child in np.flatnonzero(skeleton.parents == index):
+        bone = skeleton.offsets[child]
+        length = float(np.linalg.norm(bone))
+        if length < 1e-6:
+            continue
+        # A cylinder lies along its z axis: pitch, then yaw, turn z to the bone.
+        direction = float(np.arccos(np.clip(bone[2] / length, -1, 1))), float(np.arctan2(bone[1], bone[0]))
+        radius = float(np.clip(0.12 * length, 0.008 * height, 0.025 * height))
+        side = skeleton.joint_names[child]
+        _add_shape(link, side, bone / 2, direction, "cylinder", radius=radius, length=length)
+
+
+def _add_shape(
+    link: ElementTree.Element,
+    side_of: str,
+    centre: np.ndarray,
+    direction: tuple[float, float],
+    shape: str,
+    **sizes: float,
+) -> None:
+    visual = ElementTree.SubElement(link, "visual")
+    ElementTree.SubElement(visual, "origin", xyz=_text(centre), rpy=_text((0.0, *direction)))
+    geometry = ElementTree.SubElement(visual, "geometry")
+    ElementTree.SubElement(geometry, shape, {name: f"{size:.6g}" for name, size in sizes.items()})
+    side = next((side for side in ("left", "right") if side_of.startswith(side)), "")
+    ElementTree.SubElement(visual, "material", name=_material(side))
+
+
+def _material(side: str) -> str:
+    return side or "middle"
+
+
+def _text(numbers: Sequence[float] | np.ndarray) -> str:
+    return " ".join(f"{number:.12g}" for number in numbers)

@@ -1,0 +1,85 @@
+"""ROS parameters without ROS: a parameter file and `-p name:=value`, as the node takes them, to settings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import Field, fields, replace
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.errors import ConfigurationError
+from lassokin_ros.core.yaml_files import load_mapping, load_value, read_text
+from lassokin_ros.pipeline.settings import NodeSettings
+
+NODE_NAME = "tracker"
+IGNORED = ("use_sim_time", "qos_overrides", "start_type_description_service")
+"""Parameters that every node has and that mean nothing without ROS."""
+
+
+def offline_settings(files: Sequence[Path], assignments: Sequence[str]) -> tuple[TrackerConfig, NodeSettings]:
+    """The settings from parameter files and assignments "name:=value"; later ones win.
+
+    Raises ConfigurationError for a file that cannot be read or has another form, for a parameter that does not exist,
+    and for a value of the wrong type or out of its range.
+    """
+    values: dict[str, Any] = {}
+    for file in files:
+        values.update(_from_file(file))
+    for assignment in assignments:
+        name, separator, text = assignment.partition(":=")
+        if not separator or not name:
+            raise ConfigurationError(f"-p {assignment!r}; expected name:=value, such as height:=1.80")
+        values[name] = _value(name, text)
+    return _applied(TrackerConfig(), values).checked(), _applied(NodeSettings(), values).checked()
+
+
+def _from_file(file: Path) -> dict[str, Any]:
+    """Parameters of our node in a ROS parameter file: under `/**` or a name that ends in `tracker`."""
+    data = load_mapping(read_text(file, ConfigurationError), str(file), ConfigurationError)
+    mine = [key for key in data if str(key) == "/**" or str(key).split("/")[-1] == NODE_NAME]
+    if not mine:
+        raise ConfigurationError(
+            f"{file} has parameters for {', '.join(map(str, data)) or 'no node'}; expected '{NODE_NAME}' or '/**' at "
+            "the top level, and ros__parameters below it"
+        )
+    values: dict[str, Any] = {}
+    for key in mine:
+        parameters = data[key].get("ros__parameters") if isinstance(data[key], Mapping) else None
+        if not isinstance(parameters, Mapping):
+            raise ConfigurationError(f"{file} has no mapping 'ros__parameters' under '{key}'")
+        values.update({str(name): value for name, value in parameters.items()})
+    for name in values:
+        _find(name, str(file))
+    return values
+
+
+def _value(name: str, text: str) -> Any:
+    """A value as rcl reads it: YAML."""
+    _find(name, "-p")
+    return load_value(text, f"-p {name}:={text[:40]}", ConfigurationError)
+
+
+def _find(name: str, source: str) -> None:
+    """Raise ConfigurationError when there is no such parameter."""
+    known = [item.name for item in _all_fields()]
+    if name in known or name.split(".")[0] in IGNORED:
+        return
+    close = get_close_matches(name, known, 1)
+    hint = f"did you mean '{close[0]}'?" if close else f"expected one of: {', '.join(known)}"
+    raise ConfigurationError(f"{source}: there is no parameter '{name}'; {hint}")
+
+
+def _all_fields() -> list[Field]:
+    return [*fields(TrackerConfig), *fields(NodeSettings)]
+
+
+def _applied(config: Any, values: Mapping[str, Any]) -> Any:
+    changes = {}
+    for item in fields(config):
+        if item.name in values:
+            value = values[item.name]
+            whole = isinstance(value, int) and not isinstance(value, bool)
+            changes[item.name] = float(value) if isinstance(item.default, float) and whole else value
+    return replace(config, **changes)

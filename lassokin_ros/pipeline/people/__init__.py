@@ -1,0 +1,1 @@
+"""Who is in the image: one tracked person, several people, and their assignment over time."""

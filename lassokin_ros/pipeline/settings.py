@@ -1,0 +1,96 @@
+"""Settings that only the node and the replay have; the tracker's own are in core/config.py."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+from lassokin_ros.core.config import check_setting, setting
+from lassokin_ros.core.errors import ConfigurationError
+from lassokin_ros.core.yaml_files import SUFFIXES
+from msg_adapters.detectors.registry import ADAPTERS, full_type_name
+
+MESSAGE, NODE = "message", "node"
+PER_BODY_TYPE = "hri_msgs/msg/Skeleton2D"
+"""Keypoints of one person, who is named by the topic."""
+
+
+@dataclass(frozen=True)
+class NodeSettings:
+    """Settings of the node; `checked` raises ConfigurationError for a value out of its range."""
+
+    keypoints_type: str = setting(
+        "sensor_msgs/msg/PointCloud2", f"message type of the topic keypoints, one of: {', '.join(ADAPTERS)}"
+    )
+    rectified: bool = setting(
+        False, "keypoints are pixels of the rectified image: camera_info's P is used in place of K and D"
+    )
+    base_frame: str = setting(
+        "camera_optical_frame", "base link of robot_description until the first keypoints say their frame_id"
+    )
+    queue_depth: int = setting(
+        5,
+        "keypoint messages that may wait and are all used, to catch up; when more wait the newest is, the others are "
+        "counted",
+        "",
+        1,
+        1000,
+    )
+    jump_back: float = setting(
+        0.5,
+        "a header stamp that lies back by more than this (bag loop, seek) resets the tracker; by less, is rejected",
+        "s",
+        0.0,
+        3600.0,
+        live=True,
+    )
+    max_people: int = setting(1, "people followed at once; with more than 1, topics are under bodies/<id>/", "", 1, 20)
+    person_ids: str = setting(
+        MESSAGE,
+        "who tells people apart over time: the message's person numbers where it has lasting ones, or the node alone",
+        choices=(MESSAGE, NODE),
+    )
+    forget_after: float = setting(
+        3.0, "one of several people who is not seen for this long has left", "s", 0.1, 3600.0, live=True
+    )
+    rep155: bool = setting(
+        False, "several people's topics as in REP-155: /humans/bodies/<id>/, the list as hri_msgs/IdsList"
+    )
+
+    publish_tf: bool = setting(
+        False,
+        "TF of the person's pelvis (rep155: midway between the hips): frame body, or body_<id>, x front, y left, z up",
+    )
+    state_publisher: str = setting(
+        "", "name of the robot_state_publisher whose URDF is to follow robot_description (one person); empty for none"
+    )
+    skeleton_output: str = setting(
+        "~/.ros/lassokin_skeleton.yaml",
+        "file that ~/save_skeleton writes, for the parameter skeleton; of several people each their own, _<id> added",
+        live=True,
+    )
+
+    @property
+    def several_people(self) -> bool:
+        """True when topics are one set for each person."""
+        return self.max_people > 1 or self.rep155
+
+    @property
+    def topic_per_body(self) -> bool:
+        """True when each person's keypoints come on a topic of their own."""
+        return self.rep155 and full_type_name(self.keypoints_type) == PER_BODY_TYPE
+
+    def checked(self) -> NodeSettings:
+        """Itself, when every value has the right type and range."""
+        for item in fields(self):
+            check_setting(item.name, getattr(self, item.name), item.metadata, type(item.default))
+        if full_type_name(self.keypoints_type) not in ADAPTERS:
+            raise ConfigurationError(
+                f"keypoints_type is '{self.keypoints_type}'; expected one of: {', '.join(ADAPTERS)}"
+            )
+        if Path(self.skeleton_output).suffix.lower() not in SUFFIXES:
+            raise ConfigurationError(
+                f"skeleton_output is '{self.skeleton_output}'; expected the name of a file that ends in "
+                f"{' or '.join(SUFFIXES)}"
+            )
+        return self

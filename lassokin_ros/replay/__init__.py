@@ -1,0 +1,1 @@
+"""The tracker over rosbag2 recordings, without ROS."""

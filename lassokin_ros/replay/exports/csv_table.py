@@ -1,0 +1,42 @@
+"""CSV: a row for each frame of each person, every column with its unit in the header."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from typing import BinaryIO
+
+import numpy as np
+
+from lassokin_ros.replay.motion import Motion
+
+SECOND = 1_000_000_000  # ns
+
+
+def header(joint_names: Sequence[str]) -> list[str]:
+    """The columns' names: stamp, person, positions of all joints, angles of all joints, reprojection."""
+    positions = [f"{joint} position {axis} [m]" for joint in joint_names for axis in "xyz"]
+    angles = [f"{joint} angle {axis} [rad]" for joint in joint_names for axis in "xyz"]
+    return ["stamp [s]", "person", *positions, *angles, "reprojection [px]"]
+
+
+def write_csv(motions: Sequence[Motion], file: BinaryIO) -> None:
+    """Write all people, one after the other.
+
+    Positions are in the camera optical frame, to 1 um; angles those of `joint_states`, to 1e-6 rad. The stamp has all
+    its nanoseconds: as a floating point number it loses the last two digits.
+    """
+    text = io.TextIOWrapper(file, encoding="utf-8", newline="")
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(header(motions[0].skeleton.joint_names))
+    for motion in motions:
+        count = motion.frame_count
+        values = np.concatenate(
+            [motion.positions.reshape(count, -1), motion.angles.reshape(count, -1), motion.reprojection_px[:, None]], 1
+        )
+        for stamp, row in zip(motion.stamps_ns.tolist(), values.tolist()):
+            time = f"{stamp // SECOND}.{stamp % SECOND:09d}"
+            rows.writerow([time, motion.person, *(f"{value:.6f}" for value in row)])
+    text.flush()
+    text.detach()  # the file stays open: who opened it closes it

@@ -1,0 +1,45 @@
+"""npz: everything that is known of each frame, as named numpy arrays without pickled objects."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from lassokin_ros.replay.motion import Motion
+
+
+def write_npz(motions: Sequence[Motion], file: BinaryIO) -> None:
+    """Write all people, one after the other: r rows, n joints, l landmarks, p people; camera optical frame, m and rad.
+
+    Not compressed: what zlib makes of it depends on its version, and the same motion is to give the same bytes.
+    """
+    first = motions[0]
+    skeleton = first.skeleton
+
+    def rows(name: str) -> np.ndarray:
+        return np.concatenate([getattr(motion, name) for motion in motions])
+
+    arrays: dict[str, Any] = {
+        "stamp_ns": rows("stamps_ns"),  # (r,)
+        "person": np.repeat([motion.person for motion in motions], [motion.frame_count for motion in motions]),  # (r,)
+        "joint_positions": rows("positions"),  # (r, n, 3)
+        "joint_rotations": rows("rotations"),  # (r, n, 3, 3), each in its parent's frame
+        "joint_angles": rows("angles"),  # (r, n, 3) about x, y, z
+        "translation": rows("translations"),  # (r, 3)
+        "landmark_positions": rows("landmarks"),  # (r, l, 3)
+        "detected_px": rows("detected"),  # (r, l, 2), NaN = missing
+        "reprojection_px": rows("reprojection_px"),  # (r,)
+        "relative_duality_gap": rows("relative_gap"),  # (r,)
+        "support_size": rows("support_size"),  # (r,)
+        "initialised": rows("initialised"),  # (r,) bool
+        "people": np.array([motion.person for motion in motions]),  # (p,)
+        "rest_offsets": np.array([motion.skeleton.offsets for motion in motions]),  # (p, n, 3), the last frame's
+        "joint_names": np.array(skeleton.joint_names),  # (n,)
+        "joint_parents": skeleton.parents,  # (n,), -1 for the root
+        "joint_axes": np.array(skeleton.axes),  # (n,) order of the three angles
+        "landmark_names": np.array(first.landmark_names),  # (l,)
+        "frame_id": np.array(first.frame_id),
+    }
+    np.savez(file, **arrays)

@@ -1,0 +1,41 @@
+"""A detector's output as a rosbag2 recording: keypoints (PointCloud2) and camera_info."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from lassokin_ros.pipeline.outputs import topics
+from lassokin_ros.replay.bags import BagWriter, typestore
+from msg_adapters.backends import RosbagsBackend
+from msg_adapters.inputs import camera_info, point_cloud
+
+KEYPOINTS, CAMERA_INFO = f"/{topics.KEYPOINTS}", f"/{topics.CAMERA_INFO}"
+KEYPOINTS_TYPE = "sensor_msgs/msg/PointCloud2"
+
+
+def write_keypoint_recording(
+    path: Path,
+    stamps_ns: np.ndarray,
+    pixels: np.ndarray,
+    confidence: np.ndarray,
+    K: np.ndarray,
+    D: np.ndarray,
+    size: tuple[int, int],
+    frame_id: str = "camera_optical_frame",
+    storage: str = "mcap",
+    replace: bool = False,
+) -> None:
+    """Write one recording; camera_info stands before each image's keypoints, with the same stamp.
+
+    stamps_ns: (f,) ns; pixels: (f, l, 2) px; confidence: (f, l), 0 = missing; K (3, 3) px and D of plumb_bob; size:
+    (width, height) px. Raises BagError when it cannot be written.
+    """
+    types = typestore()
+    backend = RosbagsBackend(types)
+    with BagWriter(path, storage, types, replace) as writer:
+        for stamp, points, scores in zip(stamps_ns.tolist(), pixels, confidence):
+            camera = camera_info(backend, stamp, frame_id, K, D, size)
+            writer.write(CAMERA_INFO, topics.CAMERA_INFO_TYPE, stamp, camera)
+            writer.write(KEYPOINTS, KEYPOINTS_TYPE, stamp, point_cloud(backend, stamp, frame_id, points, scores))

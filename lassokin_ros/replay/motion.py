@@ -1,0 +1,110 @@
+"""What was tracked of a person over a whole recording, gathered frame by frame: what the exports write."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.pipeline.frame import Frame
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """One person's accepted frames, f of them, in the order of the recording; camera optical frame, m and rad.
+
+    Attributes
+    ----------
+    person: the id, empty when one person is followed.
+    frame_id: of the camera, the last frame's.
+    skeleton: the last frame's; while calibration learns, earlier frames had other lengths.
+    landmark_names: l names.
+    stamps_ns: (f,) int64.
+    positions: (f, n, 3) joint centres, as published on `joints`.
+    rotations: (f, n, 3, 3) local, of each joint in its parent's frame, the root's in the camera's.
+    translations: (f, 3) of the root.
+    angles: (f, n, 3) about x, y and z of each joint, as published on `joint_states`.
+    landmarks: (f, l, 3); detected: (f, l, 2) px of the raw image, NaN = missing.
+    reprojection_px, relative_gap: (f,); support_size: (f,) int; initialised: (f,) bool.
+    level: (3, 3) from the camera's frame to that of a level camera in its place.
+    """
+
+    person: str
+    frame_id: str
+    skeleton: Skeleton
+    landmark_names: tuple[str, ...]
+    stamps_ns: np.ndarray
+    positions: np.ndarray
+    rotations: np.ndarray
+    translations: np.ndarray
+    angles: np.ndarray
+    landmarks: np.ndarray
+    detected: np.ndarray
+    reprojection_px: np.ndarray
+    relative_gap: np.ndarray
+    support_size: np.ndarray
+    initialised: np.ndarray
+    level: np.ndarray
+
+    @property
+    def frame_count(self) -> int:
+        """Number of frames, f."""
+        return len(self.stamps_ns)
+
+
+@dataclass
+class _Rows:
+    """One person's, while they grow."""
+
+    frame_id: str = ""
+    skeleton: Skeleton | None = None
+    columns: dict[str, list] = field(default_factory=dict)
+
+    def add(self, frame: Frame) -> None:
+        estimate = frame.estimate
+        assert estimate is not None and estimate.state is not None and estimate.pose is not None
+        assert estimate.certificate is not None and frame.positions is not None
+        self.frame_id, self.skeleton = frame.frame_id, frame.skeleton
+        missing = np.full((len(estimate.pose.landmarks), 2), np.nan)
+        row = {
+            "stamps_ns": frame.stamp_ns,
+            "positions": estimate.pose.positions,
+            "rotations": estimate.state.rotations,
+            "translations": estimate.state.translation,
+            "angles": frame.positions[3:].reshape(-1, 3),
+            "landmarks": estimate.pose.landmarks,
+            "detected": missing if frame.detected is None else frame.detected,
+            "reprojection_px": estimate.reprojection_px,
+            "relative_gap": estimate.certificate.relative_gap,
+            "support_size": estimate.certificate.support_size,
+            "initialised": estimate.initialised,
+        }
+        for name, value in row.items():
+            self.columns.setdefault(name, []).append(value)
+
+
+class MotionRecorder:
+    """Gathers accepted frames by person. It keeps about 5 kB a frame: an hour at 30 Hz is half a gigabyte."""
+
+    def __init__(self, landmark_names: Sequence[str], level: np.ndarray) -> None:
+        """level: (3, 3) as in `Motion`."""
+        self._landmark_names, self._level = tuple(landmark_names), level
+        self._people: dict[str, _Rows] = {}
+
+    def add(self, frames: Sequence[Frame], time_ns: int = 0, seconds: float = 0.0) -> None:
+        """A keypoint message's frames, see `OfflineTracker.watchers`; rejected ones leave no row."""
+        for frame in frames:
+            if frame.accepted and frame.estimate is not None:
+                self._people.setdefault(frame.person, _Rows()).add(frame)
+
+    def motions(self) -> list[Motion]:
+        """One for each person, in the order in which they came; none when nobody was tracked."""
+        motions = []
+        for person, rows in self._people.items():
+            assert rows.skeleton is not None
+            columns = {name: np.array(values) for name, values in rows.columns.items()}
+            names, level = self._landmark_names, self._level
+            motions.append(Motion(person, rows.frame_id, rows.skeleton, names, **columns, level=level))
+        return motions

@@ -1,0 +1,187 @@
+"""The node without ROS: messages of a recording in, the messages that the node would have published out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from itertools import groupby
+from operator import attrgetter
+from pathlib import Path
+from typing import Any
+
+from lassokin_ros.common.atomic_files import AtomicFiles
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.errors import SkeletonError
+from lassokin_ros.core.estimate import Status
+from lassokin_ros.pipeline.frame import Frame
+from lassokin_ros.pipeline.outputs import topics
+from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics
+from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages, id_list
+from lassokin_ros.pipeline.outputs.robot_description import RobotDescription
+from lassokin_ros.pipeline.outputs.skeleton_file import save_all
+from lassokin_ros.pipeline.parameter_files import NODE_NAME
+from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.settings import NodeSettings
+from msg_adapters.backends import Backend, RosbagsBackend
+from msg_adapters.output_messages.builders import DiagnosticArrayBuilder
+
+DIAGNOSTICS_PERIOD_NS = 1_000_000_000
+LIVE_ONLY = {topic.name for topic in topics.LIVE_OUTPUTS}
+UNREADABLE = "not_deserialised"
+LINK_AS_FRAME = "frame_id is a link's name"
+"""Counted where robot_description could not follow a frame_id."""
+
+
+class OfflineTracker:
+    """Its clock is the time of recording; nothing that it returns depends on how long anything takes."""
+
+    def __init__(self, tracker_config: TrackerConfig, node_config: NodeSettings, types: Any) -> None:
+        """types: of rosbags. Raises a LassokinError when the configuration cannot be used."""
+        self.pipeline = Pipeline(tracker_config, node_config)
+        self.frame_seconds: list[float] = []
+        """Duration of each frame's decoding and tracking, s."""
+        self.reprojection_px: list[float] = []
+        """Of each accepted frame, px."""
+        self.watchers: list[Callable[[Sequence[Frame], int, float], None]] = []
+        """Each is told of every keypoint message: its frames, its time of recording in ns, the s that it took.
+
+        With `smoothing_lag` of every message's frames when they have become due."""
+        self.initialisations = 0
+        self._found_anew = 0
+        self._backend = RosbagsBackend(types)
+        self._status = DiagnosticArrayBuilder(self._backend)
+        self._types = {topic.name: topic.message_type for topic in (*topics.PERSON_OUTPUTS, topics.DIAGNOSTICS_OUTPUT)}
+        self._types[topics.TF] = topics.TF_OUTPUT.message_type
+        self._people: dict[str, PersonMessages] = {}
+        self._ids: list[str] | None = None
+        self._tracked = topics.TRACKED_OUTPUT
+        if node_config.rep155:
+            self._tracked = topics.REP155_TRACKED_OUTPUT
+            add_type(types, self._tracked.message_type, "std_msgs/Header header\nstring[] ids")
+        self._list = id_list(self._backend, node_config.rep155)
+        self._diagnostics: Diagnostics | None = None
+        self._next_diagnostics_ns = 0
+        self.newest_ns = 0
+        """Time of recording of the newest message, ns."""
+
+    @property
+    def times_lost(self) -> int:
+        """How often somebody who had been tracked was found anew, and once more when the end is lost."""
+        return self._found_anew + (self.pipeline.status is Status.LOST)
+
+    def save_skeleton(self, path: Path, files: AtomicFiles) -> list[Path]:
+        """Write what calibration knows by now as some of `files`, see `skeleton_file.save_all`."""
+        return save_all(self.pipeline.calibrations(), path, self.newest_ns, files)
+
+    def camera_info(self, message: Any, time_ns: int) -> Iterator[tuple[str, str, Any]]:
+        """Take a CameraInfo; see `keypoints`. None stands for a message that could not be read."""
+        yield from self._tick(time_ns)
+        assert self._diagnostics is not None
+        self._diagnostics.saw_camera(time_ns * 1e-9)
+        if message is None:
+            self.pipeline.counts[f"rejected: {UNREADABLE}"] += 1
+        else:
+            self.pipeline.set_camera(message)
+
+    def keypoints(self, message: Any, time_ns: int) -> Iterator[tuple[str, str, Any]]:
+        """(topic, type, message) of everything that the node would publish, in its order.
+
+        A message is re-used for the next frame: serialise it at once. None stands for one that could not be read.
+        """
+        yield from self._tick(time_ns)
+        if message is None:
+            self.pipeline.counts["received"] += 1
+            self.pipeline.counts[f"rejected: {UNREADABLE}"] += 1
+            unreadable = Frame(time_ns, "", None, UNREADABLE, "the message could not be deserialised")
+            self._tell([unreadable], time_ns, float("nan"))
+            return
+        started = time.perf_counter()
+        frames = self.pipeline.frames(message, time_ns)
+        self.frame_seconds.append(time.perf_counter() - started)
+        self._tell(frames, time_ns, self.frame_seconds[-1])
+        assert self._diagnostics is not None
+        self._diagnostics.saw_message(frames, time_ns, time_ns * 1e-9, float("nan"))  # its duration is not repeatable
+        for frame in frames:
+            yield from self._outputs(frame)
+        yield from self._list_of_people(time_ns)
+
+    def finish(self) -> Iterator[tuple[str, str, Any]]:
+        """What waits for its `smoothing_lag` when the recording has ended; see `keypoints`."""
+        frames = self.pipeline.flush()
+        if frames:
+            self._tell(frames, self.newest_ns, float("nan"))
+        for frame in frames:
+            yield from self._outputs(frame)
+
+    def _tell(self, frames: Sequence[Frame], time_ns: int, seconds: float) -> None:
+        stamp = attrgetter("stamp_ns")
+        messages = [list(group) for _, group in groupby(sorted(frames, key=stamp), stamp)]
+        if not messages and self.pipeline.tracker.config.smoothing_lag == 0:
+            messages = [[]]  # nobody was there; with a lag, nobody yet
+        for number, message in enumerate(messages, 1):
+            for watcher in self.watchers:
+                watcher(message, time_ns, seconds if number == len(messages) else float("nan"))
+
+    def _outputs(self, frame: Frame) -> Iterator[tuple[str, str, Any]]:
+        if not frame.accepted or frame.estimate is None:
+            return
+        self.reprojection_px.append(frame.estimate.reprojection_px)
+        self.initialisations += frame.estimate.initialised
+        self._found_anew += frame.estimate.initialised and frame.person in self._people
+        if frame.person not in self._people:
+            self._people[frame.person] = PersonMessages(self._backend, self.pipeline, frame.person)
+        for topic, message in self._people[frame.person].build(frame):
+            name = topics.of_person(topic, frame.person, self.pipeline.config.rep155)
+            yield topics.full_name(name, NODE_NAME), self._types[topic], message
+
+    def _list_of_people(self, time_ns: int) -> Iterator[tuple[str, str, Any]]:
+        """The ids, when they have changed."""
+        people = self.pipeline.people
+        if people is None or people.ids == self._ids:
+            return
+        self._ids = people.ids
+        self._people = {person: messages for person, messages in self._people.items() if person in self._ids}
+        message = self._list(time_ns, "", self._ids)
+        yield topics.full_name(self._tracked.name, NODE_NAME), self._tracked.message_type, message
+
+    def _tick(self, time_ns: int) -> Iterator[tuple[str, str, Any]]:
+        """The diagnostics that have become due."""
+        self.newest_ns = time_ns
+        if self._diagnostics is None:
+            self._diagnostics = Diagnostics(self.pipeline, NODE_NAME, time_ns * 1e-9)
+            self._next_diagnostics_ns = time_ns + DIAGNOSTICS_PERIOD_NS
+        if time_ns >= self._next_diagnostics_ns:
+            self._next_diagnostics_ns = time_ns + DIAGNOSTICS_PERIOD_NS
+            line = self._diagnostics.line(time_ns * 1e-9)
+            message = self._status.fill(time_ns, "", [line])
+            yield topics.full_name(topics.DIAGNOSTICS, NODE_NAME), self._types[topics.DIAGNOSTICS], message
+
+
+class PersonMessages:
+    """One person's messages, the body's description before those of the first frame that needs it."""
+
+    def __init__(self, backend: Backend, pipeline: Pipeline, person: str) -> None:
+        """person: the id, empty when one person is followed."""
+        skeleton, config = pipeline.tracker.skeleton, pipeline.config
+        self._messages = FrameMessages(backend, skeleton, NODE_NAME, person, config.publish_tf, config.rep155)
+        self._description = RobotDescription(backend, skeleton, config.base_frame, person)
+        self._counts = pipeline.counts
+
+    def build(self, frame: Frame) -> Iterator[tuple[str, Any]]:
+        """(topic, message); a message is re-used for the next frame."""
+        try:
+            description = self._description.follow(frame)
+        except SkeletonError:  # a frame_id that is a link's name: as live, the frame is published, the URDF stays
+            description = None
+            self._counts[LINK_AS_FRAME] += 1
+        if description is not None:
+            yield topics.ROBOT_DESCRIPTION, description
+        yield from self._messages.build(frame, lambda topic: topic not in LIVE_ONLY)
+
+
+def add_type(types: Any, message_type: str, definition: str) -> None:
+    """Make a message type known that Jazzy does not bring; types: of rosbags."""
+    from rosbags.typesys import get_types_from_msg
+
+    if message_type not in types.types:
+        types.register(get_types_from_msg(definition, message_type))

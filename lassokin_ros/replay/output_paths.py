@@ -1,0 +1,86 @@
+"""Where the outputs of `replay` go: none over a recording that is read, none over another output."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+from lassokin_ros.core.errors import LassokinError
+
+OUTPUT = "the output"
+
+
+class OutputError(LassokinError):
+    """An output has no place of its own, or cannot be written."""
+
+
+class Inputs:
+    """Recordings that are read."""
+
+    def __init__(self, bags: Iterable[Path]) -> None:
+        self._bags = {_real(bag): bag for bag in bags}
+        self._around = {folder: bag for place, bag in self._bags.items() for folder in place.parents}
+
+    def refuse(self, what: str, path: Path) -> None:
+        """Raise OutputError when `path` is one of them, in one, or an output around one; what: goes there."""
+        place = _real(path)
+        inside = next((folder for folder in place.parents if folder in self._bags), None)
+        if place in self._bags:
+            relation, bag = "is", self._bags[place]
+        elif inside is not None:
+            relation, bag = "is inside", self._bags[inside]
+        elif what == OUTPUT and place in self._around:
+            relation, bag = "is around", self._around[place]
+        else:
+            return
+        raise OutputError(f"{what} '{path}' {relation} the recording that is read, '{bag}'; choose another")
+
+
+def check_output_paths(replays: Sequence[argparse.Namespace]) -> None:
+    """Raise OutputError for an output that would destroy an input or another output, whatever --force says.
+
+    replays: the options of one recording each, with its `bag` and its `output`. Raises ExportError as well.
+    """
+    everything = Inputs(options.bag for options in replays)
+    for options in replays:
+        # Without --force an archive refuses, by itself and one by one, what is another recording's input.
+        inputs = everything if options.force else Inputs([options.bag])
+        for what, path in _places(options):
+            inputs.refuse(what, path)
+    _refuse_shared([place for options in replays for place in _places(options)])
+
+
+def _places(options: argparse.Namespace) -> Iterator[tuple[str, Path]]:
+    """(what is written, where) of one recording; an export into the output's folder has its place for sure."""
+    yield OUTPUT, options.output
+    if options.report is not None:
+        yield "--report", options.report
+    if options.save_skeleton is not None:
+        yield "--save-skeleton", Path(os.path.expanduser(options.save_skeleton))
+    if options.export:
+        from lassokin_ros.replay.exports.exports import target_of
+
+        for target in dict.fromkeys(map(target_of, options.export)):
+            if target.folder is not None:
+                yield "--export", target.path(Path())
+
+
+def _refuse_shared(places: Sequence[tuple[str, Path]]) -> None:
+    """Raise OutputError for two outputs of one place, and a file inside an output, which is made as a whole."""
+    outputs = {_real(path): path for what, path in places if what == OUTPUT}
+    taken: dict[Path, str] = {}
+    for what, path in places:
+        place = _real(path)
+        if place in taken:
+            raise OutputError(f"{taken[place]} and {what} both name '{path}'; choose another name for one of them")
+        taken[place] = what
+        around = next((outputs[folder] for folder in place.parents if folder in outputs), None)
+        if around is not None and what != OUTPUT:
+            raise OutputError(f"{what} '{path}' is inside the output '{around}'; choose another")
+
+
+def _real(path: Path) -> Path:
+    """Without links; not `Path.resolve`, which raises an error for links in a circle."""
+    return Path(os.path.realpath(path))

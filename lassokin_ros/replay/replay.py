@@ -1,0 +1,175 @@
+"""Run the tracker over one rosbag2 recording, without ROS, and write the outputs to another recording."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
+
+from lassokin_ros.common.progress import Progress
+from lassokin_ros.core.errors import ConfigurationError
+from lassokin_ros.pipeline.outputs import topics
+from lassokin_ros.replay.bags import BagReader, BagWriter, RecordedTopic
+
+if TYPE_CHECKING:
+    from lassokin_ros.common.atomic_files import AtomicFiles
+    from lassokin_ros.replay.exports.exports import Exports
+    from lassokin_ros.replay.record import Figures
+    from lassokin_ros.replay.report.report import Report
+
+@dataclass(frozen=True)
+class Replayed:
+    """What is said of a replay: in words, in figures, and the median ms per frame, which is not repeatable."""
+
+    summary: str
+    figures: Figures
+    frame_ms: float
+
+
+def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Replayed:
+    """Track what is recorded in options.bag, write options.output. Raises a LassokinError.
+
+    progress_on: a stream for the progress bar, stderr by default.
+    """
+    import numpy as np
+
+    from lassokin_ros.common.atomic_files import AtomicFiles
+    from lassokin_ros.pipeline.outputs.skeleton_file import check_skeleton_file
+    from lassokin_ros.pipeline.parameter_files import offline_settings
+    from lassokin_ros.replay.exports.exports import is_inside_name
+    from lassokin_ros.replay.offline_tracker import OfflineTracker
+    from lassokin_ros.replay.output_paths import OutputError, check_output_paths
+    from lassokin_ros.replay.record import KEY, Record, origin_of
+    from msg_adapters.detectors.registry import full_type_name
+
+    options.output = options.output or Path(f"{options.bag.resolve().stem}_tracked")
+    check_output_paths([options])
+    tracker_config, node_config = offline_settings(options.params_file, options.p)
+    if options.save_skeleton is not None:
+        if not tracker_config.calibrate:
+            raise ConfigurationError("--save-skeleton has nothing to save without calibration; add -p calibrate:=true")
+        check_skeleton_file(options.save_skeleton, node_config.several_people, options.force)
+    with BagReader(options.bag) as bag:
+        keypoints_type = full_type_name(node_config.keypoints_type)
+        keypoints = bag.find(keypoints_type, options.keypoints_topic, topics.KEYPOINTS, "--keypoints-topic")
+        camera = bag.find(topics.CAMERA_INFO_TYPE, options.camera_info_topic, topics.CAMERA_INFO, "--camera-info-topic")
+        tracker = OfflineTracker(tracker_config, node_config, bag.types)
+        report = _report(options, tracker)
+        exports = _exports(options, tracker)
+        output = options.output
+        storage = options.storage or bag.storage
+        # All or nothing: every file is on the disk before the recording has its name, and has its own right after it.
+        with AtomicFiles(options.force, OutputError) as files:
+            with BagWriter(output, storage, bag.types, options.force, is_inside_name) as writer:
+                progress = Progress(keypoints.count + camera.count, "messages", progress_on)
+                seconds = _run(bag, keypoints, camera, tracker, writer, progress)
+                figures = _figures(tracker)
+                writer.note(KEY, Record(origin_of(options), figures).text)
+                written = _files(options, tracker, exports, writer, files)
+                if report is not None:
+                    report.write(files, options.bag.resolve().name, (keypoints.name, camera.name))
+                files.check()
+            files.placed.append(output)
+    summary = _summary(f"{options.bag} -> {output} ({storage})", (keypoints, camera), tracker, seconds, written)
+    return Replayed(summary, figures, 1e3 * float(np.median(tracker.frame_seconds or [np.nan])))
+
+
+def _run(
+    bag: BagReader, keypoints: RecordedTopic, camera: RecordedTopic, tracker: Any, writer: BagWriter, progress: Progress
+) -> float:
+    """Every message through the tracker, in seconds."""
+    started = time.monotonic()
+    try:
+        for topic, time_ns, message in bag.messages([keypoints, camera]):
+            take = tracker.keypoints if topic == keypoints.name else tracker.camera_info
+            for name, message_type, output in take(message, time_ns):
+                writer.write(name, message_type, time_ns, output, topics.is_latched(name))
+            progress.advance(note=tracker.pipeline.status.value)
+        for name, message_type, output in tracker.finish():
+            writer.write(name, message_type, tracker.newest_ns, output, topics.is_latched(name))
+    finally:
+        progress.close()
+    return time.monotonic() - started
+
+
+def _files(
+    options: argparse.Namespace, tracker: Any, exports: Exports | None, writer: BagWriter, files: AtomicFiles
+) -> dict[str, str]:
+    """Write the skeleton and the exports; what the summary says of them."""
+    said = {}
+    if options.save_skeleton is not None:
+        said["skeleton"] = ", ".join(map(str, tracker.save_skeleton(options.save_skeleton, files)))
+    if exports is not None:
+        paths = exports.write(writer.folder, files)
+        names = [str(options.output / path.name if path.parent == writer.folder else path) for path in paths]
+        said["exported"] = ", ".join(names) or "nothing: nobody was tracked"
+    return said
+
+
+def _report(options: argparse.Namespace, tracker: Any) -> Report | None:
+    """What gathers for the page, None when none is wanted. Raises a LassokinError when it could not be written."""
+    if options.report is None:
+        return None
+    from lassokin_ros.replay.report.report import Report
+
+    report = Report(options.report, tracker.pipeline, options.force)
+    tracker.watchers.append(report.add)
+    return report
+
+
+def _exports(options: argparse.Namespace, tracker: Any) -> Exports | None:
+    """What gathers for the exports, None when none is wanted. Raises a LassokinError when one could not be written."""
+    if not options.export:
+        return None
+    from lassokin_ros.core.evidence.upright import levelling
+    from lassokin_ros.replay.exports.exports import Exports
+    from lassokin_ros.replay.motion import MotionRecorder
+
+    pipeline = tracker.pipeline
+    mount = pipeline.tracker.config
+    recorder = MotionRecorder(pipeline.tracker.layout.names, levelling(mount.camera_roll, mount.camera_pitch))
+    tracker.watchers.append(recorder.add)
+    return Exports(options.export, recorder, pipeline.config.several_people, options.force)
+
+
+def _figures(tracker: Any) -> Figures:
+    import numpy as np
+
+    from lassokin_ros.replay.record import Figures
+
+    counts, error = tracker.pipeline.counts, tracker.reprojection_px
+    median = round(float(np.median(error)), 3) if error else None
+    return Figures(counts["received"], counts["accepted"], tracker.times_lost, median)
+
+
+def _summary(
+    title: str, inputs: Sequence[RecordedTopic], tracker: Any, seconds: float, written: Mapping[str, str]
+) -> str:
+    import numpy as np
+
+    from lassokin_ros.pipeline.outputs.calibration_status import averaged_sides
+    from lassokin_ros.replay.offline_tracker import LINK_AS_FRAME
+
+    counts, error = tracker.pipeline.counts, tracker.reprojection_px
+    rejected = {key.partition(": ")[2]: n for key, n in sorted(counts.items()) if key.startswith("rejected: ")}
+    times = 1e3 * np.array(tracker.frame_seconds or [np.nan])
+    lines = {
+        "frames": f"{counts['received']} in, {counts['accepted']} out",
+        "rejected": ", ".join(f"{reason} {count}" for reason, count in rejected.items()) or "none",
+        "initialised": "once" if tracker.initialisations == 1 else f"{tracker.initialisations} times",
+        "reprojection": f"{np.median(error):.2f} px median" if error else "nothing was tracked",
+        "time per frame": f"{np.median(times):.2f} ms median, {np.percentile(times, 99):.2f} ms 99th percentile",
+        "in all": f"{seconds:.1f} s, {counts['received'] / max(seconds, 1e-9):.0f} frames/s",
+    }
+    averaged = tracker.pipeline.tracker.averaged
+    if averaged:
+        lines["left and right"] = averaged_sides(averaged)
+    if counts[LINK_AS_FRAME]:
+        lines["base frame"] = "a frame_id is the name of one of the body's links; robot_description has another base"
+    lines.update(written)
+    read = [f"{name:<15} {topic}" for name, topic in zip((topics.KEYPOINTS, topics.CAMERA_INFO), inputs)]
+    return "\n".join([title, *read, *(f"{name:<15} {text}" for name, text in lines.items())])
+

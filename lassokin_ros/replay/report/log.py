@@ -1,0 +1,164 @@
+"""What a replay saw, message by message and person by person, kept for the page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lassokin_ros.core.body.rotations import logarithm
+from lassokin_ros.core.estimate import Estimate
+from lassokin_ros.pipeline.frame import Frame
+
+STAMP_REASONS = ("old_stamp", "stamp_jump", "bad_stamp")
+LONGEST_AHEAD_S = 10.0
+"""s: stamps that run ahead of the recording by more from one message to the next have jumped."""
+
+
+@dataclass(frozen=True)
+class MessageRow:
+    """One keypoint message.
+
+    time: s since the first one, by stamps; delay: s from stamp to recording; seconds: s that its tracking took;
+    people: frames that were published; rejection: key of the reason when it was refused as a whole.
+    """
+
+    time: float
+    delay: float
+    seconds: float
+    people: int
+    rejection: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PersonRow:
+    """One person in one message; arrays are None where the frame was rejected.
+
+    time: s; rejection: key of the reason; detected: (l, 2) px, None when there was nothing; reprojected: (l, 2) px;
+    outline: (n, 2) px, joints in the image; positions: (n, 3) m, camera frame; angles: (n, 3) deg, as in
+    `joint_states`; bends: (n,) deg, the whole turn of each joint; lengths: (n,) m, of the bone that ends in each joint;
+    deviations: (n,) m, see `JointUncertainty`.
+    """
+
+    time: float
+    rejection: str | None = None
+    detected: np.ndarray | None = None
+    reprojected: np.ndarray | None = None
+    outline: np.ndarray | None = None
+    positions: np.ndarray | None = None
+    angles: np.ndarray | None = None
+    bends: np.ndarray | None = None
+    lengths: np.ndarray | None = None
+    deviations: np.ndarray | None = None
+    reprojection_px: float = np.nan
+    relative_gap: float = np.nan
+    kkt: float = np.nan
+    support: float = np.nan
+    initialised: bool = False
+
+    @property
+    def mean_deviation_mm(self) -> float:
+        """mm, the mean over the joints beside the root."""
+        return np.nan if self.deviations is None else 1e3 * float(self.deviations[1:].mean())
+
+    @property
+    def worst_deviation_mm(self) -> float:
+        """mm, of the joint that is most uncertain."""
+        return np.nan if self.deviations is None else 1e3 * float(self.deviations.max())
+
+
+@dataclass(frozen=True)
+class Jump:
+    """Stamps that jumped: at `time` s of the page, `ahead` by so many s, back where negative."""
+
+    time: float
+    ahead: float
+
+
+@dataclass
+class ReplayLog:
+    """Grows with each message, by about 4 kB for each person in it; `people` holds rows by id, "" for one alone.
+
+    details: the first refused message's explanation, by reason; late: s by which frames may come after those of later
+    messages (`smoothing_lag`).
+    """
+
+    messages: list[MessageRow] = field(default_factory=list)
+    people: dict[str, list[PersonRow]] = field(default_factory=dict)
+    details: dict[str, str] = field(default_factory=dict)
+    jumps: list[Jump] = field(default_factory=list)
+    first_stamp_ns: int | None = None
+    late: float = 0.0
+    _last: tuple[float, int, int] | None = None
+
+    def add(self, frames: Sequence[Frame], time_ns: int, seconds: float) -> None:
+        """A keypoint message that was worked on; time_ns: of recording; seconds: that it took."""
+        stamp_ns = frames[0].stamp_ns if frames else time_ns
+        refused = next((f.rejection for f in frames if not f.accepted), None)
+        time = self._clock(stamp_ns, time_ns, refused not in STAMP_REASONS)
+        accepted = sum(frame.accepted for frame in frames)
+        self.messages.append(MessageRow(time, (time_ns - stamp_ns) * 1e-9, seconds, accepted, refused))
+        for frame in frames:
+            if frame.rejection is not None:
+                self.details.setdefault(frame.rejection, frame.detail)
+            if frame.detected is not None or frame.accepted:
+                self.people.setdefault(frame.person, []).append(person_row(frame, time))
+
+    def in_order(self) -> None:
+        """Sort by time what came late."""
+        if self.late > 0:
+            self.messages.sort(key=lambda row: row.time)
+            for rows in self.people.values():
+                rows.sort(key=lambda row: row.time)
+
+    def _clock(self, stamp_ns: int, time_ns: int, believed: bool) -> float:
+        """s on the page's axis: the stamps', which goes on at the recording's pace where they jump.
+
+        believed: the message was not refused for its stamp.
+        """
+        if self._last is None:
+            self._last, self.first_stamp_ns = (0.0, stamp_ns, time_ns), stamp_ns
+            return 0.0
+        time, last_stamp, last_time = self._last
+        step, recorded = (stamp_ns - last_stamp) * 1e-9, max((time_ns - last_time) * 1e-9, 0.0)
+        if not believed:
+            return time + recorded
+        if -self.late <= step < 0:
+            return time + step
+        if step < 0 or step > recorded + LONGEST_AHEAD_S:
+            self.jumps.append(Jump(time + recorded, step))
+            step = recorded
+        self._last = time + step, stamp_ns, time_ns
+        return time + step
+
+
+def person_row(frame: Frame, time: float) -> PersonRow:
+    """What the page shows of a frame."""
+    estimate = frame.estimate
+    if not frame.accepted or estimate is None or frame.lens is None or frame.positions is None:
+        return PersonRow(time, frame.rejection, frame.detected)
+    assert estimate.pose is not None and estimate.state is not None and frame.reprojected is not None
+    positions = estimate.pose.positions
+    return PersonRow(
+        time,
+        None,
+        frame.detected,
+        frame.reprojected,
+        frame.in_image(positions),
+        positions,
+        np.degrees(frame.positions[3:]).reshape(-1, 3),
+        np.degrees(np.linalg.norm(logarithm(estimate.state.rotations), axis=-1)),
+        None if frame.skeleton is None else np.linalg.norm(frame.skeleton.offsets, axis=-1),
+        frame.uncertainty.deviation,
+        estimate.reprojection_px,
+        *_certificate(estimate),
+        estimate.initialised,
+    )
+
+
+def _certificate(estimate: Estimate) -> tuple[float, float, float]:
+    """Relative duality gap, largest KKT residual, and the support's size."""
+    certificate = estimate.certificate
+    assert certificate is not None
+    return certificate.relative_gap, certificate.kkt_residual, float(certificate.support_size)

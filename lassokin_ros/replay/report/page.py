@@ -1,0 +1,85 @@
+"""The page: one HTML file with its data, its script and plotly.js inside; nothing is fetched when it is looked at."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from datetime import datetime, timezone
+from html import escape
+from importlib import resources
+from pathlib import Path
+from string import Template
+from typing import Any
+
+from lassokin_ros.common.atomic_files import refuse_existing
+from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.replay.report import tables
+from lassokin_ros.replay.report.facts import Facts
+from lassokin_ros.replay.report.findings import findings
+from lassokin_ros.replay.report.page_data import page_data, timing_data
+
+SCRIPTS = ("common", "space", "image", "series", "page")
+"""In the page they are one function, in this order."""
+
+
+class ReportError(LassokinError):
+    """The report cannot be made or written."""
+
+
+def check_report(path: Path, replace: bool = False) -> None:
+    """Raise ReportError when a report could not be made at `path`: said before the work rather than after it."""
+    _plotly()
+    refuse_existing(path, replace, ReportError)
+
+
+def page(facts: Facts) -> str:
+    """The page's text. Raises ReportError when plotly is not installed."""
+    template = Template(_file("page.html"))
+    return template.substitute(
+        title=escape(facts.title),
+        subtitle=escape(" · ".join(_subtitle(facts))),
+        style=_file("page.css"),
+        findings="".join(f'<li class="{f.level}">{tables.marked(f.text)}</li>' for f in findings(facts)),
+        figures=tables.figures(facts),
+        timing=tables.timing(facts),
+        rejections=tables.rejections(facts),
+        lost=tables.lost_spans(facts),
+        landmarks=tables.landmarks(facts),
+        bones=tables.bone_lengths(facts),
+        settings=tables.settings(facts),
+        data=_script_json(page_data(facts)),
+        times=_script_json(timing_data(facts)),
+        plotly=_plotly().replace("</script", "<\\/script"),
+        script="\n".join(_file(f"{name}.js") for name in SCRIPTS),
+    )
+
+
+def _subtitle(facts: Facts) -> Iterator[str]:
+    first = facts.log.first_stamp_ns
+    if first:
+        yield datetime.fromtimestamp(first // 1_000_000_000, timezone.utc).strftime("%Y-%m-%d %H:%M:%S UTC")
+    yield f"{facts.duration:.1f} s"
+    yield f"keypoints {facts.topics[0]} ({facts.tracker.landmarks})"
+    yield f"camera {facts.topics[1]}" + (
+        f", {facts.image_size[0]} x {facts.image_size[1]} px" if facts.image_size else ""
+    )
+    yield f"height {facts.tracker.height:g} m"
+
+
+def _script_json(data: dict[str, Any]) -> str:
+    """JSON that cannot end the script element in which it stands."""
+    text = json.dumps(data, allow_nan=False, separators=(",", ":"), ensure_ascii=True)
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def _file(name: str) -> str:
+    return resources.files(__package__).joinpath(name).read_text(encoding="utf-8")
+
+
+def _plotly() -> str:
+    """plotly.js, which plotly brings with it."""
+    try:
+        from plotly.offline import get_plotlyjs
+    except ImportError:
+        raise ReportError("the report is drawn with plotly; install it with: pip install plotly") from None
+    return str(get_plotlyjs())

@@ -1,0 +1,148 @@
+"""What the page's script draws, as JSON: numbers packed as base64 of small integers, so that the page stays light.
+
+Long recordings are thinned: of the skeletons every n-th frame goes into the page (`BUDGET`), of a figure over time the
+largest value of each n frames (`POINTS`), so that peaks stay.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from lassokin_ros.replay.report.facts import Facts, landmark_errors
+from lassokin_ros.replay.report.log import PersonRow
+from lassokin_ros.replay.report.rejection_advice import words_for
+
+BUDGET = 2_000_000
+"""bytes of skeletons, image points and angles in the page, before base64 (which makes 4 of 3)."""
+POINTS = 6000
+"""Values of a figure over time."""
+RATE_POINTS = 800
+MISSING = -32768
+LARGEST = 32000
+MM, TENTH = 1e-3, 0.1
+"""Steps in which metres, and px and degrees, are kept; coarser where numbers are large."""
+FARTHEST_M, FARTHEST_PX = 32.0, 3200.0
+"""What lies farther out is drawn there; for images larger than FARTHEST_PX it is their size."""
+
+
+def packed(values: Any, step: float, farthest: float = np.inf) -> dict[str, Any]:
+    """Any array as {shape, step, data}: int16 counts of steps in base64, MISSING for what is not finite."""
+    array = np.asarray(values, dtype=float)
+    finite = np.isfinite(array)
+    array = np.clip(array, -farthest, farthest)
+    step = max(step, float(np.abs(array[finite]).max(initial=0.0)) / LARGEST)
+    counts = np.where(finite, np.round(np.where(finite, array, 0.0) / step), MISSING).astype("<i2")
+    return {"shape": list(array.shape), "step": step, "data": base64.b64encode(counts.tobytes()).decode()}
+
+
+def person_data(facts: Facts, person: str, stride: int) -> dict[str, Any]:
+    """One person's track: of every stride-th frame what the slider shows, of all frames the figures over time."""
+    rows, accepted = facts.rows(person), facts.accepted(person)
+    shown = rows[::stride]
+    joints, landmarks = facts.skeleton.joint_count, len(facts.landmarks)
+    nowhere = {k: np.full((n, m), np.nan) for k, n, m in (("j2", joints, 2), ("j3", joints, 3), ("l2", landmarks, 2))}
+
+    def of(name: str, empty: np.ndarray, step: float, farthest: float) -> dict[str, Any]:
+        values = [getattr(row, name) for row in shown]
+        return packed(np.array([empty if v is None else v for v in values]).reshape(-1, *empty.shape), step, farthest)
+
+    error, seen = landmark_errors(accepted, landmarks)
+    border = max(FARTHEST_PX, *(facts.image_size or (0, 0)))
+    return {
+        "name": person,
+        "stride": stride,
+        "time": [round(row.time, 4) for row in shown],
+        "refused": [None if row.rejection is None else words_for(row.rejection) for row in shown],
+        "positions": of("positions", nowhere["j3"], MM, FARTHEST_M),
+        "angles": of("angles", nowhere["j3"], TENTH, np.inf),
+        "bends": of("bends", np.full(joints, np.nan), TENTH, np.inf),
+        "deviations": of("deviations", np.full(joints, np.nan), MM, FARTHEST_M),
+        "outline": of("outline", nowhere["j2"], TENTH, border),
+        "detected": of("detected", nowhere["l2"], TENTH, border),
+        "reprojected": of("reprojected", nowhere["l2"], TENTH, border),
+        "series": {
+            "reprojection": _series(rows, "reprojection_px"),
+            "deviation": _series(rows, "mean_deviation_mm"),
+            "worst_deviation": _series(rows, "worst_deviation_mm"),
+            "support": _series(rows, "support"),
+            "gap": _series(rows, "relative_gap"),
+        },
+        "refusals": [[round(row.time, 3), words_for(row.rejection)] for row in rows if row.rejection is not None][
+            :POINTS
+        ],
+        "spans": [[round(s.start, 3), round(s.end, 3), s.lost] for s in facts.spans.get(person, [])],
+        "landmarks": {"error": _numbers(error, 2), "seen": _numbers(100 * seen, 1)},
+    }
+
+
+def bytes_of(facts: Facts, person: str) -> int:
+    """What a person's skeletons, image points and angles take when every frame goes into the page."""
+    joints, landmarks = facts.skeleton.joint_count, len(facts.landmarks)
+    return len(facts.rows(person)) * 2 * (joints * (3 + 3 + 1 + 1 + 2) + landmarks * 4)
+
+
+def page_data(facts: Facts) -> dict[str, Any]:
+    """Everything but the times that are not repeatable."""
+    stride = max(1, -(-sum(bytes_of(facts, person) for person in facts.people) // BUDGET))
+    skeleton = facts.skeleton
+    edges, rate, out = _rates(facts)
+    return {
+        "joints": list(skeleton.joint_names),
+        "parents": [int(parent) for parent in skeleton.parents],
+        "landmarks": list(facts.landmarks),
+        "image": facts.image_size,
+        "live": 3 * skeleton.joint_count,
+        "duration": round(facts.duration, 3),
+        "people": [person_data(facts, person, stride) for person in facts.people],
+        "rate": {"time": _numbers(edges, 3), "in": _numbers(rate, 2), "out": _numbers(out, 2)},
+    }
+
+
+def timing_data(facts: Facts) -> dict[str, Any]:
+    """The times that this run took: the one thing in the page that another run of the same makes differently."""
+    rows = [(m.time, 1e3 * m.seconds) for m in facts.log.messages if np.isfinite(m.seconds)]
+    time, value = worst(np.array([t for t, _ in rows]), np.array([v for _, v in rows]))
+    return {"time": _numbers(time, 3), "value": _numbers(value, 3)}
+
+
+def worst(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Thinned to at most POINTS: of each stretch the largest value, at its first time; NaN where there is none."""
+    size = -(-len(values) // POINTS)
+    if size <= 1:
+        return time, values
+    starts = np.arange(0, len(values), size)
+    largest = np.maximum.reduceat(np.where(np.isfinite(values), values, -np.inf), starts)
+    return time[starts], np.where(np.isfinite(largest), largest, np.nan)
+
+
+def _series(rows: Sequence[PersonRow], name: str) -> dict[str, Any]:
+    time, value = worst(np.array([row.time for row in rows]), np.array([getattr(row, name) for row in rows]))
+    return {"time": _numbers(time, 3), "value": [None if v is None else float(f"{v:.4g}") for v in _numbers(value)]}
+
+
+def _numbers(values: np.ndarray, digits: int | None = None) -> list[float | None]:
+    """JSON has no NaN."""
+    plain = [float(v) for v in values]
+    return [None if not np.isfinite(v) else v if digits is None else round(v, digits) for v in plain]
+
+
+def _rates(facts: Facts) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times (k,) s, and messages that came and that gave a skeleton (k,) per second, in a window about each."""
+    if not facts.log.messages:
+        return np.zeros(0), np.zeros(0), np.zeros(0)
+    window = max(1.0, 2 * facts.duration / RATE_POINTS)
+    if facts.duration <= window:
+        window = max(facts.duration, 1e-3)
+    centres = np.arange(window / 2, max(facts.duration - window / 2, window / 2) + 1e-9, window / 4)
+    times = np.sort(facts.times)
+    out = np.sort(np.array([m.time for m in facts.log.messages if m.people]))
+
+    def per_second(of: np.ndarray) -> np.ndarray:
+        inside = np.searchsorted(of, centres + window / 2) - np.searchsorted(of, centres - window / 2)
+        return np.asarray(inside / window)
+
+    return centres, per_second(times), per_second(out)

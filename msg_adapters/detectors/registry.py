@@ -1,0 +1,43 @@
+"""The keypoint messages that can be read: one line for each; a module is imported when its message is asked for."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any, Protocol
+
+from msg_adapters.keypoints import Keypoints
+
+ADAPTERS = {
+    "sensor_msgs/msg/PointCloud2": "msg_adapters.detectors.point_cloud2:PointCloud2Adapter",
+    "geometry_msgs/msg/PolygonStamped": "msg_adapters.detectors.polygon_stamped:PolygonStampedAdapter",
+    "std_msgs/msg/Float32MultiArray": "msg_adapters.detectors.float32_multi_array:Float32MultiArrayAdapter",
+    "hri_msgs/msg/Skeleton2D": "msg_adapters.detectors.hri_skeleton2d:HriSkeleton2DAdapter",
+    "yolo_msgs/msg/DetectionArray": "msg_adapters.detectors.yolo_detections:YoloDetectionsAdapter",
+    "zed_msgs/msg/ObjectsStamped": "msg_adapters.detectors.zed_objects:ZedObjectsAdapter",
+}
+"""Message type -> module:class of its adapter."""
+
+
+class KeypointAdapter(Protocol):
+    """What an adapter is: one method, no state that matters."""
+
+    def decode(self, message: Any, image_size: tuple[int, int] | None) -> Keypoints:
+        """The message's keypoints; AdapterError when it lies about itself.
+
+        image_size: (width, height) px from camera_info, None before the first; for messages with normalised
+        coordinates.
+        """
+        ...
+
+
+def full_type_name(message_type: str) -> str:
+    """The long form of a message type: "sensor_msgs/PointCloud2" -> "sensor_msgs/msg/PointCloud2"."""
+    parts = message_type.split("/")
+    return f"{parts[0]}/msg/{parts[1]}" if len(parts) == 2 else message_type
+
+
+def keypoint_adapter(message_type: str) -> KeypointAdapter:
+    """A new adapter for a message type, in the long or the short form. Raises KeyError for one without adapter."""
+    module, name = ADAPTERS[full_type_name(message_type)].split(":")
+    adapter: KeypointAdapter = getattr(import_module(module), name)()
+    return adapter

@@ -1,0 +1,1 @@
+"""Arrays to output messages, as message objects or already serialised (CDR)."""

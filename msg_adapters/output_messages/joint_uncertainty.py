@@ -1,0 +1,66 @@
+"""How uncertain each joint's place is, as sensor_msgs/PointCloud2 for programs and as ellipsoids for RViz."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from msg_adapters.backends import Backend
+from msg_adapters.output_messages.builders import StampedBuilder
+from msg_adapters.output_messages.clouds import Cloud
+from msg_adapters.output_messages.markers import SPHERE, lifetime, paint
+
+COVARIANCE = ("xx", "xy", "xz", "yy", "yz", "zz")
+POINT = np.dtype(
+    [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("joint", "<i4"), ("deviation", "<f4")]
+    + [(name, "<f4") for name in COVARIANCE]
+)
+UPPER = np.array([3 * "xyz".index(name[0]) + "xyz".index(name[1]) for name in COVARIANCE])
+"""Places of these entries in a flat matrix."""
+COLOUR = (0.75, 0.25, 0.75, 0.35)
+SMALLEST = 1e-3
+"""m: diameter of an ellipsoid that would have none."""
+
+
+class UncertaintyCloudBuilder(Cloud):
+    """A point for each joint: x, y, z in m, its index, the deviation in m and the covariance's six entries in m^2."""
+
+    def __init__(self, backend: Backend, count: int) -> None:
+        """count: of joints."""
+        super().__init__(backend, POINT)
+        self._points = np.zeros(count, POINT)
+        self._points["joint"] = np.arange(count)
+        self._values = self._points.view("<f4").reshape(count, -1)  # `joint` among them, which is never written
+
+    def numbers(self, positions: np.ndarray, covariance: np.ndarray, deviation: np.ndarray) -> np.ndarray:
+        """positions: (n, 3) m; covariance: (n, 3, 3) m^2; deviation: (n,) m."""
+        self._values[:, :3] = positions
+        self._values[:, 4] = deviation
+        self._values[:, 5:] = covariance.reshape(-1, 9).take(UPPER, axis=1)
+        return self._points.view(np.uint8)
+
+
+class UncertaintyMarkersBuilder(StampedBuilder):
+    """visualization_msgs/MarkerArray of one ellipsoid for each joint."""
+
+    def __init__(self, backend: Backend, count: int, prefix: str = "") -> None:
+        """count: of joints; prefix: of the markers' namespace."""
+        message = backend.make("visualization_msgs/msg/MarkerArray")
+        markers = []
+        for joint in range(count):
+            marker = backend.make("visualization_msgs/msg/Marker")
+            marker.ns, marker.id, marker.type = f"{prefix}uncertainty", joint, SPHERE
+            paint(marker, COLOUR)
+            lifetime(marker)
+            markers.append(marker)
+        message.markers = markers
+        super().__init__(message, [marker.header for marker in markers])
+
+    def numbers(self, positions: np.ndarray, quaternions: np.ndarray, axes: np.ndarray) -> np.ndarray:
+        """positions: (n, 3) m; quaternions: (n, 4), x, y, z, w, of the axes; axes: (n, 3) m, their half lengths."""
+        return np.concatenate([positions, quaternions, np.maximum(2 * axes, SMALLEST)], axis=1).reshape(-1)
+
+    def write(self, numbers: np.ndarray) -> None:
+        """See StampedBuilder.write."""
+        for marker, values in zip(self._message.markers, numbers.reshape(-1, 10).tolist()):
+            p, q, s = marker.pose.position, marker.pose.orientation, marker.scale
+            p.x, p.y, p.z, q.x, q.y, q.z, q.w, s.x, s.y, s.z = values

@@ -1,0 +1,227 @@
+"""`replay` over an archive on one machine: the same as one by one, whatever happens to a recording or its process."""
+
+import os
+import shutil
+import signal
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
+
+from archives import LONG, holder, outcomes, start_replay, write_archive  # noqa: E402
+from recordings import contents, write_recording  # noqa: E402
+
+from lassokin_ros.cli.replay import main  # noqa: E402
+from lassokin_ros.replay.record import record_of  # noqa: E402
+
+needs_proc = pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="finds processes in /proc, which is Linux'")
+BAGS = {"day1/walk": 30, "day1/wave": 20, "squat.v2": 25}
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory):
+    return write_archive(tmp_path_factory.mktemp("archive") / "bags")
+
+
+@pytest.fixture(scope="module")
+def one_by_one(archive, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("one_by_one")
+    for name in BAGS:
+        output = folder / f"{name}_tracked"
+        output.parent.mkdir(exist_ok=True)
+        assert main([str(archive / name), "--output", str(output)]) == 0
+    return folder
+
+
+def replayed(capsys, *arguments):
+    code = main(list(map(str, arguments)))
+    said = capsys.readouterr()
+    return code, said.out
+
+
+def hidden(folder):
+    return [entry.name for entry in folder.rglob(".*")]
+
+
+def test_the_same_bytes_as_one_by_one_and_a_torn_one_is_a_line(archive, one_by_one, tmp_path, capsys):
+    code, said = replayed(capsys, archive, "--output", tmp_path / "new" / "out", "--jobs", 2)
+    assert code == 2
+    results = outcomes(said)
+    assert {name: results.pop(name) for name in BAGS} == dict.fromkeys(BAGS, "tracked")
+    assert list(results) == ["torn"] and "torn.mcap cannot be read as a rosbag2 recording" in results["torn"]
+    assert said.endswith("4 recordings: 3 tracked, 0 done before, 1 failed\n")
+    for name, frames in BAGS.items():
+        (line,) = [line.split() for line in said.splitlines() if line.startswith(name)]
+        assert line[1:4] == [str(frames), str(frames), "0"] and 1 < float(line[4]) < 6 and float(line[5]) > 0
+    assert contents(tmp_path / "new" / "out") == contents(one_by_one)
+
+
+def test_what_is_done_is_not_done_again(archive, one_by_one, tmp_path, capsys):
+    arguments = [archive / "day1", archive / "squat.v2", "--output", tmp_path, "--jobs", 1]
+    assert replayed(capsys, *arguments)[0] == 0
+    done = contents(tmp_path)
+    written = {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*") if file.is_file()}
+    shutil.rmtree(tmp_path / "wave_tracked")
+    code, said = replayed(capsys, *arguments)
+    assert code == 0
+    assert outcomes(said) == {"walk": "done before", "wave": "tracked", "squat.v2": "done before"}
+    assert contents(tmp_path) == done
+    again = {file for file, time in written.items() if file.stat().st_mtime_ns != time}
+    assert {file.parent.name for file in again} == {"wave_tracked"}
+    for row in ("walk   ", "wave   "):
+        (line,) = [line.split() for line in said.splitlines() if line.startswith(row)]
+        assert line[1] == line[2] == str(BAGS[f"day1/{row.strip()}"])
+
+
+def test_an_output_of_other_settings_or_input_is_not_taken_for_done(tmp_path, capsys):
+    (tmp_path / "in").mkdir()
+    write_recording(tmp_path / "in" / "a", 12)
+    arguments = [tmp_path / "in", "--output", tmp_path / "out", "--jobs", 1]
+    assert replayed(capsys, *arguments)[0] == 0
+    before = contents(tmp_path / "out")
+    file = tmp_path / "same.yaml"
+    file.write_text("tracker:\n  ros__parameters:\n    height: 1.75\n")
+    assert outcomes(replayed(capsys, *arguments, "--params-file", file)[1]) == {"a": "done before"}
+    code, said = replayed(capsys, *arguments, "-p", "height:=1.9")
+    assert code == 2 and "exists and is of another input, version or settings; say --force" in outcomes(said)["a"]
+    assert contents(tmp_path / "out") == before
+    recording = next((tmp_path / "in" / "a").glob("*.mcap"))
+    recording.write_bytes(write_recording(tmp_path / "other", 13).joinpath("recording.mcap").read_bytes())
+    assert replayed(capsys, *arguments)[0] == 2
+    code, said = replayed(capsys, *arguments, "--force")
+    assert code == 0 and contents(tmp_path / "out") != before
+    assert record_of(tmp_path / "out" / "a_tracked").figures.frames_in == 13
+
+
+def test_exports_and_reports_are_each_recordings_own(archive, one_by_one, tmp_path, capsys):
+    arguments = [archive / "day1", "--output", tmp_path / "out", "--jobs", 1]
+    assert replayed(capsys, *arguments)[0] == 0
+    arguments += ["--export", ".csv", "--export", ".amass.npz", "--report", tmp_path / "pages"]
+    for outcome in ("tracked", "done before"):
+        code, said = replayed(capsys, *arguments)
+        assert code == 0 and outcomes(said) == {"walk": outcome, "wave": outcome}
+    for name in ("walk", "wave"):
+        there = contents(tmp_path / "out" / f"{name}_tracked")
+        assert len((there.pop("motion.csv")).splitlines()) == BAGS[f"day1/{name}"] + 1
+        assert there.pop("motion.amass.npz").startswith(b"PK")
+        assert there == contents(one_by_one / "day1" / f"{name}_tracked")
+        assert (tmp_path / "pages" / f"{name}.html").read_text().startswith("<!")
+    code, said = replayed(capsys, *arguments[:-6], "--export", ".npz")
+    assert code == 0 and outcomes(said) == {"walk": "tracked", "wave": "tracked"}
+    kept = {"motion.csv", "motion.npz", "motion.amass.npz", "metadata.yaml"}
+    assert kept < set(contents(tmp_path / "out" / "walk_tracked"))
+
+
+def test_another_recordings_page_is_not_taken_for_its_own(tmp_path, capsys):
+    """By names that look as if one recording were a person of the other's; a dot in a name hides nobody's file."""
+    several = ["-p", "max_people:=2", "--save-skeleton", tmp_path / "lengths"]
+    (tmp_path / "bags").mkdir()
+    for name in ("walk", "walk_p2", "walk.v2"):
+        write_recording(tmp_path / "bags" / name, 60)
+    arguments = [tmp_path / "bags", "--output", tmp_path / "out", "--jobs", 1]
+    pages = ["--report", tmp_path / "pages"]
+    assert replayed(capsys, *arguments, *several, *pages)[0] == 0
+    saved = sorted(file.name for file in (tmp_path / "lengths").iterdir())
+    assert saved == ["walk.v2_p1.yaml", "walk_p1.yaml", "walk_p2_p1.yaml"]
+    (tmp_path / "pages" / "walk.html").unlink()
+    outcome = dict.fromkeys(["walk", "walk_p2", "walk.v2"], "done before")
+    code, said = replayed(capsys, *arguments, *several, *pages)
+    assert code == 0 and outcomes(said) == {**outcome, "walk": "tracked"}
+    (tmp_path / "lengths" / "walk_p1.yaml").unlink()
+    code, said = replayed(capsys, *arguments, *several, *pages)
+    assert code == 0 and outcomes(said) == {**outcome, "walk": "tracked"}
+    assert sorted(file.name for file in (tmp_path / "lengths").iterdir()) == saved
+
+
+def test_outputs_among_the_recordings_are_not_replayed(tmp_path, capsys, monkeypatch):
+    write_recording(tmp_path / "a", 12)
+    monkeypatch.chdir(tmp_path)
+    for outcome in ("tracked", "done before"):
+        code, said = replayed(capsys, ".", "--jobs", 1)
+        assert code == 0 and outcomes(said) == {"a": outcome}
+    assert sorted(os.listdir()) == ["a", "a_tracked"]
+
+
+@pytest.mark.parametrize(
+    "arguments, expected",
+    [
+        (["x/a", "y/a"], "would both be written to"),
+        (["x", "y/a", "-o", "x/a"], "is no folder for several outputs"),
+        (["x", "--export", "all.csv"], "names one file for many recordings; give the suffix alone"),
+        (
+            ["x", "--save-skeleton", "x.yaml", "-p", "calibrate:=true"],
+            "names one file for many recordings; name a folder",
+        ),
+        (["x", "-p", "hight:=2"], "there is no parameter 'hight'; did you mean 'height'?"),
+    ],
+)
+def test_what_is_wrong_with_all_is_said_before_any(tmp_path, monkeypatch, capsys, arguments, expected):
+    monkeypatch.chdir(tmp_path)
+    for folder in ("x", "y"):
+        Path(folder).mkdir()
+        write_recording(Path(folder) / "a", 3)
+    assert main(arguments) == 2
+    said = capsys.readouterr()
+    assert said.out == "" and said.err.count("\n") == 1 and expected in said.err
+    assert sorted(os.listdir()) == ["x", "y"] and os.listdir("x") == ["a"]
+
+
+@needs_proc
+def test_a_recording_whose_process_is_killed_is_done_again(tmp_path):
+    archive = write_archive(tmp_path / "in", long=1)
+    output = tmp_path / "out"
+    running = start_replay(archive, "--output", output, "--jobs", 2)
+    victim = holder(running, output / "z_long0_tracked")
+    os.kill(victim, signal.SIGKILL)
+    assert holder(running, output / "z_long0_tracked", but=(victim,)) != running.pid
+    said, complained = running.communicate(timeout=60)
+    assert running.returncode == 2 and complained == ""
+    results = outcomes(said)
+    assert results.pop("torn").startswith("failed: ") and set(results.values()) == {"tracked"}
+    assert hidden(output) == []
+    assert main([str(archive / "z_long0"), "--output", str(tmp_path / "alone")]) == 0
+    assert contents(output / "z_long0_tracked") == contents(tmp_path / "alone")
+
+
+@needs_proc
+def test_a_recording_that_kills_every_process_is_given_up(tmp_path):
+    (tmp_path / "in").mkdir()
+    write_recording(tmp_path / "in" / "z_long0", LONG)
+    write_recording(tmp_path / "in" / "short", 10)
+    output = tmp_path / "out"
+    running = start_replay(tmp_path / "in", "--output", output, "--jobs", 1)
+    killed = []
+    for _ in range(3):
+        killed.append(holder(running, output / "z_long0_tracked", but=killed))
+        os.kill(killed[-1], signal.SIGKILL)
+    said, _ = running.communicate(timeout=60)
+    assert running.returncode == 2
+    assert outcomes(said) == {"z_long0": "failed: its process died 3 times", "short": "tracked"}
+    assert os.listdir(output) == ["short_tracked"]
+
+
+@needs_proc
+def test_processes_end_with_the_command_even_when_that_is_killed(tmp_path):
+    archive, output = write_archive(tmp_path / "in", long=1), tmp_path / "out"
+    running = start_replay(archive / "z_long0", archive / "squat.v2", "--output", output, "--jobs", 1)
+    worker = holder(running, output / "z_long0_tracked")
+    running.kill()
+    running.communicate(timeout=20)  # ends when the last process that holds the other end of the pipes has ended
+    assert not Path(f"/proc/{worker}/fd").is_dir() or not list(Path(f"/proc/{worker}/fd").iterdir())
+
+
+@needs_proc
+@pytest.mark.parametrize("number, send", [(signal.SIGTERM, os.kill), (signal.SIGINT, os.killpg)])
+def test_an_interrupted_archive_leaves_whole_outputs_and_goes_on(tmp_path, capsys, number, send):
+    """SIGTERM for the command alone; SIGINT for all its processes, as a terminal's Ctrl-C sends it."""
+    archive, output = write_archive(tmp_path / "in", long=1), tmp_path / "out"
+    running = start_replay(archive / "day1", archive / "z_long0", "--output", output, "--jobs", 1)
+    holder(running, output / "z_long0_tracked")
+    send(running.pid, number)
+    said, complained = running.communicate(timeout=30)
+    assert running.returncode == 130 and said == ""
+    assert complained == "replay: interrupted; 2 of 3 recordings are done; the same command goes on from there\n"
+    assert sorted(os.listdir(output)) == ["walk_tracked", "wave_tracked"]
+    code, said = replayed(capsys, archive / "day1", "--output", output)
+    assert code == 0 and outcomes(said) == {"walk": "done before", "wave": "done before"}

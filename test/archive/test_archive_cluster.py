@@ -1,0 +1,110 @@
+"""`replay --scheduler` with a real scheduler and two real workers on this machine, of which one is killed."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
+pytest.importorskip("distributed", reason="dask.distributed is not installed (pip install 'lassokin_ros[cluster]')")
+
+from archives import ROOT, holder, outcomes, start_replay, write_archive  # noqa: E402
+from recordings import contents  # noqa: E402
+
+from lassokin_ros.cli.replay import main  # noqa: E402
+
+pytestmark = pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="finds processes in /proc, which is Linux'")
+HERE = "127.0.0.1"
+
+
+@contextmanager
+def process(*command):
+    """A part of dask for the time of the test; both it and what it starts end with it."""
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
+    running = subprocess.Popen(
+        [sys.executable, "-m", "dask", *map(str, command)], env={**os.environ, "PYTHONPATH": path}, **quiet
+    )
+    try:
+        yield running
+    finally:
+        running.kill()
+        running.wait()
+
+
+@contextmanager
+def cluster(folder):
+    """(address of a scheduler at a free port, ids of two workers with one thread each, the scheduler's process)."""
+    with ExitStack() as stack:
+        facts = folder / "scheduler.json"
+        scheduler = stack.enter_context(
+            process("scheduler", "--host", HERE, "--port", 0, "--no-dashboard", "--scheduler-file", facts)
+        )
+        options = ("--scheduler-file", facts, "--host", HERE, "--nthreads", 1, "--no-nanny", "--no-dashboard")
+        options += ("--local-directory", folder / "scratch", "--death-timeout", 60)
+        workers = [stack.enter_context(process("worker", *options)) for _ in range(2)]
+        deadline = time.monotonic() + 40
+        while not (facts.exists() and facts.stat().st_size):
+            assert time.monotonic() < deadline and scheduler.poll() is None
+            time.sleep(0.05)
+        yield json.loads(facts.read_text())["address"], [worker.pid for worker in workers], scheduler
+
+
+def lose_the_scheduler(archive, output, address, scheduler):
+    """It dies with all that it knew: what is not done is said in the table, in place of tracebacks."""
+    running = start_replay(archive / "z_long0", archive / "squat.v2", "--output", output, "--scheduler", address)
+    holder(running, output / "z_long0_tracked")
+    scheduler.kill()
+    said, complained = running.communicate(timeout=30)
+    assert running.returncode == 2 and complained == ""
+    assert outcomes(said)["z_long0"] == "failed: the scheduler went away, or cancelled it"
+
+
+def test_an_archive_on_two_workers_of_which_one_is_killed(tmp_path, capsys):
+    archive, output = write_archive(tmp_path / "in", long=1), tmp_path / "out"
+    with cluster(tmp_path) as (address, workers, scheduler):
+        assert address.startswith(f"tcp://{HERE}:")
+        arguments = (archive, "--output", output, "--scheduler", address)
+        running = start_replay(*arguments)
+        victim = holder(running, output / "z_long0_tracked")
+        assert victim in workers
+        os.kill(victim, signal.SIGKILL)
+        (other,) = set(workers) - {victim}
+        assert holder(running, output / "z_long0_tracked", but=(victim,)) == other
+        said, complained = running.communicate(timeout=60)
+        results = outcomes(said)
+        assert running.returncode == 2, complained
+        assert results.pop("torn").startswith("failed: ") and set(results.values()) == {"tracked"}
+        assert len(results) == 4 and list(output.rglob(".*")) == []
+        assert main([*map(str, arguments)]) == 2
+        again = outcomes(capsys.readouterr().out)
+        assert again.pop("torn").startswith("failed: ") and set(again.values()) == {"done before"}
+        lose_the_scheduler(archive, tmp_path / "gone", address, scheduler)
+    for name in ("z_long0", "squat.v2"):
+        assert main([str(archive / name), "--output", str(tmp_path / name)]) == 0
+        assert contents(output / f"{name}_tracked") == contents(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    "address, expected",
+    [
+        (f"tcp://{HERE}:9", f"there is no scheduler at 'tcp://{HERE}:9'"),
+        ("nowhere", "there is no scheduler at 'nowhere'"),
+        ("nix.json", "'nix.json' is no scheduler file: [Errno 2] No such file or directory: 'nix.json'"),
+    ],
+)
+def test_no_scheduler_is_one_line(tmp_path, capsys, monkeypatch, address, expected):
+    import lassokin_ros.archive.dask_cluster as archive_dask
+
+    monkeypatch.setattr(archive_dask, "TIMEOUT_S", 0.3)
+    archive = write_archive(tmp_path / "in")
+    assert main([str(archive), "--output", str(tmp_path / "out"), "--scheduler", address]) == 2
+    said = capsys.readouterr()
+    assert said.out == "" and said.err.startswith(f"replay: {expected}")
+    assert said.err.count("\n") == 1

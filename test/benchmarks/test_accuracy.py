@@ -1,0 +1,340 @@
+"""The command line of benchmarks/accuracy.py on a short clip of the shared data."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.accuracy import main
+from benchmarks.accuracy_run.experiment import Job, bone_scales, run, scene_of
+from benchmarks.common.report import data_folder
+from benchmarks.data.detections import height_of, measured
+from benchmarks.data.mocap import EVALUATED, WANDERS, Condition
+from benchmarks.learn_prior import TRAINING
+from benchmarks.methods import smplify
+from lassokin_ros.core.body.kinematics import BodyState, Kinematics
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.evidence.upright import vertical_of
+
+ROOT = Path(__file__).resolve().parents[2]
+MOCAP, DETECTIONS = data_folder() / "mocap", data_folder() / "detections"
+needs_clips = pytest.mark.skipif(not MOCAP.is_dir(), reason=f"no motion capture in {MOCAP}: set LASSOKIN_DATA")
+needs_detections = pytest.mark.skipif(
+    not DETECTIONS.is_dir(), reason=f"no detector output in {DETECTIONS}: set LASSOKIN_DATA"
+)
+FIELDS = (
+    "clip view fps noise_px missing outliers landmarks method frames mpjpe_mm pa_mpjpe_mm root_mm accel_error "
+    "reprojection_px frames_over_100mm flips init_ms frame_ms_p50 frame_ms_p99"
+).split()
+TIMES = ("init_ms", "frame_ms_p50", "frame_ms_p99")
+
+
+def untimed(records):
+    return [{key: value for key, value in record.items() if key not in TIMES} for record in records]
+
+
+@needs_clips
+def test_records_hold_what_the_contract_says_and_do_not_depend_on_jobs(tmp_path, capsys):
+    results = []
+    for jobs in ("1", "2"):
+        file = tmp_path / f"{jobs}.json"
+        options = ["--clips", "exp_running_1", "--methods", "lasso,plain", "--fps", "30", "--missing", "0.1"]
+        assert main([*options, "--jobs", jobs, "--json", str(file)]) == 0
+        results.append(json.loads(file.read_text(encoding="utf-8")))
+    records = results[0]
+    assert untimed(results[0]) == untimed(results[1])
+    assert [(r["clip"], r["view"], r["method"]) for r in records] == [
+        ("exp_running_1", view, method) for view in (0, 1) for method in ("lasso", "plain")
+    ]
+    for record in records:
+        assert set(FIELDS) <= set(record)
+        assert (record["fps"], record["missing"], record["frames"]) == (30.0, 0.1, 41)
+        assert 0 < record["pa_mpjpe_mm"] < 200 and 0 < record["mpjpe_mm"] < 400
+        assert 0 <= record["frames_over_100mm"] <= record["frames"]
+        assert record["training"] is False
+    text = capsys.readouterr().out
+    assert TRAINING[0] in text and "2 views per clip, seed 0" in text and "median" in text
+
+
+@needs_clips
+def test_several_seeds_are_one_summary_of_all_their_runs(tmp_path, capsys):
+    def records(*options):
+        file = tmp_path / "records.json"
+        assert main(["--clips", "exp_running_1", "--views", "1", "--fps", "30", "--json", str(file), *options]) == 0
+        return untimed(json.loads(file.read_text(encoding="utf-8")))
+
+    both = records("--seed", "3", "--seeds", "2")
+    text = capsys.readouterr().out
+    assert both == records("--seed", "3") + records("--seed", "4") and both[0]["mpjpe_mm"] != both[1]["mpjpe_mm"]
+    assert "seeds 3 to 4" in text and "lasso   median        2" in text
+
+
+@needs_clips
+def test_training_clips_are_marked_and_kept_out_of_the_summary(capsys):
+    assert main(["--clips", "02_03", "--views", "1", "--jobs", "1", "--fps", "30"]) == 0
+    text = capsys.readouterr().out
+    assert "02_03 *" in text and "training clips, not to be reported:" in text
+
+
+@needs_clips
+def test_every_baseline_runs_from_the_command_line(tmp_path):
+    file = tmp_path / "records.json"
+    command = [
+        sys.executable,
+        "benchmarks/accuracy.py",
+        "--data",
+        str(MOCAP),
+        "--clips",
+        "exp_running_1",
+        "--views",
+        "1",
+    ]
+    command += ["--methods", "ridge,dls,smplify", "--fps", "30", "--jobs", "1", "--json", str(file)]
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
+    assert result.returncode == 0, result.stderr
+    errors = {r["method"]: r["mpjpe_mm"] for r in json.loads(file.read_text(encoding="utf-8"))}
+    assert set(errors) == {"ridge", "dls", "smplify"} and all(0 < error < 300 for error in errors.values())
+
+
+@needs_clips
+@pytest.mark.parametrize("fps", [60.0, 30.0])
+def test_smplify_is_asked_for_the_same_smoothness_at_every_frame_rate(fps, monkeypatch):
+    weights = []
+
+    def made(kinematics, config, smooth=smplify.SMOOTH):
+        weights.append(smooth)
+        raise InterruptedError
+
+    monkeypatch.setattr(smplify, "WindowFit", made)
+    with pytest.raises(InterruptedError):
+        scene_of(Job(MOCAP / "exp_running_1.npz", 0, "smplify", Condition(fps=fps))).follow("smplify")
+    assert weights == [pytest.approx(smplify.SMOOTH * (60 / fps) ** 2)]
+
+
+@needs_clips
+def test_initialisation_and_gap(tmp_path, capsys):
+    file = tmp_path / "records.json"
+    options = ["--clips", "12_01", "--views", "1", "--jobs", "1", "--json", str(file)]
+    assert main([*options, "--initialisation", "--per-clip", "2"]) == 0
+    records = json.loads(file.read_text(encoding="utf-8"))
+    assert [r["frame"] for r in records] == [87, 174] and all(0 <= r["yaw_error_deg"] <= 180 for r in records)
+    assert main([*options, "--gap", "0.5"]) == 0
+    record = json.loads(file.read_text(encoding="utf-8"))[0]
+    assert record["gap_s"] == 0.5 and record["gap_end_mm"] > 0
+    assert record["rise_mm"] == pytest.approx(record["after_mm"] - record["before_mm"])
+    assert "front_back_percent" in capsys.readouterr().out
+
+
+@needs_detections
+def test_real_detections(tmp_path, capsys):
+    file = tmp_path / "records.json"
+    beside = ["--methods", "lasso,dls", "--jobs", "1", "--json", str(file), "--fps", "30", "--noise-px", "4"]
+    assert main(["--detections", str(DETECTIONS / "openpose_balancing.npz"), *beside]) == 0
+    assert "Without effect on --detections, which are taken as they are: --noise-px, --fps." in capsys.readouterr().out
+    records = json.loads(file.read_text(encoding="utf-8"))
+    assert [(r["view"], r["method"]) for r in records] == [(0, "lasso"), (0, "dls"), (1, "lasso"), (1, "dls")]
+    assert all(r["frames"] == 100 and 1.4 < r["height_m"] < 2.0 for r in records)
+
+
+def test_absent_data_is_said_plainly(tmp_path):
+    with pytest.raises(SystemExit, match="no clips"):
+        main(["--data", str(tmp_path)])
+
+
+@pytest.mark.parametrize("symmetric", [True, False])
+def test_bone_errors_are_reproducible_and_symmetric_on_request(symmetric):
+    skeleton = Skeleton.load("anthropometric", 1.75)
+    job = Job(Path("walk.npz"), 0, "lasso", bone_error=0.05, symmetric=symmetric)
+    scales = bone_scales(skeleton, job)
+    assert (scales == bone_scales(skeleton, job)).all() and 0.02 < scales.std() < 0.08
+    same = scales[skeleton.index("left_knee")] == scales[skeleton.index("right_knee")]
+    assert same == symmetric
+
+
+def test_measured_bones_are_the_reference_s():
+    truth = Skeleton.load("anthropometric", 1.9)
+    layout = Layout.load("body25b", truth)
+    scales = np.ones(truth.joint_count)
+    for joint, scale in (("knee", 1.1), ("ankle", 0.95), ("elbow", 1.05), ("wrist", 0.9)):
+        scales[[truth.index(f"left_{joint}"), truth.index(f"right_{joint}")]] = scale
+    truth = truth.with_bone_scales(scales)
+    upright = BodyState(np.tile(np.eye(3), (5, 24, 1, 1)), np.zeros((5, 3)))
+    reference = Kinematics(truth, layout).pose(upright).landmarks
+    reference[:, layout.index("right_ankle")] = np.nan
+    assert height_of(reference, layout) == pytest.approx(1.9, rel=0.03)
+    found = measured(Skeleton.load("anthropometric", 1.8), reference, layout)
+    joints = [truth.index(f"{side}_{joint}") for side in ("left", "right") for joint in ("knee", "ankle", "wrist")]
+    assert np.allclose(found.offsets[joints], truth.offsets[joints])
+    shoulders, hips = (truth.index(f"left_{joint}") for joint in ("shoulder", "hip"))
+    for height_or_width in (0, 1):
+        apart = found.rest_positions[shoulders] - found.rest_positions[hips]
+        wanted = truth.rest_positions[shoulders] - truth.rest_positions[hips]
+        assert apart[height_or_width] == pytest.approx(wanted[height_or_width], abs=2e-3)
+
+
+@needs_clips
+def test_a_run_that_finds_nobody_is_counted_and_a_clip_too_short_to_be_scored_is_left_out(capsys):
+    options = ["--clips", "exp_running_1,12_01", "--views", "1", "--jobs", "1", "--fps", "30"]
+    nobody = [*options, "--set", "min_landmarks=18"]
+    assert main(nobody) == 0
+    said = capsys.readouterr().out
+    assert "median        2" in said and "without an estimate of their last frame: 2 of 2" in said
+    assert main([*nobody, "--score-from", "2"]) == 0  # exp_running_1 lasts 1.4 s
+    assert "without an estimate of their last frame: 1 of 1" in capsys.readouterr().out
+    assert main([*options, "--score-from", "2"]) == 0
+    assert "without an estimate of their last frame: 0 of 1" in capsys.readouterr().out
+    assert main([*nobody, "--initialisation", "--per-clip", "2"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1].split() == ["lasso", "4", "0", "-", "-", "-", "-"]
+
+
+@needs_clips
+@pytest.mark.parametrize("figure, count", [("--uncertainty", "joints"), ("--failure-probability", "frames")])
+def test_training_clips_are_kept_out_of_the_bins_too(figure, count, tmp_path, capsys):
+    def records(*clips):
+        file = tmp_path / "records.json"
+        options = ["--clips", ",".join(clips), "--views", "1", "--fps", "30", "--jobs", "1", "--json", str(file)]
+        assert main([*options, figure]) == 0
+        return json.loads(file.read_text(encoding="utf-8"))
+
+    alone, training, both = records("exp_running_1"), records("02_03"), records("exp_running_1", "02_03")
+    assert both == alone + training and capsys.readouterr().out.count("not to be reported") == 2
+    assert [r["training"] for r in (alone[-1], training[-1])] == [False, True] and alone[-1][count] > 0
+
+
+@needs_clips
+@pytest.mark.parametrize("clip", ["exp_running_1", "12_01"])
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 1.0])
+def test_as_many_points_are_missing_as_is_said_in_a_short_clip_too(clip, share):
+    view = scene_of(Job(MOCAP / f"{clip}.npz", 0, "lasso", Condition(missing=share))).view
+    gone = np.mean(view.confidence == 0, axis=0)
+    assert np.abs(gone - share).max() <= 0.5 / len(view.confidence)
+
+
+@needs_clips
+@pytest.mark.parametrize("share", [0.0, 0.1, 1.0])
+def test_in_as_many_frames_a_limb_is_swapped_as_is_said(share):
+    exact, swapped = (
+        scene_of(Job(MOCAP / "exp_running_1.npz", 0, "lasso", Condition(noise_px=0, swaps=s))).view.pixels
+        for s in (0.0, share)
+    )
+    changed = (exact != swapped).any(axis=(1, 2))
+    assert not changed[0] and changed.sum() == min(round(share * len(exact)), len(exact) - 1)
+    assert np.array_equal(np.sort(exact, axis=1), np.sort(swapped, axis=1))
+
+
+@pytest.mark.parametrize(
+    "option",
+    "--noise-px=-1 --noise-px=nan --missing=2 --missing=nan --outliers=-1 --swaps=2 --fps=0 --fps=-5 --fps=nan "
+    "--views=0 --seed=-1 --gap=-1 --gap=0 --gap=nan --per-clip=-3 --jobs=0 --score-from=nan --score-from=-1 "
+    "--wander-px=-1 --offset-px=nan --bone-error=-1 --camera-pitch=nan "
+    "--duplicates=1.5 --set=sparsity=abc --set=sparsity --set=warm_start=maybe "
+    "--set=height=2 --set=landmarks=body25 --set=skeleton=x --set=speed=1".split(),
+)
+def test_an_option_that_cannot_be_meant_is_refused_by_its_name(option, capsys):
+    with pytest.raises(SystemExit) as end:
+        main([option, "--clips", "exp_running_1"])
+    said = capsys.readouterr().err
+    assert end.value.code == 2 and f"argument {option.split('=')[0]}: " in said and "invalid" not in said
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        "--methods=",
+        "--initialisation --methods smplify",
+        *(f"--detections any.npz --{what}" for what in ("gap=1", "initialisation", "uncertainty", "failure-probability")),
+    ],
+)
+def test_options_that_do_not_go_together_are_refused(options):
+    with pytest.raises(SystemExit, match="for clips|frame by frame|expected some of"):
+        main(options.split())
+
+
+@needs_clips
+def test_clips_that_do_not_have_the_rate_are_said(capsys):
+    options = ["--clips", "exp_running_1,ad_jumping_jacks", "--views", "1", "--jobs", "1"]
+    for rate, said in ((60, "ad_jumping_jacks 30"), (500, "ad_jumping_jacks 30, exp_running_1 60"), (30, "")):
+        assert main([*options, "--fps", str(rate)]) == 0
+        text = capsys.readouterr().out
+        assert (f"Not at {rate} Hz, but at: {said}.\n" in text) if said else "Not at" not in text
+
+
+@needs_clips
+def test_duplicates_are_the_same_keypoints_against_each_frames_truth(capsys):
+    job = Job(MOCAP / "exp_running_1.npz", 0, "lasso")
+    single, view = (scene_of(replace(job, condition=Condition(duplicates=k))).view for k in (1, 3))
+    assert np.array_equal(view.truth, single.truth) and not np.array_equal(view.truth[3], view.truth[4])
+    for frame in range(len(view.pixels)):
+        assert np.array_equal(view.pixels[frame], single.pixels[frame - frame % 3])
+    with pytest.raises(SystemExit):
+        main(["--duplicates", "0"])
+    assert "expected 1 or more" in capsys.readouterr().err
+
+
+@needs_clips
+def test_keypoints_are_off_by_what_is_said_and_for_as_long(capsys):
+    job = Job(MOCAP / "gs_lambada.npz", 0, "lasso")
+
+    def pixels(**how):
+        return scene_of(replace(job, condition=Condition(noise_px=0.0, **how))).view.pixels
+
+    exact = pixels()
+    stays, wanders = pixels(offset_px=3.0) - exact, pixels(wander_px=3.0) - exact
+    assert np.allclose(stays, stays[0], atol=1e-9) and 2 < stays[0].std() < 4
+    assert wanders.std() == pytest.approx(3.0, rel=0.1)
+    after = round(60 * WANDERS)
+    assert np.mean(wanders[after:] * wanders[:-after]) / 9 == pytest.approx(np.exp(-1), abs=0.1)
+    assert np.array_equal(pixels(missing=0.1), exact)  # other draws stay as they were
+    options = ["--clips", "exp_running_1", "--views", "1", "--jobs", "1", "--wander-px", "2", "--offset-px", "1.5"]
+    assert main(options) == 0
+    assert "off by 2 px for 0.1 s on end, and by 1.5 px all the time" in capsys.readouterr().out
+
+
+@needs_clips
+def test_a_mounted_camera_and_people_laid_down_are_what_they_say(capsys):
+    job = Job(MOCAP / "exp_walking_1.npz", 0, "lasso")
+
+    def view(**how):
+        return scene_of(replace(job, condition=Condition(noise_px=0.0, **how))).view
+
+    def up(view):
+        """(3,) from the pelvis to the neck, on average."""
+        trunk = np.mean(view.truth[:, EVALUATED.index("neck")] - view.root, axis=0)
+        return trunk / np.linalg.norm(trunk)
+
+    level = view()
+    over = view(camera_roll=np.pi)
+    assert np.allclose(over.pixels - over.centre, -(level.pixels - level.centre), atol=1e-6)
+    for roll, pitch in ((0.0, 0.6), (0.0, -0.6), (1.2, 0.4), (0.0, np.pi / 2)):
+        mounted = view(camera_roll=roll, camera_pitch=pitch)
+        assert up(mounted) @ vertical_of(roll, pitch) > np.cos(0.35)  # the walker leans, the mount is 0.15 rad off
+    lying = view(lying=True)
+    assert abs(up(lying) @ vertical_of(0.0, 0.0)) < np.sin(0.35)
+    sizes = [np.linalg.norm(v.truth - v.truth[:, :1], axis=-1) for v in (level, lying, over)]
+    assert np.allclose(sizes, sizes[0], atol=1e-9)
+    assert main(["--clips", "exp_running_1", "--views", "1", "--jobs", "1", "--lying", "--camera-pitch", "0.3"]) == 0
+    said = capsys.readouterr().out
+    assert "looking down by 0.3 rad" in said and "people are laid down" in said
+
+
+@needs_clips
+def test_a_lagged_pose_is_scored_against_its_own_frame():
+    at_once, late = (run(Job(MOCAP / "exp_running_1.npz", 0, "lasso", settings={"smoothing_lag": s})) for s in (0, 0.1))
+    assert at_once["frames"] == late["frames"] and late["rejected"] == 0 and not late["ends_lost"]
+    assert late["accel_error"] < 0.85 * at_once["accel_error"] and late["mpjpe_mm"] < at_once["mpjpe_mm"] + 1
+
+
+@pytest.mark.parametrize("content", [None, b"", b"no array", b"PK\x03\x04", {"kp2d": np.zeros((1, 2, 25, 3))}])
+def test_a_file_that_holds_no_detections_is_one_line(content, tmp_path):
+    file = tmp_path / "detections.npz"
+    if isinstance(content, bytes):
+        file.write_bytes(content)
+    elif content is not None:
+        np.savez(file, **content)
+    with pytest.raises(SystemExit, match="expected detections in the format"):
+        main(["--detections", str(file)])

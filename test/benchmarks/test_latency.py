@@ -1,0 +1,97 @@
+"""benchmarks/latency.py on a few frames: every part gives its rows, and what is timed is the real thing."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks import latency, solvers
+from benchmarks.data.motion import load_motion
+from benchmarks.latency import BODIES, PEOPLE, Run, interleaved, main
+from benchmarks.methods.robot_ik import available
+from benchmarks.timing.stages import STAGES, Clock, profile
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.lasso import lasso
+
+MOTION = load_motion(Path("no such folder"), 12)
+
+
+def test_without_clips_the_motion_is_synthetic_and_says_so():
+    assert MOTION.source == "synthetic motion" and MOTION.state.rotations.shape == (12, 24, 3, 3)
+
+
+def test_a_skeleton_with_both_hands_has_55_joints_and_65_landmarks():
+    run = Run(MOTION, str(BODIES / "body25_hands.yaml"), str(BODIES / "hands55.yaml"))
+    assert run.state.rotations.shape == (12, 55, 3, 3) and run.observations[0].points.shape == (65, 2)
+    assert [run.step(frame) for frame in range(3)] == [False, True, True]  # the first frame initialises
+    hands = Skeleton.load(str(BODIES / "hands55.yaml"), 1.75).rest_positions
+    assert np.allclose(hands.mean(0)[0], 0, atol=1e-12)  # left and right mirror each other
+
+
+def test_profile_times_every_stage_and_leaves_the_tracker_as_it_was():
+    certify = lasso.certify
+    records = {r["what"]: r for r in profile(Run(MOTION).tracker, Run(MOTION).observations, MOTION)}
+    assert lasso.certify is certify
+    assert "whole core step" in records and set(records) <= {*STAGES, "whole core step"}
+    assert 0 < records["solve"]["p50_us"] < records["whole core step"]["p50_us"]
+
+
+def test_clock_adds_up_time_and_calls():
+    clock = Clock()
+    timed = clock.around(lambda a, b: a + b)
+    assert timed(1, b=2) == 3 and timed(3, 4) == 7
+    seconds, calls = clock.take()
+    assert calls == 2 and seconds > 0 and clock.take() == (0, 0)
+
+
+def test_interleaved_counts_what_it_is_told_to_and_gives_ratios():
+    order = []
+
+    def step(name, work):
+        def run(frame):
+            order.append(name)
+            sum(range(work))
+            return frame > 0
+
+        return run
+
+    records = interleaved({"short": step("short", 100), "long": step("long", 100_000)}, 4)
+    assert order == ["short", "long", "long", "short"] * 2
+    assert [r["frames"] for r in records] == [3, 3] and records[0]["ratio"] == 1 and records[1]["ratio"] > 5
+
+
+@pytest.mark.parametrize(
+    "command, option",
+    [(latency.main, o) for o in ("--frames=0", "--frames=9", "--frames=x", "--parts=core,cores", "--parts=")]
+    + [(solvers.main, o) for o in ("--problems=0", "--kinds=foo", "--tolerance=nan", "--tolerance=0", "--seed=-1")],
+)
+def test_options_that_cannot_be_meant_are_refused_by_their_name(command, option, capsys):
+    with pytest.raises(SystemExit) as end:
+        command([option])
+    said = capsys.readouterr().err
+    assert end.value.code == 2 and f"argument {option.split('=')[0]}: " in said and "; expected " in said
+
+
+def test_command_line(tmp_path, capsys):
+    file = tmp_path / "records.json"
+    options = ["--data", str(tmp_path), "--frames", "12", "--parts", "core,landmarks,people,peers", "--json", str(file)]
+    assert main(options) == 0
+    records = json.loads(file.read_text(encoding="utf-8"))
+    by_part = {part: [r["what"] for r in records if r["part"] == part] for part in ("landmarks", "people", "peers")}
+    assert len(by_part["landmarks"]) == 4 and len(by_part["people"]) == len(PEOPLE)
+    assert by_part["peers"] == ["tracker step", *available()]
+    assert all(0 < r["p50_us"] <= r["p95_us"] <= r["p99_us"] for r in records)
+    assert "synthetic motion" in capsys.readouterr().out
+
+
+def test_callback_stages(tmp_path):
+    """The real node's callback on real DDS where rclpy is, serialised messages where it is not."""
+    pytest.importorskip("rosbags")
+    file = tmp_path / "records.json"
+    assert main(["--data", str(tmp_path), "--frames", "10", "--parts", "callback", "--json", str(file)]) == 0
+    times = {r["what"]: r["p50_us"] for r in json.loads(file.read_text(encoding="utf-8"))}
+    assert {"decode", "undistort", "encode joint_states", "publish joint_states"} <= set(times)
+    for what, beyond in times.items():
+        if what.startswith("beyond the tracker's step, "):
+            assert 0 < beyond < 0.8 * times[what.replace("beyond the tracker's step", "whole callback")]

@@ -1,0 +1,296 @@
+"""Forward and differential kinematics against pinocchio and against finite differences, at random poses and bodies."""
+
+import numpy as np
+import pytest
+from cases import body, central_difference, random_body, random_state, relative_error
+
+from lassokin_ros.core.body.kinematics import BodyState, Kinematics
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.rotations import exponential, to_quaternion
+from lassokin_ros.core.errors import LayoutError
+from lassokin_ros.core.evidence.pose_prior import PosePrior, PriorRows, joint_limits
+from lassokin_ros.core.evidence.upright import Upright
+from lassokin_ros.core.image.observation_model import linearise, stacked_matrices
+from lassokin_ros.core.image.projection import project, projection_jacobian
+
+
+def bodies():
+    """Built-in bodies by layout and random trees: (kinematics, generator of its draws)."""
+    for seed, layout in enumerate(("coco17", "body25", "smpl24")):
+        yield body(layout), np.random.default_rng(seed)
+    for seed in range(10, 20):
+        random = np.random.default_rng(seed)
+        yield random_body(random, joints=int(random.integers(1, 20))), random
+
+
+BODIES = list(bodies())
+
+
+@pytest.fixture(params=range(len(BODIES)))
+def case(request):
+    kinematics, random = BODIES[request.param]
+    return kinematics, [random_state(random, kinematics) for _ in range(4)]
+
+
+def one_by_one(kinematics, state):
+    """Equations (1)-(2) as they stand, joint after joint."""
+    skeleton, layout = kinematics.skeleton, kinematics.layout
+    transforms = []
+    for j, parent in enumerate(skeleton.parents):
+        local = np.eye(4)
+        local[:3, :3] = state.rotations[j]
+        local[:3, 3] = state.translation if parent < 0 else skeleton.offsets[j]
+        transforms.append(local if parent < 0 else transforms[parent] @ local)
+    landmarks = [(transforms[j] @ np.append(q, 1))[:3] for j, q in zip(layout.joints, layout.offsets)]
+    return np.array(transforms), np.array(landmarks)
+
+
+def test_pose_is_the_product_of_transforms(case):
+    kinematics, states = case
+    for state in states:
+        transforms, landmarks = one_by_one(kinematics, state)
+        pose = kinematics.pose(state)
+        assert np.abs(pose.orientations - transforms[:, :3, :3]).max() < 1e-13
+        assert np.abs(pose.positions - transforms[:, :3, 3]).max() < 1e-12
+        assert np.abs(pose.landmarks - landmarks).max() < 1e-12
+
+
+def test_batches_are_poses_one_by_one(case):
+    kinematics, states = case
+    batch = BodyState(np.stack([s.rotations for s in states]), np.stack([s.translation for s in states]))
+    together, P = kinematics.pose(batch), projection_jacobian(kinematics.pose(batch).landmarks)
+    rows = P.reshape(len(states), -1, 3)
+    L, image = kinematics.jacobian(together), kinematics.image_jacobian(together, rows)
+    for i, state in enumerate(states):
+        alone = kinematics.pose(state)
+        assert np.allclose(together.landmarks[i], alone.landmarks, rtol=0, atol=1e-13)
+        assert np.allclose(L[i], kinematics.jacobian(alone), rtol=0, atol=1e-12)
+        assert np.allclose(image[i], kinematics.image_jacobian(alone, rows[i]), rtol=0, atol=1e-12)
+
+
+def test_jacobian_against_finite_differences(case):
+    kinematics, states = case
+    n = 3 * kinematics.joint_count
+    for state in states:
+        L = kinematics.jacobian(kinematics.pose(state))
+
+        def landmarks(omega, state=state):
+            return kinematics.pose(state.retract(omega, np.zeros(3))).landmarks
+
+        assert relative_error(L, central_difference(landmarks, n)) < 1e-8
+
+
+def test_image_jacobian_against_finite_differences_of_the_projection(case):
+    kinematics, states = case
+    n, count = 3 * kinematics.joint_count, kinematics.landmark_count
+    for state in states:
+        far = BodyState(state.rotations, state.translation + [0, 0, 12])  # random trees are several metres across
+        pose = kinematics.pose(far)
+        model = linearise(kinematics, pose, np.zeros((count, 2)), np.ones(count))
+
+        def image(step, state=far):
+            return project(kinematics.pose(state.retract(step[:n], step[n:])).landmarks)
+
+        expected = central_difference(image, n + 3)
+        assert relative_error(model.A, expected[:, :n]) < 1e-8
+        assert relative_error(model.B, expected[:, n:]) < 1e-8
+        assert np.allclose(model.residual, -project(pose.landmarks).reshape(-1), rtol=0, atol=0)
+
+
+def test_linearise_is_the_stacked_model(case):
+    kinematics, states = case
+    random = np.random.default_rng(5)
+    for state in states:
+        pose = kinematics.pose(BodyState(state.rotations, state.translation + [0, 0, 12]))
+        weights = np.where(random.random(kinematics.landmark_count) < 0.3, 0.0, random.uniform(1, 500))
+        points = random.normal(size=(kinematics.landmark_count, 2))
+        model = linearise(kinematics, pose, points, weights)
+        P, Gamma, L = stacked_matrices(kinematics, pose)
+        W = np.repeat(weights, 2)[:, None]
+        scale = max(1.0, weights.max())
+        assert P.shape == (2 * kinematics.landmark_count, 3 * kinematics.landmark_count)
+        assert np.abs(model.A - W * (P @ L)).max() < 1e-12 * scale
+        assert np.abs(model.B - W * (P @ Gamma)).max() < 1e-12 * scale
+        assert np.abs(model.residual - W[:, 0] * (points - project(pose.landmarks)).reshape(-1)).max() < 1e-12 * scale
+        assert not model.A[np.repeat(weights, 2) == 0].any()
+
+
+def test_dead_columns_are_zero_in_every_pose(case):
+    kinematics, states = case
+    for state in states:
+        L = kinematics.jacobian(kinematics.pose(state))
+        assert np.abs(L[:, ~kinematics.live]).max(initial=0) < 1e-12
+        assert np.abs(L[:, kinematics.live]).max(axis=0).min(initial=np.inf) > 1e-9
+
+
+def test_coco17_has_the_expected_live_degrees_of_freedom():
+    kinematics = body("coco17")
+    live = {
+        f"{name}_{axis}"
+        for i, name in enumerate(kinematics.skeleton.joint_names)
+        for k, axis in enumerate("xyz")
+        if kinematics.live[3 * i + k]
+    }
+    assert {"pelvis_x", "pelvis_y", "pelvis_z", "left_elbow_y", "left_elbow_z", "left_knee_x", "head_y"} <= live
+    assert "left_elbow_x" not in live  # turning about the forearm moves nothing that is seen
+    assert not {name for name in live if "wrist" in name or "hand" in name or "ankle" in name or "foot" in name}
+
+
+def test_points_at_and_behind_the_camera_stay_finite():
+    points = np.array([[0.1, 0.2, 0.0], [0.1, 0.2, -3.0], [0.0, 0.0, 1e-9]])
+    assert np.isfinite(project(points)).all() and np.isfinite(projection_jacobian(points)).all()
+
+
+def pinocchio_model(kinematics: Kinematics, pin):
+    """The same tree out of pinocchio's own joints: a translation, then spherical joints; landmarks as frames."""
+    model, skeleton, layout = pin.Model(), kinematics.skeleton, kinematics.layout
+    root = model.addJoint(0, pin.JointModelTranslation(), pin.SE3.Identity(), "root")
+    joints = []
+    for j, parent in enumerate(skeleton.parents):
+        placement = pin.SE3(np.eye(3), np.array(skeleton.offsets[j]))
+        above = root if parent < 0 else joints[parent]
+        joints.append(model.addJoint(above, pin.JointModelSpherical(), placement, skeleton.joint_names[j]))
+    frames = [
+        model.addFrame(
+            pin.Frame(name, joints[j], pin.SE3(np.eye(3), np.array(offset)), pin.FrameType.OP_FRAME),
+        )
+        for name, j, offset in zip((f"landmark_{name}" for name in layout.names), layout.joints, layout.offsets)
+    ]
+    return model, joints, frames
+
+
+def test_kinematics_and_jacobians_are_pinocchios(case):
+    pin = pytest.importorskip("pinocchio", reason="pinocchio (pip install pin) is a test-only dependency")
+    kinematics, states = case
+    model, joints, frames = pinocchio_model(kinematics, pin)
+    data = model.createData()
+    for state in states:
+        q = np.zeros(model.nq)
+        q[:3] = state.translation
+        for joint, quaternion in zip(joints, to_quaternion(state.rotations)):
+            start = model.joints[joint].idx_q
+            q[start : start + 4] = quaternion
+        pin.computeJointJacobians(model, data, q)
+        pin.updateFramePlacements(model, data)
+        pose = kinematics.pose(state)
+        for j, joint in enumerate(joints):
+            assert np.abs(data.oMi[joint].translation - pose.positions[j]).max() < 1e-12
+            assert np.abs(data.oMi[joint].rotation - pose.orientations[j]).max() < 1e-12
+        columns = np.concatenate([model.joints[joint].idx_v + np.arange(3) for joint in joints])
+        L = kinematics.jacobian(pose).reshape(len(frames), 3, -1)
+        for i, frame in enumerate(frames):
+            assert np.abs(data.oMf[frame].translation - pose.landmarks[i]).max() < 1e-12
+            theirs = pin.getFrameJacobian(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)[:3]
+            assert np.abs(L[i] - theirs[:, columns]).max() < 1e-11
+            assert np.abs(theirs[:, :3] - np.eye(3)).max() < 1e-12  # Gamma's block
+
+
+def test_prior_rows_against_finite_differences():
+    kinematics = body()
+    rows = PriorRows(PosePrior.load(kinematics.skeleton), kinematics)
+    for seed in range(5):
+        state = random_state(np.random.default_rng(seed), kinematics)
+        A, z = rows.linearise(state.rotations)
+
+        def residual(omega, state=state):
+            return -rows.residual(state.retract(omega, np.zeros(3)).rotations)
+
+        assert relative_error(A, central_difference(residual, 72)) < 1e-7
+        assert np.array_equal(z, rows.residual(state.rotations))
+    assert rows.count == len(rows.W) + len([limit for limit in joint_limits() if limit.joint in kept(kinematics, rows)])
+
+
+def kept(kinematics, rows):
+    return [kinematics.skeleton.joint_names[joint] for joint in rows.joints]
+
+
+def test_a_joint_beyond_its_limit_is_pushed_back_and_one_within_is_left_alone():
+    kinematics = body()
+    rows = PriorRows(PosePrior.load(kinematics.skeleton), kinematics)
+    knee = kinematics.skeleton.index("left_knee")
+    for angle, pushed in ((0.5, False), (-0.5, True), (3.0, True)):
+        vectors = np.zeros((24, 3))
+        vectors[knee, 0] = angle
+        A, z = rows.linearise(exponential(vectors))
+        limits = slice(len(rows.W), None)
+        assert bool(z[limits].any()) is pushed and bool(A[limits].any()) is pushed
+        if pushed:
+            row = int(np.flatnonzero(z[limits])[0]) + len(rows.W)
+            assert z[row] * A[row, 3 * knee] * angle < 0  # the step that lessens the row's residual leads back
+
+
+def test_the_upright_rows_against_finite_differences_and_what_they_learn():
+    upright = Upright()
+    root = np.diag([1.0, -1.0, -1.0]) @ exponential(np.array([0.1, 0.7, -0.2]))
+    A, z = upright.linearise(root)
+    weight = np.linalg.norm(z) / np.linalg.norm(root[:, 1] - upright.vertical)
+    numeric = central_difference(lambda w: weight * (root @ exponential(w))[:, 1], 3)
+    assert relative_error(A, numeric) < 1e-7
+    for _ in range(600):
+        upright.learn(root, 0.1)
+    assert np.abs(upright.vertical - root[:, 1]).max() < 1e-3
+    assert np.abs(upright.linearise(root)[1]).max() < 0.02
+    upright.learn(-root, 10.0)
+    assert np.abs(upright.vertical - root[:, 1]).max() < 1e-3
+
+
+def test_the_vertical_is_learned_quickly_at_first_and_slowly_later():
+    upright, level = Upright(), np.array([0.0, -1.0, 0.0])
+    there = np.diag([1.0, -1.0, -1.0]) @ exponential(np.array([0.4, 0.0, 0.0]))
+    shares = []
+    for second in range(40):
+        before = np.linalg.norm(upright.vertical - there[:, 1])
+        for _ in range(30):
+            upright.learn(there, 1 / 30)
+        shares.append(1 - np.linalg.norm(upright.vertical - there[:, 1]) / before)
+        if second == 20:  # it is far off again
+            upright.vertical = level.copy()
+    assert 0.55 < shares[0] < 0.75 and np.all(np.diff(shares[:4]) < 0)
+    assert shares[30] == pytest.approx(1 - np.exp(-0.2), abs=0.02)  # 5 s
+    upright.reset()
+    assert np.array_equal(np.abs(upright.vertical), np.abs(level)) and upright.vertical[1] < 0
+    for _ in range(15):
+        upright.learn(there, 1 / 30)
+    assert np.linalg.norm(upright.vertical - there[:, 1]) < 0.6 * 2 * np.sin(0.2)  # quickly anew
+
+
+def test_a_gap_is_no_time_in_which_somebody_was_seen():
+    upright, there = Upright(), np.diag([1.0, -1.0, -1.0])
+    for _ in range(900):
+        upright.learn(there, 1 / 30)
+    upright.learn(there @ exponential(np.array([0.0, 0.0, 0.9])), 30.0)
+    assert np.degrees(np.arccos(upright.vertical @ there[:, 1])) < 2.5
+
+
+def test_a_layout_that_only_the_root_moves_is_refused():
+    kinematics = body()
+    points = [{"name": f"{i}", "joint": "pelvis", "offset": [0.1 * i, 0, 0]} for i in range(4)]
+    layout = Layout.from_mapping({"name": "belt", "landmarks": points}, kinematics.skeleton)
+    with pytest.raises(LayoutError, match="layout 'belt' has no landmark that a joint but the root moves; expected"):
+        PriorRows(PosePrior.load(kinematics.skeleton), Kinematics(kinematics.skeleton, layout))
+
+
+def test_prior_rows_measure_the_distance_of_the_covariance():
+    kinematics = body()
+    prior = PosePrior.load(kinematics.skeleton)
+    rows = PriorRows(prior, kinematics)
+    random = np.random.default_rng(6)
+    vectors = prior.mean + random.normal(size=(24, 3)) * 0.2
+    chosen = (3 * rows.joints[:, None] + np.arange(3)).reshape(-1)
+    difference = (vectors - prior.mean).reshape(-1)[chosen]
+    expected = difference @ np.linalg.solve(prior.covariance[np.ix_(chosen, chosen)], difference)
+    residual = rows.residual(exponential(vectors))[: len(rows.W)]
+    assert residual @ residual == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_live_rows_are_the_rows_of_the_live_degrees_of_freedom():
+    kinematics = body()
+    rows = PriorRows(PosePrior.load(kinematics.skeleton), kinematics)
+    live = np.flatnonzero(kinematics.live)
+    vectors = np.random.default_rng(22).normal(size=(3, kinematics.joint_count, 3))
+    A, z = rows.linearise(exponential(vectors))
+    posture = rows.posture(exponential(vectors))
+    columns = rows.live_columns(posture)
+    assert np.array_equal(z, posture.residual)
+    assert np.array_equal(np.swapaxes(columns, -1, -2), A[..., live[rows.first :]])
+    assert not A[..., live[: rows.first]].any()

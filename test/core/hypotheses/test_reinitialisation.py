@@ -1,0 +1,118 @@
+"""A state that has cost too much is sought anew: when that is due, what it needs to convince, what it mends."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sequences import CONFIG, FOCAL, RATE, TRACKED_WITHIN, observations
+from test_start_orientations import TURNS, error, seen, turned
+
+from lassokin_ros.core.body.kinematics import BodyState
+from lassokin_ros.core.estimate import Observation
+from lassokin_ros.core.hypotheses.reinitialisation import CHEAPER, COSTLY, COSTLY_FOR, LATEST, SOONEST, Reinitialisation
+from lassokin_ros.core.tracker import Tracker
+from lassokin_ros.demo.synthetic import motion
+
+LANDMARKS = 17
+DEAR, CHEAP = 1.01 * COSTLY * LANDMARKS, 0.99 * COSTLY * LANDMARKS
+
+
+def looks(costs, step=0.01):
+    """Stamps, s, of the frames in which a look was due."""
+    reinitialisation = Reinitialisation(LANDMARKS)
+    return np.array([step * i for i, cost in enumerate(costs) if reinitialisation.due(step * i, cost)])
+
+
+def test_a_look_is_due_after_a_while_and_then_ever_more_seldom():
+    due = looks([DEAR] * 2000)
+    assert due[0] == pytest.approx(COSTLY_FOR, abs=0.011)
+    between = np.diff(due)
+    doubled = SOONEST * 2.0 ** np.arange(len(between))
+    assert between == pytest.approx(np.minimum(doubled, LATEST), abs=0.011)
+    assert between[-1] == pytest.approx(LATEST, abs=0.011)
+
+
+def test_a_cheap_frame_is_no_lasting_need():
+    assert len(looks([DEAR] * 5 + [CHEAP] + [DEAR] * 5 + [float("nan")] + [DEAR] * 5)) == 0
+
+
+def test_a_cost_that_hovers_about_the_limit_is_looked_at_no_oftener_than_one_above_it():
+    always, hovering = looks([DEAR] * 2000), looks(([DEAR] * 9 + [CHEAP]) * 200)
+    assert 5 < len(hovering) <= len(always)
+
+
+def test_after_a_good_while_a_look_comes_soon_again():
+    good = round(1.1 * LATEST / 0.01)
+    due = looks([DEAR] * 500 + [CHEAP] * good + [DEAR] * 30)
+    begins = 0.01 * (500 + good)
+    assert due[-2:] == pytest.approx([begins + COSTLY_FOR, begins + COSTLY_FOR + SOONEST], abs=0.011)
+
+
+def test_less_than_half_the_cost_convinces():
+    reinitialisation = Reinitialisation(LANDMARKS)
+    assert reinitialisation.convinces(100.0, 99.0 * CHEAPER)
+    assert not reinitialisation.convinces(100.0, 101.0 * CHEAPER)
+
+
+@pytest.mark.parametrize("stance", [3, 4, 5])
+def test_a_body_that_turned_over_unseen_is_found_in_a_tenth_of_a_second(stance):
+    tracker = Tracker(CONFIG)
+    whole = motion(tracker.skeleton, np.arange(60) / RATE)
+    errors, found_anew = [], []
+    for i in range(60):
+        over = i >= 20  # 0.6 s later
+        state = turned(BodyState(whole.rotations[i], whole.translation[i]), TURNS[stance if over else 0])
+        points = seen(tracker.kinematics, state, i)
+        estimate = tracker.track(Observation(i / RATE + 0.6 * over, points, np.ones(len(points)), FOCAL))
+        errors.append(error(tracker.kinematics, estimate.state, state) if estimate.accepted else np.inf)
+        found_anew.append(estimate.initialised)
+    assert max(errors[:20]) < TRACKED_WITHIN < max(errors[20:23])
+    assert max(errors[23:]) < TRACKED_WITHIN
+    assert sum(found_anew) == 2  # at the start, and once more
+
+
+def test_who_is_followed_well_is_not_looked_at_twice(monkeypatch):
+    tracker, looked = Tracker(CONFIG), []
+    fit = tracker._initialiser.fit
+    monkeypatch.setattr(tracker._initialiser, "fit", lambda *of: looked.append(of) or fit(*of))
+    for _, observation in observations(tracker, 4.0):
+        tracker.track(observation)
+    assert len(looked) == 1
+    # What nobody can look like is looked at again, in vain, and ever more seldom.
+    shuffled = np.random.default_rng(0).permutation(LANDMARKS)
+    frames = observations(tracker, 3.0, start=4.0)
+    for _, observation in frames:
+        tracker.track(replace(observation, points=observation.points[shuffled]))
+    assert 2 <= len(looked) <= 7
+
+
+def test_keypoints_that_come_again_are_no_reason_to_look_anew(monkeypatch):
+    tracker, looked = Tracker(CONFIG), []
+    for _, observation in observations(tracker, 0.5):
+        tracker.track(observation)
+    fit = tracker._initialiser.fit
+    monkeypatch.setattr(tracker._initialiser, "fit", lambda *of: looked.append(of) or fit(*of))
+    monkeypatch.setattr(tracker._reinitialisation, "due", lambda stamp, cost: True)
+    repeated = tracker.track(replace(observation, stamp=observation.stamp + 1 / RATE))
+    assert repeated.repeated > 0 and not looked
+    tracker.track(replace(observation, stamp=observation.stamp + 2 / RATE, points=observation.points + 1e-3))
+    assert len(looked) == 1
+
+
+def test_a_look_in_vain_changes_nothing(monkeypatch):
+    """Not even which way is up, which each look tries anew."""
+    plain, looking = Tracker(CONFIG), Tracker(CONFIG)
+    fit = looking._initialiser.fit
+
+    def look(points, weights):
+        found = fit(points, weights)
+        looking._upright.vertical = np.array([1.0, 0.0, 0.0])  # as of somebody who lies
+        return found
+
+    for i, (_, observation) in enumerate(observations(plain, 1.0)):
+        if i == 15:
+            monkeypatch.setattr(looking._initialiser, "fit", look)
+            monkeypatch.setattr(looking._reinitialisation, "due", lambda stamp, cost: True)
+            monkeypatch.setattr(looking._reinitialisation, "convinces", lambda cost, best: False)
+        a, b = plain.track(observation), looking.track(observation)
+        assert np.array_equal(a.state.rotations, b.state.rotations)

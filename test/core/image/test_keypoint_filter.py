@@ -1,0 +1,75 @@
+"""The keypoints' tracks: single wrong points, gaps, and what is expected where nothing new comes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sequences import CONFIG, observations
+
+from lassokin_ros.core.image.keypoint_filter import FORGOTTEN_AFTER, LONGEST_COURSE, TRUST, KeypointFilter
+from lassokin_ros.core.tracker import Tracker
+
+NAMES = ("nose", "left_knee", "right_knee", "left_ankle")
+RATE, NOISE, LIKENESS = 60.0, 0.002, 0.001
+LIMBS = (-1, 1, 1, 1)
+
+
+def places(frame):
+    """(4, 2): a nose, two knees 0.1 apart that move, and an ankle whose other side is not in the layout."""
+    course = 0.2 * frame / RATE
+    return np.array([[0.0, -0.3], [-0.05 + course, 0.2], [0.05 + course, 0.2], [-0.05 + course, 0.4]])
+
+
+def test_a_point_without_another_side_is_left_out_as_ever():
+    keypoint_filter = KeypointFilter(NAMES, LIMBS)
+    weights = np.full(4, 1 / NOISE)
+    for frame in range(20):
+        keypoint_filter.update(frame / RATE, places(frame), weights, 1.0, LIKENESS)
+    wrong = places(20)
+    wrong[3] += 0.1
+    points, _ = keypoint_filter.update(20 / RATE, wrong, weights, 1.0, LIKENESS)
+    assert np.abs(points - places(20)).max() < 0.01
+
+
+@pytest.mark.parametrize("gap", [FORGOTTEN_AFTER + 0.01, 0.5, 0.9, 100.0])
+def test_after_a_gap_without_any_frame_tracks_begin_anew(gap):
+    """The time in which no frame came is one without a good point, too: nothing is held against the first after it."""
+    keypoint_filter = KeypointFilter(NAMES, LIMBS)
+    weights = np.full(4, 1 / NOISE)
+    for frame in range(20):
+        keypoint_filter.update(frame / RATE, places(frame), weights, 1.0, LIKENESS)
+    moved, seen = places(20) + 0.3, np.array([1, 1, 1, 0]) * weights
+    points, answer = keypoint_filter.update(19 / RATE + gap, moved, seen, 1.0, LIKENESS)
+    assert np.array_equal(points[:3], moved[:3]) and np.all(answer[:3] > 0)
+    assert answer[3] == 0  # where it was before the gap says nothing of it
+
+
+def test_the_tracker_follows_who_has_walked_on_in_a_gap():
+    """0.9 s without a frame, less than `lost_after`: the state is kept, and each frame after it is used."""
+    tracker = Tracker(CONFIG)
+    frames = observations(tracker, 2.0)
+    before, after = frames[:30], frames[30:40]
+    for _, observation in before:
+        assert tracker.track(observation).accepted
+    for index, (_, observation) in enumerate(after):
+        beside = observation.points + [0.35, 0.0]  # 1.4 m/s, 3.6 m away
+        estimate = tracker.track(replace(observation, points=beside, stamp=observation.stamp + 0.87))
+        assert estimate.accepted and not estimate.initialised
+        assert index == 0 or estimate.reprojection_px < 15
+
+
+def test_what_is_expected_goes_on_for_a_while_and_teaches_nothing():
+    plain, asked = KeypointFilter(NAMES, LIMBS), KeypointFilter(NAMES, LIMBS)
+    weights = np.full(4, 1 / NOISE)
+    random = np.random.default_rng(0)
+    for frame in range(60):
+        points = places(frame) + NOISE * random.normal(size=(4, 2))
+        a, u = plain.update(frame / RATE, points, weights, 1.0, LIKENESS)
+        b, v = asked.update(frame / RATE, points, weights, 1.0, LIKENESS)
+        assert np.array_equal(a, b) and np.array_equal(u, v)
+        soon, less = asked.expected((frame + 0.5) / RATE)
+        assert np.array_equal(less, TRUST * v)
+    assert np.allclose(soon - b, 0.5 / RATE * asked._tracks.velocity) and np.abs(soon - places(59.5)).max() < 5 * NOISE
+    latest = asked.expected(59 / RATE + LONGEST_COURSE)[0]
+    assert np.allclose(latest - b, LONGEST_COURSE * asked._tracks.velocity)
+    assert np.allclose(asked.expected(1e9)[0], latest, rtol=0, atol=1e-12)

@@ -1,0 +1,103 @@
+"""Tracks of points at several degrees of liveliness: against one textbook filter, and better than any one of them."""
+
+import numpy as np
+import pytest
+
+from lassokin_ros.core.image import keypoint_tracks as keypoint_tracks
+from lassokin_ros.core.image.keypoint_tracks import FIRST_VELOCITY, KeypointTracks
+
+RATE, NOISE, ACCELERATION = 60.0, 0.002, 1.0
+
+
+def tracked(points, noise=NOISE, used=None, steps=None):
+    """(f, l, 2) positions and (f, l) variances of tracks that begin at the first frame of points (f, l, 2)."""
+    count = points.shape[1]
+    tracks, variance, all_of_them = KeypointTracks(count), np.full(count, noise**2), np.ones(count, dtype=bool)
+    tracks.start(all_of_them, points[0], variance)
+    positions, variances = [tracks.position.copy()], [tracks.variance.copy()]
+    for frame in range(1, len(points)):
+        tracks.predict(1 / RATE if steps is None else steps[frame], ACCELERATION)
+        seen = all_of_them if used is None else used[frame]
+        tracks.correct(seen, points[frame] - tracks.position, variance)
+        positions.append(tracks.position.copy())
+        variances.append(tracks.variance.copy())
+    return np.array(positions), np.array(variances)
+
+
+def textbook(points, used, steps, acceleration):
+    """One Kalman filter of one point (f, 2): positions and variances."""
+    x, P = np.array([points[0], np.zeros(2)]), np.diag([NOISE**2, FIRST_VELOCITY**2])
+    positions, variances = [x[0]], [P[0, 0]]
+    for frame in range(1, len(points)):
+        h = steps[frame]
+        F, G = np.array([[1.0, h], [0.0, 1.0]]), np.array([[0.5 * h * h], [h]]) * acceleration
+        x, P = F @ x, F @ P @ F.T + G @ G.T
+        if used[frame]:
+            K = P[:, :1] / (P[0, 0] + NOISE**2)
+            x, P = x + K * (points[frame] - x[0]), P - K @ P[:1]
+        positions.append(x[0])
+        variances.append(P[0, 0])
+    return np.array(positions), np.array(variances)
+
+
+def test_models_that_agree_are_the_textbooks_filter(monkeypatch):
+    monkeypatch.setattr(keypoint_tracks, "LIVELINESS", np.full(4, 1.5))
+    random = np.random.default_rng(0)
+    points = np.cumsum(0.01 * random.normal(size=(80, 3, 2)), axis=0)
+    steps, used = random.uniform(0.005, 0.05, 80), random.random((80, 3)) < 0.8
+    positions, variances = tracked(points, used=used, steps=steps)
+    for point in range(3):
+        expected, spread = textbook(points[:, point], used[:, point], steps, 1.5 * ACCELERATION)
+        assert np.abs(positions[:, point] - expected).max() < 1e-10
+        assert np.allclose(variances[:, point], spread, rtol=1e-8)
+
+
+def lively_after_rest(random, frames=240, count=40):
+    """(f, l, 2): points at rest for two seconds, then with an acceleration of 6."""
+    acceleration = 6.0 * random.normal(size=(frames, count, 2)) * (np.arange(frames) >= frames // 2)[:, None, None]
+    return np.cumsum(np.cumsum(acceleration / RATE, axis=0) / RATE, axis=0)
+
+
+def test_it_follows_rest_and_liveliness_better_than_one_filter(monkeypatch):
+    random = np.random.default_rng(1)
+    truth = lively_after_rest(random)
+    points = truth + NOISE * random.normal(size=truth.shape)
+
+    def error():
+        positions, _ = tracked(points)
+        return np.sqrt(np.mean((positions - truth)[10:] ** 2))
+
+    together, alone = error(), []
+    for liveliness in keypoint_tracks.LIVELINESS:
+        with monkeypatch.context() as patch:
+            patch.setattr(keypoint_tracks, "LIVELINESS", np.full(4, liveliness))
+            alone.append(error())
+    assert together < 0.95 * min(alone) and together < 0.8 * NOISE
+
+
+def test_its_variance_is_what_its_error_is():
+    random = np.random.default_rng(2)
+    truth = lively_after_rest(random)
+    positions, variances = tracked(truth + NOISE * random.normal(size=truth.shape))
+    error = (positions - truth)[20:]
+    assert np.mean(error**2) == pytest.approx(np.mean(variances[20:]), rel=0.4)
+
+
+def test_tracks_are_independent_and_one_that_is_not_used_coasts():
+    random = np.random.default_rng(3)
+    points = np.cumsum(0.01 * random.normal(size=(60, 2, 2)), axis=0)
+    used = np.ones((60, 2), dtype=bool)
+    used[30:, 1] = False
+    together, variances = tracked(points, used=used)
+    alone, _ = tracked(points[:, :1])
+    assert np.allclose(together[:, :1], alone)
+    steps = np.diff(together[29:, 1], axis=0)
+    assert np.allclose(steps, steps[0], atol=1e-9)  # straight on, with the velocity that it had
+    assert np.all(np.diff(variances[30:, 1]) > 0)
+
+
+def test_numbers_stay_sound_after_a_point_far_off():
+    points = np.zeros((20, 2, 2))
+    points[10:, 0] = 1e3
+    positions, variances = tracked(points)
+    assert np.isfinite(positions).all() and (variances > 0).all() and np.array_equal(positions[:, 1], points[:, 1])

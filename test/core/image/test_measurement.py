@@ -1,0 +1,140 @@
+"""What a frame shows beside those before it: what is new in it, and how long ago the last one was."""
+
+import numpy as np
+import pytest
+from sequences import observations
+
+from lassokin_ros.core.body.kinematics import BodyPose
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.estimate import Observation
+from lassokin_ros.core.image.measurement import MeasurementFilter
+from lassokin_ros.core.tracker import Tracker
+
+NAMES = ("nose", "left_wrist", "right_wrist")
+LIMBS = (-1, 0, 0)
+POINTS = np.array([[0.1, -0.2], [0.3, 0.1], [-0.2, 0.1]])
+WEIGHTS = np.full(3, 300.0)
+LOST_AFTER = 1.0
+LIKENESS = 0.005
+
+
+def seen(measurements, stamp, points, used=True):
+    observation = Observation(stamp, points, np.ones(len(points)), 1000.0)
+    measurement = measurements.of(observation, WEIGHTS, None, LIKENESS, LOST_AFTER)
+    if used:
+        measurements.used(measurement)
+    return measurement
+
+
+def moved(step):
+    return POINTS + 1e-4 * step
+
+
+def test_the_first_frame_is_news_of_somebody_lost():
+    measurement = seen(MeasurementFilter(NAMES, LIMBS), 5.0, POINTS)
+    assert measurement.lost and measurement.repeated == 0 and measurement.step == measurement.news == np.inf
+    assert np.array_equal(measurement.points, POINTS)
+
+
+def test_time_is_counted_from_frames_that_were_used():
+    measurements = MeasurementFilter(NAMES, LIMBS)
+    seen(measurements, 5.0, moved(0))
+    refused = seen(measurements, 5.1, moved(1), used=False)
+    later = seen(measurements, 5.3, moved(2))
+    assert (refused.step, refused.news) == pytest.approx((0.1, 0.1))
+    assert (later.step, later.news) == pytest.approx((0.3, 0.3)) and not later.lost
+
+
+def test_a_repeated_frame_tells_nothing_and_those_after_it_know_since_when():
+    measurements = MeasurementFilter(NAMES, LIMBS)
+    seen(measurements, 5.0, moved(0))
+    again = seen(measurements, 5.1, moved(0))
+    after = seen(measurements, 5.2, moved(1))
+    assert again.repeated == pytest.approx(0.1) and again.news == 0 and again.step == pytest.approx(0.1)
+    assert np.all(again.weights < after.weights)
+    assert after.repeated == 0 and (after.step, after.news) == pytest.approx((0.1, 0.2))
+
+
+def test_after_too_long_the_tracks_are_of_no_use():
+    measurements = MeasurementFilter(NAMES, LIMBS)
+    seen(measurements, 5.0, moved(0))
+    elsewhere = moved(0) + 0.4
+    measurement = seen(measurements, 5.0 + LOST_AFTER + 0.01, elsewhere)
+    assert measurement.lost and np.array_equal(measurement.points, elsewhere)
+
+
+def test_forgetting_keeps_the_time():
+    measurements = MeasurementFilter(NAMES, LIMBS)
+    seen(measurements, 5.0, moved(0))
+    measurements.forget()
+    assert measurements.newest == 5.0 and seen(measurements, 5.1, moved(0)).repeated == 0
+    measurements.reset()
+    assert measurements.newest == -np.inf
+
+
+@pytest.mark.parametrize("depth", [1.5, 4.0])
+def test_speed_is_the_bodys_own_whatever_its_distance(depth):
+    measurements, course = MeasurementFilter(NAMES, LIMBS), np.array([0.6, -0.8, 0.0])
+    landmarks = depth * np.concatenate([POINTS, np.ones((3, 1))], axis=1)
+    for frame in range(60):
+        places = landmarks + 0.5 * frame / 60 * course
+        observation = Observation(frame / 60, places[:, :2] / depth, np.ones(3), 1000.0)
+        measurement = measurements.of(observation, WEIGHTS, depth, LIKENESS, LOST_AFTER)
+        measurements.used(measurement)
+    assert measurement.speed == pytest.approx(0.5, rel=0.02)
+
+
+def test_no_keypoint_is_better_evidence_than_what_it_shows_is_like_the_landmark():
+    """However long it stands still, and however exact the detector is."""
+    for depth, model_error in ((3.0, 0.0035), (3.0, 0.01), (6.0, 0.0035)):
+        measurements = MeasurementFilter(NAMES, LIMBS)
+        for frame in range(200):
+            observation = Observation(frame / 60, moved(frame), np.ones(3), 1000.0)
+            measurement = measurements.of(observation, 1e6 * np.ones(3), depth, model_error, LOST_AFTER)
+            measurements.used(measurement)
+        assert measurement.weights == pytest.approx(depth / model_error, rel=1e-3)
+
+
+def test_the_tracker_goes_by_the_height_that_it_was_told():
+    weights = []
+    for height in (1.0, 2.0):
+        tracker = Tracker(TrackerConfig(height=height, noise_px=0.1))
+        _, observation = observations(tracker, noise_px=0.0)[0]
+        tracker.track(observation)
+        weights.append(tracker._measurements._filter._weights)
+    assert weights[0] == pytest.approx(2 * weights[1], rel=0.02)  # both as if at a typical depth: it is the first frame
+
+
+def test_reprojection_error_is_of_the_visible_points_as_detected():
+    weights = np.array([300.0, 300.0, 0.0])
+    observation = Observation(5.0, np.where(weights[:, None] > 0, POINTS, np.nan), np.ones(3), 1000.0)
+    measurement = MeasurementFilter(NAMES, LIMBS).of(observation, weights, None, LIKENESS, LOST_AFTER)
+    off = np.array([[0.003, 0.0], [0.0, 0.004], [7.0, 7.0]])
+    landmarks = 2.0 * np.concatenate([POINTS + off, np.ones((3, 1))], axis=1)
+    pose = BodyPose(orientations=np.eye(3)[None], positions=np.zeros((1, 3)), landmarks=landmarks)
+    assert measurement.reprojection_px(pose) == pytest.approx(1000 * np.sqrt((0.003**2 + 0.004**2) / 2))
+
+
+def test_what_is_changed_back_is_visible_as_the_side_that_it_is():
+    """Else a swap that is mended well would be told of as a large error; also where its message comes again."""
+    measurements, hidden = MeasurementFilter(NAMES, LIMBS), np.array([1.0, 0.0, 1.0])
+    landmarks = 2.0 * np.concatenate([POINTS, np.ones((3, 1))], axis=1)
+    pose = BodyPose(orientations=np.eye(3)[None], positions=np.zeros((1, 3)), landmarks=landmarks)
+    order = [0, 2, 1]
+
+    def at(frame, weights, points, stamp=0.0):
+        observation = Observation((stamp or frame) / 60, points, np.ones(3), 1000.0)
+        measurement = measurements.of(observation, weights, None, LIKENESS, LOST_AFTER)
+        measurements.used(measurement)
+        return measurement
+
+    for frame in range(60):
+        plain = at(frame, WEIGHTS, POINTS + 1e-4 * (frame % 2))
+    swapped = at(60, WEIGHTS, POINTS[order])
+    again = at(60, WEIGHTS, POINTS[order], 60.5)
+    for measurement in (swapped, again):
+        assert measurement.reprojection_px(pose) < plain.reprojection_px(pose) + 1e-9 and measurement.visible.all()
+    assert again.repeated and np.array_equal(again.detected, POINTS)
+    at(61, WEIGHTS, POINTS + 1e-4)
+    one = at(62, hidden * WEIGHTS, POINTS + 2e-4)
+    assert list(one.visible) == [True, False, True] and one.reprojection_px(pose) < 1.0

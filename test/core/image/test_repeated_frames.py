@@ -1,0 +1,116 @@
+"""Keypoints that come again under a new stamp: answered, but no evidence; and a camera that has frozen."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sequences import CONFIG, FOCAL, RATE, frame, observations, same
+
+from lassokin_ros.core.estimate import Status
+from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.image.repeated_frames import RepeatedFrames
+from lassokin_ros.core.tracker import Tracker
+
+NOW = replace(CONFIG, smoothing=0.0)
+
+
+def tracked(seconds=2.0, config=CONFIG):
+    """(a tracker that has followed the synthetic motion, its last observation)."""
+    tracker = Tracker(config)
+    sequence = [observation for _, observation in observations(tracker, seconds)]
+    for observation in sequence:
+        assert tracker.track(observation).repeated == 0
+    return tracker, sequence[-1]
+
+
+def later(observation, seconds):
+    return replace(observation, stamp=observation.stamp + seconds)
+
+
+def test_the_age_is_that_of_keypoints_that_are_the_same_to_the_bit():
+    repeats = RepeatedFrames()
+    points, confidence = np.full((2, 2), np.nan), np.ones(2)
+    ages = [repeats.age(stamp, points.copy(), confidence) for stamp in (1.0, 1.5, 3.0)]
+    other = np.array([1.0, np.nextafter(1.0, 2.0)])
+    ages += [repeats.age(3.5, points, other), repeats.age(4.0, points, other)]
+    repeats.reset()
+    assert [*ages, repeats.age(5.0, points, other)] == [0.0, 0.5, 2.0, 0.0, 0.5, 0.0]
+
+
+@pytest.mark.parametrize("times", [2, 4])
+def test_a_detector_slower_than_the_camera_is_followed_better_when_its_repeats_are_known(times):
+    """In the image, against where the points are at each frame's own stamp."""
+    errors = []
+    for trifle in (0.0, 1e-12):  # which makes them new
+        tracker = Tracker(replace(CONFIG, noise_px=1.0))
+        sequence = [observation for _, observation in observations(tracker, 6.0, noise_px=0.5)]
+        exact = [observation for _, observation in observations(tracker, 6.0, noise_px=0.0)]
+        mine = []
+        for i, observation in enumerate(sequence):
+            points = sequence[i - i % times].points + trifle * (i % times)
+            estimate = tracker.track(replace(observation, points=points))
+            assert estimate.accepted and estimate.certificate.kkt_residual <= 1e-6
+            assert (estimate.repeated > 0) == (trifle == 0 and i % times > 0)
+            mine.append(np.linalg.norm(project(estimate.pose.landmarks) - exact[i].points, axis=-1).mean() * FOCAL)
+        errors.append(np.mean(mine))
+    assert errors[0] < 0.9 * errors[1]
+
+
+def test_a_repeated_frame_teaches_nothing():
+    (once, last), (twice, _) = tracked(config=NOW), tracked(config=NOW)
+    vertical, moved = twice._upright.vertical.copy(), twice.calibration.moved
+    for i in range(30):
+        twice.track(later(last, (i + 1) / 60))
+    assert np.array_equal(twice._upright.vertical, vertical) and twice.calibration.moved == moved
+    for kept in ("_age", "_advantage"):
+        assert np.array_equal(getattr(twice._body_hypotheses, kept), getattr(once._body_hypotheses, kept))
+    assert np.array_equal(twice._measurements._filter._tracks.velocity, once._measurements._filter._tracks.velocity)
+
+
+def test_the_next_new_frame_sees_no_standstill():
+    """Half of the frames repeated: the state is about where it is when those are left out."""
+    with_repeats, without = Tracker(NOW), Tracker(NOW)
+    sequence = [observation for _, observation in observations(without, 4.0)]
+    for i, observation in enumerate(sequence[::2]):
+        expected = without.track(observation)
+        estimate = with_repeats.track(observation)
+        if i > 5:
+            apart = np.linalg.norm(estimate.pose.positions - expected.pose.positions, axis=-1)
+            assert apart.mean() < 0.03
+        with_repeats.track(later(observation, 1 / RATE))
+
+
+def test_frozen_keypoints_hold_the_pose_and_say_since_when():
+    tracker, last = tracked()
+    answers = [tracker.track(later(last, 0.1 * (i + 1))) for i in range(100)]
+    assert all(a.accepted and a.status is Status.TRACKING and not a.initialised for a in answers)
+    assert np.allclose([a.repeated for a in answers], 0.1 * np.arange(1, 101))
+    assert np.abs(answers[-1].pose.positions - answers[10].pose.positions).max() < 0.1
+    assert np.abs(answers[-1].pose.positions - answers[-2].pose.positions).max() < 1e-3
+    moves_on = replace(later(last, 10.1), points=last.points + 1e-3)
+    assert tracker.track(moves_on).initialised  # what was between is not known
+
+
+def test_one_frame_again_and_again_stays_what_it_was():
+    """As from `ros2 topic pub`: the first frame's velocity is unknown, and the points count on."""
+    tracker = Tracker(CONFIG)
+    first = tracker.track(frame(tracker))
+    for i in range(60):
+        answer = tracker.track(frame(tracker, (i + 1) / RATE))
+    assert answer.accepted and np.abs(answer.pose.positions - first.pose.positions).max() < 0.1
+
+
+def test_the_same_keypoints_after_a_refused_start_or_a_gap_are_used():
+    tracker = Tracker(replace(CONFIG, lost_after=0.5))
+    good = frame(tracker)
+    tracker.tune(replace(tracker.config, min_landmarks=18))
+    assert not tracker.track(good).accepted
+    tracker.tune(replace(tracker.config, min_landmarks=4))
+    assert tracker.track(later(good, 0.1)).repeated == 0
+    assert tracker.track(later(good, 0.2)).repeated == pytest.approx(0.1)
+    learned = tracker.model_error.deviation
+    found = tracker.track(later(good, 2.0))
+    assert found.initialised and found.repeated == 0
+    fresh = Tracker(tracker.config)
+    fresh.model_error.deviation = learned  # it is the same detector
+    assert same(fresh.track(later(good, 2.0)).state, found.state)

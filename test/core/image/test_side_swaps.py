@@ -1,0 +1,282 @@
+"""Keypoints that a detector has taken for each other, left for right: changed back together, but not for ever."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sequences import CONFIG, aligned_error, observations
+
+from lassokin_ros.core.body.landmarks import Layout, built_in_layouts
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.body.symmetry import limb_groups, other_side
+from lassokin_ros.core.image.keypoint_filter import KeypointFilter
+from lassokin_ros.core.image.side_swaps import LONGEST, SHARE, SideSwaps
+from lassokin_ros.core.tracker import Tracker
+
+PARTS = ("eye", "shoulder", "wrist", "hip", "knee", "ankle")
+NAMES = ("nose", *(f"{side}_{part}" for part in PARTS for side in ("left", "right")))
+LIMBS = (-1, -1, -1, 7, 7, 7, 7, 1, 1, 1, 1, 1, 1)
+ALL = PARTS
+LEGS = ("hip", "knee", "ankle")
+RATE, NOISE, LIKENESS = 60.0, 0.002, 0.001
+EPOCH = 1.7e9
+"""s: stamps are of the clock, not of the start."""
+
+
+def crossed(parts):
+    """(l,) the landmarks' order with left and right of some parts exchanged."""
+    named = [other_side(name) if name.split("_")[-1] in parts else name for name in NAMES]
+    return [NAMES.index(name) for name in named]
+
+
+def places(frame):
+    """(13, 2): somebody who walks by; knees, ankles and wrists pass twice a second, hips stay side by side."""
+    time = frame / RATE
+    points, stride = [(0.0, -0.4)], np.sin(2 * np.pi * time)
+    halves = (0.02, 0.06, -0.1 * stride, 0.004, 0.06 * stride, 0.1 * stride)
+    for reach, level in zip(halves, (-0.42, -0.3, 0.0, 0.0, 0.2, 0.4)):
+        points += [(reach, level), (-reach, level)]
+    return np.array(points) + [0.2 * time, 0.0]
+
+
+def hands_together(frame):
+    """The same, with a hand where the other one might be soon after it is hidden."""
+    points = places(frame)
+    for side, place in (("left", 0.02), ("right", -0.02)):
+        points[NAMES.index(f"{side}_wrist"), 0] = place + 0.2 * frame / RATE
+    return points
+
+
+def filtered(frames, swapped=(), parts=ALL, weights=None, at=places):
+    """The filter's answers to noisy points, of which some parts are swapped in some frames.
+
+    weights: (l,), or of a frame; at: the places of a frame.
+    """
+    random = np.random.default_rng(0)
+    keypoint_filter = KeypointFilter(NAMES, LIMBS)
+    weights = np.full(len(NAMES), 1 / NOISE) if weights is None else weights
+    answers = []
+    for frame in range(frames):
+        points = at(frame) + NOISE * random.normal(size=(len(NAMES), 2))
+        order = crossed(parts) if frame in swapped else slice(None)
+        seen = weights(frame) if callable(weights) else weights
+        answers.append(keypoint_filter.update(EPOCH + frame / RATE, points[order], seen[order], 1.0, LIKENESS))
+    return answers
+
+
+def without(hidden, first=0):
+    """Weights of a frame: some landmarks are missing from a frame on."""
+    seen = np.array([name not in hidden for name in NAMES])
+    return lambda frame: np.where(seen | (frame < first), 1 / NOISE, 0.0)
+
+
+def assert_same(plain, mended):
+    for (a, u), (b, v) in zip(plain, mended, strict=True):
+        assert np.array_equal(a, b) and np.array_equal(u, v)
+
+
+@pytest.mark.parametrize("length", [1, 2, 5, 25, 90, 115])
+def test_a_body_is_changed_back_as_a_whole(length):
+    """Hips are closer to each other than their noise, wrists and legs pass: they follow the others."""
+    assert_same(filtered(520), filtered(520, range(400, 400 + length)))
+
+
+@pytest.mark.parametrize("parts", [LEGS, ("knee", "ankle"), ("shoulder", "wrist")], ids="-".join)
+@pytest.mark.parametrize("first, last", [(405, 418), (390, 412), (400, 425), (400, 490)])
+def test_limbs_are_changed_back_while_the_rest_is_not(parts, first, last):
+    """Also where the swap begins, lasts or ends while the legs pass each other (frames 390, 420, 450, …)."""
+    plain, mended = filtered(560), filtered(560, range(first, last), parts)
+    off = max(np.abs(a - b).max() for (a, _), (b, _) in zip(plain, mended))
+    assert off < 3 * NOISE  # pairs that pass are nearer to each other than this
+    assert np.array_equal(plain[-1][1] > 0, mended[-1][1] > 0)
+
+
+@pytest.mark.parametrize("of, out_of", [(40, 100), (3, 4)])
+def test_the_time_is_of_one_swap_not_of_all(of, out_of):
+    swapped = [frame for frame in range(400, 1400) if frame % out_of < of]
+    assert_same(filtered(1400), filtered(1400, swapped))
+
+
+def test_weights_go_with_their_points():
+    weights = np.where(np.arange(len(NAMES)) % 3, 500.0, 100.0)
+    assert_same(filtered(120, (), ALL, weights), filtered(120, range(60, 65), ALL, weights))
+
+
+@pytest.mark.parametrize("before", [60, 600])
+def test_what_stays_swapped_is_believed_in_the_end(before):
+    """Else a start with left for right, which the detector then corrects, would be held for ever."""
+    swapped = range(before, before + 240)
+    answers = filtered(before + 240, swapped)
+    believed = [np.abs(answers[frame][0] - places(frame)[crossed(ALL)]).max() < 0.02 for frame in swapped]
+    first, hold = believed.index(True), min(LONGEST, SHARE / (1 - SHARE) * before / RATE)
+    assert hold - 0.02 < first / RATE < hold + 0.05 and all(believed[first + 2 :])
+
+
+def test_of_what_was_believed_nothing_is_surer_than_the_rest():
+    """Eyes side by side say nothing while all else is given up; when they come apart, they may not hold it back."""
+
+    def at(frame):
+        points = places(frame)
+        points[[NAMES.index("left_eye"), NAMES.index("right_eye")], 0] += 0.02 * (frame < 1940) * np.array([-1, 1])
+        return points
+
+    swapped = range(1800, 1950)  # for longer than LONGEST, after half a minute
+    answers = filtered(1980, swapped, at=at)
+    assert all(np.abs(answers[frame][0] - at(frame)).max() < 0.02 for frame in (1850, *range(1965, 1980)))
+    assert np.abs(answers[1948][0] - at(1948)[crossed(ALL)]).max() < 0.02
+
+
+@pytest.mark.parametrize("parts", [LEGS, ("ankle",)], ids="-".join)
+@pytest.mark.parametrize("first", [0, 370, 398])
+def test_a_limb_that_is_seen_without_the_other_stays_where_it_is(parts, first):
+    """From the side the far arm is hidden: nothing is there to be exchanged with, though the legs are swapped."""
+    weights = without({"right_wrist", "right_shoulder"}, first)
+    plain, mended = (filtered(430, swapped, parts, weights, hands_together) for swapped in ((), range(400, 425)))
+    near = [NAMES.index("left_wrist"), NAMES.index("left_shoulder")]
+    for (a, u), (b, v) in zip(plain, mended, strict=True):
+        assert np.array_equal(a[near], b[near]) and np.array_equal(u[near], v[near])
+
+
+@pytest.mark.parametrize("first", [0, 330, 395])
+def test_a_limb_that_is_seen_without_the_other_goes_with_the_body(first):
+    """Of a body that is swapped as a whole its one wrist comes as the other one."""
+    weights = without({"right_wrist"}, first)
+    assert_same(*(filtered(430, swapped, ALL, weights, hands_together) for swapped in ((), range(400, 425))))
+
+
+def test_what_is_not_seen_has_no_say():
+    """Only the wrists, which are swapped, and the hips, side by side, are left: these go with those."""
+    hidden = {f"{side}_{part}" for part in ("eye", "shoulder", "knee", "ankle") for side in ("left", "right")}
+    weights = without(hidden, 400)
+    assert_same(filtered(420, (), ALL, weights), filtered(420, range(400, 410), ALL, weights))
+
+
+def test_a_wrist_that_is_taken_for_the_other_one_too_is_left_out():
+    """Both are at one place, where one of them is: nothing is exchanged, and the other coasts."""
+    random = np.random.default_rng(0)
+    keypoint_filter, weights = KeypointFilter(NAMES, LIMBS), np.full(len(NAMES), 1 / NOISE)
+    left, right = NAMES.index("left_wrist"), NAMES.index("right_wrist")
+    for frame in range(400, 436):  # the stride is at its widest at its end
+        points = places(frame) + NOISE * random.normal(size=(len(NAMES), 2))
+        if frame == 435:
+            points[left] = points[right] + NOISE * random.normal(size=2)
+        answer, _ = keypoint_filter.update(EPOCH + frame / RATE, points, weights, 1.0, LIKENESS)
+    assert np.linalg.norm(places(435)[left] - places(435)[right]) > 0.15
+    assert np.abs(answer - places(435)).max() < 6 * NOISE
+    assert keypoint_filter.order is not None and np.array_equal(keypoint_filter.order, np.arange(len(NAMES)))
+
+
+def evidence(swaps, stamp, straight, crossed, step=0.1):
+    """The answer to distances of ("left_wrist", "right_wrist", "left_knee", "right_knee") with tracks alike."""
+    order, given_up = swaps.order(stamp, step, np.array(straight), np.array(crossed), np.ones(len(straight)))
+    return list(order), list(given_up)
+
+
+@pytest.mark.parametrize("crossed, swapped", [((3.0, 9.0), True), ((3.0, 39.0), False), ((np.nan, np.nan), False)])
+def test_points_that_fit_nowhere_are_not_taken_for_swapped(crossed, swapped):
+    """Where hands meet, both jump: each may be nearer to the other's track, and yet not where that goes on."""
+    swaps = SideSwaps(("left_wrist", "right_wrist"), (0, 0))
+    order, given_up = evidence(swaps, 1.0, (58.0, 60.0), crossed)
+    assert order == ([1, 0] if swapped else [0, 1]) and not any(given_up)
+    assert swaps.pending is swapped
+
+
+def test_time_that_was_spent_comes_back_where_nothing_shows_a_swap():
+    """Pairs that stand side by side are led by others, and may never show that they are straight again."""
+    swaps = SideSwaps(("left_wrist", "right_wrist", "left_knee", "right_knee"), (0, 0, 1, 1))
+    swaps.begin(np.full(4, True), 90.0)
+    beside, apart = (1.0, 1.0), (60.0, 60.0)
+    for frame in range(15):
+        assert evidence(swaps, 100 + frame / 10, beside + apart, beside + beside)[0] == [1, 0, 3, 2]
+    for frame in range(16):
+        assert swaps.pending or frame == 15
+        assert evidence(swaps, 102 + frame / 10, beside + beside, beside + apart)[0] == [0, 1, 2, 3]
+    assert not swaps.pending
+    for frame in range(15):
+        assert evidence(swaps, 104 + frame / 10, apart + apart, beside + beside) == ([1, 0, 3, 2], 4 * [False])
+
+
+def test_a_pair_is_changed_back_and_given_up_together():
+    """Whatever they are like: no point may be given to both."""
+    random = np.random.default_rng(0)
+    for _ in range(20):
+        swaps, stamp, step = SideSwaps(NAMES, random.integers(-1, 3, size=len(NAMES))), 90.0, 1 / RATE
+        for _ in range(200):
+            stamp += step
+            missing, anew = random.random((2, len(NAMES))) < ((0.1,), (0.02,))
+            straight, across = random.exponential(random.choice([1.0, 60.0], size=(2, len(NAMES))))
+            across = np.where(missing | missing[swaps.other], np.nan, across)
+            variance = random.exponential(size=len(NAMES))
+            order, given_up = swaps.order(stamp, step, np.where(missing, np.nan, straight), across, variance)
+            assert np.array_equal(order[order], np.arange(len(NAMES)))
+            assert np.array_equal(given_up, given_up[swaps.other])
+            swaps.begin(anew | given_up, stamp)
+
+
+def test_tracks_that_begin_anew_know_nothing_of_what_was_before():
+    swaps, apart, beside = SideSwaps(("left_wrist", "right_wrist"), (0, 0)), (60.0, 60.0), (1.0, 1.0)
+    swaps.begin(np.full(2, True), 90.0)
+    assert evidence(swaps, 100.0, apart, beside) == ([1, 0], [False, False])
+    swaps.begin(np.full(2, True), 100.1)
+    assert evidence(swaps, 100.2, apart, beside) == ([1, 0], [False, False])
+    assert evidence(swaps, 100.3, apart, beside) == ([0, 1], [True, True])  # a quarter of 0.2 s is over
+    swaps.reset()
+    assert not swaps.pending and evidence(swaps, 0.05, apart, beside, step=0.02) == ([1, 0], [False, False])
+
+
+def test_a_filter_that_is_reset_has_no_swaps():
+    weights, random = np.full(len(NAMES), 1 / NOISE), np.random.default_rng(0)
+    reset, new = KeypointFilter(NAMES, LIMBS), KeypointFilter(NAMES, LIMBS)
+    for frame in range(200):
+        order = crossed(ALL) if frame > 180 else slice(None)
+        reset.update(EPOCH + frame / RATE, places(frame)[order], weights, 1.0, LIKENESS)
+    reset.reset()
+    for frame in range(200, 300):
+        points = places(frame) + NOISE * random.normal(size=(len(NAMES), 2))
+        points = points[crossed(LEGS)] if frame > 240 else points
+        answers = [each.update(EPOCH + frame / RATE, points, weights, 1.0, LIKENESS) for each in (reset, new)]
+        assert_same(answers[:1], answers[1:])
+
+
+def test_the_tracker_keeps_the_limbs_of_a_detector_that_mixes_them_up():
+    plain, mixed = Tracker(CONFIG), Tracker(CONFIG)
+    names = plain.layout.names
+    sides = [[names.index(f"{side}_{joint}") for joint in ("knee", "ankle")] for side in ("left", "right")]
+    errors = []
+    for frame, (truth, observation) in enumerate(observations(plain, 2.0)):
+        points = observation.points.copy()
+        if frame > 10 and frame % 20 < 8:
+            points[sides[0] + sides[1]] = points[sides[1] + sides[0]]
+        right = aligned_error(plain.track(observation), truth)
+        errors.append((right, aligned_error(mixed.track(replace(observation, points=points)), truth)))
+    plainly, mixed_up = np.median(errors, axis=0)
+    assert mixed_up < plainly + 0.01
+
+
+def test_the_tracker_is_not_moved_by_a_body_swapped_for_half_a_second():
+    """The same states to the bit: every keypoint is back in its place."""
+    plain, mixed = Tracker(CONFIG), Tracker(CONFIG)
+    order = [plain.layout.names.index(other_side(name)) for name in plain.layout.names]
+    for frame, (_, observation) in enumerate(observations(plain, 3.0)):
+        seen = observation
+        if 100 <= frame < 130:
+            seen = replace(observation, points=observation.points[order], confidence=observation.confidence[order])
+        a, b = plain.track(observation), mixed.track(seen)
+        assert np.array_equal(a.state.rotations, b.state.rotations)
+
+
+def test_limbs_are_told_by_the_skeleton():
+    skeleton = Skeleton.load("anthropometric", 1.75)
+    limbs = limb_groups(skeleton)
+    of = {name: limbs[joint] for joint, name in enumerate(skeleton.joint_names)}
+    assert of["left_hip"] == of["right_foot"] != of["left_collar"] == of["right_wrist"]
+    assert of["pelvis"] == of["spine2"] == of["head"] == -1
+    assert of["left_hip"] >= 0 and of["left_collar"] >= 0
+
+
+@pytest.mark.parametrize("name", built_in_layouts())
+def test_every_landmark_with_a_side_has_another(name):
+    layout = Layout.load(name, Skeleton.load("anthropometric", 1.75))
+    sided = [landmark for landmark in layout.names if "left" in landmark or "right" in landmark]
+    assert all(other_side(landmark) != landmark and other_side(landmark) in layout.names for landmark in sided)
+    assert len(sided) >= 12 and all(other_side(other_side(landmark)) == landmark for landmark in layout.names)

@@ -1,0 +1,47 @@
+"""A frame's support predicted from the last frame's answer: nearer than that one, and never the answer itself."""
+
+import numpy as np
+from sequences import observations
+
+from lassokin_ros.core.lasso.active_set import mend, predicted
+from lassokin_ros.core.tracker import Tracker
+
+
+def frames(seconds=2.0):
+    """(H, g, alpha, Omega, the last frame's Omega) of frames in a row."""
+    tracker, last = Tracker(), None
+    for _, observation in observations(tracker, seconds):
+        estimate = tracker.track(observation)
+        reduced, solution = estimate.problem.reduced, estimate.solution
+        if last is not None:
+            yield reduced.H, reduced.g, solution.alpha, solution.omega, last
+        last = solution.omega
+
+
+def test_the_predicted_support_is_nearer_than_the_last_frames():
+    wrong_before = wrong = steps_before = steps = 0
+
+    def steps_from(omega):
+        return next(steps for steps in range(1, 40) if mend(H, g, alpha, omega, steps) is not None)
+
+    for H, g, alpha, omega, last in frames():
+        likely = predicted(H, g, alpha, last)
+        wrong_before += np.count_nonzero(np.sign(last) != np.sign(omega))
+        wrong += np.count_nonzero(np.sign(likely) != np.sign(omega))
+        steps_before, steps = steps_before + steps_from(last), steps + steps_from(likely)
+    assert wrong < 0.7 * wrong_before and steps < 0.8 * steps_before
+
+
+def test_whatever_is_predicted_is_mended_to_the_same_answer():
+    random = np.random.default_rng(0)
+    for H, g, alpha, omega, last in frames(0.3):
+        for guess in (last, -last, random.normal(size=len(g)), np.eye(len(g))[3]):
+            mended = mend(H, g, alpha, predicted(H, g, alpha, guess), 100)
+            assert np.allclose(mended, omega, atol=1e-12)
+
+
+def test_from_nothing_or_nonsense_nothing_is_predicted():
+    for H, g, alpha, omega, _ in frames(0.1):
+        for guess in (np.zeros_like(omega), np.full_like(omega, np.nan), np.full_like(omega, np.inf)):
+            assert predicted(H, g, alpha, guess) is guess
+        assert predicted(-H, g, alpha, omega) is omega  # no factor

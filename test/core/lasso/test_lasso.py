@@ -1,0 +1,281 @@
+"""The lasso: 1,000 random problems certified and held against an independent solver, and what is refused."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sparse
+from cases import Draw, Lassos, alpha_max, random_draw
+
+from lassokin_ros.core.errors import SolverError
+from lassokin_ros.core.lasso.certificate import certify
+from lassokin_ros.core.lasso.dual import available_solvers
+from lassokin_ros.core.lasso.lasso import SMALLEST_ALPHA, Lasso, LassoSolver, eliminate_translation
+
+COUNT = 1000
+LASSOS = Lassos()
+
+
+def problems(count=COUNT, seed=7):
+    random = np.random.default_rng(seed)
+    for _ in range(count):
+        draw = random_draw(random)
+        yield draw, LASSOS.draw(random, draw)
+
+
+def objective(problem, omega, x):
+    residual = problem.z - problem.B @ x - problem.A @ omega
+    return 0.5 * residual @ residual + problem.alpha @ np.abs(omega)
+
+
+def scale(problem, value):
+    return max(value, 0.5 * problem.z @ problem.z)
+
+
+@pytest.fixture(scope="module")
+def solved():
+    solver = LassoSolver()
+    return [(draw, problem, solver.solve(problem)) for draw, problem in problems()]
+
+
+def test_the_draws_cover_what_they_should(solved):
+    draws = [draw for draw, _, _ in solved]
+    ranks = [np.linalg.matrix_rank(problem.A) < problem.A.shape[1] for _, problem, _ in solved]
+    assert len(draws) == COUNT
+    assert {draw.visible for draw in draws} == {None, 3, 4, 5, 6, 7, 8}
+    assert sum(ranks) > COUNT / 2 and sum(not r for r in ranks) > 50
+    assert min(draw.fraction for draw in draws) < 2e-4
+    assert sum(draw.fraction >= 1 for draw in draws) > 20
+    for field in ("frontal", "with_prior", "per_degree_of_freedom", "live_columns"):
+        assert 100 < sum(getattr(draw, field) for draw in draws) < COUNT - 100
+
+
+def test_kkt_residuals(solved):
+    """Under 1e-6 of alpha for alpha >= 0.01 alpha_max, under 1e-6 of alpha_max below."""
+    for draw, problem, solution in solved:
+        unit = 1.0 if draw.fraction >= 0.01 else draw.fraction
+        assert solution.certificate.kkt_residual * unit < 1e-6, draw
+        assert solution.certified, draw
+        assert np.array_equal(solution.alpha, problem.alpha) or draw.fraction < SMALLEST_ALPHA * 1.01
+
+
+def test_kkt_residuals_recomputed_from_their_equations(solved):
+    """The certificate is the library's own; this is (13)-(15) once more, written out."""
+    for draw, problem, solution in solved:
+        r = problem.z - problem.B @ solution.x - problem.A @ solution.omega
+        unit = solution.alpha if draw.fraction >= 0.01 else solution.alpha / draw.fraction
+        c = problem.A.T @ r
+        moving = solution.omega != 0
+        assert np.all(np.abs(c - solution.alpha * np.sign(solution.omega))[moving] < 1e-6 * unit[moving]), draw
+        assert np.all((np.abs(c) - solution.alpha)[~moving] < 1e-6 * unit[~moving]), draw
+        assert np.abs(problem.B.T @ r).max() < 1e-6 * unit.min(), draw
+
+
+def test_duality_gap(solved):
+    for draw, problem, solution in solved:
+        value = objective(problem, solution.omega, solution.x)
+        assert solution.certificate.objective == pytest.approx(value, rel=1e-12)
+        assert abs(solution.certificate.duality_gap) < 1e-6 * scale(problem, value), draw
+        assert abs(solution.certificate.relative_gap) < 1e-6, draw
+
+
+def test_omega_is_exactly_zero_from_alpha_max_on(solved):
+    above = [solution for draw, _, solution in solved if draw.fraction >= 1]
+    assert above and not any(solution.omega.any() for solution in above)
+    problem = LASSOS.draw(np.random.default_rng(0), Draw(fraction=1.0))
+    top = alpha_max(Lasso(problem.A, problem.B, problem.z, np.ones(72)))
+    at = LassoSolver().solve(Lasso(problem.A, problem.B, problem.z, np.full(72, top)))
+    below = LassoSolver().solve(Lasso(problem.A, problem.B, problem.z, np.full(72, top * (1 - 1e-9))))
+    assert not at.omega.any() and at.certified
+    assert np.count_nonzero(below.omega) == 1 and below.certified
+
+
+def primal_by_clarabel(problem, clarabel):
+    """The primal as it is written, by an interior-point method: variables x, Omega, r, t; |Omega| <= t."""
+    m, n = problem.A.shape
+    unit = np.sqrt(problem.z @ problem.z)
+    identity = sparse.eye(n)
+    equality = sparse.hstack([sparse.csc_matrix(problem.B), problem.A, sparse.eye(m), sparse.csc_matrix((m, n))])
+    upper = sparse.bmat([[sparse.csc_matrix((n, 3)), identity, sparse.csc_matrix((n, m)), -identity]])
+    lower = sparse.bmat([[sparse.csc_matrix((n, 3)), -identity, sparse.csc_matrix((n, m)), -identity]])
+    quadratic = sparse.block_diag([sparse.csc_matrix((3 + n, 3 + n)), sparse.eye(m), sparse.csc_matrix((n, n))])
+    linear = np.concatenate([np.zeros(3 + n + m), problem.alpha / unit])
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10
+    solution = clarabel.DefaultSolver(
+        sparse.triu(quadratic, format="csc"),
+        linear,
+        sparse.vstack([equality, upper, lower], format="csc"),
+        np.concatenate([problem.z / unit, np.zeros(2 * n)]),
+        [clarabel.ZeroConeT(m), clarabel.NonnegativeConeT(2 * n)],
+        settings,
+    ).solve()
+    values = np.array(solution.x) * unit
+    return values[3 : 3 + n], values[:3]
+
+
+def test_objective_is_an_independent_solvers(solved):
+    clarabel = pytest.importorskip("clarabel", reason="clarabel is a test-only dependency")
+    worst = 0.0
+    for draw, problem, solution in solved:
+        omega, x = primal_by_clarabel(problem, clarabel)
+        mine = objective(problem, solution.omega, solution.x)
+        theirs = objective(problem, omega, x)
+        worst = max(worst, abs(mine - theirs) / theirs)
+        assert mine <= theirs * (1 + 1e-9), draw  # both are upper bounds: the exact one may not be the higher
+        assert mine == pytest.approx(theirs, rel=1e-6), draw
+    print(f"largest relative difference of the objective: {worst:.1e}")
+
+
+def test_translation_satisfies_kkt3_and_is_least_squares(solved):
+    for _, problem, solution in solved[::10]:
+        expected = np.linalg.lstsq(problem.B, problem.z - problem.A @ solution.omega, rcond=None)[0]
+        assert np.allclose(problem.B @ solution.x, problem.B @ expected, rtol=0, atol=1e-7 * np.abs(problem.z).max())
+
+
+@pytest.mark.parametrize("name", ["daqp", "quadprog"])
+def test_other_solvers_find_the_same_objective(name):
+    if name not in available_solvers():
+        pytest.skip(f"{name} is not installed (test-only dependency)")
+    proxqp, other = LassoSolver(), LassoSolver(name)
+    for draw, problem in problems(150, seed=8):
+        mine, theirs = proxqp.solve(problem), other.solve(problem)
+        assert theirs.certified and theirs.method in (name, "zero")
+        assert mine.certificate.objective == pytest.approx(theirs.certificate.objective, rel=1e-8), draw
+
+
+def test_a_guess_never_changes_the_answer():
+    """Whatever is guessed: the solution, nonsense, NaN, all zero, one previous frame's."""
+    solver, random = LassoSolver(), np.random.default_rng(9)
+    last = None
+    taken = 0
+    for draw, problem in problems(200, seed=9):
+        plain = solver.solve(problem)
+        n = len(plain.omega)
+        guesses = [plain.omega, -plain.omega, np.zeros(n), random.normal(size=n), np.full(n, np.nan)]
+        guesses += [last] if last is not None and len(last) == n else []
+        for guess in guesses:
+            guessed = solver.solve(problem, guess)
+            assert guessed.certified, draw
+            assert guessed.certificate.objective == pytest.approx(plain.certificate.objective, rel=1e-9), draw
+            taken += guessed.method == "guess"
+        last = plain.omega
+    assert taken > 100  # the guess is really used where it is right
+
+
+def test_a_used_solver_answers_as_a_new_one():
+    used = LassoSolver()
+    for draw, problem in problems(150, seed=10):
+        again, new = used.solve(problem), LassoSolver().solve(problem)
+        assert again.certificate.objective == pytest.approx(new.certificate.objective, rel=1e-9), draw
+
+
+def test_the_same_problems_give_the_same_bits():
+    first = [LassoSolver().solve(problem).omega.tobytes() for _, problem in problems(50, seed=11)]
+    again = [LassoSolver().solve(problem).omega.tobytes() for _, problem in problems(50, seed=11)]
+    assert first == again
+
+
+def test_no_landmark_or_one_is_solvable():
+    problem = LASSOS.draw(np.random.default_rng(1), Draw(fraction=0.1))
+    for seen in (0, 1):
+        keep = np.arange(len(problem.z)) < 2 * seen
+        some = Lasso(problem.A * keep[:, None], problem.B * keep[:, None], problem.z * keep, problem.alpha)
+        solution = LassoSolver().solve(some)
+        assert solution.certified and np.isfinite(solution.x).all()
+        assert not solution.omega.any()  # three free components of x explain two numbers
+
+
+def test_alpha_below_the_floor_is_raised_and_said():
+    problem = LASSOS.draw(np.random.default_rng(2), Draw(fraction=1e-9))
+    solution = LassoSolver().solve(problem)
+    assert solution.certified
+    assert solution.alpha == pytest.approx(problem.alpha * (SMALLEST_ALPHA / 1e-9))
+
+
+@pytest.mark.parametrize("field", ["A", "B", "z", "alpha"])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_refuses_values_that_are_not_finite(field, value):
+    problem = LASSOS.draw(np.random.default_rng(3), Draw(fraction=0.1))
+    arrays = {name: np.array(getattr(problem, name)) for name in ("A", "B", "z", "alpha")}
+    arrays[field].flat[5] = value
+    with pytest.raises(SolverError, match="not finite"):
+        LassoSolver().solve(Lasso(**arrays))
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0])
+def test_refuses_an_alpha_that_is_not_positive(value):
+    problem = LASSOS.draw(np.random.default_rng(3), Draw(fraction=0.1))
+    problem.alpha[7] = value
+    with pytest.raises(SolverError, match="expected every alpha above 0"):
+        LassoSolver().solve(problem)
+
+
+def test_refuses_shapes_that_do_not_fit():
+    problem = LASSOS.draw(np.random.default_rng(3), Draw(fraction=0.1))
+    with pytest.raises(SolverError, match=r"expected \(34, 72\), \(34, 3\)"):
+        LassoSolver().solve(Lasso(problem.A, problem.B[:-1], problem.z, problem.alpha))
+
+
+def test_refuses_a_solver_that_does_not_exist():
+    with pytest.raises(SolverError, match="'simplex' is not available; expected one of: proxqp"):
+        LassoSolver("simplex")
+
+
+def test_a_wrong_answer_is_seen_by_the_certificate(solved):
+    """Perturbed solutions: the residual grows with the perturbation, and the gap bounds what they lose."""
+    random = np.random.default_rng(12)
+    for draw, problem, solution in solved[::5]:
+        if draw.fraction >= 1:  # Omega is 0: nothing to perturb
+            continue
+        direction = np.where(solution.omega != 0, random.normal(size=len(solution.omega)), 0.0)
+        residuals = []
+        for size in (1e-6, 1e-4, 1e-2):
+            wrong = solution.omega + size * np.abs(solution.omega).max() * direction
+            reduced = eliminate_translation(problem)
+            x = reduced.Y @ (problem.z - problem.A @ wrong)
+            certificate = certify(problem.A, problem.B, problem.z, solution.alpha, wrong, x)
+            lost = certificate.objective - solution.certificate.objective
+            rounding = 1e-9 * scale(problem, certificate.objective)
+            assert certificate.duality_gap >= -rounding, draw
+            assert lost <= certificate.duality_gap + rounding, draw
+            residuals.append(certificate.kkt_residual)
+        assert solution.certificate.kkt_residual < residuals[1] < residuals[2], draw
+        assert residuals[2] > 10 * residuals[1], draw
+
+
+def test_every_kind_of_wrong_answer_is_named():
+    problem = LASSOS.draw(np.random.default_rng(13), Draw(fraction=0.05, sigma_px=2))
+    right = LassoSolver().solve(problem)
+    assert right.certified and right.certificate.support_size == len(right.support) > 3
+
+    def certificate(omega, x):
+        return certify(problem.A, problem.B, problem.z, problem.alpha, omega, x)
+
+    assert certificate(right.omega, right.x + 0.01).kkt3 > 1e-3
+    shrunk = right.omega * 0.9
+    assert certificate(shrunk, right.x).kkt1 > 1e-3
+    none = certificate(np.zeros(72), eliminate_translation(problem).Y @ problem.z)
+    assert none.kkt1 == 0 and none.kkt2 == pytest.approx(1 / 0.05 - 1, rel=1e-6) and none.kkt3 < 1e-6
+    flipped = right.omega.copy()
+    flipped[right.support[0]] *= -1
+    assert certificate(flipped, right.x).kkt1 > 1
+
+
+def test_uncertified_when_the_solver_gives_nonsense(monkeypatch):
+    """A solver that answers wrongly through the same interface is found out."""
+    problem = LASSOS.draw(np.random.default_rng(14), Draw(fraction=0.01))
+    right = LassoSolver().solve(problem)
+    solver = LassoSolver()
+    monkeypatch.setattr(solver._dual, "solve", lambda *_: np.random.default_rng(0).normal(size=72))
+    monkeypatch.setattr("lassokin_ros.core.lasso.lasso.mend", lambda *_: None)
+    wrong = solver.solve(problem)
+    assert right.certified and not wrong.certified
+    assert wrong.certificate.duality_gap > right.certificate.duality_gap
+
+
+def test_a_certificate_with_a_nan_certifies_nothing():
+    problem = LASSOS.draw(np.random.default_rng(0), Draw(fraction=0.1))
+    n = problem.A.shape[1]
+    for omega, x in ((np.zeros(n), np.full(3, np.nan)), (np.full(n, np.nan), np.zeros(3))):
+        certificate = certify(problem.A, problem.B, problem.z, problem.alpha, omega, x)
+        assert not certificate.kkt_residual <= 1.0

@@ -1,0 +1,234 @@
+"""Poses smoothed with the frames after them: against the textbook's matrices, and who is published when."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cases import FACING, body
+from sequences import CONFIG, RATE, observations, same
+
+from lassokin_ros.core.body.kinematics import BodyState
+from lassokin_ros.core.estimate import Estimate, Status
+from lassokin_ros.core.output.fixed_lag import FixedLag
+from lassokin_ros.core.output.output_filter import DEPTH, FARTHEST, TYPICAL_SPEED, OutputFilter, time_at
+from lassokin_ros.core.tracker import Tracker
+
+TIME = 0.03
+LAGGED = replace(CONFIG, smoothing_lag=0.1)  # three frames
+
+
+def textbook(values, steps, times):
+    """Rauch, Tung and Striebel on (f, k) values: their smoothed (f, k), of unit noise and accelerations 1 / times^2."""
+    f = len(values)
+    means, covariances, ahead = np.zeros((f, 2, values.shape[1])), np.zeros((f, 2, 2)), np.zeros((f, 2, 2))
+    means[0, 0], covariances[0] = values[0], np.diag([1.0, times[0] ** -2])
+    for i in range(1, f):
+        F = np.array([[1.0, steps[i]], [0.0, 1.0]])
+        G = np.array([[steps[i] ** 2 / 2], [steps[i]]]) / times[i] ** 2
+        ahead[i] = F @ covariances[i - 1] @ F.T + G @ G.T
+        gain = ahead[i][:, :1] / (ahead[i][0, 0] + 1)
+        means[i] = F @ means[i - 1] + gain * (values[i] - (F @ means[i - 1])[0])
+        covariances[i] = ahead[i] - gain @ ahead[i][:1]
+    for i in range(f - 2, -1, -1):
+        F = np.array([[1.0, steps[i + 1]], [0.0, 1.0]])
+        gain = covariances[i] @ F.T @ np.linalg.inv(ahead[i + 1])
+        means[i] = means[i] + gain @ (means[i + 1] - F @ means[i])
+    return means[:, 0]
+
+
+def lagging(values, steps, offsets=None, speeds=None):
+    """A FixedLag in which frames wait: the body moved by values (f, 3), m; the angles stay. speeds: (f,) m/s."""
+    kinematics = body()
+    output_filter, lag = OutputFilter(kinematics.joint_count), FixedLag(kinematics)
+    rotations = np.tile(np.eye(3), (kinematics.joint_count, 1, 1))
+    rotations[0], none = FACING, np.zeros(3 * kinematics.joint_count)
+    last, stamp = values[0], 0.0
+    speeds = np.full(len(steps), TYPICAL_SPEED) if speeds is None else speeds
+    for place, step, speed in zip(values, steps, speeds):
+        stamp += step
+        state = BodyState(rotations, np.array(place))
+        steady = output_filter.filtered(state, kinematics.pose(state), none, place - last, step, speed, TIME)
+        estimate = Estimate(stamp, Status.TRACKING, None, steady, solved=state)
+        own = kinematics.skeleton.offsets if offsets is None else offsets
+        lag.add(estimate, output_filter.forward, own, lambda pose: float(pose.positions[0, 0]))
+        last = place
+    return lag
+
+
+def test_it_is_the_textbooks_smoother():
+    random = np.random.default_rng(0)
+    steps = random.uniform(0.01, 0.05, 40)
+    nearer = np.cumsum(0.01 * random.normal(size=(40, 1)), axis=0) * [0.0, 0.0, 1.0] + [0.0, 0.0, 3.0]
+    speeds = random.uniform(0.0, 3.0, 40)
+    times = np.array([time_at(speed, TIME) for speed in speeds])
+    smooth = np.array([e.state.translation for e in lagging(nearer, steps, speeds=speeds).flush()])
+    assert np.abs(smooth - textbook(nearer, steps, DEPTH * times)).max() < 1e-9
+    values = np.cumsum(1e-4 * random.normal(size=(40, 3)), axis=0) * [1.0, 1.0, 0.0] + [0.0, 0.0, 3.0]
+    smooth = np.array([e.state.translation for e in lagging(values, steps, speeds=speeds).flush()])
+    assert np.abs(smooth - textbook(values, steps, times)).max() < 1e-6  # the viewing ray turns a little
+    stamps = np.cumsum(steps)
+    lag = lagging(values, steps)
+    due = lag.due(stamps[-1], 0.2)
+    assert [e.stamp for e in due] == [t for t in stamps if t <= stamps[-1] - 0.197]
+    assert [e.stamp for e in due + lag.flush()] == list(stamps) and lag.flush() == []
+
+
+def test_a_frame_that_brings_no_news_changes_none_before_it():
+    """In a steady turn all is as predicted, but for the viewing ray, which turns as the joints see it."""
+    kinematics = body()
+    output_filter, lag = OutputFilter(kinematics.joint_count), FixedLag(kinematics)
+    omega = np.zeros((kinematics.joint_count, 3))
+    omega[0], omega[16] = [0.0, 5.0 / RATE, 0.0], [4.0 / RATE, 3.0 / RATE, 0.0]
+    state = BodyState(np.tile(np.eye(3), (kinematics.joint_count, 1, 1)), np.array([0.0, 0.0, 3.0]))
+    for frame in range(40):
+        step = omega.reshape(-1) if frame else np.zeros(omega.size)
+        state = state.retract(step, np.zeros(3))
+        steady = output_filter.filtered(state, kinematics.pose(state), step, np.zeros(3), 1 / RATE, TYPICAL_SPEED, TIME)
+        estimate = Estimate(frame / RATE, Status.TRACKING, None, steady, solved=state)
+        lag.add(estimate, output_filter.forward, kinematics.skeleton.offsets, lambda pose: 0.0)
+    settled = [waiting.estimate for waiting in lag._waiting][30:]
+    for smooth, before in zip(lag.flush()[30:], settled):
+        assert np.abs(smooth.state.rotations - before.state.rotations).max() < 1e-6
+
+
+def test_a_body_that_jumps_in_depth_is_not_smoothed_through_the_camera():
+    random, none = np.random.default_rng(0), np.zeros(24)
+    for _ in range(20):
+        depth = np.repeat(3.0 * np.exp(random.normal(size=6)), 4)
+        lag = lagging(np.stack([none, none, depth], axis=-1), np.full(24, 1 / 15))
+        for estimate in lag.flush():
+            solved = estimate.solved.translation[2]
+            assert abs(estimate.state.translation[2] - solved) <= (FARTHEST + 1e-9) * solved
+
+
+def test_pose_and_reprojection_are_of_the_smoothed_state_and_the_frames_own_skeleton():
+    random = np.random.default_rng(1)
+    values = 0.01 * random.normal(size=(5, 3)) + [0.0, 0.0, 3.0]
+    offsets = 1.1 * body().skeleton.offsets
+    for estimate in lagging(values, np.full(5, 0.02), offsets).due(0.1, 0.02):
+        assert np.allclose(estimate.pose.positions[0], estimate.state.translation)
+        assert estimate.reprojection_px == estimate.pose.positions[0, 0]
+        bones = estimate.pose.positions[1:] - estimate.pose.positions[body().skeleton.parents[1:]]
+        assert np.allclose(np.linalg.norm(bones, axis=1), np.linalg.norm(offsets[1:], axis=1))
+
+
+def test_without_a_lag_what_is_published_is_the_answer_itself():
+    tracker = Tracker(CONFIG)
+    for _, observation in observations(tracker, 1.0):
+        estimate = tracker.track(observation)
+        assert len(tracker.published) == 1 and tracker.published[0] is estimate
+    assert not tracker.track(observation).accepted and tracker.published == [] == tracker.flush()
+
+
+def test_each_frame_once_in_order_after_its_lag_and_the_tracking_is_the_same():
+    plain, lagged = Tracker(CONFIG), Tracker(LAGGED)
+    sequence = [observation for _, observation in observations(plain, 2.0)]
+    published = []
+    for i, observation in enumerate(sequence):
+        now, later = plain.track(observation), lagged.track(observation)
+        assert same(now.solved, later.solved) and same(now.state, later.state)
+        assert [e.stamp for e in lagged.published] == [sequence[i - 3].stamp][: i >= 3]
+        published += lagged.published
+    published += lagged.flush()
+    assert [e.stamp for e in published] == [o.stamp for o in sequence]
+    assert [e.initialised for e in published] == [i == 0 for i in range(len(sequence))]
+
+
+def test_it_is_smoother_and_nearer():
+    figures = []
+    for lag in (0.0, 0.034, 0.1):
+        tracker = Tracker(replace(CONFIG, smoothing_lag=lag))
+        sequence, published = observations(tracker, 6.0), []
+        for _, observation in sequence:
+            tracker.track(observation)
+            published += tracker.published
+        published += tracker.flush()
+        error = [e.pose.positions - e.pose.positions[0] - (t - t[0]) for e, (t, _) in zip(published, sequence)]
+        jerk = np.linalg.norm(np.diff(error, 2, axis=0), axis=-1).mean() * RATE**2
+        figures.append((np.linalg.norm(error, axis=-1).mean(), jerk))
+    errors, jerks = zip(*figures)
+    assert jerks[1] < 0.75 * jerks[0] and jerks[2] <= 1.02 * jerks[1] and max(errors[1:]) < errors[0]
+
+
+def test_refused_frames_are_time_too():
+    tracker = Tracker(LAGGED)
+    sequence = [observation for _, observation in observations(tracker, 0.5)]
+    for observation in sequence:
+        tracker.track(observation)
+    nothing, last = np.zeros(17), sequence[-1].stamp
+    stamps = []
+    for i in range(4):
+        assert not tracker.track(replace(sequence[-1], stamp=last + (i + 1) / RATE, confidence=nothing)).accepted
+        stamps.append([e.stamp for e in tracker.published])
+    assert stamps == [[sequence[-3].stamp], [sequence[-2].stamp], [last], []]
+    tracker.track(replace(sequence[-1], stamp=last + 0.2))
+    for stamp in (np.nan, np.inf, last):
+        tracker.track(replace(sequence[-1], stamp=stamp))
+        assert tracker.published == []
+
+
+def test_nothing_is_mixed_across_a_state_that_was_found_anew():
+    """What waits when the person is lost is published as if nothing had come after it."""
+    ended, went_on = Tracker(LAGGED), Tracker(LAGGED)
+    sequence = [observation for _, observation in observations(ended, 1.0)]
+    for observation in sequence:
+        ended.track(observation)
+        went_on.track(observation)
+    assert went_on.track(replace(sequence[0], stamp=sequence[-1].stamp + 2.0)).initialised
+    rest = ended.flush()
+    assert len(rest) == len(went_on.published) == 3
+    for a, b in zip(rest, went_on.published):
+        assert a.stamp == b.stamp and same(a.state, b.state)
+
+
+def test_reset_drops_what_waits():
+    tracker = Tracker(LAGGED)
+    for _, observation in observations(tracker, 0.5):
+        tracker.track(observation)
+    tracker.reset()
+    assert tracker.published == [] == tracker.flush()
+
+
+def test_the_lag_can_change_while_tracking():
+    tracker = Tracker(CONFIG)
+    sequence = [observation for _, observation in observations(tracker, 2.7)]
+    counts, published = [], []
+    for i, observation in enumerate(sequence):
+        if i % 20 == 0:
+            tracker.tune(replace(CONFIG, smoothing_lag=(0.0, 0.1, 0.034, 0.0)[i // 20 % 4]))
+        tracker.track(observation)
+        counts.append(len(tracker.published))
+        published += tracker.published
+    assert [e.stamp for e in published] == [o.stamp for o in sequence] and not tracker.flush()
+    assert counts[:20] == [1] * 20 and counts[20:24] == [0, 0, 0, 1]
+    assert counts[40:42] == [3, 1] and counts[-1] == 1
+
+
+@pytest.mark.parametrize("smoothing", [0.0, 0.02])
+def test_without_smoothing_frames_only_wait(smoothing):
+    tracker = Tracker(replace(LAGGED, smoothing=smoothing))
+    answers, published = [], []
+    for _, observation in observations(tracker, 1.0):
+        answers.append(tracker.track(observation))
+        published += tracker.published
+    assert all(same(a.state, b.state) for a, b in zip(answers, published)) == (smoothing == 0.0)
+
+
+def test_frames_that_wait_are_not_moved_when_the_next_one_starts_from_another_explanation():
+    """What has to settle is the next frame's: those before it are published as if they had not waited for it."""
+    kinematics = body()
+    rotations = np.tile(np.eye(3), (kinematics.joint_count, 1, 1))
+    rotations[0], none = FACING, np.zeros(3 * kinematics.joint_count)
+    state = BodyState(rotations, np.array([0.0, 0.0, 3.0]))
+    other = state.retract(0.3 * np.random.default_rng(2).normal(size=none.shape), np.array([0.0, 0.0, 0.2]))
+    output_filter, lag = OutputFilter(kinematics.joint_count), FixedLag(kinematics)
+    for frame, solved in enumerate([state] * 6 + [other] * 12):
+        if frame == 6:
+            output_filter.exchange(state, other)
+        steady = output_filter.filtered(solved, kinematics.pose(solved), none, np.zeros(3), 1 / RATE, TYPICAL_SPEED, TIME)
+        estimate = Estimate(frame / RATE, Status.TRACKING, None, steady, solved=solved)
+        lag.add(estimate, output_filter.forward, kinematics.skeleton.offsets, lambda pose: 0.0)
+    published = lag.flush()
+    away = [np.abs(e.state.rotations - e.solved.rotations).max() for e in published]
+    assert max(away[:6]) < 1e-9 and away[6] > 0.02 and away[-1] < 1e-3
+    assert all(later < earlier for earlier, later in zip(away[6:], away[7:]))

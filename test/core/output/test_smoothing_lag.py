@@ -1,0 +1,143 @@
+"""`smoothing_lag` through the pipeline, the replay and the live node: late, in order, each under its own stamp."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags", reason="rosbags makes the messages")
+
+from messages import camera_info, cloud, crowd, pixels_of_motion, rosbags_backend  # noqa: E402
+from recordings import contents, read, write_recording  # noqa: E402
+
+from lassokin_ros.cli.replay import main  # noqa: E402
+from lassokin_ros.core.config import TrackerConfig  # noqa: E402
+from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics  # noqa: E402
+from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
+from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
+
+BACKEND = rosbags_backend()
+START_NS, PERIOD_NS, WAITING = 5_000_000_000, 16_666_667, 3
+LAG = WAITING * PERIOD_NS * 1e-9
+PIXELS = pixels_of_motion(60)
+
+
+def pipeline_for(lag=LAG, **settings):
+    pipeline = Pipeline(TrackerConfig(smoothing_lag=lag), NodeSettings(**settings))
+    pipeline.set_camera(camera_info(BACKEND))
+    return pipeline
+
+
+def stamp(index):
+    return START_NS + index * PERIOD_NS
+
+
+def stamp_of(message):
+    return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+
+
+def test_frames_are_their_own_messages_and_joint_states_go_on():
+    pipeline, frames = pipeline_for(), []
+    for i, xy in enumerate(PIXELS):
+        due = pipeline.frames(cloud(BACKEND, stamp(i), xy), 0)
+        assert [f.stamp_ns for f in due] == [stamp(i - WAITING)][: i >= WAITING]
+        assert all(f.held_s == pytest.approx(LAG) for f in due)
+        frames += due
+    assert pipeline.counts["accepted"] == len(PIXELS)
+    frames += pipeline.flush()
+    assert [f.stamp_ns for f in frames] == [stamp(i) for i in range(len(PIXELS))] and pipeline.flush() == []
+    for i, frame in enumerate(frames):
+        assert np.allclose(frame.detected, PIXELS[i], atol=1e-3)
+        assert np.array_equal(frame.positions[:3], frame.estimate.state.translation)
+        assert frame.uncertainty.deviation.shape == (24,)
+        if i > 0:
+            assert np.allclose(frame.velocities, (frame.positions - frames[i - 1].positions) / (PERIOD_NS * 1e-9))
+
+
+def test_the_keypoints_delay_is_without_the_lag():
+    pipeline = pipeline_for()
+    diagnostics = Diagnostics(pipeline, "tracker", 0.0)
+    for i in range(10):
+        arrival_ns = stamp(i) + 40_000_000
+        frames = pipeline.frames(cloud(BACKEND, stamp(i), PIXELS[i]), arrival_ns)
+        diagnostics.saw_message(frames, arrival_ns, 0.1 * i, 0.001)
+    assert diagnostics.line(1.0).values["keypoints delay median [s]"] == "0.040"
+
+
+def test_everybody_has_their_own_lag_and_who_is_away_is_published_too():
+    pipeline, got = pipeline_for(max_people=2), {}
+    for i in range(30):
+        people = [PIXELS[i] - [300, 0], PIXELS[i] + [300, 0]][: 2 if i < 20 else 1]
+        message = crowd(BACKEND, stamp(i), [(xy, np.ones(17)) for xy in people], list(range(4, 4 + len(people))))
+        for frame in pipeline.frames(message, 0):
+            assert frame.accepted and frame.held_s == pytest.approx(LAG)
+            got.setdefault(frame.person, []).append(frame.stamp_ns)
+    assert got["p4"] == [stamp(i) for i in range(30 - WAITING)] and got["p5"] == [stamp(i) for i in range(20)]
+    assert [(f.person, f.stamp_ns) for f in pipeline.flush()] == [("p4", stamp(i)) for i in range(27, 30)]
+
+
+def loop(pipeline):
+    """Stamps of an earlier time, which two messages make believed."""
+    for i in (-90, -89):
+        pipeline.frames(cloud(BACKEND, stamp(i), PIXELS[0]), 0)
+
+
+@pytest.mark.parametrize("forget", [Pipeline.reset, loop])
+def test_what_waits_is_dropped_when_everything_is_forgotten(forget):
+    pipeline = pipeline_for()
+    for i in range(10):
+        pipeline.frames(cloud(BACKEND, stamp(i), PIXELS[i]), 0)
+    forget(pipeline)
+    assert pipeline.counts["resets"] >= 1
+    assert all(frame.stamp_ns < START_NS for frame in pipeline.flush())
+
+
+def away(stamps, pixels, confidence):
+    confidence[30:33] = 0
+
+
+def test_the_replay_publishes_every_frame_and_the_same_bytes_again(tmp_path):
+    recording = write_recording(tmp_path / "walk", 60, spoil=away)
+    runs = [tmp_path / name / "out" for name in ("one", "two")]
+    for run in runs:
+        run.parent.mkdir()
+    page = tmp_path / "page.html"
+    assert main([str(recording), "-o", str(runs[0]), "-p", "smoothing_lag:=0.1", "--report", str(page)]) == 0
+    assert main([str(recording), "-o", str(runs[1]), "-p", "smoothing_lag:=0.1"]) == 0
+    assert contents(runs[0]) == contents(runs[1])
+    inputs = [stamp_of(message) for _, message in read(recording, "/keypoints")]
+    expected = inputs[:30] + inputs[33:]
+    for topic in ("/joint_states", "/joints", "/translation", "/tracker/certificate"):
+        assert [stamp_of(message) for _, message in read(runs[0], topic)] == expected
+    assert "not monotonic" not in page.read_text(encoding="utf-8")
+
+
+def test_the_live_node_publishes_late_what_the_pipeline_does():
+    pytest.importorskip("rclpy", reason="the node needs rclpy")
+    from live import NodeProcess, Peer, values_of
+    from std_srvs.srv import Trigger
+
+    from lassokin_ros.pipeline.outputs import topics
+
+    namespace, pipeline = "/lagging", pipeline_for(0.05)
+    expected = [f for i, xy in enumerate(PIXELS[:20]) for f in pipeline.frames(cloud(BACKEND, stamp(i), xy), 0)]
+    with NodeProcess(namespace, "-p", "smoothing_lag:=0.05"), Peer(namespace, outputs=False) as peer:
+        joints = peer.got[topics.JOINT_STATES]
+        peer.listen(next(t for t in topics.FRAME_OUTPUTS if t.name == topics.JOINT_STATES))
+
+        def has_camera(status):
+            peer.send_camera()  # until one has come
+            return status.message == "waiting for keypoints"
+
+        peer.next_diagnostics(has_camera)
+        for i in range(20):
+            peer.send(stamp(i), PIXELS[i])
+            peer.spin_until(lambda: len(joints) == max(i + 1 - WAITING, 0), what="the frame that is due")  # noqa: B023
+        assert [stamp_of(m) for m in joints] == [f.stamp_ns for f in expected]
+        for message, frame in zip(joints, expected):
+            assert np.abs(np.array(message.position) - frame.positions).max() < 1e-9
+        status = peer.next_diagnostics(lambda s: int(values_of(s)["accepted [messages]"]) == 20)
+        assert status.message == "tracking"
+        assert peer.call(Trigger, "reset", Trigger.Request()).success
+        for i in range(20, 24):
+            peer.send(stamp(i), PIXELS[i])
+        peer.spin_until(lambda: stamp_of(joints[-1]) == stamp(20), what="the first frame after the reset")
+        assert len(joints) == 20 - WAITING + 1

@@ -1,0 +1,373 @@
+"""The tracker's behaviour: certified frames, refusals that leave the state alone, loss, determinism, live settings.
+
+How accurate it is on real motion is measured by benchmarks/accuracy.py; here only that it follows at all.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cases import FACING, relative_error
+from sequences import CONFIG, FOCAL, NOISE_PX, RATE, aligned_error, frame, observations, same
+
+from lassokin_ros.core.body.kinematics import BodyState
+from lassokin_ros.core.body.landmarks import built_in_layouts
+from lassokin_ros.core.body.rotations import exponential
+from lassokin_ros.core.estimate import Observation, Rejection, Status
+from lassokin_ros.core.evidence.frame_model import FrameModel
+from lassokin_ros.core.evidence.pose_prior import PosePrior, PriorRows
+from lassokin_ros.core.evidence.upright import Upright
+from lassokin_ros.core.hypotheses.initialisation import Initialiser
+from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.lasso.certificate import certify
+from lassokin_ros.core.tracker import Tracker
+from lassokin_ros.demo.synthetic import motion
+
+
+def test_every_frame_is_tracked_certified_and_consistent():
+    tracker = Tracker(CONFIG)
+    errors = []
+    last, exchanged = None, False
+    for i, (truth, observation) in enumerate(observations(tracker, 4.0)):
+        estimate = tracker.track(observation)
+        assert estimate.accepted and estimate.status is Status.TRACKING and estimate.stamp == observation.stamp
+        assert estimate.initialised == (i == 0)
+        assert estimate.certificate.kkt_residual <= 1e-6 and abs(estimate.certificate.relative_gap) < 1e-6
+        rotations = estimate.state.rotations
+        assert np.abs(np.swapaxes(rotations, -1, -2) @ rotations - np.eye(3)).max() < 1e-12
+        assert np.abs(np.linalg.det(rotations) - 1).max() < 1e-12
+        pose = tracker.kinematics.pose(estimate.state)
+        assert np.array_equal(pose.positions, estimate.pose.positions)
+        shown = (observation.points - project(pose.landmarks)) * FOCAL
+        assert estimate.reprojection_px == pytest.approx(np.sqrt(np.mean(np.sum(shown**2, axis=-1))), rel=0.5)
+        if last is not None and not exchanged:  # the step that is reported leads from the last state to this one
+            stepped = last.retract(estimate.omega, estimate.translation_step)
+            assert np.abs(stepped.rotations - estimate.solved.rotations).max() < 1e-9
+            assert np.abs(stepped.translation - estimate.solved.translation).max() < 1e-9
+        last, exchanged = estimate.solved, tracker._successor is not None
+        errors.append(aligned_error(estimate, truth))
+    assert np.median(errors) < 0.08 and estimate.reprojection_px < 4 * NOISE_PX
+
+
+def test_motion_is_sparse():
+    """The lasso moves fewer joints where the penalty is larger, none but the translation where it is very large."""
+    sizes = []
+    for sparsity in (0.05, 0.5, 5.0, 100.0):
+        tracker = Tracker(replace(CONFIG, sparsity=sparsity))
+        moved = [np.count_nonzero(tracker.track(o).omega) for _, o in observations(tracker, 1.0)][1:]
+        sizes.append(np.mean(moved))
+    assert sizes[0] > sizes[1] > sizes[2] >= sizes[3]
+    assert sizes[0] < 72 and sizes[3] < 1
+
+
+def test_translation_is_followed_when_no_joint_may_move():
+    tracker = Tracker(replace(CONFIG, sparsity=100.0))
+    body = motion(tracker.skeleton, np.zeros(1))
+    rotations, place = body.rotations[0], body.translation[0]
+    for i in range(8):
+        shifted = BodyState(rotations, place + np.array([0.04 * i, 0.02 * i, 0.05 * i]))
+        points = project(tracker.kinematics.pose(shifted).landmarks)
+        estimate = tracker.track(Observation(i / RATE, points, np.ones(17), FOCAL))
+        if i == 0:
+            offset = estimate.state.translation - shifted.translation
+    assert not estimate.omega.any()
+    assert np.abs(estimate.state.translation - offset - shifted.translation).max() < 0.02
+
+
+@pytest.mark.parametrize("layout", built_in_layouts())
+def test_every_layout_tracks(layout):
+    tracker = Tracker(replace(CONFIG, landmarks=layout))
+    for truth, observation in observations(tracker, 0.5):
+        estimate = tracker.track(observation)
+        assert estimate.accepted
+    assert aligned_error(estimate, truth) < 0.12
+
+
+def broken(observation, **changes):
+    return replace(observation, **changes)
+
+
+def bad_observations(good):
+    """Everything that a detector may send and the tracker refuses: (reason, observation)."""
+    points, confidence = good.points, good.confidence
+    few = np.where(np.arange(len(confidence)) < 3, confidence, 0.0)
+    hidden = points.copy()
+    hidden[3:] = np.nan
+    far = points.copy()
+    far[3:] = 1e30
+    some_inf = points.copy()
+    some_inf[3:] = np.inf
+    return [
+        (Rejection.WRONG_SHAPE, broken(good, points=points[:-1])),
+        (Rejection.WRONG_SHAPE, broken(good, points=np.zeros((17, 3)))),
+        (Rejection.WRONG_SHAPE, broken(good, confidence=confidence[:-1])),
+        (Rejection.WRONG_SHAPE, broken(good, points=np.zeros((0, 2)), confidence=np.zeros(0))),
+        (Rejection.NOT_FINITE, broken(good, stamp=np.nan)),
+        (Rejection.NOT_FINITE, broken(good, stamp=np.inf)),
+        (Rejection.NOT_FINITE, broken(good, focal=np.nan)),
+        (Rejection.NOT_FINITE, broken(good, focal=0.0)),
+        (Rejection.NOT_FINITE, broken(good, focal=-100.0)),
+        (Rejection.OLD_STAMP, broken(good, stamp=-1.0)),
+        (Rejection.TOO_FEW_LANDMARKS, broken(good, confidence=few)),
+        (Rejection.TOO_FEW_LANDMARKS, broken(good, confidence=np.full(17, np.nan))),
+        (Rejection.TOO_FEW_LANDMARKS, broken(good, confidence=np.full(17, -1.0))),
+        (Rejection.TOO_FEW_LANDMARKS, broken(good, confidence=np.full(17, CONFIG.min_confidence - 1e-6))),
+        (Rejection.TOO_FEW_LANDMARKS, broken(good, points=hidden)),
+        (Rejection.TOO_FEW_LANDMARKS, broken(good, points=far)),
+        (Rejection.TOO_FEW_LANDMARKS, broken(good, points=some_inf)),
+        (Rejection.TOO_FEW_LANDMARKS, broken(good, points=np.full((17, 2), np.nan))),
+    ]
+
+
+@pytest.mark.parametrize("case", range(len(bad_observations(Observation(0.0, np.zeros((17, 2)), np.ones(17), 1.0)))))
+def test_a_refused_frame_says_why_and_leaves_no_trace(case):
+    """The frames after it are the same, bit by bit, as if it had never come."""
+    disturbed, undisturbed = Tracker(CONFIG), Tracker(CONFIG)
+    sequence = [o for _, o in observations(disturbed, 0.4)]
+    for i, observation in enumerate(sequence):
+        if i in (0, 1, 5):  # before the first, and while tracking
+            reason, bad = bad_observations(broken(observation, stamp=observation.stamp - 0.01))[case]
+            if not (i == 0 and reason is Rejection.OLD_STAMP):
+                before = disturbed.state
+                answer = disturbed.track(bad)
+                assert answer.rejection is reason and not answer.accepted
+                assert answer.state is None and answer.pose is None
+                assert disturbed.state is before
+        mine, theirs = disturbed.track(observation), undisturbed.track(observation)
+        assert mine.accepted and same(mine.state, theirs.state)
+
+
+def test_the_same_stamp_twice_is_refused():
+    tracker = Tracker(CONFIG)
+    assert tracker.track(frame(tracker)).accepted
+    assert tracker.track(frame(tracker)).rejection is Rejection.OLD_STAMP
+
+
+def test_some_missing_landmarks_do_not_matter():
+    """Four are enough for a frame; NaN, confidence 0 and absurd coordinates all mean missing."""
+    tracker = Tracker(CONFIG)
+    random = np.random.default_rng(5)
+    for i, (_, observation) in enumerate(observations(tracker, 1.0)):
+        points, confidence = observation.points.copy(), observation.confidence.copy()
+        hidden = random.permutation(17)[: 0 if i == 0 else 13]
+        points[hidden[:5]], confidence[hidden[5:9]], points[hidden[9:]] = np.nan, 0.0, 1e9
+        estimate = tracker.track(replace(observation, points=points, confidence=confidence))
+        assert estimate.accepted and np.isfinite(estimate.reprojection_px)
+
+
+def test_what_is_missing_has_no_say():
+    """Coordinates of a landmark with confidence 0 change nothing, not even the last bit."""
+    a, b = Tracker(CONFIG), Tracker(CONFIG)
+    for i, (_, observation) in enumerate(observations(a, 0.5)):
+        confidence = observation.confidence.copy()
+        confidence[i % 17] = 0
+        elsewhere = observation.points.copy()
+        elsewhere[i % 17] = 0.3
+        first = a.track(replace(observation, confidence=confidence))
+        second = b.track(replace(observation, points=elsewhere, confidence=confidence))
+        assert same(first.state, second.state)
+
+
+def test_lost_after_a_while_and_found_again():
+    tracker = Tracker(replace(CONFIG, lost_after=0.5))
+    assert tracker.track(frame(tracker)).status is Status.TRACKING
+    nothing = replace(frame(tracker), confidence=np.zeros(17))
+    assert tracker.track(replace(nothing, stamp=0.4)).status is Status.TRACKING
+    assert tracker.track(replace(nothing, stamp=0.6)).status is Status.LOST
+    found = tracker.track(frame(tracker, 0.7))
+    assert found.accepted and found.status is Status.TRACKING and found.initialised
+    again = tracker.track(frame(tracker, 0.8))
+    assert again.accepted and not again.initialised
+
+
+def test_a_gap_without_any_message_initialises_anew_too():
+    tracker = Tracker(replace(CONFIG, lost_after=0.5))
+    assert tracker.track(frame(tracker, 0.0)).initialised
+    assert not tracker.track(frame(tracker, 0.4)).initialised
+    assert tracker.track(frame(tracker, 5.0)).initialised
+
+
+def test_searching_before_the_first_usable_frame():
+    tracker = Tracker(CONFIG)
+    nothing = replace(frame(tracker), confidence=np.zeros(17))
+    assert tracker.state is None
+    for stamp in (0.0, 10.0):
+        answer = tracker.track(replace(nothing, stamp=stamp))
+        assert answer.status is Status.SEARCHING and tracker.state is None
+
+
+def test_reset_forgets():
+    tracker, fresh = Tracker(CONFIG), Tracker(CONFIG)
+    sequence = [o for _, o in observations(tracker, 4.0)]
+    for observation in sequence[:70]:
+        tracker.track(observation)
+    tracker.reset()
+    assert tracker.state is None
+    for observation in sequence:  # the same stamps again are no old stamps
+        mine, theirs = tracker.track(observation), fresh.track(observation)
+        assert mine.initialised == theirs.initialised and same(mine.state, theirs.state)
+
+
+def test_deterministic_to_the_last_bit():
+    runs = []
+    for _ in range(2):
+        tracker = Tracker(CONFIG)
+        states = [tracker.track(o).state for _, o in observations(tracker, 1.0)]
+        runs.append(b"".join(s.rotations.tobytes() + s.translation.tobytes() for s in states))
+    assert runs[0] == runs[1]
+
+
+def test_an_estimate_is_not_changed_by_later_frames():
+    tracker = Tracker(CONFIG)
+    estimates = [tracker.track(o) for _, o in observations(tracker, 0.3)]
+    copies = [e.state.rotations.copy() for e in estimates]
+    for _, observation in observations(tracker, 0.3, start=1.0):
+        tracker.track(observation)
+    assert all(np.array_equal(e.state.rotations, c) for e, c in zip(estimates, copies))
+
+
+def test_frames_out_of_order_never_raise_nor_break_the_state():
+    """All points jump away (refused or not), an older frame comes late, then good ones again."""
+    tracker = Tracker(CONFIG)
+    sequence = [o for _, o in observations(tracker, 1.0)]
+    for i, observation in enumerate(sequence):
+        if i % 4 == 3:
+            tracker.track(
+                replace(observation, points=observation.points + 0.3 * (-1) ** i, stamp=observation.stamp + 0.9)
+            )
+            tracker.track(replace(observation, stamp=observation.stamp + 0.01))
+        estimate = tracker.track(observation)
+        if estimate.accepted:
+            assert np.isfinite(estimate.pose.positions).all()
+    last = tracker.track(frame(tracker, 10.0))
+    assert last.accepted and last.initialised
+
+
+def test_tune_takes_effect_on_the_next_frame():
+    tracker = Tracker(CONFIG)
+    good = frame(tracker)
+    weak = replace(good, confidence=np.full(17, 0.5))
+    assert tracker.track(weak).accepted
+    tracker.tune(replace(CONFIG, min_confidence=0.6))
+    assert tracker.track(replace(weak, stamp=0.1)).rejection is Rejection.TOO_FEW_LANDMARKS
+    tracker.tune(replace(CONFIG, min_landmarks=18))
+    assert tracker.track(replace(good, stamp=0.2)).rejection is Rejection.TOO_FEW_LANDMARKS
+    tracker.tune(replace(CONFIG, sparsity=100.0))
+    assert not tracker.track(replace(good, stamp=0.3, points=good.points + 0.01)).omega.any()
+    tracker.tune(CONFIG)
+    assert tracker.track(replace(good, stamp=0.4, points=good.points + 0.02)).accepted
+
+
+def test_tuning_to_a_bad_value_changes_nothing():
+    tracker = Tracker(CONFIG)
+    with pytest.raises(ValueError, match="noise_px is -1.0; expected"):
+        tracker.tune(replace(CONFIG, noise_px=-1.0))
+    assert tracker.config == CONFIG
+
+
+def test_noise_is_in_pixels_of_this_camera():
+    """The same picture at twice the focal length and twice the pixels of noise is the same problem."""
+    near, far = Tracker(CONFIG), Tracker(replace(CONFIG, noise_px=2 * NOISE_PX))
+    for _, observation in observations(near, 0.3):
+        a, b = near.track(observation), far.track(replace(observation, focal=2 * FOCAL))
+        assert relative_error(a.pose.positions, b.pose.positions) < 1e-9
+        assert b.reprojection_px == pytest.approx(2 * a.reprojection_px, rel=1e-6)
+
+
+@pytest.mark.parametrize("solver", ["daqp", "quadprog"])
+def test_another_solver_gives_the_same_motion(solver):
+    pytest.importorskip(solver, reason=f"{solver} is a test-only dependency")
+    ours, theirs = Tracker(CONFIG), Tracker(replace(CONFIG, solver=solver))
+    for _, observation in observations(ours, 0.5):
+        a, b = ours.track(observation), theirs.track(observation)
+        assert b.accepted and np.abs(a.pose.positions - b.pose.positions).max() < 1e-5
+
+
+def test_an_uncertified_solve_does_not_move_the_state(monkeypatch):
+    tracker = Tracker(CONFIG)
+    sequence = [o for _, o in observations(tracker, 0.3)]
+    for observation in sequence[:4]:
+        tracker.track(observation)
+    before = tracker.state
+    with monkeypatch.context() as patch:
+        patch.setattr(tracker._increments.lasso._dual, "solve", lambda A, *_: np.full(A.shape[1], 1e3))
+        patch.setattr("lassokin_ros.core.lasso.lasso.mend", lambda *_: None)
+        answer = tracker.track(sequence[4])
+    assert answer.rejection is Rejection.NOT_CERTIFIED and answer.certificate.kkt_residual > 1e-6
+    assert answer.status is Status.TRACKING
+    assert tracker.state is before
+    assert tracker.track(sequence[5]).accepted
+
+
+@pytest.mark.parametrize("yaw", [0, 60, 120, 180, 240, 300])
+def test_initialisation_finds_the_way_a_person_faces(yaw):
+    """The prior's mean pose, noise of 2 px, any side to the camera: the pelvis' heading within 30 degrees."""
+    tracker = Tracker(CONFIG)
+    kinematics, prior = tracker.kinematics, PosePrior.load(tracker.skeleton)
+    rotations = exponential(prior.mean)
+    rotations[0] = FACING @ exponential(np.array([0, np.deg2rad(yaw), 0]))
+    truth = kinematics.pose(BodyState(rotations, np.array([0.2, 0.1, 3.5])))
+    random = np.random.default_rng(yaw)
+    points = project(truth.landmarks) + random.normal(size=(17, 2)) * NOISE_PX / FOCAL
+    weights = np.full(17, FOCAL / NOISE_PX)
+    rows = FrameModel(kinematics, PriorRows(prior, kinematics), Upright())
+    fit = Initialiser(kinematics, prior, rows).fit(points, weights)
+    assert np.all(np.diff(fit.costs) >= 0)
+    front = fit.best.rotations[0] @ [0, 0, 1]
+    angle = np.degrees(np.arccos(np.clip(front @ (rotations[0] @ [0, 0, 1]), -1, 1)))
+    assert angle < 30
+    assert np.linalg.norm(fit.best.translation - [0.2, 0.1, 3.5]) < 0.15
+
+
+def test_without_warm_start_every_lasso_goes_to_the_solver_and_the_answer_is_the_same():
+    warm, cold = Tracker(CONFIG), Tracker(replace(CONFIG, warm_start=False))
+    for _, observation in observations(warm, 1.0):
+        a, b = warm.track(observation), cold.track(observation)
+        assert b.solution.method in ("proxqp", "zero")
+        assert np.abs(a.pose.positions - b.pose.positions).max() < 1e-6
+
+
+@pytest.mark.parametrize("joint", ["left_ankle", "left_wrist", "right_knee"])
+def test_a_bone_without_length_is_tracked(joint):
+    scales = np.ones(24)
+    plain = Tracker(CONFIG)
+    scales[plain.skeleton.index(joint)] = 0.0
+    tracker = Tracker(replace(CONFIG, calibrate=False), plain.skeleton.with_bone_scales(scales))
+    with np.errstate(all="raise", under="ignore"):
+        for _, observation in observations(tracker, 2.5):
+            estimate = tracker.track(observation)
+            assert estimate.accepted and np.isfinite(estimate.state.rotations).all()
+
+
+def test_the_certificate_is_of_the_problem_that_is_given():
+    """Where sparsity is so small that its alpha has to be raised, the problem has the raised one."""
+    tracker, raised = Tracker(replace(CONFIG, sparsity=1e-4)), 0
+    for _, observation in observations(tracker, 2.0):
+        estimate = tracker.track(observation)
+        problem, solution = estimate.problem, estimate.solution
+        again = certify(problem.A, problem.B, problem.z, problem.alpha, solution.omega, solution.x)
+        assert estimate.accepted and again.kkt_residual < 1e-6
+        raised += bool(np.all(problem.alpha > 1.01 * 1e-4 / tracker._increments._motion))
+    assert raised > 10
+
+
+@pytest.mark.parametrize(("smoothing", "lag"), [(1e-90, 0.0), (3e-7, 0.1), (1e-77, 0.2), (9e-4, 0.1), (1.1e-3, 0.1)])
+def test_the_shortest_steadying_is_none(smoothing, lag):
+    tracker = Tracker(replace(CONFIG, smoothing=smoothing, smoothing_lag=lag))
+    published = []
+    for _, observation in observations(tracker, 1.5):
+        tracker.track(observation)
+        published += tracker.published
+    published += tracker.flush()
+    assert len(published) == 45
+    off = [np.abs(one.state.rotations - one.solved.rotations).max() for one in published]
+    assert max(off) <= (0.02 if smoothing > 1e-3 else 0.0)
+
+
+def test_a_frame_of_no_time_moves_no_time_whatever_else_is_wrong():
+    tracker = Tracker(replace(CONFIG, smoothing_lag=0.2))
+    for _, observation in observations(tracker, 1.0):
+        tracker.track(observation)
+    estimate = tracker.track(Observation(np.inf, np.zeros((3, 2)), np.ones(3), FOCAL))
+    assert (estimate.rejection, estimate.status) == (Rejection.NOT_FINITE, Status.TRACKING)
+    assert tracker.published == []

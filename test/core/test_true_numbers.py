@@ -1,0 +1,44 @@
+"""Numbers that stay true however long it runs and whichever library computes them."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT))
+
+from benchmarks import agreement, drift  # noqa: E402
+
+
+def test_rotations_stay_rotations_over_ten_million_retractions():
+    """24 joints of 50 bodies, 8400 steps one after another; benchmarks/drift.py takes one body 10 million steps far."""
+    gram, det = drift.retracted(50, 8400)
+    assert gram < 1e-14 and det < 1e-14
+
+
+def test_the_drift_would_be_seen():
+    gram, _ = drift.retracted(2, 8400, mended=False)
+    assert gram > 1e-14
+
+
+def test_the_sequence_for_comparing_versions_is_the_same_every_time(tmp_path):
+    """Saved in another process and here: the same bytes, a difference of 0."""
+    file = tmp_path / "there.npz"
+    subprocess.run(
+        [sys.executable, ROOT / "benchmarks" / "agreement.py", "--save", file], check=True, capture_output=True
+    )
+    here = agreement.joints()
+    versions, there = agreement.load(file)
+    assert versions == agreement.versions() and np.isfinite(here).all()
+    assert here.tobytes() == there.tobytes() and agreement.difference_mm(here, there) == 0
+
+
+def test_a_difference_is_seen():
+    one = np.zeros((3, 24, 3))
+    other = one.copy()
+    other[1, 5, 2] = 2e-3
+    assert np.isclose(agreement.difference_mm(one, other), 2.0)
+    other[2] = np.nan
+    assert agreement.difference_mm(one, other) == np.inf

@@ -1,0 +1,127 @@
+"""The demo for a few seconds of motion: it runs, keeps its promises, leaves what it says, and notices what is wrong."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="the demo needs rclpy")
+pytest.importorskip("rosbags", reason="the demo needs rosbags")
+pytest.importorskip("matplotlib", reason="the demo's picture needs matplotlib")
+
+from recordings import FRAME_TOPICS, read  # noqa: E402
+
+from lassokin_ros.demo.demo import RATE, main, run, table  # noqa: E402
+from lassokin_ros.demo.result import PROMISES  # noqa: E402
+from lassokin_ros.replay.bags import BagReader  # noqa: E402
+
+ROOT = Path(__file__).resolve().parents[2]
+SECONDS = 4
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    return run(tmp_path_factory.mktemp("demo"), SECONDS, rate=2.0)
+
+
+def latencies_not_kept(said):
+    """Of the demo's last words: the latencies that a machine with other tests beside it did not keep."""
+    words = said.splitlines()[-1].removeprefix("not within what is promised: ").split(", ")
+    return [name for name in words if name in ("latency p50", "latency p99")]
+
+
+def test_the_command_keeps_its_promises_and_leaves_what_it_says(tmp_path):
+    command = [sys.executable, "-m", "lassokin_ros.demo", "--output", str(tmp_path / "out"), "--seconds", str(SECONDS)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
+    print(done.stdout, done.stderr)
+    late = latencies_not_kept(done.stderr)
+    assert done.returncode == (1 if late else 0), done.stderr
+    frames = round(SECONDS * RATE)
+    assert f"frames: {frames} in, {frames} out, 0 rejected" in done.stdout
+    assert done.stdout.count("NOT KEPT") == len(late)
+    assert f"{frames}/{frames} frames" in done.stderr  # progress, in a few lines where there is no terminal
+    for name in PROMISES:
+        assert name in done.stdout
+    assert sorted(os.listdir(tmp_path / "out")) == ["keypoints", "report.html", "skeleton.png", "tracked"]
+    assert "report.html" in done.stdout
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert f"{frames} ({1:.1%})" in page and "No problem was noticed" in page
+    assert (tmp_path / "out" / "skeleton.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    with BagReader(tmp_path / "out" / "tracked") as bag:
+        counts = {topic.name: topic.count for topic in bag.topics}
+    assert all(counts[topic] == frames for topic in FRAME_TOPICS)
+    assert counts["/robot_description"] >= 1 and counts["/diagnostics"] >= 2
+    inputs, outputs = (
+        read(tmp_path / "out" / bag, topic) for bag, topic in (("keypoints", "/keypoints"), ("tracked", "/joints"))
+    )
+    delays = [(b - a) * 1e-9 for (a, _), (b, _) in zip(inputs, outputs)]
+    assert -0.001 < min(delays) and (late or np.median(delays) < 0.1)  # recorded at the playback's time
+
+
+def test_the_result_is_held_against_the_motion_frame_by_frame(result):
+    assert result.frames_in == len(result.times) == round(SECONDS * RATE)
+    assert np.allclose(result.times, np.arange(len(result.times)) / RATE, atol=1e-9)
+    assert result.estimate.shape == result.truth.shape == (len(result.times), 24, 3)
+    assert result.error_mm.shape == (len(result.times),) and result.state == "tracking"
+    exact = replace(result, estimate=result.truth)
+    assert exact.error_mm.max() == 0 and exact.root_error_mm.max() == 0
+    moved = replace(result, estimate=result.truth + [0.03, 0.0, 0.04])
+    assert moved.error_mm.max() < 1e-9 and np.allclose(moved.root_error_mm, 50)
+
+
+def test_every_broken_promise_is_found(result):
+    kept = replace(result, latencies_ms=np.full(5, 1.0))
+    assert kept.broken_promises() == [] and "NOT KEPT" not in table(kept)
+    far = result.truth + np.arange(24)[None, :, None] * 0.05
+    for broken, names in (
+        (replace(kept, estimate=far), ["joint error, median", "joint error, mean"]),
+        (replace(kept, latencies_ms=np.full(5, 1000.0)), ["latency p50", "latency p99"]),
+        (replace(kept, rejected=50), ["rejected"]),
+        (replace(kept, frames_in=10_000), ["frames out"]),
+        (replace(kept, state="lost"), ["tracking state"]),
+        (replace(kept, reprojection_px=np.full(5, np.nan)), ["reprojection error, median"]),
+    ):
+        assert broken.broken_promises() == names
+        assert table(broken).count("NOT KEPT") == len(names)
+
+
+def children_of(pid):
+    """The command lines of a process' children, by their ids."""
+    text = Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii")
+    return {child: Path(f"/proc/{child}/cmdline").read_bytes() for child in text.split()}
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["int", "term"])
+def test_interrupted_it_says_so_in_one_line_and_leaves_no_node_behind(tmp_path, number):
+    command = [sys.executable, "-m", "lassokin_ros.demo", "--output", str(tmp_path / "out"), "--seconds", "60"]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as demo:
+        deadline, nodes = time.monotonic() + 60, {}
+        while not any(b"lassokin_ros.node.command" in line for line in nodes.values()):
+            assert demo.poll() is None and time.monotonic() < deadline, "no node was started"
+            nodes = children_of(demo.pid)
+        demo.send_signal(number)
+        said = demo.communicate(timeout=60)[1].splitlines()
+    assert demo.returncode == 130 and said[-1].startswith("demo: interrupted; "), said
+    assert not any("Traceback" in line for line in said)
+    assert not any(Path(f"/proc/{child}").exists() for child in nodes)
+
+
+@pytest.mark.parametrize("seconds", ["0", "-1", "nan", "inf", "long"])
+def test_seconds_that_are_no_motion_are_refused_with_what_was_expected(seconds, tmp_path, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["--output", str(tmp_path / "out"), "--seconds", seconds])
+    assert ended.value.code == 2 and f"--seconds: {seconds}; expected 1 to 3600 s" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_output_that_cannot_be_written_is_one_line(tmp_path):
+    (tmp_path / "file").write_text("")
+    command = [sys.executable, "-m", "lassokin_ros.demo", "--output", str(tmp_path / "file"), "--seconds", "1"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2 and done.stderr.startswith("demo: ") and done.stderr.count("\n") == 1

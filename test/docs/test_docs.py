@@ -1,0 +1,226 @@
+"""The documentation's commands and code run as they stand; what it links to exists, what it names is in the code."""
+
+import ast
+import os
+import pickle
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import textwrap
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.skeleton_readers.load import load_skeleton
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / "docs"
+PAGES = ["README.md", *sorted(page.name for page in DOCS.glob("*.md") if page.name != "README.md")]
+"""In the order in which they run; the first one makes the recording that the others use."""
+OTHER_MACHINES = re.compile(r"\$ (ros2 |colcon |rviz2|source |sudo apt |export ROS_)")
+MOST_ON_OTHER_MACHINES = 40
+"""Lines of commands that are not run here, in all pages."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """A piece of code in a page; line: of its fence."""
+
+    page: str
+    line: int
+    language: str
+    text: str
+
+    @property
+    def place(self):
+        return f"docs/{self.page}:{self.line}"
+
+
+def blocks(page):
+    """Every fenced block of a page; those within a list are indented."""
+    text = (DOCS / page).read_text(encoding="utf-8")
+    for found in re.finditer(r"^( *)```(\w*)\n(.*?)^\1```$", text, re.DOTALL | re.MULTILINE):
+        indent, language, body = found.groups()
+        line = text.count("\n", 0, found.start()) + 1
+        yield Block(page, line, language, re.sub(f"^{indent}", "", body, flags=re.MULTILINE))
+
+
+def test_every_block_is_run_or_visibly_of_another_machine():
+    languages = {block.language for page in PAGES for block in blocks(page)}
+    assert languages <= {"sh", "python", "console", "math", "yaml", "cpp"}, languages
+    lines = [
+        (block.place, line)
+        for page in PAGES
+        for block in blocks(page)
+        if block.language == "console"
+        for line in block.text.splitlines()
+        if line
+    ]
+    assert all(OTHER_MACHINES.match(line) for _, line in lines), lines
+    assert 0 < len(lines) <= MOST_ON_OTHER_MACHINES
+
+
+@pytest.fixture(scope="module")
+def workplace(tmp_path_factory):
+    """A folder that looks like the repository after `make test`, for what the pages write."""
+    for module in ("rclpy", "rosbags", "matplotlib", "distributed", "plotly"):
+        pytest.importorskip(module, reason=f"{module} is needed by what the pages show")
+    environment = Path(sys.prefix)
+    if not (environment / "bin" / "activate").is_file():
+        pytest.skip("the pages begin with a virtual environment's activate, and this Python has none")
+    folder = tmp_path_factory.mktemp("repository")
+    for entry in ("benchmarks", "config", "launch", "docs", "lassokin_ros", "msg_adapters", "README.md", "setup.py"):
+        (folder / entry).symlink_to(ROOT / entry)
+    (folder / ".venv").symlink_to(environment)
+    shims = tmp_path_factory.mktemp("executables")
+    if shutil.which("replay", path=environment / "bin") is None:  # run from the folder, not installed
+        (shims / "replay").write_text(f'#!/bin/sh\nexec {sys.executable} -m lassokin_ros.cli.replay "$@"\n')
+        (shims / "replay").chmod(0o755)
+    path = os.pathsep.join([str(environment / "bin"), str(shims), os.environ["PATH"]])
+    python = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
+    return folder, {**os.environ, "PATH": path, "PYTHONPATH": python, "MPLBACKEND": "Agg"}
+
+
+def run(block, command, workplace):
+    folder, environment = workplace
+    with tempfile.TemporaryFile("w+") as said:  # no pipe: what ends in the background would be waited for
+        process = subprocess.Popen(
+            command, cwd=folder, env=environment, start_new_session=True, stdout=said, stderr=subprocess.STDOUT
+        )
+        try:
+            code = process.wait(timeout=60)
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+        said.seek(0)
+        assert code == 0, f"{block.place} ends with {code}:\n{block.text}\n{said.read()}"
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_command_of_a_page_runs(page, workplace):
+    """Commands and Python in the page's order; a page's Python blocks are one program, which ends where a command reads
+    what it wrote.
+    """
+    pending = []
+    found = list(blocks(page))
+    if page != PAGES[0] and not (workplace[0] / "walk").exists():
+        run_python([block for block in blocks(PAGES[0]) if block.language == "python"], workplace)
+    for block in found:
+        if block.language == "python":
+            pending.append(block)
+        elif block.language == "sh":
+            run_python(pending, workplace)
+            run(block, ["bash", "-e", "-u", "-o", "pipefail", "-c", block.text], workplace)
+    run_python(pending, workplace)
+
+
+def run_python(pending, workplace):
+    """Run Python blocks as one program, and forget them."""
+    if pending:
+        program = "\n".join(block.text for block in pending)
+        run(pending[0], [sys.executable, "-c", program], workplace)
+        pending.clear()
+
+
+def test_the_recipe_for_smpls_files_makes_a_skeleton(tmp_path):
+    """On a pickle in SMPL's form, of no model: each joint is the mean of two vertices."""
+    (recipe,) = re.findall(r"\n\n((?:    .*\n|\n)+)", (DOCS / "files.md").read_text(encoding="utf-8"))
+    ours = Skeleton.load("anthropometric", 1.7)
+    joints = ours.rest_positions
+    vertices = np.concatenate([joints - 0.03, joints + 0.03])
+    regressor = sparse.csc_matrix(np.hstack([np.eye(24), np.eye(24)]) / 2)
+    model = {"J_regressor": regressor, "v_template": vertices, "shapedirs": np.zeros((48, 3, 10)), "f": None}
+    (tmp_path / "SMPL_NEUTRAL.pkl").write_bytes(pickle.dumps(model))
+    subprocess.run([sys.executable, "-c", textwrap.dedent(recipe)], cwd=tmp_path, check=True, timeout=60)
+    skeleton = load_skeleton(str(tmp_path / "smpl.npz"), 1.75)
+    assert np.abs(skeleton.offsets - ours.offsets).max() < 1e-9
+
+
+LINK = re.compile(r"!?\[([^\]]*)\]\(([^)\s]+)\)")
+
+
+def links(page):
+    """(text, path, anchor) of every link into the repository."""
+    for text, target in LINK.findall((DOCS / page).read_text(encoding="utf-8")):
+        if "://" not in target:
+            path, _, anchor = target.partition("#")
+            yield text, (DOCS / path).resolve() if path else DOCS / page, anchor
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_link_leads_somewhere(page):
+    for text, path, anchor in links(page):
+        assert path.exists(), f"docs/{page}: {path} is not there"
+        assert path.is_relative_to(ROOT)
+        if anchor:
+            assert anchor in headings(path), f"docs/{page}: {path.name} has no heading #{anchor}"
+        name = text.strip("`")
+        if path.suffix == ".py" and text.startswith("`") and "/" not in name:
+            assert name in names_in(path), f"docs/{page}: {path.name} has no {name}"
+
+
+def headings(path):
+    """Anchors of a page, as GitHub makes them."""
+    lines = re.findall(r"^#+ (.*)$", path.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", line.lower()).replace(" ", "-") for line in lines}
+
+
+def names_in(path):
+    """Functions, classes, methods (as Class.method) and constants that a module defines."""
+    names = set()
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+            names.add(node.name)
+        if isinstance(node, ast.ClassDef):
+            names |= {f"{node.name}.{item.name}" for item in node.body if isinstance(item, ast.FunctionDef)}
+        if isinstance(node, ast.Assign):
+            names |= {target.id for target in node.targets if isinstance(target, ast.Name)}
+    return names
+
+
+def test_the_method_names_every_equation_and_its_code():
+    page = (DOCS / "method.md").read_text(encoding="utf-8")
+    named = {int(number) for number in re.findall(r"\((\d+)\)", page)}
+    for first, last in re.findall(r"\((\d+)\)\\text\{-\}\((\d+)\)", page):
+        named |= set(range(int(first), int(last)))
+    assert set(range(1, 16)) <= named
+    linked = {path.name for _, path, _ in links("method.md")}
+    assert {"kinematics.py", "projection.py", "observation_model.py", "lasso.py", "dual.py", "certificate.py"} <= linked
+
+
+def test_every_reason_for_a_rejection_is_in_the_troubleshooting():
+    from lassokin_ros.replay.report.rejection_advice import REASONS
+
+    page = (DOCS / "troubleshooting.md").read_text(encoding="utf-8")
+    assert not [reason for reason in REASONS if f"`{reason}`" not in page]
+
+
+def test_figures_are_small_and_shown():
+    shown = {path for page in PAGES for _, path, _ in links(page) if path.suffix == ".png"}
+    figures = set((DOCS / "figures").glob("*.png"))
+    assert figures and figures <= shown
+    for figure in figures:
+        assert figure.stat().st_size < 100_000, figure
+
+
+def test_every_parameter_is_in_the_tuning_guide():
+    from lassokin_ros.node.parameters import all_settings
+
+    text = "".join((DOCS / page).read_text(encoding="utf-8") for page in PAGES)
+    missing = [item.name for item in all_settings() if f"`{item.name}" not in text and f"{item.name}:=" not in text]
+    assert not missing
+
+
+def test_mathematics_in_a_line_ends_in_it():
+    """What renders the pages takes a formula that is broken over lines for text."""
+    for page in PAGES:
+        text = re.sub(r"```.*?```|`[^`\n]*`", "", (DOCS / page).read_text(encoding="utf-8"), flags=re.DOTALL)
+        assert not [line for line in text.splitlines() if line.count("$") % 2], page

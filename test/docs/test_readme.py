@@ -1,0 +1,64 @@
+"""The README's code runs as it stands, and does what the text beside it says; the faults' tests are there."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.tracker import Tracker
+from lassokin_ros.demo.synthetic import Camera, exact_pixels, motion
+from msg_adapters.detectors.registry import keypoint_adapter
+
+README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+
+
+def code_with(text):
+    """The README's one Python block that holds `text`."""
+    (block,) = [code for code in re.findall(r"```python\n(.*?)```", README, re.DOTALL) if text in code]
+    return block
+
+
+def test_tracking_without_ros(tmp_path, monkeypatch, capsys):
+    """The ten lines, on keypoints of which the truth is known."""
+    monkeypatch.chdir(tmp_path)
+    code = code_with("Tracker(TrackerConfig")
+    assert len([line for line in code.splitlines() if line]) == 10
+    body = Tracker(TrackerConfig(height=1.80))
+    truth = motion(body.skeleton, np.arange(20) / 30)
+    camera = Camera(np.array([[920.0, 0, 640], [0, 920, 360], [0, 0, 1]]), np.zeros(5), (1280, 720))
+    pixels = exact_pixels(body.kinematics, truth, camera)
+    pixels[5] = np.nan  # one frame in which nobody is seen
+    np.save("keypoints.npy", np.concatenate([pixels, np.ones((20, 17, 1))], axis=-1))
+    names: dict = {}
+    exec(compile(code, "README.md", "exec"), names)
+    printed = capsys.readouterr().out
+    assert printed.count("[[") == 19 and printed.count("TOO_FEW_LANDMARKS") == 1
+    found, expected = names["estimate"].pose.positions, body.kinematics.pose(truth).positions[-1]
+    assert np.linalg.norm((found - found[0]) - (expected - expected[0]), axis=1).mean() < 0.08
+
+
+def test_the_message_of_a_detector():
+    header = pytest.importorskip("std_msgs.msg", reason="the ROS message packages are not installed").Header
+    names: dict = {}
+    exec(compile(code_with("def keypoints_message"), "README.md", "exec"), names)
+    xy, confidence = np.arange(34.0).reshape(17, 2) + 1, np.linspace(0.5, 1, 17)
+    message = names["keypoints_message"](header(frame_id="camera"), xy, confidence)
+    keypoints = keypoint_adapter("sensor_msgs/msg/PointCloud2").decode(message, None)
+    points, found = keypoints.as_landmarks(17)
+    assert np.array_equal(points, xy) and np.allclose(found, confidence)
+
+
+def test_the_tests_that_are_named_exist():
+    """Every row of docs/faults.md names a test file that is there, and a test in it where one is named."""
+    page = (Path(__file__).parents[2] / "docs" / "faults.md").read_text(encoding="utf-8")
+    rows = [line for line in page.splitlines() if line.startswith("|")][2:]
+    assert len(rows) >= 15
+    for row in rows:
+        named = re.findall(r"`(test_\w+\.py)(?:::(test_\w+))?`", row.split("|")[3])
+        assert named, row
+        for file, test in named:
+            path = Path(__file__).parent / file
+            assert path.is_file(), f"{file} does not exist"
+            assert not test or f"def {test}(" in path.read_text(encoding="utf-8"), f"{file} has no {test}"

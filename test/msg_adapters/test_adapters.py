@@ -1,0 +1,267 @@
+"""Keypoint carriers and camera_info: what comes out, and what is refused with which reason."""
+
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from messages import CARRIERS, CLOUD_FIELDS, FOCAL, FRAME, camera_info, cloud, multi_array, polygon, raw_cloud
+
+from msg_adapters.backends import RclpyBackend
+from msg_adapters.camera_info import decode_camera_info
+from msg_adapters.detectors.registry import full_type_name, keypoint_adapter
+from msg_adapters.errors import AdapterError
+from msg_adapters.keypoints import MAX_POINTS
+
+STAMP = 1_700_000_000_123_456_789
+XY = np.array([[10.5, 20.25], [0.0, 0.0], [320.0, 240.0], [639.5, 1.0]])
+CONFIDENCE = np.array([0.5, 0.0, 1.0, 0.25])
+
+
+@pytest.fixture(params=["rclpy", "rosbags"])
+def backend(request):
+    if request.param == "rosbags":
+        from messages import rosbags_backend
+
+        pytest.importorskip("rosbags")
+        return rosbags_backend()
+    pytest.importorskip("rclpy")
+    return RclpyBackend()
+
+
+def decode(message_type, message):
+    return keypoint_adapter(message_type).decode(message, None)
+
+
+def reason_of(call):
+    with pytest.raises(AdapterError) as caught:
+        call()
+    return caught.value.reason
+
+
+@pytest.mark.parametrize("message_type", list(CARRIERS))
+def test_each_carrier_gives_the_same_landmarks(backend, message_type):
+    keypoints = decode(message_type, CARRIERS[message_type](backend, STAMP, XY, CONFIDENCE))
+    points, confidence = keypoints.as_landmarks(5)
+    assert np.array_equal(points[[0, 2, 3]], XY[[0, 2, 3]])
+    assert np.isnan(points[[1, 4]]).all()
+    assert np.array_equal(confidence, [0.5, 0, 1, 0.25, 0])
+    stamped = message_type != "std_msgs/msg/Float32MultiArray"
+    assert keypoints.stamp_ns == (STAMP if stamped else None)
+    assert keypoints.frame_id == (FRAME if stamped else "")
+
+
+def test_cloud_is_read_whatever_its_byte_order_padding_and_further_fields(backend):
+    fields = [("id", 1, 4), ("z", 3, 7), ("v", 8, 8), ("u", 16, 7), ("person", 20, 1), ("confidence", 24, 8)]
+    rows = [(7, 1.5, 2.5, 3.5, -2, 0.75), (3, 0.0, 5.0, 6.0, 4, 0.5)]
+    data = b"".join(struct.pack(">xH5xdfb3xd", i, v, u, p, c) for i, _, v, u, p, c in rows)
+    message = raw_cloud(backend, STAMP, data, fields, 32, 2)
+    message.is_bigendian = True
+    keypoints = decode("sensor_msgs/PointCloud2", message)
+    assert keypoints.ids.tolist() == [7, 3]
+    assert keypoints.xy.tolist() == [[3.5, 2.5], [6.0, 5.0]]
+    assert keypoints.confidence.tolist() == [0.75, 0.5]
+    assert keypoints.persons.tolist() == [-2, 4]
+    assert keypoints.as_landmarks(8, person=4)[1].tolist() == [0, 0, 0, 0.5, 0, 0, 0, 0]
+
+
+def test_organised_cloud_with_padded_rows(backend):
+    message = cloud(backend, STAMP, XY, CONFIDENCE)
+    rows = np.frombuffer(bytes(message.data), np.uint8).reshape(2, 32)
+    padded = raw_cloud(backend, STAMP, np.pad(rows, ((0, 0), (0, 8))).tobytes(), CLOUD_FIELDS, 16, 2)
+    padded.height, padded.row_step = 2, 40
+    assert np.array_equal(decode("sensor_msgs/PointCloud2", padded).xy, XY)
+
+
+def lie(**changes):
+    def change(message):
+        for name, value in changes.items():
+            setattr(message, name, value)
+
+    return change
+
+
+def drop_field(message):
+    message.fields = message.fields[:3]
+
+
+def double_field(message):
+    message.fields = [*message.fields, message.fields[0]]
+
+
+def float_id(message):
+    message.fields[3].datatype = 7
+
+
+def integer_confidence(message):
+    message.fields[2].datatype = 2
+
+
+def unknown_datatype(message):
+    message.fields[0].datatype = 99
+
+
+def offset_outside(message):
+    message.fields[0].offset = 14
+
+
+@pytest.mark.parametrize(
+    "change, reason",
+    [
+        (lie(row_step=10), "wrong_layout"),
+        (lie(row_step=2**32 - 1), "wrong_layout"),
+        (lie(width=5), "wrong_layout"),
+        (lie(height=2), "wrong_layout"),
+        (lie(width=3), "wrong_layout"),
+        (lie(point_step=0), "wrong_layout"),
+        (lie(height=2**31, width=2**31), "too_many_points"),
+        (drop_field, "wrong_fields"),
+        (double_field, "wrong_fields"),
+        (float_id, "wrong_datatype"),
+        (integer_confidence, "wrong_datatype"),
+        (unknown_datatype, "wrong_datatype"),
+        (offset_outside, "wrong_layout"),
+    ],
+)
+def test_cloud_that_lies_is_refused(backend, change, reason):
+    message = cloud(backend, STAMP, XY, CONFIDENCE)
+    change(message)
+    if getattr(message, "width", 0) == 3:
+        message.row_step = 48  # a row too short for the bytes
+    assert reason_of(lambda: decode("sensor_msgs/PointCloud2", message)) == reason
+
+
+def test_what_the_layout_does_not_have_is_refused(backend):
+    keypoints = decode("sensor_msgs/PointCloud2", cloud(backend, STAMP, XY, CONFIDENCE))
+    assert reason_of(lambda: keypoints.as_landmarks(3)) == "unknown_id"
+    twice = decode("sensor_msgs/PointCloud2", cloud(backend, STAMP, XY, ids=[0, 1, 2, 2]))
+    assert reason_of(lambda: twice.as_landmarks(5)) == "repeated_id"
+    percent = decode("geometry_msgs/PolygonStamped", polygon(backend, STAMP, XY, [0.0, 0.0, 87.0, 0.0]))
+    assert reason_of(lambda: percent.as_landmarks(5)) == "confidence_range"
+
+
+def test_missing_points(backend):
+    xy = np.array([[1.0, 2.0], [np.nan, 3.0], [np.inf, 3.0], [1e30, 3.0], *[[4.0, 5.0]] * 3, [0.0, 0.0], [0.0, 5.0]])
+    confidence = np.array([1.0, 1.0, 1.0, 1.0, np.nan, -1.0, 1.25, 0.4, 0.5])
+    points, scores = decode("sensor_msgs/PointCloud2", cloud(backend, STAMP, xy, confidence)).as_landmarks(9)
+    assert np.flatnonzero(np.isfinite(points[:, 0])).tolist() == [0, 6, 8]
+    assert scores.tolist() == [1, 0, 0, 0, 0, 0, 1, 0, 0.5]
+
+
+def test_stamps(backend):
+    assert decode("sensor_msgs/PointCloud2", cloud(backend, 0, XY)).stamp_ns is None
+    message = cloud(backend, STAMP, XY)
+    message.header.stamp.sec = -1
+    assert reason_of(lambda: decode("sensor_msgs/PointCloud2", message)) == "bad_stamp"
+
+
+def test_no_points_and_too_many(backend):
+    for message_type, make in CARRIERS.items():
+        assert len(decode(message_type, make(backend, STAMP, np.empty((0, 2)))).ids) == 0
+        many = np.ones((MAX_POINTS + 1, 2))
+        assert reason_of(lambda: decode(message_type, make(backend, STAMP, many))) == "too_many_points"
+
+
+def test_multi_array_layout_must_be_true(backend):
+    message = multi_array(backend, STAMP, XY)
+    sizes = []
+    for size in (4, 3):
+        dimension = backend.make("std_msgs/msg/MultiArrayDimension")
+        dimension.size = size
+        sizes.append(dimension)
+    message.layout.dim = sizes
+    assert len(decode("std_msgs/Float32MultiArray", message).ids) == 4
+    message.layout.dim = sizes[::-1]
+    assert reason_of(lambda: decode("std_msgs/Float32MultiArray", message)) == "wrong_shape"
+    message.layout.dim, message.layout.data_offset = [], 2
+    assert reason_of(lambda: decode("std_msgs/Float32MultiArray", message)) == "wrong_shape"
+    message.layout.data_offset = 3
+    assert len(decode("std_msgs/Float32MultiArray", message).ids) == 3
+
+
+def test_unknown_message_types():
+    assert full_type_name("sensor_msgs/PointCloud2") == "sensor_msgs/msg/PointCloud2"
+    with pytest.raises(KeyError):
+        keypoint_adapter("sensor_msgs/Image")
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=list(HealthCheck))
+@given(
+    data=st.binary(max_size=200),
+    fields=st.lists(
+        st.tuples(
+            st.sampled_from(["x", "y", "u", "confidence", "id", "person", "z"]), st.integers(0, 40), st.integers(0, 9)
+        ),
+        max_size=6,
+    ),
+    sizes=st.tuples(*[st.integers(0, 70)] * 4),
+    count=st.integers(1, 40),
+)
+def test_any_cloud_is_read_or_refused(data, fields, sizes, count):
+    pytest.importorskip("rosbags")
+    from messages import rosbags_backend
+
+    message = raw_cloud(_any_backend.setdefault(0, rosbags_backend()), STAMP, data, fields, sizes[2], sizes[0])
+    message.height, message.row_step = sizes[1], sizes[3]
+    try:
+        points, confidence = decode("sensor_msgs/PointCloud2", message).as_landmarks(count)
+    except AdapterError as error:
+        assert error.reason
+    else:
+        assert points.shape == (count, 2) and ((0 <= confidence) & (confidence <= 1)).all()
+        assert (np.isfinite(points).all(axis=1) == (confidence > 0)).all()
+
+
+_any_backend: dict = {}
+
+
+def test_camera_info(backend):
+    camera = decode_camera_info(camera_info(backend))
+    assert camera.K.tolist() == [[FOCAL, 0, 320], [0, FOCAL, 240], [0, 0, 1]]
+    assert (camera.model, len(camera.D), camera.width, camera.height, camera.frame_id) == ("", 0, 640, 480, FRAME)
+
+
+def test_camera_info_binning_and_window(backend):
+    message = camera_info(backend, binning_x=2, binning_y=2)
+    message.roi.x_offset, message.roi.y_offset, message.roi.width, message.roi.height = 100, 40, 320, 240
+    camera = decode_camera_info(message)
+    assert camera.K.tolist() == [[300, 0, 110], [0, 300, 100], [0, 0, 1]]
+    assert camera.P[:, :3].tolist() == camera.K.tolist()
+    assert (camera.width, camera.height) == (160, 120)
+
+
+@pytest.mark.parametrize(
+    "model, D, kept",
+    [
+        ("plumb_bob", [0.0] * 5, ""),
+        ("anything", [0.0] * 3, ""),
+        ("plumb_bob", [0.1, 0.0, 0.0, 0.0], "plumb_bob"),
+        ("rational_polynomial", [0.1] * 8, "rational_polynomial"),
+        ("equidistant", [0.0] * 4, "equidistant"),
+        ("fisheye", [], "equidistant"),
+    ],
+)
+def test_distortion_models(backend, model, D, kept):
+    camera = decode_camera_info(camera_info(backend, distortion_model=model, d=backend.float64(np.array(D))))
+    assert camera.model == kept
+
+
+@pytest.mark.parametrize(
+    "K, model, D, reason",
+    [
+        ([0.0] * 9, "", [], "camera_uncalibrated"),
+        ([np.nan, 0, 1, 0, 1, 1, 0, 0, 1], "", [], "camera_not_finite"),
+        ([-600.0, 0, 320, 0, 600, 240, 0, 0, 1], "", [], "camera_matrix"),
+        ([600.0, 0, 320, 0, 0, 240, 0, 0, 1], "", [], "camera_matrix"),
+        ([600.0, 3, 320, 0, 600, 240, 0, 0, 1], "", [], "camera_matrix"),
+        ([1e30, 0, 320, 0, 600, 240, 0, 0, 1], "", [], "camera_matrix"),
+        ([600.0, 0, 320, 0, 600, 240, 0, 0, 1], "plumb_bob", [0.1], "camera_distortion"),
+        ([600.0, 0, 320, 0, 600, 240, 0, 0, 1], "plumb_bob", [np.inf] * 5, "camera_not_finite"),
+        ([600.0, 0, 320, 0, 600, 240, 0, 0, 1], "omnidirectional", [0.1] * 4, "camera_distortion"),
+        ([600.0, 0, 320, 0, 600, 240, 0, 0, 1], "rational_polynomial", [0.1] * 5, "camera_distortion"),
+    ],
+)
+def test_camera_info_that_is_no_camera_is_refused(backend, K, model, D, reason):
+    message = camera_info(backend, k=np.array(K, dtype=float), distortion_model=model, d=backend.float64(np.array(D)))
+    assert reason_of(lambda: decode_camera_info(message)) == reason

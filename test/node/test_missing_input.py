@@ -1,0 +1,229 @@
+"""Whoever starts the node with a wrong topic reads on the terminal what is missing, and what there is instead."""
+
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from live import BACKEND, START_NS, NodeProcess, Peer, values_of  # noqa: E402
+from messages import camera_info, pixels_of_motion  # noqa: E402
+from rcl_interfaces.msg import Log, Parameter, ParameterType, ParameterValue  # noqa: E402
+from rcl_interfaces.srv import SetParameters  # noqa: E402
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
+from rosgraph_msgs.msg import Clock  # noqa: E402
+
+from lassokin_ros.node.missing_input import PATIENCE_S, MissingInput  # noqa: E402
+from lassokin_ros.node.person_outputs import message_class  # noqa: E402
+from lassokin_ros.pipeline.outputs import topics  # noqa: E402
+
+
+class Reader(Peer):
+    """A peer that reads what the node says in its log."""
+
+    def __init__(self, namespace):
+        super().__init__(namespace, outputs=False)
+        self.said = []
+        name = f"{namespace[1:]}.tracker"
+        take = lambda log: self.said.append(log.msg) if log.name == name else None  # noqa: E731
+        kept = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # what was said before, too
+        self.node.create_subscription(Log, "/rosout", take, kept)
+
+    def hears(self, *words):
+        """Spin until one line has all the words."""
+        self.spin_until(lambda: any(all(w in line for w in words) for line in self.said), what=f"a line with {words}")
+
+
+def test_a_topic_of_another_name_is_named_and_what_comes_ends_the_complaint():
+    namespace, pixels = "/absent_name", pixels_of_motion(1)[0]
+    remap = "-r", "keypoints:=wrong", "-r", "camera_info:=front/camera_info"
+    with NodeProcess(namespace, *remap), Reader(namespace) as peer:
+        camera = peer.node.create_publisher(message_class(topics.CAMERA_INFO_TYPE), "front/camera_info", 10)
+        peer.hears("waiting for camera_info on /absent_name/front/camera_info", "its publisher is silent")
+        peer.hears("waiting for keypoints on /absent_name/wrong", "remap keypoints", "/absent_name/keypoints")
+        assert not any("joint_uncertainty" in line for line in peer.said)  # its own outputs are no candidates
+        camera.publish(camera_info(BACKEND))
+        peer.hears("the first message on /absent_name/front/camera_info has come")
+        peer.keypoints, sent = peer.node.create_publisher(peer.keypoints.msg_type, "wrong", 10), 0
+
+        def tracking():
+            nonlocal sent
+            sent += 1
+            peer.send(START_NS + sent * 33_000_000, pixels)
+            return "tracking" in peer.said
+
+        peer.spin_until(tracking, what="the word that it tracks")
+        assert "the first message on /absent_name/wrong has come" in peer.said
+
+
+def test_a_topic_of_another_type_is_named():
+    namespace = "/absent_type"
+    with NodeProcess(namespace), Reader(namespace) as peer:
+        peer.node.destroy_publisher(peer.keypoints)
+        other = "geometry_msgs/msg/PolygonStamped"
+        peer.node.create_publisher(message_class(other), topics.KEYPOINTS, 10)
+        peer.node.destroy_publisher(peer.camera)
+        peer.node.create_publisher(message_class("sensor_msgs/msg/Image"), topics.CAMERA_INFO, 10)
+        peer.hears("waiting for keypoints", f"{other}; set keypoints_type to that, or remap keypoints to another topic")
+        peer.hears("waiting for camera_info", "sensor_msgs/msg/Image; remap camera_info to another topic")
+
+
+def test_a_camera_info_sent_once_and_kept_is_asked_for():
+    """Beside a publisher that keeps nothing, whose camera_info counts as ever."""
+    namespace, pixels, sent = "/kept", pixels_of_motion(1)[0], 0
+    with Reader(namespace) as peer:
+        kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        camera = peer.node.create_publisher(message_class(topics.CAMERA_INFO_TYPE), topics.CAMERA_INFO, kept)
+        camera.publish(camera_info(BACKEND))
+        with NodeProcess(namespace):
+
+            def tracking():
+                nonlocal sent
+                sent += 1
+                peer.send(START_NS + sent * 33_000_000, pixels)
+                return "tracking" in peer.said
+
+            peer.spin_until(tracking, what="the word that it tracks")
+            peer.spin_until(lambda: camera.get_subscription_count() == 1, what="the end of what asked for it")
+            assert not any("incompatible" in line for line in peer.said)
+            said = peer.got[topics.DIAGNOSTICS]
+
+            def seen():
+                peer.send_camera(frame_id="another")
+                return said and values_of(said[-1])["resets"] == "1"
+
+            peer.spin_until(seen, what="the state forgotten for the other publisher's camera")
+
+
+def test_what_a_later_publisher_keeps_is_asked_for_too():
+    """The camera's driver is started anew and says once what has changed, before the node has found it."""
+    namespace = "/kept_later"
+    kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+    def publisher(peer, message):
+        camera = peer.node.create_publisher(message_class(topics.CAMERA_INFO_TYPE), topics.CAMERA_INFO, kept)
+        camera.publish(message)
+        return camera
+
+    with NodeProcess(namespace), Reader(namespace) as peer:
+        silent = QoSProfile(depth=1, durability=kept.durability, reliability=ReliabilityPolicy.BEST_EFFORT)
+        peer.node.create_publisher(message_class(topics.CAMERA_INFO_TYPE), topics.CAMERA_INFO, silent)  # keeps nothing
+        refused = publisher(peer, camera_info(BACKEND, k=np.zeros(9)))
+        said = peer.got[topics.DIAGNOSTICS]
+        peer.spin_until(lambda: said and "refused" in said[-1].status[0].message, what="the first camera, refused")
+        peer.node.destroy_publisher(refused)
+        camera = publisher(peer, camera_info(BACKEND))
+        peer.spin_until(lambda: "refused" not in said[-1].status[0].message, what="the second camera, taken")
+        peer.node.destroy_publisher(camera)
+        publisher(peer, camera_info(BACKEND, frame_id="another"))
+        peer.spin_until(lambda: values_of(said[-1])["resets"] == "1", what="the third camera, another one")
+
+
+def test_a_simulation_without_a_clock_is_said():
+    """/clock is remapped, as in test_live_time: another test's would be this node's too."""
+    namespace = "/absent_clock"
+    with NodeProcess(namespace, "-p", "use_sim_time:=true", "-r", "/clock:=clock"), Reader(namespace) as peer:
+        peer.hears("waiting for /clock on /absent_clock/clock", "nobody publishes there")
+        clock, now = peer.node.create_publisher(Clock, "clock", 10), Clock()
+        now.clock.sec = 1000
+
+        def told():
+            clock.publish(now)
+            return "the first message on /absent_clock/clock has come" in peer.said
+
+        peer.spin_until(told, what="the word that there is a clock")
+
+
+def test_a_clock_is_waited_for_since_use_sim_time_was_set():
+    namespace = "/later_clock"
+    with NodeProcess(namespace, "-r", "/clock:=clock"), Reader(namespace) as peer:
+        peer.hears("waiting for keypoints")  # later than the word of a clock would have been
+        assert not any("waiting for /clock" in line for line in peer.said)
+        value = ParameterValue(type=ParameterType.PARAMETER_BOOL, bool_value=True)
+        request = SetParameters.Request(parameters=[Parameter(name="use_sim_time", value=value)])
+        assert peer.call(SetParameters, "set_parameters", request).results[0].successful
+        peer.hears("waiting for /clock on /later_clock/clock", "nobody publishes there")
+
+
+def test_a_clock_that_is_no_longer_waited_for_has_not_come():
+    said = []
+
+    class Listener:
+        """In place of a node: what is said, and a graph without anybody."""
+
+        def resolve_topic_name(self, name):
+            return name
+
+        def get_logger(self):
+            return SimpleNamespace(info=said.append, warning=said.append)
+
+        def get_publishers_info_by_topic(self, topic):
+            return []
+
+        def get_topic_names_and_types(self):
+            return []
+
+        def get_publisher_names_and_types_by_node(self, name, namespace):
+            return []
+
+        def get_name(self):
+            return "tracker"
+
+        def get_namespace(self):
+            return "/"
+
+    clock = MissingInput(Listener(), "/clock", "rosgraph_msgs/msg/Clock", (), 0.0)
+    for now in (1.0, 2.0, 4.0):
+        clock.look(now, False)
+    assert len(said) == 1 and said.pop().startswith("waiting for /clock")
+    clock.excuse(5.0)
+    assert not said
+    clock.look(6.0, False)
+    assert not said  # patience begins anew
+    clock.look(9.0, False)
+    clock.look(10.0, True)
+    assert [line.split(" ")[0] for line in said] == ["waiting", "the"]
+
+
+@pytest.mark.parametrize(
+    "ours, camera, words",
+    [
+        ("camera_link", "optical", "keypoints have the frame_id 'camera_link', camera_info 'optical'"),
+        ("", "", "neither keypoints nor camera_info have a frame_id"),
+    ],
+    ids=["another", "none"],
+)
+def test_a_frame_that_is_not_the_cameras_is_said_once(ours, camera, words):
+    namespace, pixels, sent, next_at = f"/misplaced_{ours}", pixels_of_motion(1)[0], 0, 0.0
+    with NodeProcess(namespace), Reader(namespace) as peer:
+
+        def tracking():
+            nonlocal sent, next_at
+            if time.monotonic() > next_at:  # faster, a busy machine's node would speak of those overtaken
+                sent, next_at = sent + 1, time.monotonic() + 0.1
+                peer.send_camera(frame_id=camera)
+                peer.send(START_NS + sent * 33_000_000, pixels, frame_id=ours)
+            return "tracking" in peer.said
+
+        peer.spin_until(tracking, what="the word that it tracks")
+        said = peer.got[topics.DIAGNOSTICS]
+        said.clear()
+        peer.spin_until(
+            lambda: tracking() and [m for m in said if m.status[0].message == "tracking"], what="the diagnostics"
+        )
+        assert len([line for line in peer.said if words in line]) == 1
+
+
+def test_nothing_is_said_where_all_comes():
+    namespace, pixels, began = "/absent_nothing", pixels_of_motion(1)[0], time.monotonic()
+    with NodeProcess(namespace), Reader(namespace) as peer:
+        peer.listen(topics.FRAME_OUTPUTS[0])
+        peer.start(pixels)
+        if time.monotonic() - began > PATIENCE_S:
+            pytest.skip("this machine takes longer to start than the node waits")
+        peer.hears("tracking")
+        for _ in range(4):
+            peer.next_diagnostics()
+        assert not [line for line in peer.said if "waiting" in line or "has come" in line]

@@ -1,0 +1,61 @@
+"""Settings stand once: the parameter file, the table and the node are made from them."""
+
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+import yaml
+
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.errors import ConfigurationError
+from lassokin_ros.node.parameters import all_settings, parameter_file, parameter_table
+from lassokin_ros.pipeline.settings import NodeSettings
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_no_parameter_is_named_twice_and_each_is_described():
+    names = [item.name for item in all_settings()]
+    assert len(set(names)) == len(names)
+    assert all(item.metadata["description"] for item in all_settings())
+
+
+def test_defaults_are_in_their_ranges():
+    TrackerConfig().checked()
+    NodeSettings().checked()
+
+
+def test_parameter_file_is_up_to_date():
+    text = (ROOT / "config" / "tracker.yaml").read_text(encoding="utf-8")
+    assert text == parameter_file(), "run: python3 -m lassokin_ros.node.parameters > config/tracker.yaml"
+    values = yaml.safe_load(text)["/**"]["ros__parameters"]
+    assert values == {item.name: item.default for item in all_settings()}
+    assert [type(value) for value in values.values()] == [type(item.default) for item in all_settings()]
+
+
+def test_readme_has_the_table():
+    readme = ROOT / "README.md"
+    if not readme.is_file():
+        pytest.skip("there is no README.md in this tree")
+    text = readme.read_text(encoding="utf-8")
+    assert parameter_table() in text, "put in the output of: python3 -m lassokin_ros.node.parameters --table"
+
+
+@pytest.mark.parametrize("item", fields(NodeSettings), ids=lambda item: item.name)
+def test_values_out_of_range_are_refused(item):
+    wrong = "sensor_msgs/msg/Image" if isinstance(item.default, str) else "no"
+    if item.name in ("base_frame", "state_publisher", "skeleton_output"):
+        wrong = 3
+    with pytest.raises(ConfigurationError, match=item.name):
+        NodeSettings(**{item.name: wrong}).checked()
+    if item.metadata["high"] is not None:
+        with pytest.raises(ConfigurationError, match=item.name):
+            NodeSettings(**{item.name: type(item.default)(item.metadata["high"] + 1)}).checked()
+
+
+@pytest.mark.parametrize("name", ["", "me", "me.bvh", "~/.ros/", ".yaml"])
+def test_a_saved_skeleton_is_a_yaml_file(name):
+    """Of another suffix it would be taken for another format when it is loaded."""
+    with pytest.raises(ConfigurationError, match=f"skeleton_output is '{name}'; expected .* in .yaml or .yml"):
+        NodeSettings(skeleton_output=name).checked()
+    NodeSettings(skeleton_output="~/me.yml").checked()

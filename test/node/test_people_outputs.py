@@ -1,0 +1,197 @@
+"""Several people's topics: of the running node on real DDS, and of the replay."""
+
+import signal
+import subprocess
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
+
+from live import BACKEND, ROOT, START_NS, TRACKER, NodeProcess, Peer, stamp_of, values_of  # noqa: E402
+from messages import FRAME, camera_info, crowd, pixels_of_motion, rosbags_backend  # noqa: E402
+from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
+from recordings import read, write_messages  # noqa: E402
+from std_srvs.srv import Trigger  # noqa: E402
+
+from lassokin_ros.cli.replay import main  # noqa: E402
+from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
+from lassokin_ros.node.person_outputs import message_class  # noqa: E402
+from lassokin_ros.pipeline.outputs import topics  # noqa: E402
+from lassokin_ros.pipeline.outputs.urdf import urdf  # noqa: E402
+from lassokin_ros.replay.bags import BagReader  # noqa: E402
+
+PIXELS = pixels_of_motion(40)
+PERIOD_NS = 33_333_333
+SKELETON = Skeleton.load("anthropometric", 1.75)
+
+
+def two(backend, index, persons=(4, 9), stamp_ns=None):
+    """A message of people who make the same motion side by side."""
+    places = {4: -120.0, 9: 120.0}
+    people = [(PIXELS[index % 40] + [places[p], 0.0], np.full(17, 0.9)) for p in persons]
+    return crowd(backend, START_NS + index * PERIOD_NS if stamp_ns is None else stamp_ns, people, persons)
+
+
+class PeerOfTwo:
+    """What comes on the topics of p4 and p9, and on those of everybody."""
+
+    def __init__(self, peer):
+        self.peer, self.sent = peer, 0
+        self.got = {}
+        for person in ("p4", "p9"):
+            for topic in topics.PERSON_OUTPUTS:
+                self.listen(topics.of_person(topic.name, person), topic)
+        self.listen(topics.MARKERS, topics.FRAME_OUTPUTS[3])
+        self.listen(topics.TRACKED_OUTPUT.name, topics.TRACKED_OUTPUT)
+
+    def listen(self, name, topic):
+        durability = DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE
+        qos = QoSProfile(depth=1000, durability=durability)
+        self.got[name] = []
+        kind = message_class(topic.message_type)
+        self.peer.node.create_subscription(kind, name, self.got[name].append, qos)
+
+    def send_until(self, condition, what, persons=(4, 9), step=1):
+        """step: periods from one message's stamp to the next's."""
+
+        def met():
+            self.peer.send_camera()
+            self.peer.keypoints.publish(two(BACKEND, self.sent, persons))
+            self.sent += step
+            return condition()
+
+        self.peer.spin_until(met, what=what)
+
+    def lists(self):
+        return [message.data for message in self.got["bodies/tracked"]]
+
+
+def test_each_of_several_people_has_a_set_of_topics():
+    namespace = "/several"
+    # Only the stamps say that somebody leaves: this test is silent for a while itself, here and there.
+    settings = [f"-p {item}" for item in ("max_people:=3", "forget_after:=300.0")]
+    with NodeProcess(namespace, *" ".join(settings).split()) as node, Peer(namespace, outputs=False) as peer:
+        them = PeerOfTwo(peer)
+        them.send_until(lambda: all(them.got.values()), "every topic of both people")
+        joints = {p: them.got[f"bodies/{p}/joints"][-1] for p in ("p4", "p9")}
+        assert {m.header.frame_id for m in joints.values()} == {FRAME}
+        assert joints["p4"].poses[0].position.x < -0.3 < 0.3 < joints["p9"].poses[0].position.x
+        for person in ("p4", "p9"):
+            states = them.got[f"bodies/{person}/joint_states"]
+            assert len(set(map(stamp_of, states))) == len(states)
+            assert them.got[f"bodies/{person}/robot_description"][-1].data == urdf(SKELETON, FRAME, f"{person}_")
+            certificate = them.got[f"bodies/{person}/certificate"][-1].status[0]
+            assert certificate.name.startswith(f"several/tracker: {person}: certificate")
+        namespaces = {m.ns for message in them.got["markers"] for m in message.markers}
+        assert namespaces == {"p4/bones", "p4/joints", "p9/bones", "p9/joints"}
+        peer.spin_until(lambda: them.lists()[-1] == "p4,p9", what=f"the list of both {them.lists()}")
+        status = peer.next_diagnostics()
+        assert values_of(status)["people"] == "p4, p9"
+        them.send_until(lambda: them.lists()[-1] == "p9", "the list without who has left", (9,), step=300)
+        gone = "/several/bodies/p4/joint_states"
+        peer.spin_until(lambda: not peer.node.get_publishers_info_by_topic(gone), what="the end of p4's topics")
+        peer.call(Trigger, "reset", Trigger.Request())
+        peer.spin_until(lambda: them.lists()[-1] == "", what="the empty list")
+        them.send_until(lambda: them.lists()[-1] == "p4,p9", "both again")
+        with Peer(namespace, outputs=False) as late:
+            again = PeerOfTwo(late)
+            late.spin_until(lambda: again.lists() == ["p4,p9"], what="the latched list")
+    assert "Traceback" not in node.said
+
+
+def test_when_the_detector_falls_silent_people_leave():
+    namespace, refused = "/silent_people", "rejected: old_stamp [messages]"
+    settings = [f"-p {item}" for item in ("max_people:=3", "forget_after:=1.0", "lost_after:=0.5")]
+    with NodeProcess(namespace, *" ".join(settings).split()) as node, Peer(namespace, outputs=False) as peer:
+        them = PeerOfTwo(peer)
+        them.send_until(lambda: all(them.got.values()) and them.lists()[-1] == "p4,p9", "every topic of both people")
+        peer.spin_until(lambda: them.lists()[-1] == "", what="the empty list, without a message")
+        for person in ("p4", "p9"):
+            gone = f"{namespace}/bodies/{person}/joint_states"
+            peer.spin_until(lambda: not peer.node.get_publishers_info_by_topic(gone), what="its end")  # noqa: B023
+        values = values_of(peer.next_diagnostics())
+        assert (values["people"], values["state"]) == ("nobody", "searching")
+        assert values["people left"] == values["people come"] != "0"
+        lists = len(them.lists())
+        peer.keypoints.publish(two(BACKEND, them.sent - 1))
+        peer.next_diagnostics(lambda s: values_of(s).get(refused) == "1")
+        assert len(them.lists()) == lists  # a message that is refused brings nobody back
+        them.send_until(lambda: them.lists()[-1] == "p4,p9", "both again")
+        answered = f"bodies/p4/{topics.JOINT_STATES}"
+        them.got[answered].clear()
+        them.send_until(lambda: them.got[answered], "an answer")
+    assert "Traceback" not in node.said
+
+
+@pytest.mark.parametrize("person_ids", ["message", "node"])
+def test_numbers_that_change_from_image_to_image_are_said(person_ids):
+    """Else somebody new comes with every other message, all is well by the level, and most messages go unused."""
+    namespace, sent = f"/numbers_{person_ids}", 0
+    settings = ("-p", "max_people:=3", "-p", f"person_ids:={person_ids}")
+    with NodeProcess(namespace, *settings), Peer(namespace, outputs=False) as peer:
+
+        def seen(status):
+            nonlocal sent
+            sent += 1
+            peer.send_camera()
+            one = [(PIXELS[sent % 40], np.full(17, 0.9))]
+            peer.keypoints.publish(crowd(BACKEND, START_NS + 3 * sent * PERIOD_NS, one, [sent]))
+            numbered = "set person_ids to node" in status.message and status.level == b"\x01"
+            return numbered if person_ids == "message" else int(values_of(status)["accepted [messages]"]) > 20
+
+        status = peer.next_diagnostics(seen)
+        assert ("people came" in status.message) is (person_ids == "message"), status.message
+
+
+def test_a_state_publisher_that_several_people_have_no_use_for_is_said():
+    namespace = "/no_use"
+    settings = "-p", "max_people:=2", "-p", "state_publisher:=robot_state_publisher"
+    with NodeProcess(namespace, *settings) as node, Peer(namespace, outputs=False) as peer:
+        peer.next_diagnostics()
+        node.stop(signal.SIGINT)
+    assert node.said.count("state_publisher is 'robot_state_publisher'") == 1 and "one person" in node.said
+
+
+@pytest.mark.parametrize("parameter, package", [("rep155", "hri_msgs"), ("publish_tf", "tf2_msgs")])
+@pytest.mark.parametrize("people", [1, 2])
+def test_what_needs_another_package_says_so_at_the_start(parameter, package, people):
+    if find_spec(package) is not None:
+        pytest.skip(f"{package} is installed")
+    command = [*TRACKER, "--ros-args", "-p", f"{parameter}:=true", "-p", f"max_people:={people}"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=30, cwd=ROOT)
+    lines = done.stderr.strip().splitlines()
+    word = f"ros-$ROS_DISTRO-{package.replace('_', '-')}"
+    assert done.returncode == 2 and len(lines) == 1 and word in lines[0], done.stderr
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    backend = rosbags_backend()
+    messages = [("/camera_info", "sensor_msgs/msg/CameraInfo", START_NS - 1, camera_info(backend))]
+    for i in range(30):
+        persons = (4, 9) if i < 10 else (9,)
+        stamp = START_NS + i * PERIOD_NS
+        messages.append(("/keypoints", "sensor_msgs/msg/PointCloud2", stamp, two(backend, i, persons)))
+    return write_messages(tmp_path_factory.mktemp("two") / "in", messages)
+
+
+@pytest.mark.parametrize("rep155", [False, True], ids=["bodies", "rep155"])
+def test_replay_writes_each_persons_topics(recording, tmp_path, rep155):
+    settings = "max_people:=2", "forget_after:=0.3", f"rep155:={str(rep155).lower()}", "publish_tf:=true"
+    options = [word for setting in settings for word in ("-p", setting)]
+    assert main([str(recording), "-o", str(tmp_path / "out"), *options]) == 0
+    folder, description = ("/humans/bodies", "urdf") if rep155 else ("/bodies", "robot_description")
+    with BagReader(tmp_path / "out") as bag:
+        found = {topic.name: topic.count for topic in bag.topics}
+    for person, frames, described in (("p4", 10, 1), ("p9", 30, 2)):  # who stays is calibrated after half a second
+        for topic in topics.FRAME_OUTPUTS:
+            assert found.pop(f"{folder}/{person}/{topic.name.removeprefix('~/')}") == frames
+        assert found.pop(f"{folder}/{person}/{description}") == described
+    assert found == {f"{folder}/tracked": 2, "/tf": 40}
+    frames = {m.transforms[0].child_frame_id for _, m in read(tmp_path / "out", "/tf")}
+    assert frames == {"body_p4", "body_p9"}
+    lists = [m.ids if rep155 else m.data.split(",") for _, m in read(tmp_path / "out", f"{folder}/tracked")]
+    assert [list(ids) for ids in lists] == [["p4", "p9"], ["p9"]]

@@ -1,0 +1,38 @@
+"""ament's own linters, with the plugins that ROS machines have (apt install ros-$ROS_DISTRO-ament-lint-common)."""
+
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+OWN = ["lassokin_ros", "msg_adapters", "launch", "test", "benchmarks"]
+
+
+def run(linter, arguments):
+    if find_spec(linter) is None:
+        pytest.skip(f"{linter} is not installed; on a ROS machine: rosdep install --from-paths . -t test")
+    main = pytest.importorskip(f"{linter}.main").main
+    assert main(argv=arguments) == 0
+
+
+def test_xmllint():
+    run("ament_xmllint", [str(ROOT / "package.xml")])
+
+
+def test_flake8():
+    run("ament_flake8", ["--config", str(ROOT / "setup.cfg"), *(str(ROOT / folder) for folder in OWN)])
+
+
+def test_pep257():
+    folders = [str(ROOT / folder) for folder in ("lassokin_ros", "msg_adapters")]
+    run("ament_pep257", ["--convention", "numpy", "--add-ignore", IGNORED, "--", *folders])
+
+
+IGNORED = "D100,D104,D105,D107,D203,D205,D212,D213,D400,D401,D403,D407,D413,D415"
+"""As ruff's in pyproject.toml."""
+
+
+def test_pep257_ignores_what_ruff_ignores():
+    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    assert "ignore = [" + ", ".join(f'"{code}"' for code in IGNORED.split(",")) + "]" in text

@@ -1,0 +1,77 @@
+"""The package's own facts: manifest, files, licence, one version."""
+
+import ast
+import configparser
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_manifest_is_valid():
+    catkin_pkg = pytest.importorskip("catkin_pkg.package")
+    package = catkin_pkg.parse_package(str(ROOT / "package.xml"))
+    package.validate()
+    assert package.package_format == 3
+    assert package.get_build_type() == "ament_python"
+    assert package.licenses == ["Apache-2.0"]
+    assert re.fullmatch(r"[\w.+-]+@[\w.-]+\.[a-z]{2,}", package.maintainers[0].email)
+
+
+def test_marker_and_scripts():
+    assert (ROOT / "resource" / "lassokin_ros").is_file()
+    setup = configparser.ConfigParser()
+    setup.read(ROOT / "setup.cfg")
+    assert setup["install"]["install_scripts"] == setup["develop"]["script_dir"] == "$base/lib/lassokin_ros"
+    assert "Apache License" in (ROOT / "LICENSE").read_text(encoding="utf-8")
+
+
+def test_changelog_is_one_that_catkin_can_read():
+    changelog = pytest.importorskip("catkin_pkg.changelog")
+    text = (ROOT / "CHANGELOG.rst").read_text(encoding="utf-8")
+    assert "Changelog for package lassokin_ros" in text
+    pytest.importorskip("docutils")
+    assert changelog.get_changelog_from_path(str(ROOT), "lassokin_ros") is not None
+
+
+def imports_of(path):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield node.module or ""
+
+
+@pytest.mark.parametrize(
+    "folder, forbidden",
+    [
+        (
+            "lassokin_ros/core",
+            ("rclpy", "msg_adapters", "rosbags", "sensor_msgs", "lassokin_ros.node", "lassokin_ros.pipeline"),
+        ),
+        ("msg_adapters", ("lassokin_ros", "rclpy", "rosbags")),
+    ],
+)
+def test_arrows_of_the_house(folder, forbidden):
+    for path in sorted((ROOT / folder).rglob("*.py")):
+        for module in imports_of(path):
+            assert not any(module == name or module.startswith(name + ".") for name in forbidden), f"{path}: {module}"
+
+
+def test_who_follows_one_person_loads_no_more_than_that_needs():
+    """Memory and time to start; OpenCV comes with a lens that needs it, SciPy's optimisers with several people."""
+    code = """if True:
+        import sys
+        from lassokin_ros.core.config import TrackerConfig
+        from lassokin_ros.pipeline.settings import NodeSettings
+        from lassokin_ros.pipeline.pipeline import Pipeline
+        Pipeline(TrackerConfig(), NodeSettings())
+        print(*sys.modules)
+    """
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout
+    assert "proxsuite" in loaded.split()
+    assert not {"scipy.optimize", "cv2", "matplotlib", "rosbags", "pandas"} & set(loaded.split())

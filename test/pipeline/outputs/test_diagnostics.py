@@ -1,0 +1,75 @@
+"""What the status says of keypoints that are no body's."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags", reason="rosbags makes the messages")
+
+from messages import camera_info, cloud, pixels_of_motion, rosbags_backend  # noqa: E402
+
+from lassokin_ros.core.config import TrackerConfig  # noqa: E402
+from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics  # noqa: E402
+from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
+from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
+from msg_adapters.output_messages.builders import OK, WARN  # noqa: E402
+
+BACKEND = rosbags_backend()
+PIXELS = pixels_of_motion(60)
+
+
+def status_of(pixels, silence_s=0.0, confidence=None):
+    """After a second of them, or of two statuses the second, after so long without any."""
+    pipeline = Pipeline(TrackerConfig(), NodeSettings())
+    pipeline.set_camera(camera_info(BACKEND))
+    diagnostics = Diagnostics(pipeline, "tracker", 0.0)
+    for i, xy in enumerate(pixels):
+        stamp_ns = 5_000_000_000 + i * 16_666_667
+        frames = pipeline.frames(cloud(BACKEND, stamp_ns, xy, None if confidence is None else confidence[i]), stamp_ns)
+        diagnostics.saw_message(frames, stamp_ns, i / 60, 0.001)
+    status = diagnostics.line(1.0)
+    if silence_s:
+        status = diagnostics.line(1.0 + silence_s, pipeline.presence_at(6_000_000_000 + int(1e9 * silence_s)))
+    return status
+
+
+@pytest.mark.parametrize("layout", ["h36m17", "openpose18"])
+def test_landmarks_counted_otherwise_than_said_are_a_warning(layout):
+    """Another detector's first 17 points for COCO's; lengths are learned meanwhile, and explain them no better."""
+    status = status_of(pixels_of_motion(60, layout=layout)[:, :17])
+    assert status.level == WARN and "m off the best body" in status.message and "`landmarks: coco17`" in status.message
+
+
+@pytest.mark.parametrize("noise_px", [0.0, 8.0])
+def test_a_good_and_a_bad_detector_are_none(noise_px):
+    noise = noise_px * np.random.default_rng(1).normal(size=PIXELS.shape)
+    wrong = np.random.default_rng(2).random(PIXELS.shape[:2]) < 0.05
+    status = status_of(PIXELS + noise + 60.0 * wrong[:, :, None])
+    assert (status.level, status.message) == (OK, "tracking")
+
+
+@pytest.mark.parametrize(
+    "scale, low, confidence, said",
+    [(1.0, 0.0, 1.0, False), (2.0, 0.0, 1.0, True), (1.0, 90.0, 1.0, False), (1.0, 500.0, 0.1, False)],
+    ids=["usual", "larger", "near the border", "not believed"],
+)
+def test_pixels_of_a_larger_image_are_a_warning(scale, low, confidence, said):
+    """Not so feet that the border cuts, nor points out of sight of which the detector itself is not sure."""
+    pixels, confidences = scale * PIXELS, np.ones(PIXELS.shape[:2])
+    pixels[:, 13:, 1] += low
+    confidences[:, 13:] = confidence
+    status = status_of(pixels, confidence=confidences)
+    assert (status.level == WARN and "of 640 x 480 px" in status.message) == said
+    assert ("beyond the image [messages]" in status.values) == said
+
+
+def test_pixels_from_another_origin_are_a_warning():
+    """The image's centre, say."""
+    status = status_of(PIXELS - [320.0, 240.0])
+    assert status.level == WARN and "of 640 x 480 px" in status.message
+
+
+def test_of_somebody_lost_there_are_no_figures():
+    before, after = status_of(PIXELS).values, status_of(PIXELS, silence_s=30.0).values
+    assert (before["state"], after["state"]) == ("tracking", "lost")
+    assert float(before["reprojection error [px]"]) < 5.0
+    assert after["reprojection error [px]"] == after["largest joint deviation [m]"] == "nan"

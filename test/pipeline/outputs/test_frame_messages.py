@@ -1,0 +1,225 @@
+"""The pipeline without middleware, and its messages made for rclpy and for rosbags."""
+
+import numpy as np
+import pytest
+from messages import FOCAL, FRAME, HEIGHT, WIDTH, camera_info, cloud, pixels_of_motion, rosbags_backend
+from scipy.spatial.transform import Rotation
+
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.pipeline.outputs import topics
+from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
+from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.settings import NodeSettings
+from msg_adapters.backends import RclpyBackend
+from msg_adapters.output_messages.builders import set_header
+
+pytest.importorskip("rosbags")
+START_NS, PERIOD_NS = 5_000_000_000, 16_666_667
+PIXELS = pixels_of_motion(30)
+
+
+@pytest.fixture
+def pipeline():
+    result = Pipeline(TrackerConfig(), NodeSettings())
+    result.set_camera(camera_info(BACKEND))
+    return result
+
+
+BACKEND = rosbags_backend()
+
+
+def frame(pipeline, index, stamp_ns=None, **options):
+    stamp_ns = START_NS + index * PERIOD_NS if stamp_ns is None else stamp_ns
+    return pipeline.process(cloud(BACKEND, stamp_ns, PIXELS[index % 30], **options), 7)
+
+
+def as_plain(message):
+    """A message as nested lists and dictionaries, whichever library made it."""
+    if hasattr(message, "__slots__") or hasattr(message, "__dataclass_fields__"):
+        names = getattr(message, "__dataclass_fields__", None) or message.get_fields_and_field_types()
+        return {n: as_plain(getattr(message, n)) for n in names if n == n.lower() and not n.startswith("__")}
+    if isinstance(message, bytes):
+        return message[0]
+    if isinstance(message, (str, int, float, bool)):
+        return message
+    return (
+        [as_plain(item) for item in np.asarray(message).tolist()]
+        if not isinstance(message, list)
+        else [*map(as_plain, message)]
+    )
+
+
+def test_both_backends_say_the_same(pipeline):
+    pytest.importorskip("rclpy")
+    tracked = [frame(pipeline, i) for i in range(3)][-1]
+    skeleton = pipeline.tracker.skeleton
+    ours, theirs = (dict(FrameMessages(b, skeleton).build(tracked)) for b in (RclpyBackend(), BACKEND))
+    expected = [topic.name for topic in (*topics.FRAME_OUTPUTS, *topics.LIVE_OUTPUTS)]
+    assert list(ours) == list(theirs) == expected
+    for name in ours:
+        assert as_plain(ours[name]) == as_plain(theirs[name]), name
+
+
+def test_only_what_is_wanted_is_made(pipeline):
+    tracked = frame(pipeline, 0)
+    messages = FrameMessages(BACKEND, pipeline.tracker.skeleton)
+    assert [t for t, _ in messages.build(tracked, lambda topic: topic == topics.JOINTS)] == [topics.JOINTS]
+    assert list(messages.build(frame(pipeline, 0))) == []  # a repeated stamp: rejected
+
+
+def test_tf_says_where_the_pelvis_is_and_which_way_is_front(pipeline):
+    tracked = frame(pipeline, 0)
+    message = dict(FrameMessages(BACKEND, pipeline.tracker.skeleton, tf=True).build(tracked))[topics.TF]
+    (transform,) = message.transforms
+    assert (transform.header.frame_id, transform.child_frame_id) == (FRAME, "body")
+    place, q = transform.transform.translation, transform.transform.rotation
+    assert np.array_equal([place.x, place.y, place.z], tracked.positions[:3])
+    turn = Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix()
+    front, left, up = turn.T  # in the camera's frame; the person stands upright and looks into the camera
+    assert front[2] < -0.8 and left[0] > 0.8 and up[1] < -0.8
+    assert np.allclose(left, tracked.estimate.pose.orientations[0][:, 0])
+
+
+def test_rep155s_body_is_midway_between_the_hips(pipeline):
+    tracked = frame(pipeline, 0)
+    messages = FrameMessages(BACKEND, pipeline.tracker.skeleton, tf=True, tf_at_hips=True)
+    place = dict(messages.build(tracked))[topics.TF].transforms[0].transform.translation
+    hips = tracked.estimate.pose.positions[[1, 2]]
+    assert np.allclose([place.x, place.y, place.z], hips.mean(axis=0))
+    assert np.linalg.norm(hips.mean(axis=0) - tracked.positions[:3]) > 0.05
+
+
+def test_stamps_and_frames(pipeline):
+    first = frame(pipeline, 0)
+    assert (first.stamp_ns, first.frame_id, first.accepted) == (START_NS, FRAME, True)
+    assert frame(pipeline, 0).rejection == "old_stamp"
+    assert frame(pipeline, 0, stamp_ns=START_NS - 400_000_000).rejection == "old_stamp"
+    assert pipeline.counts["resets"] == 0
+    assert frame(pipeline, 0, stamp_ns=START_NS - 600_000_000).rejection == "stamp_jump"
+    again = frame(pipeline, 0, stamp_ns=START_NS - 590_000_000)
+    assert again.accepted and again.estimate.initialised and pipeline.counts["resets"] == 1
+
+
+def test_a_stamp_of_zero_is_the_time_of_arrival(pipeline):
+    assert frame(pipeline, 0, stamp_ns=0).stamp_ns == 7
+    assert pipeline.counts["unstamped"] == 1
+
+
+def test_the_frame_of_the_camera_stands_in_for_a_missing_one(pipeline):
+    assert frame(pipeline, 0, frame_id="").frame_id == FRAME
+
+
+def test_a_looped_bag_gives_the_same_bytes(pipeline):
+    rounds = [[frame(pipeline, i, START_NS + i * 33_333_333) for i in range(30)] for _ in range(3)]
+    for other in rounds[1:]:
+        for once, again in zip(rounds[0], other):
+            assert np.array_equal(once.positions, again.positions)
+            assert np.array_equal(once.velocities, again.velocities)
+
+
+def test_two_publishers_of_the_same_images_count_once(pipeline):
+    for i in range(10):
+        assert frame(pipeline, i).accepted
+        assert frame(pipeline, i).rejection == "old_stamp"
+    assert pipeline.counts["resets"] == 0 and pipeline.counts["rejected: old_stamp"] == 10
+
+
+def test_a_new_camera_is_used_from_the_next_frame_on(pipeline):
+    near = frame(pipeline, 0).estimate.state.translation[2]
+    pipeline.reset()
+    assert pipeline.set_camera(camera_info(BACKEND, focal=1200.0)) is None
+    assert frame(pipeline, 1).estimate.state.translation[2] == pytest.approx(2 * near, rel=0.2)
+
+
+def double(pipeline):
+    """Twice the resolution from image 10 on. The noise is twice as many pixels too, so that all else stays the same."""
+    info = camera_info(BACKEND, focal=2 * FOCAL, width=2 * WIDTH, height=2 * HEIGHT)
+    info.k[2], info.k[5] = WIDTH, HEIGHT
+    set_header(info.header, START_NS + 10 * PERIOD_NS, FRAME)
+    assert pipeline.set_camera(info) is None
+
+
+def send(pipeline, index, pixels):
+    return pipeline.process(cloud(BACKEND, START_NS + index * PERIOD_NS, pixels), 7)
+
+
+def test_another_resolution_while_running_leaves_the_person_where_they_are(pipeline):
+    other = Pipeline(TrackerConfig(), NodeSettings())
+    other.set_camera(camera_info(BACKEND))
+    for i in range(20):
+        if i == 10:
+            double(pipeline)
+            pipeline.tune(TrackerConfig(noise_px=2 * TrackerConfig().noise_px), NodeSettings())
+        a, b = send(pipeline, i, PIXELS[i] * (2 if i >= 10 else 1)), send(other, i, PIXELS[i])
+        assert a.accepted and a.estimate.initialised is (i == 0)
+        assert np.abs(a.positions - b.positions).max() < 1e-6, i
+
+
+def test_keypoints_still_under_way_are_read_with_the_camera_that_took_them(pipeline):
+    """The detector is three images behind when the camera changes."""
+    plain = Pipeline(TrackerConfig(), NodeSettings())
+    plain.set_camera(camera_info(BACKEND))
+    for i in range(20):
+        if i == 7:
+            double(pipeline)
+        if i == 10:
+            pipeline.tune(TrackerConfig(noise_px=2 * TrackerConfig().noise_px), NodeSettings())
+        a, b = send(pipeline, i, PIXELS[i] * (2 if i >= 10 else 1)), send(plain, i, PIXELS[i])
+        assert np.abs(a.positions - b.positions).max() < 1e-6, i
+
+
+def test_another_lens_while_running(pipeline):
+    cv2 = pytest.importorskip("cv2")
+    K, D = np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]]), np.array([-0.02, 0.004, -0.003, 0.0])
+    depths = []
+    for i in range(20):
+        pixels = PIXELS[i]
+        if i >= 10:
+            rays = (pixels - [WIDTH / 2, HEIGHT / 2]) / FOCAL
+            pixels = cv2.fisheye.distortPoints(rays[:, None], K, D)[:, 0]
+        if i == 10:
+            pipeline.set_camera(camera_info(BACKEND, distortion_model="equidistant", d=D))
+        depths.append(send(pipeline, i, pixels).positions[:3])
+    assert np.abs(np.diff(depths, axis=0)).max() < 0.1 and pipeline.counts["resets"] == 0
+
+
+def test_another_cameras_info_forgets_the_state(pipeline):
+    assert frame(pipeline, 0).accepted
+    pipeline.set_camera(camera_info(BACKEND, frame_id="another_camera"))
+    assert frame(pipeline, 1, frame_id="").estimate.initialised and pipeline.counts["resets"] == 1
+
+
+def test_images_of_the_camera_before_that_come_late_are_forgotten_too(pipeline):
+    info = camera_info(BACKEND, frame_id="another_camera")
+    set_header(info.header, START_NS + 3 * PERIOD_NS, "another_camera")
+    assert frame(pipeline, 0).accepted
+    pipeline.set_camera(info)
+    late = [frame(pipeline, i, frame_id="") for i in (1, 2)]
+    new = [frame(pipeline, i, frame_id="") for i in (3, 4)]
+    assert [f.frame_id for f in (*late, *new)] == [FRAME, FRAME, "another_camera", "another_camera"]
+    assert [f.estimate.initialised for f in (*late, *new)] == [True, False, True, False]
+
+
+def test_a_refused_camera_is_counted_each_time_and_the_good_one_stays(pipeline):
+    for _ in range(3):
+        assert pipeline.set_camera(camera_info(BACKEND, k=np.zeros(9))) == "camera_uncalibrated"
+    assert pipeline.counts["rejected: camera_uncalibrated"] == 3
+    assert frame(pipeline, 0).accepted
+    assert pipeline.set_camera(camera_info(BACKEND)) is None and pipeline.camera_fault == ""
+
+
+def test_one_of_several_people_is_followed_until_lost(pipeline):
+    def two_people(index, first_confidence):
+        from messages import CLOUD_DTYPE, CLOUD_FIELDS, raw_cloud
+
+        dtype = np.dtype([*CLOUD_DTYPE.descr, ("person", "<i4")])
+        points = np.zeros(34, dtype)
+        points["x"], points["y"] = np.concatenate([PIXELS[index], PIXELS[index] + [150, 0]]).T
+        points["id"] = np.tile(np.arange(17), 2)
+        points["person"] = np.repeat([4, 9], 17)
+        points["confidence"] = np.repeat([first_confidence, 0.8], 17)
+        fields = (*CLOUD_FIELDS, ("person", 16, 5))
+        return raw_cloud(BACKEND, START_NS + index * PERIOD_NS, points.tobytes(), fields, 20, 34)
+
+    x = [pipeline.process(two_people(i, c), 0).estimate.state.translation[0] for i, c in enumerate((0.5, 0.9, 0.9))]
+    assert min(x) > 0.5  # person 9 stands to the right, and stays the one when the other becomes the surer

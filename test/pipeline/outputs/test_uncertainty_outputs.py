@@ -1,0 +1,125 @@
+"""The joints' uncertainty as messages: what the core says, in a cloud and as ellipsoids."""
+
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+from messages import FRAME, camera_info, cloud, pixels_of_motion, rosbags_backend
+from scipy.spatial.transform import Rotation
+
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.pipeline.outputs import topics
+from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
+from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.settings import NodeSettings
+from msg_adapters.backends import RclpyBackend
+
+pytest.importorskip("rosbags")
+START_NS = 5_000_000_000
+FIELDS = ["x", "y", "z", "joint", "deviation", "xx", "xy", "xz", "yy", "yz", "zz"]
+
+
+def points_of(message):
+    """A PointCloud2 as a structured array, by its own description of itself."""
+    kinds = {5: "<i4", 7: "<f4"}
+    dtype = np.dtype(
+        {
+            "names": [f.name for f in message.fields],
+            "formats": [kinds[f.datatype] for f in message.fields],
+            "offsets": [f.offset for f in message.fields],
+            "itemsize": message.point_step,
+        }
+    )
+    assert len(message.data) == message.row_step * message.height == message.point_step * message.width
+    return np.frombuffer(bytes(message.data), dtype)
+
+
+@pytest.fixture(scope="module")
+def tracked():
+    """A pipeline, and its frame after some of a motion."""
+    backend = rosbags_backend()
+    pipeline = Pipeline(TrackerConfig(), NodeSettings())
+    pipeline.set_camera(camera_info(backend))
+    pixels = pixels_of_motion(10)
+    frames = [pipeline.process(cloud(backend, START_NS + i * 16_666_667, xy), 7) for i, xy in enumerate(pixels)]
+    return pipeline, frames[-1]
+
+
+BACKENDS = [rosbags_backend(), *([RclpyBackend()] if find_spec("rclpy") else [])]
+
+
+@pytest.mark.parametrize("backend", BACKENDS, ids=lambda b: type(b).__name__)
+def test_the_cloud_holds_what_the_core_says(tracked, backend):
+    pipeline, frame = tracked
+    expected = pipeline.tracker.uncertainty(frame.estimate)
+    (message,) = (m for t, m in FrameMessages(backend, frame.skeleton).build(frame) if t == topics.JOINT_UNCERTAINTY)
+    assert [f.name for f in message.fields] == FIELDS and message.header.frame_id == FRAME
+    points = points_of(message)
+    assert points["joint"].tolist() == list(range(24))
+    places = np.stack([points["x"], points["y"], points["z"]], axis=1)
+    assert np.allclose(places, frame.estimate.pose.positions, atol=1e-5)
+    for row, column in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
+        name = "xyz"[row] + "xyz"[column]
+        assert np.allclose(points[name], expected.covariance[:, row, column], rtol=1e-5, atol=1e-9), name
+    assert np.allclose(points["deviation"], expected.deviation, rtol=1e-5)
+    trace = points["xx"] + points["yy"] + points["zz"]
+    assert np.allclose(np.sqrt(trace), points["deviation"], rtol=1e-4) and points["deviation"][0] == 0
+    assert points["deviation"].max() > 0.01
+
+
+@pytest.mark.parametrize("backend", BACKENDS, ids=lambda b: type(b).__name__)
+def test_ellipsoids_are_one_standard_deviation_along_each_axis(tracked, backend):
+    _, frame = tracked
+    built = dict(FrameMessages(backend, frame.skeleton, person="p4").build(frame))
+    markers = built[topics.UNCERTAINTY_MARKERS].markers
+    assert [m.id for m in markers] == list(range(24)) and {m.ns for m in markers} == {"p4/uncertainty"}
+    for marker, covariance in list(zip(markers, frame.uncertainty.covariance))[1:]:
+        q, s = marker.pose.orientation, marker.scale
+        axes = Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix()
+        shape = axes @ np.diag(np.square([s.x, s.y, s.z]) / 4) @ axes.T
+        assert np.allclose(shape, covariance, rtol=1e-6, atol=1e-6)
+    assert min(markers[0].scale.x, markers[0].scale.y, markers[0].scale.z) > 0  # the pelvis' is none: still a marker
+
+
+def test_it_is_computed_when_asked_and_once(tracked):
+    pipeline, _ = tracked
+    asked = []
+    frame = pipeline.process(cloud(rosbags_backend(), START_NS + 10**9, pixels_of_motion(1)[0]), 7)
+    measure = frame.measure
+    object.__setattr__(frame, "measure", lambda estimate: asked.append(1) or measure(estimate))
+    messages = FrameMessages(rosbags_backend(), frame.skeleton)
+    uncertain = (topics.JOINT_UNCERTAINTY, topics.UNCERTAINTY_MARKERS)
+    assert len(list(messages.build(frame, lambda t: t not in uncertain))) == 7 and not asked
+    assert len(list(messages.build(frame, lambda t: t in uncertain))) == 2 and len(asked) == 1
+
+
+def test_a_rejected_frame_has_none(tracked):
+    pipeline, _ = tracked
+    frame = pipeline.process(cloud(rosbags_backend(), 0, np.full((17, 2), np.nan)), START_NS + 2 * 10**9)
+    assert not frame.accepted
+    with pytest.raises(ValueError, match="rejected"):
+        frame.uncertainty
+
+
+def test_the_running_node_publishes_both_and_says_the_largest():
+    pytest.importorskip("rclpy")
+    from live import START_NS as LIVE_NS
+    from live import NodeProcess, Peer, stamp_of, values_of
+
+    namespace, pixels = "/uncertain", pixels_of_motion(5)
+    with NodeProcess(namespace) as node, Peer(namespace) as peer:
+        shown = peer.got.setdefault(topics.UNCERTAINTY_MARKERS, [])
+        peer.listen(topics.UNCERTAINTY_MARKERS_OUTPUT)
+        peer.start(pixels[0])
+        clouds = peer.got[topics.JOINT_UNCERTAINTY]
+        peer.clear()
+        for i, xy in enumerate(pixels):
+            peer.send(LIVE_NS + i * 16_666_667, xy)
+            peer.spin_until(lambda: min(len(clouds), len(shown)) > i, what="the uncertainty")  # noqa: B023
+        stamps = [LIVE_NS + i * 16_666_667 for i in range(len(pixels))]
+        assert [stamp_of(m) for m in clouds] == [stamp_of(m) for m in shown] == stamps
+        points, largest = points_of(clouds[-1]), max(m.scale.z for m in shown[-1].markers)
+        assert 0.01 < points["deviation"].max() < 0.2 and 0.01 < largest < 0.4
+        said = float(values_of(peer.next_diagnostics())["largest joint deviation [m]"])
+        assert said == pytest.approx(points["deviation"].max(), abs=0.0006)
+    assert "Traceback" not in node.said

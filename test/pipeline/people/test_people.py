@@ -1,0 +1,390 @@
+"""Several people: who is who, births, absences, deaths, crossings; and the one who is followed among several."""
+
+import os
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags", reason="rosbags makes the messages")
+
+from messages import FOCAL, HEIGHT, WIDTH, camera_info, crowd, rosbags_backend  # noqa: E402
+
+from lassokin_ros.core.body.kinematics import BodyState, Kinematics  # noqa: E402
+from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
+from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
+from lassokin_ros.core.config import TrackerConfig  # noqa: E402
+from lassokin_ros.core.estimate import Status  # noqa: E402
+from lassokin_ros.core.evidence.upright import Upright  # noqa: E402
+from lassokin_ros.core.image.projection import project  # noqa: E402
+from lassokin_ros.demo.synthetic import motion  # noqa: E402
+from lassokin_ros.pipeline.detections import MOST_PEOPLE  # noqa: E402
+from lassokin_ros.pipeline.people.people import FOUND_AT_ONCE  # noqa: E402
+from lassokin_ros.pipeline.people.presence import Presence  # noqa: E402
+from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
+from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
+
+ROOT = Path(__file__).resolve().parents[3]
+DETECTIONS = Path(os.environ.get("LASSOKIN_DATA", ROOT.parent / "shared" / "data")) / "detections"
+BACKEND = rosbags_backend()
+START_NS, RATE = 5_000_000_000, 30.0
+SKELETON = Skeleton.load("anthropometric", 1.75)
+KINEMATICS = Kinematics(SKELETON, Layout.load("coco17", SKELETON))
+
+
+def stamp(index):
+    return START_NS + round(index * 1e9 / RATE)
+
+
+def walk(frames, x, z, phase, seed):
+    """A person at x (f,), z (f,) m: true joints (f, 24, 3) m and detections (f, 17, 2) px."""
+    state = motion(SKELETON, np.arange(frames) / RATE + phase)
+    places = state.translation.copy()
+    places[:, 0], places[:, 2] = x, z
+    pose = KINEMATICS.pose(BodyState(state.rotations, places))
+    noise = np.random.default_rng(seed).normal(size=(frames, 17, 2))
+    return pose.positions, project(pose.landmarks) * FOCAL + [WIDTH / 2, HEIGHT / 2] + noise
+
+
+def pipeline_for(max_people=4, **settings):
+    pipeline = Pipeline(TrackerConfig(), NodeSettings(max_people=max_people, **settings))
+    assert pipeline.set_camera(camera_info(BACKEND)) is None
+    return pipeline
+
+
+def feed(pipeline, index, people, persons=None):
+    """One message of people's pixels; person id -> frame."""
+    pairs = [(xy, np.full(len(xy), 0.9)) for xy in people]
+    frames = pipeline.frames(crowd(BACKEND, stamp(index), pairs, persons), 0)
+    assert all(f.accepted for f in frames), [f.rejection for f in frames]
+    return {f.person: f for f in frames}
+
+
+def two_who_cross(frames=120):
+    """One goes to the right in front, one to the left behind; who is behind is hidden while they overlap."""
+    course = np.linspace(-1.0, 1.0, frames)
+    front = walk(frames, course, 3.2, 0.0, 1)
+    back = walk(frames, -1.3 * course, 4.4, 3.0, 2)  # before the squat, which one camera hardly tells from a lean
+    hidden = np.abs(front[1][:, :, 0].mean(1) - back[1][:, :, 0].mean(1)) < 40
+    assert 10 < hidden.sum() < 30
+    return front, back, hidden
+
+
+def run_single(pixels):
+    """Joints (f, 24, 3) about the pelvis of a person who is the only one."""
+    pipeline = pipeline_for(max_people=1)
+    poses = [
+        pipeline.process(crowd(BACKEND, stamp(i), [(xy, np.full(17, 0.9))]), 0).estimate.pose.positions
+        for i, xy in enumerate(pixels)
+    ]
+    return np.array([pose - pose[0] for pose in poses])
+
+
+@pytest.mark.parametrize("numbered", [True, False], ids=["message", "node"])
+def test_two_who_cross_keep_their_ids_and_skeletons(numbered):
+    front, back, hidden = two_who_cross()
+    pipeline = pipeline_for(person_ids="message" if numbered else "node")
+    random = np.random.default_rng(3)
+    ids, joints = defaultdict(set), ({}, {})
+    for i in range(len(hidden)):
+        order = random.permutation([0] if hidden[i] else [0, 1])
+        numbers = [4 + int(k) for k in order] if numbered else None
+        got = feed(pipeline, i, [(front, back)[k][1][i] for k in order], numbers)
+        for person, frame in got.items():
+            who = min((0, 1), key=lambda k: abs(frame.positions[2] - (3.2, 4.4)[k]))
+            ids[who].add(person)
+            joints[who][i] = frame.estimate.pose.positions - frame.estimate.pose.positions[0]
+    assert [len(ids[k]) for k in (0, 1)] == [1, 1] and ids[0] != ids[1], dict(ids)
+    assert not numbered or (ids[0], ids[1]) == ({"p4"}, {"p5"})
+    assert (pipeline.counts["people come"], pipeline.counts["people left"]) == (2, 0)
+    for who, missing in ((0, 0), (1, hidden.sum())):
+        assert len(joints[who]) >= len(hidden) - missing - 3
+        by_itself, true = run_single((front, back)[who][1]), (front, back)[who][0]
+        true = true - true[:, :1]
+
+        def error(poses, of=true):
+            frames = [i for i in joints[who] if i > 10]  # noqa: B023
+            return np.mean([np.linalg.norm(poses[i] - of[i], axis=1).mean() for i in frames])
+
+        assert error(joints[who]) < 1.25 * error(by_itself) < 0.25, "a person among others is tracked as one alone"
+
+
+def test_births_absences_and_deaths():
+    pixels = walk(200, 0.8, 3.5, 0.0, 1)[1], walk(200, -0.8, 3.5, 3.0, 2)[1]
+    pipeline = pipeline_for(max_people=2, person_ids="node", forget_after=1.0)
+    seen = [feed(pipeline, i, [pixels[0][i]]) for i in range(10)]
+    assert [list(s) for s in seen] == [[], []] + [["p1"]] * 8  # believed in at the third measurement
+    seen = [feed(pipeline, i, [pixels[1][i], pixels[0][i]]) for i in range(10, 20)]
+    assert list(seen[0]) == ["p1"] and set(seen[-1]) == {"p1", "p2"}
+    for i in range(20, 40):  # a short absence
+        assert list(feed(pipeline, i, [pixels[0][i]])) == ["p1"]
+    assert pipeline.people.ids == ["p1", "p2"]
+    back = feed(pipeline, 40, [pixels[1][40], pixels[0][40]])
+    assert set(back) == {"p1", "p2"} and not back["p2"].estimate.initialised
+    for i in range(41, 75):  # longer than forget_after
+        feed(pipeline, i, [pixels[0][i]])
+    assert pipeline.people.ids == ["p1"] and pipeline.counts["people left"] == 1
+    for i in range(75, 80):
+        last = feed(pipeline, i, [pixels[0][i], pixels[1][i]])
+    assert set(last) == {"p1", "p3"}  # an id is not used again
+    assert feed(pipeline, 80, []) == {} and pipeline.counts["accepted"] == pipeline.counts["received"]
+
+
+@pytest.mark.parametrize("people", [1, 3])
+def test_silence_is_an_absence_that_is_said_and_forgets_nobody(people):
+    """By the clock of arrivals, however far from the stamps it is, and only while that goes on."""
+    pixels = walk(30, 0.8, 3.5, 0.0, 1)[1], walk(30, -0.8, 3.5, 3.0, 2)[1]
+    config = TrackerConfig(lost_after=0.5), NodeSettings(max_people=people, person_ids="node", forget_after=1.0)
+    asked, left_alone = Pipeline(*config), Pipeline(*config)
+    answers = {asked: [], left_alone: []}
+    assert asked.presence_at(10**18).status is Status.SEARCHING
+    for pipeline, positions in answers.items():
+        pipeline.set_camera(camera_info(BACKEND))
+        for i in range(30):
+            message = crowd(BACKEND, stamp(i), [(of[i], np.full(17, 0.9)) for of in pixels[: 2 if i < 15 else 1]])
+            positions += [f.positions.tolist() for f in pipeline.frames(message, stamp(i) // 7)]
+            for silent_s in (0.0, 10.0) if pipeline is asked else ():
+                pipeline.presence_at(stamp(i) // 7 + round(silent_s * 1e9))
+    assert answers[asked] == answers[left_alone] and asked.counts == left_alone.counts
+    arrival_ns = stamp(29) // 7
+    said = [asked.presence_at(arrival_ns + round(silent_s * 1e9)) for silent_s in (-5.0, 0.4, 0.7, 1.2)]
+    tracking, lost, gone = (Presence(status) for status in (Status.TRACKING, Status.LOST, Status.LOST))
+    if people > 1:  # the second one was seen last half a second before the first
+        tracking, lost = Presence(Status.TRACKING, ["p1", "p2"]), Presence(Status.LOST, ["p1"])
+        gone = Presence(Status.SEARCHING, [])
+    assert said == [tracking, tracking, lost, gone]
+    asked.reset()
+    assert asked.presence_at(arrival_ns).status is Status.SEARCHING
+
+
+def test_messages_that_are_refused_tell_nothing_of_who_is_there():
+    pixels, pipeline = walk(5, 0.0, 3.5, 0.0, 1)[1], pipeline_for(max_people=1)
+    for i in range(5):
+        assert pipeline.process(crowd(BACKEND, stamp(i), [(pixels[i], np.full(17, 0.9))]), stamp(i)).accepted
+    refused = pipeline.process(crowd(BACKEND, stamp(4), [(pixels[4], np.full(17, 0.9))]), stamp(4) + 2 * 10**9)
+    assert refused.rejection == "old_stamp"
+    assert pipeline.presence_at(stamp(4) + 2 * 10**9).status is Status.LOST
+
+
+def test_what_came_before_a_simulated_clock_has_no_age():
+    pixels, pipeline = walk(5, 0.0, 3.5, 0.0, 1)[1], pipeline_for(max_people=1)
+    assert pipeline.process(crowd(BACKEND, stamp(0), [(pixels[0], np.full(17, 0.9))]), 0).accepted
+    assert pipeline.presence_at(10**18).status is Status.TRACKING
+
+
+def test_who_comes_is_told_how_the_camera_is_held(monkeypatch):
+    """By who is there; in an empty room by who was there the longest; after a reset by nobody."""
+    pixels = walk(100, -0.8, 3.5, 0.0, 1)[1], walk(100, 0.8, 4.0, 1.0, 2)[1]
+    pipeline, verticals = pipeline_for(person_ids="message", forget_after=0.2), []
+    candidates = Upright.candidates
+
+    def seen(upright):
+        verticals.append([vertical for vertical, _ in candidates(upright)])
+        return candidates(upright)
+
+    monkeypatch.setattr(Upright, "candidates", seen)  # asked for once in each initialisation
+    there = {1: range(30), 2: range(20, 25), 3: range(60, 80), 4: range(90, 100)}
+    longest = None
+    for i in range(100):
+        if i == 85:
+            pipeline.reset()
+        people = {number: pixels[number % 2][i] for number, frames in there.items() if i in frames}
+        feed(pipeline, i, list(people.values()), list(people))
+        if i == 29:
+            longest = pipeline.people.bodies["p1"].tracker._upright.vertical
+            assert np.any(longest != verticals[1][0])  # it has learned since the second one came
+    assert pipeline.counts["people come"] == 4 and [len(of) for of in verticals] == [3, 1, 1, 3]
+    assert np.array_equal(verticals[2][0], longest)
+    assert np.array_equal(verticals[3][0], verticals[0][0])
+
+
+def test_the_detectors_second_look_at_a_person_is_no_second_person():
+    pixels = walk(20, 0.0, 3.5, 0.0, 1)[1]
+    pipeline = pipeline_for(person_ids="node")
+    for i in range(20):
+        got = feed(pipeline, i, [pixels[i] + 3, pixels[i]])
+    assert list(got) == ["p1"] and pipeline.counts["people come"] == 1
+
+
+def test_more_people_than_allowed():
+    places = (-1.0, 0.0, 1.0)
+    pixels = [walk(60, x, 4.0, x, 1)[1] for x in places]
+    pipeline = pipeline_for(max_people=2)
+    for i in range(30):
+        assert set(feed(pipeline, i, [p[i] for p in pixels], [7, 8, 9])) == {"p7", "p8"}
+    assert pipeline.counts["people beyond max_people"] == 30
+    got = [set(feed(pipeline, i, [p[i] for p in pixels[1:]], [8, 9])) for i in range(30, 50)]
+    assert got[0] == {"p8"} and got[-1] == {"p8", "p9"} and pipeline.people.ids == ["p8", "p9"]
+
+
+@pytest.mark.parametrize("lasting", [True, False], ids=["message", "node"])
+def test_a_crowd_that_was_lost_is_found_anew_a_few_at_a_time(lasting):
+    """All at once would take a slow machine so long that they are lost again by the next message."""
+    pixels = [walk(12, x, 6.0, x, 1)[1] for x in np.linspace(-2.5, 2.5, 7)]
+    pipeline = pipeline_for(max_people=7, person_ids="message" if lasting else "node")
+    ids = {person for i in range(6) for person in feed(pipeline, i, [of[i] for of in pixels], range(7))}
+    assert len(ids) == 7
+    answers = [feed(pipeline, 50 + i, [of[6 + i] for of in pixels], range(7)) for i in range(3)]
+    found = [[person for person, f in frames.items() if f.estimate.initialised] for frames in answers]
+    assert [len(frames) for frames in answers] == [FOUND_AT_ONCE, 7, 7]
+    assert sorted(sum(found, [])) == sorted(ids) and not found[2]
+
+
+def test_a_jump_back_in_time_forgets_everybody():
+    pixels = walk(60, 0.0, 3.5, 0.0, 1)[1]
+    pipeline = pipeline_for(person_ids="node")
+    rounds = []
+    for _ in range(3):
+        rounds.append([feed(pipeline, i, [pixels[i]]) for i in range(60)])
+    assert pipeline.counts["resets"] == 2
+    for other in rounds[1:]:
+        for mine, theirs in zip(rounds[0], other):
+            assert [f.positions.tolist() for f in mine.values()] == [f.positions.tolist() for f in theirs.values()]
+
+
+def test_a_message_that_cannot_be_read_is_refused_as_a_whole():
+    pixels = walk(3, 0.0, 3.5, 0.0, 1)[1]
+    pipeline = pipeline_for()
+    many = [pixels[0][:5]] * (MOST_PEOPLE + 1)
+    (frame,) = pipeline.frames(crowd(BACKEND, stamp(0), [(xy, np.ones(5)) for xy in many]), 0)
+    assert frame.rejection == "too_many_people"
+    (frame,) = pipeline.frames(crowd(BACKEND, stamp(1), [(pixels[0], np.full(17, 90.0))]), 0)
+    assert frame.rejection == "confidence_range" and pipeline.people.ids == []
+
+
+def test_a_refused_frame_says_what_it_held():
+    pipeline, xy = pipeline_for(max_people=1), walk(1, 0.0, 3.5, 0.0, 1)[1][0]
+    frame = pipeline.process(crowd(BACKEND, stamp(0), [(xy, np.where(np.arange(17) < 3, 0.9, 0.1))]), 0)
+    assert frame.detail == "3 landmarks at or above min_confidence 0.2; expected 4 or more (min_landmarks)"
+
+
+@pytest.mark.parametrize("missing", [0.0, np.nan], ids=["origin", "nan"])
+def test_points_that_are_missing_are_nobodys_whatever_their_confidence(missing):
+    """Neither is somebody chosen for them, nor is a person of nothing else one of the people in a message."""
+    pipeline, here = pipeline_for(max_people=1), walk(2, 0.0, 3.5, 0.0, 1)[1]
+    half, nothing = here[0] + 150.0, np.full((17, 2), missing)
+    half[5:14] = missing
+    pipeline.process(crowd(BACKEND, stamp(0), [(here[0], np.full(17, 0.8)), (half, np.full(17, 0.99))], [1, 2]), 0)
+    assert abs(pipeline.tracker.state.translation[0]) < 0.3, "the whole person, in the middle"
+    for index, number in enumerate((1, 7), 1):
+        frame = pipeline.process(crowd(BACKEND, stamp(index), [(nothing, np.full(17, 0.9))], [number]), 0)
+        assert frame.rejection == "too_few_landmarks"
+
+
+def test_a_number_without_points_does_not_hide_that_the_person_has_another_now():
+    here, confidence = walk(40, 0.0, 3.5, 0.0, 1)[1], np.full(17, 0.9)
+    pipeline = pipeline_for(max_people=1)
+    assert all(feed(pipeline, i, [here[i]], [1])[""].accepted for i in range(10))
+    pairs = [(np.zeros((17, 2)), confidence), (here[10], confidence)]
+    assert pipeline.process(crowd(BACKEND, stamp(10), pairs, [1, 7]), 0).accepted
+    frames = [feed(pipeline, i, [here[i]], [7])[""] for i in range(11, 20)]
+    assert all(frame.accepted and not frame.estimate.initialised for frame in frames)
+
+
+@pytest.mark.parametrize("lasting", [True, False], ids=["message", "node"])
+def test_a_message_of_others_alone_is_refused_for_that(lasting):
+    """Not for too few landmarks: there are enough, of others."""
+    here, there = walk(2, -0.8, 3.5, 0.0, 1)[1], walk(2, 3.2, 6.0, 0.0, 2)[1]
+    pipeline = pipeline_for(max_people=1, person_ids="message" if lasting else "node")
+    assert feed(pipeline, 0, [here[0]], [4])
+    pairs = [(there[1], np.full(17, 0.9)), (here[1] + 900.0, np.full(17, 0.9))]
+    frame = pipeline.process(crowd(BACKEND, stamp(1), pairs, [7, 8]), 0)
+    assert frame.rejection == "person_absent" and pipeline.counts["rejected: person_absent"] == 1
+    assert "the 2 in the message" in frame.detail and ("person 4" in frame.detail) is lasting, frame.detail
+    unseen = [(xy, np.full(17, 0.1)) for xy, _ in pairs]
+    frame = pipeline.process(crowd(BACKEND, stamp(2), unseen, [7, 8]), 0)
+    assert frame.rejection == "too_few_landmarks"
+
+
+def test_one_followed_keeps_the_track_when_the_detector_gives_another_number():
+    """Some number people anew in every image; a detector's tracker does when it lost somebody for a moment."""
+    here = walk(20, -0.8, 3.5, 0.0, 1)[1]
+    pipeline = pipeline_for(max_people=1)
+    frames = [feed(pipeline, i, [here[i]], [100 + i])[""] for i in range(20)]
+    assert all(frame.accepted for frame in frames)
+    assert [frame.estimate.initialised for frame in frames] == [True] + 19 * [False]
+
+
+def test_a_bystander_who_hides_the_followed_one_is_not_taken_for_them():
+    """Though they stand where the other is expected: they were seen beside each other."""
+    here = walk(3, -0.8, 3.5, 0.0, 1)[1]
+    pipeline = pipeline_for(max_people=1)
+    assert feed(pipeline, 0, [here[0], here[0] + 60.0], [4, 5])[""].accepted
+    frame = pipeline.process(crowd(BACKEND, stamp(1), [(here[1], np.full(17, 0.9))], [5]), 0)
+    assert frame.rejection == "person_absent"
+    assert feed(pipeline, 2, [here[2]], [6])[""].accepted, "somebody whom nobody has seen beside them"
+
+
+def test_one_followed_among_several_whose_order_changes():
+    front, back, hidden = two_who_cross()
+    pipeline = pipeline_for(max_people=1, person_ids="node")
+    random = np.random.default_rng(3)
+    depths = []
+    for i in range(len(hidden)):
+        order = random.permutation([0] if hidden[i] else [0, 1])
+        scores = {0: 0.9, 1: 0.8 if i < 5 else 1.0}
+        people = [((front, back)[k][1][i], np.full(17, scores[k])) for k in order]
+        frame = pipeline.process(crowd(BACKEND, stamp(i), people), 0)
+        depths.append(frame.positions[2])
+    assert np.abs(np.array(depths) - 3.2).max() < 0.6
+
+
+@pytest.mark.parametrize("lasting", [True, False], ids=["message", "node"])
+def test_after_a_silence_the_first_message_is_used_whoever_is_in_it(lasting):
+    """A detector that starts anew numbers people anew, and they have gone elsewhere."""
+    before, after = walk(10, -0.8, 3.5, 0.0, 1)[1], walk(10, 3.2, 6.0, 0.0, 2)[1]
+    pipeline = pipeline_for(max_people=1, person_ids="message" if lasting else "node")
+    for i in range(10):
+        assert feed(pipeline, i, [before[i]], [4])
+    for i in range(5):
+        (frame,) = feed(pipeline, 55 + i, [after[i]], [7]).values()
+        assert frame.estimate.initialised is (i == 0) and abs(frame.positions[2] - 6.0) < 1.0
+
+
+def test_who_is_followed_stays_the_same_over_a_silence_while_they_are_seen():
+    followed, other = walk(10, -0.8, 3.5, 0.0, 1)[1], walk(10, 0.8, 3.5, 0.0, 2)[1]
+    pipeline = pipeline_for(max_people=1)
+    for i in range(10):
+        assert feed(pipeline, i, [followed[i]], [4])
+    people = [(other[0], np.full(17, 1.0)), (followed[0], np.full(17, 0.5))]
+    frame = pipeline.process(crowd(BACKEND, stamp(55), people, [7, 4]), 0)
+    assert frame.accepted and frame.positions[0] < -0.5
+
+
+@pytest.mark.parametrize("hidden", ["no place", "low confidence"])
+def test_one_who_cannot_be_tracked_keeps_nobody_from_being_followed(hidden):
+    """Confidences count for nothing where the points are not there, or are all too low."""
+    xy, pipeline = walk(5, 0.0, 3.5, 0.0, 1)[1], pipeline_for(max_people=1)
+    seen = np.arange(17) % 3 == 0
+    for i in range(5):
+        nobody = (xy[i] * np.nan, np.full(17, 0.9)) if hidden == "no place" else (xy[i], np.full(17, 0.19))
+        people = [nobody, (xy[i], np.where(seen, 0.5, 0.0))]
+        frame = pipeline.process(crowd(BACKEND, stamp(i), people), 0)
+        assert frame.accepted, (frame.rejection, frame.detail)
+
+
+@pytest.mark.skipif(not (DETECTIONS / "openpose_balancing.npz").is_file(), reason="no real detections (LASSOKIN_DATA)")
+@pytest.mark.parametrize("camera", [0, 1])
+def test_real_people_in_an_unstable_order_keep_their_ids(camera):
+    """OpenPose numbers the people of each image anew; `kp2d` of the recording says where one of them is."""
+    data = np.load(DETECTIONS / "openpose_balancing.npz")
+    everybody = data["kp2d_all"][camera].astype(float)
+    config = TrackerConfig(landmarks="body25b")
+    pipeline = Pipeline(config, NodeSettings(max_people=3, person_ids="node"))
+    width, height = (int(v) for v in data["image_size"][camera])
+    info = camera_info(BACKEND, k=data["K"][camera].ravel(), width=width, height=height, distortion_model="plumb_bob")
+    info.d = np.append(data["dist"][camera], 0.0)
+    assert pipeline.set_camera(info) is None
+    of_the_known, others, random = [], [], np.random.default_rng(camera)
+    for i, people in enumerate(everybody):
+        people = random.permutation([p for p in people if (p[:, 2] > 0).any()])
+        frames = pipeline.frames(crowd(BACKEND, stamp(i), [(p[:, :2], p[:, 2]) for p in people]), 0)
+        true = data["kp2d"][camera][i]
+        seen = true[:, 2] >= 0.2
+        for frame in frames:
+            pixels = pipeline.camera.view.lens.distort(project(frame.estimate.pose.landmarks))
+            miss = np.median(np.linalg.norm(pixels[seen] - true[seen, :2], axis=1))
+            (of_the_known if miss < 60 else others).append(frame.person)
+    assert len(set(of_the_known)) == 1 and len(of_the_known) >= len(everybody) - 3
+    assert not set(of_the_known) & set(others)

@@ -1,0 +1,262 @@
+"""Bodies whose keypoints come on topics of their own (REP-155): the pipelines, and the node on real DDS.
+
+The live tests need hri_msgs and tf2_msgs, which are not on PyPI; they run where those are installed or have been built.
+"""
+
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+from detector_messages import HRI, detector_types
+from messages import FOCAL, FRAME, HEIGHT, WIDTH, camera_info, rosbags_backend
+
+from lassokin_ros.core.body.kinematics import Kinematics
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.estimate import Status
+from lassokin_ros.core.image.projection import project
+from lassokin_ros.demo.synthetic import motion
+from lassokin_ros.pipeline.outputs import topics
+from lassokin_ros.pipeline.people.per_body_pipeline import PerBodyPipeline
+from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.settings import NodeSettings
+from msg_adapters.backends import RclpyBackend, RosbagsBackend
+from msg_adapters.output_messages.builders import set_header
+
+pytest.importorskip("rosbags")
+START_NS, PERIOD_NS = 5_000_000_000, 33_333_333
+CONFIG = NodeSettings(keypoints_type=HRI, rep155=True, max_people=2)
+TRACKER = TrackerConfig(landmarks="hri18")
+live = pytest.mark.skipif(
+    not all(find_spec(name) for name in ("rclpy", "hri_msgs", "tf2_msgs")), reason="hri_msgs and tf2_msgs are needed"
+)
+
+
+def fractions(count=40):
+    """(count, 18, 2) of the image: what Skeleton2D holds of the synthetic motion."""
+    skeleton = Skeleton.load("anthropometric", 1.75)
+    kinematics = Kinematics(skeleton, Layout.load("hri18", skeleton))
+    points = project(kinematics.pose(motion(skeleton, np.arange(count) / 30)).landmarks) * FOCAL
+    return (points + [WIDTH / 2, HEIGHT / 2]) / [WIDTH, HEIGHT]
+
+
+POINTS = fractions()
+
+
+def skeleton2d(backend, stamp_ns, index, aside=0.0):
+    """A Skeleton2D, `aside` of the image's width to the right."""
+    message = backend.make(HRI)
+    set_header(message.header, stamp_ns, FRAME)
+    for point, (x, y) in zip(message.skeleton, POINTS[index % len(POINTS)].tolist()):
+        point.x, point.y, point.c = x + aside, y, 0.9
+    return message
+
+
+@pytest.fixture
+def pipeline():
+    result = PerBodyPipeline(TRACKER, CONFIG)
+    result.set_camera(camera_info(rosbags_backend()))
+    return result
+
+
+BACKEND = RosbagsBackend(detector_types())
+
+
+def feed(pipeline, person, index, aside=0.0):
+    return pipeline.frames_of(person, skeleton2d(BACKEND, START_NS + index * PERIOD_NS, index, aside), 7)
+
+
+def test_each_body_is_followed_by_itself_at_the_same_stamps(pipeline):
+    pipeline.keep(["abc", "xyz"])
+    for i in range(20):
+        (left,), (right,) = feed(pipeline, "abc", i, -0.2), feed(pipeline, "xyz", i, 0.2)
+        assert left.accepted and right.accepted and (left.person, right.person) == ("abc", "xyz")
+        assert left.positions[0] < -0.3 < 0.3 < right.positions[0]
+        assert left.estimate.initialised is right.estimate.initialised is (i == 0)
+    assert pipeline.counts["received"] == pipeline.counts["accepted"] == 40 and pipeline.counts["resets"] == 0
+    assert set(pipeline.calibrations()) == {"abc", "xyz"} and pipeline.status.value == "tracking"
+
+
+def test_bodies_come_and_go(pipeline):
+    assert pipeline.ids == [] and feed(pipeline, "abc", 0) == []
+    pipeline.keep(["abc", "xyz", "third"])
+    assert pipeline.ids == ["abc", "xyz"] and pipeline.counts["people beyond max_people"] == 1
+    feed(pipeline, "abc", 0)
+    assert not feed(pipeline, "abc", 1)[0].estimate.initialised
+    pipeline.keep(["third", "xyz"])
+    assert pipeline.ids == ["xyz", "third"] and feed(pipeline, "abc", 2) == []
+    assert feed(pipeline, "third", 2)[0].estimate.initialised  # nothing of abc's is left
+    counts = pipeline.counts
+    assert (counts["people come"], counts["people left"], counts["resets"]) == (3, 1, 0)
+
+
+def test_who_comes_is_told_how_the_camera_is_held_by_who_is_there(pipeline):
+    pipeline.keep(["abc"])
+    for i in range(10):
+        feed(pipeline, "abc", i)
+    pipeline.keep(["abc", "xyz"])
+    one, two = (pipeline._present[person].tracker._upright for person in ("abc", "xyz"))
+    assert len(two.candidates()) == 1 and np.array_equal(two.vertical, one.vertical)
+    pipeline.reset()
+    assert len(two.candidates()) == 3
+
+
+def test_in_silence_bodies_stay_that_the_detector_lists_and_are_lost(pipeline):
+    pipeline.keep(["abc", "xyz"])
+    feed(pipeline, "abc", 0), feed(pipeline, "xyz", 0)
+    assert pipeline.presence_at(7) == Presence(Status.TRACKING, ["abc", "xyz"])
+    assert pipeline.presence_at(60 * 10**9) == Presence(Status.LOST, ["abc", "xyz"])
+    assert not feed(pipeline, "abc", 1)[0].estimate.initialised
+
+
+def test_settings_camera_and_reset_are_everybodys(pipeline):
+    pipeline.keep(["abc", "xyz"])
+    feed(pipeline, "abc", 0), feed(pipeline, "xyz", 0)
+    pipeline.reset()
+    assert pipeline.ids == ["abc", "xyz"] and pipeline.counts["resets"] == 1
+    assert all(feed(pipeline, person, 1)[0].estimate.initialised for person in pipeline.ids)
+    pipeline.tune(TrackerConfig(landmarks="hri18", min_confidence=0.95), CONFIG)
+    assert {feed(pipeline, person, 2)[0].rejection for person in pipeline.ids} == {"too_few_landmarks"}
+    assert pipeline.set_camera(camera_info(rosbags_backend(), k=np.zeros(9))) == "camera_uncalibrated"
+    assert pipeline.counts["rejected: camera_uncalibrated"] == 1 and pipeline.camera_fault
+    pipeline.set_camera(camera_info(rosbags_backend(), frame_id="another"))
+    assert pipeline.counts["resets"] == 2
+    pipeline.enabled = False
+    assert feed(pipeline, "abc", 3) == [] and pipeline.counts["ignored while disabled"] == 1
+
+
+def test_only_skeletons_have_a_topic_for_each_body():
+    assert CONFIG.topic_per_body
+    assert not NodeSettings(rep155=True).topic_per_body and not NodeSettings(keypoints_type=HRI).topic_per_body
+
+
+# On real DDS, with the true hri_msgs and tf2_msgs -------------------------------------------------------------------
+
+
+class Humans:
+    """A detector in REP-155's manner, and what comes back."""
+
+    def __init__(self, peer):
+        from hri_msgs.msg import IdsList, Skeleton2D
+
+        self.peer, self.sent, self.got, self.out = peer, 0, {}, {}
+        self.ids = peer.node.create_publisher(IdsList, "/humans/bodies/tracked", 1)
+        self.list_type, self.type = IdsList, Skeleton2D
+
+    def say(self, *ids):
+        self.ids.publish(self.list_type(ids=ids))
+
+    def listen(self, name, kind):
+        self.got.setdefault(name, [])
+        self.peer.node.create_subscription(kind, name, self.got[name].append, 100)
+
+    def send(self, **aside):
+        """A frame of each body, by id how far aside."""
+        self.peer.send_camera()
+        for person, shift in aside.items():
+            if person not in self.out:
+                name = f"/humans/bodies/{person}/skeleton2d"
+                self.out[person] = self.peer.node.create_publisher(self.type, name, 10)
+            self.out[person].publish(skeleton2d(RclpyBackend(), START_NS + self.sent * PERIOD_NS, self.sent, shift))
+        self.sent += 1
+
+
+def started(namespace, **settings):
+    from live import NodeProcess
+
+    settings = {"keypoints_type": HRI, "landmarks": "hri18", "rep155": "true", "max_people": 2, **settings}
+    return NodeProcess(namespace, *(word for item in settings.items() for word in ("-p", "{}:={}".format(*item))))
+
+
+def test_ids_that_are_taken_make_names_of_topics():
+    rclpy = pytest.importorskip("rclpy.validate_full_topic_name")
+    from lassokin_ros.node.rep155_inputs import ID
+
+    for person in ("abc", "_", "a" * 100):
+        assert ID.fullmatch(person)
+        for topic in topics.PERSON_OUTPUTS:
+            rclpy.validate_full_topic_name(topics.of_person(topic.name, person, True))  # raises for one that is none
+    assert not any(map(ID.fullmatch, ("", "9a", "a/b", "a b", "a\n", "\u00e4", "a" * 101, "a" * 10_000)))
+
+
+@live
+def test_the_node_follows_the_bodies_of_the_list():
+    from live import Peer, stamp_of, values_of
+    from sensor_msgs.msg import JointState
+    from std_msgs.msg import String
+    from tf2_msgs.msg import TFMessage
+    from visualization_msgs.msg import MarkerArray
+
+    namespace = "/per_body"
+    with started(namespace, publish_tf="true") as node, Peer(namespace, outputs=False) as peer:
+        humans = Humans(peer)
+        for person in ("abc", "xyz"):
+            humans.listen(f"/humans/bodies/{person}/joint_states", JointState)
+            humans.listen(f"/humans/bodies/{person}/urdf", String)
+        humans.listen("/tf", TFMessage)
+        humans.listen("markers", MarkerArray)
+
+        def until(condition, what, ids, **aside):
+            peer.spin_until(lambda: [humans.say(*ids), humans.send(**aside)] and condition(), what=what)
+
+        until(lambda: all(humans.got.values()), "everything of both", ["abc", "xyz"], abc=-0.2, xyz=0.2)
+        places = [humans.got[f"/humans/bodies/{person}/joint_states"][-1].position[0] for person in ("abc", "xyz")]
+        assert places[0] < -0.3 < 0.3 < places[1]
+        stamps = [stamp_of(m) for m in humans.got["/humans/bodies/xyz/joint_states"]]
+        assert len(set(stamps)) == len(stamps) and min(stamps) >= START_NS
+        assert "abc_pelvis" in humans.got["/humans/bodies/abc/urdf"][-1].data
+        until(lambda: {m.transforms[0].child_frame_id for m in humans.got["/tf"]} == {"body_abc", "body_xyz"}, "TF",
+              ["abc", "xyz"], abc=-0.2, xyz=0.2)  # fmt: skip
+        (tracked,) = peer.node.get_publishers_info_by_topic("/humans/bodies/tracked")
+        assert tracked.node_name == "peer"  # the list is the detector's
+        assert values_of(peer.next_diagnostics())["people"] == "abc, xyz"
+        gone = "/humans/bodies/abc/joint_states"
+        until(lambda: not peer.node.get_publishers_info_by_topic(gone), "the end of abc", ["xyz"], xyz=0.2)
+        until(lambda: not peer.node.count_subscribers("/humans/bodies/abc/skeleton2d"), "no ear for abc", ["xyz"])
+        before = len(humans.got["/humans/bodies/xyz/joint_states"])
+        until(lambda: len(humans.got["/humans/bodies/xyz/joint_states"]) > before, "more of xyz", ["xyz"], xyz=0.2)
+        humans.say("9 is no name", "xyz")
+        assert values_of(peer.next_diagnostics())["people"] == "xyz"
+    assert "Traceback" not in node.said
+
+
+@live
+def test_without_a_list_the_topics_that_exist_are_found():
+    from live import Peer
+    from sensor_msgs.msg import JointState
+
+    namespace = "/no_list"
+    with started(namespace) as node, Peer(namespace, outputs=False) as peer:
+        humans = Humans(peer)
+        humans.listen("/humans/bodies/abc/joint_states", JointState)
+        peer.spin_until(lambda: humans.send(abc=0.0) or all(humans.got.values()), what="abc without a list")
+    assert "Traceback" not in node.said
+
+
+@live
+def test_several_people_of_one_message_under_rep155s_names():
+    """PointCloud2 in, hri_msgs/IdsList out, latched."""
+    from hri_msgs.msg import IdsList
+    from live import Peer
+    from messages import crowd, pixels_of_motion
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+
+    namespace, pixels = "/rep155", pixels_of_motion(1)[0]
+    settings = {"keypoints_type": "sensor_msgs/PointCloud2", "landmarks": "coco17"}
+    with started(namespace, **settings) as node, Peer(namespace, outputs=False) as peer:
+        lists, sent = [], []
+        qos = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        peer.node.create_subscription(IdsList, topics.REP155_TRACKED_OUTPUT.name, lists.append, qos)
+
+        def both():
+            peer.send_camera()
+            people = [(pixels + [shift, 0], np.full(17, 0.9)) for shift in (-120, 120)]
+            sent.append(1)
+            peer.keypoints.publish(crowd(RclpyBackend(), START_NS + len(sent) * PERIOD_NS, people, (4, 9)))
+            return lists and list(lists[-1].ids) == ["p4", "p9"]
+
+        peer.spin_until(both, what="the list")
+        assert list(lists[0].ids) == []
+        peer.spin_until(lambda: peer.node.get_publishers_info_by_topic("/humans/bodies/p9/joint_states"), what="p9")
+    assert "Traceback" not in node.said

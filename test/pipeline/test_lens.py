@@ -1,0 +1,89 @@
+"""Pixels to normalised coordinates against OpenCV's projection, the other way round."""
+
+import numpy as np
+import pytest
+from messages import camera_info
+
+from lassokin_ros.core.errors import CameraError
+from lassokin_ros.pipeline.lens import Lens
+from msg_adapters.camera_info import decode_camera_info
+
+K = np.array([[600.0, 0, 330], [0, 610, 235], [0, 0, 1]])
+LENSES = {
+    "plumb_bob": [-0.28, 0.09, 0.001, -0.0007, 0.01],
+    "rational_polynomial": [0.4, -0.3, 0.0005, -0.0003, 0.02, 0.7, -0.25, 0.01],
+    "plumb_bob with 4": [-0.28, 0.09, 0.001, -0.0007],
+    "rational_polynomial with a thin prism": [0.4, -0.3, 5e-4, -3e-4, 0.02, 0.7, -0.25, 0.01, 1e-3, 2e-4, -1e-3, 1e-4],
+    "rational_polynomial with a tilted sensor": [
+        *[0.1, -0.02, 5e-4, -3e-4, 0.01, 0.1, -0.02, 0, 0, 0, 0, 0],
+        0.02,
+        -0.01,
+    ],
+    "equidistant": [-0.02, 0.004, -0.003, 0.0005],
+}
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_undoes_the_distortion_that_opencv_makes(name):
+    cv2 = pytest.importorskip("cv2")
+    D, model = np.array(LENSES[name]), name.split()[0]
+    truth = np.random.default_rng(1).uniform(-0.5, 0.5, (100, 2))
+    rays = np.column_stack([truth, np.ones(100)])[:, None, :]
+    project = cv2.fisheye.projectPoints if model == "equidistant" else cv2.projectPoints
+    pixels = project(rays, np.zeros(3), np.zeros(3), K, D)[0].reshape(-1, 2)
+    pixels[7] = np.nan
+    result = Lens(K, D, model).normalise(pixels)
+    assert np.isnan(result[7]).all()
+    assert np.abs(np.delete(result - truth, 7, axis=0)).max() < 1e-9
+
+
+def test_without_distortion_it_is_a_division():
+    lens = Lens(K)
+    assert lens.normalise(np.array([[330.0, 235.0], [930.0, 845.0]])).tolist() == [[0, 0], [1, 1]]
+    assert np.isnan(lens.normalise(np.full((1, 2), np.nan))).all()
+    assert lens.focal == pytest.approx(np.sqrt(600 * 610))
+
+
+def test_points_beyond_the_lens_are_missing():
+    pytest.importorskip("cv2")
+    lens = Lens(K, [-0.4, 0.0, 0.0, 0.0, 0.0], "plumb_bob")  # the model's image ends at a finite radius
+    inside, outside = lens.normalise(np.array([[350.0, 250.0], [5000.0, 4000.0]]))
+    assert np.isfinite(inside).all() and np.isnan(outside).all()
+
+
+def test_rectified_pixels_use_P():
+    from messages import rosbags_backend
+
+    pytest.importorskip("rosbags")
+    message = camera_info(rosbags_backend(), distortion_model="plumb_bob", d=np.array([0.1, 0, 0, 0, 0.0]))
+    message.p = np.array([500.0, 0, 300, 0, 0, 500, 200, 0, 0, 0, 1, 0])
+    lens = Lens.from_intrinsics(decode_camera_info(message), rectified=True)
+    assert lens.normalise(np.array([[800.0, 700.0]])).tolist() == [[1, 1]]
+    message.p = np.zeros(12)
+    with pytest.raises(CameraError, match="rectified"):
+        Lens.from_intrinsics(decode_camera_info(message), rectified=True)
+
+
+@pytest.mark.parametrize("model", ["plumb_bob", "equidistant"])
+def test_rectified_pixels_of_opencv_are_the_same_rays_turned_by_R(model):
+    from messages import rosbags_backend
+
+    pytest.importorskip("rosbags")
+    cv2 = pytest.importorskip("cv2")
+    D, P = np.array(LENSES[model]), np.array([[500.0, 0, 300, -60], [0, 500, 200, 0], [0, 0, 1, 0]])
+    R = cv2.Rodrigues(np.array([0.02, -0.03, 0.01]))[0]
+    raw = np.random.default_rng(1).uniform([100, 100], [500, 400], (50, 2))
+    module = cv2.fisheye if model == "equidistant" else cv2
+    rectified = module.undistortPoints(raw[:, None], K, D, R=R, P=P[:, :3])[:, 0]
+    message = camera_info(rosbags_backend(), distortion_model=model, d=D, k=K.ravel(), r=R.ravel(), p=P.ravel())
+    from_raw = Lens.from_intrinsics(decode_camera_info(message)).normalise(raw)
+    from_rectified = Lens.from_intrinsics(decode_camera_info(message), rectified=True).normalise(rectified)
+    turned = np.column_stack([from_raw, np.ones(50)]) @ R.T
+    assert np.abs(turned[:, :2] / turned[:, 2:] - from_rectified).max() < 1e-5
+
+
+def test_an_unusable_matrix_is_refused():
+    with pytest.raises(CameraError):
+        Lens(np.zeros((3, 3)))
+    with pytest.raises(CameraError):
+        Lens(K, [0.1], "omnidirectional")

@@ -1,0 +1,380 @@
+"""`replay --export`: each format is read back by somebody else's reader, or by none of our code."""
+
+import csv
+import os
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
+
+from messages import camera_info, crowd, pixels_of_motion, rosbags_backend  # noqa: E402
+from recordings import START_NS, contents, read, synthetic_pixels, write_messages, write_recording  # noqa: E402
+from scipy.spatial.transform import Rotation  # noqa: E402
+
+from lassokin_ros.cli.replay import main  # noqa: E402
+from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
+from lassokin_ros.core.evidence.upright import vertical_of
+from lassokin_ros.pipeline.outputs.urdf import joint_names  # noqa: E402
+from lassokin_ros.replay.exports.amass import smpl_rotations  # noqa: E402
+from lassokin_ros.replay.exports.errors import ExportError  # noqa: E402
+from lassokin_ros.replay.exports.sampling import uniform  # noqa: E402
+from lassokin_ros.replay.motion import Motion  # noqa: E402
+from lassokin_ros.skeleton_readers.load import load_skeleton  # noqa: E402
+
+FRAMES = 45
+SKELETON = Skeleton.load("anthropometric", 1.75)
+FORMATS = (".csv", ".npz", ".bvh", ".amass.npz")
+EVERY_FORMAT = [word for suffix in FORMATS for word in ("--export", suffix)]
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    return write_recording(tmp_path_factory.mktemp("in") / "walk", FRAMES)
+
+
+@pytest.fixture(scope="module")
+def tracked(recording, tmp_path_factory):
+    output = tmp_path_factory.mktemp("out") / "tracked"
+    assert main([str(recording), "--output", str(output), *EVERY_FORMAT]) == 0
+    return output
+
+
+@pytest.fixture(scope="module")
+def published(tracked):
+    """Positions (f, 24, 3) m and joint_states (f, 75) as the bag has them."""
+    poses = [message.poses for _, message in read(tracked, "/joints")]
+    positions = np.array([[[p.position.x, p.position.y, p.position.z] for p in frame] for frame in poses])
+    return positions, np.array([message.position for _, message in read(tracked, "/joint_states")])
+
+
+def bvh_positions(path):
+    """{joint: (f, 3)} and the frame time, by pybvh."""
+    pybvh = pytest.importorskip("pybvh", reason="pybvh (pip install pybvh) is a test-only dependency")
+    file = pybvh.Bvh.from_file(path)
+    places = file.joint_positions()
+    return {joint: places[:, index] for index, joint in enumerate(file.joint_names)}, file.frame_time
+
+
+def test_csv(tracked, published):
+    positions, states = published
+    with (tracked / "motion.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == FRAMES
+    stamps, _, _ = synthetic_pixels(FRAMES)
+    for row, stamp, places, state in zip(rows, stamps, positions, states):
+        assert row["stamp [s]"].replace(".", "") == str(stamp) and row["person"] == ""
+        for joint, place in zip(SKELETON.joint_names, places):
+            assert np.abs([float(row[f"{joint} position {a} [m]"]) for a in "xyz"] - place).max() < 1e-6
+        for name, angle in zip(joint_names(SKELETON)[3:], state[3:]):
+            joint, _, axis = name.rpartition("_")
+            assert abs(float(row[f"{joint} angle {axis} [rad]"]) - angle) < 1e-6
+        assert 0 < float(row["reprojection [px]"]) < 30
+    assert len(rows[0]) == 2 + 2 * 72 + 1
+
+
+def test_every_array_of_the_npz_is_in_the_documentation(tracked):
+    page = (Path(__file__).parents[3] / "docs" / "files.md").read_text(encoding="utf-8")
+    with np.load(tracked / "motion.npz", allow_pickle=False) as file:
+        assert not [name for name in file if f"`{name}`" not in page]
+
+
+def test_npz(tracked, published):
+    positions, states = published
+    with np.load(tracked / "motion.npz", allow_pickle=False) as file:
+        arrays = dict(file)
+    stamps, pixels, confidence = synthetic_pixels(FRAMES)
+    assert np.array_equal(arrays["stamp_ns"], stamps)
+    assert np.array_equal(arrays["joint_positions"], positions)
+    assert np.array_equal(arrays["joint_angles"].reshape(FRAMES, -1), states[:, 3:])
+    assert tuple(arrays["joint_names"]) == SKELETON.joint_names and str(arrays["frame_id"]) == "camera_optical_frame"
+    found = confidence > 0
+    assert np.abs(arrays["detected_px"][found] - pixels[found]).max() < 1e-3
+    # The rotations, offsets and parents belong to the positions.
+    parents, offsets = arrays["joint_parents"], arrays["rest_offsets"][0]
+    assert np.abs(forward(arrays["joint_rotations"], offsets, parents, arrays["translation"]) - positions).max() < 1e-9
+
+
+def forward(rotations, offsets, parents, root):
+    """(f, n, 3) positions by scipy's rotations, of local rotations (f, n, 3, 3)."""
+    local = [Rotation.from_matrix(rotations[:, joint]) for joint in range(len(parents))]
+    turned, places = [local[0]], [root]
+    for joint in range(1, len(parents)):
+        above = parents[joint]
+        places.append(places[above] + turned[above].apply(np.array(offsets[joint])))
+        turned.append(turned[above] * local[joint])
+    return np.stack(places, axis=1)
+
+
+def test_bvh_is_the_same_motion_to_another_reader(tracked, published):
+    positions, _ = published
+    found, frame_time = bvh_positions(tracked / "motion.bvh")
+    assert frame_time == pytest.approx(1 / 30, abs=1e-6) and set(found) == set(SKELETON.joint_names)
+    for joint, places in enumerate(positions.transpose(1, 0, 2)):
+        to_y_up = places * [1, -1, -1]
+        assert np.abs(found[SKELETON.joint_names[joint]] - to_y_up).max() < 1e-4  # 0.1 mm
+
+
+def test_bvh_gives_the_skeleton_back(tracked):
+    again = load_skeleton(str(tracked / "motion.bvh"), 1.75)
+    assert again.joint_names == SKELETON.joint_names and again.axes == SKELETON.axes
+    assert np.abs(again.offsets - SKELETON.offsets).max() < 1e-8
+
+
+def test_amass_poses_are_the_same_motion(tracked, published):
+    """Axis-angle in SMPL's tree, by scipy alone: in a world with z up, x to the right of the camera, y away from it."""
+    positions, _ = published
+    with np.load(tracked / "motion.amass.npz", allow_pickle=False) as file:
+        data = dict(file)
+    assert data["poses"].shape == (FRAMES, 72) and data["trans"].shape == (FRAMES, 3) and data["betas"].shape == (16,)
+    assert data["mocap_framerate"] == pytest.approx(30, abs=1e-3) and str(data["gender"]) == "neutral"
+    rotations = Rotation.from_rotvec(data["poses"].reshape(-1, 3)).as_matrix().reshape(FRAMES, 24, 3, 3)
+    found = forward(rotations, SKELETON.offsets, SKELETON.parents, data["trans"])
+    expected = np.stack([positions[..., 0], positions[..., 2], -positions[..., 1]], axis=-1)
+    assert np.abs(found - expected).max() < 1e-6
+    assert found[:, 15, 2].min() > found[:, 7, 2].max() + 1  # the head is above the ankle
+
+
+def test_the_world_of_a_mounted_camera_is_level(recording, tmp_path):
+    """Of a camera said to look down: up in the files is up for whoever stands before it."""
+    options = ["-p", "camera_pitch:=0.4", "-p", "camera_roll:=0.3", "--export", ".amass.npz", "--export", ".bvh"]
+    assert main([str(recording), "--output", str(tmp_path / "out"), *options]) == 0
+    joints = read(tmp_path / "out", "/joints")
+    places = np.array([[m.poses[0].position.x, m.poses[0].position.y, m.poses[0].position.z] for _, m in joints])
+    up = vertical_of(0.3, 0.4)
+    with np.load(tmp_path / "out" / "motion.amass.npz", allow_pickle=False) as file:
+        amass = file["trans"]
+    motion = (tmp_path / "out" / "motion.bvh").read_text(encoding="utf-8").splitlines()[-FRAMES:]
+    bvh = np.array([[float(word) for word in line.split()[:3]] for line in motion])
+    for found, axis, exact in ((amass, 2, 1e-6), (bvh, 1, 1e-5)):
+        assert np.abs(found[:, axis] - places @ up).max() < exact
+        assert np.abs(np.linalg.norm(found, axis=1) - np.linalg.norm(places, axis=1)).max() < exact
+    sight = np.array([-np.sin(0.3) * np.sin(0.4), -np.cos(0.3) * np.sin(0.4), np.cos(0.4)])  # level, straight on
+    assert np.abs(amass[:, 1] - places @ sight).max() < 1e-6 and np.abs(-bvh[:, 2] - places @ sight).max() < 1e-5
+
+
+def test_amass_of_a_skeleton_with_other_joints():
+    """A joint that SMPL has not turns the next one below that it has; one that is missing does not turn."""
+    random = np.random.default_rng(0)
+    joints = [
+        {"name": "pelvis", "parent": None, "position": [0, 0, 0]},
+        {"name": "spine1", "parent": "pelvis", "position": [0, 0.1, 0]},
+        {"name": "chest", "parent": "spine1", "position": [0, 0.2, 0]},
+        {"name": "neck", "parent": "chest", "position": [0, 0.3, 0]},
+    ]
+    skeleton = Skeleton.from_mapping({"height_unit": "metre", "joints": joints}, 1.75)
+    turns = Rotation.from_rotvec(random.normal(size=(8, 3))).as_matrix().reshape(2, 4, 3, 3)
+    smpl = smpl_rotations(skeleton, turns)
+    assert np.allclose(smpl[:, :1], turns[:, :1]) and np.allclose(smpl[:, 3], turns[:, 1])
+    assert np.allclose(smpl[:, 12], turns[:, 2] @ turns[:, 3])
+    still = [joint for joint in range(24) if joint not in (0, 3, 12)]
+    assert np.allclose(smpl[:, still], np.eye(3))
+    with pytest.raises(ExportError, match="the root of skeleton 'skeleton' is 'a', not 'pelvis'"):
+        joints = [{"name": "a", "parent": None, "position": [0, 0, 0]}]
+        smpl_rotations(Skeleton.from_mapping({"height_unit": "metre", "joints": joints}, 1.75), turns[:, :1])
+
+
+def some_motion(stamps_s, turn_rate=2.0, speed=1.0):
+    """One joint that turns and moves evenly."""
+    times = np.array(stamps_s, dtype=float)
+    count = len(times)
+    rotations = Rotation.from_rotvec(np.outer(times * turn_rate, [0.0, 0.6, 0.8])).as_matrix()[:, None]
+    joints = [{"name": "pelvis", "parent": None, "position": [0, 0, 0]}]
+    skeleton = Skeleton.from_mapping({"height_unit": "metre", "joints": joints}, 1.75)
+    nothing = np.zeros(count)
+    places = np.outer(times * speed, [1.0, 0.0, 0.0])
+    stamps = 10**18 + np.round(times * 1e9).astype(np.int64)
+    rest = (rotations, places, np.zeros((count, 1, 3)), np.zeros((count, 0, 3)), np.zeros((count, 0, 2)))
+    figures = (nothing, nothing, nothing, nothing > 0, np.eye(3))
+    return Motion("", "camera", skeleton, (), stamps, places[:, None], *rest, *figures)
+
+
+def test_regular_stamps_leave_the_frames_as_they_are():
+    motion = some_motion(np.arange(50) / 30 + np.random.default_rng(0).uniform(-4e-4, 4e-4, 50))
+    track = uniform(motion)
+    assert track.rotations is motion.rotations and track.period == pytest.approx(1 / 30, rel=1e-3)
+    alone = uniform(some_motion([0.0]))
+    assert len(alone.translations) == 1 and alone.period == pytest.approx(1 / 30)
+
+
+def test_irregular_stamps_are_sampled_anew():
+    """A motion of constant speed is hit exactly, between jittery frames and through a gap of a second."""
+    times = np.arange(90) / 30 + np.random.default_rng(0).uniform(-8e-3, 8e-3, 90)
+    times = times[(times < 1) | (times > 2)] - times[0]
+    motion = some_motion(times)
+    track = uniform(motion)
+    samples = np.arange(len(track.translations)) * track.period
+    expected = some_motion(samples)
+    assert track.period == pytest.approx(1 / 30, rel=0.2) and samples[-1] > times[-1] - track.period
+    assert np.abs(track.translations - expected.translations).max() < 1e-6
+    assert np.abs(track.rotations - expected.rotations).max() < 1e-6
+
+
+def test_stamps_that_no_constant_rate_can_stand_for_are_refused():
+    with pytest.raises(ExportError, match="the stamps jump back by 2.000 s at frame 3, .* export .csv or .npz"):
+        uniform(some_motion([0.0, 1.0, 2.0, 0.0, 1.0]))
+    with pytest.raises(ExportError, match="5 frames are spread over 1000000 s"):
+        uniform(some_motion([0.0, 0.03, 0.06, 0.09, 1e6]))
+
+
+def test_a_recording_that_loops_is_exported_as_tables_alone(tmp_path, capsys):
+    """Nothing of it is there when one of the files cannot be made."""
+    write_people(tmp_path / "loop", 40, {4: 0.0}, lambda i: i if i < 20 else i - 150)
+    wanted = ["--export", str(tmp_path / "a.csv"), "--export", str(tmp_path / "a.bvh")]
+    assert main([str(tmp_path / "loop"), "-o", str(tmp_path / "out"), *wanted]) == 2
+    assert "the stamps jump back by" in capsys.readouterr().err
+    assert sorted(os.listdir(tmp_path)) == ["loop"]
+    assert main([str(tmp_path / "loop"), "-o", str(tmp_path / "out"), *wanted[:2]]) == 0
+    assert len((tmp_path / "a.csv").read_text().splitlines()) == 1 + int(frames_out(capsys))
+
+
+def frames_out(capsys):
+    (line,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("frames"))
+    return line.split()[3]
+
+
+def test_the_same_recording_gives_the_same_bytes(recording, tracked, tmp_path):
+    assert main([str(recording), "--output", str(tmp_path / "again"), *EVERY_FORMAT]) == 0
+    first, second = contents(tracked), contents(tmp_path / "again")
+    assert first == second and set(first) > {f"motion{suffix}" for suffix in FORMATS}
+
+
+def test_files_beside_the_output_change_nothing_in_it(recording, tmp_path, capsys):
+    names = ["a.csv", "b.npz", "c.d.bvh", "walk.amass.npz"]
+    wanted = [word for name in names for word in ("--export", str(tmp_path / name))]
+    assert main([str(recording), "--output", str(tmp_path / "with"), *wanted]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == f"exported        {', '.join(wanted[1::2])}"
+    assert main([str(recording), "--output", str(tmp_path / "without")]) == 0
+    assert contents(tmp_path / "with") == contents(tmp_path / "without")
+    assert sorted(os.listdir(tmp_path)) == sorted([*names, "with", "without"])
+
+
+def test_an_existing_file_is_replaced_only_by_force(recording, tmp_path, capsys):
+    old = tmp_path / "old.csv"
+    old.write_text("mine")
+    arguments = [str(recording), "--output", str(tmp_path / "out"), "--export", str(old)]
+    assert main(arguments) == 2
+    assert capsys.readouterr().err == f"replay: '{old}' exists already; choose another name or say --force\n"
+    assert old.read_text() == "mine" and os.listdir(tmp_path) == ["old.csv"]
+    assert main([*arguments, "--force"]) == 0
+    assert old.read_text().startswith("stamp [s],person,")
+
+
+BAD = {
+    "walk.fbx": "--export 'walk.fbx': the format is told by the suffix; expected one of: .csv, .npz, .bvh, .amass.npz",
+    "nowhere/walk.csv": "there is no folder 'nowhere' for 'walk.csv'",
+    "folder.csv": "'folder.csv' is a folder; expected the name of a file",
+}
+
+
+@pytest.mark.parametrize("name", sorted(BAD))
+def test_what_cannot_be_written_is_said_at_once(recording, tmp_path, monkeypatch, capsys, name):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder.csv").mkdir()
+    assert main([str(recording), "--output", "out", "--export", name]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"replay: {BAD[name]}") and said.count("\n") == 1
+    assert os.listdir() == ["folder.csv"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="/dev/full is Linux's")
+def test_a_full_disk_leaves_nothing(recording, tmp_path, monkeypatch, capsys):
+    import lassokin_ros.replay.exports.exports as command
+
+    def on_a_full_disk(motions, file):
+        with open("/dev/full", "wb", buffering=0) as full:
+            full.write(b"x")
+
+    monkeypatch.setitem(command.TABLES, ".npz", on_a_full_disk)
+    wanted = ["--export", str(tmp_path / "a.csv"), "--export", str(tmp_path / "b.npz")]
+    assert main([str(recording), "--output", str(tmp_path / "out"), *wanted]) == 2
+    assert capsys.readouterr().err.startswith(f"replay: '{tmp_path / 'b.npz'}' cannot be written: No space left")
+    assert os.listdir(tmp_path) == []
+
+
+def test_nobody_there(tmp_path, capsys):
+    def nobody(stamps, pixels, confidence):
+        confidence[:] = 0
+
+    write_recording(tmp_path / "empty", 5, spoil=nobody)
+    assert main([str(tmp_path / "empty"), "--output", str(tmp_path / "out"), *EVERY_FORMAT]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == "exported        nothing: nobody was tracked"
+    assert not list((tmp_path / "out").glob("motion*"))
+
+
+def write_people(path, frames, places, stamp_of_frame=lambda i: i):
+    """A recording of people who make the same motion; places: px to the right, by number; stamps in frames."""
+    backend, pixels, period = rosbags_backend(), pixels_of_motion(frames), 33_333_333
+    messages = [("/camera_info", "sensor_msgs/msg/CameraInfo", START_NS - 1, camera_info(backend))]
+    for i, frame in enumerate(pixels):
+        people = [(frame + [x, 0.0], np.full(17, 0.9)) for x in places.values()]
+        message = crowd(backend, START_NS + stamp_of_frame(i) * period, people, tuple(places))
+        messages.append(("/keypoints", "sensor_msgs/msg/PointCloud2", START_NS + i * period, message))
+    return write_messages(path, messages)
+
+
+@pytest.fixture(scope="module")
+def two_people(tmp_path_factory):
+    return write_people(tmp_path_factory.mktemp("two") / "in", 20, {4: -120.0, 9: 120.0})
+
+
+def test_several_people(two_people, tmp_path, capsys):
+    """One table for all, in which each row says who; a file each of the formats that hold one person."""
+    output = tmp_path / "out"
+    arguments = [str(two_people), "--output", str(output), "-p", "max_people:=2"]
+    assert main([*arguments, *EVERY_FORMAT, "--export", str(tmp_path / "walk.bvh")]) == 0
+    with (output / "motion.csv").open(newline="", encoding="utf-8") as file:
+        people = [row["person"] for row in csv.DictReader(file)]
+    assert people == ["p4"] * 20 + ["p9"] * 20
+    with np.load(output / "motion.npz") as file:
+        assert list(file["person"]) == people and list(file["people"]) == ["p4", "p9"]
+        positions = file["joint_positions"]
+    for person, own in (("p4", positions[:20]), ("p9", positions[20:])):
+        found, _ = bvh_positions(output / f"motion_{person}.bvh")
+        assert np.abs(found["head"] - own[:, 15] * [1, -1, -1]).max() < 1e-4
+        assert (output / f"motion_{person}.amass.npz").is_file()
+    assert sorted(os.listdir(tmp_path)) == ["out", "walk_p4.bvh", "walk_p9.bvh"]
+    assert main([*arguments[:2], str(tmp_path / "b"), *arguments[3:], "--export", str(tmp_path / "walk.bvh")]) == 2
+    assert f"'{tmp_path / 'walk_p4.bvh'}' exists already" in capsys.readouterr().err
+    (tmp_path / "wave_pose.bvh").write_text("nobody's")
+    assert main([*arguments[:2], str(tmp_path / "b"), *arguments[3:], "--export", str(tmp_path / "wave.bvh")]) == 0
+
+
+def test_an_archive_has_the_files_in_each_output(recording, tmp_path, capsys):
+    """With the same bytes as one by one."""
+    write_recording(tmp_path / "walk2", 30)
+    arguments = [str(recording), str(tmp_path / "walk2"), "--output", str(tmp_path / "all"), "--jobs", "1"]
+    assert main([*arguments, "--export", "one.csv"]) == 2
+    assert "names one file for many recordings; give the suffix alone, --export .csv" in capsys.readouterr().err
+    assert main([*arguments, "--export", ".csv"]) == 0
+    assert main([str(tmp_path / "walk2"), "--output", str(tmp_path / "alone"), "--export", ".csv"]) == 0
+    assert contents(tmp_path / "all" / "walk2_tracked") == contents(tmp_path / "alone")
+    assert (tmp_path / "all" / "walk_tracked" / "motion.csv").is_file()
+    capsys.readouterr()
+    assert main([*arguments, "--export", ".csv"]) == 0 and "2 done before" in capsys.readouterr().out
+
+
+def test_a_calibrated_skeletons_last_lengths_are_exported(recording, tmp_path):
+    output = tmp_path / "out"
+    assert main([str(recording), "--output", str(output), "-p", "calibrate:=true", *EVERY_FORMAT]) == 0
+    with np.load(output / "motion.npz") as file:
+        last, offsets = file["joint_positions"][-1], file["rest_offsets"][0]
+    found, _ = bvh_positions(output / "motion.bvh")
+    assert np.abs(found["head"][-1] - last[15] * [1, -1, -1]).max() < 1e-4
+    bones = last[1:] - last[SKELETON.parents[1:]]
+    assert np.allclose(np.linalg.norm(bones, axis=1), np.linalg.norm(offsets[1:], axis=1))
+
+
+def test_a_motion_is_not_changed_by_its_exports(tmp_path):
+    from lassokin_ros.replay.exports.amass import write_amass
+    from lassokin_ros.replay.exports.bvh import write_bvh
+
+    motion = some_motion(np.arange(5) / 30)
+    before = replace(motion, rotations=motion.rotations.copy())
+    for write in (write_bvh, write_amass):
+        with (tmp_path / "file").open("wb") as file:
+            write(motion, file)
+    assert np.array_equal(motion.rotations, before.rotations)

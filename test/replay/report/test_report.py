@@ -1,0 +1,360 @@
+"""`replay --report`: what the page says, and that it says it safely; that it draws is in test_report_page.py."""
+
+import ast
+import json
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
+pytest.importorskip("plotly", reason="the report is drawn with plotly")
+
+from recordings import START_NS, read, synthetic_pixels, webcam_info, write_messages, write_recording  # noqa: E402
+
+from lassokin_ros.cli.replay import main  # noqa: E402
+from lassokin_ros.core.estimate import Rejection  # noqa: E402
+from lassokin_ros.replay.bags import typestore  # noqa: E402
+from lassokin_ros.replay.report import page_data as data  # noqa: E402
+from lassokin_ros.replay.report.rejection_advice import REASONS  # noqa: E402
+from msg_adapters.backends import RosbagsBackend  # noqa: E402
+from msg_adapters.inputs import point_cloud  # noqa: E402
+
+ROOT = Path(__file__).resolve().parents[3]
+FRAMES = 75
+PERIOD_NS = 1_000_000_000 // 30
+
+
+def report(bag, *options):
+    """The page of a recording, as text."""
+    path = bag.parent / f"{bag.name}.html"
+    assert main([str(bag), "--output", str(bag.parent / f"{bag.name}_out"), "--report", str(path), *options]) == 0
+    return path.read_text(encoding="utf-8")
+
+
+def said(page):
+    """[(level, sentence)] of the findings, as plain text."""
+    found = re.search(r'<ul id="findings">(.*?)</ul>', page, re.DOTALL).group(1)
+    return [(level, re.sub(r"<.*?>", "", text)) for level, text in re.findall(r'<li class="(\w+)">(.*?)</li>', found)]
+
+
+def drawn(page, id="data"):
+    """What the page's script draws."""
+    return json.loads(re.search(rf'<script type="application/json" id="{id}">(.*?)</script>', page).group(1))
+
+
+def figure(page, name):
+    """One line of the table of figures."""
+    return re.search(rf"<td>{name}</td><td>(.*?)</td>", page).group(1)
+
+
+def unpacked(packed):
+    """The array behind `data.packed`."""
+    import base64
+
+    counts = np.frombuffer(base64.b64decode(packed["data"]), "<i2").reshape(packed["shape"])
+    return np.where(counts == data.MISSING, np.nan, counts * packed["step"])
+
+
+def recording(path, spoil=None, times=None, late=0):
+    """Keypoints of the synthetic motion as messages, spoiled: spoil(stamps, pixels, confidence); times: of recording.
+
+    late: so many messages come before the first camera_info.
+    """
+    stamps, pixels, confidence = synthetic_pixels(FRAMES)
+    times = stamps.copy() if times is None else times(stamps.copy())
+    if spoil is not None:
+        spoil(stamps, pixels, confidence)
+    backend = RosbagsBackend(typestore())
+    clouds = [
+        ("/keypoints", "sensor_msgs/msg/PointCloud2", int(t), point_cloud(backend, int(s), "lens", p, c))
+        for t, s, p, c in zip(times, stamps, pixels, confidence)
+    ]
+    camera = ("/camera_info", "sensor_msgs/msg/CameraInfo", int(times[late]), webcam_info(frame_id="lens"))
+    return write_messages(path, [*clouds[:late], camera, *clouds[late:]])
+
+
+@pytest.fixture(scope="module")
+def clean(tmp_path_factory):
+    bag = write_recording(tmp_path_factory.mktemp("report") / "clean", FRAMES)
+    return bag, report(bag)
+
+
+def test_a_clean_recording(clean):
+    _, page = clean
+    assert said(page) == [("good", "No problem was noticed: 100.0% of the frames were tracked and certified.")]
+    assert figure(page, "Keypoint messages") == f"{FRAMES} in 2.5 s, 30.0 Hz"
+    assert figure(page, "Gave a skeleton") == f"{FRAMES} (100.0%)" and figure(page, "Initialised") == "once"
+    assert figure(page, "Lost spans") == figure(page, "Short gaps") == "none"
+    assert float(figure(page, "Reprojection error").split()[0]) < 5
+    assert float(re.search(r"([\d.e-]+) largest", figure(page, "Duality gap, relative")).group(1)) < 1e-9
+    assert float(figure(page, "Latency p50").split()[0]) > 0.05
+
+
+def test_what_is_drawn_is_what_is_published(clean):
+    bag, page = clean
+    (person,) = drawn(page)["people"]
+    joints = read(bag.parent / "clean_out", "/joints")
+    published = np.array([[[p.position.x, p.position.y, p.position.z] for p in m.poses] for _, m in joints])
+    assert np.abs(unpacked(person["positions"]) - published).max() < 0.00051  # m
+    states = read(bag.parent / "clean_out", "/joint_states")
+    angles = np.degrees([m.position[3:] for _, m in states]).reshape(len(states), -1, 3)
+    assert np.abs(unpacked(person["angles"]) - angles).max() < 0.051  # deg
+    _, pixels, confidence = synthetic_pixels(FRAMES)
+    seen = np.where(confidence[..., None] > 0, pixels, np.nan)
+    assert np.nanmax(np.abs(unpacked(person["detected"]) - seen)) < 0.051  # px
+    assert np.array_equal(np.isnan(unpacked(person["detected"])), np.isnan(seen))
+    certificates = [
+        {v.key: v.value for v in m.status[0].values} for _, m in read(bag.parent / "clean_out", "/tracker/certificate")
+    ]
+    series = person["series"]
+    assert np.allclose(
+        series["reprojection"]["value"], [float(c["reprojection error [px]"]) for c in certificates], rtol=1e-3
+    )
+    assert series["support"]["value"] == [float(c["support size"]) for c in certificates]
+    assert np.allclose(series["reprojection"]["time"], np.arange(FRAMES) / 30, atol=1e-3)
+    outline, model = unpacked(person["outline"]), drawn(page)
+    landmark = model["landmarks"].index("left_knee")  # COCO's knee is the joint's centre
+    assert (
+        np.abs(unpacked(person["reprojected"])[:, landmark] - outline[:, model["joints"].index("left_knee")]).max()
+        < 0.11
+    )
+
+
+def test_the_same_page_again_but_for_the_times(clean, tmp_path):
+    bag, page = clean
+    again = tmp_path / "again.html"
+    assert main([str(bag), "--output", str(tmp_path / "out"), "--report", str(again)]) == 0
+
+    def lasting(text):
+        return re.sub(r'(<div id="timing">.*?</div>|id="times">.*?</script>)', "", text, flags=re.DOTALL)
+
+    other = again.read_text(encoding="utf-8")
+    assert lasting(other) == lasting(page) and len(page) - len(lasting(page)) > 500
+
+
+def absent(first, last):
+    def spoil(stamps, pixels, confidence):
+        confidence[first:last] = 0
+
+    return spoil
+
+
+def shifted(first, seconds):
+    def spoil(stamps, pixels, confidence):
+        stamps[first:] += int(seconds * 1e9)
+
+    return spoil
+
+
+def one_stamp(stamps, pixels, confidence):
+    stamps[40] += 3_600_000_000_000
+
+
+def noisy(stamps, pixels, confidence):
+    pixels += np.random.default_rng(0).normal(size=pixels.shape) * 14
+
+
+def swapped(stamps, pixels, confidence):
+    pixels[:, [9, 15]] = pixels[:, [15, 9]]
+
+
+def upside_down(stamps, pixels, confidence):
+    pixels[..., 1] = 720 - pixels[..., 1]
+
+
+def of_a_larger_image(stamps, pixels, confidence):
+    pixels *= 3
+
+
+def half_seen(stamps, pixels, confidence):
+    confidence[::3, 3] = confidence[1::3, 3] = 0
+
+
+def repeated(stamps, pixels, confidence):
+    for values in (pixels, confidence):
+        values[1::2] = values[: len(values[1::2]) * 2 : 2]
+
+
+CASES = {
+    "lost": (
+        {"spoil": absent(20, 60)},
+        ("problem", "40 frames refused: too few landmarks: fewer than min_landmarks keypoints had a confidence of"),
+        ("problem", "Nobody was seen between 0.6 and 2.0 s (1.4 s): 40 x too few landmarks."),
+        ("note", "The person was found anew once, at 2.0 s; the skeleton may jump there."),
+    ),
+    "gap": (
+        {"spoil": absent(20, 26)},
+        ("note", "1 short gap, 0.2 s in all, the longest 0.2 s; the person was taken up"),
+    ),
+    "no camera": (
+        {"late": 10},
+        (
+            "problem",
+            "10 frames refused: no camera_info yet: camera_info must come before the keypoints; record it from",
+        ),
+    ),
+    "loop": (
+        {"spoil": shifted(40, -1.2), "times": lambda stamps: stamps},
+        (
+            "problem",
+            "Stamps are not monotonic: at 1.3 s they jump back by 1.2 s (a bag played in a loop, another clock?);",
+        ),
+    ),
+    "out of order": (
+        {"spoil": shifted(40, -0.2)},
+        (
+            "problem",
+            "6 frames refused: old stamps: stamps are not monotonic: two detectors on one topic, or messages out",
+        ),
+    ),
+    "one stamp": ({"spoil": one_stamp}, ("note", "1 frame refused: stamps from another time: one message is")),
+    "noisy": (
+        {"spoil": noisy},
+        (
+            "problem",
+            r"Reprojection \d\d.\d px median, with noise_px 3: check noise_px, camera_info (another resolution?",
+        ),
+    ),
+    "swapped": ({"spoil": swapped}, ("problem", "Landmarks far from where the skeleton has them: ")),
+    "upside down": (
+        {"spoil": upside_down},
+        ("problem", "In the image the shoulders are below the ankles most of the time: is the"),
+    ),
+    "larger image": (
+        {"spoil": of_a_larger_image},
+        ("problem", f"In {FRAMES} of {FRAMES} messages keypoints lie outside the image of camera_info: are they"),
+    ),
+    "seldom": ({"spoil": half_seen}, ("note", "Seen in fewer than half of the frames: left_ear 33%.")),
+    "slow": (
+        {"times": lambda s: s, "spoil": lambda s, p, c: s.__iadd__((s - s[0]) * 4)},
+        ("note", "Keypoints come at 6.0 Hz; "),
+    ),
+    "repeated": ({"spoil": repeated}, ("note", f"{FRAMES // 2} of {FRAMES} messages repeat the keypoints before")),
+    "late": ({"times": lambda s: s + 2_500_000_000}, ("note", "Keypoints were recorded 2.5 s after their stamps: ")),
+    "no stamps": (
+        {"spoil": lambda s, p, c: s.__imul__(0)},
+        ("problem", f"Messages without a stamp: {FRAMES}. The time of"),
+    ),
+    "nothing": (
+        {"spoil": absent(0, FRAMES)},
+        ("problem", f"Nothing was tracked: none of {FRAMES} messages gave a skeleton."),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", sorted(CASES))
+def test_what_went_wrong_is_said(case, tmp_path):
+    how, *expected = CASES[case]
+    page = report(recording(tmp_path / "bag", **how))
+    sentences = said(page)
+    print(sentences)
+    for level, start in expected:
+        pattern = re.escape(start).replace(r"\\d", r"\d")
+        assert any(level == one and re.match(pattern, text) for one, text in sentences), start
+    assert not any(level == "good" for level, _ in sentences) or expected[0][0] == "note"
+    time = drawn(page)["people"][0]["time"]
+    assert time == sorted(time) and drawn(page)["duration"] <= 12.6  # one wrong stamp does not stretch the axis
+
+
+def test_every_reason_has_words():
+    keys = {rejection.value for rejection in Rejection}
+    for file in [*(ROOT / "msg_adapters").glob("*.py"), *(ROOT / "lassokin_ros").glob("*.py")]:
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "AdapterError":
+                keys |= {n.value for n in [node.args[0]] if isinstance(n, ast.Constant)}
+    assert len(keys) > 15 and keys <= set(REASONS), keys - set(REASONS)
+    assert all(words and advice for words, advice in REASONS.values())
+
+
+def test_nothing_is_fetched_and_nothing_gets_out_of_its_place(tmp_path):
+    """Names come from recordings and files: of whatever letters they are, they stay text."""
+    evil = "</script><script>document.body.dataset.error='x'</script>"
+    layout = (ROOT / "lassokin_ros/core/body/layouts/coco17.yaml").read_text(encoding="utf-8")
+    (tmp_path / "own.yaml").write_text(layout.replace("name: left_ear,", f'name: "{evil}",'), encoding="utf-8")
+    bag = write_recording(tmp_path / "a <b onclick=x>&'\"`", 5)
+    page = report(bag, "-p", f"landmarks:={tmp_path / 'own.yaml'}", "--keypoints-topic", "/keypoints")
+    frame = re.sub(r"<script>.*?</script>", "", page, flags=re.DOTALL)  # without the scripts themselves
+    assert "<script>document" not in page and "<b onclick" not in page
+    assert evil in drawn(page)["landmarks"] and "&lt;b onclick=x&gt;" in frame
+    assert not re.search(r"(src|href)\s*=|@import|url\(", frame) and "default-src 'none'" in frame
+
+
+def test_a_long_recording_is_thinned_and_says_so(clean, tmp_path, monkeypatch):
+    bag, _ = clean
+    monkeypatch.setattr(data, "BUDGET", 20_000)
+    monkeypatch.setattr(data, "POINTS", 20)
+    assert main([str(bag), "--output", str(tmp_path / "out"), "--report", str(tmp_path / "page.html")]) == 0
+    model = drawn((tmp_path / "page.html").read_text(encoding="utf-8"))
+    (person,) = model["people"]
+    assert person["stride"] == 3 and len(person["time"]) == FRAMES // 3
+    assert unpacked(person["positions"]).nbytes // 4 <= 20_000
+    assert len(person["series"]["reprojection"]["time"]) == 19
+    full = drawn(clean[1])["people"][0]["series"]["reprojection"]["value"]
+    assert max(person["series"]["reprojection"]["value"]) == max(full)  # peaks stay
+
+
+def test_a_minute_is_light():
+    """6.4 MB of the 8 that a page may have are for a minute of one person at 30 Hz, by the parts' sizes."""
+    from lassokin_ros.replay.report.page import _plotly
+
+    joints, landmarks = 24, 33
+    skeletons = 1800 * 2 * (joints * 10 + landmarks * 4)
+    assert min(skeletons, data.BUDGET) * 4 / 3 + len(_plotly()) < 7_000_000
+
+
+def test_packing():
+    values = np.array([[0.0, 1.2344], [np.nan, -31.0]])
+    packed = data.packed(values, 0.001)
+    back = unpacked(packed)
+    assert packed["step"] == 0.001 and np.isnan(back[1, 0]) and np.nanmax(np.abs(back - values)) < 0.00051
+    large = data.packed(np.array([1e9, -5.0, np.inf]), 0.1, farthest=64_000)
+    assert large["step"] == 2.0 and unpacked(large)[0] == 64_000 and np.isnan(unpacked(large)[2])
+    assert unpacked(data.packed(np.zeros((0, 24, 3)), 1.0)).shape == (0, 24, 3)
+
+
+BAD = {
+    "there already": (
+        ["--report", "there.html"],
+        "'there.html' exists already; choose another name or say --force",
+    ),
+    "a folder": (["--report", "."], "'.' is a folder; expected the name of a file"),
+    "no folder": (["--report", "nix/page.html"], "there is no folder 'nix' for 'page.html'"),
+    "an archive": (["second", "--report", "page.html"], "--report 'page.html' names one file for many recordings"),
+}
+
+
+@pytest.mark.parametrize("case", sorted(BAD))
+def test_a_report_that_cannot_be_written(case, tmp_path, monkeypatch, capsys):
+    arguments, expected = BAD[case]
+    monkeypatch.chdir(tmp_path)
+    write_recording(tmp_path / "bag", 2)
+    write_recording(tmp_path / "second", 2)
+    (tmp_path / "there.html").write_text("mine")
+    before = sorted(tmp_path.iterdir())
+    assert main(["bag", *arguments, "--output", "out"]) == 2
+    assert capsys.readouterr().err.startswith(f"replay: {expected}")
+    assert sorted(tmp_path.iterdir()) == before and (tmp_path / "there.html").read_text() == "mine"
+    if case == "there already":
+        assert main(["bag", *arguments, "--output", "out", "--force"]) == 0
+        assert (tmp_path / "there.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+
+
+def test_without_plotly(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "plotly.offline", None)
+    write_recording(tmp_path / "bag", 2)
+    options = ["--output", str(tmp_path / "out")]
+    assert main([str(tmp_path / "bag"), *options, "--report", str(tmp_path / "page.html")]) == 2
+    assert capsys.readouterr().err == "replay: the report is drawn with plotly; install it with: pip install plotly\n"
+    assert not (tmp_path / "out").exists()
+    assert main([str(tmp_path / "bag"), *options]) == 0  # nothing else needs it
+
+
+def test_messages_that_cannot_be_read(tmp_path):
+    camera = ("/camera_info", "sensor_msgs/msg/CameraInfo", START_NS, webcam_info())
+    broken = [("/keypoints", "sensor_msgs/msg/PointCloud2", START_NS + i * PERIOD_NS, b"\0\1\0\0abc") for i in range(4)]
+    page = report(write_messages(tmp_path / "bag", [camera, *broken]))
+    assert ("problem", "Nothing was tracked: none of 4 messages gave a skeleton.") in said(page)
+    assert any(text.startswith("4 frames refused: bytes that are no message") for _, text in said(page))

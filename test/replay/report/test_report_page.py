@@ -1,0 +1,203 @@
+"""The report's page opened in a real browser: it draws, follows its controls, and asks for nothing from outside."""
+
+import io
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
+pytest.importorskip("plotly", reason="the report is drawn with plotly")
+
+from browser import Page, browser  # noqa: E402
+from messages import crowd  # noqa: E402
+from recordings import START_NS, read, synthetic_pixels, webcam_info, write_messages, write_recording  # noqa: E402
+
+from lassokin_ros.cli.replay import main  # noqa: E402
+from lassokin_ros.demo.synthetic import WEBCAM  # noqa: E402
+from lassokin_ros.replay.bags import typestore  # noqa: E402
+from msg_adapters.backends import RosbagsBackend  # noqa: E402
+
+FRAMES, LOST = 90, (30, 66)
+LEFT, RIGHT = (0x00, 0x72, 0xB2), (0xD5, 0x5E, 0x00)
+PLOTS = ("space", "image", "series", "landmarks")
+
+
+def spoil(stamps, pixels, confidence):
+    confidence[slice(*LOST)] = 0
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    with browser() as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("page")
+    write_recording(folder / "bag", FRAMES, spoil=spoil)
+    assert main([str(folder / "bag"), "--output", str(folder / "out"), "--report", str(folder / "page.html")]) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def opened(chromium, report):
+    return Page(chromium, report / "page.html")
+
+
+@pytest.fixture
+def page(opened, report):
+    """The page as the tests before left it: those that turn it round open their own."""
+    yield opened
+    assert opened.errors == [] and opened.requests == [f"file://{report / 'page.html'}"]
+
+
+def picture(page, selector):
+    """(h, w, 3) 0 to 255, what is seen of an element."""
+    pyplot = pytest.importorskip("matplotlib.image", reason="matplotlib reads the screenshot")
+    return np.round(255 * pyplot.imread(io.BytesIO(page.page.locator(selector).screenshot()), "png")[..., :3]).astype(
+        int
+    )
+
+
+def where(pixels, colour):
+    """(k, 2) row and column of the pixels of about this colour."""
+    return np.argwhere(np.abs(pixels - colour).max(axis=-1) < 40)
+
+
+def shown(page, plot, trace):
+    """(points, axes) of what a plot's trace has now."""
+    text = f"(() => {{ const t = document.getElementById('{plot}').data[{trace}]; return [t.x, t.y, t.z || []]; }})()"
+    columns = [c for c in page.value(text) if c]
+    return np.array(columns, dtype=float).T
+
+
+def go(page, frame):
+    page.page.fill("#slider", str(frame))
+    page.reach(f"document.body.dataset.frame === '{frame}'", f"frame {frame}")
+
+
+def test_everything_is_drawn(page):
+    assert page.value("document.body.dataset.drawn") == "yes"
+    for plot in PLOTS:
+        assert page.value(f"document.querySelectorAll('#{plot} .main-svg').length") > 0, plot
+    assert page.value("document.querySelectorAll('#series .scatterlayer .trace path.js-line').length") >= 8
+    assert page.value("document.querySelectorAll('#image .scatterlayer .trace').length") == 6
+    assert page.value("document.documentElement.scrollWidth <= 1280")  # nothing sticks out
+
+
+def test_the_person_stands_upright_and_faces_us(page):
+    pixels = picture(page, "#space")
+    left, right = where(pixels, LEFT), where(pixels, RIGHT)
+    assert len(left) > 300 and len(right) > 300
+    assert left[:, 1].mean() > right[:, 1].mean() + 20  # who faces the camera has their left at our right
+    joints = shown(page, "space", 3)
+    names = page.value("document.getElementById('space').data[3].text")
+    place = {name: joints[i] for i, name in enumerate(names)}
+    assert place["head"][2] > place["pelvis"][2] + 0.4 > place["left_ankle"][2] + 0.8
+    scene = page.value(
+        "(() => { const s = document.getElementById('space')._fullLayout.scene; return [s.xaxis.range, "
+        "s.yaxis.range, s.zaxis.range, [s.aspectratio.x, s.aspectratio.y, s.aspectratio.z]]; })()"
+    )
+    metres = [high - low for low, high in scene[:3]]
+    assert np.ptp(np.divide(scene[3], metres)) < 1e-6  # a metre is as long in every direction
+    assert scene[2][0] <= joints[:, 2].min() + 0.02
+
+
+def test_the_slider_moves_skeleton_and_image_to_what_was_published(page, report):
+    published = {round((t - START_NS) * 30e-9): m for t, m in read(report / "out", "/joints")}
+    _, pixels, confidence = synthetic_pixels(FRAMES)
+    for frame in (12, 80):
+        go(page, frame)
+        places = np.array([[p.position.x, p.position.z, -p.position.y] for p in published[frame].poses])
+        assert np.abs(shown(page, "space", 3) - places).max() < 0.001
+        seen = confidence[frame] > 0
+        assert np.abs(shown(page, "image", 4)[seen] - pixels[frame, seen]).max() < 0.06
+        body = places[:, [0, 2, 1]] * [1, -1, 1]
+        knee = page.value("document.getElementById('image').data[4].text").index("left_knee")
+        (expected,) = WEBCAM.lens.distort(body[[4], :2] / body[[4], 2:])
+        assert np.abs(shown(page, "image", 5)[knee] - expected).max() < 0.5
+        cursor = page.value("document.getElementById('series').layout.shapes[0].x0")
+        assert abs(cursor - frame / 30) < 0.001 and f"{frame / 30:.2f} s" in page.page.inner_text("#time")
+
+
+def test_a_lost_span_is_shaded_and_says_why_there_is_no_skeleton(page):
+    go(page, 50)
+    assert np.isnan(shown(page, "space", 3)).all()
+    assert page.page.inner_text(".absent >> nth=0") == "no skeleton at this time: too few landmarks"
+    assert not len(where(picture(page, "#space"), LEFT))
+    spans = page.value("document.getElementById('series').layout.shapes.slice(1).map((s) => [s.x0, s.x1])")
+    assert np.allclose(spans, [[(LOST[0] - 1) / 30, LOST[1] / 30]], atol=1e-3)
+    go(page, 5)
+    assert not page.page.is_visible(".absent >> nth=0") and len(where(picture(page, "#space"), LEFT)) > 300
+
+
+def test_it_plays_at_its_own_pace_and_stops(page):
+    go(page, 70)
+    page.page.click("#play")
+    assert "Pause" in page.page.inner_text("#play")
+    page.reach(
+        "document.body.dataset.frame === '89' && document.getElementById('play').textContent.includes('Play')",
+        "the end",
+    )
+    page.page.select_option("#speed", "0.25")
+    page.page.click("#play")
+    page.reach("Number(document.body.dataset.frame) < 20 && Number(document.body.dataset.frame) > 0", "the beginning")
+    page.page.click("#play")
+    assert "Play" in page.page.inner_text("#play")
+
+
+def test_turning_views_and_angles(chromium, report):
+    page = Page(chromium, report / "page.html")
+    eye = (
+        "(() => { const e = document.getElementById('space')._fullLayout.scene.camera.eye; return [e.x, e.y, e.z]; })()"
+    )
+    before = page.value(eye)
+    page.page.check("#turn")
+    page.reach(f"Math.abs({eye}[0] - {before[0]}) > 0.1", "another side")
+    page.page.uncheck("#turn")
+    after = page.value(eye)
+    assert np.isclose(np.hypot(*after[:2]), np.hypot(*before[:2])) and after[2] == before[2]
+    page.page.check("#follow")
+    assert np.abs(shown(page, "space", 3)[0, :2]).max() < 1e-6  # the pelvis
+    page.page.select_option("#view", "image")
+    low, high = page.value("document.getElementById('image')._fullLayout.xaxis.range")
+    assert low <= 0 and high >= WEBCAM.size[0]
+    page.page.select_option("#joint", "left_knee")
+    names = page.value("document.getElementById('series').data.slice(0, 3).map((t) => t.name)")
+    assert names == ["left_knee_x", "left_knee_y", "left_knee_z"] and page.errors == []
+    page.page.close()
+
+
+def test_several_people_are_chosen_from(chromium, tmp_path):
+    stamps, pixels, confidence = synthetic_pixels(30)
+    backend = RosbagsBackend(typestore())
+    messages = [("/camera_info", "sensor_msgs/msg/CameraInfo", START_NS, webcam_info())]
+    for stamp, xy, scores in zip(stamps.tolist(), pixels, confidence):
+        people = [(xy + [shift, 0], scores) for shift in (-300, 300)]
+        cloud = crowd(backend, stamp, people, [4, 7], "camera_optical_frame")
+        messages.append(("/keypoints", "sensor_msgs/msg/PointCloud2", stamp, cloud))
+    bag = write_messages(tmp_path / "bag", messages)
+    arguments = ["--output", str(tmp_path / "out"), "--report", str(tmp_path / "page.html"), "-p", "max_people:=2"]
+    assert main([str(bag), *arguments]) == 0
+    page = Page(chromium, tmp_path / "page.html", "#person=p7&t=0.5")
+    assert page.page.inner_text("#person").split() == ["p4", "p7"]
+    assert page.page.input_value("#person") == "1" and page.value("document.body.dataset.frame") == "15"
+    first = shown(page, "image", 4)
+    page.page.select_option("#person", "0")
+    page.reach("document.getElementById('image').data[4].x.some((x) => x !== null && x < 500)", "the other person")
+    assert np.allclose(np.nanmedian(shown(page, "image", 4) - first, axis=0), [-600, 0], atol=0.2)
+    assert page.errors == []
+    page.page.close()
+
+
+def test_a_recording_in_which_nobody_was_seen(chromium, tmp_path):
+    def nobody(stamps, pixels, confidence):
+        confidence[:] = 0
+
+    bag = write_recording(tmp_path / "bag", 8, spoil=nobody)
+    assert main([str(bag), "--output", str(tmp_path / "out"), "--report", str(tmp_path / "page.html")]) == 0
+    page = Page(chromium, tmp_path / "page.html")
+    assert page.errors == [] and page.value("document.body.dataset.error") is None
+    assert "Nothing was tracked" in page.page.inner_text("#findings")
+    page.page.close()

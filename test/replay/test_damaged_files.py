@@ -1,0 +1,232 @@
+"""Recordings that are cut, corrupted or have no place to go: one line, exit code 2, nothing under the final name."""
+
+import os
+import resource
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
+
+from recordings import contents, write_recording  # noqa: E402
+
+from lassokin_ros.cli.replay import main  # noqa: E402
+
+ROOT = Path(__file__).resolve().parents[2]
+STORAGES = {"mcap": "*.mcap", "sqlite3": "*.db3"}
+FRAMES = 20
+CASES = int(os.environ.get("LASSOKIN_FILE_CASES", 12))
+
+
+@pytest.fixture(scope="module", params=STORAGES)
+def recording(request, tmp_path_factory):
+    """(folder of a recording, its data file's bytes, the file's name)."""
+    folder = write_recording(tmp_path_factory.mktemp(request.param) / "walk", FRAMES, request.param)
+    (file,) = folder.glob(STORAGES[request.param])
+    return folder, file.read_bytes(), file.name
+
+
+def replay_of(tmp_path, capsys, recording, data):
+    """Exit code of a replay of the recording with other bytes; what must hold whatever they are is checked here."""
+    folder, _, name = recording
+    shutil.copytree(folder, tmp_path / "bag")
+    (tmp_path / "bag" / name).write_bytes(data)
+    code = main([str(tmp_path / "bag"), "--output", str(tmp_path / "out")])
+    said = capsys.readouterr()
+    if code == 0:
+        assert said.err == "" and (tmp_path / "out" / "metadata.yaml").is_file()
+        assert f"{FRAMES} in, " in said.out  # none is missing without a word
+    else:
+        assert code == 2 and said.out == "" and said.err.count("\n") == 1 and len(said.err) < 2000
+        assert said.err.startswith("replay: ") and "Traceback" not in said.err
+    assert set(os.listdir(tmp_path)) <= {"bag"} | ({"out"} if code == 0 else set())
+    shutil.rmtree(tmp_path / "bag")
+    shutil.rmtree(tmp_path / "out", ignore_errors=True)
+    return code
+
+
+def test_a_recording_cut_anywhere_is_refused(recording, tmp_path, capsys):
+    """Unless every message is still there: a database's last page may be an empty one."""
+    whole = recording[1]
+    for keep in np.linspace(0, len(whole) - 1, CASES).astype(int).tolist():
+        assert replay_of(tmp_path, capsys, recording, whole[:keep]) == 2 or keep == len(whole) - 1, keep
+
+
+def test_a_recording_with_wrong_bytes_is_refused_or_read_without_them(recording, tmp_path, capsys):
+    """A message of wrong content is counted, a file that cannot be followed is refused; nothing else happens."""
+    whole, random = recording[1], np.random.default_rng(4)
+    codes = set()
+    for case in range(2 * CASES):
+        data = np.frombuffer(whole, np.uint8).copy()
+        places = random.integers(0, len(data), [1, 10, 1000][case % 3])
+        if case % 2:
+            places = places % 4096  # where the structure of the file is
+        data[places] = random.integers(0, 256, len(places))
+        codes.add(replay_of(tmp_path, capsys, recording, data.tobytes()))
+    assert 2 in codes
+
+
+@pytest.mark.parametrize(
+    "metadata", [b"", b"a: [", b"a: 1", b"\xff\xfe", b"rosbag2_bagfile_information: 7", b"x: " * 99]
+)
+def test_wrong_metadata_is_refused(recording, metadata, tmp_path, capsys):
+    folder = shutil.copytree(recording[0], tmp_path / "bag")
+    (folder / "metadata.yaml").write_bytes(metadata)
+    assert main([str(folder), "--output", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("replay: ") and said.count("\n") == 1 and os.listdir(tmp_path) == ["bag"]
+
+
+def replay_in_a_process(folder, output, storage, **options):
+    command = [sys.executable, "-m", "lassokin_ros.cli.replay", str(folder), "--output", str(output), "--storage", storage]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, **options)
+
+
+def assert_refused(done, left, expected):
+    assert done.returncode == 2 and done.stdout == "", done.stderr
+    assert done.stderr.count("\n") == 1 and done.stderr.startswith("replay: "), done.stderr
+    assert "cannot be written" in done.stderr
+    assert sorted(os.listdir(left)) == expected
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+@pytest.mark.parametrize("kilobytes", [1, 40, 200])
+def test_a_limit_on_the_size_of_files_is_said_and_leaves_nothing(recording, tmp_path, storage, kilobytes):
+    """RLIMIT_FSIZE fails as a full disk does: in the middle of a write, at the end, or when the file is closed."""
+    limit = kilobytes * 1024
+
+    def limited():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+    done = replay_in_a_process(recording[0], tmp_path / "out", storage, preexec_fn=limited)
+    assert_refused(done, tmp_path, [])
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A file system of 128 kB, where one may be mounted."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    mount = shutil.which("mount")
+    options = ["-t", "tmpfs", "-o", "size=128k", "tmpfs", str(place)]
+    if mount is None or subprocess.run([mount, *options], capture_output=True).returncode != 0:
+        pytest.skip("no file system may be mounted here")
+    yield place
+    subprocess.run(["umount", str(place)], check=True)
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_a_disk_that_is_really_full_is_said_and_leaves_nothing(recording, small_disk, storage):
+    done = replay_in_a_process(recording[0], small_disk / "out", storage)
+    assert_refused(done, small_disk, [])
+
+
+def test_a_forced_output_survives_a_full_disk(recording, small_disk):
+    """The old recording stays as it was when the new one does not fit."""
+    from lassokin_ros.replay.bags import BagWriter, typestore
+
+    with BagWriter(small_disk / "out", "mcap", typestore()) as writer:
+        writer.write_raw("/a", "std_msgs/msg/String", 0, b"\x00\x01\x00\x00\x02\x00\x00\x00a\x00")
+    before = contents(small_disk / "out")
+    command = [sys.executable, "-m", "lassokin_ros.cli.replay", str(recording[0]), "-o", str(small_disk / "out"), "--force"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert_refused(done, small_disk, ["out"])
+    assert contents(small_disk / "out") == before
+
+
+def wants_files(recording, folder, disk):
+    """Arguments for an output and an export in `folder`, and a report on `disk`."""
+    files = ["--export", str(folder / "walk.csv"), "--report", str(disk / "page.html")]
+    return [str(recording[0]), "--output", str(folder / "out"), *files]
+
+
+def test_a_report_for_which_the_disk_is_too_small_leaves_no_output_either(recording, small_disk, tmp_path, capsys):
+    assert main(wants_files(recording, tmp_path, small_disk)) == 2
+    assert "page.html' cannot be written: No space left on device\n" in capsys.readouterr().err
+    assert os.listdir(tmp_path) == ["disk"] and os.listdir(small_disk) == []
+
+
+def test_an_output_that_cannot_be_completed_leaves_no_files_either(recording, tmp_path, monkeypatch, capsys):
+    from rosbags.rosbag2 import Writer
+
+    def full(_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Writer, "close", full)
+    assert main(wants_files(recording, tmp_path, tmp_path)) == 2
+    assert "No space left on device" in capsys.readouterr().err and os.listdir(tmp_path) == []
+
+
+def test_what_has_its_name_when_a_file_cannot_have_its_own_is_said(recording, tmp_path, monkeypatch, capsys):
+    """Such as another user's file in a folder like /tmp, which one may write to but not replace."""
+    real = Path.replace
+
+    def not_mine(part, path):
+        if path.name == "page.html":
+            raise OSError(1, "Operation not permitted")
+        return real(part, path)
+
+    monkeypatch.setattr(Path, "replace", not_mine)
+    assert main(wants_files(recording, tmp_path, tmp_path)) == 2
+    out, table, page = (tmp_path / name for name in ("out", "walk.csv", "page.html"))
+    reason = f"'{page}' cannot be written: Operation not permitted; written before: {out}, {table}"
+    assert capsys.readouterr().err == f"replay: {reason}\n"
+    assert sorted(os.listdir(tmp_path)) == ["out", "walk.csv"]
+
+
+def test_a_clean_up_that_fails_hides_no_error(tmp_path, monkeypatch):
+    """On a disk that is mounted for reading alone nothing can be removed either."""
+    from lassokin_ros.common.atomic_files import AtomicFiles
+    from lassokin_ros.replay.exports.errors import ExportError
+
+    def read_only(*_, **__):
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr(Path, "open", read_only)
+    monkeypatch.setattr(Path, "unlink", read_only)
+    with pytest.raises(ExportError, match="walk.csv' cannot be written: Read-only file system$"):
+        with AtomicFiles(False, ExportError) as files:
+            files.write_text(tmp_path / "walk.csv", "stamp")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_folder_that_may_not_be_written_to_is_said(recording, tmp_path, capsys):
+    tmp_path.chmod(0o555)
+    assert main([str(recording[0]), "--output", str(tmp_path / "out")]) == 2
+    assert "cannot be written: Permission denied" in capsys.readouterr().err
+
+
+def test_a_folder_that_may_not_be_searched_is_said(recording, tmp_path, monkeypatch, capsys):
+    """By a stand-in: tests may run as one who may do everything."""
+    asked = Path.is_dir
+
+    def is_dir(path, **options):
+        if path.name == "page.html":
+            raise PermissionError(13, "Permission denied", str(path))
+        return asked(path, **options)
+
+    monkeypatch.setattr(Path, "is_dir", is_dir)
+    arguments = [str(recording[0]), "-o", str(tmp_path / "out"), "--report", str(tmp_path / "page.html")]
+    assert main(arguments) == 2
+    assert capsys.readouterr().err.endswith("page.html' cannot be written: Permission denied\n")
+    assert not (tmp_path / "out").exists()
+
+
+def test_without_stderr_the_work_is_done_all_the_same(recording, tmp_path):
+    command = 'exec "$0" -m lassokin_ros.cli.replay "$1" -o "$2" 2>&-'
+    shell = ["sh", "-c", command, sys.executable, str(recording[0]), str(tmp_path / "out")]
+    done = subprocess.run(shell, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 0 and "frames" in done.stdout
+    assert (tmp_path / "out" / "metadata.yaml").is_file()
+
+
+def test_an_output_that_is_a_file_stays(recording, tmp_path, capsys):
+    (tmp_path / "out").write_text("mine")
+    for more in ([], ["--force"]):
+        assert main([str(recording[0]), "--output", str(tmp_path / "out"), *more]) == 2
+        assert "exists" in capsys.readouterr().err
+    assert (tmp_path / "out").read_text() == "mine"

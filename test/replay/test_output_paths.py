@@ -1,0 +1,80 @@
+"""Where `replay` writes: never over what it reads, never two outputs to one place; what is there stays as it was."""
+
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
+
+from recordings import contents, write_recording  # noqa: E402
+
+from lassokin_ros.cli.replay import main  # noqa: E402
+
+SKELETON = ["-p", "calibrate:=true", "--save-skeleton"]
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """The current folder: a recording `in`, an older output `out` of it, a link to the recording."""
+    monkeypatch.chdir(tmp_path)
+    write_recording(Path("in"), 3)
+    write_recording(Path("out"), 3)
+    Path("link").symlink_to("in")
+    return tmp_path
+
+
+OVER_THE_INPUT = {
+    "itself": (["in", "-o", "in"], "the output 'in' is the recording that is read, 'in'"),
+    "by another name": (["in", "-o", "out/../in"], "the output 'out/../in' is the recording that is read, 'in'"),
+    "by a link": (["link", "-o", "in"], "the output 'in' is the recording that is read, 'link'"),
+    "around a file": (["in/recording.mcap", "-o", "in"], "the output 'in' is around the recording that is read, "),
+    "inside": (["in", "-o", "in/new"], "the output 'in/new' is inside the recording that is read, 'in'"),
+    "report": (["in", "--report", "in/recording.mcap"], "--report 'in/recording.mcap' is inside the recording that"),
+    "report of a file": (
+        ["in/recording.mcap", "--report", "link/recording.mcap"],
+        "--report 'link/recording.mcap' is the recording that is read, 'in/recording.mcap'",
+    ),
+    "export": (["in", "--export", ".csv", "--export", "in/a.csv"], "--export 'in/a.csv' is inside the recording"),
+    "skeleton": (["in", *SKELETON, "in/metadata.yaml"], "--save-skeleton 'in/metadata.yaml' is inside the recording"),
+}
+ONE_PLACE = {
+    "export and report": (
+        ["in", "--export", "h.csv", "--report", "out/../h.csv"],
+        "--report and --export both name 'h.csv'; choose another name for one of them",
+    ),
+    "report and skeleton": (["in", "--report", "h.yaml", *SKELETON, "h.yaml"], "--report and --save-skeleton both"),
+    "output and report": (["in", "-o", "h", "--report", "h"], "the output and --report both name 'h'"),
+    "within the output": (
+        ["in", "-o", "out", "--export", "out/h.csv"],
+        "--export 'out/h.csv' is inside the output 'out'; choose another",
+    ),
+}
+ARCHIVE = {
+    "inside an input": (["in", "out", "-o", "in/new"], "the output '{}/in/new/in_tracked' is inside the recording"),
+    "another's input": (["in", "in_tracked"], "the output '{}/in_tracked' is the recording that is read, '{}/in_tr"),
+    "pages": (["in", "out", "-o", "new", "--report", "in"], "--report '{}/in/in.html' is inside the recording that"),
+}
+
+
+@pytest.mark.parametrize("case", sorted({**OVER_THE_INPUT, **ONE_PLACE, **ARCHIVE}))
+@pytest.mark.parametrize("more", [[], ["--force"]], ids=["", "forced"])
+def test_an_output_without_a_place_of_its_own_is_refused(folder, capsys, case, more):
+    arguments, expected = {**OVER_THE_INPUT, **ONE_PLACE, **ARCHIVE}[case]
+    if case == "another's input":
+        write_recording(Path("in_tracked"), 3)
+        more = ["--force"]  # without it that recording alone is refused, as ever
+    before, entries = contents(folder), sorted(folder.rglob("*"))
+    assert main([*arguments, *more]) == 2
+    said = capsys.readouterr()
+    assert said.err.startswith(f"replay: {expected.replace('{}', str(folder))}"), said.err
+    assert said.err.count("\n") == 1 and said.out == ""
+    assert contents(folder) == before and sorted(folder.rglob("*")) == entries
+
+
+def test_places_beside_the_input_are_free(folder):
+    """A file in the folder in which a single recording lies, the same export twice, a folder whose name goes on."""
+    Path("in/recording.mcap").rename("walk.mcap")
+    wanted = ["-o", "walk", "--export", "walk.csv", "--export", "walk.csv", "--report", "walk.html"]
+    for more in ([], ["--force"]):
+        assert main(["walk.mcap", *wanted, *more]) == 0
+    assert {"walk.csv", "walk.html", "walk", "walk.mcap"} <= {file.name for file in folder.iterdir()}

@@ -1,0 +1,377 @@
+"""`replay`: what it writes, that it writes it twice the same, and what it does not write."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import yaml
+
+pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
+
+from recordings import (  # noqa: E402
+    FRAME_TOPICS,
+    RATE,
+    START_NS,
+    contents,
+    read,
+    synthetic_pixels,
+    webcam_info,
+    write_messages,
+    write_recording,
+)
+
+from lassokin_ros.cli.replay import main  # noqa: E402
+from lassokin_ros.core.config import TrackerConfig  # noqa: E402
+from lassokin_ros.pipeline.outputs.urdf import joint_names  # noqa: E402
+from lassokin_ros.replay.bags import BagError, BagReader, BagWriter, typestore  # noqa: E402
+from msg_adapters.backends import RosbagsBackend  # noqa: E402
+from msg_adapters.inputs import point_cloud  # noqa: E402
+
+ROOT = Path(__file__).resolve().parents[2]
+FRAMES = 60
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    return write_recording(tmp_path_factory.mktemp("in") / "walk", FRAMES)
+
+
+@pytest.fixture(scope="module")
+def replayed(recording, tmp_path_factory):
+    output = tmp_path_factory.mktemp("out") / "tracked"
+    assert main([str(recording), "--output", str(output)]) == 0
+    return output
+
+
+def stamp(header):
+    return header.stamp.sec * 1_000_000_000 + header.stamp.nanosec
+
+
+def test_one_message_of_every_output_per_frame_with_the_inputs_stamp(recording, replayed):
+    with BagReader(replayed) as bag:
+        counts = {topic.name: (topic.message_type, topic.count) for topic in bag.topics}
+    assert counts.pop("/robot_description") == ("std_msgs/msg/String", 1)
+    assert counts.pop("/diagnostics") == ("diagnostic_msgs/msg/DiagnosticArray", FRAMES // int(RATE) - 1)
+    assert counts == {name: (kind, FRAMES) for name, kind in FRAME_TOPICS.items()}
+    inputs = [(time_ns, stamp(message.header)) for time_ns, message in read(recording, "/keypoints")]
+    for topic in FRAME_TOPICS:
+        outputs = read(replayed, topic)
+        headers = [m.markers[0].header if topic == "/markers" else m.header for _, m in outputs]
+        assert [(time_ns, stamp(h)) for (time_ns, _), h in zip(outputs, headers)] == inputs
+        assert {h.frame_id for h in headers} == {"camera_optical_frame"}
+
+
+def test_outputs_belong_together(replayed):
+    """joint_states through the published URDF gives the published joints."""
+    pin = pytest.importorskip("pinocchio", reason="pinocchio (pip install pin) is a test-only dependency")
+    (_, description), *_ = read(replayed, "/robot_description")
+    model = pin.buildModelFromXML(description.data)
+    data = model.createData()
+    assert ElementTree.fromstring(description.data).find("link").get("name") == "camera_optical_frame"
+    names = [joint.removesuffix("_x") for joint in joint_names_of(replayed) if joint.endswith("_x")][1:]
+    assert len(names) == 24
+    streams = (read(replayed, topic) for topic in ("/joint_states", "/joints", "/translation"))
+    for (_, state), (_, joints), (_, translation) in zip(*streams):
+        q = np.zeros(model.nq)
+        for name, value in zip(state.name, state.position):
+            q[model.joints[model.getJointId(name)].idx_q] = value
+        pin.framesForwardKinematics(model, data, q)
+        assert translation.point.x == state.position[0] and translation.point.z == joints.poses[0].position.z
+        for name, pose in zip(names, joints.poses):
+            placement = data.oMf[model.getFrameId(name, pin.FrameType.BODY)]
+            position = np.array([pose.position.x, pose.position.y, pose.position.z])
+            quaternion = pin.Quaternion(*(getattr(pose.orientation, k) for k in "wxyz"))
+            assert np.abs(placement.translation - position).max() < 1e-7
+            assert np.linalg.norm(pin.log3(placement.rotation.T @ quaternion.matrix())) < 1e-7
+
+
+def joint_names_of(replayed):
+    return read(replayed, "/joint_states")[0][1].name
+
+
+def test_joint_states_are_complete_and_continuous(replayed):
+    from lassokin_ros.core.body.skeleton import Skeleton
+
+    states = [message for _, message in read(replayed, "/joint_states")]
+    assert states[0].name == joint_names(Skeleton.load("anthropometric", 1.75)) and len(states[0].name) == 75
+    positions = np.array([s.position for s in states])
+    velocities = np.array([s.velocity for s in states])
+    assert np.abs(np.diff(positions, axis=0)).max() < 1.0
+    assert not velocities[0].any()
+    stamps = np.array([stamp(s.header) for s in states])
+    assert np.allclose(velocities[1:], np.diff(positions, axis=0) / (np.diff(stamps) * 1e-9)[:, None], rtol=1e-9)
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_the_same_recording_gives_the_same_bytes(tmp_path, storage):
+    recording = write_recording(tmp_path / "walk", 40, storage)
+    for name in ("a", "b"):
+        command = [sys.executable, "-m", "lassokin_ros.cli.replay", str(recording), "--output", str(tmp_path / name)]
+        subprocess.run(command, check=True, capture_output=True, cwd=ROOT)
+    first, second = contents(tmp_path / "a"), contents(tmp_path / "b")
+    assert set(first) == {"metadata.yaml", {"mcap": "recording.mcap", "sqlite3": "recording.db3"}[storage]}
+    assert first == second
+
+
+def test_storages_hold_the_same_messages(recording, replayed, tmp_path):
+    other = tmp_path / "other"
+    assert main([str(recording), "-o", str(other), "--storage", "sqlite3"]) == 0
+    types = typestore()
+    for topic, kind in FRAME_TOPICS.items():
+        a, b = ([types.serialize_cdr(m, kind) for _, m in read(path, topic)] for path in (replayed, other))
+        assert a == b
+
+
+def test_a_single_file_is_a_recording_too(recording, tmp_path):
+    file = next(recording.glob("*.mcap"))
+    assert main([str(file), "-o", str(tmp_path / "out")]) == 0
+    assert len(read(tmp_path / "out", "/joints")) == FRAMES
+
+
+def test_metadata_is_rosbag2s(replayed):
+    metadata = yaml.safe_load((replayed / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert metadata["version"] == 9 and metadata["storage_identifier"] == "mcap"
+    assert metadata["relative_file_paths"] == ["recording.mcap"]
+    topics = {t["topic_metadata"]["name"]: t["topic_metadata"] for t in metadata["topics_with_message_count"]}
+    assert topics["/robot_description"]["offered_qos_profiles"][0]["durability"] == "transient_local"
+    assert all(t["type_description_hash"].startswith("RIHS01_") for t in topics.values())
+
+
+def test_refused_frames_have_no_output_and_are_counted(tmp_path, capsys):
+    def spoil(stamps, pixels, confidence):
+        confidence[10:13] = 0
+        stamps[30] = stamps[29]
+
+    recording = write_recording(tmp_path / "spoilt", 40, spoil=spoil)
+    assert main([str(recording), "-o", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr()
+    assert "40 in, 36 out" in said.out and "old_stamp 1, too_few_landmarks 3" in said.out and said.err == ""
+    assert len(read(tmp_path / "out", "/joint_states")) == 36
+
+
+def test_a_gap_and_a_jump_back_initialise_anew(tmp_path, capsys):
+    """A pause of the camera costs no frame; a time that was not seen must be confirmed by a second frame."""
+    stamps, pixels, confidence = synthetic_pixels(60)
+    recorded = stamps + np.repeat([0, 5_000_000_000, 6_000_000_000], 20)
+    stamped = recorded - np.repeat([0, 0, 60_000_000_000], 20)
+    backend, kind = RosbagsBackend(typestore()), "sensor_msgs/msg/PointCloud2"
+    messages = [("/camera_info", "sensor_msgs/msg/CameraInfo", START_NS - 1, webcam_info())]
+    for i, time_ns in enumerate(recorded.tolist()):
+        cloud = point_cloud(backend, int(stamped[i]), "camera", pixels[i], confidence[i])
+        messages.append(("/keypoints", kind, time_ns, cloud))
+    recording = write_messages(tmp_path / "jumps", messages)
+    assert main([str(recording), "-o", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr().out
+    assert "60 in, 59 out" in said and "stamp_jump 1" in said and "initialised     3 times" in said
+
+
+def test_messages_that_cannot_be_read_are_counted(tmp_path, capsys):
+    stamps, pixels, confidence = synthetic_pixels(10)
+    types = typestore()
+    backend = RosbagsBackend(types)
+    kind = "sensor_msgs/msg/PointCloud2"
+    messages = [("/camera_info", "sensor_msgs/msg/CameraInfo", START_NS - 1, webcam_info())]
+    messages += [("/camera_info", "sensor_msgs/msg/CameraInfo", START_NS - 1, b"\x00\x01\x00\x00\x07")]
+    for i, stamp_ns in enumerate(stamps.tolist()):
+        cloud = point_cloud(backend, stamp_ns, "camera", pixels[i], confidence[i])
+        data = bytes(types.serialize_cdr(cloud, kind))
+        messages.append(("/keypoints", kind, stamp_ns, data[: len(data) // 2] if i % 3 == 2 else data))
+    recording = write_messages(tmp_path / "torn", messages)
+    assert main([str(recording), "-o", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr().out
+    assert "10 in, 7 out" in said and "not_deserialised 4" in said
+
+
+def test_unstamped_keypoints_carry_the_time_of_recording(tmp_path):
+    stamps, pixels, confidence = synthetic_pixels(10)
+    backend = RosbagsBackend(typestore())
+    messages = [("/camera_info", "sensor_msgs/msg/CameraInfo", START_NS - 1, webcam_info(frame_id="lens"))]
+    for i, stamp_ns in enumerate(stamps.tolist()):
+        message = backend.make("std_msgs/msg/Float32MultiArray")
+        message.data = np.column_stack([pixels[i], confidence[i]]).astype(np.float32).ravel()
+        messages.append(("/keypoints", "std_msgs/msg/Float32MultiArray", stamp_ns, message))
+    recording = write_messages(tmp_path / "plain", messages)
+    options = ["-p", "keypoints_type:=std_msgs/Float32MultiArray"]
+    assert main([str(recording), "-o", str(tmp_path / "out"), *options]) == 0
+    headers = [message.header for _, message in read(tmp_path / "out", "/joint_states")]
+    assert [stamp(h) for h in headers] == stamps.tolist() and {h.frame_id for h in headers} == {"lens"}
+
+
+def test_parameters_reach_the_tracker(recording, replayed, tmp_path):
+    file = tmp_path / "tall.yaml"
+    every = "/**:\n  ros__parameters:\n    height: 1.60\n    noise_px: 4\n"
+    file.write_text(every + "tracker:\n  ros__parameters:\n    height: 2\n")
+    for name, options in {
+        "file": ["--params-file", str(file)],
+        "option": ["-p", "height:=2.0", "-p", "noise_px:=4.0"],
+        "both": ["--params-file", str(file), "-p", "noise_px:=8.0", "-p", "noise_px:=4.0"],
+    }.items():
+        assert main([str(recording), "-o", str(tmp_path / name), *options]) == 0
+    assert contents(tmp_path / "file") == contents(tmp_path / "option") == contents(tmp_path / "both")
+    default, tall = (read(path, "/translation")[30][1].point.z for path in (replayed, tmp_path / "file"))
+    assert tall / default == pytest.approx(2.0 / TrackerConfig().height, rel=0.03)
+
+
+def test_topics_of_other_names_are_found_or_named(tmp_path):
+    stamps, pixels, confidence = synthetic_pixels(8)
+    backend = RosbagsBackend(typestore())
+    kind = "sensor_msgs/msg/PointCloud2"
+    messages = [("/cam/info", "sensor_msgs/msg/CameraInfo", START_NS - 1, webcam_info())]
+    for i, stamp_ns in enumerate(stamps.tolist()):
+        cloud = point_cloud(backend, stamp_ns, "camera", pixels[i], confidence[i])
+        messages.append(("/detector/poses", kind, stamp_ns, cloud))
+    recording = write_messages(tmp_path / "one", messages)
+    assert main([str(recording), "-o", str(tmp_path / "a")]) == 0
+    recording = write_messages(tmp_path / "two", [*messages, ("/lidar", kind, stamp_ns, cloud)])
+    assert main([str(recording), "-o", str(tmp_path / "b"), "--keypoints-topic", "detector/poses"]) == 0
+    assert len(read(tmp_path / "a", "/joints")) == len(read(tmp_path / "b", "/joints")) == 8
+    usual = [(topic.replace("/detector/poses", "/detector/keypoints"), *rest) for topic, *rest in messages]
+    recording = write_messages(tmp_path / "three", [*usual, ("/lidar", kind, stamp_ns, cloud)])
+    assert main([str(recording), "-o", str(tmp_path / "c")]) == 0
+
+
+def test_the_default_output_stands_here_and_says_so(recording, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main([str(recording)]) == 0
+    assert os.listdir(tmp_path) == ["walk_tracked"] and "-> walk_tracked (mcap)" in capsys.readouterr().out
+
+
+def test_an_existing_output_stays_unless_forced(recording, replayed, tmp_path, capsys):
+    output = tmp_path / "out"
+    assert main([str(recording), "-o", str(output), "-p", "height:=1.5"]) == 0
+    before = contents(output)
+    assert main([str(recording), "-o", str(output)]) == 2
+    assert "exists already; choose another output or say --force" in capsys.readouterr().err
+    assert contents(output) == before
+    assert main([str(recording), "-o", str(output), "--force"]) == 0
+    assert contents(output) == contents(replayed) and os.listdir(tmp_path) == ["out"]
+
+
+def test_force_replaces_recordings_only(recording, tmp_path, capsys):
+    precious = tmp_path / "thesis"
+    precious.mkdir()
+    (precious / "chapter.tex").write_text("...")
+    assert main([str(recording), "-o", str(precious), "--force"]) == 2
+    assert "is no rosbag2 recording; it will not be replaced" in capsys.readouterr().err
+    assert (precious / "chapter.tex").read_text() == "..."
+
+
+@pytest.mark.parametrize("name", ["notes.txt", "labels/1.txt", "motion_of_mine.csv", ".hidden", "old.mcap"])
+def test_force_replaces_no_folder_in_which_the_user_has_something(recording, tmp_path, capsys, name):
+    output = tmp_path / "out"
+    assert main([str(recording), "-o", str(output), "--export", ".csv"]) == 0
+    (output / name).parent.mkdir(exist_ok=True)
+    (output / name).write_text("mine")
+    before = contents(output)
+    capsys.readouterr()
+    assert main([str(recording), "-o", str(output), "--force", "--export", ".csv"]) == 2
+    foreign = name.split("/")[0]
+    assert capsys.readouterr().err == (
+        f"replay: '{output}' will not be replaced: '{foreign}' in it is no part of the recording; move that away or "
+        "choose another output\n"
+    )
+    assert contents(output) == before and os.listdir(tmp_path) == ["out"]
+
+
+def test_what_comes_into_an_old_output_meanwhile_stays(recording, tmp_path):
+    output = tmp_path / "out"
+    assert main([str(recording), "-o", str(output)]) == 0
+    with pytest.raises(BagError, match="'notes.txt' in it is no part"), BagWriter(output, "mcap", typestore(), True):
+        (output / "notes.txt").write_text("mine")
+    assert (output / "notes.txt").read_text() == "mine" and os.listdir(tmp_path) == ["out"]
+
+
+def test_force_replaces_an_older_output_with_its_exports(recording, tmp_path):
+    arguments = [str(recording), "-o", str(tmp_path / "out"), "--force", "-p", "max_people:=2"]
+    every = [word for suffix in (".csv", ".npz", ".bvh", ".amass.npz") for word in ("--export", suffix)]
+    assert main([*arguments, *every]) == 0 and (tmp_path / "out" / "motion_p1.amass.npz").is_file()
+    assert main([*arguments, "--storage", "sqlite3"]) == 0
+    assert sorted(os.listdir(tmp_path / "out")) == ["metadata.yaml", "recording.db3"]
+
+
+def test_a_failed_force_leaves_the_old_output(tmp_path, recording):
+    output = tmp_path / "out"
+    assert main([str(recording), "-o", str(output)]) == 0
+    before = contents(output)
+    with pytest.raises(RuntimeError), BagWriter(output, "mcap", typestore(), replace=True) as writer:
+        writer.write_raw("/a", "std_msgs/msg/String", 0, b"")
+        raise RuntimeError
+    assert contents(output) == before and os.listdir(tmp_path) == ["out"]
+
+
+def test_a_recording_that_breaks_off_leaves_nothing(tmp_path, capsys):
+    recording = write_recording(tmp_path / "walk", 40)
+    file = next(recording.glob("*.mcap"))
+    whole = file.read_bytes()
+    for keep in (0, 100, len(whole) // 2, len(whole) - 50):
+        file.write_bytes(whole[:keep])
+        assert main([str(recording), "-o", str(tmp_path / "out")]) == 2
+        said = capsys.readouterr().err
+        assert said.startswith("replay: ") and "cannot be read as a rosbag2 recording" in said and said.count("\n") == 1
+        assert sorted(os.listdir(tmp_path)) == ["walk"]
+
+
+def test_a_damaged_database_leaves_nothing(tmp_path, capsys):
+    recording = write_recording(tmp_path / "walk", 40, "sqlite3")
+    file = next(recording.glob("*.db3"))
+    whole = bytearray(file.read_bytes())
+    for start, stop in ((0, 100), (4096, len(whole))):
+        damaged = whole.copy()
+        damaged[start:stop] = b"\xa5" * (stop - start)
+        file.write_bytes(damaged)
+        assert main([str(recording), "-o", str(tmp_path / "out")]) == 2
+        assert "cannot be read as a rosbag2 recording" in capsys.readouterr().err
+        assert os.listdir(tmp_path) == ["walk"]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+def test_a_full_disk_is_said_and_leaves_nothing(tmp_path, recording, capsys, monkeypatch):
+    import rosbags.rosbag2.writer as writer
+
+    real = writer.McapWriter.write
+
+    def write_until_full(self, connection, timestamp, data):
+        if connection.topic == "/joints":
+            with open("/dev/full", "wb", buffering=0) as full:
+                full.write(data)
+        real(self, connection, timestamp, data)
+
+    monkeypatch.setattr(writer.McapWriter, "write", write_until_full)
+    assert main([str(recording), "-o", str(tmp_path / "out")]) == 2
+    assert "No space left on device" in capsys.readouterr().err
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_leaves_nothing(tmp_path, number):
+    recording = write_recording(tmp_path / "long", 3000)
+    command = [sys.executable, "-m", "lassokin_ros.cli.replay", str(recording), "--output", str(tmp_path / "out")]
+    process = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 30
+    while not list(tmp_path.glob(".out.*.part/recording")):
+        assert time.monotonic() < deadline and process.poll() is None
+        time.sleep(0.01)
+    process.send_signal(number)
+    said = process.communicate(timeout=30)[1]
+    assert process.returncode == 130 and said == "replay: interrupted; nothing was written\n"
+    assert os.listdir(tmp_path) == ["long"]
+
+
+def test_progress_is_shown_on_a_terminal_only(recording, tmp_path):
+    import pty
+
+    leader, follower = pty.openpty()
+    command = [sys.executable, "-m", "lassokin_ros.cli.replay", str(recording), "--output"]
+    subprocess.run([*command, str(tmp_path / "a")], check=True, cwd=ROOT, stdout=subprocess.PIPE, stderr=follower)
+    os.close(follower)
+    shown = os.read(leader, 100_000).decode()
+    os.close(leader)
+    assert "messages" in shown and f"{2 * FRAMES}/{2 * FRAMES}" in shown and shown.endswith("\r\x1b[K")
+    done = subprocess.run([*command, str(tmp_path / "b")], check=True, cwd=ROOT, capture_output=True)
+    assert done.stderr == b""

@@ -1,0 +1,76 @@
+"""What the tests of archives share: recordings, the command as its own process, and who holds a recording."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from recordings import write_recording
+
+ROOT = Path(__file__).resolve().parents[2]
+LONG = 800
+"""Frames that take about a second: time enough to find and kill who has them."""
+
+
+def write_archive(folder, long=0):
+    """Three short recordings and one that cannot be read; as many long ones as wanted."""
+    (folder / "day1").mkdir(parents=True)
+    write_recording(folder / "day1" / "walk", 30)
+    write_recording(folder / "day1" / "wave", 20, "sqlite3")
+    write_recording(folder / "squat.v2", 25)
+    (folder / "torn.mcap").write_bytes(b"no recording")
+    for number in range(long):
+        write_recording(folder / f"z_long{number}", LONG)
+    return folder
+
+
+def start_replay(*arguments, **options):
+    """The command as a process, with what it says to be read; it leads a process group of its own."""
+    command = [sys.executable, "-m", "lassokin_ros.cli.replay", *map(str, arguments)]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    return subprocess.Popen(command, cwd=ROOT, start_new_session=True, **pipes, **options)
+
+
+def holder(running, output, deadline_s=25.0, but=()):
+    """The id of the process that is writing the recording `output`: it has a file open in the hidden folder beside.
+
+    running: of `start_replay`, which must not end before. but: processes that don't count. Nor does one that removes
+    the folder: it has the folder open, and no file.
+    """
+    deadline, hidden = time.monotonic() + deadline_s, str(output.parent.resolve() / f".{output.name}.")
+    while time.monotonic() < deadline and running.poll() is None:
+        for process in _processes():
+            if process not in but and _writes(process, hidden):
+                return process
+        time.sleep(0.02)
+    os.killpg(running.pid, signal.SIGKILL)
+    raise AssertionError(f"nobody has begun to write {output}: {running.communicate()}")
+
+
+def _processes():
+    return [int(entry.name) for entry in Path("/proc").iterdir() if entry.name.isdigit()]
+
+
+def _writes(process, hidden):
+    return any(path.startswith(hidden) and os.path.isfile(path) for path in _open_files(process))
+
+
+def _open_files(process):
+    try:
+        descriptors = list(Path(f"/proc/{process}/fd").iterdir())
+    except OSError:
+        return
+    for descriptor in descriptors:
+        try:
+            yield os.readlink(descriptor)
+        except OSError:
+            continue
+
+
+def outcomes(table):
+    """{recording: its line's result} of a printed table."""
+    lines = table.strip().splitlines()
+    start = lines[0].index("result")
+    return {line.split()[0]: line[start:] for line in lines[1:-1]}

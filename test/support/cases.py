@@ -1,0 +1,129 @@
+"""Random bodies, states and lassos that the core's tests share; every draw is seeded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lassokin_ros.core.body.kinematics import BodyState, Kinematics
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.rotations import exponential
+from lassokin_ros.core.body.skeleton import AXIS_ORDERS, Skeleton
+from lassokin_ros.core.evidence.pose_prior import PosePrior, PriorRows
+from lassokin_ros.core.image.observation_model import linearise
+from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.lasso.lasso import Lasso, eliminate_translation
+
+FACING = np.diag([1.0, -1.0, -1.0])
+"""Orientation of a person who stands upright and faces the camera."""
+
+
+def body(layout: str = "coco17", height: float = 1.75) -> Kinematics:
+    """The built-in skeleton with a built-in layout."""
+    skeleton = Skeleton.load("anthropometric", height)
+    return Kinematics(skeleton, Layout.load(layout, skeleton))
+
+
+def random_body(random: np.random.Generator, joints: int = 12, landmarks: int = 9) -> Kinematics:
+    """A random tree, in a random shape, with random axes, and landmarks that ride on random joints."""
+    tree = [
+        {
+            "name": f"joint{i}",
+            "parent": None if i == 0 else f"joint{random.integers(0, i)}",
+            "position": random.normal(size=3).tolist(),
+            "axes": AXIS_ORDERS[random.integers(6)],
+        }
+        for i in range(joints)
+    ]
+    skeleton = Skeleton.from_mapping({"height_unit": "metre", "joints": tree}, 1.0)
+    points = [
+        {"name": f"point{i}", "joint": f"joint{random.integers(joints)}", "offset": random.normal(size=3).tolist()}
+        for i in range(landmarks)
+    ]
+    return Kinematics(skeleton, Layout.from_mapping({"landmarks": points}, skeleton))
+
+
+def random_state(random: np.random.Generator, kinematics: Kinematics, spread: float = 0.5) -> BodyState:
+    """A person in a random posture 3-5 m in front of the camera, turned about the vertical by any angle."""
+    vectors = random.normal(size=(kinematics.joint_count, 3)) * spread
+    rotations = exponential(vectors)
+    rotations[0] = FACING @ exponential(np.array([0, random.uniform(-np.pi, np.pi), 0])) @ rotations[0]
+    return BodyState(rotations, np.array([*random.normal(size=2) * 0.3, random.uniform(3, 5)]))
+
+
+@dataclass(frozen=True)
+class Draw:
+    """What kind of lasso to make; `fraction` is alpha / alpha_max."""
+
+    fraction: float
+    sigma_px: float = 2.0
+    visible: int | None = None
+    frontal: bool = False
+    with_prior: bool = False
+    per_degree_of_freedom: bool = False
+    live_columns: bool = False
+
+
+def random_draw(random: np.random.Generator) -> Draw:
+    """Noisy, near-frontal, few landmarks, rank-deficient, any alpha from 1e-4 alpha_max to above alpha_max."""
+    return Draw(
+        fraction=float(10 ** random.uniform(-4, 0.15)),
+        sigma_px=float(random.choice([0.5, 2, 10])),
+        visible=int(random.integers(3, 9)) if random.random() < 0.5 else None,
+        frontal=bool(random.random() < 0.3),
+        with_prior=bool(random.random() < 0.3),
+        per_degree_of_freedom=bool(random.random() < 0.5),
+        live_columns=bool(random.random() < 0.5),
+    )
+
+
+class Lassos:
+    """Makes lassos as frames of a tracked person pose them."""
+
+    def __init__(self) -> None:
+        self.kinematics = body()
+        self.prior = PriorRows(PosePrior.load(self.kinematics.skeleton), self.kinematics)
+
+    def draw(self, random: np.random.Generator, draw: Draw) -> Lasso:
+        """The lasso between a random state and a noisy observation of one near to it."""
+        kinematics, count = self.kinematics, self.kinematics.landmark_count
+        state = random_state(random, kinematics, 0.03 if draw.frontal else 0.3)
+        if draw.frontal:
+            state.rotations[0] = FACING @ exponential(random.normal(size=3) * 0.02)
+        moved = np.where(random.random(72) < 0.3, random.normal(size=72) * 0.05, 0.0)
+        seen = project(kinematics.pose(state.retract(moved, random.normal(size=3) * 0.01)).landmarks)
+        sigma = draw.sigma_px / 1200
+        weights = np.full(count, 1 / sigma)
+        if draw.visible is not None:
+            weights[random.permutation(count)[draw.visible :]] = 0
+        model = linearise(kinematics, kinematics.pose(state), seen + random.normal(size=seen.shape) * sigma, weights)
+        A, B, z = model.A, model.B, model.residual
+        if draw.with_prior:
+            prior_A, prior_z = self.prior.linearise(state.rotations)
+            A, B = np.vstack([A, prior_A]), np.vstack([B, np.zeros((len(prior_z), 3))])
+            z = np.concatenate([z, prior_z])
+        if draw.live_columns:
+            A = np.ascontiguousarray(A[:, kinematics.live])
+        alpha = random.uniform(0.2, 5, A.shape[1]) if draw.per_degree_of_freedom else np.ones(A.shape[1])
+        return Lasso(A, B, z, alpha * (draw.fraction * alpha_max(Lasso(A, B, z, alpha))))
+
+
+def alpha_max(problem: Lasso) -> float:
+    """The factor on the problem's alpha above which Omega is 0: max |A~_k^T z| / alpha_k."""
+    return float(np.max(np.abs(eliminate_translation(problem).g) / problem.alpha))
+
+
+def central_difference(function, size: int, step: float = 1e-5) -> np.ndarray:
+    """(outputs, size) Jacobian of function: (size,) increment -> array, at 0."""
+    columns = []
+    for k in range(size):
+        increment = np.zeros(size)
+        increment[k] = step
+        columns.append((function(increment) - function(-increment)).reshape(-1) / (2 * step))
+    return np.stack(columns, axis=-1)
+
+
+def relative_error(actual: np.ndarray, expected: np.ndarray) -> float:
+    """Norm of the difference in units of the norm of what was expected."""
+    return float(np.linalg.norm(actual - expected) / max(np.linalg.norm(expected), 1e-300))

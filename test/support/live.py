@@ -1,0 +1,217 @@
+"""The real node in a process of its own, and a peer in this one, on real DDS."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from messages import FRAME, camera_info, cloud
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+
+from lassokin_ros.node.person_outputs import message_class
+from lassokin_ros.pipeline.outputs import topics
+from msg_adapters.backends import RclpyBackend
+
+DEADLINE_S = 30.0
+START_NS = 1_000_000_000_000
+NO_HANDLERS = SignalHandlerOptions.NO
+"""rclpy's would stay when the context has ended, and keep SIGTERM from ending the processes of other tests' pools."""
+SIMULATED_NS = 10**18
+"""Stamps before this are not the system clock's."""
+BACKEND = RclpyBackend()
+ROOT = Path(__file__).resolve().parents[2]
+TRACKER = [sys.executable, "-m", "lassokin_ros.node.command"]
+
+
+class NodeProcess:
+    """`tracker` with ROS arguments; killed when it does not end by itself."""
+
+    def __init__(self, namespace, *ros_arguments, command=TRACKER, folder=ROOT, **options):
+        arguments = [*command, "--ros-args", "-r", f"__ns:={namespace}", *ros_arguments]
+        self.said = ""
+        self.process = subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True, cwd=folder, **options)
+
+    def stop(self, *signals, grace_s=10.0):
+        """Send signals, wait, and return (exit code, what it said on stderr)."""
+        for number in signals:
+            self.process.send_signal(number)
+        try:
+            self.said += self.process.communicate(timeout=grace_s)[1]
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.said += self.process.communicate()[1]
+        return self.process.returncode, self.said
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        if self.process.poll() is None:
+            self.stop(signal.SIGINT)
+
+
+@contextmanager
+def node_in_this_process(namespace, **settings):
+    """(node, function that serves its next callback): nothing is worked on while it is not called."""
+    from lassokin_ros.node.node import TrackerNode
+
+    context = rclpy.Context()
+    rclpy.init(context=context, signal_handler_options=NO_HANDLERS)
+    overrides = [Parameter(name, value=value) for name, value in settings.items()]
+    node = TrackerNode(context=context, namespace=namespace, parameter_overrides=overrides)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    try:
+        yield node, lambda: executor.spin_once(timeout_sec=0.05)
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        context.try_shutdown()
+
+
+class Peer:
+    """Publishes inputs, collects outputs, calls services; never sleeps: it spins until a condition holds."""
+
+    def __init__(self, namespace, keypoints_type="sensor_msgs/msg/PointCloud2", reliable=True, outputs=True):
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=int(os.environ["ROS_DOMAIN_ID"]), signal_handler_options=NO_HANDLERS)
+        self.node = Node("peer", namespace=namespace, context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        reliability = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
+        qos = QoSProfile(depth=10, reliability=reliability)
+        self.keypoints = self.node.create_publisher(message_class(keypoints_type), topics.KEYPOINTS, qos)
+        self.camera = self.node.create_publisher(message_class(topics.CAMERA_INFO_TYPE), topics.CAMERA_INFO, qos)
+        self.got = {topic.name: [] for topic in (*topics.FRAME_OUTPUTS, *topics.OTHER_OUTPUTS)}
+        self.namespace, self.per_frame = namespace, set()
+        if outputs:
+            for topic in topics.FRAME_OUTPUTS:
+                self.listen(topic)
+        self.node.create_subscription(DiagnosticArray, topics.DIAGNOSTICS, self._on_diagnostics, 10)
+
+    def listen(self, topic):
+        """Collect a topic's messages in `got`."""
+        if topic in (*topics.FRAME_OUTPUTS, *topics.LIVE_OUTPUTS):
+            self.per_frame.add(topic.name)
+        durability = DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE
+        qos = QoSProfile(depth=1000, durability=durability)
+        name = topic.name.replace("~", "tracker")
+        self.node.create_subscription(message_class(topic.message_type), name, self.got[topic.name].append, qos)
+
+    def _on_diagnostics(self, message):
+        if message.status[0].name.startswith(f"{self.namespace[1:]}/tracker:"):
+            self.got[topics.DIAGNOSTICS].append(message)
+
+    def spin_until(self, condition, deadline_s=DEADLINE_S, what="the condition"):
+        """Spin until `condition()` holds; AssertionError at the deadline."""
+        end = time.monotonic() + deadline_s
+        while not condition():
+            assert time.monotonic() < end, f"{what} did not come within {deadline_s} s"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def send(self, stamp_ns, xy, **options):
+        """One PointCloud2 of keypoints."""
+        self.keypoints.publish(cloud(BACKEND, stamp_ns, xy, **options))
+
+    def send_camera(self, **options):
+        """One camera_info."""
+        self.camera.publish(camera_info(BACKEND, **options))
+
+    def start(self, xy, frame_id=FRAME):
+        """Send camera_info and a frame again and again until the newest is answered on every topic."""
+        stamp_ns, next_at, pause = START_NS - 1_000_000_000, 0.0, 0.1
+
+        def answered():
+            nonlocal stamp_ns, next_at, pause
+            newest = [messages and stamp_of(messages[-1]) for messages in map(self.got.get, names)]
+            if newest == [stamp_ns] * len(names):
+                return True
+            if time.monotonic() > next_at:
+                stamp_ns, next_at, pause = stamp_ns + 5_000_000, time.monotonic() + pause, 1.1 * pause
+                self.send_camera(frame_id=frame_id)
+                self.send(stamp_ns, xy, frame_id=frame_id)
+            return False
+
+        names = sorted(self.per_frame)
+        self.spin_until(answered, what="the first output of every topic")
+
+    def settle(self):
+        """Wait until nothing more comes: two diagnostics in a row with the same number of messages received."""
+
+        def still():
+            recent = [values_of(m)["received [messages]"] for m in self.got[topics.DIAGNOSTICS][-2:]]
+            return len(recent) == 2 and recent[0] == recent[1]
+
+        self.got[topics.DIAGNOSTICS].clear()
+        self.spin_until(still, what="a quiet second")
+
+    def clear(self):
+        """Forget what has come so far."""
+        for messages in self.got.values():
+            messages.clear()
+
+    def next_diagnostics(self, condition=lambda status: True):
+        """The first status that is sent from now on and for which the condition holds."""
+        messages, now_ns = self.got[topics.DIAGNOSTICS], time.time_ns()
+        messages.clear()
+
+        def met():
+            # What was sent before may still wait to be read. (In simulated time nobody knows.)
+            return [s for s in messages if not SIMULATED_NS < stamp_of(s) < now_ns and condition(s.status[0])]
+
+        self.spin_until(met, what="the diagnostics")
+        return met()[0].status[0]
+
+    def call(self, service_type, name, request):
+        """The response of a service of the node."""
+        client = self.node.create_client(service_type, f"tracker/{name}")
+        self.spin_until(client.service_is_ready, what=f"service {name}")
+        future = client.call_async(request)
+        self.spin_until(future.done, what=f"an answer of {name}")
+        self.node.destroy_client(client)
+        return future.result()
+
+    def close(self):
+        """End this peer's context."""
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+
+def complaints(said):
+    """The lines on stderr beside those on which input is waited for and whether somebody is tracked."""
+    usual = "]: waiting for ", "]: the first message on ", "]: tracking", "]: keypoints rejected (no_camera_info)"
+    return [line for line in said.splitlines() if not any(words in line for words in usual)]
+
+
+def values_of(message):
+    """Key -> value of the first status of a DiagnosticArray, or of a DiagnosticStatus."""
+    status = message.status[0] if hasattr(message, "status") else message
+    return {pair.key: pair.value for pair in status.values}
+
+
+def stamp_of(message):
+    """A message's stamp in ns; of a MarkerArray its first marker's."""
+    header = message.markers[0].header if hasattr(message, "markers") else message.header
+    return header.stamp.sec * 1_000_000_000 + header.stamp.nanosec
+
+
+def frame_of(message):
+    """A message's frame_id; of a MarkerArray its first marker's."""
+    return (message.markers[0].header if hasattr(message, "markers") else message.header).frame_id

@@ -1,0 +1,64 @@
+"""Recordings that the replay's tests share, and what is in them."""
+
+import numpy as np
+
+from lassokin_ros.core.body.kinematics import Kinematics
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.demo.synthetic import WEBCAM, detections, exact_pixels, motion
+from lassokin_ros.pipeline.outputs import topics
+from lassokin_ros.replay.bags import BagReader, BagWriter, typestore
+from lassokin_ros.replay.keypoint_recording import write_keypoint_recording
+from msg_adapters.backends import RosbagsBackend
+from msg_adapters.inputs import camera_info
+
+RATE, START_NS = 30.0, 1_700_000_000_000_000_000
+
+
+def synthetic_pixels(frames, seed=0):
+    """Stamps in ns, detected pixels and confidences of the synthetic motion at 30 Hz."""
+    skeleton = Skeleton.load("anthropometric", 1.75)
+    kinematics = Kinematics(skeleton, Layout.load("coco17", skeleton))
+    times = np.arange(frames) / RATE
+    pixels, confidence = detections(exact_pixels(kinematics, motion(skeleton, times)), RATE, seed)
+    return START_NS + np.round(times * 1e9).astype(np.int64), pixels, confidence
+
+
+def write_recording(path, frames=60, storage="mcap", spoil=None):
+    """A recording of the synthetic motion; spoil(stamps, pixels, confidence) changes it in place."""
+    stamps, pixels, confidence = synthetic_pixels(frames)
+    if spoil is not None:
+        spoil(stamps, pixels, confidence)
+    write_keypoint_recording(path, stamps, pixels, confidence, WEBCAM.K, WEBCAM.D, WEBCAM.size, storage=storage)
+    return path
+
+
+def write_messages(path, messages, storage="mcap", types=None):
+    """A recording of any messages: (topic, type, time in ns, message or bytes); types: of rosbags, if not Jazzy's."""
+    types = types or typestore()
+    with BagWriter(path, storage, types) as writer:
+        for topic, message_type, time_ns, message in messages:
+            write = writer.write_raw if isinstance(message, bytes) else writer.write
+            write(topic, message_type, time_ns, message)
+    return path
+
+
+def webcam_info(stamp_ns=START_NS, frame_id="camera_optical_frame"):
+    """A camera_info of the webcam, for rosbags."""
+    return camera_info(RosbagsBackend(typestore()), stamp_ns, frame_id, WEBCAM.K, WEBCAM.D, WEBCAM.size)
+
+
+def read(path, topic):
+    """[(time of recording in ns, message)] of one topic."""
+    with BagReader(path) as bag:
+        chosen = [t for t in bag.topics if t.name == topic]
+        return [(time_ns, message) for _, time_ns, message in bag.messages(chosen)]
+
+
+def contents(folder):
+    """Bytes of every file below a folder, by its path there."""
+    return {str(file.relative_to(folder)): file.read_bytes() for file in folder.rglob("*") if file.is_file()}
+
+
+FRAME_TOPICS = {f"/{topic.name}".replace("/~", "/tracker"): topic.message_type for topic in topics.FRAME_OUTPUTS}
+"""Full name -> type of the topics that have one message per accepted frame."""

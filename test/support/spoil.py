@@ -1,0 +1,294 @@
+"""Ways to spoil a good message: what arrives when software sends nonsense. Every draw is seeded.
+
+Each takes a message of rosbags (values stay within what the wire can carry) and a numpy generator, and changes the
+message in place.
+"""
+
+import numpy as np
+
+from msg_adapters.output_messages.builders import set_header
+
+ODD = [np.nan, np.inf, -np.inf, 1e30, -1e30, 0.0, -0.0, 1e-30, -1.0, 3.4e38, 5e5, 1e4, 87.0, 1.5, 0.3, -0.7]
+SIZES = [0, 1, 2, 3, 15, 16, 17, 31, 32, 48, 255, 4096, 4097, 65535, 2**31 - 1, 2**31, 2**32 - 1]
+IDS = [-(2**31), -1, 0, 1, 16, 17, 18, 69, 70, 1000, 2**31 - 1]
+NAMES = ["", "map", "head", "pelvis", "a" * 300, "a\x00b", 'quo"te<&>', "\u202eabc", "frame with spaces", "é", "/x//y"]
+STEP_NS = 33_333_333
+
+
+def odd(random):
+    return ODD[random.integers(len(ODD))]
+
+
+def size(random):
+    return SIZES[random.integers(len(SIZES))]
+
+
+def text(random):
+    return NAMES[random.integers(len(NAMES))]
+
+
+def stamp(message, random, now_ns):
+    """Zero, from the past, a little or very early, no time at all."""
+    kind = random.integers(7)
+    if kind == 6:
+        message.header.stamp.sec = -int(random.integers(1, 2**31))
+    elif kind == 5:
+        message.header.stamp.nanosec = int(random.integers(10**9, 2**32))
+    else:
+        offsets = (-(now_ns - 1), -now_ns, -int(1e9), 10_000_000_000, 2**31 * 10**9 - 1 - now_ns)
+        set_header(message.header, now_ns + offsets[kind], message.header.frame_id)
+
+
+def frame_id(message, random, now_ns):
+    message.header.frame_id = text(random)
+
+
+def some(random, count):
+    """Between one and all of `count` places."""
+    return random.permutation(count)[: random.integers(1, count + 1)] if count else []
+
+
+# PointCloud2
+
+
+POINT = [("x", "<f4"), ("y", "<f4"), ("confidence", "<f4"), ("id", "<u4"), ("person", "<i4")]
+
+
+def cloud_array(message):
+    kind = np.dtype(POINT[: 5 if len(message.fields) > 4 else 4])
+    data = bytes(message.data)
+    return np.frombuffer(data[: len(data) // kind.itemsize * kind.itemsize], kind).copy()
+
+
+def store(message, points):
+    message.data = np.frombuffer(points.tobytes(), np.uint8)
+    message.point_step = points.itemsize
+    message.width, message.row_step = len(points), points.nbytes
+
+
+def cloud_values(message, random, now_ns):
+    points = cloud_array(message)
+    for name in random.permutation(["x", "y", "confidence"])[: random.integers(1, 4)]:
+        places = some(random, len(points))
+        points[name][places] = [odd(random) for _ in places]
+    store(message, points)
+
+
+def cloud_ids(message, random, now_ns):
+    points = cloud_array(message)
+    name = points.dtype.names[-1 if random.random() < 0.5 else 3]
+    places = some(random, len(points))
+    points[name][places] = np.array([IDS[random.integers(len(IDS))] for _ in places], np.int64).astype(np.uint32)
+    store(message, points)
+
+
+def cloud_length(message, random, now_ns):
+    points = cloud_array(message)
+    count = [0, 1, 2, 3, 40, 4096, 4097, 10_000][random.integers(8)]
+    store(message, np.resize(points, count) if len(points) else points)
+
+
+def cloud_sizes(message, random, now_ns):
+    for name in random.permutation(["width", "height", "point_step", "row_step"])[: random.integers(1, 3)]:
+        setattr(message, str(name), size(random))
+
+
+def cloud_data(message, random, now_ns):
+    data = bytes(message.data)
+    kind = random.integers(3)
+    if kind == 0:
+        data = data[: random.integers(0, len(data) + 1)]
+    elif kind == 1:
+        data = data + bytes(random.integers(1, 5000))
+    else:
+        data = random.bytes(len(data))
+    message.data = np.frombuffer(data, np.uint8)
+
+
+def cloud_order(message, random, now_ns):
+    message.is_bigendian = not message.is_bigendian
+
+
+def cloud_fields(message, random, now_ns):
+    fields = message.fields
+    kind = random.integers(8)
+    field = fields[random.integers(len(fields))] if fields else None
+    if field is None or kind == 0:
+        message.fields = []
+    elif kind == 1:
+        message.fields = [f for f in fields if f is not field]
+    elif kind == 2:
+        message.fields = [*fields, field]
+    elif kind == 3:
+        message.fields = fields * 20
+    elif kind == 4:
+        field.name = ["x", "id", "person", "u", "Z" * 10_000, ""][random.integers(6)]
+    elif kind == 5:
+        field.datatype = int(random.integers(256))
+    elif kind == 6:
+        field.offset = size(random)
+    else:
+        field.count = size(random)
+
+
+# PolygonStamped, Float32MultiArray
+
+
+def polygon_values(message, random, now_ns):
+    for place in some(random, len(message.polygon.points)):
+        setattr(message.polygon.points[place], "xyz"[random.integers(3)], odd(random))
+
+
+def polygon_length(message, random, now_ns):
+    points = message.polygon.points
+    message.polygon.points = (points * 600)[: [0, 1, 3, 16, 18, 4097, 10_000][random.integers(7)]]
+
+
+def array_values(message, random, now_ns):
+    data = np.array(message.data)
+    places = some(random, len(data))
+    data[places] = [odd(random) for _ in places]
+    message.data = data
+
+
+def array_length(message, random, now_ns):
+    message.data = np.resize(message.data, [0, 1, 2, 3, 50, 52, 54, 12_289, 30_000][random.integers(9)])
+
+
+def array_offset(message, random, now_ns):
+    message.layout.data_offset = size(random)
+
+
+# hri, yolo, zed
+
+
+def hri_values(message, random, now_ns):
+    for place in some(random, len(message.skeleton)):
+        setattr(message.skeleton[place], "xyc"[random.integers(3)], odd(random))
+
+
+def yolo_values(message, random, now_ns):
+    for detection in message.detections:
+        for place in some(random, len(detection.keypoints.data)):
+            point = detection.keypoints.data[place]
+            kind = random.integers(4)
+            if kind == 0:
+                point.id = IDS[random.integers(len(IDS))]
+            elif kind == 1:
+                point.score = odd(random)
+            else:
+                setattr(point.point, "xy"[kind - 2], [odd(random), 1e300][random.integers(2)])
+
+
+def yolo_lists(message, random, now_ns):
+    kind = random.integers(4)
+    if kind == 0:
+        message.detections = []
+    elif kind == 1:
+        message.detections = (message.detections * int(random.integers(2, 130)))[:150]
+    else:
+        longest = [0, 1, 3, 10_000][random.integers(4)] // max(1, len(message.detections))
+        for detection in message.detections:
+            points = detection.keypoints.data
+            detection.keypoints.data = (points * 600)[:longest]
+
+
+def yolo_ids(message, random, now_ns):
+    for detection in message.detections:
+        detection.id = ["", "1", "-1", "1" * 18, "1" * 19, "²", "0x1", "7\x00", "9" * 10_000][random.integers(9)]
+
+
+def zed_values(message, random, now_ns):
+    for body in message.objects:
+        for place in some(random, 70):
+            body.skeleton_2d.keypoints[place].kp = np.array([odd(random), odd(random)], np.float32)
+
+
+def zed_scalars(message, random, now_ns):
+    for body in message.objects:
+        kind = random.integers(6)
+        if kind == 0:
+            body.confidence = odd(random)
+        elif kind == 1:
+            body.body_format = int(random.integers(-128, 128))
+        elif kind == 2:
+            body.label_id = int(random.integers(-(2**15), 2**15))
+        elif kind == 3:
+            body.tracking_state = int(random.integers(-128, 128))
+        elif kind == 4:
+            body.tracking_available = body.skeleton_available = bool(random.integers(2))
+        else:
+            body.skeleton_keypoint_confidence = np.array([odd(random) for _ in range(70)], np.float32)
+
+
+def zed_lists(message, random, now_ns):
+    message.objects = (message.objects * [0, 2, 60, 130][random.integers(4)])[:130]
+
+
+# camera_info
+
+
+def camera_matrices(message, random, now_ns):
+    for name in random.permutation(["k", "p", "r"])[: random.integers(1, 3)]:
+        values = np.array(getattr(message, str(name)))
+        places = some(random, len(values)) if random.random() < 0.3 else random.integers(len(values), size=1)
+        values[places] = [[odd(random), -600.0, 1e8, 1e-12][random.integers(4)] for _ in places]
+        setattr(message, str(name), values)
+
+
+def camera_distortion(message, random, now_ns):
+    models = ["plumb_bob", "rational_polynomial", "equidistant", "fisheye", "", "omni", "x" * 10_000]
+    message.distortion_model = models[random.integers(len(models))]
+    count = [0, 1, 4, 5, 8, 12, 14, 15, 33, 5000][random.integers(10)]
+    scale = [0.0, 0.1, 10.0, 1e6, 1e30, 1e300][random.integers(6)]
+    message.d = random.normal(size=count) * scale
+    if random.random() < 0.3 and count:
+        message.d[random.integers(count)] = odd(random)
+
+
+def camera_sizes(message, random, now_ns):
+    message.width, message.height = size(random), size(random)
+
+
+def camera_window(message, random, now_ns):
+    if random.random() < 0.5:
+        message.binning_x, message.binning_y = size(random), size(random)
+    roi = message.roi
+    for name in random.permutation(["x_offset", "y_offset", "width", "height"])[: random.integers(0, 4)]:
+        setattr(roi, str(name), size(random))
+
+
+HEADER = {"stamp": stamp, "frame_id": frame_id}
+WAYS = {
+    "sensor_msgs/msg/PointCloud2": {
+        "values": cloud_values,
+        "ids": cloud_ids,
+        "length": cloud_length,
+        "sizes": cloud_sizes,
+        "data": cloud_data,
+        "byte order": cloud_order,
+        "fields": cloud_fields,
+        **HEADER,
+    },
+    "geometry_msgs/msg/PolygonStamped": {"values": polygon_values, "length": polygon_length, **HEADER},
+    "std_msgs/msg/Float32MultiArray": {"values": array_values, "length": array_length, "offset": array_offset},
+    "hri_msgs/msg/Skeleton2D": {"values": hri_values, **HEADER},
+    "yolo_msgs/msg/DetectionArray": {"values": yolo_values, "lists": yolo_lists, "ids": yolo_ids, **HEADER},
+    "zed_msgs/msg/ObjectsStamped": {"values": zed_values, "scalars": zed_scalars, "lists": zed_lists, **HEADER},
+    "sensor_msgs/msg/CameraInfo": {
+        "matrices": camera_matrices,
+        "distortion": camera_distortion,
+        "sizes": camera_sizes,
+        "window": camera_window,
+        **HEADER,
+    },
+}
+"""Message type -> way's name -> function(message, random, now_ns)."""
+
+
+def spoil(message_type, message, ways, seed, now_ns):
+    """Apply some ways, in this order."""
+    random = np.random.default_rng(seed)
+    for way in ways:
+        WAYS[message_type][way](message, random, now_ns)
+    return message
