@@ -21,6 +21,7 @@ from lassokin_ros.core.body.proportions import Proportions
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.evidence.frame_model import FrameModel
+from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project, projection_jacobian
 from lassokin_ros.core.image.robust_loss import huber_cost, huber_weights, norm
 from lassokin_ros.core.schedule import Schedule
@@ -79,8 +80,7 @@ class KeptFrame:
     """
 
     state: BodyState
-    points: np.ndarray
-    weights: np.ndarray
+    data: FrameData
     share: float
     lengths: np.ndarray
     information: np.ndarray
@@ -125,7 +125,7 @@ class Calibration:
         """The state was found anew: wait until it has settled before frames are kept."""
         self._kept_at = stamp + SETTLED
 
-    def advance(self, stamp: float, state: BodyState, points: np.ndarray, weights: np.ndarray) -> bool:
+    def advance(self, stamp: float, state: BodyState, data: FrameData) -> bool:
         """Use a tracked frame (arguments as in `Tracker`); True when the lengths have changed."""
         if self.frozen or stamp - self._worked_at < WORK.interval(self.moved):
             return False
@@ -138,7 +138,7 @@ class Calibration:
         if since >= KEEP.interval(self.moved):
             self.moved += since
             self._kept_at = stamp
-            self._keep(state, points, weights, since / KEEP.last)
+            self._keep(state, data, since / KEEP.last)
         elif self._frames:
             self._turn = (self._turn + 1) % len(self._frames)
             self._linearise(self._frames[self._turn])
@@ -148,9 +148,9 @@ class Calibration:
         self._update()
         return True
 
-    def _keep(self, state: BodyState, points: np.ndarray, weights: np.ndarray, share: float) -> None:
+    def _keep(self, state: BodyState, data: FrameData, share: float) -> None:
         count = self.proportions.count
-        frame = KeptFrame(state, points, weights, share, self.lengths, np.zeros((count, count)), np.zeros(count))
+        frame = KeptFrame(state, data, share, self.lengths, np.zeros((count, count)), np.zeros(count))
         self._linearise(frame)
         if math.isfinite(frame.cost):  # else nothing is known of it
             self._frames.append(frame)
@@ -165,7 +165,7 @@ class Calibration:
         if failed:
             return
         coupling, step = solved[:, :-1], solved[:, -1]
-        images = J[: 2 * len(frame.points)]
+        images = J[: 2 * len(frame.data.points)]
         volume = self._volume(frame, H - images.T @ images, coupling, 2 * float(np.log(factor.diagonal()).sum()))
         frame.information = C.T @ C - right[:, :-1].T @ coupling
         frame.pull = C.T @ z - right[:, :-1].T @ step - 0.5 * VOLUME * volume
@@ -189,21 +189,23 @@ class Calibration:
         states = self._moved(frame.state, -VOLUME_STEP * coupling.T)
         offsets = self.proportions.offsets(self.lengths + VOLUME_STEP * np.eye(count))
         pose = self._kinematics.pose(states, offsets)
-        F = projection_jacobian(pose.landmarks) * frame.weights[:, None, None]
-        columns = np.empty((count, len(prior), 2 * len(frame.points)))
-        self._rows.image_columns(pose, F, None, columns)
+        F = projection_jacobian(pose.landmarks) * frame.data.weights[:, None, None]
+        columns = np.empty((count, len(prior), 2 * len(frame.data.points)))
+        rows, moving = F.reshape(count, -1, 3), self._kinematics.live_twists(pose, pose.orientations)
+        self._kinematics.landmark_columns(moving, pose, rows, columns[:, :-3])
+        columns[:, -3:] = rows.swapaxes(-1, -2)
         there = np.array([_log_determinant(rows, prior) for rows in columns])
         return np.nan_to_num(np.clip((there - at_present) / VOLUME_STEP, -STEEPEST, STEEPEST))
 
     def _frame_rows(self, frame: KeptFrame) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
         """(J, C, z, cost): rows ||z - J [Omega, x] - C dlengths||^2 of a frame, and its robust cost."""
-        about = self._rows.hypotheses(frame.state)
-        rows = self._rows.linearise(about, frame.points, frame.weights, huber_weights)
-        images = 2 * len(frame.points)
+        about = self._rows.evaluate(frame.state)
+        rows = self._rows.linearise(about, frame.data, huber_weights)
+        images = 2 * len(frame.data.points)
         by_length = self.proportions.jacobian(about.pose, self.lengths)
         C = np.zeros((len(rows.z), self.proportions.count))
         C[:images] = (rows.columns[-3:, :images].T.reshape(-1, 2, 3) @ by_length).reshape(images, -1)
-        size = norm(frame.points - project(about.pose.landmarks)) * frame.weights
+        size = norm(frame.data.points - project(about.pose.landmarks)) * frame.data.weights
         prior = about.posture.residual
         return rows.columns.T, C, rows.z, float(huber_cost(size).sum() + 0.5 * prior @ prior)
 

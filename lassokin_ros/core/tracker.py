@@ -29,14 +29,16 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.estimate import Estimate, Observation, Rejection, Status
 from lassokin_ros.core.evidence.adaptive_mean import AdaptiveMean
-from lassokin_ros.core.evidence.frame_model import FrameModel, Hypotheses
+from lassokin_ros.core.evidence.evidence import EvaluatedState
+from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.model_error import ModelError
-from lassokin_ros.core.evidence.pose_prior import PosePrior, PriorRows
+from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.evidence.upright import Upright
 from lassokin_ros.core.hypotheses.body_hypotheses import BodyHypotheses
 from lassokin_ros.core.hypotheses.initialisation import Fit, Initialiser
 from lassokin_ros.core.hypotheses.limb_hypotheses import LimbHypotheses
 from lassokin_ros.core.hypotheses.reinitialisation import Reinitialisation
+from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.gating import gate_observation
 from lassokin_ros.core.image.measurement import Measurement, MeasurementFilter
 from lassokin_ros.core.lasso.certificate import Certificate
@@ -76,9 +78,9 @@ class Tracker:
             self.skeleton = symmetrised(self.skeleton)
         self.layout = Layout.load(self.config.landmarks, self.skeleton)
         self.kinematics = Kinematics(self.skeleton, self.layout)
-        prior = PosePrior.load(self.skeleton)
+        prior = PoseDistribution.load(self.skeleton)
         self._upright = Upright(self.config.camera_roll, self.config.camera_pitch)
-        self._rows = FrameModel(self.kinematics, PriorRows(prior, self.kinematics), self._upright)
+        self._rows = FrameModel(self.kinematics, PosePrior(prior, self.kinematics), self._upright)
         self._initialiser = Initialiser(self.kinematics, prior, self._rows)
         self._body_hypotheses = BodyHypotheses(self._initialiser, self._rows, CHALLENGERS)
         self._limbs = LimbHypotheses(self.kinematics, self._rows.prior, self._initialiser.mirroring, self._rows.balance)
@@ -222,11 +224,11 @@ class Tracker:
     def _found_anew(self, measurement: Measurement) -> Fit | None:
         """The state as one frame alone shows it, where there is none yet, or none to go on with."""
         if self._state is None or measurement.lost or self._nowhere >= STUCK_AFTER:
-            return self._initialiser.fit(measurement.points, measurement.weights)
+            return self._initialiser.fit(measurement.data)
         if measurement.repeated or not self._reinitialisation.due(measurement.stamp, self._cost):
             return None
         believed = self._upright.vertical
-        fit = self._initialiser.fit(measurement.points, measurement.weights)
+        fit = self._initialiser.fit(measurement.data)
         if self._reinitialisation.convinces(self._cost, float(fit.costs[0])):
             return fit
         self._upright.vertical = believed  # not that of an explanation which is not taken
@@ -234,17 +236,17 @@ class Tracker:
 
     def _follow(self, fit: Fit | None, measurement: Measurement) -> Steps[tuple[BodyState, Increment]]:
         """Where the frame starts from, a state just found or the present one, and the increment from there."""
-        points, weights = measurement.points, measurement.weights
+        frame = measurement.data
         if fit is not None:
             start = fit.best
-            rows = self._increments.about(start, points, weights)
+            rows = self._increments.about(start, frame)
         else:
             assert self._state is not None
             start = self._successor or self._state
-            rows = yield BatchedCall(self._body_hypotheses, "linearise", (points, weights))
+            rows = yield BatchedCall(self._body_hypotheses, "linearise", (frame,))
         config = self.config
         increment = self._increments.solve(
-            start, rows, points, weights, config.sparsity, config.relinearisations, config.warm_start
+            start, rows, frame, config.sparsity, config.relinearisations, config.warm_start
         )
         return start, increment
 
@@ -259,13 +261,13 @@ class Tracker:
         self._nowhere = 0 if rejection is None else self._nowhere + 1
         return rejection
 
-    def _take(self, start: BodyState, fit: Fit | None, increment: Increment, measurement: Measurement) -> Steps[Hypotheses]:
+    def _take(self, start: BodyState, fit: Fit | None, increment: Increment, measurement: Measurement) -> Steps[EvaluatedState]:
         """Make the state after a certified increment the present one, and let the challengers see the same points.
 
         fit: where the state was found anew, what it was found as.
         """
         omega, x, alpha = increment.omega, increment.x, increment.problem.alpha
-        points, weights, news = measurement.points, measurement.weights, measurement.news
+        frame, news = measurement.data, measurement.news
         if fit is not None or self._another_body:
             self._output_filter.reset()  # where the last one was going says nothing of it
         elif self._successor is not None:
@@ -275,29 +277,29 @@ class Tracker:
         if fit is not None:
             state = start.retract(omega, x)
             self._state = state = replace(state, rotations=orthonormalised(state.rotations))
-            self._body_hypotheses.start(state, points, weights)
+            self._body_hypotheses.start(state, frame)
             self._limbs.start(state)
             self._cost = float(fit.costs[0])
             return self._body_hypotheses.published
         self._state = state = yield BatchedCall(self._body_hypotheses, "advance", (omega, x, alpha))
         solved = self._body_hypotheses.published
         if news > 0:
-            yield BatchedCall(self._body_hypotheses, "weigh", (points, weights))
-            self._successor = self._body_hypotheses.compete(points, weights, alpha)
+            yield BatchedCall(self._body_hypotheses, "weigh", (frame,))
+            self._successor = self._body_hypotheses.compete(frame, alpha)
             self._another_body = self._successor is not None
             if self._successor is not None:
                 self._limbs.start(self._successor)
             else:
-                yield from self._search_limbs(points, weights)
+                yield from self._search_limbs(frame)
             self._cost = self._body_hypotheses.cost
             self._upright.learn(state.rotations[0], news)
         return solved
 
-    def _search_limbs(self, points: np.ndarray, weights: np.ndarray) -> Steps[None]:
+    def _search_limbs(self, frame: FrameData) -> Steps[None]:
         """Let a limb's other explanation follow, if it has become better than the one that is published."""
         published = self._body_hypotheses.published
         if self._limbs.count:
-            yield BatchedCall(self._limbs, "advance", (published, points, weights, self._body_hypotheses.image_costs))
+            yield BatchedCall(self._limbs, "advance", (published, frame, self._body_hypotheses.image_costs))
         self._successor = self._limbs.exchange(published)
         if self._successor is not None:
             self._body_hypotheses.replace_published(self._successor)
@@ -314,7 +316,7 @@ class Tracker:
         if initialised or self._another_body:
             self.calibration.restart_clock(measurement.stamp)
         elif self._successor is None and self.calibration.advance(
-            measurement.stamp, self._state, measurement.points, measurement.weights
+            measurement.stamp, self._state, measurement.data
         ):
             self._take_lengths()
 

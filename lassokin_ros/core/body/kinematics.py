@@ -68,6 +68,8 @@ class Kinematics:
         self._row_reach = np.repeat(self.reach, 2, axis=0)
         self.joint_count, self.landmark_count = n, len(layout.names)
         self._live = np.flatnonzero(self.live)
+        #: Indices of the root's live degrees of freedom, which are the first of all live ones.
+        self.live_root = self._live[skeleton.parents[self._live // 3] < 0]
         self._live_reach = np.ascontiguousarray(self._row_reach[:, self._live].T)
 
     @staticmethod
@@ -143,20 +145,34 @@ class Kinematics:
         f . (w x (q - p)) = w . (q x f) - (w x p) . f, all entries are one product of the landmarks' (q x f, f) with
         the degrees of freedom's (w, p x w), and a mask. Lengths are taken from the root, which keeps them small.
         """
-        columns = twists(pose, pose.orientations) @ wrenches(pose, rows).swapaxes(-1, -2)
+        columns = twists(pose, pose.orientations) @ wrenches(pose, pose.landmarks, rows).swapaxes(-1, -2)
         return columns.swapaxes(-1, -2) * self._row_reach
 
-    def live_columns(
-        self, pose: BodyPose, rows: np.ndarray, axes: np.ndarray | None = None, out: np.ndarray | None = None
-    ) -> np.ndarray:
-        """The columns of `image_jacobian` of the live degrees of freedom, as rows: (..., live, 2 l), in `out` if given.
+    def live_twists(self, pose: BodyPose, axes: np.ndarray) -> np.ndarray:
+        """(..., live, 6): `twists` of the live degrees of freedom; axes: (..., n, 3, 3), see there."""
+        return twists(pose, axes).take(self._live, axis=-2)
 
-        axes: (..., n, 3, 3), in each matrix's columns the axes (camera frame) about which the joint's three degrees of
-        freedom turn; the joint's own by default.
+    def landmark_columns(self, moving: np.ndarray, pose: BodyPose, rows: np.ndarray, out: np.ndarray) -> None:
+        """Fill `out` (..., live, m l) with the live columns of `image_jacobian`, as rows.
+
+        moving: (..., live, 6), from `live_twists`; rows: (..., m l, 3), m rows per landmark, in the landmarks' order.
         """
-        moving = twists(pose, pose.orientations if axes is None else axes).take(self._live, axis=-2)
-        columns = moving @ wrenches(pose, rows).swapaxes(-1, -2)
-        return np.multiply(columns, self._live_reach, out=out)
+        per_landmark = rows.shape[-2] // self.landmark_count
+        reach = self._live_reach if per_landmark == 2 else np.repeat(self.reach, per_landmark, axis=0)[:, self._live].T
+        columns = moving @ wrenches(pose, pose.landmarks, rows).swapaxes(-1, -2)
+        np.multiply(columns, reach, out=out)
+
+    def joint_columns(
+        self, moving: np.ndarray, pose: BodyPose, joints: np.ndarray, rows: np.ndarray, out: np.ndarray
+    ) -> None:
+        """Fill `out` (..., live, m k) with the derivatives of f . p_j for rows f on the centres of k joints.
+
+        moving: (..., live, 6), from `live_twists`; joints: (k,); rows: (..., m k, 3), m rows per joint.
+        """
+        carried = np.repeat(self.skeleton.ancestors[joints], 3, axis=1)[:, self._live]
+        reach = np.repeat(carried, rows.shape[-2] // len(joints), axis=0).T
+        columns = moving @ wrenches(pose, pose.positions.take(joints, axis=-2), rows).swapaxes(-1, -2)
+        np.multiply(columns, reach, out=out)
 
 
 def twists(pose: BodyPose, axes: np.ndarray) -> np.ndarray:
@@ -168,12 +184,15 @@ def twists(pose: BodyPose, axes: np.ndarray) -> np.ndarray:
     return result.reshape(*axes.shape[:-3], -1, 6)
 
 
-def wrenches(pose: BodyPose, rows: np.ndarray) -> np.ndarray:
-    """(..., 2 l, 6): of each row f of rows (..., 2 l, 3) q x f = f^T hat(-q), and f."""
-    by_landmark = rows.reshape(*pose.landmarks.shape[:-1], 2, 3)
-    result = np.empty(by_landmark.shape[:-1] + (6,))
-    np.matmul(by_landmark, hat(pose.positions[..., :1, :] - pose.landmarks), out=result[..., :3])
-    result[..., 3:] = by_landmark
+def wrenches(pose: BodyPose, points: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """(..., m k, 6): q x f = f^T hat(-q), and f, for the rows f of rows (..., m k, 3) on points q (..., k, 3), m each.
+
+    Lengths are taken from the root.
+    """
+    by_point = rows.reshape(*points.shape[:-1], -1, 3)
+    result = np.empty(by_point.shape[:-1] + (6,))
+    np.matmul(by_point, hat(pose.positions[..., :1, :] - points), out=result[..., :3])
+    result[..., 3:] = by_point
     return result.reshape(*rows.shape[:-1], 6)
 
 

@@ -79,7 +79,7 @@ class AdaptiveMean:
         """
         prior = self._rows.prior
         theta = logarithm(start.rotations.take(prior.joints, axis=-3))
-        others = self._rows.but_prior(len(problem.z))
+        others = self._rows.rows_besides_prior(len(problem.z))
         A = prior.by_theta(problem.A[others, prior.first :], theta)
         N = np.concatenate([problem.A[others, : prior.first], problem.B[others]], axis=1)
         z = problem.z[others] + A @ theta.reshape(-1)

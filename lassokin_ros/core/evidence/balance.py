@@ -8,13 +8,16 @@ Cauchy's loss: whoever sits or lies has no need of balance.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
 from lassokin_ros.core.body.rotations import hat
+from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
 from lassokin_ros.core.evidence.upright import Upright
+from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import squared_norm
 
 SPREAD = 0.1
@@ -34,7 +37,7 @@ Biomechanics and motor control of human movement, 2009, table 4.1; the trunk's h
 _IDENTITY = np.eye(3)
 
 
-class Balance:
+class Balance(Evidence):
     """Rows for the increment of all live degrees of freedom; none pulls at a skeleton without these joints' names."""
 
     count = 3
@@ -48,7 +51,7 @@ class Balance:
         self._arms = carried - np.diag(carried.sum(axis=1))
         self._vertical, self._level = np.empty(0), np.empty((3, 3))
 
-    def by(self, upright: Upright) -> Balance:
+    def with_vertical(self, upright: Upright) -> Balance:
         """The same by another vertical, or by several people's, of `Upright.together`."""
         other = copy(self)
         other.upright = upright
@@ -77,7 +80,21 @@ class Balance:
         """(..., n, 3) m: what each joint turns of the offset, as seen from that joint; positions (..., n, 3)."""
         return np.asarray(self._arms @ positions)
 
-    def linearise(self, pose: BodyPose, axes: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    @classmethod
+    def stack(cls, several: Sequence[Balance]) -> Balance:
+        """The balance of several people, each about the vertical that was learned from that person."""
+        return several[0].with_vertical(Upright.stack([balance.upright for balance in several]))
+
+    def linearise(self, about: LinearisationPoint, columns: np.ndarray, z: np.ndarray) -> None:
+        """Fill the rows, which the translation does not change."""
+        columns[..., :-3, :], z[...] = self.rows(about.states.pose, about.axes)
+        columns[..., -3:, :] = 0.0
+
+    def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
+        """(...,) cost of the states' offsets."""
+        return self.offset_cost(self.offset(states.pose.positions))
+
+    def rows(self, pose: BodyPose, axes: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """(columns, z): rows (..., live, 3) and right sides (..., 3), in standard deviations.
 
         axes: (..., n, 3, 3) of the joints' increments where they are not the orientations. A turn w of joint k moves
@@ -90,7 +107,7 @@ class Balance:
         torques = torques.reshape(*torques.shape[:-3], -1, 3).take(self._live, axis=-2)
         return torques @ (weight[..., None] * self.level), -weight * offset
 
-    def cost(self, offset: np.ndarray) -> np.ndarray:
+    def offset_cost(self, offset: np.ndarray) -> np.ndarray:
         """(...,) what the rows' weights are the derivative of: 2 log(1 + offset^2 / (2 SPREAD)^2); offset (..., 3)."""
         return np.asarray(2 * np.log1p(squared_norm(offset) / (4 * SPREAD**2)))
 

@@ -23,6 +23,9 @@ from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.rotations import logarithm, right_jacobian, right_jacobian_inverse
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import LayoutError, SkeletonError
+from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint, Posture
+from lassokin_ros.core.image.frame_data import FrameData
+from lassokin_ros.core.image.robust_loss import squared_norm
 from lassokin_ros.core.yaml_files import load_mapping
 
 LIMIT_SPREAD = 0.05
@@ -53,7 +56,7 @@ def joint_limits() -> list[JointLimit]:
 
 
 @dataclass(frozen=True, eq=False)
-class PosePrior:
+class PoseDistribution:
     """mean: (n, 3) rad rotation vectors; covariance: (3 n, 3 n) rad^2, both in the skeleton's joint order.
 
     motion: (3 n,) rad per frame at 60 Hz: the mean size of each degree of freedom's increment in human motion.
@@ -65,13 +68,13 @@ class PosePrior:
     motion: np.ndarray
 
     @classmethod
-    def load(cls, skeleton: Skeleton) -> PosePrior:
+    def load(cls, skeleton: Skeleton) -> PoseDistribution:
         """The shipped prior, for the joints of `skeleton` that it knows by name."""
         file = resources.files("lassokin_ros.core.evidence") / "priors" / "cmu.yaml"
         return cls.from_mapping(load_mapping(file.read_text(encoding="utf-8"), "pose prior", SkeletonError), skeleton)
 
     @classmethod
-    def from_mapping(cls, data: Mapping[str, Any], skeleton: Skeleton) -> PosePrior:
+    def from_mapping(cls, data: Mapping[str, Any], skeleton: Skeleton) -> PoseDistribution:
         """Build from the parsed YAML form (see priors/cmu.yaml)."""
         n = skeleton.joint_count
         mean, covariance = np.zeros((n, 3)), np.eye(3 * n) * 0.25
@@ -94,18 +97,10 @@ def _components(joints: list[int]) -> np.ndarray:
     return (3 * np.array(joints, dtype=int)[:, None] + np.arange(3)).reshape(-1)
 
 
-@dataclass(frozen=True, eq=False)
-class Posture:
-    """theta: (..., joints, 3) rad, the rotation vectors of the prior's joints; residual: (..., k + m), its rows' z."""
-
-    theta: np.ndarray
-    residual: np.ndarray
-
-
-class PriorRows:
+class PosePrior(Evidence):
     """The prior's rows for one kinematics: of the joints that can move a landmark, root excepted."""
 
-    def __init__(self, prior: PosePrior, kinematics: Kinematics) -> None:
+    def __init__(self, prior: PoseDistribution, kinematics: Kinematics) -> None:
         """Raises LayoutError when there are no such joints."""
         live = kinematics.live.reshape(-1, 3)
         root = kinematics.skeleton.parents < 0
@@ -122,6 +117,7 @@ class PriorRows:
         #: (k, k) upper triangular, W of the module's text.
         self.W = np.linalg.cholesky(np.linalg.inv(self.covariance)).T
         self._take_limits(kinematics)
+        self.count = len(self.W) + len(self.low)
         rows = np.concatenate([self.W, self.limits])
         self._rows_transposed = np.ascontiguousarray(rows.T)
         self.move(self.mean)
@@ -130,9 +126,19 @@ class PriorRows:
         self.first = int(np.count_nonzero(live[root]))
         self._live = np.flatnonzero(live[self.joints].reshape(-1))
 
-    @staticmethod
-    def stack(several: Sequence[PriorRows]) -> PriorRows:
-        """Of several people, each about their own mean: for rotations (people, k, ...)."""
+    def linearise(self, about: LinearisationPoint, columns: np.ndarray, z: np.ndarray) -> None:
+        """Fill the rows W (mean - theta) and those of the limits that are exceeded."""
+        columns[..., : self.first, :] = columns[..., -3:, :] = 0.0
+        columns[..., self.first : -3, :] = self.live_columns(about.states.posture, about.turn)
+        z[...] = about.states.posture.residual
+
+    def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
+        """(...,) half of the squared residual."""
+        return np.asarray(0.5 * squared_norm(states.posture.residual))
+
+    @classmethod
+    def stack(cls, several: Sequence[PosePrior]) -> PosePrior:
+        """The priors of several people, each about the person's own mean: for rotations (people, k, ...)."""
         return stack_attribute(several, "whitened_mean")
 
     def move(self, mean: np.ndarray) -> None:
@@ -152,11 +158,6 @@ class PriorRows:
         self.low = np.array([limit.low for limit in limits]) / LIMIT_SPREAD
         self.high = np.array([limit.high for limit in limits]) / LIMIT_SPREAD
 
-    @property
-    def count(self) -> int:
-        """Number of rows, the prior's and the limits'."""
-        return len(self.W) + len(self.low)
-
     def posture(self, rotations: np.ndarray) -> Posture:
         """What rows and cost of a posture are made of; rotations: (..., n, 3, 3)."""
         theta = logarithm(rotations.take(self.joints, axis=-3))
@@ -166,7 +167,7 @@ class PriorRows:
         """Right sides (..., k + m): W (mean - theta), then how far each limit is passed, in standard deviations."""
         return self.posture(rotations).residual
 
-    def linearise(self, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def rows(self, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(A, z): rows (..., k + m, 3 n) and right sides (..., k + m) so that they read ||z - A Omega||^2."""
         posture = self.posture(rotations)
         columns, z = self._columns(posture, None), posture.residual

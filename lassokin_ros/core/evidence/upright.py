@@ -15,6 +15,8 @@ import numpy as np
 
 from lassokin_ros.core.batch import stack_attribute
 from lassokin_ros.core.body.rotations import exponential, hat
+from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
+from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import squared_norm
 
 SPREAD = 0.12
@@ -39,7 +41,7 @@ _RIGHT, _SIGHT = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 _ACROSS = np.array([1.0, 0.0, -1.0])  # of [e_z, e_y, e_x], what turns the vertical
 
 
-class Upright:
+class Upright(Evidence):
     """Rows for the root's rotation, and the learned vertical (3,), a unit vector in the camera frame."""
 
     count = 3
@@ -47,8 +49,8 @@ class Upright:
     def __init__(self, roll: float = 0.0, pitch: float = 0.0) -> None:
         self.mounted(roll, pitch)
 
-    @staticmethod
-    def stack(several: Sequence[Upright]) -> Upright:
+    @classmethod
+    def stack(cls, several: Sequence[Upright]) -> Upright:
         """Of several people, each with the vertical that was learned from them: for roots (people, k, 3, 3)."""
         return stack_attribute(several, "vertical")
 
@@ -90,7 +92,20 @@ class Upright:
             moved = self.vertical + share * (up - self.vertical)
             self.vertical = moved / math.sqrt(moved.dot(moved))
 
-    def linearise(self, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def linearise(self, about: LinearisationPoint, columns: np.ndarray, z: np.ndarray) -> None:
+        """Fill the rows, which move with the root alone."""
+        rows, z[...] = self.rows(about.states.state.rotations[..., 0, :, :])
+        if about.turn is not None:
+            rows = rows @ about.turn[..., 0, :, :]
+        root = about.kinematics.live_root
+        columns[..., : len(root), :] = rows.swapaxes(-1, -2).take(root, axis=-2)
+        columns[..., len(root) :, :] = 0.0
+
+    def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
+        """(...,) cost of the states' leans."""
+        return self.lean_cost(states.state.rotations[..., 0, :, :])
+
+    def rows(self, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(A, z): rows (..., 3, 3) for the root's increment and right sides (..., 3), in standard deviations.
 
         The lean is up - vertical; with root R and R exp(hat(w)) it changes by -R hat(e_y) w = [R e_z, 0, -R e_x] w.
@@ -99,7 +114,7 @@ class Upright:
         weight = 1 / np.sqrt(SPREAD**2 + 0.25 * squared_norm(lean))[..., None]
         return root[..., ::-1] * (weight * _ACROSS)[..., None, :], -weight * lean
 
-    def cost(self, root: np.ndarray) -> np.ndarray:
+    def lean_cost(self, root: np.ndarray) -> np.ndarray:
         """(...,) what the rows' weights are the derivative of: 2 log(1 + lean^2 / (2 SPREAD)^2); root (..., 3, 3)."""
         lean = root[..., :, 1] - self.vertical
         return np.asarray(2 * np.log1p(squared_norm(lean) / (4 * SPREAD**2)))

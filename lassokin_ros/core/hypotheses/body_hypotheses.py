@@ -19,9 +19,11 @@ import numpy as np
 from lassokin_ros.core.batch import shared, stack_values
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import orthonormalised
-from lassokin_ros.core.evidence.frame_model import FrameModel, Hypotheses, Rows
+from lassokin_ros.core.evidence.evidence import EvaluatedState
+from lassokin_ros.core.evidence.frame_model import FrameModel, LinearisedFrame
 from lassokin_ros.core.hypotheses.initialisation import STARTS, Initialiser, in_front
 from lassokin_ros.core.hypotheses.start_orientations import ROOTS, nearest
+from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import CAP, huber_weights, norm
 
 COARSE = np.array([8.0, 8.0, 8.0, 8.0, 2.0, 2.0, 2.0, 1.0])
@@ -61,7 +63,7 @@ class BodyHypotheses:
         self._rows = rows
         self._count = count
         #: The challengers and, last, the published state.
-        self._everyone: Hypotheses | None = None
+        self._everyone: EvaluatedState | None = None
         #: Standard deviations beyond which a point does not count: for the published state it always does.
         self._caps = np.append(np.full(count, CAP), np.inf)[:, None]
         self.cost = float("nan")
@@ -69,13 +71,13 @@ class BodyHypotheses:
         self.image_costs = np.empty(0)
         """(l,) what each landmark has of it."""
 
-    def start(self, state: BodyState, points: np.ndarray, weights: np.ndarray) -> None:
-        """Begin with a pool of new challengers for this frame's points (l, 2) and weights (l,), beside `state`."""
+    def start(self, state: BodyState, frame: FrameData) -> None:
+        """Begin with a pool of new hypotheses for this frame, beside `state`."""
         self._age = np.zeros(self._count, dtype=int)
         self._advantage = np.zeros(self._count)
         self._turns = self._renewals = 0
-        turned = [self._turned(state, points, weights) for _ in range(self._count)]
-        self._everyone = self._rows.hypotheses(stack_values([*turned, state]))
+        turned = [self._turned(state, frame) for _ in range(self._count)]
+        self._everyone = self._rows.evaluate(stack_values([*turned, state]))
 
     def stop(self) -> None:
         """Drop the pool."""
@@ -84,10 +86,10 @@ class BodyHypotheses:
     def refresh(self) -> None:
         """The skeleton has changed: what follows from the states is no longer right."""
         if self._everyone is not None:
-            self._everyone = self._rows.hypotheses(self._everyone.state)
+            self._everyone = self._rows.evaluate(self._everyone.state)
 
     @property
-    def published(self) -> Hypotheses:
+    def published(self) -> EvaluatedState:
         """The published state, with what follows from it."""
         assert self._everyone is not None
         return self._everyone[-1]
@@ -100,16 +102,15 @@ class BodyHypotheses:
         return whole
 
     @shared(takes=("_everyone", "_age"), gives=("_linearised",))
-    def linearise(self, points: np.ndarray, weights: np.ndarray) -> Rows:
+    def linearise(self, frame: FrameData) -> LinearisedFrame:
         """The rows of a frame about the published state; those about the others stay here for `advance`."""
         assert self._everyone is not None
         factor = np.ones((*self._age.shape[:-1], self._count + 1, 1))
         factor[..., :-1, 0] = COARSE.take(self._age, mode="clip")
-        weights = weights[..., None, :] / factor
-        rows = self._rows.linearise(self._everyone, points[..., None, :, :], weights, self._robust)
-        self._linearised = Rows(rows.columns[..., :-1, :, :], rows.z[..., :-1, :])
+        rows = self._rows.linearise(self._everyone, frame.per_state().annealed(factor), self._robust)
+        self._linearised = LinearisedFrame(rows.columns[..., :-1, :, :], rows.z[..., :-1, :])
         # A copy: who keeps these does not keep the challengers'.
-        return Rows(rows.columns[..., -1, :, :].copy(), rows.z[..., -1, :].copy())
+        return LinearisedFrame(rows.columns[..., -1, :, :].copy(), rows.z[..., -1, :].copy())
 
     def _robust(self, size: np.ndarray) -> np.ndarray:
         return np.where(size > self._caps, 0.0, huber_weights(size))
@@ -128,18 +129,19 @@ class BodyHypotheses:
         moved = self._everyone.state.retract(self._increments, np.concatenate([steps, x[..., None, :]], axis=-2))
         in_front(moved.translation[..., :-1, :])
         moved.rotations[..., -1, :, :, :] = orthonormalised(moved.rotations[..., -1, :, :, :])
-        self._everyone = self._rows.hypotheses(moved)
+        self._everyone = self._rows.evaluate(moved)
         return BodyState(moved.rotations[..., -1, :, :, :], moved.translation[..., -1, :])
 
     @shared(takes=("_everyone",), gives=("image_costs", "_costs"))
-    def weigh(self, points: np.ndarray, weights: np.ndarray) -> None:
+    def weigh(self, frame: FrameData) -> None:
         """What all cost on the frame's points, for `compete`."""
         assert self._everyone is not None
-        images = self._rows.image_costs(self._everyone.pose, points[..., None, :, :], weights[..., None, :])
+        frame = frame.per_state()
+        images = self._rows.image_costs(self._everyone, frame)
         self.image_costs = images[..., -1, :]
-        self._costs = images.sum(axis=-1) + self._rows.own_cost(self._everyone)
+        self._costs = images.sum(axis=-1) + self._rows.other_cost(self._everyone, frame)
 
-    def compete(self, points: np.ndarray, weights: np.ndarray, alpha: np.ndarray) -> BodyState | None:
+    def compete(self, frame: FrameData, alpha: np.ndarray) -> BodyState | None:
         """Compare all, as they were weighed on the frame's points: the state that should replace the published one.
 
         alpha: (live,) cost per rad of each degree of freedom's increment, which all pay. Of a frame that is no further
@@ -153,14 +155,14 @@ class BodyHypotheses:
         if not np.count_nonzero(ripe):  # a tenth of what any() costs
             return None
         winner = self._exchange(ripe)
-        self._recycle(ripe, points, weights)
+        self._recycle(ripe, frame)
         return winner
 
     def replace_published(self, state: BodyState) -> None:
         """Let another state take the published one's place from the next frame on."""
         assert self._everyone is not None
         self._everyone = self._everyone[np.arange(self._count + 1)]  # a copy: this frame's answer stays as it is
-        self._everyone[-1] = self._rows.hypotheses(state)
+        self._everyone[-1] = self._rows.evaluate(state)
 
     def _exchange(self, ripe: np.ndarray) -> BodyState | None:
         """Let the winner, if there is one, change places with the published state."""
@@ -175,7 +177,7 @@ class BodyHypotheses:
         self._advantage[best] = -0.5 * MARGIN
         return self._everyone[-1].state
 
-    def _recycle(self, ripe: np.ndarray, points: np.ndarray, weights: np.ndarray) -> None:
+    def _recycle(self, ripe: np.ndarray, frame: FrameData) -> None:
         """Renew at most one challenger a frame: one that is too old, hopeless, or has become the published state."""
         assert self._everyone is not None
         positions = self._everyone.pose.positions
@@ -194,14 +196,14 @@ class BodyHypotheses:
             pair, published = pairs[self._renewals // 2 % len(pairs)], self.published
             start = self._initialiser.mirroring.both(published.state, pair, published.pose)
         else:
-            start = self._turned(self.published.state, points, weights)
-        self._everyone[slot] = self._rows.hypotheses(start)
+            start = self._turned(self.published.state, frame)
+        self._everyone[slot] = self._rows.evaluate(start)
 
-    def _turned(self, published: BodyState, points: np.ndarray, weights: np.ndarray) -> BodyState:
+    def _turned(self, published: BodyState, frame: FrameData) -> BodyState:
         root = published.rotations[0]
         stance = nearest(root[:, 1])
         turn = ROOTS[stance].T @ root  # as `Initialiser.start` counts the sides
         facing = np.arctan2(turn[0, 2], turn[2, 2]) * STARTS / (2 * np.pi)
         side = round(facing + SIDES[self._turns % len(SIDES)]) % STARTS
         self._turns += 1
-        return self._initialiser.start(side, stance, points, weights)
+        return self._initialiser.start(side, stance, frame)

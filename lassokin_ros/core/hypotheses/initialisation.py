@@ -18,10 +18,11 @@ from scipy.linalg import lapack
 
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.rotations import exponential
-from lassokin_ros.core.evidence.frame_model import FrameModel, Rows
-from lassokin_ros.core.evidence.pose_prior import PosePrior
+from lassokin_ros.core.evidence.frame_model import FrameModel, LinearisedFrame
+from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.hypotheses.mirroring import Mirroring
 from lassokin_ros.core.hypotheses.start_orientations import ROOTS, nearest
+from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import capped_weights, norm
 
 STARTS = 8
@@ -61,7 +62,7 @@ class Fit:
 class Initialiser:
     """Finds a first state for one kinematics and prior."""
 
-    def __init__(self, kinematics: Kinematics, prior: PosePrior, rows: FrameModel) -> None:
+    def __init__(self, kinematics: Kinematics, prior: PoseDistribution, rows: FrameModel) -> None:
         """The tracker's own rows: what it learns of the vertical holds here too."""
         self._kinematics = kinematics
         self._rows = rows
@@ -70,21 +71,21 @@ class Initialiser:
         self._live = np.flatnonzero(kinematics.live)
         self._damping = np.append(np.full(len(self._live), DAMPING), np.full(3, 1e-6))
 
-    def fit(self, points: np.ndarray, weights: np.ndarray) -> Fit:
+    def fit(self, frame: FrameData) -> Fit:
         """Fit all starts to one frame; the vertical that the best one was fitted by is believed from now on.
 
-        points: (l, 2) normalised; weights: (l,), 1 / standard deviation, 0 = missing; at least two visible.
+        At least two landmarks must be visible.
         """
         upright = self._rows.upright
         candidates, fits = upright.candidates(), list[Fit]()
         first = None
         for vertical, rarity in candidates:
             upright.vertical = vertical
-            fit = self._fit(points, weights, first)
+            fit = self._fit(frame, first)
             if first is None:
                 first = float(fit.costs.min())
                 # Where even the best fits badly, as with wrong bones, differences of costs mean as much less.
-                unlike = max(1.0, first / np.count_nonzero(weights))
+                unlike = max(1.0, first / np.count_nonzero(frame.weights))
             fits.append(Fit(fit.states, fit.costs + unlike * rarity))
         upright.vertical, _ = candidates[int(np.argmin([fit.costs.min() for fit in fits]))]
         found = _joined(fits)
@@ -92,7 +93,7 @@ class Initialiser:
         states, costs = BodyState(found.states.rotations[order], found.states.translation[order]), found.costs[order]
         return Fit(states, costs, self._confidence(states, costs))
 
-    def _fit(self, points: np.ndarray, weights: np.ndarray, first: float | None) -> Fit:
+    def _fit(self, frame: FrameData, first: float | None) -> Fit:
         """All starts, mirrored too, by the vertical as it is now.
 
         first: the cost by another vertical, beside which this one is a possibility: fewer starts, upright ones alone,
@@ -100,15 +101,15 @@ class Initialiser:
         """
         thorough = first is None
         stance = nearest(self._rows.upright.vertical)
-        turned = self._turned(np.arange(STARTS) if thorough else FEWER_SIDES, [stance], points, weights)
-        if thorough and turned.costs.min() > UNLIKELY * np.count_nonzero(weights):
+        turned = self._turned(np.arange(STARTS) if thorough else FEWER_SIDES, [stance], frame)
+        if thorough and turned.costs.min() > UNLIKELY * np.count_nonzero(frame.weights):
             others = [other for other in range(len(ROOTS)) if other != stance]
-            turned = _joined([turned, self._turned(FEWER_SIDES, others, points, weights)])
+            turned = _joined([turned, self._turned(FEWER_SIDES, others, frame)])
         fits = [turned]
         if self.mirroring.variants and (first is None or turned.costs.min() < first):
             best = int(np.argmin(turned.costs))
             mirrored = self.mirroring.all(BodyState(turned.states.rotations[best], turned.states.translation[best]))
-            fits.append(self.refine(mirrored, points, weights, MIRRORED_SCHEDULE))
+            fits.append(self.refine(mirrored, frame, MIRRORED_SCHEDULE))
         return _joined(fits)
 
     def _confidence(self, states: BodyState, costs: np.ndarray) -> float:
@@ -119,36 +120,37 @@ class Initialiser:
         return float(1 / (1 + np.exp(costs[0] - costs[elsewhere][0]))) if elsewhere.any() else 1.0
 
     def refine(
-        self, states: BodyState, points: np.ndarray, weights: np.ndarray, schedule: tuple[tuple[float, int], ...]
+        self, states: BodyState, frame: FrameData, schedule: tuple[tuple[float, int], ...]
     ) -> Fit:
         """Gauss-Newton from S states at once, (S, n, 3, 3) and (S, 3)."""
         for factor, iterations in schedule:
             for _ in range(iterations):
-                rows = self._rows.linearise(self._rows.hypotheses(states), points, weights / factor, capped_weights)
+                rows = self._rows.linearise(self._rows.evaluate(states), frame.annealed(factor), capped_weights)
                 states = states.retract(*self.step(rows))
                 in_front(states.translation)
-        return Fit(states, self._rows.cost(self._rows.hypotheses(states), points, weights))
+        return Fit(states, self._rows.cost(self._rows.evaluate(states), frame))
 
-    def start(self, side: int, stance: int, points: np.ndarray, weights: np.ndarray) -> BodyState:
+    def start(self, side: int, stance: int, frame: FrameData) -> BodyState:
         """The mean pose turned to one of the `STARTS` sides in a stance, placed where the points are: one start."""
-        states = self._starts(np.array([side]), [stance], points, weights)
+        states = self._starts(np.array([side]), [stance], frame)
         return BodyState(states.rotations[0], states.translation[0])
 
-    def _turned(self, sides: np.ndarray, stances: Sequence[int], points: np.ndarray, weights: np.ndarray) -> Fit:
+    def _turned(self, sides: np.ndarray, stances: Sequence[int], frame: FrameData) -> Fit:
         """All starts turned to all sides in all stances, fitted."""
-        return self.refine(self._starts(sides, stances, points, weights), points, weights, SCHEDULE)
+        return self.refine(self._starts(sides, stances, frame), frame, SCHEDULE)
 
-    def _starts(self, sides: np.ndarray, stances: Sequence[int], points: np.ndarray, weights: np.ndarray) -> BodyState:
+    def _starts(self, sides: np.ndarray, stances: Sequence[int], frame: FrameData) -> BodyState:
         yaw = sides * (2 * np.pi / STARTS)
         turn = exponential(np.stack([0 * yaw, yaw, 0 * yaw], axis=-1))
         roots = (ROOTS[stances][:, None] @ turn).reshape(-1, 3, 3)
         rotations = np.repeat(self._mean[None], len(roots), axis=0)
         rotations[:, 0] = roots
-        return BodyState(rotations, self._place(rotations, points, weights))
+        return BodyState(rotations, self._place(rotations, frame))
 
-    def _place(self, rotations: np.ndarray, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    def _place(self, rotations: np.ndarray, frame: FrameData) -> np.ndarray:
         """(S, 3) translations by linear least squares: p_x + t_x = u (p_z + t_z), and the same for y."""
         at_origin = self._kinematics.pose(BodyState(rotations, np.zeros(rotations.shape[:1] + (3,)))).landmarks
+        points, weights = frame.points, frame.weights
         rows = np.zeros(points.shape + (3,))
         rows[:, 0, 0] = rows[:, 1, 1] = 1
         rows[:, :, 2] = -points
@@ -161,7 +163,7 @@ class Initialiser:
         translation[:, 2] = np.maximum(translation[:, 2], 0.5)
         return translation
 
-    def step(self, rows: Rows, ridge: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def step(self, rows: LinearisedFrame, ridge: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """One damped Gauss-Newton step by the rows about S states: increments Omega (S, 3 n) and x (S, 3).
 
         ridge: (S, live) 1/rad^2, what holds each degree of freedom beyond that. S may be several axes.

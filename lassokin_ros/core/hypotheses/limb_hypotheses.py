@@ -18,12 +18,13 @@ from lassokin_ros.core.batch import shared
 from lassokin_ros.core.body.kinematics import BodyPose, BodyState, Kinematics, twists, wrenches
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.evidence.balance import Balance
-from lassokin_ros.core.evidence.frame_model import Hypotheses
-from lassokin_ros.core.evidence.pose_prior import PriorRows
+from lassokin_ros.core.evidence.evidence import EvaluatedState
+from lassokin_ros.core.evidence.pose_prior import PosePrior
 from lassokin_ros.core.evidence.upright import Upright
 from lassokin_ros.core.hypotheses.initialisation import within
 from lassokin_ros.core.hypotheses.limb_prior import LimbPrior
 from lassokin_ros.core.hypotheses.mirroring import Mirroring
+from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project_with_jacobian
 from lassokin_ros.core.image.robust_loss import capped_cost, capped_weights, norm, squared_norm
 
@@ -55,7 +56,7 @@ class LimbHypotheses:
     `together`) all arrays have a first axis of people.
     """
 
-    def __init__(self, kinematics: Kinematics, prior: PriorRows, mirroring: Mirroring, balance: Balance) -> None:
+    def __init__(self, kinematics: Kinematics, prior: PosePrior, mirroring: Mirroring, balance: Balance) -> None:
         self._kinematics, self._mirroring, self._balance = kinematics, mirroring, balance
         #: (h, 3) joints.
         self._chains = np.array([chain for chain, _ in mirroring.variants], dtype=int).reshape(-1, 3)
@@ -91,7 +92,7 @@ class LimbHypotheses:
         #: (h, 9, 2 c): which of the chain's turns moves which row.
         self._reach = np.kron(carried.swapaxes(1, 2), np.ones((3, 2)))
 
-    def _find_turns(self, prior: PriorRows) -> None:
+    def _find_turns(self, prior: PosePrior) -> None:
         """How many joints from the trunk out turn (t), and their places among the prior's; 0 for those it has not."""
         joints = list(prior.joints)
         known = np.isin(self._chains, joints)
@@ -113,19 +114,18 @@ class LimbHypotheses:
     def stack(several: Sequence[LimbHypotheses]) -> LimbHypotheses:
         """Of several people, by the vertical of each; what `advance` takes is put in their place, see `together`."""
         whole, first = copy(several[0]), several[0]
-        whole._balance = first._balance.by(Upright.stack([one._balance.upright for one in several]))
+        whole._balance = first._balance.with_vertical(Upright.stack([one._balance.upright for one in several]))
         whole._systems = BandSolver.of(len(several) * first.count, 3 * first._turning)
         return whole
 
     @shared(takes=("_rotations", "_age", "_advantage"), gives=("_rotations", "_age", "_advantage", "_apart"))
-    def advance(self, published: Hypotheses, points: np.ndarray, weights: np.ndarray, image_costs: np.ndarray) -> None:
+    def advance(self, published: EvaluatedState, frame: FrameData, image_costs: np.ndarray) -> None:
         """One Gauss-Newton step of every explanation on a frame, and its cost beside the published limb's.
 
-        points: (l, 2) normalised; weights: (l,) 1 / standard deviation, 0 = missing; image_costs: (l,) the landmarks',
-        as published.
+        image_costs: (l,) the published state's, per landmark.
         """
         pose = self._posed(published)
-        image, image_z, image_cost = self._image_rows(pose, points, weights)
+        image, image_z, image_cost = self._image_rows(pose, frame)
         turning = self._rotations[..., : self._turning, :, :]
         prior, prior_z = self._limb_prior.linearise(published.posture, turning)
         columns = np.concatenate([image, prior], axis=-1)
@@ -149,14 +149,14 @@ class LimbHypotheses:
         moved = np.zeros((*apart.shape[:-3], self.count + 1, 3))  # that of the published pose, last, is 0
         np.matmul(self._shares, apart, out=moved[..., :-1, None, :])
         moved[..., :-1, :] += (turned - arms)[..., 0]
-        costs = balance.cost(balance.offset(published.positions[..., None, :, :]) + balance.horizontal(moved))
+        costs = balance.offset_cost(balance.offset(published.positions[..., None, :, :]) + balance.horizontal(moved))
         return costs[..., -1:] - costs[..., :-1]
 
     def _compare(self, gain: np.ndarray) -> None:
         self._age += 1
         self._advantage += SHARES.take(self._age, mode="clip") * (gain - self._advantage)
 
-    def exchange(self, published: Hypotheses) -> BodyState | None:
+    def exchange(self, published: EvaluatedState) -> BodyState | None:
         """The published state with a limb that explains more, or None.
 
         Without one, at most one explanation is mirrored anew: one that is hopeless, or has become the published limb.
@@ -189,11 +189,11 @@ class LimbHypotheses:
             values[[one, two]] = values[[two, one]]
         return BodyState(rotations, state.translation)
 
-    def _renew(self, explanation: int, published: Hypotheses) -> None:
+    def _renew(self, explanation: int, published: EvaluatedState) -> None:
         self._rotations[explanation] = self._mirroring.limb(published.state, explanation, published.pose)
         self._age[explanation], self._advantage[explanation] = 0, 0.0
 
-    def _posed(self, published: Hypotheses) -> BodyPose:
+    def _posed(self, published: EvaluatedState) -> BodyPose:
         """Orientations (h, 3, 3, 3) and positions (h, 3, 3) of the chains' joints, landmarks (h, c, 3)."""
         pose, rotations = published.pose, self._rotations
         there, centres = pose.orientations.take(self._chains, axis=-3), pose.positions.take(self._chains, axis=-2)
@@ -213,13 +213,11 @@ class LimbHypotheses:
         places += centres[..., :1, :]
         return BodyPose(orientations, places[..., :3, :], places[..., 3:, :])
 
-    def _image_rows(
-        self, pose: BodyPose, points: np.ndarray, weights: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _image_rows(self, pose: BodyPose, frame: FrameData) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The image's columns (h, 3 t, 2 c) as rows, right sides (h, 2 c), and robust cost (h,)."""
         places, F = project_with_jacobian(pose.landmarks)
-        error = points.take(self._landmarks, axis=-2) - places
-        weight = weights.take(self._landmarks, axis=-1) * self._real
+        error = frame.points.take(self._landmarks, axis=-2) - places
+        weight = frame.weights.take(self._landmarks, axis=-1) * self._real
         size = norm(error) * weight
         weight = weight * np.sqrt(capped_weights(size))
         F *= weight[..., None, None]
@@ -227,6 +225,6 @@ class LimbHypotheses:
         joints = slice(0, self._turning)
         turning = BodyPose(pose.orientations[..., joints, :, :], pose.positions[..., joints, :], pose.landmarks)
         rows = F.reshape(*F.shape[:-3], -1, 3)
-        columns = twists(turning, turning.orientations) @ wrenches(pose, rows).swapaxes(-1, -2)
+        columns = twists(turning, turning.orientations) @ wrenches(pose, pose.landmarks, rows).swapaxes(-1, -2)
         columns *= self._reach
         return columns, error.reshape(rows.shape[:-1]), capped_cost(size).dot(self._ones)

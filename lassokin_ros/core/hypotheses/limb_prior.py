@@ -11,13 +11,14 @@ from __future__ import annotations
 import numpy as np
 
 from lassokin_ros.core.body.rotations import logarithm, right_jacobian_inverse
-from lassokin_ros.core.evidence.pose_prior import Posture, PriorRows
+from lassokin_ros.core.evidence.evidence import Posture
+from lassokin_ros.core.evidence.pose_prior import PosePrior
 
 
 class LimbPrior:
     """Rows of h limbs of up to t joints each; all have r rows, the last of them 0 where a limb has fewer limits."""
 
-    def __init__(self, prior: PriorRows, places: np.ndarray, known: np.ndarray) -> None:
+    def __init__(self, prior: PosePrior, places: np.ndarray, known: np.ndarray) -> None:
         """places: (h, t) which of the prior's joints; known: (h, t) bool, False where the prior has no such joint."""
         h, t = places.shape
         self._places, self._angles = places, 3 * t
@@ -39,7 +40,7 @@ class LimbPrior:
         self._stack(prior, gaussian, limits)
 
     def _stack(
-        self, prior: PriorRows, gaussian: np.ndarray, limits: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
+        self, prior: PosePrior, gaussian: np.ndarray, limits: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
     ) -> None:
         """The rows, and between which values the limits' cost nothing; the Gaussian's value follows the body."""
         h, angles, _ = gaussian.shape

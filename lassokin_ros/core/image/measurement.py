@@ -9,11 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose
 from lassokin_ros.core.estimate import Observation
+from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.keypoint_filter import KeypointFilter
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.repeated_frames import RepeatedFrames
@@ -48,6 +50,11 @@ class Measurement:
     step: float
     news: float
     lost: bool
+
+    @cached_property
+    def data(self) -> FrameData:
+        """The filtered keypoints in the form that all pieces of evidence read."""
+        return FrameData(self.points, self.weights)
 
     def reprojection_px(self, pose: BodyPose) -> float:
         """px: root of the mean squared distance of the visible points from the pose's landmarks."""

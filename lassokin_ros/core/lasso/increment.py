@@ -11,7 +11,8 @@ import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import right_jacobian
-from lassokin_ros.core.evidence.frame_model import FrameModel, Rows
+from lassokin_ros.core.evidence.frame_model import FrameModel, LinearisedFrame
+from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import huber_weights
 from lassokin_ros.core.lasso.lasso import Lasso, LassoSolution, LassoSolver
 
@@ -46,21 +47,20 @@ class IncrementSolver:
         """Forget the last answer."""
         self._guess = None
 
-    def about(self, state: BodyState, points: np.ndarray, weights: np.ndarray) -> Rows:
+    def about(self, state: BodyState, frame: FrameData) -> LinearisedFrame:
         """A frame's rows about a state."""
-        return self._rows.linearise(self._rows.hypotheses(state), points, weights, huber_weights)
+        return self._rows.linearise(self._rows.evaluate(state), frame, huber_weights)
 
     def solve(
         self,
         start: BodyState,
-        rows: Rows,
-        points: np.ndarray,
-        weights: np.ndarray,
+        rows: LinearisedFrame,
+        frame: FrameData,
         sparsity: float,
         relinearisations: int,
         warm: bool,
     ) -> Increment:
-        """The increment from `start` by this frame's points (l, 2) and weights (l,).
+        """The increment from `start` by one frame's measurements.
 
         rows: the frame's about `start`; sparsity: alpha_k = sparsity / motion_k; relinearisations: lassos in all; warm:
         begin each from the last one's answer. An answer without a certificate ends it: see `Increment.solution`.
@@ -69,7 +69,7 @@ class IncrementSolver:
         x = np.zeros(3)
         for number in range(relinearisations):
             if number > 0:
-                rows = self._moved(start.retract(omega, x), omega, points, weights)
+                rows = self._moved(start.retract(omega, x), omega, frame)
             problem = self._problem(rows, omega, x, sparsity)
             solution = self.lasso.solve(problem, self._guess if warm else None)
             if not (solution.exact or solution.certified):  # the last one, which is published, is certified below
@@ -80,15 +80,15 @@ class IncrementSolver:
             problem = replace(problem, alpha=solution.alpha)
         return Increment(omega, problem, solution)
 
-    def _moved(self, state: BodyState, omega: np.ndarray, points: np.ndarray, weights: np.ndarray) -> Rows:
+    def _moved(self, state: BodyState, omega: np.ndarray, frame: FrameData) -> LinearisedFrame:
         """The frame's rows about start * exp(omega), in the total increment.
 
         With exp(omega + d) = exp(omega) exp(J_r(omega) d), the axes of all columns are turned by J_r.
         """
         turn = right_jacobian(omega.reshape(-1, 3))
-        return self._rows.linearise(self._rows.hypotheses(state), points, weights, huber_weights, turn)
+        return self._rows.linearise(self._rows.evaluate(state), frame, huber_weights, turn)
 
-    def _problem(self, rows: Rows, omega: np.ndarray, x: np.ndarray, sparsity: float) -> Lasso:
+    def _problem(self, rows: LinearisedFrame, omega: np.ndarray, x: np.ndarray, sparsity: float) -> Lasso:
         """The lasso in the frame's total increment: what has been moved already, (omega, x), is added back to z."""
         A, B = rows.columns[:-3].T, rows.columns[-3:].T
         return Lasso(A, B, rows.z + A.dot(omega[self._rows.live]) + B.dot(x), sparsity / self._motion)

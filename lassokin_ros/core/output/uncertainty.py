@@ -19,7 +19,7 @@ from scipy.linalg import lapack
 
 from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
 from lassokin_ros.core.body.rotations import hat
-from lassokin_ros.core.evidence.pose_prior import PosePrior
+from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.lasso.lasso import Lasso
 
 FACTOR = 1.1
@@ -49,7 +49,7 @@ class JointUncertainty:
 class UncertaintyModel:
     """Computes `JointUncertainty` for one kinematics and prior."""
 
-    def __init__(self, kinematics: Kinematics, prior: PosePrior) -> None:
+    def __init__(self, kinematics: Kinematics, prior: PoseDistribution) -> None:
         live, dead = np.flatnonzero(kinematics.live), np.flatnonzero(~kinematics.live)
         self._live_count = len(live)
         #: The problem does not hold what no landmark sees; of it the prior alone is known.

@@ -1,0 +1,130 @@
+"""What a frame's lasso is made of: pieces of evidence, each with its rows and its cost.
+
+A frame's problem is || z - J [Omega; x] ||^2 plus the l1 term, with Omega the live degrees of freedom and x the
+translation (the paper's lasso, rebuilt in docs/method.md). Each `Evidence` gives some rows of J and z, in units of its
+own standard deviation, and the matching cost: a negative log-likelihood. `FrameModel` puts the rows of all pieces
+together. First frame, hypotheses, increment, certificate, calibration and uncertainty use the same list.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+
+from lassokin_ros.core.body.kinematics import BodyPose, BodyState, Kinematics
+from lassokin_ros.core.image.frame_data import FrameData
+
+E = TypeVar("E", bound="Evidence")
+
+
+@dataclass(frozen=True, eq=False)
+class Posture:
+    """Joint angles of a state, as the pose prior uses them.
+
+    theta: (..., joints, 3) rad, rotation vectors of the prior's joints.
+    residual: (..., k) right sides of the prior's and the limits' rows, in standard deviations.
+    """
+
+    theta: np.ndarray
+    residual: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class EvaluatedState:
+    """One or several states, with pose and posture. Both are needed twice: for the cost, and for the next frame."""
+
+    state: BodyState
+    pose: BodyPose
+    posture: Posture
+
+    def __getitem__(self, index: int | np.ndarray) -> EvaluatedState:
+        """The states at one index or at several."""
+        state, pose = self.state, self.pose
+        return EvaluatedState(
+            BodyState(state.rotations[index], state.translation[index]),
+            BodyPose(pose.orientations[index], pose.positions[index], pose.landmarks[index]),
+            Posture(self.posture.theta[index], self.posture.residual[index]),
+        )
+
+    def __setitem__(self, index: int, other: EvaluatedState) -> None:
+        pairs = ((self.state, other.state), (self.pose, other.pose), (self.posture, other.posture))
+        for target, source in pairs:
+            for name, array in vars(target).items():
+                array[index] = getattr(source, name)
+
+
+@dataclass(frozen=True, eq=False)
+class LinearisationPoint:
+    """Where a frame is linearised, and how errors are weighted.
+
+    states: one state or several, shape (...). frame: the measurements, with axes that broadcast to (...).
+    robust: factors (..., l) on the landmarks' squared errors, given their sizes in standard deviations.
+    turn: (..., n, 3, 3) right Jacobian of an increment that has been made already; Omega then is the total increment.
+    """
+
+    kinematics: Kinematics
+    states: EvaluatedState
+    frame: FrameData
+    robust: Callable[[np.ndarray], np.ndarray]
+    turn: np.ndarray | None = None
+
+    @cached_property
+    def axes(self) -> np.ndarray:
+        """(..., n, 3, 3): in each matrix's columns the axes of the joint's three turns, in the camera frame."""
+        orientations = self.states.pose.orientations
+        return orientations if self.turn is None else orientations @ self.turn
+
+    @cached_property
+    def twists(self) -> np.ndarray:
+        """(..., live, 6) spatial twists of the live degrees of freedom, see `kinematics.twists`."""
+        return self.kinematics.live_twists(self.states.pose, self.axes)
+
+    def landmark_columns(self, F: np.ndarray, columns: np.ndarray) -> None:
+        """Fill `columns` (..., live + 3, m l) with the derivatives of F q_i, F (..., l, m, 3) one block per landmark."""
+        rows = F.reshape(*F.shape[:-3], -1, 3)
+        self.kinematics.landmark_columns(self.twists, self.states.pose, rows, columns[..., :-3, :])
+        columns[..., -3:, :] = rows.swapaxes(-1, -2)
+
+    def joint_columns(self, joints: np.ndarray, F: np.ndarray, columns: np.ndarray) -> None:
+        """Fill `columns` (..., live + 3, m k) with the derivatives of F p_j, F (..., k, m, 3), p_j centres of k joints."""
+        rows = F.reshape(*F.shape[:-3], -1, 3)
+        self.kinematics.joint_columns(self.twists, self.states.pose, joints, rows, columns[..., :-3, :])
+        columns[..., -3:, :] = rows.swapaxes(-1, -2)
+
+
+class Evidence(ABC):
+    """One piece of evidence about a body's state, as rows of the frame's lasso.
+
+    `count` is the number of its rows. Arrays may have leading axes (hypotheses, people).
+    """
+
+    count: int
+
+    def present(self, frame: FrameData) -> bool:
+        """Whether the frame holds what this evidence needs. Without, it has no rows and costs nothing."""
+        return True
+
+    @abstractmethod
+    def linearise(self, about: LinearisationPoint, columns: np.ndarray, z: np.ndarray) -> None:
+        """Write the rows about a state, in standard deviations.
+
+        columns: (..., live + 3, count), to be filled with J transposed, the translation's columns last.
+        z: (..., count), to be filled with the right sides, so that the rows read || z - J [Omega; x] ||^2.
+        """
+
+    @abstractmethod
+    def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
+        """(...,) negative log-likelihood of each state, up to a constant."""
+
+    @classmethod
+    def stack(cls: type[E], several: Sequence[E]) -> E:
+        """The evidence of several people at once, for states (people, k, ...).
+
+        Needed for `Tracker.track_batch` alone, which works on one person at a time without it.
+        """
+        raise NotImplementedError(f"{cls.__name__} has no stack() for several people")

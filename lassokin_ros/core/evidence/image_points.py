@@ -1,0 +1,44 @@
+"""The image: reprojection errors of the landmarks, (7)-(12)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
+from lassokin_ros.core.image.frame_data import FrameData
+from lassokin_ros.core.image.projection import project, project_with_jacobian
+from lassokin_ros.core.image.robust_loss import capped_cost, norm
+
+
+class ImagePoints(Evidence):
+    """Rows z - P L Omega - P Gamma x of (12), two per landmark, weighted and robust."""
+
+    def __init__(self, landmark_count: int) -> None:
+        self.count = 2 * landmark_count
+
+    def linearise(self, about: LinearisationPoint, columns: np.ndarray, z: np.ndarray) -> None:
+        """Fill the rows: the observation less the projection of the present state, and its derivatives."""
+        frame = about.frame
+        places, F = project_with_jacobian(about.states.pose.landmarks)
+        error = frame.points - places
+        weights = frame.weights * np.sqrt(about.robust(norm(error) * frame.weights))
+        F *= weights[..., None, None]
+        error *= weights[..., None]
+        about.landmark_columns(F, columns)
+        z[...] = error.reshape(z.shape)
+
+    def costs(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
+        """(..., l) cost of each landmark, robust (see `capped_cost`)."""
+        error = frame.points - project(states.pose.landmarks)
+        return capped_cost(norm(error) * frame.weights)
+
+    def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
+        """(...,) sum over the landmarks."""
+        return np.asarray(self.costs(states, frame).sum(-1))
+
+    @classmethod
+    def stack(cls, several: Sequence[ImagePoints]) -> ImagePoints:
+        """One layout serves all people."""
+        return several[0]
