@@ -123,11 +123,11 @@ def follow_people(scenes: Sequence[Scene], numbers: np.ndarray, lasting: bool) -
     """Id -> (f,) m, the pelvis' x; lasting: the detector's numbers are believed (`person_ids: message`)."""
     from collections import Counter
 
-    from lassokin_ros.pipeline.people.people import People
-    from lassokin_ros.pipeline.people.tracked_person import Body, Detection
+    from lassokin_ros.pipeline.people.multi_person import MultiPersonTracker
+    from lassokin_ros.pipeline.people.tracked_person import Detection, TrackedPerson
 
     lens = WEBCAM.lens
-    people = People([Body(TrackerConfig(height=HEIGHT)) for _ in range(4)], Counter())
+    people = MultiPersonTracker([TrackedPerson(TrackerConfig(height=HEIGHT)) for _ in range(4)], Counter())
     paths: dict[str, np.ndarray] = {}
     for row, stamp in enumerate(scenes[0].times):
         seen = [

@@ -30,7 +30,7 @@ from benchmarks.timing.processes import Usage
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.demo.synthetic import WEBCAM
-from lassokin_ros.pipeline.people.tracked_person import Body, Detection
+from lassokin_ros.pipeline.people.tracked_person import Detection, TrackedPerson
 
 HZ, CHUNK = 60.0, 1200
 LARGEST_DEVIATION = 1e-9
@@ -66,7 +66,7 @@ def parser() -> argparse.ArgumentParser:
 
 def soak_core(frames: int) -> list[Record]:
     """One person, frame by frame, state checked after each."""
-    body, lens = Body(TrackerConfig(height=HEIGHT, landmarks=LANDMARKS)), WEBCAM.lens
+    body, lens = TrackedPerson(TrackerConfig(height=HEIGHT, landmarks=LANDMARKS)), WEBCAM.lens
     counts: Counter[str] = Counter()
     times, deviation, begin = np.zeros(frames, np.float32), 0.0, None
     progress = Progress(frames, "frames", plain_lines=10)

@@ -23,7 +23,7 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.demo.synthetic import WEBCAM
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.pipeline.people.tracked_person import Body, Detection
+from lassokin_ros.pipeline.people.tracked_person import Detection, TrackedPerson
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.inputs import camera_info
 
@@ -78,12 +78,13 @@ def _promises(people: int, hz: float, memory_mb: float, cpu: float) -> list[Reco
 
 def _core_share(people: int, hz: float) -> float:
     """% of a core that the core's steps alone take for these people: processor time of a message, times those per s."""
-    bodies = {f"p{person}": Body(TrackerConfig(height=HEIGHT, landmarks=LANDMARKS)) for person in range(people)}
+    config = TrackerConfig(height=HEIGHT, landmarks=LANDMARKS)
+    bodies = {f"p{person}": TrackedPerson(config) for person in range(people)}
     lens, times, seen = WEBCAM.lens, [], view(0, STEPS, hz, people)
     for number, message in enumerate(zip(seen.pixels, seen.confidence)):
         found = [Detection(lens.normalise(pixels), confidence) for pixels, confidence in zip(*message)]
         start = time.thread_time()
-        Body.track_batch(bodies, round(number * 1e9 / hz), "", found, lens)
+        TrackedPerson.track_batch(bodies, round(number * 1e9 / hz), "", found, lens)
         times.append(time.thread_time() - start)
     return 100 * float(np.mean(times[1:])) * hz
 

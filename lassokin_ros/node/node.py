@@ -25,7 +25,7 @@ from lassokin_ros.node.person_outputs import PeopleOutputs, PersonOutputs, adver
 from lassokin_ros.node.polled_subscription import SimulatedTime, ignore_events
 from lassokin_ros.node.qos import matches_every_publisher, sensor_data
 from lassokin_ros.node.rep155_inputs import Rep155Inputs
-from lassokin_ros.pipeline.frame import Frame
+from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.keypoint_queue import KeypointQueue
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.calibration_status import averaged_sides
@@ -172,7 +172,7 @@ class TrackerNode(Node):
         self.work_on(message, partial(self._pipeline.frames_of, person))
 
     def work_on(
-        self, message: Any, frames_in: Callable[[Any, int], list[Frame]] | None = None, received_ns: int = 0
+        self, message: Any, frames_in: Callable[[Any, int], list[FrameResult]] | None = None, received_ns: int = 0
     ) -> None:
         """Track who is in one keypoint message, and publish; never raises.
 
@@ -198,7 +198,7 @@ class TrackerNode(Node):
             self._pipeline.counts["rejected: internal_error"] += 1
             self._warning.say("internal_error", f"{what} was dropped: {type(error).__name__}: {error}")
 
-    def _publish(self, frames: list[Frame]) -> None:
+    def _publish(self, frames: list[FrameResult]) -> None:
         accepted = [frame for frame in frames if frame.accepted]
         outputs: list[Callable[[], None]] = []
         if self._people is not None and self._pipeline.ids is not None:
@@ -212,7 +212,7 @@ class TrackerNode(Node):
             except LassokinError as error:
                 self._warning.say("base_frame", str(error))
 
-    def _comment(self, frames: list[Frame]) -> None:
+    def _comment(self, frames: list[FrameResult]) -> None:
         """What is said in the log."""
         for frame in frames:
             if not frame.accepted:

@@ -15,7 +15,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.node.state_publisher import StatePublisher
-from lassokin_ros.pipeline.frame import Frame
+from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages, id_list
 from lassokin_ros.pipeline.outputs.robot_description import RobotDescription
@@ -73,7 +73,7 @@ class PersonOutputs:
         if not person:
             self._describe(self._description.first())
 
-    def publish(self, frame: Frame, copy_markers: Callable[[Any], None] | None = None) -> None:
+    def publish(self, frame: FrameResult, copy_markers: Callable[[Any], None] | None = None) -> None:
         """Publish what somebody listens to of an accepted frame.
 
         copy_markers: takes the person's markers too. Raises SkeletonError for a frame_id that is a link's name, after
@@ -91,7 +91,7 @@ class PersonOutputs:
         if self.state_publisher is not None:
             self.state_publisher.describe(description.data)
 
-    def _publish_frame(self, frame: Frame, copy_markers: Callable[[Any], None] | None) -> None:
+    def _publish_frame(self, frame: FrameResult, copy_markers: Callable[[Any], None] | None) -> None:
         for topic, message in self._messages.build(frame, lambda name: self._is_wanted(name, copy_markers)):
             self._out[topic].publish(message)
             if copy_markers is not None and topic == topics.MARKERS:
@@ -127,7 +127,7 @@ class PeopleOutputs:
         self._markers = advertise(node, everybody)
         self._publish_list()
 
-    def publish(self, frames: list[Frame], ids: list[str]) -> None:
+    def publish(self, frames: list[FrameResult], ids: list[str]) -> None:
         """Publish everybody's frame; ids: of all who are there, with a frame or without."""
         copy_markers = self._markers.publish if self._markers.get_subscription_count() else None
         for frame in frames:

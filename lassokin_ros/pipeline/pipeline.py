@@ -17,13 +17,13 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Status
 from lassokin_ros.pipeline.camera import BEYOND, Camera, View
 from lassokin_ros.pipeline.detections import everybody
-from lassokin_ros.pipeline.frame import Frame, repeated_s
+from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
 from lassokin_ros.pipeline.lens import Lens
 from lassokin_ros.pipeline.outputs.urdf import check_names
 from lassokin_ros.pipeline.people.matching import usable
 from lassokin_ros.pipeline.people.presence import Presence
-from lassokin_ros.pipeline.people.single_person import PERSON_ABSENT, SinglePerson
-from lassokin_ros.pipeline.people.tracked_person import Body
+from lassokin_ros.pipeline.people.single_person import PERSON_ABSENT, SinglePersonTracker
+from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
 from lassokin_ros.pipeline.settings import MESSAGE, NodeSettings
 from lassokin_ros.pipeline.stamps import StampWatch
 from lassokin_ros.skeleton_readers.load import load_skeleton
@@ -32,7 +32,7 @@ from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
 
 if TYPE_CHECKING:
-    from lassokin_ros.pipeline.people.people import People
+    from lassokin_ros.pipeline.people.multi_person import MultiPersonTracker
 
 
 class Pipeline:
@@ -43,7 +43,7 @@ class Pipeline:
         self.config = node_config.checked()
         skeleton = load_skeleton(tracker_config.checked().skeleton, tracker_config.height)
         check_names(skeleton)
-        bodies = [Body(tracker_config, skeleton) for _ in range(self.config.max_people)]
+        bodies = [TrackedPerson(tracker_config, skeleton) for _ in range(self.config.max_people)]
         self._bodies, self._body = bodies, bodies[0]
         self.tracker = bodies[0].tracker
         self._landmark_count = self.tracker.kinematics.landmark_count
@@ -57,7 +57,7 @@ class Pipeline:
         self._adapter = keypoint_adapter(self.config.keypoints_type)
         self.camera = Camera(self.config.rectified)
         self._stamps = StampWatch()
-        self._person = SinglePerson(self._body)
+        self._person = SinglePersonTracker(self._body)
         self._seen_from: str | None = None  # frame of the camera that took the last image
         self._latest: tuple[int, int] | None = None  # stamp and arrival, ns, of the last message not refused as a whole
 
@@ -131,12 +131,12 @@ class Pipeline:
             return error.reason
         return None
 
-    def process(self, message: Any, arrival_ns: int) -> Frame:
+    def process(self, message: Any, arrival_ns: int) -> FrameResult:
         """Track the one person in a keypoint message, without `smoothing_lag`; arrival_ns stamps what has no stamp."""
         (frame,) = self.frames(message, arrival_ns)
         return frame
 
-    def frames(self, message: Any, arrival_ns: int) -> list[Frame]:
+    def frames(self, message: Any, arrival_ns: int) -> list[FrameResult]:
         """Track everybody in a keypoint message: one accepted frame for each, none when nobody is there.
 
         A message that is refused, and one in which the one person who is followed was not tracked, gives one frame
@@ -153,7 +153,7 @@ class Pipeline:
             self.counts["duplicated"] += 1
         return frames
 
-    def _frames(self, message: Any, arrival_ns: int) -> list[Frame]:
+    def _frames(self, message: Any, arrival_ns: int) -> list[FrameResult]:
         stamp_ns, frame_id = arrival_ns, ""
         try:
             keypoints, view = self._decode(message)
@@ -178,13 +178,13 @@ class Pipeline:
                 return frames
             people = everybody(keypoints, self._landmark_count, view.lens)
         except AdapterError as error:
-            return [Frame(stamp_ns, frame_id, None, error.reason, str(error))]
+            return [FrameResult(stamp_ns, frame_id, None, error.reason, str(error))]
         self._latest = stamp_ns, arrival_ns
         frames = self.people.update(stamp_ns, frame_id, people, view.lens, lasting, self.config.forget_after)
         self._stamps.seen(stamp_ns, self.people.tracked_at(stamp_ns))
         return frames
 
-    def flush(self) -> list[Frame]:
+    def flush(self) -> list[FrameResult]:
         """The frames that wait for their `smoothing_lag`: no message will come after them."""
         return self._body.flush() if self.people is None else self.people.flush()
 
@@ -226,8 +226,8 @@ class Pipeline:
         return len(persons) == 0 or bool(persons.min() >= 0)
 
 
-def _people(bodies: list[Body], counts: Counter[str]) -> People:
+def _people(bodies: list[TrackedPerson], counts: Counter[str]) -> MultiPersonTracker:
     """Imported when several people are followed: see assignment.py."""
-    from lassokin_ros.pipeline.people.people import People
+    from lassokin_ros.pipeline.people.multi_person import MultiPersonTracker
 
-    return People(bodies, counts)
+    return MultiPersonTracker(bodies, counts)

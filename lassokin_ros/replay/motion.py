@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.pipeline.frame import Frame
+from lassokin_ros.pipeline.frame_result import FrameResult
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ class _Rows:
     skeleton: Skeleton | None = None
     columns: dict[str, list] = field(default_factory=dict)
 
-    def add(self, frame: Frame) -> None:
+    def add(self, frame: FrameResult) -> None:
         estimate = frame.estimate
         assert estimate is not None and estimate.state is not None and estimate.pose is not None
         assert estimate.certificate is not None and frame.positions is not None
@@ -93,7 +93,7 @@ class MotionRecorder:
         self._landmark_names, self._level = tuple(landmark_names), level
         self._people: dict[str, _Rows] = {}
 
-    def add(self, frames: Sequence[Frame], time_ns: int = 0, seconds: float = 0.0) -> None:
+    def add(self, frames: Sequence[FrameResult], time_ns: int = 0, seconds: float = 0.0) -> None:
         """A keypoint message's frames, see `OfflineTracker.watchers`; rejected ones leave no row."""
         for frame in frames:
             if frame.accepted and frame.estimate is not None:

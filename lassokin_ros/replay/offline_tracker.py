@@ -13,7 +13,7 @@ from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.core.estimate import Status
-from lassokin_ros.pipeline.frame import Frame
+from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages, id_list
@@ -42,7 +42,7 @@ class OfflineTracker:
         """Duration of each frame's decoding and tracking, s."""
         self.reprojection_px: list[float] = []
         """Of each accepted frame, px."""
-        self.watchers: list[Callable[[Sequence[Frame], int, float], None]] = []
+        self.watchers: list[Callable[[Sequence[FrameResult], int, float], None]] = []
         """Each is told of every keypoint message: its frames, its time of recording in ns, the s that it took.
 
         With `smoothing_lag` of every message's frames when they have become due."""
@@ -92,7 +92,7 @@ class OfflineTracker:
         if message is None:
             self.pipeline.counts["received"] += 1
             self.pipeline.counts[f"rejected: {UNREADABLE}"] += 1
-            unreadable = Frame(time_ns, "", None, UNREADABLE, "the message could not be deserialised")
+            unreadable = FrameResult(time_ns, "", None, UNREADABLE, "the message could not be deserialised")
             self._tell([unreadable], time_ns, float("nan"))
             return
         started = time.perf_counter()
@@ -113,7 +113,7 @@ class OfflineTracker:
         for frame in frames:
             yield from self._outputs(frame)
 
-    def _tell(self, frames: Sequence[Frame], time_ns: int, seconds: float) -> None:
+    def _tell(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
         stamp = attrgetter("stamp_ns")
         messages = [list(group) for _, group in groupby(sorted(frames, key=stamp), stamp)]
         if not messages and self.pipeline.tracker.config.smoothing_lag == 0:
@@ -122,7 +122,7 @@ class OfflineTracker:
             for watcher in self.watchers:
                 watcher(message, time_ns, seconds if number == len(messages) else float("nan"))
 
-    def _outputs(self, frame: Frame) -> Iterator[tuple[str, str, Any]]:
+    def _outputs(self, frame: FrameResult) -> Iterator[tuple[str, str, Any]]:
         if not frame.accepted or frame.estimate is None:
             return
         self.reprojection_px.append(frame.estimate.reprojection_px)
@@ -167,7 +167,7 @@ class PersonMessages:
         self._description = RobotDescription(backend, skeleton, config.base_frame, person)
         self._counts = pipeline.counts
 
-    def build(self, frame: Frame) -> Iterator[tuple[str, Any]]:
+    def build(self, frame: FrameResult) -> Iterator[tuple[str, Any]]:
         """(topic, message); a message is re-used for the next frame."""
         try:
             description = self._description.follow(frame)

@@ -10,7 +10,7 @@ import numpy as np
 
 from lassokin_ros.core.estimate import Status
 from lassokin_ros.pipeline.camera import BEYOND
-from lassokin_ros.pipeline.frame import Frame, repeated_s
+from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.outputs.calibration_status import calibration_figures
 from lassokin_ros.pipeline.people.presence import Presence
@@ -42,7 +42,7 @@ class Diagnostics:
         self._begin(now)
         self._hardware_id = ""
         self._reprojection_px = float("nan")
-        self._newest: list[Frame] = []
+        self._newest: list[FrameResult] = []
         self._repeated_s = 0.0
 
     def _begin(self, now: float) -> None:
@@ -66,7 +66,7 @@ class Diagnostics:
         """A camera_info has come."""
         self._camera_at = now
 
-    def saw_message(self, frames: Sequence[Frame], arrival_ns: int, now: float, callback_s: float) -> None:
+    def saw_message(self, frames: Sequence[FrameResult], arrival_ns: int, now: float, callback_s: float) -> None:
         """A keypoint message was worked on; frames: what it gave, none when nobody was there.
 
         arrival_ns: ns, of the clock that stamps messages; callback_s: s, from the message's arrival in the callback to
@@ -189,7 +189,7 @@ class Diagnostics:
         return values
 
 
-def _misfit(frame: Frame) -> float:
+def _misfit(frame: FrameResult) -> float:
     """Of the height: how far the keypoints of an accepted frame are from its body's landmarks, at its distance."""
     estimate = frame.estimate
     assert estimate is not None and estimate.state is not None and frame.lens is not None and frame.skeleton is not None

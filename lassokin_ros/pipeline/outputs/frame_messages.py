@@ -12,7 +12,7 @@ from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.lasso.lasso import KKT_TOLERANCE
 from lassokin_ros.core.lasso.recovery import theorem1_literal, theorem1_projected
-from lassokin_ros.pipeline.frame import Frame
+from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.urdf import joint_names
 from msg_adapters.backends import Backend
@@ -95,7 +95,9 @@ class FrameMessages:
                 t, f, e.pose.positions[origin].mean(axis=0), body_turn(e)
             )
 
-    def build(self, frame: Frame, wanted: Callable[[str], bool] = lambda topic: True) -> Iterator[tuple[str, Any]]:
+    def build(
+        self, frame: FrameResult, wanted: Callable[[str], bool] = lambda topic: True
+    ) -> Iterator[tuple[str, Any]]:
         """(topic, message) of each wanted output of an accepted frame, in the order of topics.PERSON_OUTPUTS."""
         if not frame.accepted or frame.estimate is None:
             return
@@ -112,7 +114,7 @@ def id_list(backend: Any, rep155: bool) -> Callable[[int, str, list[str]], Any]:
     return lambda stamp_ns, frame_id, ids: text.fill(",".join(ids))
 
 
-def drawn(frame: Frame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def drawn(frame: FrameResult) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """px: joints (n, 2), landmarks (l, 2) as detected, and as the skeleton has them. The lens is asked once for all."""
     assert frame.estimate is not None and frame.estimate.pose is not None and frame.detected is not None
     pose, n = frame.estimate.pose, len(frame.estimate.pose.positions)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.pipeline.frame import Frame
+from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs.urdf import urdf
 from msg_adapters.backends import Backend
 from msg_adapters.output_messages.builders import StringBuilder
@@ -37,7 +37,7 @@ class RobotDescription:
         """Of the given skeleton, before any frame. Raises SkeletonError when the base frame cannot be one."""
         return self._say(self._fallback, self._given)
 
-    def follow(self, frame: Frame) -> Any | None:
+    def follow(self, frame: FrameResult) -> Any | None:
         """The message that an accepted frame makes necessary, or None.
 
         Raises SkeletonError, once, for a frame_id that is a link's name.

@@ -14,7 +14,7 @@ from typing import Any
 from lassokin_ros.core.calibration import Calibration
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Status
-from lassokin_ros.pipeline.frame import Frame
+from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.people.presence import Presence, best
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
@@ -67,7 +67,7 @@ class PerBodyPipeline(Pipeline):
             self._present[person] = newcomer
             self.counts["people come"] += 1
 
-    def frames_of(self, person: str, message: Any, arrival_ns: int) -> list[Frame]:
+    def frames_of(self, person: str, message: Any, arrival_ns: int) -> list[FrameResult]:
         """One person's message; none for somebody who is not there."""
         pipeline = self._present.get(person)
         if pipeline is None:

@@ -10,17 +10,17 @@ from lassokin_ros.core.estimate import Status
 from lassokin_ros.pipeline.detections import MOST_PEOPLE, detection, everybody
 from lassokin_ros.pipeline.lens import Lens
 from lassokin_ros.pipeline.people.matching import distances, reach, usable
-from lassokin_ros.pipeline.people.tracked_person import Body, Detection
+from lassokin_ros.pipeline.people.tracked_person import Detection, TrackedPerson
 from msg_adapters.keypoints import Keypoints
 
 PERSON_ABSENT = "person_absent"
 """The reason against a message that has people, but not the one who is followed."""
 
 
-class SinglePerson:
+class SinglePersonTracker:
     """Knows by which number the message calls the person of `body`, and whom it has shown beside them."""
 
-    def __init__(self, body: Body) -> None:
+    def __init__(self, body: TrackedPerson) -> None:
         self._body = body
         self._count = body.tracker.kinematics.landmark_count
         self.reset()

@@ -16,7 +16,7 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Estimate, Observation, Status
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.tracker import Tracker
-from lassokin_ros.pipeline.frame import Frame
+from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.lens import Lens
 from lassokin_ros.pipeline.outputs.rejection_text import rejection_text
 
@@ -41,7 +41,7 @@ class Detection:
     pixels: np.ndarray | None = None
 
 
-class Body:
+class TrackedPerson:
     """Follows one person; its times are ns, of which only differences matter."""
 
     def __init__(self, config: TrackerConfig, skeleton: Skeleton | None = None) -> None:
@@ -59,12 +59,12 @@ class Body:
         self._origin_ns: int | None = None
         self._last: tuple[int, np.ndarray] | None = None
         #: Stamps, ns and the tracker's s, of frames that are not due yet, and what makes them.
-        self._waiting: deque[tuple[int, float, Callable[..., Frame]]] = deque()
+        self._waiting: deque[tuple[int, float, Callable[..., FrameResult]]] = deque()
         self._place: np.ndarray | None = None
         self._landmarks: np.ndarray | None = None
         self._velocity = np.zeros(3)
 
-    def track(self, stamp_ns: int, frame_id: str, seen: Detection, lens: Lens, person: str = "") -> list[Frame]:
+    def track(self, stamp_ns: int, frame_id: str, seen: Detection, lens: Lens, person: str = "") -> list[FrameResult]:
         """Use one detection of this person, taken through this lens.
 
         What is now to be published, and last, when this detection is refused, the frame that says why. Without
@@ -74,19 +74,19 @@ class Body:
 
     @staticmethod
     def track_batch(
-        bodies: Mapping[str, Body], stamp_ns: int, frame_id: str, seen: Sequence[Detection], lens: Lens
-    ) -> list[list[Frame]]:
+        bodies: Mapping[str, TrackedPerson], stamp_ns: int, frame_id: str, seen: Sequence[Detection], lens: Lens
+    ) -> list[list[FrameResult]]:
         """`track` for several people at once, by their ids, and what is seen of each; see `run_batched` for errors."""
         people = zip(bodies.items(), seen, strict=True)
         return run_batched([body._steps(stamp_ns, frame_id, one, lens, person) for (person, body), one in people])
 
-    def _steps(self, stamp_ns: int, frame_id: str, seen: Detection, lens: Lens, person: str) -> Steps[list[Frame]]:
+    def _steps(self, stamp_ns: int, frame_id: str, seen: Detection, lens: Lens, person: str) -> Steps[list[FrameResult]]:
         """What `track` does."""
         if self._origin_ns is None:
             self._origin_ns = stamp_ns
         seconds = (stamp_ns - self._origin_ns) * 1e-9
         frame = partial(
-            Frame,
+            FrameResult,
             stamp_ns,
             frame_id,
             person=person,
@@ -107,17 +107,17 @@ class Body:
         self._waiting.append((stamp_ns, estimate.stamp, partial(frame, measure=self.tracker.uncertainty)))
         return self._due(self.tracker.published, stamp_ns)
 
-    def absent(self, stamp_ns: int, lens: Lens) -> list[Frame]:
+    def absent(self, stamp_ns: int, lens: Lens) -> list[FrameResult]:
         """The person is not in the image of this stamp; the frames that were waiting and are now to be published."""
         count = self.tracker.kinematics.landmark_count
         *due, _ = self.track(stamp_ns, "", Detection(np.full((count, 2), np.nan), np.zeros(count)), lens)
         return due
 
-    def flush(self) -> list[Frame]:
+    def flush(self) -> list[FrameResult]:
         """The frames that wait for their `smoothing_lag`: no detection will come after them."""
         return self._due(self.tracker.flush(), self.seen_ns or 0)
 
-    def _due(self, estimates: Sequence[Estimate], now_ns: int) -> list[Frame]:
+    def _due(self, estimates: Sequence[Estimate], now_ns: int) -> list[FrameResult]:
         """The waiting frames that these estimates belong to, with joint states; the tracker keeps the same order."""
         frames = []
         for estimate in estimates:

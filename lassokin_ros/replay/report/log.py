@@ -9,7 +9,7 @@ import numpy as np
 
 from lassokin_ros.core.body.rotations import logarithm
 from lassokin_ros.core.estimate import Estimate
-from lassokin_ros.pipeline.frame import Frame
+from lassokin_ros.pipeline.frame_result import FrameResult
 
 STAMP_REASONS = ("old_stamp", "stamp_jump", "bad_stamp")
 LONGEST_AHEAD_S = 10.0
@@ -92,7 +92,7 @@ class ReplayLog:
     late: float = 0.0
     _last: tuple[float, int, int] | None = None
 
-    def add(self, frames: Sequence[Frame], time_ns: int, seconds: float) -> None:
+    def add(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
         """A keypoint message that was worked on; time_ns: of recording; seconds: that it took."""
         stamp_ns = frames[0].stamp_ns if frames else time_ns
         refused = next((f.rejection for f in frames if not f.accepted), None)
@@ -133,7 +133,7 @@ class ReplayLog:
         return time + step
 
 
-def person_row(frame: Frame, time: float) -> PersonRow:
+def person_row(frame: FrameResult, time: float) -> PersonRow:
     """What the page shows of a frame."""
     estimate = frame.estimate
     if not frame.accepted or estimate is None or frame.lens is None or frame.positions is None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from lassokin_ros.common.atomic_files import AtomicFiles
-from lassokin_ros.pipeline.frame import Frame
+from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.replay.report.facts import Facts
 from lassokin_ros.replay.report.log import ReplayLog
@@ -23,7 +23,7 @@ class Report:
         self._skeleton = pipeline.tracker.skeleton  # as given: calibration may make another of it
         self._log = ReplayLog(late=pipeline.tracker.config.smoothing_lag)
 
-    def add(self, frames: Sequence[Frame], time_ns: int, seconds: float) -> None:
+    def add(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
         """A keypoint message that was worked on, see `OfflineTracker.watchers`."""
         self._log.add(frames, time_ns, seconds)
 

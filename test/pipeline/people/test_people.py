@@ -20,7 +20,7 @@ from lassokin_ros.core.evidence.upright import Upright  # noqa: E402
 from lassokin_ros.core.image.projection import project  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
 from lassokin_ros.pipeline.detections import MOST_PEOPLE  # noqa: E402
-from lassokin_ros.pipeline.people.people import FOUND_AT_ONCE  # noqa: E402
+from lassokin_ros.pipeline.people.multi_person import FOUND_AT_ONCE  # noqa: E402
 from lassokin_ros.pipeline.people.presence import Presence  # noqa: E402
 from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402

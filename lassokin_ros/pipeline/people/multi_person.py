@@ -9,12 +9,12 @@ from typing import Sequence
 import numpy as np
 
 from lassokin_ros.core.estimate import Status
-from lassokin_ros.pipeline.frame import Frame
+from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.lens import Lens
 from lassokin_ros.pipeline.people.assignment import assign
 from lassokin_ros.pipeline.people.matching import NEAR, distance, distances, reach, usable
 from lassokin_ros.pipeline.people.presence import Presence, best
-from lassokin_ros.pipeline.people.tracked_person import Body, Detection
+from lassokin_ros.pipeline.people.tracked_person import Detection, TrackedPerson
 
 BIRTH_MESSAGES = 3
 """A person whom nobody has numbered is believed in after this many measurements; one message in between may miss them."""
@@ -39,14 +39,14 @@ class Candidate:
     missed: int = 0
 
 
-class People:
+class MultiPersonTracker:
     """One Body for each person; bodies are made at the start and used again."""
 
-    def __init__(self, bodies: Sequence[Body], counts: Counter[str]) -> None:
+    def __init__(self, bodies: Sequence[TrackedPerson], counts: Counter[str]) -> None:
         """counts: where births, deaths and the reasons against single people's frames are counted."""
         self._idle = list(bodies)
         self._counts = counts
-        self._present: dict[int, Body] = {}
+        self._present: dict[int, TrackedPerson] = {}
         self._candidates: list[Candidate] = []
         self._next = 1
 
@@ -56,7 +56,7 @@ class People:
         return [name(number) for number in self._present]
 
     @property
-    def bodies(self) -> dict[str, Body]:
+    def bodies(self) -> dict[str, TrackedPerson]:
         """Their bodies, by id."""
         return {name(number): body for number, body in self._present.items()}
 
@@ -74,7 +74,7 @@ class People:
         """True when somebody was tracked in the message of this stamp."""
         return any(body.seen_ns == stamp_ns for body in self._present.values())
 
-    def flush(self) -> list[Frame]:
+    def flush(self) -> list[FrameResult]:
         """Everybody's frames that wait for their `smoothing_lag`."""
         return [frame for body in self._present.values() for frame in body.flush()]
 
@@ -88,7 +88,7 @@ class People:
 
     def update(
         self, stamp_ns: int, frame_id: str, seen: Sequence[Detection], lens: Lens, lasting: bool, forget_after: float
-    ) -> list[Frame]:
+    ) -> list[FrameResult]:
         """One message's people to frames, those with a skeleton only.
 
         lasting: detections carry a number that stays with the person; else they are told apart here. forget_after: s.
@@ -104,11 +104,11 @@ class People:
             pairs = self._recognise(stamp_ns, seen)
         return self._track(stamp_ns, frame_id, pairs, lens)
 
-    def _track(self, stamp_ns: int, frame_id: str, pairs: dict[int, Detection], lens: Lens) -> list[Frame]:
+    def _track(self, stamp_ns: int, frame_id: str, pairs: dict[int, Detection], lens: Lens) -> list[FrameResult]:
         lost = {number for number, body in self._present.items() if body.status_at(stamp_ns) is Status.LOST}
         going_on = [number for number in self._present if number in pairs and number not in lost]
         bodies, seen = {name(n): self._present[n] for n in going_on}, [pairs[n] for n in going_on]
-        tracked = dict(zip(going_on, Body.track_batch(bodies, stamp_ns, frame_id, seen, lens)))
+        tracked = dict(zip(going_on, TrackedPerson.track_batch(bodies, stamp_ns, frame_id, seen, lens)))
         frames, found = [], 0
         for number, body in list(self._present.items()):
             if number not in pairs or (number in lost and found == FOUND_AT_ONCE):

@@ -16,7 +16,7 @@ from lassokin_ros.pipeline.lens import Lens
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class FrameResult:
     """What became of one keypoint message, or of one person in it.
 
     With `smoothing_lag` an accepted frame comes later than its message; what it says is of that message all the same.
@@ -76,7 +76,7 @@ class Frame:
         return self.lens.distort(project(points))
 
 
-def repeated_s(frames: Sequence[Frame]) -> float:
+def repeated_s(frames: Sequence[FrameResult]) -> float:
     """s for which everybody's keypoints in a message have been the same; 0 where somebody's are new, or nobody is."""
     accepted = [frame.estimate.repeated for frame in frames if frame.accepted and frame.estimate is not None]
     return min(accepted, default=0.0)
