@@ -133,7 +133,7 @@ def follow_people(scenes: Sequence[Scene], numbers: np.ndarray, lasting: bool) -
         seen = [
             Detection(lens.normalise(s.pixels[row]), s.confidence[row], int(n)) for s, n in zip(scenes, numbers[row])
         ]
-        for frame in people.update(1 + round(1e9 * stamp), "camera", seen, lens, lasting, 3.0):
+        for frame in people.track(1 + round(1e9 * stamp), "camera", seen, lens, lasting, 3.0):
             path = paths.setdefault(frame.person, np.full(len(scenes[0].times), np.nan))
             path[row] = frame.estimate.pose.positions[0, 0]
     return paths

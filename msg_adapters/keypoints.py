@@ -35,7 +35,7 @@ class Keypoints:
     xy: (k, 2) px.
     confidence: (k,) 0 to 1.
     persons: (k,) int, the person to whom each point belongs; None when the message does not say.
-    lasting: True when a person keeps the number from message to message (a tracker's id); False when the numbers only
+    persistent: True when a person keeps the number from message to message (a tracker's id); False when the numbers only
         tell the people of this message apart.
     """
 
@@ -45,7 +45,7 @@ class Keypoints:
     xy: np.ndarray
     confidence: np.ndarray
     persons: np.ndarray | None = None
-    lasting: bool = True
+    persistent: bool = True
 
     def as_landmarks(self, count: int, person: int | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Points (count, 2) px, NaN where missing, and confidence (count,), 0 where missing.
@@ -61,7 +61,7 @@ class Keypoints:
             present &= self.persons == person
         return self._placed(self.ids, present, count, count)
 
-    def everybody(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def by_person(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The people's numbers (p,), and points (p, count, 2) and confidence (p, count) of each: see `as_landmarks`."""
         if self.persons is None:
             points, confidence = self.as_landmarks(count)

@@ -16,7 +16,7 @@ from msg_adapters.errors import AdapterError
 IN_FLIGHT_NS = 1_000_000_000
 """Keypoints of an image up to this much older than a change of the camera are read with the camera before it: a
 detector takes its time."""
-BEYOND = "beyond the image"
+OUTSIDE_IMAGE = "beyond the image"
 """Under what messages are counted whose keypoints leave it."""
 MARGIN = 0.05
 """Of the image: how far keypoints may lie beyond it, as those of a limb that it cuts do."""
@@ -67,7 +67,7 @@ class Camera:
         """The present camera, None before the first that is usable."""
         return self._now
 
-    def take(self, message: Any) -> bool:
+    def update(self, message: Any) -> bool:
         """Take over a CameraInfo message; True when it is another camera's (frame_id) than before.
 
         Raises AdapterError when it is refused; the last good camera then stays.

@@ -1,4 +1,4 @@
-"""A message's keypoints as detections: one for each person, their points as rays through the lens."""
+"""Keypoints of a message as detections: one per person, with the points as normalised image coordinates."""
 
 from __future__ import annotations
 
@@ -8,18 +8,25 @@ from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
 
 MOST_PEOPLE = 100
-"""People in one message; more are refused before time is spent on them."""
+"""Largest number of people in one message. A message with more is refused before any of them is processed."""
 
 
 def detection(keypoints: Keypoints, person: int | None, count: int, lens: Lens) -> Detection:
-    """The detection of one person, or of all points; count: of the layout's landmarks. Raises as `as_landmarks`."""
+    """Return the detection of one person, or of all points if `person` is None.
+
+    count: number of landmarks in the layout. Raises AdapterError, see `Keypoints.as_landmarks`.
+    """
     pixels, confidence = keypoints.as_landmarks(count, person)
     return Detection(lens.normalise(pixels), confidence, person or 0, pixels)
 
 
-def everybody(keypoints: Keypoints, count: int, lens: Lens) -> list[Detection]:
-    """One detection for each person; count: of the layout's landmarks. Raises AdapterError, of too many people too."""
-    numbers, pixels, confidence = keypoints.everybody(count)
+def detections_by_person(keypoints: Keypoints, count: int, lens: Lens) -> list[Detection]:
+    """Return one detection per person.
+
+    count: number of landmarks in the layout. Raises AdapterError, see `Keypoints.as_landmarks`, and with the reason
+    `too_many_people` for more than MOST_PEOPLE.
+    """
+    numbers, pixels, confidence = keypoints.by_person(count)
     if len(numbers) > MOST_PEOPLE:
         raise AdapterError("too_many_people", f"{len(numbers)} people; expected at most {MOST_PEOPLE}")
     points = lens.normalise(pixels.reshape(-1, 2)).reshape(pixels.shape)

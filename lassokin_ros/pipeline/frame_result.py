@@ -1,4 +1,4 @@
-"""What became of one person in one keypoint message."""
+"""Result of one keypoint message for one person."""
 
 from __future__ import annotations
 
@@ -17,23 +17,24 @@ from lassokin_ros.pipeline.lens import Lens
 
 @dataclass(frozen=True, eq=False)
 class FrameResult:
-    """What became of one keypoint message, or of one person in it.
+    """Result of one keypoint message for one person, or of a message that was refused as a whole.
 
-    With `smoothing_lag` an accepted frame comes later than its message; what it says is of that message all the same.
+    With `smoothing_lag` an accepted result is returned later than its message. It still refers to that message.
 
     Attributes
     ----------
-    stamp_ns: ns, the message's; its arrival where it has none. frame_id: the message's, the camera's where it has none.
-    estimate: the tracker's answer; None when the message did not come so far.
-    rejection: None for an accepted frame, else a short key for counting; `detail` says it in words.
-    positions, velocities: (3 + 3 n,) in the order of urdf.joint_names, m and rad, m/s and rad/s; None when rejected.
-    person: the id under which one of several people is published; empty when one person is followed.
-    detected: (l, 2) px, the landmarks as the detector gave them, NaN = missing; None when there were none.
-    points: (l, 2) normalised, the same without the lens; None when the message did not come so far.
-    lens: what they were seen through; None when the message did not come so far.
-    skeleton: the one with whose lengths the frame was tracked; None when the message did not come so far.
-    measure: makes the joints' uncertainty, see `uncertainty`.
-    held_s: s, by stamps, for which the frame waited for later ones (`smoothing_lag`).
+    stamp_ns: ns, the message's stamp, or its arrival time if it has no stamp.
+    frame_id: the message's frame, or the camera's frame if the message has none.
+    estimate: the tracker's result. None if the message was refused before tracking.
+    rejection: None for an accepted result, else a short key for counting. `detail` gives the reason in words.
+    positions, velocities: (3 + 3 n,) in the order of urdf.joint_names, m and rad, m/s and rad/s. None if rejected.
+    person: the id of the person. Empty if one person is followed.
+    detected: (l, 2) px, the landmarks from the detector, NaN = missing. None without landmarks.
+    points: (l, 2) normalised image coordinates of `detected`. None if the message was refused before tracking.
+    lens: the lens of the image. None if the message was refused before tracking.
+    skeleton: the skeleton with the lengths used for this result. None if the message was refused before tracking.
+    measure: computes the joint uncertainty, see `uncertainty`.
+    held_s: s, by stamps, how long the result waited for later messages (`smoothing_lag`).
     """
 
     stamp_ns: int
@@ -53,30 +54,30 @@ class FrameResult:
 
     @property
     def accepted(self) -> bool:
-        """True when there is something to publish."""
+        """True if the result has outputs to publish."""
         return self.rejection is None
 
     @cached_property
     def uncertainty(self) -> JointUncertainty:
-        """How far off each joint may be, computed when asked first; ValueError when the frame was rejected."""
+        """Joint uncertainty, computed at the first access. Raises ValueError if the result was rejected."""
         if self.measure is None or self.estimate is None:
-            raise ValueError("this frame was rejected; only an accepted one has an uncertainty")
+            raise ValueError("this result was rejected; only an accepted result has an uncertainty")
         return self.measure(self.estimate)
 
     @property
     def reprojected(self) -> np.ndarray | None:
-        """(l, 2) px, the skeleton's landmarks in the image, through the lens; None when the frame was rejected."""
+        """(l, 2) px, the landmarks of the estimated pose projected into the image. None if the result was rejected."""
         if self.estimate is None or self.estimate.pose is None or self.lens is None:
             return None
         return self.in_image(self.estimate.pose.landmarks)
 
     def in_image(self, points: np.ndarray) -> np.ndarray:
-        """(k, 3) m in the camera's frame -> (k, 2) px, through the lens of an accepted frame."""
+        """Project points (k, 3) m in the camera frame to pixels (k, 2). The result must be accepted."""
         assert self.lens is not None
         return self.lens.distort(project(points))
 
 
 def repeated_s(frames: Sequence[FrameResult]) -> float:
-    """s for which everybody's keypoints in a message have been the same; 0 where somebody's are new, or nobody is."""
+    """Return how long, in s, the keypoints of all people have been repeated; 0 if any are new or nobody is tracked."""
     accepted = [frame.estimate.repeated for frame in frames if frame.accepted and frame.estimate is not None]
     return min(accepted, default=0.0)

@@ -1,7 +1,7 @@
-"""Which of the waiting keypoint messages are worked on: the newest wins, and what is left out is counted.
+"""Select which of the waiting keypoint messages are processed, and count those that are dropped.
 
-A node that was held up for a moment uses every message and catches up. Once more than `depth` messages wait, it works
-on the newest alone until nothing waits any more: a node that cannot keep pace is at most one message behind.
+After a short delay the node processes all waiting messages. If more than `depth` messages wait, only the newest is
+processed until no message waits. A node that is too slow is therefore at most one message behind.
 """
 
 from __future__ import annotations
@@ -11,17 +11,17 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 OVERTAKEN, LOST = "overtaken by newer", "lost on the way"
-"""Keys of the counts: messages that came and were left out for newer ones; messages that were sent and never came."""
+"""Keys of the counts: messages that arrived and were dropped for newer ones, and messages that never arrived."""
 
 RESERVE = 100
-"""Least depth of the middleware's queue: what is overtaken must be seen to be counted."""
+"""Least depth of the middleware's queue. A dropped message must reach the node to be counted."""
 
 
 class KeypointQueue:
-    """Chooses among the messages that wait, and counts the others; knows messages by their `message_info` alone."""
+    """Selects among the waiting messages by their `message_info`."""
 
     def __init__(self, depth: int, counts: Counter[str]) -> None:
-        """depth: messages that may wait and are all used; counts: where `received`, OVERTAKEN and LOST are."""
+        """depth: number of waiting messages that are all processed; counts: receives `received`, OVERTAKEN and LOST."""
         self._depth, self._counts = depth, counts
         self._behind = False
         self._ended_ns = 0
@@ -30,18 +30,19 @@ class KeypointQueue:
 
     @property
     def reserve(self) -> int:
-        """Depth that the middleware's queue needs, so that more than `depth` waiting messages are noticed."""
+        """Required depth of the middleware's queue, so that more than `depth` waiting messages are noticed."""
         return max(RESERVE, self._depth + 1)
 
     def choose(self, waiting: Sequence[tuple[Any, Mapping[str, Any]]], publishers: int) -> list[Any]:
-        """The messages to be worked on now, oldest first, of all (message, message_info) that wait, one at least.
+        """Return the messages to process now, oldest first.
 
-        publishers: how many the topic has. Call `done` after the work.
+        waiting: all waiting pairs (message, message_info), at least one. publishers: number of publishers on the
+        topic. Call `done` after processing.
         """
         infos = [info for _, info in waiting]
         self._count_lost(infos, publishers)
         if infos[0].get("received_timestamp", 0) > self._ended_ns:
-            self._behind = False  # nothing waited when the last work had ended
+            self._behind = False  # no message waited at the end of the last processing
         if len(waiting) > self._depth:
             self._behind = True
         messages = [message for message, _ in waiting]
@@ -52,11 +53,11 @@ class KeypointQueue:
         return messages[-1:]
 
     def done(self, now_ns: int) -> None:
-        """The chosen messages have been worked on; now_ns: ns of the system's clock, as in message_info."""
+        """Record the end of processing; now_ns: ns of the system clock, as in message_info."""
         self._ended_ns = now_ns
 
     def _count_lost(self, infos: Sequence[Mapping[str, Any]], publishers: int) -> None:
-        """Numbers missing in the publisher's sequence; of several publishers the numbers cannot be told apart."""
+        """Count gaps in the publisher's sequence. With several publishers the sequences cannot be separated."""
         if publishers != self._publishers:
             self._number, self._publishers = None, publishers
         for info in infos:

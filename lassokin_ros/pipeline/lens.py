@@ -1,4 +1,4 @@
-"""Pixels to normalised image coordinates, once, at the border: behind it there is no lens."""
+"""Conversion between pixels and normalised image coordinates. All later steps use normalised coordinates only."""
 
 from __future__ import annotations
 
@@ -12,14 +12,15 @@ from msg_adapters.camera_info import Intrinsics
 
 ITERATIONS, ACCURACY_PX = 100, 1e-9
 LARGEST_MISS_PX = 0.5
-"""An undistorted point that does not distort back to within this of its pixel lies outside the lens model's range."""
+"""px: an undistorted point must distort back to within this distance of its pixel. Otherwise the pixel lies outside the
+range of the lens model."""
 
 
 class Lens:
-    """One camera's way from pixels to the normalised coordinates of (7).
+    """Camera matrix and distortion of one camera: pixels to the normalised coordinates of equation (7).
 
-    K: (3, 3) px; D: coefficients in OpenCV's order; model: "plumb_bob", "rational_polynomial", "equidistant", or ""
-    for a lens without distortion (then OpenCV is not needed). Raises CameraError.
+    K: (3, 3) px. D: coefficients in OpenCV's order. model: "plumb_bob", "rational_polynomial", "equidistant", or "" for
+    no distortion (OpenCV is not needed then). Raises CameraError.
     """
 
     def __init__(self, K: np.ndarray, D: np.ndarray | None = None, model: str = "") -> None:
@@ -33,14 +34,14 @@ class Lens:
         self._focal_lengths = self.K[[0, 1], [0, 1]]
         self._centre = self.K[:2, 2]
         if model:
-            self._opencv  # noqa: B018  (a missing OpenCV is said now, not in the first frame)
+            self._opencv  # noqa: B018  (a missing OpenCV is reported here, not in the first frame)
 
     @classmethod
     def from_intrinsics(cls, intrinsics: Intrinsics, rectified: bool = False) -> Lens:
-        """The lens of the raw image, or of the rectified one (P, no distortion). Raises CameraError.
+        """Return the lens of the raw image, or of the rectified image (P, no distortion). Raises CameraError.
 
-        In the rectified image's camera the skeleton comes out in the rectified camera's frame; the baseline of a
-        stereo pair's right camera (P[3]) is not added.
+        With the rectified image the skeleton is expressed in the frame of the rectified camera. The baseline of the
+        right camera of a stereo pair (P[3]) is not added.
         """
         if not rectified:
             return cls(intrinsics.K, intrinsics.D, intrinsics.model)
@@ -50,36 +51,39 @@ class Lens:
 
     @cached_property
     def focal(self) -> float:
-        """px per normalised unit, the geometric mean of both directions."""
+        """px per normalised unit: geometric mean of fx and fy."""
         return float(np.sqrt(self._focal_lengths.prod()))
 
     @cached_property
     def _opencv(self) -> Any:
-        """OpenCV, imported when a lens with distortion turns up: it is large, and most users need none of it."""
+        """OpenCV, imported at the first lens with distortion. The import is slow and most cameras do not need it."""
         try:
             import cv2
         except ImportError:
             raise CameraError(
-                f"the camera's lens is {self.model}, which needs OpenCV: pip install opencv-python-headless, or "
+                f"the camera has a {self.model} lens, which needs OpenCV: pip install opencv-python-headless, or "
                 "apt install python3-opencv"
             ) from None
         return cv2
 
     def normalise(self, pixels: np.ndarray) -> np.ndarray:
-        """(l, 2) px -> (l, 2) normalised, distortion removed; NaN for NaN and for what lies beyond the lens."""
+        """Undistort pixels (l, 2) to normalised coordinates (l, 2). NaN stays NaN.
+
+        A pixel outside the range of the lens model gives NaN.
+        """
         if not self.model:
             normalised: np.ndarray = (pixels - self._centre) / self._focal_lengths
             return normalised
         seen = np.isfinite(pixels).all(axis=1)
         if 0 < np.count_nonzero(seen) == len(seen):
-            return self._straightened(pixels)
+            return self._undistort_checked(pixels)
         result = np.full(pixels.shape, np.nan)
         if seen.any():
-            result[seen] = self._straightened(pixels[seen])
+            result[seen] = self._undistort_checked(pixels[seen])
         return result
 
-    def _straightened(self, points: np.ndarray) -> np.ndarray:
-        """(k, 2) finite px -> (k, 2), NaN for what lies beyond the lens."""
+    def _undistort_checked(self, points: np.ndarray) -> np.ndarray:
+        """Undistort finite pixels (k, 2); NaN outside the range of the lens model."""
         straight = self._undistort(points)
         with np.errstate(invalid="ignore"):
             good = (np.abs(self.distort(straight) - points) < LARGEST_MISS_PX).all(axis=1)
@@ -88,7 +92,7 @@ class Lens:
         return straight
 
     def _undistort(self, points: np.ndarray) -> np.ndarray:
-        """(k, 2) finite px -> (k, 2)."""
+        """Undistort finite pixels (k, 2) with OpenCV."""
         cv2 = self._opencv
         criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, ITERATIONS, ACCURACY_PX)
         source = points[:, None, :]
@@ -102,7 +106,7 @@ class Lens:
         return result
 
     def distort(self, normalised: np.ndarray) -> np.ndarray:
-        """(k, 2) normalised -> (k, 2) px: the other direction, for pictures, tests and the check above."""
+        """Distort normalised coordinates (k, 2) to pixels (k, 2), the inverse of `normalise`."""
         if not self.model:
             return normalised * self._focal_lengths + self._centre
         cv2, zero = self._opencv, np.zeros(3)

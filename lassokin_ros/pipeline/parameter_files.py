@@ -1,4 +1,4 @@
-"""ROS parameters without ROS: a parameter file and `-p name:=value`, as the node takes them, to settings."""
+"""Read ROS parameter files and `-p name:=value` arguments into settings, without ROS."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from lassokin_ros.pipeline.settings import NodeSettings
 
 NODE_NAME = "tracker"
 IGNORED = ("use_sim_time", "qos_overrides", "start_type_description_service")
-"""Parameters that every node has and that mean nothing without ROS."""
+"""Parameters that every node has. They have no effect without ROS."""
 
 
 def offline_settings(files: Sequence[Path], assignments: Sequence[str]) -> tuple[TrackerConfig, NodeSettings]:
-    """The settings from parameter files and assignments "name:=value"; later ones win.
+    """Return the settings from parameter files and assignments "name:=value". Later values override earlier ones.
 
-    Raises ConfigurationError for a file that cannot be read or has another form, for a parameter that does not exist,
-    and for a value of the wrong type or out of its range.
+    Raises ConfigurationError for an unreadable or malformed file, an unknown parameter, and a value of the wrong type
+    or out of range.
     """
     values: dict[str, Any] = {}
     for file in files:
@@ -36,7 +36,7 @@ def offline_settings(files: Sequence[Path], assignments: Sequence[str]) -> tuple
 
 
 def _from_file(file: Path) -> dict[str, Any]:
-    """Parameters of our node in a ROS parameter file: under `/**` or a name that ends in `tracker`."""
+    """Return the parameters of this node from a ROS parameter file: under `/**` or a name ending in `tracker`."""
     data = load_mapping(read_text(file, ConfigurationError), str(file), ConfigurationError)
     mine = [key for key in data if str(key) == "/**" or str(key).split("/")[-1] == NODE_NAME]
     if not mine:
@@ -51,18 +51,18 @@ def _from_file(file: Path) -> dict[str, Any]:
             raise ConfigurationError(f"{file} has no mapping 'ros__parameters' under '{key}'")
         values.update({str(name): value for name, value in parameters.items()})
     for name in values:
-        _find(name, str(file))
+        _check_name(name, str(file))
     return values
 
 
 def _value(name: str, text: str) -> Any:
-    """A value as rcl reads it: YAML."""
-    _find(name, "-p")
+    """Parse a value as YAML, as rcl does."""
+    _check_name(name, "-p")
     return load_value(text, f"-p {name}:={text[:40]}", ConfigurationError)
 
 
-def _find(name: str, source: str) -> None:
-    """Raise ConfigurationError when there is no such parameter."""
+def _check_name(name: str, source: str) -> None:
+    """Raise ConfigurationError if the parameter does not exist."""
     known = [item.name for item in _all_fields()]
     if name in known or name.split(".")[0] in IGNORED:
         return

@@ -1,28 +1,28 @@
-"""From a keypoint message to an estimate: what the node and the replay share, so that both give the same bytes.
+"""From a keypoint message to an estimate. Shared by node and replay, so that both give identical results.
 
 pipeline = Pipeline(TrackerConfig(), NodeSettings())
 pipeline.set_camera(camera_info)
-frame = pipeline.process(keypoints, arrival_ns)      # Frame: accepted, or rejected with a reason
-frames = pipeline.frames(keypoints, arrival_ns)      # the same for one person or several: a Frame for each
+result = pipeline.process(keypoints, arrival_ns)     # FrameResult of one person: accepted, or rejected with a reason
+results = pipeline.frames(keypoints, arrival_ns)     # one FrameResult per person
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 from lassokin_ros.core.calibration import Calibration
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Status
-from lassokin_ros.pipeline.camera import BEYOND, Camera, View
-from lassokin_ros.pipeline.detections import everybody
+from lassokin_ros.pipeline.camera import OUTSIDE_IMAGE, Camera, View
+from lassokin_ros.pipeline.detections import detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
-from lassokin_ros.pipeline.lens import Lens
 from lassokin_ros.pipeline.outputs.urdf import check_names
-from lassokin_ros.pipeline.people.matching import usable
+from lassokin_ros.pipeline.people.matching import is_trackable
+from lassokin_ros.pipeline.people.people_tracker import PeopleImage, PeopleTracker
 from lassokin_ros.pipeline.people.presence import Presence
-from lassokin_ros.pipeline.people.single_person import PERSON_ABSENT, SinglePersonTracker
+from lassokin_ros.pipeline.people.single_person import SinglePersonTracker
 from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
 from lassokin_ros.pipeline.settings import MESSAGE, NodeSettings
 from lassokin_ros.pipeline.stamps import StampWatch
@@ -31,100 +31,88 @@ from msg_adapters.detectors.registry import keypoint_adapter
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
 
-if TYPE_CHECKING:
-    from lassokin_ros.pipeline.people.multi_person import MultiPersonTracker
-
 
 class Pipeline:
-    """Decodes, undistorts, tracks and reads joint angles; its methods never raise for what a message may hold."""
+    """Decodes messages, removes the distortion, tracks people. No message content raises an error."""
 
     def __init__(self, tracker_config: TrackerConfig, node_config: NodeSettings) -> None:
-        """Raises a LassokinError when the configuration cannot be used."""
+        """Raises a LassokinError if the configuration is unusable."""
         self.config = node_config.checked()
         skeleton = load_skeleton(tracker_config.checked().skeleton, tracker_config.height)
         check_names(skeleton)
-        bodies = [TrackedPerson(tracker_config, skeleton) for _ in range(self.config.max_people)]
-        self._bodies, self._body = bodies, bodies[0]
-        self.tracker = bodies[0].tracker
+        self._trackable = [TrackedPerson(tracker_config, skeleton) for _ in range(self.config.max_people)]
+        self.tracker = self._trackable[0].tracker
         self._landmark_count = self.tracker.kinematics.landmark_count
         self.enabled = True
-        """While False, keypoints are counted and not looked at."""
+        """If False, keypoints are counted and not processed."""
         self.counts: Counter[str] = Counter()
-        """Messages by what became of them: received, accepted, duplicated, unstamped, resets, "rejected: <reason>", and
-        those whose keypoints leave the image."""
-        self.people = _people(bodies, self.counts) if self.config.several_people else None
-        """Who is there, when several people are followed; None when it is one."""
+        """Number of messages by result: received, accepted, duplicated, unstamped, resets, "rejected: <reason>", and
+        messages with keypoints outside the image."""
+        self.people = _people_tracker(self._trackable, self.counts, self.config.several_people)
         self._adapter = keypoint_adapter(self.config.keypoints_type)
         self.camera = Camera(self.config.rectified)
         self._stamps = StampWatch()
-        self._person = SinglePersonTracker(self._body)
-        self._seen_from: str | None = None  # frame of the camera that took the last image
+        self._camera_frame: str | None = None  # frame of the camera that took the last image
         self._latest: tuple[int, int] | None = None  # stamp and arrival, ns, of the last message not refused as a whole
 
     @property
     def has_camera(self) -> bool:
-        """True once a usable camera_info has come."""
+        """True after the first usable camera_info."""
         return self.camera.view is not None
 
     @property
     def camera_fault(self) -> str:
-        """Why the last camera_info was refused, in words; empty when it was taken."""
+        """Why the last camera_info was refused, in words; empty if it was accepted."""
         return self.camera.fault
 
     @property
     def ids(self) -> list[str] | None:
-        """Of the people who are there; None when one person is followed."""
-        return None if self.people is None else self.people.ids
+        """Ids of the people present; None if one person is followed."""
+        return self.people.ids
 
     @property
     def status(self) -> Status:
-        """What is known of the person; of several people, of the one of whom most is known."""
-        return self._body.status if self.people is None else self.people.status
+        """Tracking status. With several people, the best status among them."""
+        return self.people.status
 
     def presence_at(self, now_ns: int) -> Presence:
-        """Who is there, and what is known of them, when no message has come until now_ns (ns, of the arrivals' clock).
+        """Return the presence at a time up to which no message has arrived; now_ns: ns of the arrival clock.
 
-        This is only said. Nobody is forgotten by it: what has passed is for the next message's stamp to say, since a
-        recording that is stopped for a while looks from here like a detector that is silent.
+        The state does not change. Only the stamp of the next message can remove people, because a paused recording
+        looks like a silent detector.
         """
         stamp_ns, arrival_ns = self._latest or (0, 0)
-        if arrival_ns == 0:  # nothing has come, or it came before a simulated clock did
+        if arrival_ns == 0:  # no message yet, or the message arrived before the simulated clock started
             return Presence(self.status, self.ids)
-        stamp_ns += max(now_ns - arrival_ns, 0)
-        if self.people is None:
-            return Presence(self._body.status_at(stamp_ns))
-        return self.people.presence_at(stamp_ns, self.config.forget_after)
+        return self.people.presence_at(stamp_ns + max(now_ns - arrival_ns, 0), self.config.forget_after)
 
     def calibrations(self) -> dict[str, Calibration]:
-        """What is known of each person's lengths, by id; of one person alone under an empty id."""
-        bodies = {"": self._body} if self.people is None else self.people.bodies
-        return {person: body.tracker.calibration for person, body in bodies.items()}
+        """Return the calibration of each person's lengths by id. The id of a single person is empty."""
+        return {person: tracked.tracker.calibration for person, tracked in self.people.tracked.items()}
 
     def reset(self) -> None:
-        """Forget the person, or everybody, and the time; the camera and the counts stay."""
+        """Forget all people and the stamps. The camera and the counts stay."""
         self._stamps.reset()
         self._forget_people()
 
     def _forget_people(self) -> None:
-        self._body.reset() if self.people is None else self.people.reset()
-        self._person.reset()
-        self._latest = self._seen_from = None
+        self.people.reset()
+        self._latest = self._camera_frame = None
         self.counts["resets"] += 1
 
     def tune(self, tracker_config: TrackerConfig, node_config: NodeSettings) -> None:
-        """Take over live settings; they hold from the next frame on."""
-        for body in self._bodies:
-            body.tracker.tune(tracker_config)
+        """Apply settings that can change while running, from the next message on."""
+        for tracked in self._trackable:
+            tracked.tracker.tune(tracker_config)
         self.config = node_config.checked()
 
     def set_camera(self, message: Any) -> str | None:
-        """Take over a CameraInfo message; the reason's key when it is refused (the last good camera then stays).
+        """Apply a CameraInfo message. Return the key of the reason if it is refused; the last good camera then stays.
 
-        Another resolution or lens of the same camera leaves the person where they are; in another camera's frame they
-        are somewhere else, so that the state is forgotten.
+        A new resolution or lens of the same camera keeps the state. The frame of another camera resets it.
         """
         try:
-            if self.camera.take(message):
+            if self.camera.update(message):
                 self.reset()
         except AdapterError as error:
             self.counts[f"rejected: {error.reason}"] += 1
@@ -132,15 +120,18 @@ class Pipeline:
         return None
 
     def process(self, message: Any, arrival_ns: int) -> FrameResult:
-        """Track the one person in a keypoint message, without `smoothing_lag`; arrival_ns stamps what has no stamp."""
+        """Track the one person in a keypoint message, without `smoothing_lag`.
+
+        arrival_ns: ns, the stamp of a message that has none.
+        """
         (frame,) = self.frames(message, arrival_ns)
         return frame
 
     def frames(self, message: Any, arrival_ns: int) -> list[FrameResult]:
-        """Track everybody in a keypoint message: one accepted frame for each, none when nobody is there.
+        """Track all people in a keypoint message. Return one accepted result per person, none if nobody is present.
 
-        A message that is refused, and one in which the one person who is followed was not tracked, gives one frame
-        that says why. With `smoothing_lag`, accepted frames are those of earlier messages that have become due.
+        A refused message gives one result with the reason; so does a message in which a single followed person was not
+        tracked. With `smoothing_lag`, the accepted results are those of earlier messages that are due now.
         """
         self.counts["received"] += 1
         if not self.enabled:
@@ -158,38 +149,29 @@ class Pipeline:
         try:
             keypoints, view = self._decode(message)
             frame_id = keypoints.frame_id or view.intrinsics.frame_id
-            self._count_beyond(keypoints, view)
+            self._count_outside(keypoints, view)
             if keypoints.stamp_ns is None:
                 self.counts["unstamped"] += 1
             else:
                 stamp_ns = keypoints.stamp_ns
+            image = PeopleImage(keypoints, stamp_ns, frame_id, view.lens, self._has_persistent_numbers(keypoints))
             if self._stamps.check(stamp_ns, arrival_ns, self.config.jump_back):
-                self._go_back(keypoints, stamp_ns, view.lens)
-            self._see_from(view.intrinsics.frame_id)
-            lasting = self._lasting(keypoints)
-            if self.people is None:
-                seen = self._person.of(keypoints, stamp_ns, view.lens, lasting)
-                self._latest = stamp_ns, arrival_ns
-                frames = self._body.track(stamp_ns, frame_id, seen, view.lens)
-                if all(frame.accepted for frame in frames):
-                    self._stamps.seen(stamp_ns, True)
-                elif absence := self._person.absence(keypoints, seen, lasting):
-                    frames[-1] = replace(frames[-1], rejection=PERSON_ABSENT, detail=absence)
-                return frames
-            people = everybody(keypoints, self._landmark_count, view.lens)
+                self._jump_back(image)
+            self._switch_camera(view.intrinsics.frame_id)
+            frames = self.people.update(image, self.config.forget_after)
         except AdapterError as error:
             return [FrameResult(stamp_ns, frame_id, None, error.reason, str(error))]
         self._latest = stamp_ns, arrival_ns
-        frames = self.people.update(stamp_ns, frame_id, people, view.lens, lasting, self.config.forget_after)
-        self._stamps.seen(stamp_ns, self.people.tracked_at(stamp_ns))
+        if all(frame.accepted for frame in frames):
+            self._stamps.seen(stamp_ns, self.people.tracked_at(stamp_ns))
         return frames
 
     def flush(self) -> list[FrameResult]:
-        """The frames that wait for their `smoothing_lag`: no message will come after them."""
-        return self._body.flush() if self.people is None else self.people.flush()
+        """Return the results that wait for `smoothing_lag`. No message follows."""
+        return self.people.flush()
 
     def _decode(self, message: Any) -> tuple[Keypoints, View]:
-        """The keypoints, and the camera that took their image."""
+        """Return the keypoints and the camera of their image."""
         present = self.camera.at(None)
         keypoints = self._adapter.decode(message, present.size)
         view = self.camera.at(keypoints.stamp_ns)
@@ -197,37 +179,40 @@ class Pipeline:
             keypoints = self._adapter.decode(message, view.size)
         return keypoints, view
 
-    def _count_beyond(self, keypoints: Keypoints, view: View) -> None:
-        believed = keypoints.confidence >= self.tracker.config.min_confidence  # others may well be out of sight
-        if view.is_left_by(keypoints.xy[believed]):
-            self.counts[BEYOND] += 1
+    def _count_outside(self, keypoints: Keypoints, view: View) -> None:
+        confident = keypoints.confidence >= self.tracker.config.min_confidence  # others may be out of view
+        if view.is_left_by(keypoints.xy[confident]):
+            self.counts[OUTSIDE_IMAGE] += 1
 
-    def _go_back(self, keypoints: Keypoints, stamp_ns: int, lens: Lens) -> None:
-        """Forget everybody for a message from an earlier time; AdapterError for one that is of no use in any time."""
-        people = everybody(keypoints, self._landmark_count, lens)
-        if not any(usable(seen, self.tracker.config) for seen in people):
+    def _jump_back(self, image: PeopleImage) -> None:
+        """Reset for a message from an earlier time. Raises AdapterError if nobody in it can be tracked."""
+        people = detections_by_person(image.keypoints, self._landmark_count, image.lens)
+        if not any(is_trackable(one, self.tracker.config) for one in people):
             raise AdapterError("too_few_landmarks", "the message is from an earlier time, and nobody is in it")
         self._forget_people()
-        self._stamps.seen(stamp_ns, True)
+        self._stamps.seen(image.stamp_ns, True)
 
-    def _see_from(self, frame: str) -> None:
-        """Forget everybody when the image is another camera's than the last; they were still seen from there after
-        `set_camera`, in images that came late.
+    def _switch_camera(self, frame: str) -> None:
+        """Reset if the image is from another camera than the last image.
+
+        `set_camera` also resets, but images of the previous camera may arrive after it.
         """
-        if self._seen_from not in (None, frame):
+        if self._camera_frame not in (None, frame):
             self._forget_people()
-        self._seen_from = frame
+        self._camera_frame = frame
 
-    def _lasting(self, keypoints: Keypoints) -> bool:
-        """True when the message's numbers tell who is who."""
+    def _has_persistent_numbers(self, keypoints: Keypoints) -> bool:
+        """Return True if the message's person numbers identify people over time."""
         persons = keypoints.persons
-        if persons is None or not keypoints.lasting or self.config.person_ids != MESSAGE:
+        if persons is None or not keypoints.persistent or self.config.person_ids != MESSAGE:
             return False
         return len(persons) == 0 or bool(persons.min() >= 0)
 
 
-def _people(bodies: list[TrackedPerson], counts: Counter[str]) -> MultiPersonTracker:
-    """Imported when several people are followed: see assignment.py."""
+def _people_tracker(people: Sequence[TrackedPerson], counts: Counter[str], several: bool) -> PeopleTracker:
+    """Return the tracker for one person or several. MultiPersonTracker is imported on demand, see assignment.py."""
+    if not several:
+        return SinglePersonTracker(people[0])
     from lassokin_ros.pipeline.people.multi_person import MultiPersonTracker
 
-    return MultiPersonTracker(bodies, counts)
+    return MultiPersonTracker(people, counts)

@@ -137,7 +137,7 @@ class OfflineTracker:
     def _list_of_people(self, time_ns: int) -> Iterator[tuple[str, str, Any]]:
         """The ids, when they have changed."""
         people = self.pipeline.people
-        if people is None or people.ids == self._ids:
+        if people.ids is None or people.ids == self._ids:
             return
         self._ids = people.ids
         self._people = {person: messages for person, messages in self._people.items() if person in self._ids}

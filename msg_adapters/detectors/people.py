@@ -1,4 +1,4 @@
-"""Several people's keypoints, person by person, to the flat arrays of Keypoints."""
+"""Flatten the keypoints of several people into the arrays of Keypoints."""
 
 from __future__ import annotations
 
@@ -12,17 +12,18 @@ from msg_adapters.keypoints import Keypoints, check_count
 def gather(
     stamp_ns: int | None, frame_id: str, people: Sequence[Sequence[tuple[int, float, float, float]]], ids: Sequence[str]
 ) -> Keypoints:
-    """Keypoints of people, each a list of (landmark, x px, y px, confidence).
+    """Return the keypoints of people, each a list of (landmark, x px, y px, confidence).
 
-    ids: the tracker's id of each person. Where one is no whole number of 0 or more, or stands twice, there was no
-    tracker: the people are then numbered in the message's order, which lasts for this message only.
+    ids: the tracker's id of each person. If an id is no integer >= 0 or is repeated, the detector has no tracker. The
+    people are then numbered in the order of the message, and the numbers are not persistent.
     """
     numbers = [int(text) if text.isascii() and text.isdigit() and len(text) < 19 else -1 for text in ids]
-    lasting = len(set(numbers)) == len(numbers) and min(numbers, default=0) >= 0
-    if not lasting:
+    persistent = len(set(numbers)) == len(numbers) and min(numbers, default=0) >= 0
+    if not persistent:
         numbers = list(range(len(people)))
     points = [point for person in people for point in person]
     check_count(len(points))
     values = np.array(points, dtype=float).reshape(-1, 4)
+    landmarks, xy, confidence = values[:, 0].astype(np.int64), values[:, 1:3], values[:, 3]
     persons = np.repeat(np.array(numbers, dtype=np.int64), [len(person) for person in people])
-    return Keypoints(stamp_ns, frame_id, values[:, 0].astype(np.int64), values[:, 1:3], values[:, 3], persons, lasting)
+    return Keypoints(stamp_ns, frame_id, landmarks, xy, confidence, persons, persistent)

@@ -74,7 +74,7 @@ def test_yolo_detections():
     half = np.where(np.arange(17) % 2, 0.0, SCORES[:17])
     people = [(XY[:17], half), (XY[:17] + 100, SCORES[:17]), (XY[:17], np.zeros(17))]
     keypoints = decode(YOLO, yolo_detections(BACKEND, START_NS, FRAME, people, ["7", "3", ""]))
-    assert keypoints.lasting and set(keypoints.persons.tolist()) == {3, 7}
+    assert keypoints.persistent and set(keypoints.persons.tolist()) == {3, 7}
     points, confidence = keypoints.as_landmarks(17, person=7)
     assert np.array_equal(np.isfinite(points[:, 0]), half > 0) and np.allclose(confidence, half)
     assert np.allclose(points[half > 0], XY[:17][half > 0])
@@ -86,7 +86,7 @@ def test_yolo_detections():
 def test_yolo_ids_that_tell_nobody_apart_last_for_one_message(ids):
     people = [(XY[:17], SCORES[:17]), (XY[:17] + 100, SCORES[:17])]
     keypoints = decode(YOLO, yolo_detections(BACKEND, START_NS, FRAME, people, ids))
-    assert not keypoints.lasting
+    assert not keypoints.persistent
     assert np.allclose(keypoints.as_landmarks(17, person=1)[0], XY[:17] + 100)
 
 
@@ -106,7 +106,7 @@ def test_zed_objects():
     assert np.allclose(np.delete(points, [5, 6, 7], axis=0), np.delete(XY, [5, 6, 7], axis=0))
     assert np.allclose(confidence[[0, 37]], 0.9)
     assert np.allclose(keypoints.as_landmarks(38, person=9)[0], XY + 50)
-    assert keypoints.lasting and keypoints.frame_id == "" and keypoints.stamp_ns == START_NS
+    assert keypoints.persistent and keypoints.frame_id == "" and keypoints.stamp_ns == START_NS
 
 
 def test_zed_confidences_of_single_points_come_first():
@@ -123,7 +123,7 @@ def test_zed_bodies_that_are_not_seen_are_left_out():
     message.objects[2].skeleton_available = False
     assert set(decode(ZED, message).persons.tolist()) == {4}
     untracked = decode(ZED, zed_objects(BACKEND, START_NS, [XY] * 2, [-1, -1], tracked=False))
-    assert not untracked.lasting and set(untracked.persons.tolist()) == {0, 1}
+    assert not untracked.persistent and set(untracked.persons.tolist()) == {0, 1}
     message.objects[3].body_format = 4
     assert reason_of(lambda: decode(ZED, message)) == "wrong_shape"
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lassokin_ros.core.estimate import Status
-from lassokin_ros.pipeline.camera import BEYOND
+from lassokin_ros.pipeline.camera import OUTSIDE_IMAGE
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.outputs.calibration_status import calibration_figures
@@ -124,7 +124,7 @@ class Diagnostics:
 
     def _beyond(self, recent: Counter[str]) -> str:
         """What to look at where most of a period's keypoints left the image; empty where they did not."""
-        if (view := self._pipeline.camera.view) is None or 2 * recent[BEYOND] <= recent["received"]:
+        if (view := self._pipeline.camera.view) is None or 2 * recent[OUTSIDE_IMAGE] <= recent["received"]:
             return ""
         width, height = view.size
         return (
@@ -178,7 +178,7 @@ class Diagnostics:
             gone = len(set(self._pipeline.ids or ()) - set(presence.ids))  # in a silence: the next message counts them
             values["people come"], values["people left"] = str(counts["people come"]), str(counts["people left"] + gone)
             values["people beyond max_people"] = str(counts["people beyond max_people"])
-        for key in sorted(key for key in counts if key.startswith("rejected: ") or key == BEYOND):
+        for key in sorted(key for key in counts if key.startswith("rejected: ") or key == OUTSIDE_IMAGE):
             values[f"{key} [messages]"] = str(counts[key])
         tracker = self._pipeline.tracker
         if tracker.averaged:

@@ -1,6 +1,6 @@
-"""The best assignment of detections to people, by SciPy's optimiser.
+"""Optimal assignment of detections to people, with SciPy's solver.
 
-In a file of its own, since SciPy's optimisers take 12 MB and 70 ms to load: who follows one person needs none of it.
+This is a separate module because SciPy's optimisers take 12 MB and 70 ms to load and one person does not need them.
 """
 
 from __future__ import annotations
@@ -12,7 +12,10 @@ from scipy.optimize import linear_sum_assignment
 
 
 def assign(costs: np.ndarray, limits: Sequence[float]) -> list[tuple[int, int]]:
-    """(row, column) pairs of the least total cost; costs: (rows, columns); a row takes no cost above its limit."""
+    """Return the (row, column) pairs of least total cost.
+
+    costs: (rows, columns); limits: per row, the largest cost of a pair.
+    """
     if costs.size == 0:
         return []
     allowed = costs <= np.asarray(limits, dtype=float)[:, None]

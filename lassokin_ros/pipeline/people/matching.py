@@ -1,4 +1,4 @@
-"""How far a detection is from a person: distances between projected skeletons and detections."""
+"""Distance between a detection and a tracked person: mean distance to the predicted landmarks."""
 
 from __future__ import annotations
 
@@ -11,47 +11,47 @@ from lassokin_ros.core.image.robust_loss import norm
 from lassokin_ros.pipeline.people.tracked_person import Detection
 
 FARTHEST = 1.0
-"""A single point counts as no farther than this from its landmark, in sizes of the person: one wrong point decides
-nothing."""
+"""Upper limit of one point's distance, as a fraction of the person's size, so that one outlier decides nothing."""
 
 NEAR = 0.3
-"""Mean distance, in sizes of the person, up to which a detection may be an expected person."""
+"""Largest mean distance, as a fraction of the person's size, of a detection that matches a person."""
 
 SPREAD_PER_S = 0.6
-"""Growth of that distance with every second out of sight: walking pace over a person's size."""
+"""Growth of NEAR per second out of sight: walking speed divided by the person's size."""
 
 FEWEST_POINTS = 3
-"""A distance over fewer common points says nothing."""
+"""Least number of common points for a distance."""
 
 
-def distances(expected: np.ndarray, seen: Sequence[Detection], min_confidence: float) -> np.ndarray:
-    """(p, d) mean distances of detections from expected points (p, l, 2), in sizes of the latter.
+def distances(predicted: np.ndarray, detections: Sequence[Detection], min_confidence: float) -> np.ndarray:
+    """Return (p, d) mean distances of detections from predicted points (p, l, 2), as fractions of the person's size.
 
-    Infinite when unknown. All pairs at once: one by one, 16 people take as long to tell apart as four to track.
+    Infinite with too few common points. All pairs are computed at once: one by one, matching 16 people takes as long as
+    tracking four.
     """
-    if len(expected) == 0 or len(seen) == 0:
-        return np.zeros((len(expected), len(seen)))
-    points, confidence = np.stack([d.points for d in seen]), np.stack([d.confidence for d in seen])
-    apart = norm(points - expected[:, None])
+    if len(predicted) == 0 or len(detections) == 0:
+        return np.zeros((len(predicted), len(detections)))
+    points, confidence = np.stack([d.points for d in detections]), np.stack([d.confidence for d in detections])
+    apart = norm(points - predicted[:, None])
     usable = (confidence >= max(min_confidence, 1e-9)) & np.isfinite(apart)
-    size = norm(np.fmax.reduce(expected, axis=1) - np.fmin.reduce(expected, axis=1))
+    size = norm(np.fmax.reduce(predicted, axis=1) - np.fmin.reduce(predicted, axis=1))
     share = np.minimum(apart / np.maximum(size, 1e-6)[:, None, None], FARTHEST)
     counts = np.count_nonzero(usable, axis=-1)
     mean = np.sum(np.where(usable, share, 0.0), axis=-1) / np.maximum(counts, 1)
     return np.where(counts < FEWEST_POINTS, np.inf, mean)
 
 
-def distance(expected: np.ndarray, seen: Detection, min_confidence: float) -> float:
-    """Of one detection from one person's expected points (l, 2): see `distances`."""
-    return float(distances(expected[None], [seen], min_confidence)[0, 0])
+def distance(predicted: np.ndarray, detection: Detection, min_confidence: float) -> float:
+    """Return the distance of one detection from predicted points (l, 2), see `distances`."""
+    return float(distances(predicted[None], [detection], min_confidence)[0, 0])
 
 
-def usable(seen: Detection, config: TrackerConfig) -> bool:
-    """True when a detection has enough landmarks for a tracker of these settings."""
-    good = (seen.confidence >= max(config.min_confidence, 1e-9)) & np.isfinite(seen.points).all(axis=1)
+def is_trackable(detection: Detection, config: TrackerConfig) -> bool:
+    """Return True if the detection has enough landmarks for a tracker with these settings."""
+    good = (detection.confidence >= max(config.min_confidence, 1e-9)) & np.isfinite(detection.points).all(axis=1)
     return bool(np.count_nonzero(good) >= config.min_landmarks)
 
 
-def reach(unseen_s: float) -> float:
-    """Distance up to which a detection may be a person who has been out of sight for so many seconds."""
+def match_radius(unseen_s: float) -> float:
+    """Return the largest distance of a detection that matches a person who was out of sight for `unseen_s` s."""
     return min(NEAR + SPREAD_PER_S * unseen_s, FARTHEST - 1e-6)

@@ -1,4 +1,4 @@
-"""Several people: who is who from message to message, who has come, who is away for a while, who has left."""
+"""Follow several people: match detections to people, add new people, remove people who left."""
 
 from __future__ import annotations
 
@@ -9,200 +9,218 @@ from typing import Sequence
 import numpy as np
 
 from lassokin_ros.core.estimate import Status
+from lassokin_ros.pipeline.detections import detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.lens import Lens
 from lassokin_ros.pipeline.people.assignment import assign
-from lassokin_ros.pipeline.people.matching import NEAR, distance, distances, reach, usable
+from lassokin_ros.pipeline.people.matching import NEAR, distance, distances, is_trackable, match_radius
+from lassokin_ros.pipeline.people.people_tracker import PeopleImage
 from lassokin_ros.pipeline.people.presence import Presence, best
 from lassokin_ros.pipeline.people.tracked_person import Detection, TrackedPerson
 
 BIRTH_MESSAGES = 3
-"""A person whom nobody has numbered is believed in after this many measurements; one message in between may miss them."""
+"""A person without a persistent number is added after this many detections; one message in between may miss them."""
 
 SAME_BODY = 0.5 * NEAR
-"""A detection this near to a person who is seen already is the detector's second look, not a second person."""
+"""A detection this near to a matched person is a duplicate detection, not a second person."""
 
 MAKES_ROOM_S = 0.5
-"""s: when all trackers are in use, who has been away this long gives way to somebody new."""
+"""s: if all trackers are in use, a person absent for this long is removed for a new one."""
 
 FOUND_AT_ONCE = 4
-"""Lost people found anew in one message; the others wait for the next. Finding takes thirty times as long as following:
-a crowd found anew all at once keeps a slow machine longer than `lost_after`, and is lost again by the next message."""
+"""Lost people re-initialised per message; the others wait for the next message. Initialisation takes thirty times as
+long as tracking. A whole crowd at once would block a slow machine longer than `lost_after` and be lost again."""
 
 
 @dataclass(eq=False)
 class Candidate:
-    """Somebody who may be a person: the last detection, and in how many messages there was one."""
+    """A possible new person: the last detection, and the number of messages with one."""
 
-    seen: Detection
+    detection: Detection
     measurements: int = 1
     missed: int = 0
 
 
 class MultiPersonTracker:
-    """One Body for each person; bodies are made at the start and used again."""
+    """Implements PeopleTracker for several people. The trackers are created at the start and reused."""
 
-    def __init__(self, bodies: Sequence[TrackedPerson], counts: Counter[str]) -> None:
-        """counts: where births, deaths and the reasons against single people's frames are counted."""
-        self._idle = list(bodies)
+    def __init__(self, people: Sequence[TrackedPerson], counts: Counter[str]) -> None:
+        """counts: receives the numbers of people who come and leave, and the rejections of single people."""
+        self._idle = list(people)
         self._counts = counts
         self._present: dict[int, TrackedPerson] = {}
         self._candidates: list[Candidate] = []
         self._next = 1
+        self._count = people[0].tracker.kinematics.landmark_count
 
     @property
     def ids(self) -> list[str]:
-        """Of the people who are there or away for a short while."""
+        """Ids of the people who are present or absent for a short while."""
         return [name(number) for number in self._present]
 
     @property
-    def bodies(self) -> dict[str, TrackedPerson]:
-        """Their bodies, by id."""
-        return {name(number): body for number, body in self._present.items()}
+    def tracked(self) -> dict[str, TrackedPerson]:
+        """See PeopleTracker.tracked."""
+        return {name(number): person for number, person in self._present.items()}
 
     @property
     def status(self) -> Status:
-        """The best of the people's."""
-        return best(body.status for body in self._present.values())
+        """The best status among the people."""
+        return best(person.status for person in self._present.values())
 
     def presence_at(self, stamp_ns: int, forget_after: float) -> Presence:
-        """Who is there when nothing has come until a time, which nothing is changed by; forget_after: s."""
-        there = {person: body for person, body in self.bodies.items() if body.unseen_s(stamp_ns) <= forget_after}
-        return Presence(best(body.status_at(stamp_ns) for body in there.values()), list(there))
+        """See PeopleTracker.presence_at."""
+        there = {key: person for key, person in self.tracked.items() if person.unseen_s(stamp_ns) <= forget_after}
+        return Presence(best(person.status_at(stamp_ns) for person in there.values()), list(there))
 
     def tracked_at(self, stamp_ns: int) -> bool:
-        """True when somebody was tracked in the message of this stamp."""
-        return any(body.seen_ns == stamp_ns for body in self._present.values())
+        """See PeopleTracker.tracked_at."""
+        return any(person.seen_ns == stamp_ns for person in self._present.values())
 
     def flush(self) -> list[FrameResult]:
-        """Everybody's frames that wait for their `smoothing_lag`."""
-        return [frame for body in self._present.values() for frame in body.flush()]
+        """See PeopleTracker.flush."""
+        return [result for person in self._present.values() for result in person.flush()]
 
     def reset(self) -> None:
-        """Forget everybody. Numbers are not used again, so that nobody inherits another's id."""
+        """Forget all people. Numbers are not reused, so that nobody inherits the id of another person."""
         for number in list(self._present):
-            self._let_go(number)
-        for body in self._idle:
-            body.reset()
+            self._remove(number)
+        for person in self._idle:
+            person.reset()
         self._candidates.clear()
 
-    def update(
-        self, stamp_ns: int, frame_id: str, seen: Sequence[Detection], lens: Lens, lasting: bool, forget_after: float
-    ) -> list[FrameResult]:
-        """One message's people to frames, those with a skeleton only.
+    def update(self, image: PeopleImage, forget_after: float) -> list[FrameResult]:
+        """Track the people of one image; see PeopleTracker.update. Returns accepted results only."""
+        detections = detections_by_person(image.keypoints, self._count, image.lens)
+        return self.track(image.stamp_ns, image.frame_id, detections, image.lens, image.persistent, forget_after)
 
-        lasting: detections carry a number that stays with the person; else they are told apart here. forget_after: s.
+    def track(
+        self,
+        stamp_ns: int,
+        frame_id: str,
+        detections: Sequence[Detection],
+        lens: Lens,
+        persistent: bool,
+        forget_after: float,
+    ) -> list[FrameResult]:
+        """Track the detections of one image, see `update`.
+
+        persistent: the numbers of the detections stay with the people. Otherwise detections are matched by position.
+        forget_after: s.
         """
-        for number in [n for n, body in self._present.items() if body.unseen_s(stamp_ns) > forget_after]:
-            self._let_go(number)
-        if lasting:
-            pairs = {d.number: d for d in seen if d.number in self._present or self._usable(d)}
+        for number in [n for n, person in self._present.items() if person.unseen_s(stamp_ns) > forget_after]:
+            self._remove(number)
+        if persistent:
+            pairs = {d.number: d for d in detections if d.number in self._present or self._is_trackable(d)}
             for number in pairs:
                 if number not in self._present:
-                    self._welcome(number, stamp_ns, pairs)
+                    self._add(number, stamp_ns, pairs)
         else:
-            pairs = self._recognise(stamp_ns, seen)
+            pairs = self._match(stamp_ns, detections)
         return self._track(stamp_ns, frame_id, pairs, lens)
 
     def _track(self, stamp_ns: int, frame_id: str, pairs: dict[int, Detection], lens: Lens) -> list[FrameResult]:
-        lost = {number for number, body in self._present.items() if body.status_at(stamp_ns) is Status.LOST}
+        lost = {number for number, person in self._present.items() if person.status_at(stamp_ns) is Status.LOST}
         going_on = [number for number in self._present if number in pairs and number not in lost]
-        bodies, seen = {name(n): self._present[n] for n in going_on}, [pairs[n] for n in going_on]
-        tracked = dict(zip(going_on, TrackedPerson.track_batch(bodies, stamp_ns, frame_id, seen, lens)))
-        frames, found = [], 0
-        for number, body in list(self._present.items()):
+        people, detections = {name(n): self._present[n] for n in going_on}, [pairs[n] for n in going_on]
+        tracked = dict(zip(going_on, TrackedPerson.track_batch(people, stamp_ns, frame_id, detections, lens)))
+        results, found = [], 0
+        for number, person in list(self._present.items()):
             if number not in pairs or (number in lost and found == FOUND_AT_ONCE):
-                frames += body.absent(stamp_ns, lens)
+                results += person.mark_absent(stamp_ns, lens)
                 continue
             if number in tracked:
                 answers = tracked[number]
             else:
-                answers = body.track(stamp_ns, frame_id, pairs[number], lens, name(number))
-                found += body.status is Status.TRACKING
-            frames += [frame for frame in answers if frame.accepted]
-            refused = [frame for frame in answers if not frame.accepted]
-            for frame in refused:
-                self._counts[f"rejected: {frame.rejection} (a person)"] += 1
-            if refused and body.seen_ns is None:  # not even once: nobody to remember
-                self._let_go(number)
-        return frames
+                answers = person.track(stamp_ns, frame_id, pairs[number], lens, name(number))
+                found += person.status is Status.TRACKING
+            results += [result for result in answers if result.accepted]
+            refused = [result for result in answers if not result.accepted]
+            for result in refused:
+                self._counts[f"rejected: {result.rejection} (a person)"] += 1
+            if refused and person.seen_ns is None:  # never tracked: there is no state to keep
+                self._remove(number)
+        return results
 
-    def _recognise(self, stamp_ns: int, seen: Sequence[Detection]) -> dict[int, Detection]:
-        """Who the detections are: present people by the least total distance, then new ones."""
-        usable = [d for d in seen if self._usable(d)]
+    def _match(self, stamp_ns: int, detections: Sequence[Detection]) -> dict[int, Detection]:
+        """Match detections to present people by the least total distance, then add new people."""
+        usable = [d for d in detections if self._is_trackable(d)]
         numbers = list(self._present)
-        limits = [reach(self._present[n].unseen_s(stamp_ns)) for n in numbers]
+        limits = [match_radius(self._present[n].unseen_s(stamp_ns)) for n in numbers]
         costs = self._distances(stamp_ns, usable)
         matched = assign(costs, limits)
         pairs = {numbers[row]: usable[column] for row, column in matched}
         known, taken = [row for row, _ in matched], {column for _, column in matched}
         strangers = [d for i, d in enumerate(usable) if i not in taken and np.all(costs[known, i] > SAME_BODY)]
-        for stranger in self._believed(_each_once(strangers)):
+        for stranger in self._confirmed(_without_duplicates(strangers)):
             number = self._next
-            if self._welcome(number, stamp_ns, pairs):
+            if self._add(number, stamp_ns, pairs):
                 pairs[number] = stranger
         return pairs
 
-    def _distances(self, stamp_ns: int, seen: Sequence[Detection]) -> np.ndarray:
-        """Of detections (columns) from where present people (rows) are expected; infinite for who was never seen."""
-        if not self._present or not seen:
-            return np.zeros((len(self._present), len(seen)))
-        nowhere = np.full_like(seen[0].points, np.nan)
-        expected = [body.expected(stamp_ns) for body in self._present.values()]
-        places = np.stack([nowhere if points is None else points for points in expected])
-        return distances(places, seen, next(iter(self._present.values())).tracker.config.min_confidence)
+    def _distances(self, stamp_ns: int, detections: Sequence[Detection]) -> np.ndarray:
+        """Return distances of detections (columns) from present people (rows); infinite for people never tracked."""
+        if not self._present or not detections:
+            return np.zeros((len(self._present), len(detections)))
+        nowhere = np.full_like(detections[0].points, np.nan)
+        predicted = [person.predicted_landmarks(stamp_ns) for person in self._present.values()]
+        places = np.stack([nowhere if points is None else points for points in predicted])
+        return distances(places, detections, next(iter(self._present.values())).tracker.config.min_confidence)
 
-    def _believed(self, strangers: Sequence[Detection]) -> list[Detection]:
-        """Those who have been seen in enough messages; the others stay candidates, or become ones."""
-        candidates = np.array([c.seen.points for c in self._candidates])
+    def _confirmed(self, strangers: Sequence[Detection]) -> list[Detection]:
+        """Return strangers detected in BIRTH_MESSAGES messages. The others stay or become candidates."""
+        candidates = np.array([c.detection.points for c in self._candidates])
         found = dict(assign(distances(candidates, strangers, 0.0), [NEAR] * len(self._candidates)))
         fresh = [Candidate(d) for i, d in enumerate(strangers) if i not in found.values()]
         for row, candidate in enumerate(self._candidates):
             if row in found:
-                candidate.seen, candidate.missed = strangers[found[row]], 0
+                candidate.detection, candidate.missed = strangers[found[row]], 0
                 candidate.measurements += 1
             else:
                 candidate.missed += 1
-        believed = [self._candidates[row] for row in found if self._candidates[row].measurements >= BIRTH_MESSAGES]
-        kept = [c for c in self._candidates if c.missed <= 1 and c not in believed]
+        confirmed = [self._candidates[row] for row in found if self._candidates[row].measurements >= BIRTH_MESSAGES]
+        kept = [c for c in self._candidates if c.missed <= 1 and c not in confirmed]
         self._candidates = kept + fresh
-        return [candidate.seen for candidate in believed]
+        return [candidate.detection for candidate in confirmed]
 
-    def _usable(self, seen: Detection) -> bool:
-        return usable(seen, next(iter([*self._idle, *self._present.values()])).tracker.config)
+    def _is_trackable(self, detection: Detection) -> bool:
+        return is_trackable(detection, next(iter([*self._idle, *self._present.values()])).tracker.config)
 
-    def _welcome(self, number: int, stamp_ns: int, pairs: dict[int, Detection]) -> bool:
-        """Give somebody new a body, told how the camera is held; False, and counted, when there is none left."""
+    def _add(self, number: int, stamp_ns: int, pairs: dict[int, Detection]) -> bool:
+        """Assign a tracker to a new person. Return False, and count it, if none is free.
+
+        The new tracker adopts the direction of gravity from the others.
+        """
         if not self._idle:
-            away = [(b.unseen_s(stamp_ns), n) for n, b in self._present.items() if n not in pairs]
+            away = [(person.unseen_s(stamp_ns), n) for n, person in self._present.items() if n not in pairs]
             if not away or max(away)[0] < MAKES_ROOM_S:
                 self._counts["people beyond max_people"] += 1
                 return False
-            self._let_go(max(away)[1])
+            self._remove(max(away)[1])
         newcomer = self._idle[-1].tracker
-        for known in self._idle, self._present.values():  # who is there knows better than who has left
-            newcomer.adopt_vertical(body.tracker for body in known)
+        for known in self._idle, self._present.values():  # present people override those who left
+            newcomer.adopt_vertical(person.tracker for person in known)
         self._present[number] = self._idle.pop()
         self._next = max(self._next, number + 1)
         self._counts["people come"] += 1
         return True
 
-    def _let_go(self, number: int) -> None:
-        body = self._present.pop(number)
-        body.reset(same_camera=True)
-        self._idle.append(body)
+    def _remove(self, number: int) -> None:
+        person = self._present.pop(number)
+        person.reset(same_camera=True)
+        self._idle.append(person)
         self._counts["people left"] += 1
 
 
-def _each_once(seen: Sequence[Detection]) -> list[Detection]:
-    """Without a second look at the same person; of two the one with more points stays."""
+def _without_duplicates(detections: Sequence[Detection]) -> list[Detection]:
+    """Remove duplicate detections of one person. The detection with more points stays."""
     kept: list[Detection] = []
-    for detection in sorted(seen, key=lambda d: -int(np.count_nonzero(d.confidence))):
+    for detection in sorted(detections, key=lambda d: -int(np.count_nonzero(d.confidence))):
         if all(distance(other.points, detection, 0.0) > SAME_BODY for other in kept):
             kept.append(detection)
     return kept
 
 
 def name(number: int) -> str:
-    """The id under which a person is published; a part of a topic's name must not begin with a digit."""
+    """Return the id of a person. It is part of topic names, which must not begin with a digit."""
     return f"p{number}"

@@ -1,7 +1,8 @@
-"""Several people whose keypoints come on a topic each (REP-155): a pipeline for each, under the detector's ids.
+"""Several people with one keypoint topic each (REP-155): one pipeline per person, with the ids of the detector.
 
-pipeline = PerBodyPipeline(TrackerConfig(), NodeSettings(rep155=True, max_people=4, keypoints_type="hri_msgs/Skeleton2D"))
-pipeline.keep(["abcde"])                                     # who is there
+config = NodeSettings(rep155=True, max_people=4, keypoints_type="hri_msgs/Skeleton2D")
+pipeline = PerBodyPipeline(TrackerConfig(), config)
+pipeline.keep(["abcde"])                                     # ids of the people present
 frames = pipeline.frames_of("abcde", skeleton2d, arrival_ns)
 """
 
@@ -21,11 +22,14 @@ from lassokin_ros.pipeline.settings import NodeSettings
 
 
 class PerBodyPipeline(Pipeline):
-    """Pipelines for one person each, made at the start and used again; camera and counts are everybody's."""
+    """One single-person pipeline per person. They are created at the start, reused, and share camera and counts.
+
+    Each person has a separate topic, so that each pipeline checks its own order of stamps.
+    """
 
     def __init__(self, tracker_config: TrackerConfig, node_config: NodeSettings) -> None:
-        """Raises a LassokinError when the configuration cannot be used."""
-        super().__init__(tracker_config, _alone(node_config))
+        """Raises a LassokinError if the configuration is unusable."""
+        super().__init__(tracker_config, _for_one(node_config))
         self._idle = [Pipeline(tracker_config, self.config) for _ in range(node_config.max_people)]
         for pipeline in self._idle:
             pipeline.camera, pipeline.counts = self.camera, self.counts
@@ -35,27 +39,27 @@ class PerBodyPipeline(Pipeline):
 
     @property
     def ids(self) -> list[str]:
-        """Of the people who are there."""
+        """Ids of the people present."""
         return list(self._present)
 
     @property
     def status(self) -> Status:
-        """The best of the people's."""
+        """The best status among the people."""
         return best(pipeline.status for pipeline in self._present.values())
 
     def presence_at(self, now_ns: int) -> Presence:
-        """As Pipeline's; who is there the detector says, whether keypoints of them come or not."""
+        """As Pipeline.presence_at. The detector's list alone decides who is present."""
         return Presence(best(p.presence_at(now_ns).status for p in self._present.values()), self.ids)
 
     def calibrations(self) -> dict[str, Calibration]:
-        """What is known of each person's lengths, by id."""
+        """Return the calibration of each person's lengths by id."""
         return {person: pipeline.tracker.calibration for person, pipeline in self._present.items()}
 
     def keep(self, ids: Sequence[str]) -> None:
-        """These are there now; others have left, and are forgotten. Of too many the first stay."""
+        """Set the ids of the people present. The others are forgotten. Of too many people the first ones are kept."""
         for person in [person for person in self._present if person not in ids]:
             pipeline = self._present.pop(person)
-            self._reset_quietly([pipeline])
+            self._reset_uncounted([pipeline])
             self._idle.append(pipeline)
             self.counts["people left"] += 1
         for person in [person for person in dict.fromkeys(ids) if person not in self._present]:
@@ -68,7 +72,7 @@ class PerBodyPipeline(Pipeline):
             self.counts["people come"] += 1
 
     def frames_of(self, person: str, message: Any, arrival_ns: int) -> list[FrameResult]:
-        """One person's message; none for somebody who is not there."""
+        """Track one person's message, see `Pipeline.frames`. Return no result if the person is not present."""
         pipeline = self._present.get(person)
         if pipeline is None:
             return []
@@ -76,22 +80,22 @@ class PerBodyPipeline(Pipeline):
         return [replace(frame, person=person) for frame in pipeline.frames(message, arrival_ns)]
 
     def reset(self) -> None:
-        """Forget everybody's state; who is there, the camera and the counts stay."""
-        self._reset_quietly(self._all)
+        """Forget the state of all people. The list of people, the camera and the counts stay."""
+        self._reset_uncounted(self._all)
         self.counts["resets"] += 1
 
     def tune(self, tracker_config: TrackerConfig, node_config: NodeSettings) -> None:
-        """Take over live settings; they hold from the next frame on."""
+        """Apply settings that can change while running, from the next message on."""
         for pipeline in self._all:
-            pipeline.tune(tracker_config, _alone(node_config))
+            pipeline.tune(tracker_config, _for_one(node_config))
         super().tune(tracker_config, node_config)
 
-    def _reset_quietly(self, pipelines: Sequence[Pipeline]) -> None:
+    def _reset_uncounted(self, pipelines: Sequence[Pipeline]) -> None:
         resets = self.counts["resets"]
         for pipeline in pipelines:
             pipeline.reset()
         self.counts["resets"] = resets
 
 
-def _alone(config: NodeSettings) -> NodeSettings:
+def _for_one(config: NodeSettings) -> NodeSettings:
     return replace(config, max_people=1, rep155=False)

@@ -1,4 +1,4 @@
-"""What is said of who is there, when a message has come and when none comes: many detectors send none of nobody."""
+"""Who is present and the tracking status. It changes with time even if no message arrives."""
 
 from __future__ import annotations
 
@@ -10,13 +10,16 @@ from lassokin_ros.core.estimate import Status
 
 @dataclass(frozen=True)
 class Presence:
-    """status: what is known of the person, of several of the one of whom most is; ids: theirs, None when it is one."""
+    """Tracking status and the ids of the people present.
+
+    With several people, `status` is the best status among them. `ids` is None if one person is followed.
+    """
 
     status: Status
     ids: list[str] | None = None
 
 
 def best(statuses: Iterable[Status]) -> Status:
-    """Of several people, that of the one of whom most is known."""
-    known = set(statuses)
-    return next((status for status in (Status.TRACKING, Status.LOST) if status in known), Status.SEARCHING)
+    """Return the best of several statuses: TRACKING, then LOST, then SEARCHING."""
+    present = set(statuses)
+    return next((status for status in (Status.TRACKING, Status.LOST) if status in present), Status.SEARCHING)

@@ -1,87 +1,131 @@
-"""The one person who is followed, of all in a message: chosen first, and then found again until lost."""
+"""Follow one person among all people in a message: select the person once, then find the same person again."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from lassokin_ros.core.estimate import Status
-from lassokin_ros.pipeline.detections import MOST_PEOPLE, detection, everybody
+from lassokin_ros.pipeline.detections import MOST_PEOPLE, detection, detections_by_person
+from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.lens import Lens
-from lassokin_ros.pipeline.people.matching import distances, reach, usable
+from lassokin_ros.pipeline.people.matching import distances, is_trackable, match_radius
+from lassokin_ros.pipeline.people.people_tracker import PeopleImage
+from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.people.tracked_person import Detection, TrackedPerson
 from msg_adapters.keypoints import Keypoints
 
 PERSON_ABSENT = "person_absent"
-"""The reason against a message that has people, but not the one who is followed."""
+"""Rejection of a message that contains people, but not the followed person."""
 
 
 class SinglePersonTracker:
-    """Knows by which number the message calls the person of `body`, and whom it has shown beside them."""
+    """Implements PeopleTracker for one person.
 
-    def __init__(self, body: TrackedPerson) -> None:
-        self._body = body
-        self._count = body.tracker.kinematics.landmark_count
-        self.reset()
+    Stores the person's number in the messages and the numbers of the bystanders.
+    """
 
-    def reset(self) -> None:
-        """Choose anew with the next message."""
+    ids: list[str] | None = None
+
+    def __init__(self, person: TrackedPerson) -> None:
+        self._person = person
+        self._count = person.tracker.kinematics.landmark_count
+        self._forget_numbers()
+
+    def _forget_numbers(self) -> None:
         self._number: int | None = None
         self._bystanders: frozenset[int] = frozenset()
 
-    def of(self, keypoints: Keypoints, stamp_ns: int, lens: Lens, lasting: bool) -> Detection:
-        """Their detection; an empty one when they are not in the message.
+    @property
+    def tracked(self) -> dict[str, TrackedPerson]:
+        """See PeopleTracker.tracked."""
+        return {"": self._person}
 
-        lasting: the message's numbers tell who is who. Raises AdapterError for points that no layout can have.
-        """
+    @property
+    def status(self) -> Status:
+        """See PeopleTracker.status."""
+        return self._person.status
+
+    def presence_at(self, stamp_ns: int, forget_after: float) -> Presence:
+        """See PeopleTracker.presence_at."""
+        return Presence(self._person.status_at(stamp_ns))
+
+    def tracked_at(self, stamp_ns: int) -> bool:
+        """See PeopleTracker.tracked_at."""
+        return self._person.seen_ns == stamp_ns
+
+    def flush(self) -> list[FrameResult]:
+        """See PeopleTracker.flush."""
+        return self._person.flush()
+
+    def reset(self) -> None:
+        """Forget the person. The next message selects a person anew."""
+        self._person.reset()
+        self._forget_numbers()
+
+    def update(self, image: PeopleImage, forget_after: float) -> list[FrameResult]:
+        """Track the followed person; see PeopleTracker.update. A refused message gives a result with the reason."""
+        found = self._select(image)
+        results = self._person.track(image.stamp_ns, image.frame_id, found, image.lens)
+        rejected = any(not result.accepted for result in results)
+        if rejected and (absence := self._absence(image, found)):
+            results[-1] = replace(results[-1], rejection=PERSON_ABSENT, detail=absence)
+        return results
+
+    def _select(self, image: PeopleImage) -> Detection:
+        """Return the detection of the followed person; an empty detection if the person is not in the message."""
+        keypoints, stamp_ns, lens = image.keypoints, image.stamp_ns, image.lens
         if keypoints.persons is None or len(keypoints.persons) == 0:
             return detection(keypoints, None, self._count, lens)
-        if self._body.status is Status.TRACKING:
-            seen = self._found(keypoints, stamp_ns, lens, lasting)
-            # A silent detector tells nobody that the person is lost: the first stamp after it does.
-            lost = self._body.status_at(stamp_ns) is Status.LOST and not usable(seen, self._body.tracker.config)
+        if self._person.status is Status.TRACKING:
+            found = self._find_again(image)
+            # The status changes to LOST with time alone. After a silence of the detector the new stamp decides.
+            lost = self._person.status_at(stamp_ns) is Status.LOST and not self._is_trackable(found)
             if not lost:
-                return seen
-        return self._chosen(keypoints, lens)
+                return found
+        return self._select_anew(keypoints, lens)
 
-    def absence(self, keypoints: Keypoints, seen: Detection, lasting: bool) -> str:
-        """In words, that a message shows others, where of this person nothing was `seen` in it; else empty.
+    def _absence(self, image: PeopleImage, found: Detection) -> str:
+        """Return the explanation for a message that shows other people only; empty if that is not the case.
 
-        To say that there were no landmarks would send people after their detector's confidences.
+        Without it the message would be refused for too few landmarks, which points to the detector's confidences.
         """
-        tracked = self._body.status is Status.TRACKING
-        if not tracked or keypoints.persons is None or np.isfinite(seen.points).any():
+        keypoints = image.keypoints
+        tracking = self._person.status is Status.TRACKING
+        if not tracking or keypoints.persons is None or np.isfinite(found.points).any():
             return ""
-        config = self._body.tracker.config
+        config = self._person.tracker.config
         confident = keypoints.present & (keypoints.confidence >= config.min_confidence)
         others = len(np.unique(keypoints.persons[confident]))
         if not others:
             return ""
-        who = f"person {self._number} is not among" if lasting else "nobody is near where they are expected, of"
-        waits = f"another is followed after lost_after {config.lost_after:g} s"
+        who = f"person {self._number} is not among" if image.persistent else "nobody is near the predicted position, of"
+        waits = f"another person is followed after lost_after {config.lost_after:g} s"
         return f"one person is followed, and {who} the {others} in the message; {waits} (see person_ids, max_people)"
 
-    def _found(self, keypoints: Keypoints, stamp_ns: int, lens: Lens, lasting: bool) -> Detection:
-        """The person who is tracked: by their number where it lasts, else by their place."""
-        if not lasting:
-            return self._nearest(everybody(keypoints, self._count, lens), stamp_ns)
+    def _find_again(self, image: PeopleImage) -> Detection:
+        """Return the detection of the tracked person: by a persistent number, else by position."""
+        keypoints, stamp_ns, lens = image.keypoints, image.stamp_ns, image.lens
+        if not image.persistent:
+            return self._nearest(detections_by_person(keypoints, self._count, lens), stamp_ns)
         if self._number is None:
-            return self._chosen(keypoints, lens)
+            return self._select_anew(keypoints, lens)
         assert keypoints.persons is not None
         numbers = frozenset(keypoints.persons[keypoints.present].tolist())
         if self._number not in numbers and (strangers := numbers - self._bystanders):
-            # A detector that lost the person for an image or two gives them another number when it finds them again.
-            people = [seen for seen in everybody(keypoints, self._count, lens) if seen.number in strangers]
-            seen = self._nearest(people, stamp_ns)
-            if usable(seen, self._body.tracker.config):
-                self._number = seen.number
+            # A detector that lost the person for an image or two assigns a new number.
+            people = [one for one in detections_by_person(keypoints, self._count, lens) if one.number in strangers]
+            found = self._nearest(people, stamp_ns)
+            if self._is_trackable(found):
+                self._number = found.number
         if self._number in numbers:
             self._bystanders = numbers - {self._number}
         return detection(keypoints, self._number, self._count, lens)
 
-    def _chosen(self, keypoints: Keypoints, lens: Lens) -> Detection:
-        """The one seen with the highest confidence in all, of those who can be tracked if there are any."""
+    def _select_anew(self, keypoints: Keypoints, lens: Lens) -> Detection:
+        """Return the detection with the highest total confidence. Trackable detections have priority."""
         assert keypoints.persons is not None
         people, index = np.unique(keypoints.persons, return_inverse=True)
         counted = keypoints.present & np.isfinite(keypoints.confidence)
@@ -89,17 +133,19 @@ class SinglePersonTracker:
         best_first = people[np.argsort(-np.bincount(index, scores), kind="stable")][:MOST_PEOPLE]
         detections = (detection(keypoints, int(person), self._count, lens) for person in best_first)
         best = next(detections)
-        config = self._body.tracker.config
-        chosen = best if usable(best, config) else next((d for d in detections if usable(d, config)), best)
+        chosen = best if self._is_trackable(best) else next(filter(self._is_trackable, detections), best)
         self._number, self._bystanders = chosen.number, frozenset(people.tolist()) - {chosen.number}
         return chosen
 
     def _nearest(self, people: Sequence[Detection], stamp_ns: int) -> Detection:
-        """The detection nearest to where the person is expected; an empty one when none is near."""
-        expected, body = self._body.expected(stamp_ns), self._body
-        assert expected is not None
-        apart = distances(expected[None], people, body.tracker.config.min_confidence)[0]
+        """Return the detection nearest to the predicted landmarks; an empty detection if none is within reach."""
+        predicted, person = self._person.predicted_landmarks(stamp_ns), self._person
+        assert predicted is not None
+        apart = distances(predicted[None], people, person.tracker.config.min_confidence)[0]
         best = int(np.argmin(apart))
-        if apart[best] <= reach(body.unseen_s(stamp_ns)):
+        if apart[best] <= match_radius(person.unseen_s(stamp_ns)):
             return people[best]
-        return Detection(np.full_like(expected, np.nan), np.zeros(len(expected)))
+        return Detection(np.full_like(predicted, np.nan), np.zeros(len(predicted)))
+
+    def _is_trackable(self, one: Detection) -> bool:
+        return is_trackable(one, self._person.tracker.config)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lassokin_ros.pipeline.camera import BEYOND
+from lassokin_ros.pipeline.camera import OUTSIDE_IMAGE
 from lassokin_ros.replay.report.absences import NO_MESSAGE, NOBODY, Span
 from lassokin_ros.replay.report.facts import Facts, landmark_errors
 from lassokin_ros.replay.report.rejection_advice import advice_for, words_for
@@ -187,7 +187,7 @@ def _stamps(facts: Facts) -> Iterator[Finding]:
 
 
 def _outside(facts: Facts) -> Iterator[Finding]:
-    outside, received = facts.counts.get(BEYOND, 0), facts.counts.get("received", 0)
+    outside, received = facts.counts.get(OUTSIDE_IMAGE, 0), facts.counts.get("received", 0)
     if outside > FEW * max(received, 1):
         yield Finding(
             PROBLEM,

@@ -192,7 +192,7 @@ def test_who_comes_is_told_how_the_camera_is_held(monkeypatch):
         people = {number: pixels[number % 2][i] for number, frames in there.items() if i in frames}
         feed(pipeline, i, list(people.values()), list(people))
         if i == 29:
-            longest = pipeline.people.bodies["p1"].tracker._upright.vertical
+            longest = pipeline.people.tracked["p1"].tracker._upright.vertical
             assert np.any(longest != verticals[1][0])  # it has learned since the second one came
     assert pipeline.counts["people come"] == 4 and [len(of) for of in verticals] == [3, 1, 1, 3]
     assert np.array_equal(verticals[2][0], longest)

@@ -1,0 +1,67 @@
+"""Interface of the trackers of people. The pipeline treats one person and several people alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from lassokin_ros.core.estimate import Status
+from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.pipeline.lens import Lens
+from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
+from msg_adapters.keypoints import Keypoints
+
+
+@dataclass(frozen=True, eq=False)
+class PeopleImage:
+    """Keypoints of all people in one image, and how to interpret them.
+
+    stamp_ns: ns; frame_id: frame of the outputs; persistent: True if the person numbers stay the same from message to
+    message.
+    """
+
+    keypoints: Keypoints
+    stamp_ns: int
+    frame_id: str
+    lens: Lens
+    persistent: bool
+
+
+class PeopleTracker(Protocol):
+    """Assigns the detections of each image to tracked people. One implementation per number of people."""
+
+    @property
+    def ids(self) -> list[str] | None:
+        """Ids of the people present; None if one person is followed."""
+        ...
+
+    @property
+    def tracked(self) -> dict[str, TrackedPerson]:
+        """The people by id; the id of a single person is empty."""
+        ...
+
+    @property
+    def status(self) -> Status:
+        """Tracking status. With several people, the best status among them."""
+        ...
+
+    def presence_at(self, stamp_ns: int, forget_after: float) -> Presence:
+        """Return the presence at a time, in ns, up to which no message has arrived. The state does not change."""
+        ...
+
+    def tracked_at(self, stamp_ns: int) -> bool:
+        """Return True if the message of this stamp updated a track."""
+        ...
+
+    def update(self, image: PeopleImage, forget_after: float) -> list[FrameResult]:
+        """Track the people in one image; forget_after: s. Raises AdapterError if the keypoints are unusable."""
+        ...
+
+    def flush(self) -> list[FrameResult]:
+        """Return the results that wait for `smoothing_lag`. No message follows."""
+        ...
+
+    def reset(self) -> None:
+        """Forget all people."""
+        ...
