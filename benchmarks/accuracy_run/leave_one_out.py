@@ -16,7 +16,7 @@ from benchmarks.accuracy_run.experiment import Job
 from benchmarks.data.mocap import load_clip
 from benchmarks.learn_prior import Moments, combined, mapping, moments, same_take
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.evidence.pose_prior import PosePrior
+from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 
 T = TypeVar("T")
 
@@ -51,12 +51,12 @@ def prior_in_force(form: Mapping[str, Any]) -> Iterator[None]:
     method itself is replaced, and put back.
     """
 
-    def load(cls: type[PosePrior], skeleton: Skeleton) -> PosePrior:
+    def load(cls: type[PoseDistribution], skeleton: Skeleton) -> PoseDistribution:
         return cls.from_mapping(form, skeleton)
 
-    shipped = vars(PosePrior)["load"]
-    setattr(PosePrior, "load", classmethod(load))
+    shipped = vars(PoseDistribution)["load"]
+    setattr(PoseDistribution, "load", classmethod(load))
     try:
         yield
     finally:
-        setattr(PosePrior, "load", shipped)
+        setattr(PoseDistribution, "load", shipped)

@@ -22,7 +22,7 @@ from lassokin_ros.core.body.rotations import exponential, logarithm, right_jacob
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Observation
-from lassokin_ros.core.evidence.pose_prior import PosePrior, PriorRows
+from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.image.observation_model import linearise
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.robust_loss import THRESHOLD, huber_weights
@@ -99,7 +99,7 @@ class WindowFit:
         """smooth: m, standard deviation of a landmark's second difference from frame to frame."""
         self.kinematics, self._smooth = kinematics, smooth
         self._config = config
-        self._prior = PriorRows(PosePrior.load(kinematics.skeleton), kinematics)
+        self._prior = PosePrior(PoseDistribution.load(kinematics.skeleton), kinematics)
         self._joints = np.concatenate([[0], self._prior.joints])
         self._size = 3 * len(self._joints) + 3
 

@@ -18,7 +18,7 @@ from benchmarks.common.report import data_folder
 from benchmarks.data.mocap import load_clips
 from benchmarks.learn_prior import SAME_TAKE, SEEN, TRAINING, learn, mapping, rotation_vectors, write
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.evidence.pose_prior import PosePrior
+from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 
 ROOT = Path(__file__).resolve().parents[2]
 MOCAP = data_folder() / "mocap"
@@ -48,11 +48,11 @@ def same(a, b):
 
 @needs_clips
 def test_the_prior_without_a_clip_is_learned_from_all_others_and_from_no_more(folder):
-    without = PosePrior.from_mapping(prior_without(folder / "02_03.npz"), SKELETON)
+    without = PoseDistribution.from_mapping(prior_without(folder / "02_03.npz"), SKELETON)
     others = mapping(*learn(load_clips(folder, ["02_02", "exp_running_1"])))
     everything = mapping(*learn(load_clips(folder)))
-    assert same(without, PosePrior.from_mapping(others, SKELETON))
-    assert not np.allclose(without.mean, PosePrior.from_mapping(everything, SKELETON).mean, atol=1e-3)
+    assert same(without, PoseDistribution.from_mapping(others, SKELETON))
+    assert not np.allclose(without.mean, PoseDistribution.from_mapping(everything, SKELETON).mean, atol=1e-3)
 
 
 @needs_clips
@@ -62,7 +62,7 @@ def test_another_file_of_the_same_take_is_not_unseen(tmp_path):
         file.symlink_to(MOCAP.resolve() / file.name)
     select_person = mapping(*learn(load_clips(tmp_path, ["02_03"])))
     for file in (clips[0], clips[2]):
-        assert same(PosePrior.from_mapping(prior_without(file), SKELETON), PosePrior.from_mapping(select_person, SKELETON))
+        assert same(PoseDistribution.from_mapping(prior_without(file), SKELETON), PoseDistribution.from_mapping(select_person, SKELETON))
     assert {file.stem for file in clip_files(parser().parse_args(["--data", str(MOCAP)]))}.isdisjoint(SEEN)
     assert "02_01" in SEEN and set(TRAINING) < set(SEEN)
 
@@ -82,16 +82,16 @@ def test_no_other_two_clips_are_one_take():
 @needs_clips
 def test_a_run_has_its_prior_for_its_own_time_only(folder):
     def prior_of(job):
-        return PosePrior.load(SKELETON)
+        return PoseDistribution.load(SKELETON)
 
-    shipped, file = PosePrior.load(SKELETON), folder / "02_03.npz"
+    shipped, file = PoseDistribution.load(SKELETON), folder / "02_03.npz"
     assert same(under_its_prior(prior_of, Job(file, 0, "lasso")), shipped)
     own = under_its_prior(prior_of, Job(file, 0, "lasso", left_out=True))
-    assert same(own, PosePrior.from_mapping(prior_without(file), SKELETON)) and not same(own, shipped)
-    assert same(PosePrior.load(SKELETON), shipped)
+    assert same(own, PoseDistribution.from_mapping(prior_without(file), SKELETON)) and not same(own, shipped)
+    assert same(PoseDistribution.load(SKELETON), shipped)
     with pytest.raises(ZeroDivisionError), prior_in_force(prior_without(file)):
         raise ZeroDivisionError
-    assert same(PosePrior.load(SKELETON), shipped)
+    assert same(PoseDistribution.load(SKELETON), shipped)
 
 
 @needs_clips

@@ -91,7 +91,7 @@ def test_each_is_answered_as_if_alone_and_goes_on_as_if_alone():
 def test_what_all_have_to_compute_is_computed_at_once(monkeypatch):
     trackers, frames = people()
     calls = []
-    for kind, name in ((FrameModel, "own_cost"), (LimbHypotheses, "_posed")):
+    for kind, name in ((FrameModel, "other_cost"), (LimbHypotheses, "_posed")):
         original = getattr(kind, name)
         monkeypatch.setattr(
             kind, name, lambda *a, original=original, name=name, **k: calls.append(name) or original(*a, **k)
@@ -100,7 +100,7 @@ def test_what_all_have_to_compute_is_computed_at_once(monkeypatch):
         calls.clear()
         answers = Tracker.track_batch(trackers, frame)
     assert all(answer.accepted and not answer.initialised for answer in answers)
-    assert sorted(calls) == ["_posed", "own_cost"]
+    assert sorted(calls) == ["_posed", "other_cost"]
 
 
 def test_nothing_is_shared_that_only_one_has():

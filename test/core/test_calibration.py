@@ -16,8 +16,9 @@ from lassokin_ros.core.calibration import DAMPING, Calibration, KeptFrame
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Observation
 from lassokin_ros.core.evidence.frame_model import FrameModel
-from lassokin_ros.core.evidence.pose_prior import PosePrior, PriorRows
+from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.evidence.upright import Upright
+from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project, projection_jacobian
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion
@@ -95,13 +96,13 @@ def recovered(right, prior, seed):
     given, changes = wrong_skeleton(seed=seed)
     kinematics = body()
     kinematics.reshape(given)
-    calibration = Calibration(FrameModel(kinematics, PriorRows(prior, kinematics), Upright()))
+    calibration = Calibration(FrameModel(kinematics, PosePrior(prior, kinematics), Upright()))
     states = postures(prior, 150, seed)
     points = project(right.pose(states).landmarks)
     spreads = []
     for i, seen in enumerate(points):
         state = BodyState(states.rotations[i], states.translation[i])
-        if calibration.advance(i * 0.14, state, seen, np.full(17, FOCAL / 2)):
+        if calibration.advance(i * 0.14, state, FrameData(seen, np.full(17, FOCAL / 2))):
             kinematics.reshape(calibration.skeleton)
             spreads.append(calibration.spread)
     return changes, calibration, np.array(spreads)
@@ -113,12 +114,12 @@ def test_the_volumes_change_is_the_derivative_of_its_logarithm(seed, monkeypatch
     monkeypatch.setattr(calibration_module, "VOLUME_STEP", 1e-5)
     monkeypatch.setattr(calibration_module, "STEEPEST", np.inf)
     kinematics = body()
-    prior = PosePrior.load(kinematics.skeleton)
-    calibration = Calibration(FrameModel(kinematics, PriorRows(prior, kinematics), Upright()))
+    prior = PoseDistribution.load(kinematics.skeleton)
+    calibration = Calibration(FrameModel(kinematics, PosePrior(prior, kinematics), Upright()))
     one = postures(prior, 4, seed)
     state = BodyState(one.rotations[seed], one.translation[seed])
     points, weights = project(kinematics.pose(state).landmarks), np.full(17, FOCAL / 2)
-    frame = KeptFrame(state, points, weights, 1.0, calibration.lengths, *[None] * 2)
+    frame = KeptFrame(state, FrameData(points, weights), 1.0, calibration.lengths, *[None] * 2)
     J, C, _, _ = calibration._frame_rows(frame)
     H = J.T @ J + DAMPING * np.eye(J.shape[1])
     coupling = np.linalg.solve(H, J.T @ C)
@@ -129,8 +130,10 @@ def test_the_volumes_change_is_the_derivative_of_its_logarithm(seed, monkeypatch
         other = calibration._moved(state, -coupling @ lengths)
         pose = kinematics.pose(other, calibration.proportions.offsets(lengths))
         columns = np.empty((J.shape[1], 34))
-        F = projection_jacobian(pose.landmarks) * frame.weights[:, None, None]
-        calibration._rows.image_columns(pose, F, None, columns)
+        F = projection_jacobian(pose.landmarks) * frame.data.weights[:, None, None]
+        rows, moving = F.reshape(-1, 3), kinematics.live_twists(pose, pose.orientations)
+        kinematics.landmark_columns(moving, pose, rows, columns[:-3])
+        columns[-3:] = rows.T
         return np.array(np.linalg.slogdet(columns @ columns.T + of_prior)[1])
 
     expected = central_difference(log_volume, calibration.proportions.count)[0]
@@ -140,7 +143,7 @@ def test_the_volumes_change_is_the_derivative_of_its_logarithm(seed, monkeypatch
 def test_known_lengths_are_recovered():
     """Lengths come nearer, up to the scale that no camera sees, in every draw, on average to half their error."""
     right = body()
-    prior = PosePrior.load(right.skeleton)
+    prior = PoseDistribution.load(right.skeleton)
     ratios = []
     for seed in range(8):
         changes, calibration, _ = recovered(right, prior, seed)
@@ -155,7 +158,7 @@ def test_known_lengths_are_recovered():
 def test_what_was_seen_is_not_forgotten(seed):
     """The limbs' lengths are the more certain the longer somebody was seen."""
     right = body()
-    _, calibration, spreads = recovered(right, PosePrior.load(right.skeleton), seed)
+    _, calibration, spreads = recovered(right, PoseDistribution.load(right.skeleton), seed)
     limbs = [calibration.proportions.names.index(name) for name in ("thigh", "shank", "upper arm", "forearm")]
     seen = spreads[4:, limbs].mean(axis=1)
     assert len(seen) > 8 and np.all(seen[1:] < 1.06 * seen[:-1]) and seen[-1] < 0.7 * seen[0], seen
@@ -164,12 +167,12 @@ def test_what_was_seen_is_not_forgotten(seed):
 def test_frames_that_cannot_be_solved_say_nothing(monkeypatch):
     monkeypatch.setattr(calibration_module, "lapack", SimpleNamespace(dposv=lambda H, right: (H, right, 1)))
     kinematics = body()
-    prior = PriorRows(PosePrior.load(kinematics.skeleton), kinematics)
+    prior = PosePrior(PoseDistribution.load(kinematics.skeleton), kinematics)
     calibration = Calibration(FrameModel(kinematics, prior, Upright()))
     state = random_state(np.random.default_rng(0), kinematics)
     points = project(kinematics.pose(state).landmarks)
     for i in range(40):
-        calibration.advance(0.25 * i, state, points, np.full(len(points), 100.0))
+        calibration.advance(0.25 * i, state, FrameData(points, np.full(len(points), 100.0)))
     assert np.array_equal(calibration.lengths, np.zeros(calibration.proportions.count))
     assert np.isfinite(calibration.spread).all()
 

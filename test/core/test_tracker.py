@@ -15,9 +15,10 @@ from lassokin_ros.core.body.landmarks import built_in_layouts
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.estimate import Observation, Rejection, Status
 from lassokin_ros.core.evidence.frame_model import FrameModel
-from lassokin_ros.core.evidence.pose_prior import PosePrior, PriorRows
+from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.evidence.upright import Upright
 from lassokin_ros.core.hypotheses.initialisation import Initialiser
+from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.lasso.certificate import certify
 from lassokin_ros.core.tracker import Tracker
@@ -303,15 +304,15 @@ def test_an_uncertified_solve_does_not_move_the_state(monkeypatch):
 def test_initialisation_finds_the_way_a_person_faces(yaw):
     """The prior's mean pose, noise of 2 px, any side to the camera: the pelvis' heading within 30 degrees."""
     tracker = Tracker(CONFIG)
-    kinematics, prior = tracker.kinematics, PosePrior.load(tracker.skeleton)
+    kinematics, prior = tracker.kinematics, PoseDistribution.load(tracker.skeleton)
     rotations = exponential(prior.mean)
     rotations[0] = FACING @ exponential(np.array([0, np.deg2rad(yaw), 0]))
     truth = kinematics.pose(BodyState(rotations, np.array([0.2, 0.1, 3.5])))
     random = np.random.default_rng(yaw)
     points = project(truth.landmarks) + random.normal(size=(17, 2)) * NOISE_PX / FOCAL
     weights = np.full(17, FOCAL / NOISE_PX)
-    rows = FrameModel(kinematics, PriorRows(prior, kinematics), Upright())
-    fit = Initialiser(kinematics, prior, rows).fit(points, weights)
+    rows = FrameModel(kinematics, PosePrior(prior, kinematics), Upright())
+    fit = Initialiser(kinematics, prior, rows).fit(FrameData(points, weights))
     assert np.all(np.diff(fit.costs) >= 0)
     front = fit.best.rotations[0] @ [0, 0, 1]
     angle = np.degrees(np.arccos(np.clip(front @ (rotations[0] @ [0, 0, 1]), -1, 1)))

@@ -10,7 +10,7 @@ from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import AXIS_ORDERS, Skeleton
-from lassokin_ros.core.evidence.pose_prior import PosePrior, PriorRows
+from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.image.observation_model import linearise
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.lasso.lasso import Lasso, eliminate_translation
@@ -83,7 +83,7 @@ class Lassos:
 
     def __init__(self) -> None:
         self.kinematics = body()
-        self.prior = PriorRows(PosePrior.load(self.kinematics.skeleton), self.kinematics)
+        self.prior = PosePrior(PoseDistribution.load(self.kinematics.skeleton), self.kinematics)
 
     def draw(self, random: np.random.Generator, draw: Draw) -> Lasso:
         """The lasso between a random state and a noisy observation of one near to it."""
@@ -100,7 +100,7 @@ class Lassos:
         model = linearise(kinematics, kinematics.pose(state), seen + random.normal(size=seen.shape) * sigma, weights)
         A, B, z = model.A, model.B, model.residual
         if draw.with_prior:
-            prior_A, prior_z = self.prior.linearise(state.rotations)
+            prior_A, prior_z = self.prior.rows(state.rotations)
             A, B = np.vstack([A, prior_A]), np.vstack([B, np.zeros((len(prior_z), 3))])
             z = np.concatenate([z, prior_z])
         if draw.live_columns:

@@ -8,7 +8,7 @@ from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import exponential, to_quaternion
 from lassokin_ros.core.errors import LayoutError
-from lassokin_ros.core.evidence.pose_prior import PosePrior, PriorRows, joint_limits
+from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior, joint_limits
 from lassokin_ros.core.evidence.upright import Upright
 from lassokin_ros.core.image.observation_model import linearise, stacked_matrices
 from lassokin_ros.core.image.projection import project, projection_jacobian
@@ -187,10 +187,10 @@ def test_kinematics_and_jacobians_are_pinocchios(case):
 
 def test_prior_rows_against_finite_differences():
     kinematics = body()
-    rows = PriorRows(PosePrior.load(kinematics.skeleton), kinematics)
+    rows = PosePrior(PoseDistribution.load(kinematics.skeleton), kinematics)
     for seed in range(5):
         state = random_state(np.random.default_rng(seed), kinematics)
-        A, z = rows.linearise(state.rotations)
+        A, z = rows.rows(state.rotations)
 
         def residual(omega, state=state):
             return -rows.residual(state.retract(omega, np.zeros(3)).rotations)
@@ -206,12 +206,12 @@ def kept(kinematics, rows):
 
 def test_a_joint_beyond_its_limit_is_pushed_back_and_one_within_is_left_alone():
     kinematics = body()
-    rows = PriorRows(PosePrior.load(kinematics.skeleton), kinematics)
+    rows = PosePrior(PoseDistribution.load(kinematics.skeleton), kinematics)
     knee = kinematics.skeleton.index("left_knee")
     for angle, pushed in ((0.5, False), (-0.5, True), (3.0, True)):
         vectors = np.zeros((24, 3))
         vectors[knee, 0] = angle
-        A, z = rows.linearise(exponential(vectors))
+        A, z = rows.rows(exponential(vectors))
         limits = slice(len(rows.W), None)
         assert bool(z[limits].any()) is pushed and bool(A[limits].any()) is pushed
         if pushed:
@@ -222,14 +222,14 @@ def test_a_joint_beyond_its_limit_is_pushed_back_and_one_within_is_left_alone():
 def test_the_upright_rows_against_finite_differences_and_what_they_learn():
     upright = Upright()
     root = np.diag([1.0, -1.0, -1.0]) @ exponential(np.array([0.1, 0.7, -0.2]))
-    A, z = upright.linearise(root)
+    A, z = upright.rows(root)
     weight = np.linalg.norm(z) / np.linalg.norm(root[:, 1] - upright.vertical)
     numeric = central_difference(lambda w: weight * (root @ exponential(w))[:, 1], 3)
     assert relative_error(A, numeric) < 1e-7
     for _ in range(600):
         upright.learn(root, 0.1)
     assert np.abs(upright.vertical - root[:, 1]).max() < 1e-3
-    assert np.abs(upright.linearise(root)[1]).max() < 0.02
+    assert np.abs(upright.rows(root)[1]).max() < 0.02
     upright.learn(-root, 10.0)
     assert np.abs(upright.vertical - root[:, 1]).max() < 1e-3
 
@@ -267,13 +267,13 @@ def test_a_layout_that_only_the_root_moves_is_refused():
     points = [{"name": f"{i}", "joint": "pelvis", "offset": [0.1 * i, 0, 0]} for i in range(4)]
     layout = Layout.from_mapping({"name": "belt", "landmarks": points}, kinematics.skeleton)
     with pytest.raises(LayoutError, match="layout 'belt' has no landmark that a joint but the root moves; expected"):
-        PriorRows(PosePrior.load(kinematics.skeleton), Kinematics(kinematics.skeleton, layout))
+        PosePrior(PoseDistribution.load(kinematics.skeleton), Kinematics(kinematics.skeleton, layout))
 
 
 def test_prior_rows_measure_the_distance_of_the_covariance():
     kinematics = body()
-    prior = PosePrior.load(kinematics.skeleton)
-    rows = PriorRows(prior, kinematics)
+    prior = PoseDistribution.load(kinematics.skeleton)
+    rows = PosePrior(prior, kinematics)
     random = np.random.default_rng(6)
     vectors = prior.mean + random.normal(size=(24, 3)) * 0.2
     chosen = (3 * rows.joints[:, None] + np.arange(3)).reshape(-1)
@@ -285,10 +285,10 @@ def test_prior_rows_measure_the_distance_of_the_covariance():
 
 def test_the_live_rows_are_the_rows_of_the_live_degrees_of_freedom():
     kinematics = body()
-    rows = PriorRows(PosePrior.load(kinematics.skeleton), kinematics)
+    rows = PosePrior(PoseDistribution.load(kinematics.skeleton), kinematics)
     live = np.flatnonzero(kinematics.live)
     vectors = np.random.default_rng(22).normal(size=(3, kinematics.joint_count, 3))
-    A, z = rows.linearise(exponential(vectors))
+    A, z = rows.rows(exponential(vectors))
     posture = rows.posture(exponential(vectors))
     columns = rows.live_columns(posture)
     assert np.array_equal(z, posture.residual)

@@ -11,10 +11,11 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Observation
 from lassokin_ros.core.evidence.adaptive_mean import EVERY, FREE, INDEPENDENT_AFTER, MEMORY, SHARE, AdaptiveMean
 from lassokin_ros.core.evidence.frame_model import FrameModel
-from lassokin_ros.core.evidence.pose_prior import PosePrior, PriorRows
+from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.evidence.upright import Upright
 from lassokin_ros.core.hypotheses.limb_hypotheses import LimbHypotheses
 from lassokin_ros.core.hypotheses.mirroring import Mirroring
+from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.lasso.lasso import Lasso
 from lassokin_ros.core.tracker import Tracker
@@ -27,8 +28,8 @@ class Person:
 
     def __init__(self, seed=0, layout="coco17"):
         self.random, self.kinematics = np.random.default_rng(seed), body(layout)
-        self.prior = PosePrior.load(self.kinematics.skeleton)
-        self.rows = FrameModel(self.kinematics, PriorRows(self.prior, self.kinematics), Upright())
+        self.prior = PoseDistribution.load(self.kinematics.skeleton)
+        self.rows = FrameModel(self.kinematics, PosePrior(self.prior, self.kinematics), Upright())
         shipped, spread = self.rows.prior.mean, np.linalg.cholesky(SHARE * self.rows.prior.covariance)
         self.mean = shipped + spread @ self.random.normal(size=len(shipped))
 
@@ -43,7 +44,7 @@ class Person:
         """The lasso about a state of the image of the same state."""
         count = self.kinematics.landmark_count
         points = project(self.kinematics.pose(state).landmarks) + NOISE * self.random.normal(size=(count, 2))
-        rows = self.rows.linearise(self.rows.hypotheses(state), points, np.full(count, weight), np.ones_like)
+        rows = self.rows.linearise(self.rows.evaluate(state), FrameData(points, np.full(count, weight)), np.ones_like)
         return Lasso(rows.columns[:-3].T, rows.columns[-3:].T, rows.z, np.ones(len(self.rows.live)))
 
     def strangeness(self, mean):
@@ -157,7 +158,7 @@ def test_limbs_mirrored_in_depth_are_judged_by_the_shipped_mean():
             person.rows.prior.move(person.mean)
         count = person.kinematics.landmark_count
         points, weights = project(person.kinematics.pose(state).landmarks), np.full(count, 1 / NOISE)
-        search.advance(person.rows.hypotheses(state), points, weights, np.zeros(count))
+        search.advance(person.rows.evaluate(state), FrameData(points, weights), np.zeros(count))
         searches.append((search._rotations.copy(), search._advantage.copy()))
     assert all(np.array_equal(a, b) for a, b in zip(*searches))
 

@@ -35,7 +35,7 @@ def test_rows_are_the_derivative_of_the_offset(seed):
     random, kinematics = np.random.default_rng(seed), body()
     balance, state = balance_of(kinematics, random.normal(size=3)), random_state(random, kinematics, 0.5)
     pose = kinematics.pose(state)
-    columns, z = balance.linearise(pose)
+    columns, z = balance.rows(pose)
     there = offset_of(balance, kinematics, state)
     weight = 1 / np.sqrt(SPREAD**2 + 0.25 * there @ there)
 
@@ -45,7 +45,7 @@ def test_rows_are_the_derivative_of_the_offset(seed):
     numeric = weight * central_difference(moved, 72)[:, np.flatnonzero(kinematics.live)]
     assert np.allclose(z, -weight * there) and np.abs(columns.T - numeric).max() < 1e-6 * np.abs(numeric).max()
     turn = right_jacobian(0.3 * random.normal(size=(24, 3)))  # of increments that have been made already
-    turned, _ = balance.linearise(pose, pose.orientations @ turn)
+    turned, _ = balance.rows(pose, pose.orientations @ turn)
     every = weight * central_difference(moved, 72).reshape(3, 24, 1, 3) @ turn
     expected = every.reshape(3, 72)[:, np.flatnonzero(kinematics.live)]
     assert np.abs(turned.T - expected).max() < 1e-6 * np.abs(numeric).max()
@@ -55,9 +55,9 @@ def test_cost_and_rows_agree_and_large_offsets_pull_less():
     balance = balance_of(body())
     for size in (0.02, 0.3, 2.0):
         offset, step = np.array([size, 0.0, 0.0]), np.array([1e-6, 0.0, 0.0])
-        slope = (balance.cost(offset + step) - balance.cost(offset - step)) / 2e-6
+        slope = (balance.offset_cost(offset + step) - balance.offset_cost(offset - step)) / 2e-6
         assert slope == pytest.approx(size / (SPREAD**2 + 0.25 * size**2), rel=1e-6)
-    assert balance.cost(np.zeros(3)) == 0 and balance.cost(np.array([0.0, 0.0, 2.0])) < 20
+    assert balance.offset_cost(np.zeros(3)) == 0 and balance.offset_cost(np.array([0.0, 0.0, 2.0])) < 20
 
 
 def test_it_is_horizontal_and_does_not_care_where_the_body_is_or_faces():
@@ -82,8 +82,8 @@ def test_a_skeleton_of_other_names_is_not_pulled():
     kinematics = random_body(np.random.default_rng(0))
     balance = balance_of(kinematics)
     state = BodyState(np.tile(np.eye(3), (kinematics.joint_count, 1, 1)), np.array([0.0, 0.0, 3.0]))
-    columns, z = balance.linearise(kinematics.pose(state))
-    assert not columns.any() and not z.any() and balance.cost(offset_of(balance, kinematics, state)) == 0
+    columns, z = balance.rows(kinematics.pose(state))
+    assert not columns.any() and not z.any() and balance.offset_cost(offset_of(balance, kinematics, state)) == 0
 
 
 @pytest.mark.parametrize("seed", [13, 17, 20])

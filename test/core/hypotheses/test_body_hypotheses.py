@@ -7,6 +7,7 @@ from sequences import detected, observations
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.hypotheses import body_hypotheses as body_hypotheses
 from lassokin_ros.core.hypotheses.initialisation import DAMPING, LARGEST_TURN
+from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import huber_weights
 from lassokin_ros.core.tracker import Tracker
 
@@ -20,9 +21,9 @@ class Wrong:
         tracker = Tracker()
         truth, observation = observations(tracker, seed=seed)[10 * seed]
         self.points, self.weights = observation.points, np.full(len(observation.points), 500.0)
-        self.right = tracker._initialiser.fit(self.points, self.weights).best
+        self.right = tracker._initialiser.fit(FrameData(self.points, self.weights)).best
         self.kinematics, self.pool, self.live = tracker.kinematics, tracker._body_hypotheses, tracker._rows.live
-        self.pool.start(wrong(self.right), self.points, self.weights)
+        self.pool.start(wrong(self.right), FrameData(self.points, self.weights))
 
     def distance(self, state):
         """m: of the joints from the right ones, on average, pelvis on pelvis."""
@@ -32,10 +33,10 @@ class Wrong:
     def winner(self, frames, alpha=1e-3):
         """(frames until one won, the winner); a winner of None when none did."""
         for frame in range(frames):
-            self.pool.linearise(self.points, self.weights)
+            self.pool.linearise(FrameData(self.points, self.weights))
             self.pool.advance(np.zeros(72), np.zeros(3), np.full(len(self.live), alpha))
-            self.pool.weigh(self.points, self.weights)
-            state = self.pool.compete(self.points, self.weights, np.full(len(self.live), alpha))
+            self.pool.weigh(FrameData(self.points, self.weights))
+            state = self.pool.compete(FrameData(self.points, self.weights), np.full(len(self.live), alpha))
             if state is not None:
                 return frame, state
         return frames, None
@@ -83,8 +84,8 @@ def test_a_steps_ridge_is_on_the_angles_diagonal():
         estimate = tracker.track(observation)
     rows, state = tracker._rows, estimate.solved
     points, weights = np.nan_to_num(observation.points), 300.0 * observation.confidence
-    about = rows.hypotheses(BodyState(state.rotations[None], state.translation[None]))
-    linearised = rows.linearise(about, points, weights, huber_weights)
+    about = rows.evaluate(BodyState(state.rotations[None], state.translation[None]))
+    linearised = rows.linearise(about, FrameData(points, weights), huber_weights)
     ridge = np.random.default_rng(0).uniform(1.0, 1e3, size=(1, len(rows.live)))
     omega, x = tracker._initialiser.step(linearised, ridge)
     J, step = linearised.columns[0], np.append(omega[0, rows.live], x[0])

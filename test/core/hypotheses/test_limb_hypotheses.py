@@ -13,11 +13,12 @@ from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.evidence.frame_model import FrameModel
-from lassokin_ros.core.evidence.pose_prior import PosePrior, PriorRows
+from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.evidence.upright import Upright
 from lassokin_ros.core.hypotheses.initialisation import Initialiser, within
 from lassokin_ros.core.hypotheses.limb_hypotheses import MARGIN, OLD_ENOUGH, LimbHypotheses
 from lassokin_ros.core.hypotheses.mirroring import Mirroring
+from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.tracker import Tracker
 
@@ -31,8 +32,8 @@ class Scene:
     def __init__(self, layout="coco17", seed=0):
         random = np.random.default_rng(seed)
         self.kinematics = body(layout)
-        prior = PosePrior.load(self.kinematics.skeleton)
-        self.rows = FrameModel(self.kinematics, PriorRows(prior, self.kinematics), Upright())
+        prior = PoseDistribution.load(self.kinematics.skeleton)
+        self.rows = FrameModel(self.kinematics, PosePrior(prior, self.kinematics), Upright())
         self.mirroring = Mirroring(self.kinematics)
         self.search = LimbHypotheses(self.kinematics, self.rows.prior, self.mirroring, self.rows.balance)
         self.initialiser = Initialiser(self.kinematics, prior, self.rows)
@@ -46,25 +47,25 @@ class Scene:
     def settled(self, state):
         """The nearest state of least cost."""
         states = BodyState(state.rotations[None], state.translation[None])
-        return self.initialiser.refine(states, self.points, self.weights, ((1.0, 30),)).best
+        return self.initialiser.refine(states, FrameData(self.points, self.weights), ((1.0, 30),)).best
 
     def cost(self, state):
         """Of the whole body."""
-        return float(self.rows.cost(self.rows.hypotheses(state), self.points, self.weights))
+        return float(self.rows.cost(self.rows.evaluate(state), FrameData(self.points, self.weights)))
 
     def image_costs(self, published):
         """Of each landmark as it is published."""
-        return self.rows.image_costs(published.pose, self.points, self.weights)
+        return self.rows.image_costs(published, FrameData(self.points, self.weights))
 
     def advance(self, published):
         """One frame."""
-        self.search.advance(published, self.points, self.weights, self.image_costs(published))
+        self.search.advance(published, FrameData(self.points, self.weights), self.image_costs(published))
 
     def whole(self, explanation, published):
         """The whole body with the limb of one explanation."""
         rotations = published.state.rotations.copy()
         rotations[self.search._chains[explanation]] = self.search._rotations[explanation]
-        return self.rows.hypotheses(BodyState(rotations, published.state.translation))
+        return self.rows.evaluate(BodyState(rotations, published.state.translation))
 
 
 def prior_rows(search, published):
@@ -75,7 +76,7 @@ def prior_rows(search, published):
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_a_limb_is_posed_as_in_the_whole_body(layout):
     scene = Scene(layout, 1)
-    published = scene.rows.hypotheses(scene.state)
+    published = scene.rows.evaluate(scene.state)
     scene.search.start(scene.state)
     pose = scene.search._posed(published)
     for explanation in range(scene.search.count):
@@ -90,18 +91,18 @@ def test_a_limb_is_posed_as_in_the_whole_body(layout):
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_a_limb_costs_more_or_less_by_what_the_whole_body_does(layout):
     scene = Scene(layout, 2)
-    published = scene.rows.hypotheses(scene.state)
+    published = scene.rows.evaluate(scene.state)
     scene.search.start(scene.state)
     scene.weights[3] = 0.0
     pose = scene.search._posed(published)
-    *_, image = scene.search._image_rows(pose, scene.points, scene.weights)
+    *_, image = scene.search._image_rows(pose, FrameData(scene.points, scene.weights))
     steadier = scene.search._steadier(pose, published.pose)
     prior, as_published = 0.5 * np.sum(prior_rows(scene.search, published)[1] ** 2, axis=-1)
     own = image + prior - as_published - scene.image_costs(published) @ scene.search._carries - steadier
     assert np.ptp(steadier) > 0.01
-    before = scene.rows.cost(published, scene.points, scene.weights)
+    before = scene.rows.cost(published, FrameData(scene.points, scene.weights))
     for explanation in range(scene.search.count):
-        after = scene.rows.cost(scene.whole(explanation, published), scene.points, scene.weights)
+        after = scene.rows.cost(scene.whole(explanation, published), FrameData(scene.points, scene.weights))
         assert own[explanation] == pytest.approx(after - before, abs=1e-8)
 
 
@@ -109,13 +110,13 @@ def test_a_limb_costs_more_or_less_by_what_the_whole_body_does(layout):
 def test_the_limbs_own_rows_of_the_prior_say_the_same_as_the_whole_bodys(layout):
     scene = Scene(layout, 5)
     scene.state.rotations[1:] = exponential(1.5 * np.random.default_rng(5).normal(size=(23, 3)))  # beyond some limits
-    published, search = scene.rows.hypotheses(scene.state), scene.search
+    published, search = scene.rows.evaluate(scene.state), scene.search
     search.start(scene.state)
     columns, z = prior_rows(search, published)
     passed = 0
     for explanation in range(search.count):
         chain = search._chains[explanation, : search._turning]
-        A, right = scene.rows.prior.linearise(scene.whole(explanation, published).state.rotations)
+        A, right = scene.rows.prior.rows(scene.whole(explanation, published).state.rotations)
         A = A.reshape(len(A), -1, 3)[:, chain].reshape(len(A), -1)
         assert np.allclose(columns[explanation] @ columns[explanation].T, A.T @ A, rtol=1e-9, atol=1e-9)
         assert np.allclose(columns[explanation] @ z[0, explanation], A.T @ right, rtol=1e-9, atol=1e-8)
@@ -126,7 +127,7 @@ def test_the_limbs_own_rows_of_the_prior_say_the_same_as_the_whole_bodys(layout)
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_rows_are_the_derivative_of_what_they_stand_for(layout):
     scene = Scene(layout, 3)
-    published, search = scene.rows.hypotheses(scene.state), scene.search
+    published, search = scene.rows.evaluate(scene.state), scene.search
     search.start(scene.state)
     scene.weights *= 0.01  # so that no point is cut off, whose weight then would depend on the turn
     there, turning = search._rotations.copy(), search._turning
@@ -134,10 +135,10 @@ def test_rows_are_the_derivative_of_what_they_stand_for(layout):
     def right_sides(increment):
         search._rotations = there.copy()
         search._rotations[:, :turning] @= exponential(increment.reshape(turning, 3))
-        _, image, _ = search._image_rows(search._posed(published), scene.points, scene.weights)
+        _, image, _ = search._image_rows(search._posed(published), FrameData(scene.points, scene.weights))
         return np.concatenate([image, prior_rows(search, published)[1][0]], axis=-1)
 
-    image, _, _ = search._image_rows(search._posed(published), scene.points, scene.weights)
+    image, _, _ = search._image_rows(search._posed(published), FrameData(scene.points, scene.weights))
     columns = np.concatenate([image, prior_rows(search, published)[0]], axis=-1)
     numeric = -central_difference(right_sides, 3 * turning).reshape(search.count, -1, 3 * turning)
     known = np.repeat(search._known, 3, axis=1)
@@ -151,13 +152,13 @@ def test_rows_are_the_derivative_of_what_they_stand_for(layout):
 @pytest.mark.parametrize("seed", [1, 2, 3, 5])
 def test_a_limb_on_the_wrong_side_is_exchanged_soon_and_alone(seed):
     scene = Scene(seed=seed)
-    right = scene.initialiser.fit(scene.points, scene.weights).best
+    right = scene.initialiser.fit(FrameData(scene.points, scene.weights)).best
     wrongs = [scene.settled(scene.mirroring.mirrored(right, variant)) for variant in range(scene.search.count)]
     variant = int(np.argmax([scene.cost(wrong) for wrong in wrongs]))
     (chain, _), wrong = scene.mirroring.variants[variant], wrongs[variant]
     gain = scene.cost(wrong) - scene.cost(right)
     assert gain > 2 * MARGIN, "a scene in which image and prior tell"
-    published = scene.rows.hypotheses(wrong)
+    published = scene.rows.evaluate(wrong)
     scene.search.start(wrong)
     for frame in range(1, 4 * OLD_ENOUGH):
         scene.advance(published)
@@ -174,7 +175,7 @@ def test_a_limb_on_the_wrong_side_is_exchanged_soon_and_alone(seed):
 @pytest.mark.parametrize("seed", range(4))
 def test_a_limb_on_the_right_side_stays_there(seed):
     scene = Scene(seed=seed)
-    published = scene.rows.hypotheses(scene.initialiser.fit(scene.points, scene.weights).best)
+    published = scene.rows.evaluate(scene.initialiser.fit(FrameData(scene.points, scene.weights)).best)
     scene.search.start(published.state)
     for _ in range(60):
         scene.advance(published)
@@ -184,23 +185,23 @@ def test_a_limb_on_the_right_side_stays_there(seed):
 
 def test_without_points_nothing_but_the_prior_counts():
     scene = Scene()
-    published = scene.rows.hypotheses(scene.state)
+    published = scene.rows.evaluate(scene.state)
     scene.search.start(scene.state)
     for _ in range(20):
         nothing = np.zeros_like(scene.weights)
-        scene.search.advance(published, np.zeros_like(scene.points), nothing, nothing)
+        scene.search.advance(published, FrameData(np.zeros_like(scene.points), nothing), nothing)
     products = np.swapaxes(scene.search._rotations, -1, -2) @ scene.search._rotations
     assert np.abs(products - np.eye(3)).max() < 1e-9
 
 
 def test_a_skeleton_without_limbs_is_left_alone():
     kinematics = random_body(np.random.default_rng(0))
-    prior = PosePrior.load(kinematics.skeleton)
-    rows = FrameModel(kinematics, PriorRows(prior, kinematics), Upright())
+    prior = PoseDistribution.load(kinematics.skeleton)
+    rows = FrameModel(kinematics, PosePrior(prior, kinematics), Upright())
     search = LimbHypotheses(kinematics, rows.prior, Mirroring(kinematics), rows.balance)
     n = kinematics.joint_count
     state = BodyState(np.tile(np.eye(3), (n, 1, 1)), np.array([0.0, 0.0, 3.0]))
-    published = rows.hypotheses(state)
+    published = rows.evaluate(state)
     search.start(state)
     assert search.count == 0 and search.exchange(published) is None
 
@@ -243,7 +244,7 @@ def test_what_no_landmark_shows_stays_at_the_mean(tmp_path, hidden, seed):
     tracker = Tracker(replace(CONFIG, landmarks=str(layout)))
     dead = np.flatnonzero(~tracker.kinematics.live.reshape(-1, 3).any(axis=1))
     assert skeleton.index("left_knee") in dead
-    mean = exponential(PosePrior.load(skeleton).mean)[dead]
+    mean = exponential(PoseDistribution.load(skeleton).mean)[dead]
     for _, observation in observations(tracker, 9.0, seed=seed):
         assert np.allclose(tracker.track(observation).solved.rotations[dead], mean, atol=1e-9)
 

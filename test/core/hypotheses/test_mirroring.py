@@ -10,10 +10,11 @@ from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import least_turn
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.evidence.frame_model import FrameModel
-from lassokin_ros.core.evidence.pose_prior import PosePrior, PriorRows
+from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.evidence.upright import Upright
 from lassokin_ros.core.hypotheses.initialisation import Initialiser
 from lassokin_ros.core.hypotheses.mirroring import LIMBS, Mirroring, redirected
+from lassokin_ros.core.image.frame_data import FrameData
 
 
 def state(seed):
@@ -118,10 +119,10 @@ def test_a_skeleton_without_limbs_has_none():
     mirroring = Mirroring(kinematics)
     n = kinematics.joint_count
     none = mirroring.all(BodyState(np.tile(np.eye(3), (n, 1, 1)), np.array([0.0, 0.0, 3.0])))
-    prior = PosePrior.load(kinematics.skeleton)
-    initialiser = Initialiser(kinematics, prior, FrameModel(kinematics, PriorRows(prior, kinematics), Upright()))
+    prior = PoseDistribution.load(kinematics.skeleton)
+    initialiser = Initialiser(kinematics, prior, FrameModel(kinematics, PosePrior(prior, kinematics), Upright()))
     points = 0.1 * np.random.default_rng(1).normal(size=(kinematics.landmark_count, 2))
-    assert np.isfinite(initialiser.fit(points, np.full(len(points), 300.0)).costs).all()
+    assert np.isfinite(initialiser.fit(FrameData(points, np.full(len(points), 300.0))).costs).all()
     assert mirroring.variants == mirroring.pairs == []
     assert none.rotations.shape == (0, n, 3, 3) and none.translation.shape == (0, 3)
 

@@ -104,8 +104,8 @@ def test_a_look_in_vain_changes_nothing(monkeypatch):
     plain, looking = Tracker(CONFIG), Tracker(CONFIG)
     fit = looking._initialiser.fit
 
-    def look(points, weights):
-        found = fit(points, weights)
+    def look(frame):
+        found = fit(frame)
         looking._upright.vertical = np.array([1.0, 0.0, 0.0])  # as of somebody who lies
         return found
 

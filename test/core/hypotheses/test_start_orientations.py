@@ -12,10 +12,11 @@ from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Observation
-from lassokin_ros.core.evidence.pose_prior import PosePrior
+from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.evidence.upright import TILT, TILT_COST, Upright, vertical_of
 from lassokin_ros.core.hypotheses.initialisation import Fit, Initialiser
 from lassokin_ros.core.hypotheses.start_orientations import ROOTS, nearest
+from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion
@@ -60,14 +61,14 @@ def test_the_stances_are_turns_to_the_six_directions():
 def test_a_body_in_any_stance_is_found_from_one_frame(stance, side):
     """The prior's mean pose, within 40 degrees of the stance, noise of 2 px; before a camera held level."""
     tracker = Tracker(CONFIG)
-    kinematics, prior = tracker.kinematics, PosePrior.load(tracker.skeleton)
+    kinematics, prior = tracker.kinematics, PoseDistribution.load(tracker.skeleton)
     random = np.random.default_rng([stance, side])
     axis = random.normal(size=3)
     lean = exponential(np.radians(random.uniform(0, 40)) * axis / np.linalg.norm(axis))
     rotations = exponential(prior.mean)
     rotations[0] = lean @ ROOTS[stance] @ exponential(np.array([0, np.radians(side), 0]))
     truth = BodyState(rotations, PLACE)
-    fit = tracker._initialiser.fit(seen(kinematics, truth, side), np.full(17, FOCAL / NOISE_PX))
+    fit = tracker._initialiser.fit(FrameData(seen(kinematics, truth, side), np.full(17, FOCAL / NOISE_PX)))
     assert error(kinematics, fit.best, truth) < 0.08
 
 
@@ -82,19 +83,19 @@ def test_an_upright_body_costs_no_start_in_other_stances(monkeypatch):
     mirroring, mirrored = tracker._initialiser.mirroring, []
     all_limbs = mirroring.all
     monkeypatch.setattr(mirroring, "all", lambda state: mirrored.append(state) or all_limbs(state))
-    tracker._initialiser.fit(points, weights)
+    tracker._initialiser.fit(FrameData(points, weights))
     assert len(mirrored) == 1  # what fits worse before a tilted camera is not gone into
     assert stances == [[0]] * 3  # for a level camera, and for one that looks up, one that looks down
     del stances[:]
-    tracker._initialiser.fit(seen(tracker.kinematics, turned(upright, TURNS[1])), weights)
+    tracker._initialiser.fit(FrameData(seen(tracker.kinematics, turned(upright, TURNS[1])), weights))
     assert stances == [[0], [1, 2, 3, 4, 5], [0], [0]]
     del stances[:]
     tracker._upright.mounted(np.pi, 0.0)  # the camera is known to be upside down
-    tracker._initialiser.fit(seen(tracker.kinematics, turned(upright, TURNS[3])), weights)
+    tracker._initialiser.fit(FrameData(seen(tracker.kinematics, turned(upright, TURNS[3])), weights))
     assert stances == [[3]] * 3
     del stances[:]
     tracker._upright.learn(TURNS[3] @ FACING, 0.1)  # and has seen somebody
-    tracker._initialiser.fit(seen(tracker.kinematics, turned(upright, TURNS[3])), weights)
+    tracker._initialiser.fit(FrameData(seen(tracker.kinematics, turned(upright, TURNS[3])), weights))
     assert stances == [[3]]
 
 
@@ -108,15 +109,15 @@ def test_challengers_of_a_lying_body_lie_too(stance):
     back = lying.rotations.copy()
     back[0] = back[0] @ np.diag([-1.0, 1.0, -1.0])
     pool, live = tracker._body_hypotheses, tracker._rows.live
-    pool.start(BodyState(back, PLACE), points, weights)
+    pool.start(BodyState(back, PLACE), FrameData(points, weights))
     challenger, published = pool._everyone.state.rotations[:, 0]
     assert nearest(challenger[:, 1]) == stance
     assert challenger[:, 2] @ published[:, 2] < -0.8  # the opposite side first
     for _ in range(30):
-        pool.linearise(points, weights)
+        pool.linearise(FrameData(points, weights))
         pool.advance(np.zeros(72), np.zeros(3), np.full(len(live), 1e-3))
-        pool.weigh(points, weights)
-        winner = pool.compete(points, weights, np.full(len(live), 1e-3))
+        pool.weigh(FrameData(points, weights))
+        winner = pool.compete(FrameData(points, weights), np.full(len(live), 1e-3))
         if winner is not None:
             break
     assert winner is not None and error(tracker.kinematics, winner, lying) < 0.1
@@ -165,8 +166,8 @@ def test_a_camera_told_to_be_rolled_sees_what_a_level_one_sees(roll):
 def test_who_stands_before_a_camera_told_to_be_tilted_does_not_lean(pitch):
     tracker = Tracker(replace(CONFIG, camera_pitch=pitch))
     root = exponential(np.array([pitch, 0.0, 0.0])) @ FACING
-    assert np.abs(tracker._upright.linearise(root)[1]).max() < 1e-9
-    assert np.abs(tracker._upright.linearise(FACING)[1]).max() > 1.0
+    assert np.abs(tracker._upright.rows(root)[1]).max() < 1e-9
+    assert np.abs(tracker._upright.rows(FACING)[1]).max() > 1.0
 
 
 @pytest.mark.parametrize("roll, pitch", [(0.0, 0.0), (0.0, 0.6), (HALF, 0.0), (2.5, -0.4), (0.0, HALF)])
@@ -197,10 +198,10 @@ def test_once_people_were_seen_a_state_is_sought_by_what_was_learned_from_them()
 def test_a_camera_that_looks_up_or_down_is_found_out_from_one_frame(pitch, side):
     """The prior's mean pose, upright, noise of 2 px: neither does it lean in the end, nor does the camera if level."""
     tracker = Tracker(CONFIG)
-    rotations = exponential(PosePrior.load(tracker.skeleton).mean)
+    rotations = exponential(PoseDistribution.load(tracker.skeleton).mean)
     rotations[0] = exponential(np.array([pitch, 0.0, 0.0])) @ FACING @ exponential(np.array([0, np.radians(side), 0]))
     truth = BodyState(rotations, PLACE)
-    fit = tracker._initialiser.fit(seen(tracker.kinematics, truth, side), np.full(17, FOCAL / NOISE_PX))
+    fit = tracker._initialiser.fit(FrameData(seen(tracker.kinematics, truth, side), np.full(17, FOCAL / NOISE_PX)))
     assert error(tracker.kinematics, fit.best, truth) < 0.04
     believed = tracker._upright.vertical
     assert np.arccos(believed @ vertical_of(0.0, pitch)) < 0.1
@@ -217,7 +218,7 @@ def test_a_tilted_camera_must_explain_a_frame_much_better(monkeypatch, level, ti
     costs = iter((level, tilted, tilted + 9))
     monkeypatch.setattr(Initialiser, "_fit", lambda self, *given: Fit(state, np.array([next(costs)])))
     _, (up, cost), _ = tracker._upright.candidates()
-    fit = tracker._initialiser.fit(np.zeros((17, 2)), np.ones(17))
+    fit = tracker._initialiser.fit(FrameData(np.zeros((17, 2)), np.ones(17)))
     assert (tracker._upright.vertical is not tracker._upright._first) == tilt
     assert np.array_equal(tracker._upright.vertical, up) == tilt
     assert fit.costs[0] == pytest.approx(tilted + cost * max(1.0, level / 17) if tilt else level)

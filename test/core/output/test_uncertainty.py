@@ -8,7 +8,7 @@ from cases import body, central_difference, random_state, relative_error
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Observation
-from lassokin_ros.core.evidence.pose_prior import PosePrior
+from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.lasso.lasso import Lasso
 from lassokin_ros.core.output.uncertainty import FACTOR, LARGEST, WEAKEST, PositionJacobian, UncertaintyModel
@@ -62,7 +62,7 @@ def test_covariances_are_those_of_the_joints_jacobian(seen):
     """J H^-1 J^T of what the problem holds, the prior's variances of what it does not, whatever their order."""
     random = np.random.default_rng(1)
     kinematics = body()
-    prior = PosePrior.load(kinematics.skeleton)
+    prior = PoseDistribution.load(kinematics.skeleton)
     live = np.isin(np.arange(72), random.permutation(72)[:seen])
     kinematics.__dict__["live"] = live
     problem = Lasso(random.normal(size=(100, seen)), random.normal(size=(100, 3)), np.zeros(100), np.ones(seen))

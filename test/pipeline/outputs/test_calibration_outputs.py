@@ -13,7 +13,7 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.calibration import UPDATE, Calibration
 from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.core.evidence.frame_model import FrameModel
-from lassokin_ros.core.evidence.pose_prior import PosePrior, PriorRows
+from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.evidence.upright import Upright
 from lassokin_ros.pipeline.outputs.calibration_status import calibration_figures
 from lassokin_ros.pipeline.outputs.skeleton_file import save_all, skeleton_text, write_text
@@ -27,7 +27,7 @@ APART = "left and right of the skeleton differ by 9.5 % on average"
 def learned(seconds=5.0, seed=3):
     """A calibration that has come to lengths of its own."""
     kinematics = body()
-    prior = PriorRows(PosePrior.load(kinematics.skeleton), kinematics)
+    prior = PosePrior(PoseDistribution.load(kinematics.skeleton), kinematics)
     calibration = Calibration(FrameModel(kinematics, prior, Upright()))
     calibration.lengths = np.random.default_rng(seed).normal(size=calibration.proportions.count) * 0.05
     calibration.moved = seconds
