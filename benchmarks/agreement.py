@@ -19,8 +19,8 @@ import numpy as np  # noqa: E402
 import proxsuite  # noqa: E402
 import scipy  # noqa: E402
 
-from lassokin_ros.core.estimate import Observation  # noqa: E402
 from lassokin_ros.core.image.projection import project  # noqa: E402
+from lassokin_ros.core.observation import Observation  # noqa: E402
 from lassokin_ros.core.tracker import Tracker  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
 

@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.accuracy_run.metrics import mpjpe
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.estimate import Observation, Status
+from lassokin_ros.core.observation import Observation, Status
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import WEBCAM, Detector, detections, exact_pixels, motion
 

@@ -30,7 +30,7 @@ from benchmarks.timing.callback import measure_callback
 from benchmarks.timing.stages import percentiles, profile
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.estimate import Observation
+from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
 
 BODIES = Path(__file__).resolve().parent / "bodies"

@@ -34,7 +34,7 @@ from benchmarks.timing import formulations
 from benchmarks.timing.formulations import Answer, Method
 from benchmarks.timing.problems import KINDS, Recorded, record
 from lassokin_ros.core.lasso.certificate import Certificate, certify
-from lassokin_ros.core.lasso.lasso import KKT_TOLERANCE
+from lassokin_ros.core.lasso.solver import KKT_TOLERANCE
 
 CLIPS = ("01_01", "02_05", "49_18", "exp_soccer_1", "gs_charleston2", "13_31")
 CUTS = (0.0, 1e-8, 1e-6, 1e-4)

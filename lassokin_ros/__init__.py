@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from lassokin_ros.core.config import TrackerConfig
     from lassokin_ros.core.errors import LassokinError
-    from lassokin_ros.core.estimate import Estimate, Observation, Rejection, Status
+    from lassokin_ros.core.estimate import Estimate
+    from lassokin_ros.core.observation import Observation, Rejection, Status
     from lassokin_ros.core.tracker import Tracker
     from lassokin_ros.pipeline.lens import Lens
 
@@ -23,9 +24,9 @@ _MODULES = {
     "Estimate": "lassokin_ros.core.estimate",
     "LassokinError": "lassokin_ros.core.errors",
     "Lens": "lassokin_ros.pipeline.lens",
-    "Observation": "lassokin_ros.core.estimate",
-    "Rejection": "lassokin_ros.core.estimate",
-    "Status": "lassokin_ros.core.estimate",
+    "Observation": "lassokin_ros.core.observation",
+    "Rejection": "lassokin_ros.core.observation",
+    "Status": "lassokin_ros.core.observation",
     "Tracker": "lassokin_ros.core.tracker",
     "TrackerConfig": "lassokin_ros.core.config",
 }

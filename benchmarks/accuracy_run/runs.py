@@ -8,7 +8,8 @@ from typing import Protocol, Sequence
 
 import numpy as np
 
-from lassokin_ros.core.estimate import Estimate, Observation
+from lassokin_ros.core.estimate import Estimate
+from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
 
 

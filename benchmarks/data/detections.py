@@ -24,7 +24,7 @@ from benchmarks.methods.smplify import fit_clip
 from lassokin_ros.core.body.landmarks import Layout, built_in_layouts
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.estimate import Observation
+from lassokin_ros.core.observation import Observation
 from lassokin_ros.pipeline.lens import Lens
 
 JOINTS = {

@@ -16,8 +16,8 @@ from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.estimate import Observation
 from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.observation import Observation
 from lassokin_ros.demo.synthetic import motion as synthetic_motion
 
 CLIPS = ("02_05", "02_07")  # boxing, swordplay: 2053 frames

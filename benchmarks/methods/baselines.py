@@ -20,11 +20,13 @@ from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import orthonormalised
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.estimate import Estimate, Observation, Rejection, Status
+from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.image.observation_model import Linearisation, linearise
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.lasso.certificate import Certificate
-from lassokin_ros.core.lasso.lasso import Lasso, LassoSolution, LassoSolver, eliminate_translation
+from lassokin_ros.core.lasso.problem import Lasso, eliminate_translation
+from lassokin_ros.core.lasso.solver import LassoSolution, LassoSolver
+from lassokin_ros.core.observation import Observation, Rejection, Status
 from lassokin_ros.core.tracker import SMALLEST, Tracker
 
 PLAIN_ALPHA = 30.0  # 1/rad, with residuals in standard deviations

@@ -21,11 +21,11 @@ from lassokin_ros.core.body.kinematics import BodyPose, BodyState, Kinematics
 from lassokin_ros.core.body.rotations import exponential, logarithm, right_jacobian
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.estimate import Observation
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.image.observation_model import linearise
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.robust_loss import THRESHOLD, huber_weights
+from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
 
 WINDOW, OVERLAP = 60, 16  # frames

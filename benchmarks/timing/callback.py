@@ -20,7 +20,7 @@ from benchmarks.data.motion import FOCAL, FPS, HEIGHT
 from benchmarks.timing.stages import Clock, percentiles
 from lassokin_ros.core.batch import Steps, run_single
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.estimate import Observation
+from lassokin_ros.core.observation import Observation
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
 from lassokin_ros.pipeline.pipeline import Pipeline

@@ -15,7 +15,8 @@ import proxsuite
 import qpsolvers
 
 from benchmarks.timing.problems import Recorded
-from lassokin_ros.core.lasso.lasso import Lasso, LassoSolver
+from lassokin_ros.core.lasso.problem import Lasso
+from lassokin_ros.core.lasso.solver import LassoSolver
 
 Answer = tuple[np.ndarray, np.ndarray]
 Method = Callable[[Recorded], Answer]

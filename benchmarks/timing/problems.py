@@ -10,7 +10,8 @@ import numpy as np
 from benchmarks.accuracy_run.experiment import Job, scene_of
 from benchmarks.accuracy_run.runs import Follower
 from benchmarks.methods.baselines import PlainLasso
-from lassokin_ros.core.lasso.lasso import Lasso, LassoSolution, LassoSolver
+from lassokin_ros.core.lasso.problem import Lasso
+from lassokin_ros.core.lasso.solver import LassoSolution, LassoSolver
 from lassokin_ros.core.tracker import Tracker
 
 KINDS = ("plain", "default")

@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.common.report import Record
 from benchmarks.data.motion import Motion
-from lassokin_ros.core.estimate import Observation
+from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
 
 CORE = "lassokin_ros.core"

@@ -1,49 +1,17 @@
-"""What goes into the tracker and what comes out: one frame's keypoints, and the answer to them."""
+"""The tracker's output for one observation."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, BodyState
 from lassokin_ros.core.lasso.certificate import Certificate
-from lassokin_ros.core.lasso.lasso import Lasso, LassoSolution
+from lassokin_ros.core.lasso.problem import Lasso
+from lassokin_ros.core.lasso.solver import LassoSolution
+from lassokin_ros.core.observation import Rejection, Status
 from lassokin_ros.core.output.failure_probability import failure_probability
-
-
-class Status(Enum):
-    """What the tracker knows of the person."""
-
-    SEARCHING = "searching"
-    TRACKING = "tracking"
-    LOST = "lost"
-
-
-class Rejection(str, Enum):
-    """Why a frame was not used."""
-
-    WRONG_SHAPE = "wrong_shape"
-    NOT_FINITE = "not_finite"
-    OLD_STAMP = "old_stamp"
-    TOO_FEW_LANDMARKS = "too_few_landmarks"
-    NOT_CERTIFIED = "not_certified"
-    TOO_SMALL = "too_small"
-
-
-@dataclass(frozen=True, eq=False)
-class Observation:
-    """One frame's keypoints of one person.
-
-    stamp: s; points: (l, 2) normalised image coordinates, distortion removed (NaN = missing); confidence: (l,) 0 to 1,
-    0 = missing; focal: px per normalised unit, which turns `noise_px` into this frame's unit.
-    """
-
-    stamp: float
-    points: np.ndarray
-    confidence: np.ndarray
-    focal: float
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,7 @@ from lassokin_ros.core.body.symmetry import LARGEST_ASYMMETRY, asymmetry, limb_g
 from lassokin_ros.core.calibration import Calibration
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError
-from lassokin_ros.core.estimate import Estimate, Observation, Rejection, Status
+from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.adaptive_mean import AdaptiveMean
 from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.evidence.frame_model import FrameModel
@@ -41,9 +41,10 @@ from lassokin_ros.core.hypotheses.reinitialisation import Reinitialisation
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.gating import gate_observation
 from lassokin_ros.core.image.measurement import Measurement, MeasurementFilter
+from lassokin_ros.core.increment import Increment, IncrementSolver
 from lassokin_ros.core.lasso.certificate import Certificate
-from lassokin_ros.core.lasso.increment import Increment, IncrementSolver
-from lassokin_ros.core.lasso.lasso import LassoSolver
+from lassokin_ros.core.lasso.solver import LassoSolver
+from lassokin_ros.core.observation import Observation, Rejection, Status
 from lassokin_ros.core.output.fixed_lag import FixedLag
 from lassokin_ros.core.output.output_filter import OutputFilter
 from lassokin_ros.core.output.uncertainty import JointUncertainty, UncertaintyModel

@@ -17,7 +17,7 @@ import numpy as np
 from lassokin_ros.common.interruption import Interrupted, interruptible
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import LassokinError
-from lassokin_ros.core.estimate import Status
+from lassokin_ros.core.observation import Status
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.result import PROMISES, DemoResult
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lassokin_ros.core.estimate import Status
+from lassokin_ros.core.observation import Status
 from lassokin_ros.core.tracker import Tracker
 
 EVALUATED = ("neck", "head") + tuple(

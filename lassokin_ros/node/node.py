@@ -15,7 +15,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_srvs.srv import SetBool, Trigger
 
 from lassokin_ros.core.errors import LassokinError
-from lassokin_ros.core.estimate import Status
+from lassokin_ros.core.observation import Status
 from lassokin_ros.node.camera_info_input import CameraInfoInput
 from lassokin_ros.node.latched_camera_info import LatchedCameraInfo
 from lassokin_ros.node.log_throttle import LogThrottle

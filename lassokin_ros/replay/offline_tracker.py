@@ -12,7 +12,7 @@ from typing import Any
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import SkeletonError
-from lassokin_ros.core.estimate import Status
+from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics

@@ -12,7 +12,7 @@ from benchmarks.latency import BODIES, PEOPLE, Run, interleaved, main
 from benchmarks.methods.robot_ik import available
 from benchmarks.timing.stages import STAGES, Clock, profile
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.lasso import lasso
+from lassokin_ros.core.lasso import solver
 
 MOTION = load_motion(Path("no such folder"), 12)
 
@@ -30,9 +30,9 @@ def test_a_skeleton_with_both_hands_has_55_joints_and_65_landmarks():
 
 
 def test_profile_times_every_stage_and_leaves_the_tracker_as_it_was():
-    certify = lasso.certify
+    certify = solver.certify
     records = {r["what"]: r for r in profile(Run(MOTION).tracker, Run(MOTION).observations, MOTION)}
-    assert lasso.certify is certify
+    assert solver.certify is certify
     assert "whole core step" in records and set(records) <= {*STAGES, "whole core step"}
     assert 0 < records["solve"]["p50_us"] < records["whole core step"]["p50_us"]
 

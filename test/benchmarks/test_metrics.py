@@ -7,7 +7,8 @@ from benchmarks.accuracy_run.metrics import acceleration_error, flipped_frames, 
 from benchmarks.accuracy_run.runs import follow
 from benchmarks.common.report import summarise, table
 from lassokin_ros.core.body.rotations import exponential
-from lassokin_ros.core.estimate import Estimate, Observation, Rejection, Status
+from lassokin_ros.core.estimate import Estimate
+from lassokin_ros.core.observation import Observation, Rejection, Status
 
 NAMES = ["l_hip", "r_hip", "l_knee", "l_ankle"]
 

@@ -10,8 +10,8 @@ from benchmarks.common.report import data_folder
 from benchmarks.solvers import certified, main, measure
 from benchmarks.timing.formulations import ByScikitLearn, methods
 from benchmarks.timing.problems import Recorded
-from lassokin_ros.core.lasso import lasso
-from lassokin_ros.core.lasso.lasso import Lasso
+from lassokin_ros.core.lasso import solver
+from lassokin_ros.core.lasso.problem import Lasso
 
 pytestmark = pytest.mark.filterwarnings("ignore:Converted matrix")
 NAMES = list(methods())
@@ -53,8 +53,8 @@ def test_no_method_is_spared_what_another_has_computed_of_the_problem(every_meth
 
 @pytest.mark.parametrize("name", NAMES[:2])
 def test_the_products_own_path_is_timed_with_its_certificate(name, every_method, monkeypatch):
-    certify, calls = lasso.certify, []
-    monkeypatch.setattr(lasso, "certify", lambda *arguments: calls.append(1) or certify(*arguments))
+    certify, calls = solver.certify, []
+    monkeypatch.setattr(solver, "certify", lambda *arguments: calls.append(1) or certify(*arguments))
     recorded = problem(50, 20)
     every_method[name](replace(recorded, guess=every_method[name](recorded)[0]))
     assert len(calls) >= 2

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from sequences import CONFIG, TRACKED_WITHIN, aligned_error, observations
 from spoil import odd, some
 
-from lassokin_ros.core.estimate import Rejection
+from lassokin_ros.core.observation import Rejection
 from lassokin_ros.core.tracker import Tracker
 
 STAMPS = (np.nan, np.inf, -np.inf, -1e300, -1.0, 0.0, 1e-300)

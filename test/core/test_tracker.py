@@ -13,7 +13,6 @@ from sequences import CONFIG, FOCAL, NOISE_PX, RATE, aligned_error, frame, obser
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.landmarks import built_in_layouts
 from lassokin_ros.core.body.rotations import exponential
-from lassokin_ros.core.estimate import Observation, Rejection, Status
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.evidence.upright import Upright
@@ -21,6 +20,7 @@ from lassokin_ros.core.hypotheses.initialisation import Initialiser
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.lasso.certificate import certify
+from lassokin_ros.core.observation import Observation, Rejection, Status
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion
 

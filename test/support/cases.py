@@ -13,7 +13,7 @@ from lassokin_ros.core.body.skeleton import AXIS_ORDERS, Skeleton
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.image.observation_model import linearise
 from lassokin_ros.core.image.projection import project
-from lassokin_ros.core.lasso.lasso import Lasso, eliminate_translation
+from lassokin_ros.core.lasso.problem import Lasso, eliminate_translation
 
 FACING = np.diag([1.0, -1.0, -1.0])
 """Orientation of a person who stands upright and faces the camera."""

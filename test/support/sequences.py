@@ -6,8 +6,8 @@ import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.estimate import Observation
 from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import WEBCAM, detections, exact_pixels, motion
 

@@ -23,7 +23,7 @@ from scipy.linalg import lapack
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import logarithm
 from lassokin_ros.core.evidence.frame_model import FrameModel
-from lassokin_ros.core.lasso.lasso import Lasso
+from lassokin_ros.core.lasso.problem import Lasso
 
 SHARE = 0.3
 """Of the prior's covariance, the part that is a person's adaptive_mean and lasts. Half of the covariance differs between clips

@@ -20,8 +20,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from lassokin_ros.core.image.robust_loss import squared_norm
-from lassokin_ros.core.lasso.lasso import Lasso
-from lassokin_ros.core.output.uncertainty import WEAKEST
+from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
 
 FIRST = 0.004
 """Of the height: standard deviation that is assumed of somebody's first frame."""

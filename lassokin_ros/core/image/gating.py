@@ -8,7 +8,7 @@ import numpy as np
 
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.estimate import Observation, Rejection
+from lassokin_ros.core.observation import Observation, Rejection
 
 FOCAL_RANGE = 1e-3, 1e9
 """px: beyond, weights lose their digits."""

@@ -14,11 +14,11 @@ from functools import cached_property
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose
-from lassokin_ros.core.estimate import Observation
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.keypoint_filter import KeypointFilter
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.repeated_frames import RepeatedFrames
+from lassokin_ros.core.observation import Observation
 
 ACCELERATION = 3.5
 """m/s^2: standard deviation of a body point's acceleration, typical of everyday motion."""

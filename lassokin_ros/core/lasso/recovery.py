@@ -19,7 +19,7 @@ from typing import Callable
 import numpy as np
 from scipy.linalg import lapack
 
-from lassokin_ros.core.lasso.lasso import Lasso
+from lassokin_ros.core.lasso.problem import Lasso
 
 DEPENDENT = 1e-6
 """Of the Cholesky factor's diagonal, smallest to largest: below, columns count as dependent."""

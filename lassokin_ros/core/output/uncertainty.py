@@ -20,14 +20,12 @@ from scipy.linalg import lapack
 from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
 from lassokin_ros.core.body.rotations import hat
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
-from lassokin_ros.core.lasso.lasso import Lasso
+from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
 
 FACTOR = 1.1
 """On the posterior's standard deviation s."""
 LARGEST = 0.09
 """m: s becomes FACTOR s / sqrt(1 + (s / LARGEST)^2)."""
-WEAKEST = 1e-3
-"""1/rad^2: information that every unknown is given, so that what nothing observes has a finite variance."""
 
 _IDENTITY = np.eye(3).reshape(9)
 #: (9, 3): a product with the axis w has in its rows, by component of p and of the result, the matrix of w x p.

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lassokin_ros.core.estimate import Status
+from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.camera import OUTSIDE_IMAGE
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN

@@ -10,8 +10,8 @@ from lassokin_ros.core.body.rotations import hat, to_quaternion
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.image.projection import project
-from lassokin_ros.core.lasso.lasso import KKT_TOLERANCE
 from lassokin_ros.core.lasso.recovery import theorem1_literal, theorem1_projected
+from lassokin_ros.core.lasso.solver import KKT_TOLERANCE
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.urdf import joint_names

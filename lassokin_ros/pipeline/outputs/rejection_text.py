@@ -7,9 +7,10 @@ from collections.abc import Callable
 import numpy as np
 
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.estimate import Estimate, Observation, Rejection
+from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.image.gating import FOCAL_RANGE, visible
-from lassokin_ros.core.lasso.lasso import KKT_TOLERANCE
+from lassokin_ros.core.lasso.solver import KKT_TOLERANCE
+from lassokin_ros.core.observation import Observation, Rejection
 from lassokin_ros.core.tracker import SMALLEST
 
 

@@ -8,7 +8,7 @@ from typing import Sequence
 
 import numpy as np
 
-from lassokin_ros.core.estimate import Status
+from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.detections import detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.lens import Lens

@@ -14,7 +14,7 @@ from typing import Any
 
 from lassokin_ros.core.calibration import Calibration
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.estimate import Status
+from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.people.presence import Presence, best
 from lassokin_ros.pipeline.pipeline import Pipeline

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from lassokin_ros.core.estimate import Status
+from lassokin_ros.core.observation import Status
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lassokin_ros.core.estimate import Status
+from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.detections import MOST_PEOPLE, detection, detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.lens import Lens

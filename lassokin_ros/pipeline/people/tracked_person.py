@@ -13,8 +13,9 @@ from lassokin_ros.core.batch import Steps, run_batched, run_single
 from lassokin_ros.core.body.joint_angles import JointAngleReader
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.estimate import Estimate, Observation, Status
+from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.observation import Observation, Status
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.lens import Lens

@@ -8,8 +8,7 @@ from sequences import CONFIG, observations
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.model_error import FIRST, LARGEST, LEAST, ModelError, _free
-from lassokin_ros.core.lasso.lasso import Lasso
-from lassokin_ros.core.output.uncertainty import WEAKEST
+from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
 from lassokin_ros.core.tracker import Tracker
 
 HEIGHT, DEPTH, LANDMARKS, UNKNOWNS, PRIOR = 1.75, 3.5, 40, 30, 12

@@ -8,8 +8,8 @@ from sequences import CONFIG, FOCAL, RATE, TRACKED_WITHIN, observations
 from test_start_orientations import TURNS, error, seen, turned
 
 from lassokin_ros.core.body.kinematics import BodyState
-from lassokin_ros.core.estimate import Observation
 from lassokin_ros.core.hypotheses.reinitialisation import CHEAPER, COSTLY, COSTLY_FOR, LATEST, SOONEST, Reinitialisation
+from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion
 

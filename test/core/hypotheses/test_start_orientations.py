@@ -11,13 +11,13 @@ from sequences import CONFIG, FOCAL, NOISE_PX, RATE
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.estimate import Observation
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.evidence.upright import TILT, TILT_COST, Upright, vertical_of
 from lassokin_ros.core.hypotheses.initialisation import Fit, Initialiser
 from lassokin_ros.core.hypotheses.start_orientations import ROOTS, nearest
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion
 

@@ -6,8 +6,8 @@ from sequences import observations
 
 from lassokin_ros.core.body.kinematics import BodyPose
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.estimate import Observation
 from lassokin_ros.core.image.measurement import MeasurementFilter
+from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
 
 NAMES = ("nose", "left_wrist", "right_wrist")

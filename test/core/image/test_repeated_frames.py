@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from sequences import CONFIG, FOCAL, RATE, frame, observations, same
 
-from lassokin_ros.core.estimate import Status
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.repeated_frames import RepeatedFrames
+from lassokin_ros.core.observation import Status
 from lassokin_ros.core.tracker import Tracker
 
 NOW = replace(CONFIG, smoothing=0.0)

@@ -8,7 +8,8 @@ from cases import Draw, Lassos, alpha_max, random_draw
 from lassokin_ros.core.errors import SolverError
 from lassokin_ros.core.lasso.certificate import certify
 from lassokin_ros.core.lasso.dual import available_solvers
-from lassokin_ros.core.lasso.lasso import SMALLEST_ALPHA, Lasso, LassoSolver, eliminate_translation
+from lassokin_ros.core.lasso.problem import Lasso, eliminate_translation
+from lassokin_ros.core.lasso.solver import SMALLEST_ALPHA, LassoSolver
 
 COUNT = 1000
 LASSOS = Lassos()

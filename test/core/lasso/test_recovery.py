@@ -6,8 +6,9 @@ from cases import body, random_state
 
 from lassokin_ros.core.image.observation_model import linearise
 from lassokin_ros.core.image.projection import project
-from lassokin_ros.core.lasso.lasso import Lasso, LassoSolver, eliminate_translation
+from lassokin_ros.core.lasso.problem import Lasso, eliminate_translation
 from lassokin_ros.core.lasso.recovery import theorem1_literal, theorem1_projected
+from lassokin_ros.core.lasso.solver import LassoSolver
 
 FIRST = np.array([0])
 

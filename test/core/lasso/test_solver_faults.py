@@ -9,9 +9,10 @@ from cases import Draw, Lassos, random_draw
 from sequences import CONFIG, RATE, TRACKED_WITHIN, aligned_error, observations
 
 from lassokin_ros.core.errors import SolverError
-from lassokin_ros.core.estimate import Rejection, Status
 from lassokin_ros.core.lasso.dual import DualSolver
-from lassokin_ros.core.lasso.lasso import Lasso, LassoSolver, eliminate_translation
+from lassokin_ros.core.lasso.problem import Lasso, eliminate_translation
+from lassokin_ros.core.lasso.solver import LassoSolver
+from lassokin_ros.core.observation import Rejection, Status
 from lassokin_ros.core.tracker import Tracker
 
 LASSOS = Lassos()

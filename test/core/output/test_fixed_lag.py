@@ -8,7 +8,8 @@ from cases import FACING, body
 from sequences import CONFIG, RATE, observations, same
 
 from lassokin_ros.core.body.kinematics import BodyState
-from lassokin_ros.core.estimate import Estimate, Status
+from lassokin_ros.core.estimate import Estimate
+from lassokin_ros.core.observation import Status
 from lassokin_ros.core.output.fixed_lag import FixedLag
 from lassokin_ros.core.output.output_filter import DEPTH, FARTHEST, TYPICAL_SPEED, OutputFilter, time_at
 from lassokin_ros.core.tracker import Tracker

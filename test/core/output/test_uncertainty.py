@@ -7,11 +7,11 @@ import pytest
 from cases import body, central_difference, random_state, relative_error
 
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.estimate import Observation
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.projection import project
-from lassokin_ros.core.lasso.lasso import Lasso
-from lassokin_ros.core.output.uncertainty import FACTOR, LARGEST, WEAKEST, PositionJacobian, UncertaintyModel
+from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
+from lassokin_ros.core.observation import Observation
+from lassokin_ros.core.output.uncertainty import FACTOR, LARGEST, PositionJacobian, UncertaintyModel
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from sequences import CONFIG, frame
 
-from lassokin_ros.core.estimate import Rejection
-from lassokin_ros.core.lasso import lasso
+from lassokin_ros.core.lasso import solver
+from lassokin_ros.core.observation import Rejection
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.outputs.rejection_text import rejection_text
 
@@ -46,7 +46,7 @@ def test_every_refusal_is_said_in_words_with_what_was_expected(rejection, monkey
     assert tracker.track(frame(tracker)).accepted
     observation, words = spoilt(rejection, frame(tracker))
     if rejection is Rejection.NOT_CERTIFIED:
-        monkeypatch.setattr(lasso, "KKT_TOLERANCE", -1.0)
+        monkeypatch.setattr(solver, "KKT_TOLERANCE", -1.0)
     answer = tracker.track(observation)
     assert answer.rejection is rejection
     said = rejection_text(answer, observation, CONFIG)

@@ -15,9 +15,9 @@ from lassokin_ros.core.body.kinematics import BodyState, Kinematics  # noqa: E40
 from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
-from lassokin_ros.core.estimate import Status  # noqa: E402
 from lassokin_ros.core.evidence.upright import Upright  # noqa: E402
 from lassokin_ros.core.image.projection import project  # noqa: E402
+from lassokin_ros.core.observation import Status  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
 from lassokin_ros.pipeline.detections import MOST_PEOPLE  # noqa: E402
 from lassokin_ros.pipeline.people.multi_person import FOUND_AT_ONCE  # noqa: E402

@@ -14,8 +14,8 @@ from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.estimate import Status
 from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.observation import Status
 from lassokin_ros.demo.synthetic import motion
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.people.per_body_pipeline import PerBodyPipeline

@@ -14,7 +14,8 @@ from lassokin_ros.core.body.rotations import right_jacobian
 from lassokin_ros.core.evidence.frame_model import FrameModel, LinearisedFrame
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import huber_weights
-from lassokin_ros.core.lasso.lasso import Lasso, LassoSolution, LassoSolver
+from lassokin_ros.core.lasso.problem import Lasso
+from lassokin_ros.core.lasso.solver import LassoSolution, LassoSolver
 
 
 @dataclass(frozen=True, eq=False)

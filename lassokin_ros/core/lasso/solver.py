@@ -1,0 +1,138 @@
+"""Solve the frame's lasso (see `problem.py`) and certify the answer.
+
+The dual is a small QP, whose multipliers are Omega (see `dual.py`). An active-set step makes the answer exact on its
+support (see `active_set.py`). KKT-1..3 (13)-(15) on the matrices as given certify it (see `certificate.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Callable
+
+import numpy as np
+
+from lassokin_ros.core.errors import SolverError
+from lassokin_ros.core.lasso.active_set import mend, predicted
+from lassokin_ros.core.lasso.certificate import Certificate, certify
+from lassokin_ros.core.lasso.dual import DualSolver
+from lassokin_ros.core.lasso.problem import Lasso, Reduced
+
+KKT_TOLERANCE = 1e-6
+"""Largest KKT residual of a certified solution, in units of alpha."""
+
+GUESS_STEPS = 16
+"""Active-set steps from a guess before the QP solver is used. The previous frame's Omega takes about 4."""
+
+SMALLEST_ALPHA = 1e-4
+"""Smallest fraction of alpha_max (at which Omega becomes 0). alpha is raised to it: below, first-order solvers stall."""
+
+
+@dataclass(frozen=True, eq=False)
+class LassoSolution:
+    """The minimiser: omega (n,) rad, x (3,) m, and the alpha (n,) that was used, after clamping.
+
+    method: what found it. exact: KKT holds to rounding on H, which is enough for an answer that only starts the next
+    linearisation. certifier: computes the certificate.
+    """
+
+    omega: np.ndarray
+    x: np.ndarray
+    alpha: np.ndarray
+    certifier: Callable[[], Certificate]
+    method: str
+    exact: bool = False
+
+    @cached_property
+    def certificate(self) -> Certificate:
+        """KKT residuals and duality gap on the matrices as given, computed on first use."""
+        return self.certifier()
+
+    @property
+    def certified(self) -> bool:
+        """True when KKT-1..3 hold to `KKT_TOLERANCE` of alpha."""
+        return self.certificate.kkt_residual <= KKT_TOLERANCE
+
+    @property
+    def support(self) -> np.ndarray:
+        """Indices of the degrees of freedom that move, V in the seed."""
+        return self.omega.nonzero()[0]
+
+
+class LassoSolver:
+    """Solves lassos. Keeps one QP object per problem size."""
+
+    def __init__(self, solver: str = "proxqp") -> None:
+        """solver: "proxqp", or a name in qpsolvers.available_solvers. Raises SolverError for any other name."""
+        self._dual = DualSolver(solver)
+
+    def solve(self, problem: Lasso, guess: np.ndarray | None = None) -> LassoSolution:
+        """The minimiser, with its certificate.
+
+        guess: (n,) an Omega whose signs may be those of the solution, for example the previous linearisation's. It is
+        used only if the exact solution on its support satisfies KKT: it saves time and cannot change the answer.
+        Raises SolverError for a problem that is not posed correctly. A solve that fails returns an uncertified answer.
+        """
+        problem.check()
+        reduced = problem.reduced
+        if not math.isfinite(reduced.H.trace()):
+            raise SolverError("the squares of A overflow; expected values below 1e150")
+        ratios = np.abs(reduced.g) / problem.alpha
+        ratio = float(ratios[ratios.argmax()])  # four times faster than max() here
+        if ratio <= 1:
+            return _finished(problem, reduced, problem.alpha, np.zeros(len(problem.alpha)), "zero", True)
+        clamp = SMALLEST_ALPHA * ratio
+        alpha = problem.alpha * clamp if clamp > 1 else problem.alpha
+        if guess is not None:
+            likely = predicted(reduced.H, reduced.g, alpha, guess)
+            repaired = mend(reduced.H, reduced.g, alpha, likely, GUESS_STEPS)
+            if repaired is not None:
+                return _finished(problem, reduced, alpha, repaired, "guess", True)
+        for effort, steps in enumerate((8, 100, 100)):
+            answer = self._solve_dual(reduced, alpha, effort)
+            omega = np.zeros(len(alpha)) if answer is None else answer
+            repaired = mend(reduced.H, reduced.g, alpha, omega, steps)
+            exact = repaired is not None
+            if repaired is None:
+                repaired = _without_tiny_entries(reduced, alpha, omega)
+            method = "active set" if answer is None else self._dual.name
+            solution = _finished(problem, reduced, alpha, repaired, method, exact)
+            if solution.certified:
+                break
+        return solution
+
+    def _solve_dual(self, reduced: Reduced, alpha: np.ndarray, effort: int) -> np.ndarray | None:
+        """The QP solver's Omega (n,), or None if the solver raises or does not return n finite numbers."""
+        try:
+            answer = self._dual.solve(reduced.A, reduced.z, reduced.H, reduced.g, alpha, effort)
+            omega = np.asarray(answer)
+        except Exception:  # solvers raise any exception; the certificate decides about the answer
+            return None
+        return omega if omega.dtype == float and omega.shape == alpha.shape and np.isfinite(omega).all() else None
+
+
+def _finished(
+    problem: Lasso, reduced: Reduced, alpha: np.ndarray, omega: np.ndarray, method: str, exact: bool
+) -> LassoSolution:
+    x = reduced.Y.dot(problem.z - problem.A.dot(omega))
+
+    def certifier() -> Certificate:
+        return certify(problem.A, problem.B, problem.z, alpha, omega, x)
+
+    return LassoSolution(omega, x, alpha, certifier, method, exact)
+
+
+def _without_tiny_entries(reduced: Reduced, alpha: np.ndarray, omega: np.ndarray) -> np.ndarray:
+    """The solver's answer with tiny entries, left by its tolerance, set to 0: the threshold that fits KKT-1..2 best."""
+    size = np.abs(omega)
+    best, best_residual = omega, np.inf
+    for threshold in (1e-8, 1e-6, 1e-4):
+        cut = np.where(size < threshold * size.max(initial=0), 0.0, omega)
+        correlation = reduced.g - reduced.H @ cut
+        wrong = np.abs(correlation - alpha * np.sign(cut)) / alpha
+        excess = (np.abs(correlation) - alpha) / alpha
+        residual = np.max(np.where(cut != 0, wrong, excess))
+        if residual < best_residual:
+            best, best_residual = cut, residual
+    return best

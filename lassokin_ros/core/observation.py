@@ -1,0 +1,48 @@
+"""The tracker's input: the keypoints of one person in one frame, and why a frame may be rejected."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+
+class Status(Enum):
+    """State of the tracker."""
+
+    SEARCHING = "searching"
+    TRACKING = "tracking"
+    LOST = "lost"
+
+
+class Rejection(str, Enum):
+    """Reason why a frame was not used."""
+
+    WRONG_SHAPE = "wrong_shape"
+    NOT_FINITE = "not_finite"
+    OLD_STAMP = "old_stamp"
+    TOO_FEW_LANDMARKS = "too_few_landmarks"
+    NOT_CERTIFIED = "not_certified"
+    TOO_SMALL = "too_small"
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """One frame's keypoints of one person.
+
+    stamp: s. points: (l, 2) normalised image coordinates without distortion, NaN = missing. confidence: (l,) from 0 to
+    1, 0 = missing. focal: px per normalised unit; it converts `noise_px` to that unit.
+    depth: (l,) m along the optical axis, measured at each landmark, NaN = none; None without a depth sensor.
+    depth_deviation: (l,) m, standard deviation of `depth`; None for the configured one.
+    depth_of_surface: True if `depth` is that of the body's surface, as a depth camera measures it; False if it is that
+    of the landmark inside the body.
+    """
+
+    stamp: float
+    points: np.ndarray
+    confidence: np.ndarray
+    focal: float
+    depth: np.ndarray | None = None
+    depth_deviation: np.ndarray | None = None
+    depth_of_surface: bool = False
