@@ -1,1 +1,1 @@
-"""Messages to arrays and back, for rclpy's and for rosbags' message objects alike. Knows no algorithm."""
+"""Convert messages to arrays and back, for message objects of rclpy and of rosbags. Contains no algorithm."""

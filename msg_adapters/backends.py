@@ -1,4 +1,4 @@
-"""Two makers of messages: rclpy's and rosbags' differ in how a message is made and in what arrays it takes."""
+"""Create messages of rclpy and of rosbags. They differ in how messages are created and in the types of array fields."""
 
 from __future__ import annotations
 
@@ -10,35 +10,35 @@ import numpy as np
 
 
 class Backend(Protocol):
-    """Makes blank messages and converts the few field types in which rclpy and rosbags differ."""
+    """Creates empty messages and converts the field types in which rclpy and rosbags differ."""
 
     def make(self, message_type: str) -> Any:
-        """A message with every field at its default; message_type in the long form, "std_msgs/msg/String"."""
+        """Return a message with default values; message_type: long form, "std_msgs/msg/String"."""
         ...
 
     def float64(self, values: np.ndarray) -> Any:
-        """The content of a float64[] field."""
+        """Return the value of a float64[] field."""
         ...
 
     def byte(self, value: int) -> Any:
-        """The content of a byte field."""
+        """Return the value of a byte field."""
         ...
 
     def uint8(self, content: bytes) -> Any:
-        """The content of a uint8[] field."""
+        """Return the value of a uint8[] field."""
         ...
 
     def serialise(self, message: Any) -> bytes:
-        """The message as it goes over the wire and into recordings: CDR."""
+        """Return the message serialised as CDR, the format of transport and recordings."""
         ...
 
     def alike(self, serialised: bytes, message: Any) -> bool:
-        """Whether a serialised message says the same as a message."""
+        """Return True if a serialised message equals a message."""
         ...
 
 
 class RclpyBackend:
-    """Messages for publishers; needs rclpy's message packages."""
+    """Messages for publishers. Needs the message packages of rclpy."""
 
     def make(self, message_type: str) -> Any:
         """See Backend.make."""
@@ -46,7 +46,7 @@ class RclpyBackend:
         return getattr(import_module(f"{package}.msg"), name)()
 
     def float64(self, values: np.ndarray) -> array:
-        """See Backend.float64. From bytes, which costs a fraction of a list."""
+        """See Backend.float64. The conversion from bytes is much faster than from a list."""
         return array("d", np.ascontiguousarray(values, dtype=np.float64).tobytes())
 
     def byte(self, value: int) -> bytes:
@@ -60,36 +60,36 @@ class RclpyBackend:
     def serialise(self, message: Any) -> bytes:
         """See Backend.serialise."""
         serialised: bytes = import_module("rclpy.serialization").serialize_message(message)
-        # Behind an empty sequence of doubles, with which joint_states end, the middleware leaves room for their
-        # alignment: four bytes of no meaning, which strict readers refuse. What ends with doubles and the length of
-        # the empty sequence is, with the four bytes of CDR's header, a multiple of eight.
+        # The middleware adds four bytes of alignment after an empty sequence of doubles at the end of a message, such
+        # as joint_states. Strict readers refuse them. With these bytes, a message that ends with doubles and the length
+        # of the empty sequence has a length of 8 k + 4, including the four bytes of the CDR header.
         *_, before, last = (None, *(getattr(message, name) for name in message.get_fields_and_field_types()))
         if _doubles(last) == 0 and _doubles(before) > 0 and len(serialised) % 8 == 4:
             serialised = serialised[:-4]
         return serialised
 
     def alike(self, serialised: bytes, message: Any) -> bool:
-        """See Backend.alike. Read, not compared: between the fields are bytes of no meaning, which are random."""
+        """See Backend.alike. Compares deserialised messages, because padding bytes are random."""
         read = import_module("rclpy.serialization").deserialize_message
         try:
             there = read(serialised, type(message))
-        except Exception:  # the middleware's own, for bytes that are no message
+        except Exception:  # the middleware raises its own errors for invalid bytes
             return False
         return bool(there == read(self.serialise(message), type(message)))
 
 
 def _doubles(value: Any) -> int:
-    """How many there are in a field of doubles; -1 for another field."""
+    """Return the length of a field of doubles; -1 for another field."""
     return len(value) if isinstance(value, array) and value.typecode == "d" else -1
 
 
 class RosbagsBackend:
-    """Messages for `typestore.serialize_cdr`; needs rosbags."""
+    """Messages for `typestore.serialize_cdr`. Needs rosbags."""
 
     _ZEROS = {"string": "", "wstring": "", "bool": False, "float32": 0.0, "float64": 0.0}
 
     def __init__(self, typestore: Any) -> None:
-        """typestore: of rosbags, e.g. get_typestore(Stores.ROS2_JAZZY)."""
+        """typestore: a typestore of rosbags, e.g. get_typestore(Stores.ROS2_JAZZY)."""
         self._typestore = typestore
 
     def make(self, message_type: str) -> Any:
@@ -98,7 +98,7 @@ class RosbagsBackend:
         return self._typestore.types[message_type](*[self._blank(description) for _, description in fields])
 
     def _blank(self, description: Any) -> Any:
-        """A field's default from rosbags' description: (1 base, 2 name, 3 array, 4 sequence)."""
+        """Return the default of a field from its rosbags description: (1 base, 2 name, 3 array, 4 sequence)."""
         kind, detail = int(description[0]), description[1]
         if kind == 2:
             return self.make(detail)

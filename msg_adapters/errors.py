@@ -1,12 +1,12 @@
-"""What a decoder says of a message that it cannot use."""
+"""Error of the message decoders."""
 
 
 class AdapterError(Exception):
-    """A message cannot be used.
+    """A message is unusable.
 
     Attributes
     ----------
-    reason: short key in snake_case, for counting in diagnostics.
+    reason: short key in snake_case, counted in diagnostics.
     """
 
     def __init__(self, reason: str, message: str) -> None:

@@ -1,4 +1,4 @@
-"""Arrays to the messages that the tracker reads: for recordings, examples and tests."""
+"""Convert arrays to the input messages of the tracker, for recordings, examples and tests."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("confidence", "<f4"), ("id", "<i4
 
 
 def point_cloud(backend: Backend, stamp_ns: int, frame_id: str, pixels: np.ndarray, confidence: np.ndarray) -> Any:
-    """Keypoints of one image as sensor_msgs/PointCloud2; points with confidence 0 are left out.
+    """Return keypoints of one image as sensor_msgs/PointCloud2. Points with confidence 0 are omitted.
 
-    pixels: (l, 2) px; confidence: (l,) 0 to 1; a point's id is its row.
+    pixels: (l, 2) px; confidence: (l,) 0 to 1; the id of a point is its row.
     """
     ids = np.flatnonzero(confidence > 0)
     points = np.empty(len(ids), POINT)
@@ -34,7 +34,7 @@ def camera_info(
     size: tuple[int, int],
     model: str = "plumb_bob",
 ) -> Any:
-    """sensor_msgs/CameraInfo of a single camera: K (3, 3) px, D in the model's order, size (width, height) px."""
+    """Return sensor_msgs/CameraInfo of a single camera: K (3, 3) px, D in the order of the model, size (w, h) px."""
     message = backend.make("sensor_msgs/msg/CameraInfo")
     set_header(message.header, stamp_ns, frame_id)
     message.width, message.height = size

@@ -1,4 +1,4 @@
-"""Skeletons from other programs' files: SMPL model, BVH, URDF.
+"""Readers of skeletons in other file formats: SMPL model, BVH, URDF.
 
-The core reads its own YAML alone; here other formats become the `Skeleton` that `core.tracker.Tracker` takes.
+The core reads YAML only. The readers return the `Skeleton` that `core.tracker.Tracker` takes.
 """

@@ -1,4 +1,4 @@
-"""A tree of joints at rest as a file has it, and the way from there to a Skeleton."""
+"""Tree of joints in the rest pose, as read from a file, and its conversion to a Skeleton."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ MOST_JOINTS = 1000
 
 @dataclass(frozen=True, eq=False)
 class RestTree:
-    """names: n joints; parents: (n,) index, -1 for the root, before its children; positions: (n, 3); axes: n orders."""
+    """Joints of a file in the rest pose.
+
+    names: n; parents: (n,) index, parents before children, -1 for the root; positions: (n, 3); axes: n Euler orders.
+    """
 
     names: tuple[str, ...]
     parents: tuple[int, ...]
@@ -23,7 +26,7 @@ class RestTree:
 
 
 def to_skeleton(tree: RestTree, height: float, source: str, name: str) -> Skeleton:
-    """The skeleton of a tree in metres and body axes; it is checked as one from YAML. Raises SkeletonError."""
+    """Return the skeleton of a tree in metres and body axes. Checks it as for YAML. Raises SkeletonError."""
     if len(tree.names) > MOST_JOINTS:
         raise SkeletonError(f"{source} has {len(tree.names)} joints; expected at most {MOST_JOINTS}")
     positions = tree.positions - tree.positions[0]

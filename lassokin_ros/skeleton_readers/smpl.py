@@ -1,6 +1,6 @@
-"""A skeleton from a user's own SMPL model file; nothing of the model is shipped.
+"""Read a skeleton from an SMPL model file of the user. This package contains nothing of the model.
 
-SMPL's joints are J = J_regressor (v_template + shapedirs betas), its equation (8)-(10) at rest.
+The joints are J = J_regressor (v_template + shapedirs betas), equations (8)-(10) of the SMPL paper at rest.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from lassokin_ros.skeleton_readers.naming import OURS
 from lassokin_ros.skeleton_readers.rest_tree import RestTree, to_skeleton
 
 LARGEST = 2**28
-"""bytes of one array: SMPL's largest that is read, 6890 vertices by 300 shapes, has 50 MB."""
+"""bytes of one array. The largest array read from SMPL, 6890 vertices by 300 shapes, has 50 MB."""
 MOST_VERTICES = 100_000
 ADVICE = "see docs/files.md for how to make the file from SMPL's own"
 
 
 def read(path: Path, height: float) -> Skeleton:
-    """The skeleton of an npz with J_regressor (24, V), v_template (V, 3) m, and if there are, shapedirs and betas.
+    """Return the skeleton of an npz with J_regressor (24, V), v_template (V, 3) m, optional shapedirs and betas.
 
-    shapedirs: (V, 3, b); betas: (k,), k <= b, the person's shape, zero without them. Lengths are the model's, in
-    metres; height has no part in them. Raises SkeletonError.
+    shapedirs: (V, 3, b); betas: (k,), k <= b, the shape of the person, default 0. Lengths are those of the model, in
+    metres; `height` does not change them. Raises SkeletonError.
     """
     source = str(path)
     arrays = _read(path, ("J_regressor", "v_template", "shapedirs", "betas"))
@@ -50,7 +50,7 @@ def read(path: Path, height: float) -> Skeleton:
 
 
 def _read(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """Those of the arrays that the file has, as float64. Raises SkeletonError; nothing is unpickled."""
+    """Return the arrays present in the file, as float64. Raises SkeletonError. Nothing is unpickled."""
     arrays: dict[str, np.ndarray] = {}
     try:
         with zipfile.ZipFile(path) as archive:
@@ -64,7 +64,7 @@ def _read(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
                 arrays[name] = _numbers(file, name, path)
     except SkeletonError:
         raise
-    except Exception as problem:  # numpy's and zipfile's reaction to broken files has many forms
+    except Exception as problem:  # numpy and zipfile raise many kinds of errors for broken files
         raise SkeletonError(f"{path} cannot be read as an npz: {problem or type(problem).__name__}") from None
     return arrays
 
@@ -76,10 +76,10 @@ def _numbers(file: np.lib.npyio.NpzFile, name: str, path: Path) -> np.ndarray:
         if "pickle" not in str(problem):
             raise
         raise SkeletonError(
-            f"{path}: '{name}' is a pickled object (a sparse matrix most likely), which is not read because it can run "
-            f"code; store it as a dense array: {ADVICE}"
+            f"{path}: '{name}' is a pickled object (probably a sparse matrix). It is not read because it can run "
+            f"code. Store it as a dense array: {ADVICE}"
         ) from None
-    if not isinstance(array, np.ndarray):  # bytes, of a member that is no array
+    if not isinstance(array, np.ndarray):  # bytes: the member is not an array
         raise SkeletonError(f"{path}: '{name}' is no numpy array; {ADVICE}")
     if array.dtype.kind not in "fiu":
         raise SkeletonError(f"{path}: '{name}' holds {array.dtype}; expected numbers")
@@ -90,7 +90,7 @@ def _numbers(file: np.lib.npyio.NpzFile, name: str, path: Path) -> np.ndarray:
 
 
 def _shape(arrays: dict[str, np.ndarray], count: int, source: str) -> np.ndarray | float:
-    """(V, 3) m that the shape adds to the template."""
+    """Return the displacement (V, 3) m of the template by the shape."""
     betas = arrays.get("betas")
     if betas is None or not betas.any():
         return 0.0
@@ -103,7 +103,7 @@ def _shape(arrays: dict[str, np.ndarray], count: int, source: str) -> np.ndarray
 
 
 def _check_posture(positions: np.ndarray, vertices: np.ndarray, ours: Skeleton, source: str) -> None:
-    """Raise SkeletonError unless this is a person in metres who stands along y."""
+    """Raise SkeletonError unless the body stands upright along y and is in metres."""
     stature = float(np.ptp(vertices[:, 1]))
     upright = positions[ours.index("head"), 1] > positions[0, 1] > positions[ours.index("left_ankle"), 1]
     if not upright or not HEIGHT_RANGE[0] <= stature <= HEIGHT_RANGE[1]:

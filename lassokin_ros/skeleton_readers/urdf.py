@@ -1,7 +1,7 @@
-"""The rest pose of a URDF: where its links are when all its joints are at zero.
+"""Read the rest pose of a URDF: the positions of its links at zero joint angles.
 
-The XML is read with the standard library's parser. It fetches nothing from outside, and a document type, with which
-entities could be declared that grow when they are read, is refused before any is expanded.
+The XML parser of the standard library loads no external entities. A document type is refused before entities are
+expanded, since entities can grow exponentially.
 """
 
 from __future__ import annotations
@@ -26,7 +26,10 @@ MOST_LINKS = 4000
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """A joint of the file: parent and child are links; axis "x", "y", "z", empty for any other; number: its place."""
+    """A joint of the file.
+
+    number: position in the file; parent, child: links; xyz: m; axis: "x", "y" or "z", empty for another axis.
+    """
 
     number: int
     name: str
@@ -38,10 +41,10 @@ class Joint:
 
 
 def read(path: Path, height: float) -> Skeleton:
-    """The skeleton of a URDF, for a person of `height` m; lengths are in metres, as URDF has them.
+    """Return the skeleton of a URDF, for a person of `height` m. Lengths are in metres, as in URDF.
 
-    One of our own gives the skeleton of which it was made. In any other the links' names are looked up (see naming),
-    and the pose at zero is brought into a T-pose. Raises SkeletonError.
+    A URDF written by this package gives the original skeleton. In another URDF the links are identified by name (see
+    naming), and the zero pose is turned into a T-pose. Raises SkeletonError.
     """
     source = str(path)
     robot = _root(read_text(path, SkeletonError), source)
@@ -52,7 +55,7 @@ def read(path: Path, height: float) -> Skeleton:
     named = in_our_names(_links(joints), source)
     if named is None:
         raise SkeletonError(
-            f"{source} has none of the link names that are known (see skeleton_readers/names.yaml); rename the links "
+            f"{source} has none of the known link names (see skeleton_readers/names.yaml); rename the links "
             "to pelvis, left_hip, ..., or describe the skeleton in YAML"
         )
     return to_skeleton(in_our_pose(named, source), height, source, name)
@@ -60,7 +63,7 @@ def read(path: Path, height: float) -> Skeleton:
 
 class _NoDoctype(ElementTree.TreeBuilder):
     def doctype(self, name: str, public: str | None, system: str | None) -> None:
-        raise SkeletonError("has a document type (DOCTYPE), which a URDF needs not; remove it")
+        raise SkeletonError("has a document type (DOCTYPE); remove it, a URDF does not need it")
 
 
 def _root(text: str, source: str) -> ElementTree.Element:
@@ -78,20 +81,20 @@ def _root(text: str, source: str) -> ElementTree.Element:
 
 
 def _joints(robot: ElementTree.Element, source: str) -> list[Joint]:
-    """All joints, each behind that of its parent link. Raises SkeletonError when they make no tree."""
+    """Return all joints, parents first. Raises SkeletonError if they form no tree."""
     waiting: dict[str, list[Joint]] = {}
     children: set[str] = set()
     for number, element in enumerate(robot.findall("joint")):
         joint = _joint(number, element, source)
         if joint.child in children:
-            raise SkeletonError(f"{source}: link '{joint.child}' hangs on two joints; expected a tree")
+            raise SkeletonError(f"{source}: link '{joint.child}' is the child of two joints; expected a tree")
         children.add(joint.child)
         waiting.setdefault(joint.parent, []).append(joint)
     if len(children) > MOST_LINKS:
         raise SkeletonError(f"{source} has {len(children)} links; expected at most {MOST_LINKS}")
     roots = [parent for parent in waiting if parent not in children]
     if len(roots) != 1:
-        raise SkeletonError(f"{source}: {len(roots)} links are above others and below none; expected one, the root")
+        raise SkeletonError(f"{source}: {len(roots)} root links (parents that are no child); expected one")
     order: list[Joint] = []
     links = list(roots)
     for link in links:  # grows
@@ -125,7 +128,7 @@ def _numbers(text: str | None, source: str, joint: str) -> np.ndarray:
 
 
 def _placed(joints: list[Joint]) -> dict[str, np.ndarray]:
-    """(3,) m of each link at zero, in the root link's frame."""
+    """Return the position (3,) m of each link at zero, in the frame of the root link."""
     poses = {joints[0].parent: (np.zeros(3), np.eye(3))}
     for joint in joints:
         place, turn = poses[joint.parent]
@@ -134,7 +137,7 @@ def _placed(joints: list[Joint]) -> dict[str, np.ndarray]:
 
 
 def _links(joints: list[Joint]) -> RestTree:
-    """Every link as a joint of the tree."""
+    """Return the tree with one joint per link."""
     places = _placed(joints)
     names = list(places)
     parents = {joint.child: names.index(joint.parent) for joint in joints}
@@ -147,13 +150,13 @@ def _links(joints: list[Joint]) -> RestTree:
 
 
 def _our_own(joints: list[Joint], source: str) -> RestTree:
-    """The ball joints, each of which is three revolute joints in a row, see lassokin_ros.pipeline.outputs.urdf."""
+    """Return the ball joints, each written as three revolute joints, see lassokin_ros.pipeline.outputs.urdf."""
     places = _placed(joints)
     ball_of: dict[str, str] = {}  # link -> the ball joint that it belongs to
     parents: dict[str, str] = {}
     orders: dict[str, str] = {}
     at: dict[str, np.ndarray] = {}
-    for joint in sorted(joints, key=lambda joint: joint.number):  # as they were written: in the skeleton's order
+    for joint in sorted(joints, key=lambda joint: joint.number):  # in the order of the file, which is that of the skeleton
         if joint.name in ROOT_JOINTS:
             continue
         ball = joint.name.rpartition("_")[0]
@@ -163,7 +166,7 @@ def _our_own(joints: list[Joint], source: str) -> RestTree:
         orders[ball] += joint.axis
         ball_of[joint.child] = ball
     if not orders:
-        raise SkeletonError(f"{source} has the joints of the root alone; expected a body below them")
+        raise SkeletonError(f"{source} has only the joints of the root; expected a body below them")
     names = list(orders)
     above = tuple(names.index(parents[name]) if parents[name] else -1 for name in names)
     return RestTree(tuple(names), above, np.array([at[name] for name in names]), tuple(orders.values()))

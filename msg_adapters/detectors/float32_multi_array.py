@@ -1,4 +1,4 @@
-"""Keypoints in std_msgs/Float32MultiArray: N x 3, row i is landmark i: x, y in px, confidence. It has no stamp."""
+"""Keypoints in std_msgs/Float32MultiArray: N x 3, row i is landmark i: x, y in px, confidence. There is no stamp."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from msg_adapters.keypoints import MAX_POINTS, Keypoints, check_count
 
 
 class Float32MultiArrayAdapter:
-    """Reads an array of keypoints; the layout may be left empty, but what it says must be true."""
+    """Reads an array of keypoints. The layout may be empty; otherwise it must match the data."""
 
     def decode(self, message: Any, image_size: tuple[int, int] | None = None) -> Keypoints:
         """See KeypointAdapter.decode."""
@@ -23,12 +23,12 @@ class Float32MultiArrayAdapter:
             raise AdapterError(
                 "wrong_shape", f"{size} values, data_offset {offset}, dimensions {shape}; expected N x 3 values"
             )
-        with np.errstate(invalid="ignore"):  # a NaN may be a signalling one
+        with np.errstate(invalid="ignore"):  # a NaN may be signalling
             values = np.asarray(message.data, dtype=float)[offset:].reshape(rows, 3)
         return Keypoints(None, "", np.arange(rows), values[:, :2], values[:, 2])
 
 
 def _fits(dimensions: Any, rows: int) -> bool:
-    """True when the layout is empty, or says (rows, 3), or the same as one dimension."""
+    """Return True if the layout is empty, (rows, 3), or one dimension of 3 rows."""
     sizes = [d.size for d in dimensions[:3]]
     return sizes in ([], [rows, 3], [3 * rows])

@@ -1,6 +1,6 @@
-"""Keypoints in hri_msgs/Skeleton2D (REP-155): 18 points of one person, x and y as fractions of the image's size.
+"""Keypoints in hri_msgs/Skeleton2D (REP-155): 18 points of one person, x and y as fractions of the image size.
 
-Landmark layout: `hri18`; OpenPose's 18 points but for the eyes and ears, whose left and right are the other way round.
+Landmark layout: `hri18`. It equals OpenPose's layout, except that left and right eyes and ears are swapped.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from msg_adapters.keypoints import Keypoints, check_count, frame_name, header_st
 
 
 class HriSkeleton2DAdapter:
-    """Reads one person's skeleton; whose it is stands in the topic's name, not in the message."""
+    """Reads the skeleton of one person. The name of the topic identifies the person."""
 
     def decode(self, message: Any, image_size: tuple[int, int] | None = None) -> Keypoints:
         """See KeypointAdapter.decode."""

@@ -12,9 +12,9 @@ from msg_adapters.keypoints import Keypoints, check_count, frame_name, header_st
 
 MAX_FIELDS = 64
 MAX_POINT_STEP = 4096
-"""Bytes; a keypoint takes 16 to 32, and further fields of the sender's a few more."""
+"""Bytes. A keypoint takes 16 to 32; additional fields take a few more."""
 LONGEST_NAME = 32
-"""Characters of a field's name that are looked at: names are repeated in what is said of a cloud."""
+"""Characters of a field name that are used. Error texts contain the names."""
 ALIASES = {"u": "x", "v": "y"}
 DATATYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}  # sensor_msgs/PointField
 INTEGERS, FLOATS = (1, 2, 3, 4, 5, 6), (7, 8)
@@ -22,7 +22,7 @@ EXPECTED = {"x": FLOATS, "y": FLOATS, "confidence": FLOATS, "id": INTEGERS, "per
 
 
 class PointCloud2Adapter:
-    """Reads a cloud of keypoints whatever its byte order, padding and further fields."""
+    """Reads a cloud of keypoints with any byte order, padding and additional fields."""
 
     def decode(self, message: Any, image_size: tuple[int, int] | None = None) -> Keypoints:
         """See KeypointAdapter.decode."""
@@ -37,7 +37,7 @@ class PointCloud2Adapter:
         fields = tuple((f.name[:LONGEST_NAME], f.offset, f.datatype, f.count) for f in message.fields)
         points = _points(message, _dtype(fields, message.point_step, bool(message.is_bigendian)))
         xy = np.empty((len(points), 2))
-        with np.errstate(invalid="ignore"):  # a NaN may be a signalling one
+        with np.errstate(invalid="ignore"):  # a NaN may be signalling
             xy[:, 0], xy[:, 1] = points["x"], points["y"]
             confidence = points["confidence"].astype(float)
         persons = points["person"].astype(np.int64) if "person" in (points.dtype.names or ()) else None
@@ -47,7 +47,7 @@ class PointCloud2Adapter:
 
 @lru_cache(maxsize=16)
 def _dtype(fields: tuple[tuple[str, int, int, int], ...], point_step: int, big_endian: bool) -> np.dtype:
-    """numpy's description of one point; AdapterError when the fields are not what a keypoint needs."""
+    """Return the numpy dtype of one point. Raises AdapterError if required fields are missing or wrong."""
     order = ">" if big_endian else "<"
     formats: dict[str, tuple[str, int]] = {}
     for name, offset, datatype, count in fields:
@@ -55,7 +55,7 @@ def _dtype(fields: tuple[tuple[str, int, int, int], ...], point_step: int, big_e
         if name not in EXPECTED:
             continue
         if name in formats:
-            raise AdapterError("wrong_fields", f"field '{name}' stands twice in the cloud")
+            raise AdapterError("wrong_fields", f"the cloud has two fields '{name}'")
         if datatype not in EXPECTED[name] or count > 1:
             kind = "float32 or float64" if EXPECTED[name] is FLOATS else "an integer type"
             raise AdapterError(
@@ -81,7 +81,7 @@ def _dtype(fields: tuple[tuple[str, int, int, int], ...], point_step: int, big_e
 
 
 def _points(message: Any, dtype: np.dtype) -> np.ndarray:
-    """The cloud's points (k,) without copying; AdapterError when its sizes contradict each other."""
+    """Return the points (k,) of the cloud without a copy. Raises AdapterError if its sizes are inconsistent."""
     width, height, size = message.width, message.height, len(message.data)
     if message.row_step < width * message.point_step or size != message.row_step * height:
         raise AdapterError(

@@ -1,4 +1,4 @@
-"""Keypoints in geometry_msgs/PolygonStamped: point i is landmark i; x, y in px, z is its confidence."""
+"""Keypoints in geometry_msgs/PolygonStamped: point i is landmark i; x, y in px, z is the confidence."""
 
 from __future__ import annotations
 

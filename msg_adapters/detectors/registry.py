@@ -1,4 +1,4 @@
-"""The keypoint messages that can be read: one line for each; a module is imported when its message is asked for."""
+"""Supported keypoint messages, one line each. The module of an adapter is imported on demand."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ ADAPTERS = {
     "yolo_msgs/msg/DetectionArray": "msg_adapters.detectors.yolo_detections:YoloDetectionsAdapter",
     "zed_msgs/msg/ObjectsStamped": "msg_adapters.detectors.zed_objects:ZedObjectsAdapter",
 }
-"""Message type -> module:class of its adapter."""
+"""Message type -> module:class of the adapter."""
 
 
 class KeypointAdapter(Protocol):
-    """What an adapter is: one method, no state that matters."""
+    """Decodes the keypoint messages of one type. Adapters are stateless."""
 
     def decode(self, message: Any, image_size: tuple[int, int] | None) -> Keypoints:
-        """The message's keypoints; AdapterError when it lies about itself.
+        """Return the keypoints of a message. Raises AdapterError if the message is inconsistent.
 
-        image_size: (width, height) px from camera_info, None before the first; for messages with normalised
+        image_size: (width, height) px from camera_info, None before the first one. It is needed for normalised
         coordinates.
         """
         ...
 
 
 def full_type_name(message_type: str) -> str:
-    """The long form of a message type: "sensor_msgs/PointCloud2" -> "sensor_msgs/msg/PointCloud2"."""
+    """Return the long form of a message type: "sensor_msgs/PointCloud2" -> "sensor_msgs/msg/PointCloud2"."""
     parts = message_type.split("/")
     return f"{parts[0]}/msg/{parts[1]}" if len(parts) == 2 else message_type
 
 
 def keypoint_adapter(message_type: str) -> KeypointAdapter:
-    """A new adapter for a message type, in the long or the short form. Raises KeyError for one without adapter."""
+    """Return an adapter for a message type in long or short form. Raises KeyError if there is none."""
     module, name = ADAPTERS[full_type_name(message_type)].split(":")
     adapter: KeypointAdapter = getattr(import_module(module), name)()
     return adapter

@@ -1,7 +1,7 @@
-"""Keypoints in yolo_msgs/DetectionArray (yolo_ros): a list for each detection, found by id; landmark layout `coco17`.
+"""Keypoints in yolo_msgs/DetectionArray (yolo_ros): one list per detection; landmark layout `coco17`.
 
-A keypoint's id is its index in COCO's order plus 1, and points under the detector's threshold are left out. A
-detection's own id is the tracker's number as text, empty when yolo_ros runs without its tracker.
+The id of a keypoint is its COCO index plus 1. Points below the detector's threshold are absent. The id of a detection
+is the tracker's number as text, and empty if yolo_ros runs without tracker.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from msg_adapters.keypoints import MAX_POINTS, Keypoints, check_count, frame_nam
 
 
 class YoloDetectionsAdapter:
-    """Reads the detections that have keypoints, whatever their class."""
+    """Reads all detections with keypoints, of any class."""
 
     def decode(self, message: Any, image_size: tuple[int, int] | None = None) -> Keypoints:
         """See KeypointAdapter.decode."""

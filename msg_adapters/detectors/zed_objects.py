@@ -1,8 +1,8 @@
 """Keypoints in zed_msgs/ObjectsStamped (ZED's body tracking), pixels of the left image.
 
-Landmark layouts: `zed38` for BODY_38, `openpose18` for BODY_18, which has OpenPose's order. Confidences are percents,
-1 to 99. The wrapper fills those of the single keypoints or leaves them 0; then the whole body's stands for each. The
-message's frame_id names the camera's body (x forward), not its optical frame, so camera_info's is used instead.
+Landmark layouts: `zed38` for BODY_38, `openpose18` for BODY_18, which has OpenPose's order. Confidences are percentages
+from 1 to 99. If the wrapper leaves the confidences of the keypoints at 0, the confidence of the body is used. The
+frame_id of the message is the body frame of the camera (x forward), so the optical frame of camera_info is used instead.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import MAX_POINTS, Keypoints, check_count, header_stamp
 
 COUNTS = (18, 34, 38, 70)
-"""Keypoints by body_format; the message's array has room for 70 and holds zeros behind."""
+"""Number of keypoints by body_format. The array of the message has 70 entries; the remaining ones are 0."""
 
 TRACKED = 1
-"""tracking_state of a body that is seen; in the others its points are a guess or left over."""
+"""tracking_state of a visible body. In other states the keypoints are predictions or outdated."""
 
 FULL = 100.0
-"""Confidences are percents."""
+"""Confidences are percentages."""
 
 
 class ZedObjectsAdapter:
-    """Reads the objects that have a skeleton and are seen at present."""
+    """Reads the objects that have a skeleton and are visible."""
 
     def decode(self, message: Any, image_size: tuple[int, int] | None = None) -> Keypoints:
         """See KeypointAdapter.decode."""
@@ -48,7 +48,7 @@ def _count(body: Any) -> int:
 
 
 def _points(body: Any) -> list[tuple[int, float, float, float]]:
-    """(landmark, x, y, confidence) of one body; a point that was not found has negative coordinates or NaN."""
+    """Return (landmark, x, y, confidence) of one body. Missing points have negative coordinates or NaN."""
     count = _count(body)
     pixels = [point.kp for point in body.skeleton_2d.keypoints[:count]]
     own = [float(value) for value in getattr(body, "skeleton_keypoint_confidence", ())[:count]]
