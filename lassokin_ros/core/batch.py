@@ -65,7 +65,7 @@ def run_batched(several: Sequence[Steps[T]]) -> list[T]:
     ended: dict[int, T] = {}
     errors: list[Exception] = []
     waiting: dict[int, BatchedCall] = {}
-    kinds: dict[tuple[type, str], None] = {}  # in the order in which they come up
+    kinds: dict[tuple[Any, ...], None] = {}  # in the order in which they come up
     answers: dict[int, Any] = dict.fromkeys(range(len(several)))
     while answers:
         for person, answer in answers.items():
@@ -85,9 +85,16 @@ def run_batched(several: Sequence[Steps[T]]) -> list[T]:
     return [ended[person] for person in range(len(several))]
 
 
-def _kind(work: BatchedCall) -> tuple[type, str]:
-    """What of several can be done at once."""
-    return type(work.part), work.method
+def _kind(work: BatchedCall) -> tuple[Any, ...]:
+    """What of several can be done at once: the same method, with the same optional arrays present."""
+    return type(work.part), work.method, *(_absent_fields(argument) for argument in work.arguments)
+
+
+def _absent_fields(argument: Any) -> tuple[str, ...]:
+    """Names of a dataclass' fields that are None."""
+    if isinstance(argument, np.ndarray):
+        return ()
+    return tuple(name for name, value in vars(argument).items() if value is None)
 
 
 def _done(works: Sequence[BatchedCall]) -> list[Any]:
@@ -131,6 +138,8 @@ def stack_values(values: Sequence[Any]) -> Any:
     first = values[0]
     if isinstance(first, np.ndarray):
         return np.array(values)
+    if first is None:
+        return None
     return type(first)(*(stack_values([vars(value)[name] for value in values]) for name in vars(first)))
 
 

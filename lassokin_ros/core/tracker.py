@@ -89,7 +89,8 @@ class Tracker:
         self._output_filter = OutputFilter(self.kinematics.joint_count)
         self._lag = FixedLag(self.kinematics)
         limbs = limb_groups(self.skeleton)[self.layout.joints]
-        self._measurements, self.model_error = MeasurementFilter(self.layout.names, limbs), ModelError(self.skeleton.height)
+        self._measurements = MeasurementFilter(self.layout.names, limbs, self.layout.surface, self.skeleton.height)
+        self.model_error = ModelError(self.skeleton.height)
         self.calibration, self.adaptive_mean = Calibration(self._rows), AdaptiveMean(self._rows)
         self._uncertainty = UncertaintyModel(self.kinematics, prior)
         motion = np.maximum(prior.motion, LEAST_MOTION)[self._rows.live]

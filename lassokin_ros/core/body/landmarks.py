@@ -16,6 +16,28 @@ from lassokin_ros.core.yaml_files import check_keys, finite_numbers, load_mappin
 MOST_LANDMARKS = 1000
 """What is made of them grows with their number's square; a body with both hands and a face mesh has about 550."""
 
+SURFACE = {
+    "hip": 0.055,
+    "knee": 0.034,
+    "ankle": 0.021,
+    "foot": 0.018,
+    "neck": 0.036,
+    "head": 0.045,
+    "shoulder": 0.040,
+    "elbow": 0.025,
+    "wrist": 0.016,
+    "hand": 0.010,
+    "pelvis": 0.060,
+    "spine1": 0.060,
+    "spine2": 0.060,
+    "spine3": 0.060,
+}
+"""Half of the body's thickness at a joint, by the height: the default `surface` of a landmark at a joint's centre.
+
+Typical values of adults in light clothing: circumference / (2 pi) for limbs and neck, half of the depth for the trunk.
+A landmark with an offset from its joint (nose, ear, toe) is on the surface: 0. A layout may state its own.
+"""
+
 
 @dataclass(frozen=True, eq=False)
 class Layout:
@@ -27,6 +49,7 @@ class Layout:
     names: l landmark names; a keypoint's id is its index here.
     joints: (l,) index of the joint on which each landmark rides.
     offsets: (l, 3) m, q_i^0 of (1): constant place in that joint's frame (body axes at rest: x left, y up, z front).
+    surface: (l,) m from the body's surface to the landmark, along the line of sight of a depth camera.
     noise: (l,) factor on the detector's noise: above 1 where its adaptive_mean is off the joint's centre (hips) or unsteady.
     """
 
@@ -35,6 +58,7 @@ class Layout:
     joints: np.ndarray
     offsets: np.ndarray
     noise: np.ndarray
+    surface: np.ndarray
 
     @classmethod
     def load(cls, name_or_path: str, skeleton: Skeleton) -> Layout:
@@ -61,13 +85,13 @@ class Layout:
         if len(entries) > MOST_LANDMARKS:
             raise LayoutError(f"{source}: {len(entries)} landmarks; expected at most {MOST_LANDMARKS}")
         names: list[str] = []
-        joints, offsets, noise = [], [], []
+        joints, offsets, noise, surface = [], [], [], []
         for entry in entries:
             where = f"{source}: landmark {len(names)}"
             if not isinstance(entry, Mapping) or not isinstance(entry.get("name"), str):
                 raise LayoutError(f"{where} is {entry!r}; expected a mapping with name, joint and offset")
             where = f"{source}: landmark '{entry['name']}'"
-            check_keys(entry, ("name", "joint", "offset", "noise"), where, LayoutError)
+            check_keys(entry, ("name", "joint", "offset", "noise", "surface"), where, LayoutError)
             if entry["name"] in names:
                 raise LayoutError(f"{where} stands twice; names must be unique")
             if entry.get("joint") not in skeleton.joint_names:
@@ -81,9 +105,18 @@ class Layout:
             noise.append(_numbers([entry.get("noise", 1.0)], 1, where, "noise")[0])
             if not 0.1 <= noise[-1] <= 100:
                 raise LayoutError(f"{where} has noise {noise[-1]}; expected a factor from 0.1 to 100")
+            inside = SURFACE.get(_without_side(entry["joint"]), 0.0) if not any(offsets[-1]) else 0.0
+            surface.append(_numbers([entry.get("surface", inside)], 1, where, "surface")[0])
+            if not 0 <= surface[-1] <= 0.2:
+                raise LayoutError(f"{where} has surface {surface[-1]}; expected 0 to 0.2 of the height")
         scale = skeleton.height
         return cls(
-            str(data.get("name", source)), tuple(names), np.array(joints), np.array(offsets) * scale, np.array(noise)
+            str(data.get("name", source)),
+            tuple(names),
+            np.array(joints),
+            np.array(offsets) * scale,
+            np.array(noise),
+            np.array(surface) * scale,
         )
 
     def index(self, landmark: str) -> int:
@@ -97,6 +130,10 @@ def built_in_layouts() -> list[str]:
     """Names that `Layout.load` knows without a file."""
     folder = resources.files("lassokin_ros.core.body") / "layouts"
     return sorted(Path(entry.name).stem for entry in folder.iterdir() if entry.name.endswith(".yaml"))
+
+
+def _without_side(joint: str) -> str:
+    return joint.removeprefix("left_").removeprefix("right_")
 
 
 def _numbers(value: Any, count: int, where: str, what: str) -> list[float]:

@@ -17,6 +17,7 @@ from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.evidence.balance import Balance
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
 from lassokin_ros.core.evidence.image_points import ImagePoints
+from lassokin_ros.core.evidence.measured_depth import MeasuredDepth
 from lassokin_ros.core.evidence.pose_prior import PosePrior
 from lassokin_ros.core.evidence.upright import Upright
 from lassokin_ros.core.image.frame_data import FrameData
@@ -39,7 +40,7 @@ class FrameModel:
         """more: further evidence, after the built-in pieces."""
         self.kinematics = kinematics
         image, balance = ImagePoints(kinematics.landmark_count), Balance(kinematics, upright)
-        self.evidence: list[Evidence] = [image, prior, upright, balance, *more]
+        self.evidence: list[Evidence] = [image, prior, upright, balance, MeasuredDepth(kinematics.landmark_count), *more]
         #: Indices of the degrees of freedom that are asked for. The root's come first; the prior has no rows for them.
         self.live = np.flatnonzero(kinematics.live)
 

@@ -13,16 +13,24 @@ class FrameData:
 
     points: (..., l, 2) normalised image coordinates, any finite value where the weight is 0.
     weights: (..., l) 1 / standard deviation in that unit, 0 = missing.
+    depth: (..., l) m, depth of each landmark along the optical axis; None in a frame without any measured depth.
+    depth_weights: (..., l) 1/m, 1 / standard deviation of `depth`, 0 = not measured.
     Leading axes are those of people, or of hypotheses that see the frame with different weights.
     """
 
     points: np.ndarray
     weights: np.ndarray
+    depth: np.ndarray | None = None
+    depth_weights: np.ndarray | None = None
 
     def annealed(self, factor: float | np.ndarray) -> FrameData:
-        """The frame with the keypoints' noise made larger by a factor, (..., 1) if it differs between states."""
-        return replace(self, weights=self.weights / factor)
+        """The frame with all noise made larger by a factor, (..., 1) if it differs between states."""
+        depth_weights = None if self.depth_weights is None else self.depth_weights / factor
+        return replace(self, weights=self.weights / factor, depth_weights=depth_weights)
 
     def per_state(self) -> FrameData:
         """The frame for k states per person: each array gains an axis of length 1 behind those of people."""
-        return FrameData(self.points[..., None, :, :], self.weights[..., None, :])
+        depth, depth_weights = self.depth, self.depth_weights
+        if depth is not None and depth_weights is not None:
+            depth, depth_weights = depth[..., None, :], depth_weights[..., None, :]
+        return FrameData(self.points[..., None, :, :], self.weights[..., None, :], depth, depth_weights)

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose
+from lassokin_ros.core.image.depth_gating import gate_depth
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.keypoint_filter import KeypointFilter
 from lassokin_ros.core.image.projection import project
@@ -37,6 +38,7 @@ class Measurement:
     speed: m/s, of the keypoints' tracks on average. repeated: s for which the keypoints have been the same, 0 where
     they are new. step: s since the last frame that was used; news: s since the last one that told something new, 0
     where this one tells nothing; lost: too long ago.
+    depth: (l,) m and depth_weights: (l,) 1/m, see `gate_depth`; None without a measured depth.
     """
 
     stamp: float
@@ -50,11 +52,13 @@ class Measurement:
     step: float
     news: float
     lost: bool
+    depth: np.ndarray | None = None
+    depth_weights: np.ndarray | None = None
 
     @cached_property
     def data(self) -> FrameData:
         """The filtered keypoints in the form that all pieces of evidence read."""
-        return FrameData(self.points, self.weights)
+        return FrameData(self.points, self.weights, self.depth, self.depth_weights)
 
     def reprojection_px(self, pose: BodyPose) -> float:
         """px: root of the mean squared distance of the visible points from the pose's landmarks."""
@@ -65,8 +69,14 @@ class Measurement:
 class MeasurementFilter:
     """Makes a Measurement of each gate_observation observation; the caller says which of them were used."""
 
-    def __init__(self, names: Sequence[str], limbs: Sequence[int]) -> None:
-        """names: of the landmarks; limbs: which of them are of the same pair of limbs, see `limb_groups`."""
+    def __init__(
+        self, names: Sequence[str], limbs: Sequence[int], surface: np.ndarray | float = 0.0, reach: float = 2.0
+    ) -> None:
+        """names: of the landmarks; limbs: which of them are of the same pair of limbs, see `limb_groups`.
+
+        surface, reach: m, see `gate_depth`.
+        """
+        self._surface, self._reach = surface, reach
         self._repeats, self._filter = RepeatedFrames(), KeypointFilter(names, limbs)
         self.reset()
 
@@ -96,8 +106,10 @@ class MeasurementFilter:
         if lost:
             self._filter.reset()
             repeated = 0.0
+        known_depth = depth
         if lost or depth is None:
             depth = TYPICAL_DEPTH
+        measured = gate_depth(observation, visible, self._surface, None if lost else known_depth, self._reach)
         detected = np.where(visible[:, None], observation.points, 0.0)
         if repeated:  # teaches the tracks nothing, least of all a standstill
             points, weights = self._filter.expected(stamp)
@@ -106,10 +118,12 @@ class MeasurementFilter:
         order = self._filter.order
         if order is not None:
             detected, visible = detected[order], visible[order]
+            measured = None if measured is None else (measured[0][order], measured[1][order])
         speed = depth * self._filter.speed()
         news = 0.0 if repeated else stamp - self._informed
         step = stamp - self.newest
-        return Measurement(stamp, detected, visible, focal, points, weights, speed, repeated, step, news, lost)
+        depths = measured or (None, None)
+        return Measurement(stamp, detected, visible, focal, points, weights, speed, repeated, step, news, lost, *depths)
 
     def used(self, measurement: Measurement) -> None:
         """The state follows this one now."""

@@ -1,0 +1,42 @@
+"""Measurement gating of depth: which measured depths can be those of the body."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lassokin_ros.core.observation import Observation
+
+DEVIATION = 0.03
+"""m: standard deviation of a measured depth, if the observation does not give it."""
+SMALLEST_DEVIATION = 0.005
+"""m: a smaller standard deviation is raised to it. Surface and landmark are never that close."""
+DEPTH_RANGE = 0.05, 100.0
+"""m: a depth outside is none."""
+
+
+def gate_depth(
+    observation: Observation, visible: np.ndarray, surface: np.ndarray | float, expected: float | None, reach: float
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """(depth, weights) of an observation, each (l,), or None if no depth can be used.
+
+    visible: (l,) bool, landmarks whose keypoints are used. surface: (l,) m from the body's surface to the landmark.
+    expected: m, depth of the person; None if unknown, the median of all then takes its place. reach: m, measurements
+    farther from the person than that are of something else. weights: 1/m, 1 / standard deviation, 0 = not used.
+    """
+    if observation.depth is None or observation.depth.shape != visible.shape:
+        return None
+    depth = np.asarray(observation.depth, dtype=float)
+    if observation.depth_of_surface:
+        depth = depth + surface
+    given = observation.depth_deviation
+    deviation = np.full(depth.shape, DEVIATION) if given is None else np.asarray(given, dtype=float)
+    with np.errstate(invalid="ignore"):
+        used = visible & (depth > DEPTH_RANGE[0]) & (depth < DEPTH_RANGE[1]) & (deviation > 0) & (deviation < 10.0)
+    if not used.any():
+        return None
+    centre = float(np.median(depth[used])) if expected is None else expected
+    used &= np.abs(np.where(used, depth, centre) - centre) < reach
+    if not used.any():
+        return None
+    weights = np.where(used, 1 / np.maximum(np.where(used, deviation, 1.0), SMALLEST_DEVIATION), 0.0)
+    return np.where(used, depth, 0.0), weights
