@@ -1,4 +1,4 @@
-"""Keypoints of one image as arrays: what every keypoint adapter returns."""
+"""Keypoints of one image as arrays, the result of every keypoint adapter."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ import numpy as np
 from msg_adapters.errors import AdapterError
 
 MAX_POINTS = 4096
-"""Keypoints in one message; more are refused before memory is taken."""
+"""Largest number of keypoints in one message. A message with more is refused before memory is allocated."""
 
 LARGEST_PIXEL = 1e6
-"""px: a coordinate beyond this counts as missing."""
+"""px: a keypoint with a larger coordinate is missing."""
 
 LARGEST_CONFIDENCE = 2.0
-"""Scores from heat maps overshoot 1 a little and are cut to 1; beyond this the unit is another (percent, say)."""
+"""Scores from heat maps exceed 1 slightly and are limited to 1. A larger score is invalid or has another unit, such as
+percent."""
 
 
 LONGEST_FRAME_ID = 256
-"""Characters; it goes into every output and into XML."""
+"""Characters. The frame_id is copied to every output and to XML."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,14 +30,14 @@ class Keypoints:
 
     Attributes
     ----------
-    stamp_ns: the image's, ns; None when the message has no stamp (no header, or a stamp of zero).
-    frame_id: the camera's optical frame; empty when the message does not say.
+    stamp_ns: ns, of the image. None if the message has no stamp (no header, or a stamp of 0).
+    frame_id: the optical frame of the camera; empty if unknown.
     ids: (k,) int, index of each point in the landmark layout.
     xy: (k, 2) px.
     confidence: (k,) 0 to 1.
-    persons: (k,) int, the person to whom each point belongs; None when the message does not say.
-    persistent: True when a person keeps the number from message to message (a tracker's id); False when the numbers only
-        tell the people of this message apart.
+    persons: (k,) int, the person of each point; None if the message has no person numbers.
+    persistent: True if a person keeps the number from message to message (the id of a tracker). False if the numbers
+        are valid in this message only.
     """
 
     stamp_ns: int | None
@@ -48,13 +49,14 @@ class Keypoints:
     persistent: bool = True
 
     def as_landmarks(self, count: int, person: int | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Points (count, 2) px, NaN where missing, and confidence (count,), 0 where missing.
+        """Return points (count, 2) px, NaN = missing, and confidence (count,), 0 = missing.
 
-        Missing is: absent, a coordinate that is not finite or not a pixel's, a confidence that is NaN, 0 or less, and
-        exactly (0, 0): detectors put there what they have not found, Ultralytics' YOLO with its confidence left.
-        person: take this person's points only. Raises AdapterError when a point that is not missing has an id that
-        the layout does not have (the layout is the wrong one), when an id stands twice (two people in one message
-        without `person`), or when a confidence is no fraction of 1: such a frame is refused, never guessed at.
+        A point is missing if it is absent, a coordinate is not finite or too large, the confidence is NaN, <= 0 or
+        above LARGEST_CONFIDENCE, or the position is exactly (0, 0). Detectors write (0, 0) for points that they did not
+        find; Ultralytics' YOLO keeps their confidence.
+        person: use the points of this person only. Raises AdapterError if a point has an id outside of the layout
+        (wrong layout), if an id is repeated (two people in one message without `person`), or if most confidences are
+        above LARGEST_CONFIDENCE (another unit).
         """
         present = self.present
         if person is not None and self.persons is not None:
@@ -62,7 +64,7 @@ class Keypoints:
         return self._placed(self.ids, present, count, count)
 
     def by_person(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The people's numbers (p,), and points (p, count, 2) and confidence (p, count) of each: see `as_landmarks`."""
+        """Return person numbers (p,), points (p, count, 2) and confidence (p, count), see `as_landmarks`."""
         if self.persons is None:
             points, confidence = self.as_landmarks(count)
             return np.zeros(1, dtype=np.int64), points[None], confidence[None]
@@ -73,16 +75,19 @@ class Keypoints:
 
     @property
     def present(self) -> np.ndarray:
-        """(k,) bool: what is not missing, see `as_landmarks`."""
+        """(k,) bool: True where a point is not missing, see `as_landmarks`."""
         with np.errstate(invalid="ignore"):
             near = np.abs(self.xy) <= LARGEST_PIXEL
             present: np.ndarray = (self.confidence > 0) & near[:, 0] & near[:, 1] & self.xy.any(axis=1)
         return present
 
     def _placed(self, places: np.ndarray, present: np.ndarray, count: int, rows: int) -> tuple[np.ndarray, np.ndarray]:
-        """Points (rows, 2) and confidence (rows,), the present ones at their places (k,); count: the layout's."""
+        """Return points (rows, 2) and confidence (rows,), with the present points at their places (k,).
+
+        count: number of landmarks in the layout.
+        """
         points, confidence = np.full((rows, 2), np.nan), np.zeros(rows)
-        chosen = present.nonzero()[0]
+        chosen = self._with_valid_scores(present.nonzero()[0])
         if len(chosen) == 0:
             return points, confidence
         ids, scores, places = self.ids.take(chosen), self.confidence.take(chosen), places.take(chosen)
@@ -91,14 +96,27 @@ class Keypoints:
             raise AdapterError("unknown_id", f"keypoint id {wrong}; expected 0 to {count - 1} of the landmark layout")
         points[places], confidence[places] = self.xy.take(chosen, axis=0), np.minimum(scores, 1.0)
         if np.count_nonzero(confidence) < len(chosen):
-            raise AdapterError("repeated_id", "a keypoint id stands twice; several people need the field 'person'")
-        if scores.max() > LARGEST_CONFIDENCE:
-            raise AdapterError("confidence_range", f"a confidence is {scores.max():g}; expected 0 to 1")
+            raise AdapterError("repeated_id", "a keypoint id is repeated; several people need the field 'person'")
         return points, confidence
+
+    def _with_valid_scores(self, chosen: np.ndarray) -> np.ndarray:
+        """Remove points with a confidence above LARGEST_CONFIDENCE. Raises AdapterError if these are most points."""
+        scores = self.confidence.take(chosen)
+        if len(scores) == 0 or scores.max() <= LARGEST_CONFIDENCE:
+            return chosen
+        wrong = scores > LARGEST_CONFIDENCE
+        if 2 * np.count_nonzero(wrong) > len(scores):
+            raise AdapterError(
+                "confidence_range",
+                f"{np.count_nonzero(wrong)} of {len(scores)} confidences are above {LARGEST_CONFIDENCE:g}, up to "
+                f"{scores.max():g}; expected 0 to 1. Rescale them in the detector: divide percentages by 100, other "
+                "scores by the largest score of the model",
+            )
+        return chosen[~wrong]
 
 
 def frame_name(header: Any) -> str:
-    """A header's frame_id. Raises AdapterError for one that no frame can have: too long, or not printable."""
+    """Return the frame_id of a header. Raises AdapterError if it is too long or not printable."""
     name: str = header.frame_id
     if len(name) > LONGEST_FRAME_ID or not name.isprintable():
         raise AdapterError(
@@ -110,7 +128,7 @@ def frame_name(header: Any) -> str:
 
 
 def header_stamp(header: object) -> int | None:
-    """A header's stamp in ns, None for a stamp of zero. Raises AdapterError for one that is no time."""
+    """Return the stamp of a header in ns, None for a stamp of 0. Raises AdapterError for an invalid time."""
     stamp = header.stamp  # type: ignore[attr-defined]
     seconds, nanoseconds = int(stamp.sec), int(stamp.nanosec)
     if seconds < 0 or nanoseconds >= 1_000_000_000:
@@ -119,6 +137,6 @@ def header_stamp(header: object) -> int | None:
 
 
 def check_count(count: int) -> None:
-    """Raise AdapterError when a message holds more keypoints than a picture can need."""
+    """Raise AdapterError if a message has more than MAX_POINTS keypoints."""
     if count > MAX_POINTS:
         raise AdapterError("too_many_points", f"{count} keypoints in one message; expected at most {MAX_POINTS}")

@@ -16,6 +16,14 @@ LARGEST_MISS_PX = 0.5
 range of the lens model."""
 
 
+COUNTS = {
+    "plumb_bob": (4, 5, 8, 12, 14),
+    "rational_polynomial": (4, 5, 8, 12, 14),
+    "equidistant": (4,),
+}
+"""Model -> numbers of coefficients that OpenCV takes."""
+
+
 class Lens:
     """Camera matrix and distortion of one camera: pixels to the normalised coordinates of equation (7).
 
@@ -29,8 +37,7 @@ class Lens:
         self.model = model
         if self.K.shape != (3, 3) or not np.isfinite(self.K).all() or self.K[0, 0] <= 0 or self.K[1, 1] <= 0:
             raise CameraError(f"K is {self.K.tolist()}; expected a finite 3 x 3 matrix with focal lengths above 0")
-        if model not in ("", "plumb_bob", "rational_polynomial", "equidistant"):
-            raise CameraError(f"lens model '{model}'; expected plumb_bob, rational_polynomial or equidistant")
+        _check_distortion(model, self.D)
         self._focal_lengths = self.K[[0, 1], [0, 1]]
         self._centre = self.K[:2, 2]
         if model:
@@ -116,3 +123,19 @@ class Lens:
         project = cv2.fisheye.projectPoints if self.model == "equidistant" else cv2.projectPoints
         pixels: np.ndarray = project(rays, zero, zero, self.K, self.D)[0].reshape(-1, 2)
         return pixels
+
+
+def _check_distortion(model: str, D: np.ndarray) -> None:
+    """Raise CameraError unless OpenCV can use the coefficients D with this model."""
+    if model not in ("", *COUNTS):
+        raise CameraError(f"lens model '{model}'; expected plumb_bob, rational_polynomial or equidistant")
+    if D.ndim != 1 or not np.isfinite(D).all():
+        raise CameraError(f"D is {D.tolist()}; expected a list of finite distortion coefficients")
+    if not model and D.any():
+        raise CameraError(
+            f"D has {len(D)} distortion coefficients but no lens model; expected Lens(K, D, model) with plumb_bob, "
+            "rational_polynomial or equidistant"
+        )
+    if model and len(D) not in COUNTS[model]:
+        expected = ", ".join(map(str, COUNTS[model]))
+        raise CameraError(f"{model} with {len(D)} distortion coefficients D; expected {expected}")

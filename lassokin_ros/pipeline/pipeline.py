@@ -24,6 +24,7 @@ from lassokin_ros.pipeline.people.people_tracker import PeopleImage, PeopleTrack
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.people.single_person import SinglePersonTracker
 from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
+from lassokin_ros.pipeline.placeholders import PLACEHOLDERS, without_placeholders
 from lassokin_ros.pipeline.settings import MESSAGE, NodeSettings
 from lassokin_ros.pipeline.stamps import StampWatch
 from lassokin_ros.skeleton_readers.load import load_skeleton
@@ -149,6 +150,7 @@ class Pipeline:
         try:
             keypoints, view = self._decode(message)
             frame_id = keypoints.frame_id or view.intrinsics.frame_id
+            keypoints = self._remove_placeholders(keypoints, view)
             self._count_outside(keypoints, view)
             if keypoints.stamp_ns is None:
                 self.counts["unstamped"] += 1
@@ -178,6 +180,13 @@ class Pipeline:
         if view is not present:
             keypoints = self._adapter.decode(message, view.size)
         return keypoints, view
+
+    def _remove_placeholders(self, keypoints: Keypoints, view: View) -> Keypoints:
+        """Remove placeholder coordinates, and count the message."""
+        kept = without_placeholders(keypoints, view.size)
+        if kept is not keypoints:
+            self.counts[PLACEHOLDERS] += 1
+        return kept
 
     def _count_outside(self, keypoints: Keypoints, view: View) -> None:
         confident = keypoints.confidence >= self.tracker.config.min_confidence  # others may be out of view

@@ -2,7 +2,7 @@
 
 Landmark layouts: `zed38` for BODY_38, `openpose18` for BODY_18, which has OpenPose's order. Confidences are percentages
 from 1 to 99. If the wrapper leaves the confidences of the keypoints at 0, the confidence of the body is used. The
-frame_id of the message is the body frame of the camera (x forward), so the optical frame of camera_info is used instead.
+frame_id of the message is the body frame of the camera (x forward), so the frame of camera_info is used instead.
 """
 
 from __future__ import annotations

@@ -87,3 +87,19 @@ def test_an_unusable_matrix_is_refused():
         Lens(np.zeros((3, 3)))
     with pytest.raises(CameraError):
         Lens(K, [0.1], "omnidirectional")
+
+
+@pytest.mark.parametrize(
+    "D, model, text",
+    [
+        ([0.1, 0, 0, 0, 0], "", "no lens model"),
+        ([0.1, 0.2, 0.3], "plumb_bob", "plumb_bob with 3"),
+        ([0.1] * 5, "equidistant", "equidistant with 5"),
+        ([0.1, np.nan, 0, 0], "plumb_bob", "finite"),
+        ([[0.1, 0, 0, 0]], "plumb_bob", "expected a list"),
+    ],
+)
+def test_distortion_is_checked_at_construction(D, model, text):
+    with pytest.raises(CameraError, match=text):
+        Lens(K, D, model)
+    assert Lens(K, [0.0] * 5).model == ""

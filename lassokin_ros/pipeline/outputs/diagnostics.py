@@ -15,6 +15,7 @@ from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.outputs.calibration_status import calibration_figures
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.placeholders import PLACEHOLDERS
 from lassokin_ros.pipeline.settings import MESSAGE
 from msg_adapters.output_messages.builders import ERROR, OK, WARN, StatusLine
 
@@ -178,7 +179,8 @@ class Diagnostics:
             gone = len(set(self._pipeline.ids or ()) - set(presence.ids))  # in a silence: the next message counts them
             values["people come"], values["people left"] = str(counts["people come"]), str(counts["people left"] + gone)
             values["people beyond max_people"] = str(counts["people beyond max_people"])
-        for key in sorted(key for key in counts if key.startswith("rejected: ") or key == OUTSIDE_IMAGE):
+        listed = (OUTSIDE_IMAGE, PLACEHOLDERS)
+        for key in sorted(key for key in counts if key.startswith("rejected: ") or key in listed):
             values[f"{key} [messages]"] = str(counts[key])
         tracker = self._pipeline.tracker
         if tracker.averaged:

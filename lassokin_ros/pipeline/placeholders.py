@@ -1,0 +1,73 @@
+"""Remove coordinates that stand in place of a measurement.
+
+Detectors write such placeholders for keypoints that they did not find, often with a confidence above 0: the border of
+the image (clamped coordinates), (-1, -1), the centre of the image, or one position for several keypoints.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from msg_adapters.keypoints import Keypoints
+
+PLACEHOLDERS = "placeholder coordinates"
+"""Key of the count of messages that have them."""
+BORDER_PX = 0.01
+"""px: tolerance of clamped coordinates."""
+REPEATED = 3
+"""Keypoints of one person at the same position are placeholders from this number on. Two may coincide: detectors
+place left and right on one limb."""
+SMALLEST_PX = 50.0
+"""px: in a person smaller than this, eyes and nose can have the same rounded position."""
+
+
+def without_placeholders(keypoints: Keypoints, size: tuple[int, int]) -> Keypoints:
+    """Return the keypoints with placeholders as missing points (NaN), or the same object if there are none.
+
+    size: (width, height) px of the image; 0 = unknown.
+    """
+    present = keypoints.present
+    with np.errstate(invalid="ignore"):
+        wrong = _sentinel(keypoints.xy) | _at_fixed_place(keypoints.xy, size) | _repeated(keypoints, present)
+        wrong &= present
+    if np.count_nonzero(wrong) == 0:
+        return keypoints
+    xy = keypoints.xy.copy()
+    xy[wrong] = np.nan
+    return replace(keypoints, xy=xy)
+
+
+def _sentinel(xy: np.ndarray) -> np.ndarray:
+    """(k,) bool: -1 in a coordinate, or the same negative number in both."""
+    minus_one = (xy == -1.0).any(axis=1)
+    result: np.ndarray = minus_one | ((xy[:, 0] < 0) & (xy[:, 0] == xy[:, 1]))
+    return result
+
+
+def _at_fixed_place(xy: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """(k,) bool: on the border (0, size - 1 or size), or exactly in the centre of the image."""
+    result: np.ndarray = (np.abs(xy) < BORDER_PX).any(axis=1)
+    if min(size) <= 0:
+        return result
+    far = np.array(size, dtype=float)
+    for edge in (far - 1, far):
+        result = result | (np.abs(xy - edge) < BORDER_PX).any(axis=1) | (xy == 0.5 * edge).all(axis=1)
+    return result | (xy == np.floor(0.5 * far)).all(axis=1)
+
+
+def _repeated(keypoints: Keypoints, present: np.ndarray) -> np.ndarray:
+    """(k,) bool: at least REPEATED keypoints of one person have the same position."""
+    result = np.zeros(len(present), dtype=bool)
+    rows = np.flatnonzero(present)
+    if len(rows) < REPEATED or len(np.unique(keypoints.xy[rows, 0])) > len(rows) - REPEATED + 1:
+        return result
+    people = np.zeros(len(present)) if keypoints.persons is None else keypoints.persons
+    for person in np.unique(people[rows]):
+        own = rows[people[rows] == person]
+        if np.ptp(keypoints.xy[own], axis=0).max() < SMALLEST_PX:
+            continue
+        _, index, counts = np.unique(keypoints.xy[own], axis=0, return_inverse=True, return_counts=True)
+        result[own] = counts[index.reshape(-1)] >= REPEATED
+    return result
