@@ -1,34 +1,52 @@
-"""The tracker with what one looks at it with: RViz, robot_state_publisher, a recording.
+"""The tracker with its tools: RViz, a robot_state_publisher for the human, a recording.
 
 ros2 launch lassokin_ros tracker.launch.py keypoints:=/detector/keypoints camera:=/camera frame:=camera_optical_frame
 ros2 launch lassokin_ros tracker.launch.py params:=webcam_yolo bag:=walk rviz:=true
 """
 
+from collections.abc import Mapping
+from difflib import get_close_matches
 from pathlib import Path
+from typing import Any
 
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
-from launch.conditions import IfCondition
-from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-from lassokin_ros.pipeline.outputs.urdf_from_parameters import urdf_from_parameters
+from lassokin_ros.pipeline.outputs.urdf_from_parameters import urdf_from_settings
+from lassokin_ros.pipeline.parameter_files import offline_settings
 
 CONFIG = Path(__file__).resolve().parent.parent / "config"
+PARAMETERS = {
+    "height": "the person's height, m",
+    "camera_pitch": "the camera looks down by this angle, rad",
+    "camera_roll": "the camera's right side is down by this angle, rad",
+    "landmarks": "landmark layout of the detector, such as coco17",
+    "keypoints_type": "message type of the keypoints",
+    "max_people": "people followed at once",
+    "frame_prefix": "precedes the names of TF frames and URDF links; ~ is the node's name",
+}
+"""Arguments that set the parameter of the same name. Empty: the value of the parameter file."""
 ARGUMENTS = {
     "keypoints": ("keypoints", "topic of the 2D keypoints"),
-    "camera": ("", "namespace of the camera: its camera_info is read; empty for the topic camera_info"),
-    "params": ("tracker", "YAML file of parameters, or the name of one in config/"),
-    "frame": ("", "the camera's optical frame, on which the body hangs in TF; empty for the parameter base_frame"),
-    "bag": ("", "a recording to play, with its own clock"),
-    "rviz": ("false", "show RViz"),
-    "frames": ("true", "TF of the limbs by robot_state_publisher (one person)"),
-    "use_sim_time": ("", "time from /clock; empty: when a recording is played"),
+    "camera": ("", "namespace of the camera, for camera_info and RViz; empty for the topic camera_info"),
+    "params": ("tracker", "YAML file of parameters, or the name of a file in config/"),
+    "frame": ("", "the camera's optical frame, the parent of the body in TF; empty for the parameter base_frame"),
+    "bag": ("", "recording to play, with its own clock"),
+    "rviz": ("false", "start RViz"),
+    "frames": ("true", "TF of the limbs by a robot_state_publisher (one person)"),
+    "use_sim_time": ("", "take the time from /clock; empty: if a recording is played"),
+    "namespace": ("", "namespace of the nodes"),
+    "log_level": ("info", "debug, info, warn, error or fatal"),
+    **{name: ("", text) for name, text in PARAMETERS.items()},
 }
-STATE_PUBLISHER = "robot_state_publisher"
+LOG_LEVELS = ("debug", "info", "warn", "error", "fatal")
+NODE = "tracker"
+STATE_PUBLISHER = "human_state_publisher"
 PUBLISH_FREQUENCY = 120.0
-"""Hz; by default robot_state_publisher passes on 20 joint states a second and drops the rest."""
+"""Hz; the default of robot_state_publisher forwards 20 joint states per second and drops the others."""
+BOOLEANS = {"true": True, "1": True, "yes": True, "on": True, "false": False, "0": False, "no": False, "off": False}
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -41,53 +59,99 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def _start(context: LaunchContext) -> list:
-    given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
-    params = Path(given["params"])
-    if not params.suffix:
-        params = CONFIG / f"{params}.yaml"
-    sim_time = {"use_sim_time": (given["use_sim_time"] or str(bool(given["bag"]))).lower() == "true"}
-    own_frame = [{"base_frame": given["frame"]}] if given["frame"] else []
-    followers = [{"state_publisher": STATE_PUBLISHER}] if given["frames"].lower() == "true" else []
+    """Check every argument, then return what is started."""
+    configurations = context.launch_configurations
+    _refuse_misspelt(configurations)
+    given = {name: str(configurations[name]).strip() for name in ARGUMENTS}
+    simulated = _boolean("use_sim_time", given["use_sim_time"]) if given["use_sim_time"] else bool(given["bag"])
+    show_rviz, frames = _boolean("rviz", given["rviz"]), _boolean("frames", given["frames"])
+    if given["log_level"].lower() not in LOG_LEVELS:
+        raise RuntimeError(f"log_level:={given['log_level']}; expected one of: {', '.join(LOG_LEVELS)}")
+    params = Path(given["params"]) if Path(given["params"]).suffix else CONFIG / f"{given['params']}.yaml"
+    names = [name for name in PARAMETERS if given[name]]
+    assignments = [f"{name}:={given[name]}" for name in names]
+    if given["frame"]:
+        names, assignments = [*names, "base_frame"], [*assignments, f"base_frame:={given['frame']}"]
+    tracker, settings = offline_settings([params], assignments)  # raises for a bad value, before anything starts
+    values = {**vars(tracker), **vars(settings)}
+    overrides = {name: values[name] for name in names}
+    frames = frames and not settings.several_people
+    if frames:
+        overrides["state_publisher"] = STATE_PUBLISHER
+    common: dict[str, Any] = {"namespace": given["namespace"]} if given["namespace"] else {}
+    sim_time = {"use_sim_time": simulated}
+    actions = [_tracker(given, params, [sim_time, overrides], common)]
+    if frames:
+        node = f"{given['namespace'].strip('/')}/{NODE}".lstrip("/")
+        actions.append(_state_publisher(urdf_from_settings(tracker, settings, node), sim_time, common))
+    if show_rviz:
+        actions.append(_rviz(given["camera"].rstrip("/"), given["frame"], sim_time, common))
+    return [*actions, *_bag(given["bag"])]
+
+
+def _refuse_misspelt(configurations: Mapping[str, Any]) -> None:
+    """Raise RuntimeError for an undeclared argument that resembles a declared one.
+
+    Other names are ignored: they may belong to a launch file that includes this one.
+    """
+    for name in configurations:
+        if name not in ARGUMENTS and (close := get_close_matches(name, ARGUMENTS, 1, cutoff=0.8)):
+            raise RuntimeError(
+                f"there is no argument '{name}'; did you mean '{close[0]}'? Arguments: {', '.join(ARGUMENTS)}"
+            )
+
+
+def _boolean(name: str, text: str) -> bool:
+    if text.lower() not in BOOLEANS:
+        raise RuntimeError(f"{name}:={text}; expected one of: {', '.join(BOOLEANS)}")
+    return BOOLEANS[text.lower()]
+
+
+def _tracker(given: Mapping[str, str], params: Path, settings: list[dict], common: Mapping[str, Any]) -> Node:
     camera_info = f"{given['camera'].rstrip('/')}/camera_info" if given["camera"] else "camera_info"
-    tracker = Node(
+    return Node(
         package="lassokin_ros",
         executable="tracker",
-        name="tracker",
+        name=NODE,
         output="screen",
-        parameters=[str(params), sim_time, *own_frame, *followers],
+        parameters=[str(params), *(values for values in settings if values)],
+        arguments=["--ros-args", "--log-level", given["log_level"].lower()],
         remappings=[("keypoints", given["keypoints"]), ("camera_info", camera_info)],
+        **common,
     )
-    rviz = _rviz(given["camera"].rstrip("/"), given["frame"], sim_time)
-    return [tracker, _frames(params, given["frame"], sim_time), rviz, *_bag(given["bag"])]
 
 
-def _frames(params: Path, frame: str, sim_time: dict) -> Node:
-    """TF from joint_states.
+def _state_publisher(description: str, sim_time: dict, common: Mapping[str, Any]) -> Node:
+    """TF of the limbs from ~/joint_states.
 
-    It publishes its URDF too, under another name: the tracker's is the first to follow the camera's frame and the
-    calibrated lengths, and is handed on to it.
+    Its own robot_description is a private topic: the tracker publishes the URDF, and sets it here when it changes.
     """
-    description = ParameterValue(urdf_from_parameters(params, frame), value_type=str)
     return Node(
         package="robot_state_publisher",
         executable="robot_state_publisher",
         name=STATE_PUBLISHER,
-        parameters=[{"robot_description": description, "publish_frequency": PUBLISH_FREQUENCY}, sim_time],
-        remappings=[("robot_description", "robot_state_publisher/robot_description")],
-        condition=IfCondition(LaunchConfiguration("frames")),
+        parameters=[
+            {
+                "robot_description": ParameterValue(description, value_type=str),
+                "publish_frequency": PUBLISH_FREQUENCY,
+            },
+            sim_time,
+        ],
+        remappings=[("joint_states", f"{NODE}/joint_states"), ("robot_description", "~/robot_description")],
+        **common,
     )
 
 
-def _rviz(camera: str, frame: str, sim_time: dict) -> Node:
-    """RViz with the camera's image; it derives the name of camera_info from the image's, both as they are remapped."""
-    own_frame = ["-f", frame] if frame else []
+def _rviz(camera: str, frame: str, sim_time: dict, common: Mapping[str, Any]) -> Node:
+    """RViz with the camera image. RViz derives the name of camera_info from that of the image; both are remapped."""
+    fixed_frame = ["-f", frame] if frame else []
     return Node(
         package="rviz2",
         executable="rviz2",
-        arguments=["-d", str(CONFIG / "lassokin.rviz"), *own_frame],
+        arguments=["-d", str(CONFIG / "lassokin.rviz"), *fixed_frame],
         parameters=[sim_time],
         remappings=[(name, f"{camera}/{name}") for name in ("image_raw", "camera_info")] if camera else [],
-        condition=IfCondition(LaunchConfiguration("rviz")),
+        **common,
     )
 
 

@@ -144,7 +144,7 @@ class Load:
         self._keypoints = self._node.create_publisher(PointCloud2, topics.KEYPOINTS, 10)
         self._clock = self._node.create_publisher(Clock, "clock", 10) if self._clock_hz else None
         for person in [""] if self._people == 1 else [f"p{number}" for number in range(self._people)]:
-            name = topics.of_person(topics.JOINT_STATES, person)
+            name = topics.of_person(topics.JOINT_STATES, person).replace("~", "tracker")
             self._node.create_subscription(JointState, name, self._on_answer, 100, raw=True)
         self._node.create_subscription(DiagnosticArray, topics.DIAGNOSTICS, self._on_diagnostics, 10)
         self._spin_until(lambda: self._statuses and self._keypoints.get_subscription_count(), "the node")

@@ -61,7 +61,7 @@ def run(folder: Path, seconds: float, rate: float = 1.0) -> DemoResult:
 
 def _result(live, tracker, times, stamps, truth, pixels, confidence) -> DemoResult:  # type: ignore[no-untyped-def]
     """Answers beside what was sent, by their stamps."""
-    joints, certificates = live.messages("joints"), live.messages("~/certificate")
+    joints, certificates = live.messages("~/joints"), live.messages("~/certificate")
     places = {stamp: row for row, stamp in enumerate(stamps.tolist())}
     rows = [places[m.header.stamp.sec * 1_000_000_000 + m.header.stamp.nanosec] for m in joints]
     estimate = np.array([[[p.position.x, p.position.y, p.position.z] for p in m.poses] for m in joints])

@@ -2,7 +2,7 @@
 
     with LiveNode({"height": 1.8}) as live:
         live.play(recording)
-    live.messages("joints")
+    live.messages("~/joints")
 
 The messages go through untouched (serialised), so that this process's own work does not distort the latencies.
 Set ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE before: both processes take them from the environment.

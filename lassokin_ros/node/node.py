@@ -242,7 +242,7 @@ class TrackerNode(Node):
             self._bodies.look_around()
         concern = ""
         if self._person is not None and self._person.state_publisher is not None:
-            self._person.state_publisher.push()
+            self._person.state_publisher.update()
             concern = self._person.state_publisher.fault
         now, presence = time.monotonic(), self._pipeline.presence_at(self._as_of_ns)
         clock = self.get_clock()

@@ -61,15 +61,18 @@ class PersonOutputs:
         """title: the node's name, in the certificate. Raises SkeletonError when config.base_frame cannot be a frame."""
         backend = RclpyBackend()
         self._node = node
-        self._description = RobotDescription(backend, skeleton, config.base_frame, person)
+        prefix = topics.link_prefix(config.frame_prefix, title, person)
+        self._description = RobotDescription(backend, skeleton, config.base_frame, prefix)
         name = partial(topics.of_person, person=person, rep155=config.rep155)
         self._out = {t.name: advertise(node, t, name(t.name), not person) for t in topics.PERSON_OUTPUTS}
         if config.publish_tf:
             self._out[topics.TF] = advertise(node, topics.TF_OUTPUT, overridable=not person)
-        self._messages = FrameMessages(backend, skeleton, title, person, config.publish_tf, config.rep155, True)
+        self._messages = FrameMessages(
+            backend, skeleton, title, person, config.publish_tf, config.rep155, True, config.frame_prefix
+        )
         self.state_publisher = None
         if not person and config.state_publisher:
-            self.state_publisher = StatePublisher(node, config.state_publisher)
+            self.state_publisher = StatePublisher(node, config.state_publisher, prefix)
         if not person:
             self._describe(self._description.first())
 

@@ -1,93 +1,128 @@
-"""Keeps robot_state_publisher's URDF the same as ours: its TF then follows calibration and the camera's frame.
+"""Keeps the URDF of a robot_state_publisher equal to ~/robot_description: its TF follows calibration and camera frame.
 
-robot_state_publisher of Jazzy takes its URDF from its parameter robot_description alone, which may be set while it
-runs.
+robot_state_publisher of Jazzy reads its URDF only from its parameter robot_description, which can be set while it runs.
+The node sets it only if its present value is a URDF of this node, and never that of a robot.
 """
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.exceptions import InvalidServiceNameException
 from rclpy.node import Node
 from rclpy.task import Future
 
 from lassokin_ros.core.errors import ConfigurationError
+from lassokin_ros.pipeline.outputs.urdf import has_prefix
 
-PATIENCE_S = 5.0
-"""s: after this an unanswered request is given up, and made again."""
-
-
-ABSENT_S = 5.0
-"""s: a node that is started together with this one may take so long."""
+PARAMETER = "robot_description"
+RESPONSE_TIMEOUT_S = 5.0
+"""s: an unanswered request is abandoned after this time and sent again."""
+START_TIMEOUT_S = 5.0
+"""s: the other node may need this long to start."""
 
 
 class StatePublisher:
-    """Sets the other node's parameter when it has to change; nothing waits for it."""
+    """Sets the parameter of the other node when the URDF changes. No call blocks."""
 
-    def __init__(self, node: Node, name: str) -> None:
-        """name: of robot_state_publisher, relative to the node's namespace. ConfigurationError for what is no name."""
-        self._node, self._name = node, name
+    def __init__(self, node: Node, name: str, prefix: str) -> None:
+        """name: of the other node, relative to the namespace; prefix: of the links in this node's URDF.
+
+        Raises ConfigurationError if `name` is not a node name.
+        """
+        self._node, self._name, self._prefix = node, name, prefix
         try:
-            self._client = node.create_client(SetParameters, f"{name}/set_parameters")
+            self._get = node.create_client(GetParameters, f"{name}/get_parameters")
+            self._set = node.create_client(SetParameters, f"{name}/set_parameters")
         except InvalidServiceNameException:
             raise ConfigurationError(
-                f"state_publisher is '{name}'; expected the name of a node, such as robot_state_publisher: letters, "
+                f"state_publisher is '{name}'; expected the name of a node, such as human_state_publisher: letters, "
                 "digits and _, no digit first"
             ) from None
-        self._text = self._known = self._refused = ""
-        self._asked: tuple[Future, float] | None = None
-        self._there_at, self._warned = time.monotonic(), False
+        self._text = self._sent = self._refused = ""
+        self._request: tuple[Any, Future, float] | None = None
+        self._seen_at = time.monotonic()
         self.fault = ""
-        """Why the other node's URDF does not follow, in words; empty while it is there, or has not been away long."""
+        """Why the other node's URDF is not up to date, in words; empty if it is, or if the node may still start."""
 
     def describe(self, text: str) -> None:
-        """Here is another URDF."""
+        """Set a new URDF."""
         self._text = text
-        self.push()
+        self.update()
 
-    def push(self) -> None:
-        """Send what the other node does not know yet, if it is there; call it again from time to time."""
-        if not self._client.service_is_ready():
-            self._known = ""  # it may come back as it was at its start
-            self._miss()
+    def update(self) -> None:
+        """Send the URDF if the other node runs and has an older one. Call this periodically."""
+        if not (self._get.service_is_ready() and self._set.service_is_ready()):
+            self._sent = ""  # the other node restarts with its own value
+            self._check_absence()
             return
-        self._there_at, self.fault = time.monotonic(), ""
-        if self._asked is not None:
-            if time.monotonic() - self._asked[1] < PATIENCE_S:
-                return
-            self._client.remove_pending_request(self._asked[0])
-            self._asked = None
-        if self._text in (self._known, self._refused):
+        self._seen_at = time.monotonic()
+        if self._is_waiting() or self._text in (self._sent, self._refused):
+            return
+        self._call(self._get, GetParameters.Request(names=[PARAMETER]), self._on_present)
+
+    def _is_waiting(self) -> bool:
+        """True while a request is unanswered; an old one is abandoned."""
+        if self._request is None:
+            return False
+        client, future, sent_at = self._request
+        if time.monotonic() - sent_at < RESPONSE_TIMEOUT_S:
+            return True
+        client.remove_pending_request(future)
+        self._request = None
+        return False
+
+    def _call(self, client: Any, request: Any, on_response: Callable[[Any], None]) -> None:
+        future = client.call_async(request)
+        self._request = client, future, time.monotonic()
+
+        def finish(done: Future) -> None:
+            self._request = None
+            on_response(done.result())
+
+        future.add_done_callback(finish)
+
+    def _on_present(self, response: Any) -> None:
+        """Set the URDF if the present one is of this node."""
+        present = response.values[0].string_value if response.values else ""
+        if not has_prefix(present, self._prefix):
+            self._report(
+                f"state_publisher is '{self._name}', whose robot_description is not of this node (no links "
+                f"'{self._prefix}...'): it is not changed. Name the robot_state_publisher of the human, as "
+                "tracker.launch.py starts it"
+            )
             return
         text = self._text
-        value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=text)
-        request = SetParameters.Request(parameters=[Parameter(name="robot_description", value=value)])
-        future = self._client.call_async(request)
-        self._asked = future, time.monotonic()
-        future.add_done_callback(lambda done: self._answered(done, text))
-
-    def _miss(self) -> None:
-        """Say once, and from then on in `fault`, that the other node is not there."""
-        if time.monotonic() - self._there_at < ABSENT_S:
+        if present == text:
+            self._sent, self.fault = text, ""
             return
-        self.fault = (
-            f"state_publisher is '{self._name}', but there is no service {self._client.service_name}, so that its URDF "
-            "does not follow: is that node running, and is this its name?"
-        )
-        if not self._warned:
-            self._warned = True
-            self._node.get_logger().warning(self.fault)
+        value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=text)
+        request = SetParameters.Request(parameters=[Parameter(name=PARAMETER, value=value)])
+        self._call(self._set, request, lambda response: self._on_set(response, text))
 
-    def _answered(self, future: Any, text: str) -> None:
-        self._asked = None
-        (result,) = future.result().results
+    def _on_set(self, response: Any, text: str) -> None:
+        (result,) = response.results
         if result.successful:
-            self._known, self._refused = text, ""
+            self._sent, self._refused, self.fault = text, "", ""
         else:
             self._refused = text
-            self._node.get_logger().warning(f"{self._name} refused our robot_description: {result.reason}")
-        self.push()
+            self._node.get_logger().warning(f"{self._name} refused robot_description: {result.reason}")
+        if self._text != text:
+            self.update()
+
+    def _check_absence(self) -> None:
+        if time.monotonic() - self._seen_at >= START_TIMEOUT_S:
+            self._report(
+                f"state_publisher is '{self._name}', but there is no service {self._set.service_name}: its URDF is not "
+                "updated. Check that the node runs and has this name"
+            )
+
+    def _report(self, fault: str) -> None:
+        """Log a fault when it begins, and keep it for the diagnostics."""
+        if fault != self.fault:
+            self._node.get_logger().warning(fault)
+        self.fault = fault

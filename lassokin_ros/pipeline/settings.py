@@ -28,6 +28,9 @@ class NodeSettings:
     base_frame: str = setting(
         "camera_optical_frame", "base link of robot_description until the first keypoints say their frame_id"
     )
+    frame_prefix: str = setting(
+        "~/", "precedes the names of TF frames and URDF links; ~ is the node's name; <id>/ follows with several people"
+    )
     queue_depth: int = setting(
         5,
         "keypoint messages that may wait and are all used, to catch up; when more wait the newest is, the others are "
@@ -44,7 +47,7 @@ class NodeSettings:
         3600.0,
         live=True,
     )
-    max_people: int = setting(1, "people followed at once; with more than 1, topics are under bodies/<id>/", "", 1, 20)
+    max_people: int = setting(1, "people followed at once; above 1, topics are under ~/bodies/<id>/", "", 1, 20)
     person_ids: str = setting(
         MESSAGE,
         "who tells people apart over time: the message's person numbers where it has lasting ones, or the node alone",
@@ -59,10 +62,10 @@ class NodeSettings:
 
     publish_tf: bool = setting(
         False,
-        "TF of the person's pelvis (rep155: midway between the hips): frame body, or body_<id>, x front, y left, z up",
+        "TF of the person's pelvis, frame <frame_prefix>body (rep155: body_<id>, between the hips), x front, z up",
     )
     state_publisher: str = setting(
-        "", "name of the robot_state_publisher whose URDF is to follow robot_description (one person); empty for none"
+        "", "name of the robot_state_publisher that follows ~/robot_description (one person); empty for none"
     )
     skeleton_output: str = setting(
         "~/.ros/lassokin_skeleton.yaml",
@@ -87,6 +90,11 @@ class NodeSettings:
         if full_type_name(self.keypoints_type) not in ADAPTERS:
             raise ConfigurationError(
                 f"keypoints_type is '{self.keypoints_type}'; expected one of: {', '.join(ADAPTERS)}"
+            )
+        if self.frame_prefix.startswith("/") or any(character.isspace() for character in self.frame_prefix):
+            raise ConfigurationError(
+                f"frame_prefix is '{self.frame_prefix}'; expected a prefix without spaces and not starting with /, "
+                "such as human/ (tf2 refuses both)"
             )
         if Path(self.skeleton_output).suffix.lower() not in SUFFIXES:
             raise ConfigurationError(

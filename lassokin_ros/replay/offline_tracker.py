@@ -163,8 +163,12 @@ class PersonMessages:
     def __init__(self, backend: Backend, pipeline: Pipeline, person: str) -> None:
         """person: the id, empty when one person is followed."""
         skeleton, config = pipeline.tracker.skeleton, pipeline.config
-        self._messages = FrameMessages(backend, skeleton, NODE_NAME, person, config.publish_tf, config.rep155)
-        self._description = RobotDescription(backend, skeleton, config.base_frame, person)
+        self._messages = FrameMessages(
+            backend, skeleton, NODE_NAME, person, config.publish_tf, config.rep155, frame_prefix=config.frame_prefix
+        )
+        self._description = RobotDescription(
+            backend, skeleton, config.base_frame, topics.link_prefix(config.frame_prefix, NODE_NAME, person)
+        )
         self._counts = pipeline.counts
 
     def build(self, frame: FrameResult) -> Iterator[tuple[str, Any]]:

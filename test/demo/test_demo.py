@@ -56,9 +56,9 @@ def test_the_command_keeps_its_promises_and_leaves_what_it_says(tmp_path):
     with BagReader(tmp_path / "out" / "tracked") as bag:
         counts = {topic.name: topic.count for topic in bag.topics}
     assert all(counts[topic] == frames for topic in FRAME_TOPICS)
-    assert counts["/robot_description"] >= 1 and counts["/diagnostics"] >= 2
+    assert counts["/tracker/robot_description"] >= 1 and counts["/diagnostics"] >= 2
     inputs, outputs = (
-        read(tmp_path / "out" / bag, topic) for bag, topic in (("keypoints", "/keypoints"), ("tracked", "/joints"))
+        read(tmp_path / "out" / bag, topic) for bag, topic in (("keypoints", "/keypoints"), ("tracked", "/tracker/joints"))
     )
     delays = [(b - a) * 1e-9 for (a, _), (b, _) in zip(inputs, outputs)]
     assert -0.001 < min(delays) and (late or np.median(delays) < 0.1)  # recorded at the playback's time

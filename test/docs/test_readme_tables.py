@@ -139,7 +139,7 @@ def test_several_people(peer):
     assert "under `bodies/<id>/`, the ids are on `bodies/tracked` (std_msgs/String, latched)" in README
     namespace = f"{NAMESPACE}_several"
     with NodeProcess(namespace, "-p", "max_people:=2") as node:
-        tracked, markers = f"{namespace}/bodies/tracked", f"{namespace}/markers"
+        tracked, markers = f"{namespace}/tracker/bodies/tracked", f"{namespace}/tracker/markers"
         peer.spin_until(lambda: peer.node.get_publishers_info_by_topic(tracked), what="the list of people")
         (info,) = peer.node.get_publishers_info_by_topic(tracked)
         assert info.topic_type == "std_msgs/msg/String"

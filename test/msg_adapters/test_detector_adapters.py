@@ -161,7 +161,7 @@ def test_a_recording_of_each_is_tracked(tmp_path, message_type, storage):
     recording = write_messages(tmp_path / "in", messages, storage, types)
     options = ["-p", f"keypoints_type:={message_type}", "-p", f"landmarks:={layout}"]
     assert main([str(recording), "-o", str(tmp_path / "out"), *options]) == 0
-    outputs = [m for _, m in read(tmp_path / "out", "/translation")]
+    outputs = [m for _, m in read(tmp_path / "out", "/tracker/translation")]
     truth = motion(SKELETON, np.arange(frames) / 30.0).translation
     places = np.array([[m.point.x, m.point.y, m.point.z] for m in outputs])
     assert len(places) == frames and np.abs(places - truth).max() < 0.25

@@ -1,10 +1,10 @@
 """Launch file, parameter files, RViz and Foxglove configurations: held to what the code has."""
 
 import importlib.util
+import re
 import sys
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
-from xml.etree import ElementTree
 
 import pytest
 import yaml
@@ -14,7 +14,7 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.outputs.urdf import urdf
-from lassokin_ros.pipeline.outputs.urdf_from_parameters import urdf_from_parameters
+from lassokin_ros.pipeline.outputs.urdf_from_parameters import urdf_from_settings
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.settings import NodeSettings
 
@@ -38,27 +38,23 @@ def test_there_is_one_for_each_usual_set_up():
     assert set(FILES) == {"tracker", "webcam_yolo", "openpose", "mediapipe", "rosbag"}
 
 
-def test_description_from_parameters(tmp_path):
+def test_urdf_from_settings():
     skeleton = Skeleton.load("anthropometric", TrackerConfig().height)
-    file = CONFIG / "tracker.yaml"
-    assert urdf_from_parameters(file) == urdf(skeleton, NodeSettings().base_frame)
-    root = ElementTree.fromstring(urdf_from_parameters(file, "lens"))
-    assert root.find("link").get("name") == "lens"
-    with pytest.raises(ConfigurationError):
-        urdf_from_parameters(tmp_path / "missing.yaml")
+    base_frame = NodeSettings().base_frame
+    assert urdf_from_settings(TrackerConfig(), NodeSettings()) == urdf(skeleton, base_frame, "tracker/")
+    bare = urdf_from_settings(TrackerConfig(), NodeSettings(base_frame="lens", frame_prefix=""), "cam/tracker")
+    assert bare == urdf(skeleton, "lens")
 
 
-FOLLOWER = {"state_publisher": "robot_state_publisher"}
+FOLLOWER = {"state_publisher": "human_state_publisher"}
 
 
 class Recorded(SimpleNamespace):
-    """Stands for any class of launch: it keeps what it was made with."""
+    """Replaces any class of launch and keeps its arguments."""
 
     def __init__(self, *args, **kwargs):
         super().__init__(args=args, **kwargs)
 
-    def perform(self, context):
-        return context[self.args[0]]
 
 
 @pytest.fixture
@@ -67,8 +63,6 @@ def launch_file(monkeypatch):
     for name, members in {
         "launch": ("LaunchContext", "LaunchDescription"),
         "launch.actions": ("DeclareLaunchArgument", "ExecuteProcess", "OpaqueFunction"),
-        "launch.conditions": ("IfCondition",),
-        "launch.substitutions": ("LaunchConfiguration",),
         "launch_ros": (),
         "launch_ros.actions": ("Node",),
         "launch_ros.parameter_descriptions": ("ParameterValue",),
@@ -87,38 +81,86 @@ def start(launch_file, **given):
     """What is started for these arguments, by package, and the bag's command."""
     *arguments, function = launch_file.generate_launch_description().args[0]
     defaults = {argument.args[0]: argument.default_value for argument in arguments}
-    assert all(argument.description for argument in arguments) and set(given) <= set(defaults)
-    actions = function.function({**defaults, **given})
+    assert all(argument.description for argument in arguments)
+    context = SimpleNamespace(launch_configurations={**defaults, **given})
+    actions = function.function(context)
     return {getattr(action, "package", "bag"): action for action in actions}
+
+
+def own_urdf(base_frame="camera_optical_frame", height=1.75, node="tracker"):
+    return urdf(Skeleton.load("anthropometric", height), base_frame, f"{node}/")
 
 
 def test_launch_by_default(launch_file):
     started = start(launch_file)
-    assert set(started) == {"lassokin_ros", "robot_state_publisher", "rviz2"}
+    assert set(started) == {"lassokin_ros", "robot_state_publisher"}
     tracker, frames = started["lassokin_ros"], started["robot_state_publisher"]
-    assert tracker.executable == "tracker"
+    assert (tracker.executable, tracker.name) == ("tracker", "tracker")
     assert tracker.parameters == [str(CONFIG / "tracker.yaml"), {"use_sim_time": False}, FOLLOWER]
-    assert frames.name == FOLLOWER["state_publisher"]
     assert tracker.remappings == [("keypoints", "keypoints"), ("camera_info", "camera_info")]
+    assert frames.name == FOLLOWER["state_publisher"]
     assert frames.parameters[0]["publish_frequency"] >= 60
-    assert frames.parameters[0]["robot_description"].args[0] == urdf_from_parameters(CONFIG / "tracker.yaml")
-    assert started["rviz2"].condition.args[0].args == ("rviz",)
-    assert Path(started["rviz2"].arguments[1]).is_file()
-    assert len(started["rviz2"].arguments) == 2 and started["rviz2"].remappings == []
+    assert frames.parameters[0]["robot_description"].args[0] == own_urdf()
+    assert ("joint_states", "tracker/joint_states") in frames.remappings
+    assert not hasattr(tracker, "namespace")
 
 
 def test_launch_with_arguments(launch_file, tmp_path):
     file = tmp_path / "mine.yaml"
     file.write_text("/**:\n  ros__parameters:\n    height: 1.6\n")
-    given = {"keypoints": "/d/k", "camera": "/cam/", "params": str(file), "frame": "lens", "bag": "walk"}
+    given = {"keypoints": "/d/k", "camera": "/cam/", "params": str(file), "frame": "lens", "bag": "walk", "rviz": "1"}
     started = start(launch_file, **given)
     tracker = started["lassokin_ros"]
-    assert tracker.parameters == [str(file), {"use_sim_time": True}, {"base_frame": "lens"}, FOLLOWER]
+    assert tracker.parameters == [str(file), {"use_sim_time": True}, {"base_frame": "lens", **FOLLOWER}]
     assert tracker.remappings == [("keypoints", "/d/k"), ("camera_info", "/cam/camera_info")]
-    assert 'link name="lens"' in started["robot_state_publisher"].parameters[0]["robot_description"].args[0]
+    assert started["robot_state_publisher"].parameters[0]["robot_description"].args[0] == own_urdf("lens", 1.6)
     rviz = started["rviz2"]
-    assert rviz.arguments[2:] == ["-f", "lens"]
+    assert Path(rviz.arguments[1]).is_file() and rviz.arguments[2:] == ["-f", "lens"]
     assert rviz.remappings == [("image_raw", "/cam/image_raw"), ("camera_info", "/cam/camera_info")]
     assert started["bag"].cmd == ["ros2", "bag", "play", "walk", "--clock"]
     by_name = start(launch_file, params="webcam_yolo", bag="walk", use_sim_time="false", frames="false")["lassokin_ros"]
     assert by_name.parameters == [str(CONFIG / "webcam_yolo.yaml"), {"use_sim_time": False}]
+
+
+def test_launch_sets_parameters_and_the_namespace(launch_file):
+    given = {"height": "1.9", "camera_pitch": "0.3", "landmarks": "body25", "namespace": "/left", "log_level": "WARN"}
+    started = start(launch_file, **given)
+    tracker, frames = started["lassokin_ros"], started["robot_state_publisher"]
+    assert tracker.parameters[2] == {"height": 1.9, "camera_pitch": 0.3, "landmarks": "body25", **FOLLOWER}
+    assert tracker.namespace == frames.namespace == "/left"
+    assert tracker.arguments == ["--ros-args", "--log-level", "warn"]
+    assert frames.parameters[0]["robot_description"].args[0] == own_urdf(height=1.9, node="left/tracker")
+
+
+def test_launch_of_several_people_starts_no_state_publisher(launch_file):
+    started = start(launch_file, max_people="3")
+    assert set(started) == {"lassokin_ros"} and started["lassokin_ros"].parameters[2] == {"max_people": 3}
+
+
+@pytest.mark.parametrize("text, value", [("true", True), ("1", True), ("ON", True), ("false", False), ("No", False)])
+def test_launch_reads_every_boolean_in_the_same_way(launch_file, text, value):
+    started = start(launch_file, rviz=text, frames=text, use_sim_time=text)
+    assert ("rviz2" in started) is value and ("robot_state_publisher" in started) is value
+    assert started["lassokin_ros"].parameters[1] == {"use_sim_time": value}
+
+
+@pytest.mark.parametrize(
+    "given, words",
+    [
+        ({"rviz": "maybe"}, "rviz:=maybe; expected one of: true"),
+        ({"frames": "never"}, "frames:=never"),
+        ({"use_sim_time": "2"}, "use_sim_time:=2"),
+        ({"log_level": "loud"}, "log_level:=loud; expected one of: debug"),
+        ({"heigth": "1.8"}, "no argument 'heigth'; did you mean 'height'"),
+        ({"keypoint": "/a"}, "did you mean 'keypoints'"),
+        ({"height": "9"}, "0.3 to 2.6 m"),
+        ({"params": "nothing"}, "nothing.yaml"),
+    ],
+)
+def test_launch_refuses_bad_arguments_before_anything_starts(launch_file, given, words):
+    with pytest.raises((RuntimeError, ConfigurationError), match=re.escape(words)):
+        start(launch_file, **given)
+
+
+def test_launch_ignores_arguments_of_an_including_launch_file(launch_file):
+    assert start(launch_file, robot_name="arm", world="office")

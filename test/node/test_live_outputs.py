@@ -120,11 +120,11 @@ def test_robot_description_is_latched_and_follows_the_cameras_frame():
         peer.listen(description)
         texts = peer.got[topics.ROBOT_DESCRIPTION]
         peer.spin_until(lambda: texts, what="the latched description")
-        assert texts[0].data == urdf(SKELETON, "some_camera")
+        assert texts[0].data == urdf(SKELETON, "some_camera", "latched/tracker/")
         peer.start(pixels[0])
         peer.spin_until(lambda: len(texts) == 2, what="the description in the camera's frame")
-        assert texts[1].data == urdf(SKELETON, FRAME)
+        assert texts[1].data == urdf(SKELETON, FRAME, "latched/tracker/")
         with Peer(namespace, outputs=False) as late:
             late.listen(description)
             late.spin_until(lambda: late.got[topics.ROBOT_DESCRIPTION], what="the description for a late subscriber")
-            assert late.got[topics.ROBOT_DESCRIPTION][0].data == urdf(SKELETON, FRAME)
+            assert late.got[topics.ROBOT_DESCRIPTION][0].data == urdf(SKELETON, FRAME, "latched/tracker/")

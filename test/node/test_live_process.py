@@ -36,7 +36,7 @@ def test_a_signal_ends_it_with_exit_code_0(signals):
         (["--ros-args", "-p", "solver:=guess"], "proxqp"),
         (["--ros-args", "-p", "keypoints_type:=sensor_msgs/Image"], "sensor_msgs/msg/PointCloud2"),
         (["--ros-args", "-p", "keypoints_type:=zed_msgs/ObjectsStamped"], "ros-$ROS_DISTRO-zed-msgs"),
-        (["--ros-args", "-p", "base_frame:=pelvis"], "base frame"),
+        (["--ros-args", "-p", "base_frame:=tracker/pelvis"], "base frame"),
         (["--ros-args", "-p", "base_frame:=''"], "base frame is empty"),
         (["--ros-args", "-p", "state_publisher:=bad name"], "state_publisher is 'bad name'; expected the name"),
         (["--ros-args", "--params-file", "not_there.yaml"], "not_there.yaml"),

@@ -33,18 +33,25 @@ def test_parameter_file_is_up_to_date():
     assert [type(value) for value in values.values()] == [type(item.default) for item in all_settings()]
 
 
-def test_readme_has_the_table():
-    readme = ROOT / "README.md"
-    if not readme.is_file():
-        pytest.skip("there is no README.md in this tree")
-    text = readme.read_text(encoding="utf-8")
+def test_the_reference_has_the_table():
+    files = [file for file in (ROOT / "README.md", ROOT / "docs" / "reference.md") if file.is_file()]
+    if not files:
+        pytest.skip("there is no documentation in this tree")
+    text = "".join(file.read_text(encoding="utf-8") for file in files)
     assert parameter_table() in text, "put in the output of: python3 -m lassokin_ros.node.parameters --table"
+
+
+@pytest.mark.parametrize("prefix", ["/human/", "my human/", "\t"])
+def test_a_prefix_that_tf2_refuses_is_refused(prefix):
+    with pytest.raises(ConfigurationError, match="frame_prefix"):
+        NodeSettings(frame_prefix=prefix).checked()
+    assert NodeSettings(frame_prefix="").checked()
 
 
 @pytest.mark.parametrize("item", fields(NodeSettings), ids=lambda item: item.name)
 def test_values_out_of_range_are_refused(item):
     wrong = "sensor_msgs/msg/Image" if isinstance(item.default, str) else "no"
-    if item.name in ("base_frame", "state_publisher", "skeleton_output"):
+    if item.name in ("base_frame", "frame_prefix", "state_publisher", "skeleton_output"):
         wrong = 3
     with pytest.raises(ConfigurationError, match=item.name):
         NodeSettings(**{item.name: wrong}).checked()

@@ -48,6 +48,7 @@ class PeerOfTwo:
         self.listen(topics.TRACKED_OUTPUT.name, topics.TRACKED_OUTPUT)
 
     def listen(self, name, topic):
+        name = name.replace("~", "tracker")
         durability = DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE
         qos = QoSProfile(depth=1000, durability=durability)
         self.got[name] = []
@@ -66,7 +67,7 @@ class PeerOfTwo:
         self.peer.spin_until(met, what=what)
 
     def lists(self):
-        return [message.data for message in self.got["bodies/tracked"]]
+        return [message.data for message in self.got["tracker/bodies/tracked"]]
 
 
 def test_each_of_several_people_has_a_set_of_topics():
@@ -76,22 +77,23 @@ def test_each_of_several_people_has_a_set_of_topics():
     with NodeProcess(namespace, *" ".join(settings).split()) as node, Peer(namespace, outputs=False) as peer:
         them = PeerOfTwo(peer)
         them.send_until(lambda: all(them.got.values()), "every topic of both people")
-        joints = {p: them.got[f"bodies/{p}/joints"][-1] for p in ("p4", "p9")}
+        joints = {p: them.got[f"tracker/bodies/{p}/joints"][-1] for p in ("p4", "p9")}
         assert {m.header.frame_id for m in joints.values()} == {FRAME}
         assert joints["p4"].poses[0].position.x < -0.3 < 0.3 < joints["p9"].poses[0].position.x
         for person in ("p4", "p9"):
-            states = them.got[f"bodies/{person}/joint_states"]
+            states = them.got[f"tracker/bodies/{person}/joint_states"]
             assert len(set(map(stamp_of, states))) == len(states)
-            assert them.got[f"bodies/{person}/robot_description"][-1].data == urdf(SKELETON, FRAME, f"{person}_")
-            certificate = them.got[f"bodies/{person}/certificate"][-1].status[0]
+            description = them.got[f"tracker/bodies/{person}/robot_description"][-1].data
+            assert description == urdf(SKELETON, FRAME, f"several/tracker/{person}/")
+            certificate = them.got[f"tracker/bodies/{person}/certificate"][-1].status[0]
             assert certificate.name.startswith(f"several/tracker: {person}: certificate")
-        namespaces = {m.ns for message in them.got["markers"] for m in message.markers}
+        namespaces = {m.ns for message in them.got["tracker/markers"] for m in message.markers}
         assert namespaces == {"p4/bones", "p4/joints", "p9/bones", "p9/joints"}
         peer.spin_until(lambda: them.lists()[-1] == "p4,p9", what=f"the list of both {them.lists()}")
         status = peer.next_diagnostics()
         assert values_of(status)["people"] == "p4, p9"
         them.send_until(lambda: them.lists()[-1] == "p9", "the list without who has left", (9,), step=300)
-        gone = "/several/bodies/p4/joint_states"
+        gone = "/several/tracker/bodies/p4/joint_states"
         peer.spin_until(lambda: not peer.node.get_publishers_info_by_topic(gone), what="the end of p4's topics")
         peer.call(Trigger, "reset", Trigger.Request())
         peer.spin_until(lambda: them.lists()[-1] == "", what="the empty list")
@@ -110,7 +112,7 @@ def test_when_the_detector_falls_silent_people_leave():
         them.send_until(lambda: all(them.got.values()) and them.lists()[-1] == "p4,p9", "every topic of both people")
         peer.spin_until(lambda: them.lists()[-1] == "", what="the empty list, without a message")
         for person in ("p4", "p9"):
-            gone = f"{namespace}/bodies/{person}/joint_states"
+            gone = f"{namespace}/tracker/bodies/{person}/joint_states"
             peer.spin_until(lambda: not peer.node.get_publishers_info_by_topic(gone), what="its end")  # noqa: B023
         values = values_of(peer.next_diagnostics())
         assert (values["people"], values["state"]) == ("nobody", "searching")
@@ -120,7 +122,7 @@ def test_when_the_detector_falls_silent_people_leave():
         peer.next_diagnostics(lambda s: values_of(s).get(refused) == "1")
         assert len(them.lists()) == lists  # a message that is refused brings nobody back
         them.send_until(lambda: them.lists()[-1] == "p4,p9", "both again")
-        answered = f"bodies/p4/{topics.JOINT_STATES}"
+        answered = topics.of_person(topics.JOINT_STATES, "p4").replace("~", "tracker")
         them.got[answered].clear()
         them.send_until(lambda: them.got[answered], "an answer")
     assert "Traceback" not in node.said
@@ -148,11 +150,11 @@ def test_numbers_that_change_from_image_to_image_are_said(person_ids):
 
 def test_a_state_publisher_that_several_people_have_no_use_for_is_said():
     namespace = "/no_use"
-    settings = "-p", "max_people:=2", "-p", "state_publisher:=robot_state_publisher"
+    settings = "-p", "max_people:=2", "-p", "state_publisher:=human_state_publisher"
     with NodeProcess(namespace, *settings) as node, Peer(namespace, outputs=False) as peer:
         peer.next_diagnostics()
         node.stop(signal.SIGINT)
-    assert node.said.count("state_publisher is 'robot_state_publisher'") == 1 and "one person" in node.said
+    assert node.said.count("state_publisher is 'human_state_publisher'") == 1 and "one person" in node.said
 
 
 @pytest.mark.parametrize("parameter, package", [("rep155", "hri_msgs"), ("publish_tf", "tf2_msgs")])
@@ -183,7 +185,7 @@ def test_replay_writes_each_persons_topics(recording, tmp_path, rep155):
     settings = "max_people:=2", "forget_after:=0.3", f"rep155:={str(rep155).lower()}", "publish_tf:=true"
     options = [word for setting in settings for word in ("-p", setting)]
     assert main([str(recording), "-o", str(tmp_path / "out"), *options]) == 0
-    folder, description = ("/humans/bodies", "urdf") if rep155 else ("/bodies", "robot_description")
+    folder, description = ("/humans/bodies", "urdf") if rep155 else ("/tracker/bodies", "robot_description")
     with BagReader(tmp_path / "out") as bag:
         found = {topic.name: topic.count for topic in bag.topics}
     for person, frames, described in (("p4", 10, 1), ("p9", 30, 2)):  # who stays is calibrated after half a second
@@ -192,6 +194,6 @@ def test_replay_writes_each_persons_topics(recording, tmp_path, rep155):
         assert found.pop(f"{folder}/{person}/{description}") == described
     assert found == {f"{folder}/tracked": 2, "/tf": 40}
     frames = {m.transforms[0].child_frame_id for _, m in read(tmp_path / "out", "/tf")}
-    assert frames == {"body_p4", "body_p9"}
+    assert frames == {"body_p4", "body_p9"} if rep155 else {"tracker/p4/body", "tracker/p9/body"}
     lists = [m.ids if rep155 else m.data.split(",") for _, m in read(tmp_path / "out", f"{folder}/tracked")]
     assert [list(ids) for ids in lists] == [["p4", "p9"], ["p9"]]

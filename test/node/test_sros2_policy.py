@@ -89,14 +89,14 @@ def watch(peer, done, everything):
         for rule, names in graph_of(peer).items():
             done.setdefault(rule, set()).update(names)
         missing = set().union(*never_done(done, peer.namespace).values())
-        return not (missing if everything else {name for name in missing if "/bodies/" not in name})
+        return not (missing if everything else {name for name in missing if "/tracker/bodies/" not in name})
 
     peer.spin_until(seen, what="all that the policy allows")
 
 
 def test_the_running_node_does_what_is_allowed_and_all_of_it():
     done, namespace = {}, "/secured"
-    one = {"state_publisher": "robot_state_publisher", "use_sim_time": "true"}
+    one = {"state_publisher": "human_state_publisher", "use_sim_time": "true"}
     for parameters in (one, {"max_people": 2}):
         arguments = [text for item in parameters.items() for text in ("-p", f"{item[0]}:={item[1]}")]
         with NodeProcess(namespace, *arguments), Peer(namespace, outputs=False) as peer:

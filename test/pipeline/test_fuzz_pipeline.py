@@ -168,7 +168,7 @@ def test_whatever_comes_in_what_goes_out_can_be_serialised():
     case()
 
 
-@pytest.mark.parametrize("name", ["head", "left_knee_x_link", "root_x_link"])
+@pytest.mark.parametrize("name", ["tracker/head", "tracker/left_knee_x_link", "tracker/root_x_link"])
 def test_a_frame_id_that_is_a_links_name_stops_no_output(name):
     course = Course(CLOUD)
     tracker = OfflineTracker(*course.settings, TYPES)
@@ -177,7 +177,7 @@ def test_a_frame_id_that_is_a_links_name_stops_no_output(name):
     message = course.good(1)
     message.header.frame_id = name
     outputs = {topic: out for topic, _, out in tracker.keypoints(message, stamp_of(1))}
-    assert set(outputs) == usual - {"/robot_description"} and outputs["/joints"].header.frame_id == name
+    assert set(outputs) == usual - {"/tracker/robot_description"} and outputs["/tracker/joints"].header.frame_id == name
     assert tracker.pipeline.counts[LINK_AS_FRAME] == 1
 
 

@@ -56,13 +56,13 @@ def stamp(header):
 def test_one_message_of_every_output_per_frame_with_the_inputs_stamp(recording, replayed):
     with BagReader(replayed) as bag:
         counts = {topic.name: (topic.message_type, topic.count) for topic in bag.topics}
-    assert counts.pop("/robot_description") == ("std_msgs/msg/String", 1)
+    assert counts.pop("/tracker/robot_description") == ("std_msgs/msg/String", 1)
     assert counts.pop("/diagnostics") == ("diagnostic_msgs/msg/DiagnosticArray", FRAMES // int(RATE) - 1)
     assert counts == {name: (kind, FRAMES) for name, kind in FRAME_TOPICS.items()}
     inputs = [(time_ns, stamp(message.header)) for time_ns, message in read(recording, "/keypoints")]
     for topic in FRAME_TOPICS:
         outputs = read(replayed, topic)
-        headers = [m.markers[0].header if topic == "/markers" else m.header for _, m in outputs]
+        headers = [m.markers[0].header if topic == "/tracker/markers" else m.header for _, m in outputs]
         assert [(time_ns, stamp(h)) for (time_ns, _), h in zip(outputs, headers)] == inputs
         assert {h.frame_id for h in headers} == {"camera_optical_frame"}
 
@@ -70,13 +70,13 @@ def test_one_message_of_every_output_per_frame_with_the_inputs_stamp(recording, 
 def test_outputs_belong_together(replayed):
     """joint_states through the published URDF gives the published joints."""
     pin = pytest.importorskip("pinocchio", reason="pinocchio (pip install pin) is a test-only dependency")
-    (_, description), *_ = read(replayed, "/robot_description")
+    (_, description), *_ = read(replayed, "/tracker/robot_description")
     model = pin.buildModelFromXML(description.data)
     data = model.createData()
     assert ElementTree.fromstring(description.data).find("link").get("name") == "camera_optical_frame"
-    names = [joint.removesuffix("_x") for joint in joint_names_of(replayed) if joint.endswith("_x")][1:]
+    names = ["tracker/" + joint.removesuffix("_x") for joint in joint_names_of(replayed) if joint.endswith("_x")][1:]
     assert len(names) == 24
-    streams = (read(replayed, topic) for topic in ("/joint_states", "/joints", "/translation"))
+    streams = (read(replayed, topic) for topic in ("/tracker/joint_states", "/tracker/joints", "/tracker/translation"))
     for (_, state), (_, joints), (_, translation) in zip(*streams):
         q = np.zeros(model.nq)
         for name, value in zip(state.name, state.position):
@@ -92,13 +92,13 @@ def test_outputs_belong_together(replayed):
 
 
 def joint_names_of(replayed):
-    return read(replayed, "/joint_states")[0][1].name
+    return read(replayed, "/tracker/joint_states")[0][1].name
 
 
 def test_joint_states_are_complete_and_continuous(replayed):
     from lassokin_ros.core.body.skeleton import Skeleton
 
-    states = [message for _, message in read(replayed, "/joint_states")]
+    states = [message for _, message in read(replayed, "/tracker/joint_states")]
     assert states[0].name == joint_names(Skeleton.load("anthropometric", 1.75)) and len(states[0].name) == 75
     positions = np.array([s.position for s in states])
     velocities = np.array([s.velocity for s in states])
@@ -131,7 +131,7 @@ def test_storages_hold_the_same_messages(recording, replayed, tmp_path):
 def test_a_single_file_is_a_recording_too(recording, tmp_path):
     file = next(recording.glob("*.mcap"))
     assert main([str(file), "-o", str(tmp_path / "out")]) == 0
-    assert len(read(tmp_path / "out", "/joints")) == FRAMES
+    assert len(read(tmp_path / "out", "/tracker/joints")) == FRAMES
 
 
 def test_metadata_is_rosbag2s(replayed):
@@ -139,7 +139,7 @@ def test_metadata_is_rosbag2s(replayed):
     assert metadata["version"] == 9 and metadata["storage_identifier"] == "mcap"
     assert metadata["relative_file_paths"] == ["recording.mcap"]
     topics = {t["topic_metadata"]["name"]: t["topic_metadata"] for t in metadata["topics_with_message_count"]}
-    assert topics["/robot_description"]["offered_qos_profiles"][0]["durability"] == "transient_local"
+    assert topics["/tracker/robot_description"]["offered_qos_profiles"][0]["durability"] == "transient_local"
     assert all(t["type_description_hash"].startswith("RIHS01_") for t in topics.values())
 
 
@@ -152,7 +152,7 @@ def test_refused_frames_have_no_output_and_are_counted(tmp_path, capsys):
     assert main([str(recording), "-o", str(tmp_path / "out")]) == 0
     said = capsys.readouterr()
     assert "40 in, 36 out" in said.out and "old_stamp 1, too_few_landmarks 3" in said.out and said.err == ""
-    assert len(read(tmp_path / "out", "/joint_states")) == 36
+    assert len(read(tmp_path / "out", "/tracker/joint_states")) == 36
 
 
 def test_a_gap_and_a_jump_back_initialise_anew(tmp_path, capsys):
@@ -199,7 +199,7 @@ def test_unstamped_keypoints_carry_the_time_of_recording(tmp_path):
     recording = write_messages(tmp_path / "plain", messages)
     options = ["-p", "keypoints_type:=std_msgs/Float32MultiArray"]
     assert main([str(recording), "-o", str(tmp_path / "out"), *options]) == 0
-    headers = [message.header for _, message in read(tmp_path / "out", "/joint_states")]
+    headers = [message.header for _, message in read(tmp_path / "out", "/tracker/joint_states")]
     assert [stamp(h) for h in headers] == stamps.tolist() and {h.frame_id for h in headers} == {"lens"}
 
 
@@ -214,7 +214,7 @@ def test_parameters_reach_the_tracker(recording, replayed, tmp_path):
     }.items():
         assert main([str(recording), "-o", str(tmp_path / name), *options]) == 0
     assert contents(tmp_path / "file") == contents(tmp_path / "option") == contents(tmp_path / "both")
-    default, tall = (read(path, "/translation")[30][1].point.z for path in (replayed, tmp_path / "file"))
+    default, tall = (read(path, "/tracker/translation")[30][1].point.z for path in (replayed, tmp_path / "file"))
     assert tall / default == pytest.approx(2.0 / TrackerConfig().height, rel=0.03)
 
 
@@ -230,7 +230,7 @@ def test_topics_of_other_names_are_found_or_named(tmp_path):
     assert main([str(recording), "-o", str(tmp_path / "a")]) == 0
     recording = write_messages(tmp_path / "two", [*messages, ("/lidar", kind, stamp_ns, cloud)])
     assert main([str(recording), "-o", str(tmp_path / "b"), "--keypoints-topic", "detector/poses"]) == 0
-    assert len(read(tmp_path / "a", "/joints")) == len(read(tmp_path / "b", "/joints")) == 8
+    assert len(read(tmp_path / "a", "/tracker/joints")) == len(read(tmp_path / "b", "/tracker/joints")) == 8
     usual = [(topic.replace("/detector/poses", "/detector/keypoints"), *rest) for topic, *rest in messages]
     recording = write_messages(tmp_path / "three", [*usual, ("/lidar", kind, stamp_ns, cloud)])
     assert main([str(recording), "-o", str(tmp_path / "c")]) == 0
@@ -337,7 +337,7 @@ def test_a_full_disk_is_said_and_leaves_nothing(tmp_path, recording, capsys, mon
     real = writer.McapWriter.write
 
     def write_until_full(self, connection, timestamp, data):
-        if connection.topic == "/joints":
+        if connection.topic == "/tracker/joints":
             with open("/dev/full", "wb", buffering=0) as full:
                 full.write(data)
         real(self, connection, timestamp, data)

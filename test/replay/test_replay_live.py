@@ -46,17 +46,18 @@ def test_replay_and_the_live_node_give_the_same(tmp_path):
     for topic in FRAME_TOPICS:
         ours, theirs = ([m for _, m in read(tmp_path / name, topic)] for name in ("live", "replayed"))
         assert len(ours) == len(theirs) == 150, topic
-    pairs = zip(live.messages("joints"), read(tmp_path / "replayed", "/joints"))
+    pairs = zip(live.messages("~/joints"), read(tmp_path / "replayed", "/tracker/joints"))
     for mine, (_, theirs) in pairs:
         assert stamp(mine) == stamp(theirs) and mine.header.frame_id == theirs.header.frame_id
         assert np.abs(np.array(poses(mine)) - np.array(poses(theirs))).max() < 1e-9
-    pairs = zip(live.messages("joint_states"), read(tmp_path / "replayed", "/joint_states"))
+    pairs = zip(live.messages("~/joint_states"), read(tmp_path / "replayed", "/tracker/joint_states"))
     for mine, (_, theirs) in pairs:
         assert mine.name == theirs.name
         assert np.abs(mine.position - theirs.position).max() < 1e-9
         assert np.abs(mine.velocity - theirs.velocity).max() < 1e-6
-    (description,) = {m.data for m in live.messages("robot_description")[-1:]}
-    assert description == read(tmp_path / "replayed", "/robot_description")[0][1].data
+    (description,) = {m.data for m in live.messages("~/robot_description")[-1:]}
+    replayed = read(tmp_path / "replayed", "/tracker/robot_description")[0][1].data
+    assert description == replayed.replace("tracker/", "same/tracker/")
 
 
 class HeardBeforeItsCamera(LiveNode):
@@ -123,7 +124,7 @@ def test_real_detector_output_is_tracked_from_the_first_frame_to_the_last(tmp_pa
     parameters = {"height": height, "landmarks": "body25b", "queue_depth": 60}
     with LiveNode(parameters, f"/openpose_{camera}") as live:
         live.play(recording, rate=1.0)
-    joints = live.messages("joints")
+    joints = live.messages("~/joints")
     usable = (keypoints[..., 2] >= 0.2).sum(axis=1) >= 4
     assert usable.all() and [stamp(m) for m in joints] == stamps.tolist()
     assert live.state() == "tracking"

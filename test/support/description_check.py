@@ -1,5 +1,7 @@
 """Forward kinematics of a published URDF, by a library that is not ours."""
 
+from xml.etree import ElementTree
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,8 @@ class DescribedBody:
     def __init__(self, text):
         self.pin = pytest.importorskip("pinocchio", reason="pinocchio (pip install pin) is a test-only dependency")
         self.text = text
+        links = [link.get("name") for link in ElementTree.fromstring(text.encode()).iter("link")]
+        self.prefix = next(name for name in links if name.endswith("root_x_link")).removesuffix("root_x_link")
         self.model = self.pin.buildModelFromXML(text)
         self.data = self.model.createData()
 
@@ -19,7 +23,7 @@ class DescribedBody:
         for name, value in zip(state.name, state.position):
             q[self.model.joints[self.model.getJointId(name)].idx_q] = value
         self.pin.framesForwardKinematics(self.model, self.data, q)
-        names = [name.removesuffix("_x") for name in state.name if name.endswith("_x")][1:]
+        names = [self.prefix + name.removesuffix("_x") for name in state.name if name.endswith("_x")][1:]
         frames = [self.model.getFrameId(name, self.pin.FrameType.BODY) for name in names]
         return np.array([self.data.oMf[frame].translation for frame in frames])
 

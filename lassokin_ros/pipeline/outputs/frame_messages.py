@@ -51,12 +51,13 @@ class FrameMessages:
         tf: bool = False,
         tf_at_hips: bool = False,
         ready_made: bool = False,
+        frame_prefix: str = "~/",
     ) -> None:
         """Make every message once.
 
         backend: of msg_adapters.backends; name: the node's, in the certificate; person: of several; tf: TF too;
         tf_at_hips: of the place midway between the hips, as in REP-155, in place of the pelvis; ready_made: give bytes
-        in place of messages, where that is quicker (rclpy's publishers take both).
+        in place of messages, where that is quicker (rclpy's publishers take both); frame_prefix: the parameter.
         """
 
         def fill(builder: StampedBuilder) -> Callable[..., Any]:
@@ -89,7 +90,7 @@ class FrameMessages:
             topics.KEYPOINT_MARKERS: lambda t, f, frame, e: keypoints(t, f, frame.points, project(e.pose.landmarks)),
         }
         if tf:
-            transform = fill(TransformBuilder(backend, f"body_{person}" if person else "body"))
+            transform = fill(TransformBuilder(backend, body_frame(name, person, tf_at_hips, frame_prefix)))
             origin = body_origin(skeleton, tf_at_hips)
             self._makers[topics.TF] = lambda t, f, _, e: transform(
                 t, f, e.pose.positions[origin].mean(axis=0), body_turn(e)
@@ -130,6 +131,11 @@ def principal_axes(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     variances, axes = np.linalg.eigh(covariance)
     axes[:, :, :1] = hat(axes[:, :, 1]) @ axes[:, :, 2:]  # the same axis, in the sense that makes them a rotation
     return to_quaternion(axes), np.sqrt(np.maximum(variances, 0.0))
+
+
+def body_frame(name: str, person: str, rep155: bool, frame_prefix: str) -> str:
+    """Return the TF frame of a body: `<prefix>body`, with REP-155 `body_<id>`, which allows no prefix."""
+    return f"body_{person}" if rep155 and person else f"{topics.link_prefix(frame_prefix, name, person)}body"
 
 
 def body_origin(skeleton: Skeleton, at_hips: bool) -> list[int]:

@@ -24,11 +24,11 @@ LARGEST_ERROR = 1e-4
 class RobotDescription:
     """Makes the message when it is due, and remembers what has been said."""
 
-    def __init__(self, backend: Backend, skeleton: Skeleton, base_frame: str, person: str = "") -> None:
-        """base_frame: for frames that name none; person: the id, empty when one person is followed."""
+    def __init__(self, backend: Backend, skeleton: Skeleton, base_frame: str, prefix: str = "") -> None:
+        """base_frame: for messages without frame_id; prefix: of the link names, see `topics.link_prefix`."""
         self._message = StringBuilder(backend)
         self._given, self._fallback = skeleton, base_frame
-        self._prefix = f"{person}_" if person else ""
+        self._prefix = prefix
         self._base_frame: str | None = None
         self._skeleton: Skeleton | None = None
         self._same: Skeleton | None = None  # compared already

@@ -1,4 +1,7 @@
-"""The node's topics: the one place in which their names and types stand."""
+"""Names and types of the node's topics, and the prefix of its TF frames. No other file spells them out.
+
+Inputs are relative names. Outputs are private to the node (`~/`), so that they never collide with those of a robot.
+"""
 
 from __future__ import annotations
 
@@ -10,16 +13,16 @@ CAMERA_INFO_TYPE = "sensor_msgs/msg/CameraInfo"
 CLOCK = "/clock"
 CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
 
-JOINT_STATES = "joint_states"
-TRANSLATION = "translation"
-JOINTS = "joints"
-ROBOT_DESCRIPTION = "robot_description"
-MARKERS = "markers"
+JOINT_STATES = "~/joint_states"
+TRANSLATION = "~/translation"
+JOINTS = "~/joints"
+ROBOT_DESCRIPTION = "~/robot_description"
+MARKERS = "~/markers"
 CERTIFICATE = "~/certificate"
-JOINT_UNCERTAINTY = "joint_uncertainty"
-UNCERTAINTY_MARKERS = "uncertainty_markers"
-IMAGE_MARKERS = "image_markers"
-KEYPOINT_MARKERS = "keypoint_markers"
+JOINT_UNCERTAINTY = "~/joint_uncertainty"
+UNCERTAINTY_MARKERS = "~/uncertainty_markers"
+IMAGE_MARKERS = "~/image_markers"
+KEYPOINT_MARKERS = "~/keypoint_markers"
 DIAGNOSTICS = "/diagnostics"
 TRACKED = "tracked"
 SKELETON2D = "skeleton2d"
@@ -28,7 +31,7 @@ TF = "/tf"
 
 @dataclass(frozen=True)
 class OutputTopic:
-    """A topic that is published: its message type, and whether late subscribers get the last message (latched)."""
+    """An output topic. latched: late subscribers receive the last message (transient local)."""
 
     name: str
     message_type: str
@@ -43,7 +46,7 @@ FRAME_OUTPUTS = (
     OutputTopic(CERTIFICATE, "diagnostic_msgs/msg/DiagnosticArray"),
     OutputTopic(JOINT_UNCERTAINTY, "sensor_msgs/msg/PointCloud2"),
 )
-"""One message for each accepted frame."""
+"""One message per accepted frame."""
 
 UNCERTAINTY_MARKERS_OUTPUT = OutputTopic(UNCERTAINTY_MARKERS, "visualization_msgs/msg/MarkerArray")
 LIVE_OUTPUTS = (
@@ -51,43 +54,53 @@ LIVE_OUTPUTS = (
     OutputTopic(IMAGE_MARKERS, "visualization_msgs/msg/ImageMarker"),
     OutputTopic(KEYPOINT_MARKERS, "visualization_msgs/msg/Marker"),
 )
-"""What JOINT_UNCERTAINTY and the 2D points are for the eye: live only, they would double a replay's recording."""
+"""Markers made from other outputs. `replay` does not write them: they would double the size of its recording."""
 
 DESCRIPTION_OUTPUT = OutputTopic(ROBOT_DESCRIPTION, "std_msgs/msg/String", latched=True)
 DIAGNOSTICS_OUTPUT = OutputTopic(DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray")
 OTHER_OUTPUTS = (DESCRIPTION_OUTPUT, DIAGNOSTICS_OUTPUT)
-"""robot_description once for each base frame; diagnostics at 1 Hz."""
+"""robot_description when the base frame or the lengths change; diagnostics at 1 Hz."""
 
 TF_OUTPUT = OutputTopic(TF, "tf2_msgs/msg/TFMessage")
-"""Where the person is, by parameter."""
+"""Published if the parameter publish_tf is set."""
 
 PERSON_OUTPUTS = (*FRAME_OUTPUTS, *LIVE_OUTPUTS, DESCRIPTION_OUTPUT)
-"""What there is for each person."""
+"""The topics of one person."""
 
-BODIES, REP155_BODIES = "bodies", "/humans/bodies"
-"""Where several people's topics are: <here>/<id>/joint_states and so on, and the list of ids."""
+BODIES, REP155_BODIES = "~/bodies", "/humans/bodies"
+"""Namespaces of the topics of several people: <namespace>/<id>/joint_states and so on, and <namespace>/tracked."""
 
 TRACKED_OUTPUT = OutputTopic(f"{BODIES}/{TRACKED}", "std_msgs/msg/String", latched=True)
 REP155_TRACKED_OUTPUT = OutputTopic(f"{REP155_BODIES}/{TRACKED}", "hri_msgs/msg/IdsList", latched=True)
-"""The ids of the people who are there, anew at each change: with commas between, or as REP-155 has it."""
+"""The ids of the people present, published at every change: separated by commas, or in REP-155's message."""
 
 
 def of_person(topic: str, person: str, rep155: bool = False) -> str:
-    """The name of one person's topic; person: the id, empty when one person is followed."""
+    """Return the name of one person's topic. person: the id, empty if one person is followed."""
     if not person or topic.startswith("/"):
         return topic
     name = topic.removeprefix("~/")
-    if rep155 and name == ROBOT_DESCRIPTION:
+    if rep155 and topic == ROBOT_DESCRIPTION:
         name = "urdf"
     return f"{REP155_BODIES if rep155 else BODIES}/{person}/{name}"
 
 
 def full_name(topic: str, node: str) -> str:
-    """The name of a node's topic in the root namespace; `~` is the node's."""
+    """Return the full name of a topic. node: the node's name with its namespace, without the first slash."""
     name = topic.replace("~", node)
     return name if name.startswith("/") else f"/{name}"
 
 
 def is_latched(name: str) -> bool:
-    """True for a topic, under any of its names, whose last message late subscribers get."""
-    return name.rpartition("/")[2] in (ROBOT_DESCRIPTION, "urdf", TRACKED)
+    """True if the topic of this full name is latched."""
+    return name.rpartition("/")[2] in ("robot_description", "urdf", TRACKED)
+
+
+def link_prefix(frame_prefix: str, node: str, person: str = "") -> str:
+    """Return what precedes the names of a person's TF frames and URDF links.
+
+    frame_prefix: the parameter, in which `~` is the node; node: its full name without the first slash; person: the id,
+    empty if one person is followed. The default gives tracker/pelvis, or tracker/p1/pelvis for the person p1.
+    """
+    prefix = frame_prefix.replace("~", node)
+    return f"{prefix}{person}/" if person else prefix

@@ -33,8 +33,8 @@ def urdf(skeleton: Skeleton, base_frame: str, prefix: str = "") -> str:
     """The URDF of a skeleton as XML text.
 
     base_frame: name of the base link, the frame in which translations are given (the camera's optical frame). prefix:
-    stands before the names of the body's links, so that several bodies go into one tree of frames; joints keep theirs.
-    Raises SkeletonError when the base link's name is empty or one of the body's own links.
+    precedes the names of the body's links, so that several bodies fit into one TF tree; joints have no prefix.
+    Raises SkeletonError if the name of the base link is empty or the name of one of the body's links.
     """
     if not base_frame:
         raise SkeletonError("base frame is empty; expected a name, such as camera_optical_frame (base_frame)")
@@ -56,6 +56,15 @@ def urdf(skeleton: Skeleton, base_frame: str, prefix: str = "") -> str:
         _add_ball_joint(robot, skeleton, index, above if parent < 0 else prefix + skeleton.joint_names[parent], prefix)
     ElementTree.indent(robot)
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding="unicode") + "\n"
+
+
+def has_prefix(text: str, prefix: str) -> bool:
+    """True if a text is a URDF that `urdf` made with this prefix, of any skeleton and base frame."""
+    try:
+        links = {link.get("name") for link in ElementTree.fromstring(text.encode()).iter("link")}
+    except ElementTree.ParseError:
+        return False
+    return {f"{prefix}{name}_link" for name in ROOT_JOINTS} <= links
 
 
 def check_names(skeleton: Skeleton) -> None:

@@ -1,19 +1,20 @@
-"""The body's URDF from the node's parameters, before the node runs.
+"""The URDF of a body from the node's settings, before the node runs.
 
-robot_state_publisher of Jazzy does not start without its parameter robot_description, so the launch file makes it from
-the same parameters as the node.
+robot_state_publisher of Jazzy does not start without its parameter robot_description. The launch file makes the URDF
+from the settings that it starts the node with.
 """
 
 from __future__ import annotations
 
-from pathlib import Path
-
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.urdf import urdf
-from lassokin_ros.pipeline.parameter_files import offline_settings
+from lassokin_ros.pipeline.parameter_files import NODE_NAME
+from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.skeleton_readers.load import load_skeleton
 
 
-def urdf_from_parameters(parameter_file: Path, base_frame: str = "") -> str:
-    """The URDF as XML text; base_frame: instead of the parameter's. Raises a LassokinError."""
-    tracker, node = offline_settings([parameter_file], [])
-    return urdf(load_skeleton(tracker.skeleton, tracker.height), base_frame or node.base_frame)
+def urdf_from_settings(tracker: TrackerConfig, settings: NodeSettings, node: str = NODE_NAME) -> str:
+    """Return the URDF as XML text. node: the full name of the node without the first slash. Raises a LassokinError."""
+    prefix = topics.link_prefix(settings.frame_prefix, node)
+    return urdf(load_skeleton(tracker.skeleton, tracker.height), settings.base_frame, prefix)

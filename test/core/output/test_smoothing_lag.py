@@ -105,7 +105,7 @@ def test_the_replay_publishes_every_frame_and_the_same_bytes_again(tmp_path):
     assert contents(runs[0]) == contents(runs[1])
     inputs = [stamp_of(message) for _, message in read(recording, "/keypoints")]
     expected = inputs[:30] + inputs[33:]
-    for topic in ("/joint_states", "/joints", "/translation", "/tracker/certificate"):
+    for topic in ("/tracker/joint_states", "/tracker/joints", "/tracker/translation", "/tracker/certificate"):
         assert [stamp_of(message) for _, message in read(runs[0], topic)] == expected
     assert "not monotonic" not in page.read_text(encoding="utf-8")
 

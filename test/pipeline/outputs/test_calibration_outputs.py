@@ -147,7 +147,8 @@ def test_in_a_replay_every_frames_joints_are_those_of_the_newest_urdf(tmp_path):
     settings = ["-p", f"skeleton:={wrong_skeleton_file(tmp_path)}", "-p", "calibrate:=true"]
     for name in ("once", "again"):
         assert main([str(recording), "-o", str(tmp_path / name), *settings]) == 0
-    streams = {topic: read(tmp_path / "once", f"/{topic}") for topic in ("robot_description", "joint_states", "joints")}
+    names = "robot_description", "joint_states", "joints"
+    streams = {topic: read(tmp_path / "once", f"/tracker/{topic}") for topic in names}
     descriptions = [(time_ns, DescribedBody(m.data)) for time_ns, m in streams["robot_description"]]
     assert 4 < len(descriptions) <= 8 + frames / RATE
     apart = np.diff([time_ns for time_ns, _ in descriptions])  # often at first, then once a second
@@ -159,7 +160,7 @@ def test_in_a_replay_every_frames_joints_are_those_of_the_newest_urdf(tmp_path):
     assert len(errors) > 0.95 * frames
     assert max(error for error, _ in errors) < PROMISE_M
     assert errors[-1][1] > 5 * PROMISE_M  # the lengths have moved by much more
-    again = [(time_ns, m.data) for time_ns, m in read(tmp_path / "again", "/robot_description")]
+    again = [(time_ns, m.data) for time_ns, m in read(tmp_path / "again", "/tracker/robot_description")]
     assert again == [(time_ns, m.data) for time_ns, m in streams["robot_description"]]
 
 
@@ -182,8 +183,8 @@ def test_replay_saves_the_skeleton(tmp_path, capsys):
     assert capsys.readouterr().out.splitlines()[-1].split() == ["skeleton", str(saved)]
     text = saved.read_text()
     assert "2023-11-14 22:13:24 UTC" in text  # the recording's time
-    last = read(tmp_path / "out", "/robot_description")[-1][1].data
-    states, joints = (read(tmp_path / "out", topic)[-1][1] for topic in ("/joint_states", "/joints"))
+    last = read(tmp_path / "out", "/tracker/robot_description")[-1][1].data
+    states, joints = (read(tmp_path / "out", topic)[-1][1] for topic in ("/tracker/joint_states", "/tracker/joints"))
     described = DescribedBody(urdf(Skeleton.load(str(saved), 1.75), "camera_optical_frame"))
     assert described.error(states, joints) < PROMISE_M and DescribedBody(last).error(states, joints) < PROMISE_M
     assert main(calibrated) == 0 and saved.read_text() == text
@@ -235,7 +236,7 @@ def test_replay_says_that_it_took_an_uneven_skeletons_mean(tmp_path, capsys):
     for calibrate in (True, False):
         assert main([*given, "-p", f"calibrate:={str(calibrate).lower()}"]) == 0
         assert (APART in capsys.readouterr().out) == calibrate
-        poses = [pose.position for pose in read(tmp_path / "out", "/joints")[-1][1].poses]
+        poses = [pose.position for pose in read(tmp_path / "out", "/tracker/joints")[-1][1].poses]
         places = np.array([[p.x, p.y, p.z] for p in poses])
         shanks = np.linalg.norm(places[body().skeleton.parents[ANKLES]] - places[ANKLES], axis=1)
         assert shanks[0] / shanks[1] == pytest.approx(1.0 if calibrate else 1.1)

@@ -46,9 +46,9 @@ def tracked(recording, tmp_path_factory):
 @pytest.fixture(scope="module")
 def published(tracked):
     """Positions (f, 24, 3) m and joint_states (f, 75) as the bag has them."""
-    poses = [message.poses for _, message in read(tracked, "/joints")]
+    poses = [message.poses for _, message in read(tracked, "/tracker/joints")]
     positions = np.array([[[p.position.x, p.position.y, p.position.z] for p in frame] for frame in poses])
-    return positions, np.array([message.position for _, message in read(tracked, "/joint_states")])
+    return positions, np.array([message.position for _, message in read(tracked, "/tracker/joint_states")])
 
 
 def bvh_positions(path):
@@ -142,7 +142,7 @@ def test_the_world_of_a_mounted_camera_is_level(recording, tmp_path):
     """Of a camera said to look down: up in the files is up for whoever stands before it."""
     options = ["-p", "camera_pitch:=0.4", "-p", "camera_roll:=0.3", "--export", ".amass.npz", "--export", ".bvh"]
     assert main([str(recording), "--output", str(tmp_path / "out"), *options]) == 0
-    joints = read(tmp_path / "out", "/joints")
+    joints = read(tmp_path / "out", "/tracker/joints")
     places = np.array([[m.poses[0].position.x, m.poses[0].position.y, m.poses[0].position.z] for _, m in joints])
     up = vertical_of(0.3, 0.4)
     with np.load(tmp_path / "out" / "motion.amass.npz", allow_pickle=False) as file:

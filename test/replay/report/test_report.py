@@ -96,10 +96,10 @@ def test_a_clean_recording(clean):
 def test_what_is_drawn_is_what_is_published(clean):
     bag, page = clean
     (person,) = drawn(page)["people"]
-    joints = read(bag.parent / "clean_out", "/joints")
+    joints = read(bag.parent / "clean_out", "/tracker/joints")
     published = np.array([[[p.position.x, p.position.y, p.position.z] for p in m.poses] for _, m in joints])
     assert np.abs(unpacked(person["positions"]) - published).max() < 0.00051  # m
-    states = read(bag.parent / "clean_out", "/joint_states")
+    states = read(bag.parent / "clean_out", "/tracker/joint_states")
     angles = np.degrees([m.position[3:] for _, m in states]).reshape(len(states), -1, 3)
     assert np.abs(unpacked(person["angles"]) - angles).max() < 0.051  # deg
     _, pixels, confidence = synthetic_pixels(FRAMES)

@@ -105,7 +105,7 @@ def test_the_person_stands_upright_and_faces_us(page):
 
 
 def test_the_slider_moves_skeleton_and_image_to_what_was_published(page, report):
-    published = {round((t - START_NS) * 30e-9): m for t, m in read(report / "out", "/joints")}
+    published = {round((t - START_NS) * 30e-9): m for t, m in read(report / "out", "/tracker/joints")}
     _, pixels, confidence = synthetic_pixels(FRAMES)
     for frame in (12, 80):
         go(page, frame)
