@@ -1,0 +1,56 @@
+"""The interface of the detectors, and their selection by name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from lassokin_ros.core.errors import LassokinError
+
+
+class DetectorError(LassokinError):
+    """A detector cannot be used: its package, its version or its model file does not fit."""
+
+
+@dataclass(frozen=True, eq=False)
+class Detected:
+    """Keypoints of one person in one image. pixels: (l, 2) px. confidence: (l,) 0 to 1, 0 = missing."""
+
+    pixels: np.ndarray
+    confidence: np.ndarray
+
+
+class Detector(Protocol):
+    """A 2D pose detector for one person."""
+
+    landmarks: str
+    """Name of the landmark layout."""
+
+    def detect(self, image: np.ndarray, seconds: float) -> Detected:
+        """Return the keypoints in an image (height, width, 3), uint8, RGB. seconds: the image's time, s."""
+        ...
+
+    def close(self) -> None:
+        """Release the model."""
+        ...
+
+
+def make_detector(name: str) -> Detector:
+    """Return a detector. name: "mediapipe", or the path of an ONNX file. Raises DetectorError."""
+    if name == "mediapipe":
+        from lassokin_ros.detector.mediapipe_pose import MediaPipePose
+
+        return MediaPipePose()
+    if name.endswith(".onnx"):
+        from lassokin_ros.detector.onnx_pose import OnnxPose
+
+        return OnnxPose(Path(name))
+    raise DetectorError(f"detector '{name}'; expected mediapipe, or the path of a .onnx file")
+
+
+def nobody(count: int) -> Detected:
+    """Return the result for an image without a person. count: number of landmarks of the layout."""
+    return Detected(np.full((count, 2), np.nan), np.zeros(count))

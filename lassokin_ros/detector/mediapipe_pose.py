@@ -1,0 +1,50 @@
+"""MediaPipe Pose, from the releases of the PyPI package that contain its weights (Apache-2.0)."""
+
+from __future__ import annotations
+
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+
+from lassokin_ros.detector.backend import Detected, DetectorError, nobody
+
+LANDMARKS = 33
+NEEDED = "pip install 'mediapipe>=0.10.14,<0.10.22'"
+
+
+class MediaPipePose:
+    """MediaPipe Pose with tracking between images. The images must come in the order of time."""
+
+    landmarks = "mediapipe33"
+
+    def __init__(self) -> None:
+        """Raises DetectorError."""
+        self._pose = _pose()
+
+    def detect(self, image: np.ndarray, seconds: float) -> Detected:
+        """See Detector.detect."""
+        found = self._pose.process(np.ascontiguousarray(image)).pose_landmarks
+        if found is None:
+            return nobody(LANDMARKS)
+        height, width = image.shape[:2]
+        points = np.array([(p.x, p.y, p.visibility) for p in found.landmark])
+        return Detected(points[:, :2] * (width, height), np.clip(points[:, 2], 0.0, 1.0))
+
+    def close(self) -> None:
+        """See Detector.close."""
+        self._pose.close()
+
+
+def _pose() -> Any:
+    try:
+        import mediapipe
+    except ImportError as error:
+        raise DetectorError(f"the detector mediapipe cannot be imported ({error}); install it with: {NEEDED}") from None
+    solutions = getattr(mediapipe, "solutions", None)
+    if solutions is None or not hasattr(solutions, "pose"):
+        raise DetectorError(
+            f"mediapipe {metadata.version('mediapipe')} does not contain the weights of MediaPipe Pose; install a "
+            f"release that does: {NEEDED}"
+        )
+    return solutions.pose.Pose(model_complexity=1)  # the package contains the weights of `full` only

@@ -1,0 +1,66 @@
+"""The command `track`: a video, a webcam or images to a skeleton, without ROS."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from lassokin_ros.core.errors import LassokinError
+
+USAGE_ERROR = 2
+INTERRUPTED = 130
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command and return its exit code.
+
+    The code is 0 on success, 2 for input that cannot be used (with one line on stderr), and 130 if a video was
+    interrupted; the files then hold the part that was tracked.
+    """
+    options = parser().parse_args(arguments)
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    os.environ.setdefault("GLOG_minloglevel", "3")
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+    try:
+        from lassokin_ros.common.summary_output import print_summary
+        from lassokin_ros.video.track import track
+
+        summary, complete = track(options)
+        print_summary(summary)
+    except LassokinError as error:
+        print(f"track: {error}", file=sys.stderr)
+        return USAGE_ERROR
+    except ModuleNotFoundError as error:
+        print(f"track: {error}; install it with: pip install '.[report]'", file=sys.stderr)
+        return USAGE_ERROR
+    except KeyboardInterrupt:
+        print("track: interrupted; nothing was written", file=sys.stderr)
+        return INTERRUPTED
+    return 0 if complete else INTERRUPTED
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the options."""
+    result = argparse.ArgumentParser(prog="track", description="Track a person in a video, without ROS.")
+    result.add_argument("source", metavar="VIDEO|0|IMAGES", help="video file, number of a webcam, or folder of images")
+    result.add_argument("--height", type=float, help="height of the person, m (same as -p height:=...)")
+    result.add_argument("--fov", type=float, metavar="DEG", help="field of view along the longer side of the image")
+    result.add_argument("--camera-info", type=Path, metavar="YAML", help="calibration file of ROS (ost.yaml)")
+    result.add_argument("--detector", default="mediapipe", metavar="NAME", help="mediapipe (default), or a .onnx file")
+    result.add_argument("--fps", type=float, help="frame rate of a folder of images, Hz (default: 30)")
+    result.add_argument("--params-file", type=Path, action="append", default=[], metavar="YAML")
+    result.add_argument("-p", action="append", default=[], metavar="name:=value", help="a parameter of the tracker")
+    result.add_argument("--report", type=Path, metavar="HTML", help="write a page with plots and the skeleton in 3D")
+    result.add_argument(
+        "--export", type=Path, action="append", default=[], metavar="FILE", help=".csv, .npz, .bvh or .amass.npz"
+    )
+    result.add_argument("--video", type=Path, metavar="MP4", help="write the images with the skeleton as a video")
+    result.add_argument("--force", action="store_true", help="replace outputs that exist")
+    return result
+
+
+if __name__ == "__main__":
+    sys.exit(main())

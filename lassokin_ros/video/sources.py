@@ -1,0 +1,134 @@
+"""Sources of images: a video file, a webcam, or a folder of images."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lassokin_ros.core.errors import LassokinError
+
+IMAGES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
+ASSUMED_FPS = 30.0
+
+
+class SourceError(LassokinError):
+    """A source of images cannot be opened, or ends unexpectedly."""
+
+
+@dataclass(frozen=True, eq=False)
+class Image:
+    """One image. seconds: since the first image, increasing. rgb: (height, width, 3) uint8."""
+
+    seconds: float
+    rgb: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """An open source. size: (width, height) px after rotation. fps: nominal, Hz. count: images, 0 = unknown."""
+
+    name: str
+    size: tuple[int, int]
+    fps: float
+    count: int
+    images: Iterator[Image]
+
+
+def open_source(name: str, fps: float | None = None) -> Source:
+    """Open a video file, a webcam ("0") or a folder of images. fps: of a folder, Hz. Raises SourceError."""
+    if name.isdecimal():
+        return _webcam(int(name))
+    path = Path(name)
+    if path.is_dir():
+        return _folder(path, fps or ASSUMED_FPS)
+    if not path.is_file():
+        raise SourceError(f"there is no file or folder '{name}'")
+    return _video(path)
+
+
+def _video(path: Path) -> Source:
+    cv2 = _opencv()
+    capture = cv2.VideoCapture(str(path))
+    # OpenCV turns the images by the file's rotation metadata; the first image gives the size after that.
+    good, first = capture.read()
+    if not good:
+        raise SourceError(f"'{path}' has no video stream that OpenCV can read")
+    rate = capture.get(cv2.CAP_PROP_FPS)
+    rate = rate if 1.0 <= rate <= 1000.0 else ASSUMED_FPS
+    count = max(int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
+    return Source(path.name, (first.shape[1], first.shape[0]), rate, count, _frames(cv2, capture, first, rate))
+
+
+def _frames(cv2: Any, capture: Any, image: np.ndarray, rate: float) -> Iterator[Image]:
+    """Yield the images with their own times, so that a variable frame rate is kept."""
+    good, last, origin = True, -1.0, None
+    try:
+        while good:
+            seconds = capture.get(cv2.CAP_PROP_POS_MSEC) * 1e-3
+            origin = seconds if origin is None else origin
+            seconds -= origin
+            if last >= 0 and seconds <= last:  # the container has no times
+                seconds = last + 1 / rate
+            last = seconds
+            yield Image(seconds, cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
+            good, image = capture.read()
+    finally:
+        capture.release()
+
+
+def _webcam(number: int) -> Source:
+    cv2 = _opencv()
+    capture = cv2.VideoCapture(number)
+    good, first = capture.read() if capture.isOpened() else (False, None)
+    if not good:
+        raise SourceError(f"camera {number} cannot be opened: it does not exist, or another program uses it")
+
+    def images() -> Iterator[Image]:
+        image, began = first, time.monotonic()
+        try:
+            while True:
+                yield Image(time.monotonic() - began, cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
+                good, image = capture.read()
+                if not good:
+                    raise SourceError(f"camera {number} gives no more images")
+        finally:
+            capture.release()
+
+    rate = capture.get(cv2.CAP_PROP_FPS)
+    rate = rate if 1.0 <= rate <= 1000.0 else ASSUMED_FPS
+    return Source(f"camera {number}", (first.shape[1], first.shape[0]), rate, 0, images())
+
+
+def _folder(path: Path, fps: float) -> Source:
+    cv2 = _opencv()
+    files = sorted(file for file in path.iterdir() if file.suffix.lower() in IMAGES)
+    if not files:
+        raise SourceError(f"the folder '{path}' has no images; expected {', '.join(IMAGES)}")
+    first = cv2.imread(str(files[0]))
+    if first is None:
+        raise SourceError(f"'{files[0]}' is no image that OpenCV can read")
+
+    def images() -> Iterator[Image]:
+        for number, file in enumerate(files):
+            image = cv2.imread(str(file))
+            if image is None or image.shape != first.shape:
+                problem = "is no image" if image is None else "has another size than the first image"
+                raise SourceError(f"'{file}' {problem}")
+            yield Image(number / fps, cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
+
+    return Source(path.name, (first.shape[1], first.shape[0]), fps, len(files), images())
+
+
+def _opencv() -> Any:
+    try:
+        import cv2
+    except ImportError:
+        raise SourceError("images are read with OpenCV; install it with: pip install opencv-python-headless") from None
+    if hasattr(cv2, "setLogLevel"):
+        cv2.setLogLevel(0)  # errors are reported once, by SourceError
+    return cv2

@@ -1,0 +1,184 @@
+"""Run detector and tracker over the images of a source, and write the requested files."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import time
+from collections import deque
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lassokin_ros.common.atomic_files import AtomicFiles
+from lassokin_ros.common.progress import Progress
+from lassokin_ros.core.evidence.upright import levelling
+from lassokin_ros.detector.backend import Detector, make_detector
+from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.pipeline.parameter_files import offline_settings
+from lassokin_ros.replay.bags import typestore
+from lassokin_ros.replay.exports.exports import Exports
+from lassokin_ros.replay.motion import MotionRecorder
+from lassokin_ros.replay.offline_tracker import OfflineTracker
+from lassokin_ros.replay.output_paths import OutputError
+from lassokin_ros.replay.report.report import Report
+from lassokin_ros.video.camera import DEFAULT_FOV, Calibration, from_file, from_fov
+from lassokin_ros.video.output_video import OutputVideo
+from lassokin_ros.video.sources import Image, Source, SourceError, open_source
+from msg_adapters.backends import RosbagsBackend
+from msg_adapters.inputs import camera_info, point_cloud
+
+FIRST_STAMP_NS = 1_000_000_000
+"""ns: a stamp of zero means no stamp."""
+FRAME = "camera_optical_frame"
+
+
+def track(options: argparse.Namespace) -> tuple[str, bool]:
+    """Track a source. Returns the summary, and whether the source was read to its end. Raises a LassokinError."""
+    detector = make_detector(options.detector)
+    height = [] if options.height is None else [f"height:={options.height}"]
+    layout = f"landmarks:={detector.landmarks}"
+    configs = offline_settings(options.params_file, [layout, *options.p, *height])
+    types = typestore()
+    tracker = OfflineTracker(*configs, types)
+    report = None if options.report is None else Report(options.report, tracker.pipeline, options.force)
+    exports = _exports(options, tracker)
+    if report is not None:
+        tracker.listeners.append(report.add)
+    source = open_source(options.source, options.fps)
+    backend = RosbagsBackend(types)
+    with ExitStack() as stack, AtomicFiles(options.force, OutputError) as files:
+        stack.callback(detector.close)
+        camera = _camera(options, source)
+        info = camera_info(backend, FIRST_STAMP_NS, FRAME, camera.K, camera.D, source.size, camera.model)
+        for _ in tracker.camera_info(info, FIRST_STAMP_NS):
+            pass
+        video = None
+        if options.video is not None:
+            video = OutputVideo(options.video, source.size, source.fps, options.force)
+            stack.callback(video.discard)
+        run = Run(source, detector, tracker, backend, video)
+        complete = run.all_images()
+        if report is not None:
+            report.write(files, source.name, ("detector", "camera"))
+        if exports is not None:
+            exports.write(Path(), files)
+        if video is not None:
+            video.finish()
+    return run.summary(options), complete
+
+
+class Run:
+    """One run over a source. Images wait in a queue until the tracker has returned their frames."""
+
+    def __init__(
+        self, source: Source, detector: Detector, tracker: OfflineTracker, backend: Any, video: OutputVideo | None
+    ) -> None:
+        self._source, self._detector, self._tracker, self._backend = source, detector, tracker, backend
+        self._video = video
+        self._waiting: deque[tuple[int, Image]] = deque()
+        self.detect_seconds: list[float] = []
+        self.fault = ""
+        if video is not None:
+            tracker.listeners.append(self._draw)
+
+    def all_images(self) -> bool:
+        """Track all images until the end or until SIGINT or SIGTERM; return True at the end of the source."""
+        progress = Progress(self._source.count, "images")
+        started = time.monotonic()
+        with _stop_flag() as stopped:
+            try:
+                for image in self._source.images:
+                    if stopped:
+                        break
+                    self._one(image)
+                    progress.advance(note=self._tracker.pipeline.status.value)
+            except SourceError as error:
+                if not self.detect_seconds:
+                    raise
+                self.fault = str(error)
+            finally:
+                progress.close()
+            for _ in self._tracker.finish():
+                pass
+        self.seconds = time.monotonic() - started
+        return (not stopped or self._source.count == 0) and not self.fault
+
+    def _one(self, image: Image) -> None:
+        stamp_ns = FIRST_STAMP_NS + round(image.seconds * 1e9)
+        began = time.monotonic()
+        found = self._detector.detect(image.rgb, image.seconds)
+        self.detect_seconds.append(time.monotonic() - began)
+        message = point_cloud(self._backend, stamp_ns, FRAME, found.pixels, found.confidence)
+        if self._video is not None:
+            self._waiting.append((stamp_ns, image))
+        for _ in self._tracker.keypoints(message, stamp_ns):
+            pass
+
+    def _draw(self, frames: Sequence[FrameResult], time_ns: int, _seconds: float) -> None:
+        assert self._video is not None
+        stamp_ns = frames[0].stamp_ns if frames else time_ns
+        while self._waiting and self._waiting[0][0] <= stamp_ns:
+            own_ns, image = self._waiting.popleft()
+            self._video.add(image.seconds, image.rgb, list(frames) if own_ns == stamp_ns else [])
+
+    def summary(self, options: argparse.Namespace) -> str:
+        """Return the summary of the run, one fact per line."""
+        counts, error = self._tracker.pipeline.counts, self._tracker.reprojection_px
+        times = self._tracker.frame_seconds or [np.nan]
+        lines = {
+            "images": f"{counts['received']} in, {counts['accepted']} tracked",
+            "reprojection": f"{np.median(error):.2f} px median" if error else "nothing was tracked",
+            "detector": f"{1e3 * float(np.median(self.detect_seconds or [np.nan])):.1f} ms median",
+            "tracker": f"{1e3 * float(np.median(times)):.2f} ms median",
+            "total": f"{self.seconds:.1f} s",
+        }
+        if self.fault:
+            lines["ended early"] = self.fault
+        files = [options.report, *options.export, options.video]
+        lines["written"] = ", ".join(str(file) for file in files if file is not None) or "nothing"
+        return "\n".join([self._source.name, *(f"{name:<15} {text}" for name, text in lines.items())])
+
+
+@contextmanager
+def _stop_flag() -> Iterator[list[int]]:
+    """Yield a list that is not empty after SIGINT or SIGTERM. A second signal acts as usual."""
+    received: list[int] = []
+
+    def stop(number: int, _: object) -> None:
+        received.append(number)
+        for signal_number, handler in previous.items():
+            signal.signal(signal_number, handler)
+
+    previous = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield received
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+def _exports(options: argparse.Namespace, tracker: OfflineTracker) -> Exports | None:
+    if not options.export:
+        return None
+    mount = tracker.pipeline.tracker.config
+    recorder = MotionRecorder(tracker.pipeline.tracker.layout.names, levelling(mount.camera_roll, mount.camera_pitch))
+    exports = Exports(options.export, recorder, tracker.pipeline.config.several_people, options.force)
+    tracker.listeners.append(recorder.add)
+    return exports
+
+
+def _camera(options: argparse.Namespace, source: Source) -> Calibration:
+    if options.camera_info is not None:
+        return from_file(options.camera_info, source.size)
+    if options.fov is None:
+        print(
+            f"track: no calibration: a field of view of {DEFAULT_FOV:g} degrees is assumed. If it is wrong, distances "
+            "from the camera are wrong by the same factor as the focal length; set --fov or --camera-info.",
+            file=sys.stderr,
+        )
+    return from_fov(options.fov or DEFAULT_FOV, source.size)
