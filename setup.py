@@ -14,6 +14,8 @@ ROS = ["ros-jazzy-rclpy[fastrtps]>=7.1.6", "ros-jazzy-common-interfaces>=5.3.6"]
 LENS = ["opencv-python-headless>=4.6"]
 REPLAY = ["rosbags>=0.11", *LENS]
 CLUSTER = ["distributed>=2024.8", *REPLAY]
+MEDIAPIPE = ["mediapipe>=0.10.14,<0.10.22", *REPLAY]  # later releases do not contain the weights of MediaPipe Pose
+ONNX = ["onnxruntime>=1.17", *REPLAY]
 REPORT = ["plotly>=6.0", *REPLAY]
 DEMO = ["matplotlib>=3.6", *ROS, *REPORT]
 TEST = [
@@ -73,6 +75,9 @@ setup(
         "lens": LENS,
         "replay": REPLAY,
         "report": REPORT,
+        "video": REPLAY,
+        "mediapipe": MEDIAPIPE,
+        "onnx": ONNX,
         "cluster": CLUSTER,
         "demo": DEMO,
         "test": TEST,
@@ -81,6 +86,7 @@ setup(
     entry_points={
         "console_scripts": [
             "tracker = lassokin_ros.node.command:tracker",
+            "detector = lassokin_ros.detector.command:main",
             "replay = lassokin_ros.cli.replay:main",
         ]
     },

@@ -40,7 +40,7 @@ class OutputVideo:
         even = (self._size[0] + self._size[1]) // 2 * 2, self._size[1] // 2 * 2
         self._even = even
         self._part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
-        self._writer = cv2.VideoWriter(str(self._part), cv2.VideoWriter_fourcc(*"mp4v"), fps, even)
+        self._writer = cv2.VideoWriter(str(self._part), cv2.VideoWriter.fourcc(*"mp4v"), fps, even)
         if not self._writer.isOpened():
             raise VideoError(f"'{path}' cannot be written by OpenCV")
         self._written = 0
@@ -83,7 +83,8 @@ class OutputVideo:
         for joint, parent in enumerate(parents):
             ends = points[[parent, joint]]
             if parent >= 0 and (np.abs(ends) < limit).all():  # False for NaN
-                self._cv2.line(image, *ends.astype(int).tolist(), BONE, 2, self._cv2.LINE_AA)
+                first, second = ends.astype(int).tolist()
+                self._cv2.line(image, first, second, BONE, 2, self._cv2.LINE_AA)
 
     def finish(self) -> None:
         """Close the file and give it its name. Raises VideoError."""

@@ -83,7 +83,8 @@ def _frames(cv2: Any, capture: Any, image: np.ndarray, rate: float) -> Iterator[
 
 def _webcam(number: int) -> Source:
     cv2 = _opencv()
-    capture = cv2.VideoCapture(number)
+    capture: Any = cv2.VideoCapture(number)
+    first: Any
     good, first = capture.read() if capture.isOpened() else (False, None)
     if not good:
         raise SourceError(f"camera {number} cannot be opened: it does not exist, or another program uses it")

@@ -1,0 +1,89 @@
+"""Detectors and images: what is decoded, and what is refused with one sentence."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from lassokin_ros.detector.backend import DetectorError, make_detector
+from lassokin_ros.detector.images import decode_image
+from lassokin_ros.detector.onnx_pose import _kind, _movenet, _rtmpose, _yolo, letterbox
+from msg_adapters.errors import AdapterError
+
+
+def image(encoding, pixels, padding=0):
+    rows = pixels.reshape(pixels.shape[0], -1)
+    rows = np.pad(rows, ((0, 0), (0, padding)), constant_values=77)
+    return SimpleNamespace(
+        encoding=encoding, height=pixels.shape[0], width=pixels.shape[1], step=rows.shape[1], data=rows.tobytes()
+    )
+
+
+@pytest.mark.parametrize("padding", [0, 5])
+@pytest.mark.parametrize("encoding", ["rgb8", "bgr8", "rgba8", "bgra8"])
+def test_colour_images_become_rgb(encoding, padding):
+    pixels = np.random.default_rng(0).integers(0, 255, (4, 6, 4 if "a" in encoding else 3), dtype=np.uint8)
+    expected = pixels[:, :, :3] if encoding.startswith("rgb") else pixels[:, :, [2, 1, 0]]
+    assert np.array_equal(decode_image(image(encoding, pixels, padding)), expected)
+
+
+def test_grey_image_becomes_rgb():
+    pixels = np.arange(12, dtype=np.uint8).reshape(3, 4)
+    assert np.array_equal(decode_image(image("mono8", pixels))[:, :, 1], pixels)
+
+
+@pytest.mark.parametrize("encoding", ["yuv422", "uyvy", "yuyv", "yuv422_yuy2"])
+def test_grey_yuv422_becomes_grey_rgb(encoding):
+    pytest.importorskip("cv2")
+    pixels = np.full((4, 6, 2), 128, np.uint8)
+    decoded = decode_image(image(encoding, pixels))
+    assert decoded.shape == (4, 6, 3) and np.abs(decoded.astype(int) - 130).max() < 3
+
+
+def test_damaged_and_unknown_images_are_refused():
+    message = image("rgb8", np.zeros((4, 6, 3), np.uint8))
+    message.data = message.data[:-1]
+    with pytest.raises(AdapterError, match="damaged"):
+        decode_image(message)
+    message.encoding = "32FC1"
+    with pytest.raises(AdapterError, match="encoding is '32FC1'"):
+        decode_image(message)
+
+
+def test_kind_of_model_is_recognised_by_shapes():
+    assert _kind([[1, 192, 192, 3]], [[1, 1, 17, 3]]) == "movenet"
+    assert _kind([["n", 3, 256, 192]], [["n", 17, 384], ["n", 17, 512]]) == "rtmpose"
+    assert _kind([[1, 3, 640, 640]], [[1, 56, 8400]]) == "yolo"
+    assert _kind([[1, 3, 224, 224]], [[1, 1000]]) is None
+
+
+def test_models_outputs_become_pixels():
+    points = np.random.default_rng(1).uniform(0.1, 0.9, (17, 2))
+    rows = np.column_stack([points[:, 1], points[:, 0], np.full(17, 0.8)])
+    assert np.allclose(_movenet([rows.reshape(1, 1, 17, 3)], (192, 256))[:, :2], points * (192, 256))
+    x, y = np.zeros((1, 17, 384)), np.zeros((1, 17, 512))
+    x[0, np.arange(17), 100 + np.arange(17)] = y[0, np.arange(17), 200] = 0.9
+    assert np.allclose(_rtmpose([x, y], (192, 256)), np.column_stack([50 + np.arange(17) / 2, [100] * 17, [0.9] * 17]))
+    boxes = np.zeros((1, 56, 3))
+    boxes[0, 4], boxes[0, 5:, 1] = (0.1, 0.9, 0.3), np.arange(51)
+    assert np.array_equal(_yolo([boxes], (640, 640)), np.arange(51).reshape(17, 3))
+    assert _yolo([np.zeros((1, 56, 3))], (640, 640)) is None
+
+
+def test_letterbox_keeps_the_aspect_ratio():
+    pytest.importorskip("cv2")
+    boxed, scale, shift = letterbox(np.full((100, 200, 3), 255, np.uint8), (64, 64))
+    assert boxed.shape == (64, 64, 3) and scale == 0.32 and shift.tolist() == [0, 16]
+    assert (boxed[16:48] == 255).all() and (boxed[:16] == 114).all()
+
+
+def test_unknown_detector_is_refused():
+    with pytest.raises(DetectorError, match="expected mediapipe"):
+        make_detector("openpose")
+
+
+def test_mediapipe_without_weights_is_refused(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "mediapipe", SimpleNamespace())
+    monkeypatch.setattr("importlib.metadata.version", lambda _: "1.2.3")
+    with pytest.raises(DetectorError, match="mediapipe 1.2.3 does not contain the weights.*pip install"):
+        make_detector("mediapipe")
