@@ -52,7 +52,8 @@ def main() -> int:
         return 2
     latency = 1e3 * np.array([came[stamp] - sent[stamp] for stamp in came if stamp in sent])
     answered = len(latency)
-    print("| images | rate, Hz | joints | dropped | latency p50, ms | p99, ms | exit codes |\n|---|---|---|---|---|---|---|")
+    print("| images | rate, Hz | joints | dropped | latency p50, ms | p99, ms | exit codes |")
+    print("|---|---|---|---|---|---|---|")
     p50, p99 = np.percentile(latency, [50, 99]) if answered else (np.nan, np.nan)
     dropped = 100 * (1 - answered / len(sent))
     print(f"| {len(sent)} | {options.rate:g} | {answered} | {dropped:.1f} % | {p50:.1f} | {p99:.1f} | {codes} |")
