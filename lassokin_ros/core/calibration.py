@@ -205,6 +205,9 @@ class Calibration:
         by_length = self.proportions.jacobian(about.pose, self.lengths)
         C = np.zeros((len(rows.z), self.proportions.count))
         C[:images] = (rows.columns[-3:, :images].T.reshape(-1, 2, 3) @ by_length).reshape(images, -1)
+        if frame.data.depth is not None:
+            depths = self._rows.rows_of(self._rows.measured_depth, frame.data)
+            C[depths] = (rows.columns[-3:, depths].T[:, None] @ by_length)[:, 0]
         size = norm(frame.data.points - project(about.pose.landmarks)) * frame.data.weights
         prior = about.posture.residual
         return rows.columns.T, C, rows.z, float(huber_cost(size).sum() + 0.5 * prior @ prior)

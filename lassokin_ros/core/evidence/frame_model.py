@@ -64,6 +64,11 @@ class FrameModel:
         """The balance about that vertical."""
         return self.evidence[3]  # type: ignore[return-value]
 
+    @property
+    def measured_depth(self) -> MeasuredDepth:
+        """The depths that a camera measured."""
+        return self.evidence[4]  # type: ignore[return-value]
+
     @staticmethod
     def stack(several: Sequence[FrameModel]) -> FrameModel:
         """The models of several people at once, for k states of each: arrays have leading axes (people, k)."""
@@ -93,6 +98,12 @@ class FrameModel:
             begin, end = end, end + evidence.count
             evidence.linearise(about, columns[..., begin:end], z[..., begin:end])
         return LinearisedFrame(columns, z)
+
+    def rows_of(self, piece: Evidence, frame: FrameData) -> slice:
+        """Which of a frame's rows are those of one piece of evidence that is present."""
+        before = self.evidence[: self.evidence.index(piece)]
+        begin = sum(evidence.count for evidence in before if evidence.present(frame))
+        return slice(begin, begin + piece.count)
 
     def rows_besides_prior(self, count: int) -> np.ndarray:
         """Indices of those of all `count` rows that are neither the prior's nor its limits'."""

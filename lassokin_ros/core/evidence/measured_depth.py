@@ -14,7 +14,7 @@ import numpy as np
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
 from lassokin_ros.core.image.frame_data import FrameData
 
-SCALE = 2.0
+SCALE = 2.5
 """Standard deviations at which Cauchy's loss halves the weight of a measurement."""
 
 
@@ -31,16 +31,16 @@ class MeasuredDepth(Evidence):
     def linearise(self, about: LinearisationPoint, columns: np.ndarray, z: np.ndarray) -> None:
         """Fill one row per landmark; the row of a landmark without a measurement is zero."""
         size, weights = self._errors(about.states, about.frame)
-        weights = weights / np.sqrt(1 + (size / SCALE) ** 2)
+        weights = weights / (1 + (size / SCALE) ** 2)
         F = np.zeros((*z.shape, 1, 3))
         F[..., 0, 2] = weights
         about.landmark_columns(F, columns)
         z[...] = weights * (about.frame.depth - about.states.pose.landmarks[..., 2])
 
     def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
-        """(...,) SCALE^2 / 2 log(1 + (e / SCALE)^2), summed over the landmarks."""
+        """(...,) 1/2 e^2 / (1 + (e / SCALE)^2), summed over the landmarks."""
         size, _ = self._errors(states, frame)
-        return np.asarray(0.5 * SCALE**2 * np.log1p((size / SCALE) ** 2).sum(-1))
+        return np.asarray((0.5 * size**2 / (1 + (size / SCALE) ** 2)).sum(-1))
 
     @classmethod
     def stack(cls, several: Sequence[MeasuredDepth]) -> MeasuredDepth:

@@ -6,6 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+WITHOUT_DEPTH = 4.0
+"""Factor on the noise from which measured depth does not count, see `FrameData.annealed`."""
+
 
 @dataclass(frozen=True, eq=False)
 class FrameData:
@@ -24,8 +27,14 @@ class FrameData:
     depth_weights: np.ndarray | None = None
 
     def annealed(self, factor: float | np.ndarray) -> FrameData:
-        """The frame with all noise made larger by a factor, (..., 1) if it differs between states."""
-        depth_weights = None if self.depth_weights is None else self.depth_weights / factor
+        """The frame with the keypoints' noise made larger by a factor, (..., 1) if it differs between states.
+
+        Depth does not count while the factor is `WITHOUT_DEPTH` or more: the image places the body first, and then only
+        depths near that place count. Otherwise a body could settle between an occluder and the person.
+        """
+        depth_weights = self.depth_weights
+        if depth_weights is not None:
+            depth_weights = np.where(np.asarray(factor) < WITHOUT_DEPTH, depth_weights / factor, 0.0)
         return replace(self, weights=self.weights / factor, depth_weights=depth_weights)
 
     def per_state(self) -> FrameData:

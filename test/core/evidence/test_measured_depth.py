@@ -1,0 +1,121 @@
+"""Measured depth: rows against finite differences, a heavy tail, gating, and what a tracker makes of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cases import body, random_state
+from sequences import CONFIG, FOCAL, RATE, aligned_error, observations
+
+from lassokin_ros.core.body.kinematics import BodyState
+from lassokin_ros.core.body.rotations import exponential
+from lassokin_ros.core.evidence.frame_model import FrameModel
+from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
+from lassokin_ros.core.evidence.upright import Upright
+from lassokin_ros.core.image.depth_gating import DEVIATION, gate_depth
+from lassokin_ros.core.image.frame_data import FrameData
+from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.image.robust_loss import huber_weights
+from lassokin_ros.core.observation import Observation
+from lassokin_ros.core.tracker import Tracker
+from lassokin_ros.demo.synthetic import motion
+
+
+@pytest.fixture
+def scene():
+    kinematics = body()
+    model = FrameModel(kinematics, PosePrior(PoseDistribution.load(kinematics.skeleton), kinematics), Upright())
+    random = np.random.default_rng(1)
+    state = random_state(random, kinematics, 0.4)
+    landmarks = kinematics.pose(state).landmarks
+    weights = np.full(17, 1 / DEVIATION)
+    weights[3] = 0.0
+    depth = landmarks[:, 2] + 0.02 * random.normal(size=17)
+    return model, state, FrameData(project(landmarks), np.full(17, 300.0), depth, weights)
+
+
+def test_rows_are_the_derivative_of_the_depth(scene):
+    model, state, frame = scene
+    rows = model.linearise(model.evaluate(state), frame, huber_weights)
+    which = model.rows_of(model.measured_depth, frame)
+    J, z = rows.columns[:, which].T, rows.z[which]
+
+    def depths(step):
+        omega = np.zeros(72)
+        omega[model.live] = step[:-3]
+        moved = BodyState(state.rotations @ exponential(omega.reshape(-1, 3)), state.translation + step[-3:])
+        return model.kinematics.pose(moved).landmarks[:, 2]
+
+    steps = 1e-6 * np.eye(J.shape[1])
+    slopes = np.stack([(depths(step) - depths(-step)) / 2e-6 for step in steps], axis=1)
+    factor = np.divide(z, frame.depth - depths(0 * steps[0]), out=np.zeros(17), where=frame.depth_weights > 0)
+    assert np.abs(J - factor[:, None] * slopes).max() < 1e-5
+    assert not J[3].any() and z[3] == 0
+
+
+def test_cost_and_rows_agree(scene):
+    """The row's pull J^T z is the cost's negative gradient up to the loss' curvature: both vanish far away."""
+    model, state, frame = scene
+    near = float(model.measured_depth.cost(model.evaluate(state), frame))
+    far = replace(frame, depth=frame.depth - 5.0)
+    bounded = float(model.measured_depth.cost(model.evaluate(state), far))
+    assert near < bounded < 17 * 0.5 * 2.5**2 + 1e-9
+    which = model.rows_of(model.measured_depth, far)
+    assert np.abs(model.linearise(model.evaluate(state), far, huber_weights).z[which]).max() < 0.05
+
+
+def test_without_depth_there_are_no_rows(scene):
+    model, state, frame = scene
+    without = FrameData(frame.points, frame.weights)
+    rows = model.linearise(model.evaluate(state), without, huber_weights)
+    with_depth = model.linearise(model.evaluate(state), frame, huber_weights)
+    assert with_depth.z.shape[-1] == rows.z.shape[-1] + 17
+    assert np.array_equal(with_depth.z[: len(rows.z)], rows.z)
+
+
+@pytest.mark.parametrize(
+    "depth", [np.full(17, np.nan), np.zeros(17), np.full(17, np.inf), -np.ones(17), np.ones(16), np.full(17, 65.535e3)]
+)
+def test_depth_that_is_none_is_not_used(depth):
+    observation = Observation(0.0, np.zeros((17, 2)), np.ones(17), FOCAL, depth=depth)
+    assert gate_depth(observation, np.ones(17, bool), 0.0, None, 1.75) is None
+
+
+def test_background_is_not_used_and_the_surface_is_in_front_of_the_landmark():
+    depth = np.full(17, 3.0)
+    depth[5] = 6.0
+    observation = Observation(0.0, np.zeros((17, 2)), np.ones(17), FOCAL, depth=depth, depth_of_surface=True)
+    used, weights = gate_depth(observation, np.ones(17, bool), np.full(17, 0.05), None, 1.75)
+    assert weights[5] == 0 and np.isclose(weights[4], 1 / DEVIATION) and np.isclose(used[4], 3.05)
+
+
+def followed(with_depth):
+    """(mean joint error, mean root error), m, over 2 s, the landmarks' depths with noise and occluders."""
+    tracker, random = Tracker(CONFIG), np.random.default_rng(0)
+    times = np.arange(60) / RATE
+    landmarks = tracker.kinematics.pose(motion(tracker.skeleton, times)).landmarks
+    errors = []
+    for number, (truth, observation) in enumerate(observations(tracker)):
+        if with_depth:
+            depth = landmarks[number, :, 2] + 0.02 * random.normal(size=17)
+            depth[random.random(17) < 0.1] -= 0.3
+            observation = replace(observation, depth=depth)
+        estimate = tracker.track(observation)
+        assert estimate.certificate.kkt_residual < 1e-6
+        root = np.linalg.norm(estimate.pose.positions[0] - truth[0])
+        errors.append((aligned_error(estimate, truth), root))
+    return np.mean(errors, axis=0)
+
+
+def test_a_tracker_with_depth_is_nearer_to_the_truth():
+    joints, root = followed(False)
+    with_joints, with_root = followed(True)
+    assert with_joints < 0.8 * joints and with_root < 0.03
+
+
+def test_depth_may_come_and_go():
+    tracker = Tracker(CONFIG)
+    for number, (truth, observation) in enumerate(observations(tracker)):
+        depth = np.full(17, truth[0, 2]) if number % 3 else None
+        estimate = tracker.track(replace(observation, depth=depth))
+        assert estimate.accepted and aligned_error(estimate, truth) < 0.3
