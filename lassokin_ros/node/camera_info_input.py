@@ -10,12 +10,11 @@ from functools import partial
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 
 from lassokin_ros.node.person_outputs import message_class
 from lassokin_ros.node.polled_subscription import poll
-from lassokin_ros.node.qos import sensor_data
+from lassokin_ros.node.qos import overrides, sensor_data
 from lassokin_ros.pipeline.outputs import topics
 
 DEPTH = 100
@@ -47,7 +46,7 @@ class CameraInfoInput:
             topics.CAMERA_INFO,
             self._on_serialised,
             sensor_data(DEPTH),
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            qos_overriding_options=overrides(node, topics.CAMERA_INFO, "subscription"),
             raw=True,
         )
         self._may_wait = self._subscription.qos_profile == sensor_data(DEPTH)

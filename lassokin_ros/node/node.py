@@ -5,13 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 from rclpy.clock import Clock, ClockType, JumpThreshold, ROSClock, TimeJump
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_srvs.srv import SetBool, Trigger
 
 from lassokin_ros.core.errors import LassokinError
@@ -23,7 +23,7 @@ from lassokin_ros.node.missing_input import MissingInput
 from lassokin_ros.node.parameters import LiveParameters, Settings, declare, unknown_parameters
 from lassokin_ros.node.person_outputs import PeopleOutputs, PersonOutputs, advertise, message_class
 from lassokin_ros.node.polled_subscription import SimulatedTime, ignore_events
-from lassokin_ros.node.qos import matches_every_publisher, sensor_data
+from lassokin_ros.node.qos import matches_every_publisher, overrides, sensor_data
 from lassokin_ros.node.rep155_inputs import Rep155Inputs
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.keypoint_queue import KeypointQueue
@@ -67,8 +67,20 @@ class TrackerNode(Node):
             ignore_events(publisher)
         for line in unknown_parameters(self):
             self.get_logger().warning(line)
+        self.get_logger().info(self._start_text())
         if self._pipeline.tracker.averaged:
             self.get_logger().warning(averaged_sides(self._pipeline.tracker.averaged))
+
+    def _start_text(self) -> str:
+        """Version, main settings, and the topics after remapping."""
+        tracker, config = self._live_parameters.settings
+        inputs = [topics.CAMERA_INFO] if self._bodies is not None else [topics.KEYPOINTS, topics.CAMERA_INFO]
+        outputs = topics.REP155_BODIES if config.rep155 else topics.BODIES if config.several_people else topics.JOINTS
+        names = [self.resolve_topic_name(topic) for topic in (*inputs, outputs)]
+        return (
+            f"lassokin_ros {version()}: height {tracker.height:g} m, landmarks {tracker.landmarks}, reads "
+            f"{', '.join(names[:-1])}, publishes {names[-1].rpartition('/')[0] or names[-1]}/..."
+        )
 
     def _open_outputs(self, config: NodeSettings, name: str) -> None:
         """One person's topics, or those that several people's begin with."""
@@ -107,7 +119,7 @@ class TrackerNode(Node):
                 topics.KEYPOINTS,
                 on_keypoints,
                 qos,
-                qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+                qos_overriding_options=overrides(self, topics.KEYPOINTS, "subscription"),
             )
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/set_enabled", self._on_set_enabled)
@@ -265,6 +277,7 @@ class TrackerNode(Node):
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._forget()
+        self.get_logger().info("reset: the state is forgotten")
         response.success, response.message = True, "state forgotten; the next usable frame initialises anew"
         return response
 
@@ -274,6 +287,7 @@ class TrackerNode(Node):
         self._pipeline.enabled = request.data
         if changed:
             self._forget()
+            self.get_logger().info("enabled" if request.data else "disabled")
         response.success = True
         response.message = ("enabled" if request.data else "disabled") + ("" if changed else " already")
         return response
@@ -299,6 +313,14 @@ class TrackerNode(Node):
 
     def _tune(self, settings: Settings) -> None:
         self._pipeline.tune(*settings)
+
+
+def version() -> str:
+    """Return the version of the installed package."""
+    try:
+        return metadata.version("lassokin_ros")
+    except metadata.PackageNotFoundError:  # run from its folder, not installed
+        return "(not installed)"
 
 
 def _misplaced(frame_id: str, camera: str) -> str:

@@ -10,10 +10,10 @@ from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import ConfigurationError
+from lassokin_ros.node.qos import overrides
 from lassokin_ros.node.state_publisher import StatePublisher
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
@@ -45,12 +45,12 @@ def advertise(node: Node, topic: topics.OutputTopic, name: str = "", overridable
     """
     durability = DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE
     qos = QoSProfile(depth=1 if topic.latched else OUTPUT_DEPTH, durability=durability)
-    override = QoSOverridingOptions.with_default_policies() if overridable else None
     kind = message_class(topic.message_type)
     # A subscriber whose QoS does not match is told so on its own side. Here, two events for each publisher would be
     # waited for with every message: half of the executor's work for one person, most of it for several.
     events = PublisherEventCallbacks(use_default_callbacks=False)
     name = name or topic.name
+    override = overrides(node, name, "publisher") if overridable else None
     return node.create_publisher(kind, name, qos, qos_overriding_options=override, event_callbacks=events)
 
 

@@ -1,5 +1,7 @@
 """The running node: parameters, reset, diagnostics, refused inputs, stamps that jump."""
 
+import signal
+
 import numpy as np
 import pytest
 
@@ -114,9 +116,23 @@ def test_every_setting_is_a_described_parameter(running):
         assert get_parameter(running, item.name) == item.default
 
 
-def test_inputs_can_have_their_qos_overridden(running):
+def test_there_are_no_qos_parameters_that_nobody_asked_for(running):
     listed = running.call(ListParameters, "list_parameters", ListParameters.Request()).result.names
-    assert any(name == "qos_overrides./running/keypoints.subscription.depth" for name in listed)
+    assert not [name for name in listed if name.startswith("qos_overrides./running/")]
+
+
+def test_the_start_the_reset_and_the_switch_are_one_line_each():
+    with NodeProcess("/spoken", "-r", "keypoints:=/detector/points", "-p", "height:=1.6") as node:
+        with Peer("/spoken", outputs=False) as peer:
+            peer.next_diagnostics()
+            peer.call(Trigger, "reset", Trigger.Request())
+            for value in (False, False, True):
+                peer.call(SetBool, "set_enabled", SetBool.Request(data=value))
+        _, said = node.stop(signal.SIGINT)
+    (start,) = [line for line in said.splitlines() if "]: lassokin_ros " in line]
+    assert "height 1.6 m, landmarks coco17, reads /detector/points, /spoken/camera_info" in start
+    assert start.endswith("publishes /spoken/tracker/...")
+    assert [said.count(f"]: {words}") for words in ("reset: ", "disabled", "enabled")] == [1, 1, 1]
 
 
 def test_bad_values_are_refused_with_the_reason(running):

@@ -195,9 +195,9 @@ class Peer:
 
 
 def complaints(said):
-    """The lines on stderr beside those on which input is waited for and whether somebody is tracked."""
-    usual = "]: waiting for ", "]: the first message on ", "]: tracking", "]: keypoints rejected (no_camera_info)"
-    return [line for line in said.splitlines() if not any(words in line for words in usual)]
+    """Lines on stderr, without the usual ones: start, missing inputs, tracking."""
+    usual = "lassokin_ros ", "waiting for ", "the first message on ", "tracking", "keypoints rejected (no_camera_info)"
+    return [line for line in said.splitlines() if not any(f"]: {words}" in line for words in usual)]
 
 
 def values_of(message):

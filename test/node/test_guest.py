@@ -1,0 +1,51 @@
+"""Two trackers beside a robot that has its own URDF, joint states and TF change none of them."""
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from live import NodeProcess, Peer  # noqa: E402
+from messages import FRAME, pixels_of_motion  # noqa: E402
+from rclpy.node import Node  # noqa: E402
+from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
+
+from lassokin_ros.pipeline.outputs import topics  # noqa: E402
+
+URDF = '<robot name="arm"><link name="pelvis"/></robot>'
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+SHARED = ("/diagnostics", "/parameter_events", "/rosout", "/tf")
+"""Topics that every node may publish."""
+
+
+def test_nothing_of_the_robots_is_changed():
+    pixels = pixels_of_motion(1)[0]
+    with Peer("/one") as one, Peer("/two") as two:
+        robot = Node("robot_state_publisher", context=one.context)
+        robot.declare_parameter("robot_description", URDF)
+        robot.create_publisher(String, "/robot_description", LATCHED).publish(String(data=URDF))
+        robot.create_publisher(JointState, "/joint_states", 10)
+        one.executor.add_node(robot)
+        names = "/joint_states", "/robot_description", "/joints", "/markers", "/translation"
+        asked = "-p", "state_publisher:=/robot_state_publisher"
+        with NodeProcess("/one", *asked) as first, NodeProcess("/two"):
+            described = {}
+            for peer in (one, two):
+                peer.listen(topics.DESCRIPTION_OUTPUT)
+                peer.start(pixels)
+                described[peer] = peer.got[topics.ROBOT_DESCRIPTION][-1].data
+            one.next_diagnostics(lambda s: "is not changed" in s.message)
+            publishers = [one.node.get_publishers_info_by_topic(name) for name in names]
+            assert [[p.node_name for p in found] for found in publishers[:2]] == [["robot_state_publisher"]] * 2
+            assert not any(publishers[2:])
+            assert robot.get_parameter("robot_description").value == URDF
+            for namespace in ("/one", "/two"):
+                topics_of = one.node.get_publisher_names_and_types_by_node("tracker", namespace)
+                own = [name for name, _ in topics_of if name not in SHARED]
+                assert own and all(name.startswith(f"{namespace}/tracker/") for name in own)
+        links = [{part.split('"')[0] for part in text.split('link name="')[1:]} for text in described.values()]
+        assert links[0] & links[1] <= {FRAME} and not {"pelvis"} & (links[0] | links[1])
+        one.executor.remove_node(robot)
+        robot.destroy_node()
+    assert first.said.count("is not of this node") == 1
