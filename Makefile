@@ -1,7 +1,7 @@
-# make demo   play a bag of keypoints through the node and show what comes out
-# make test   the whole test suite
-# make fuzz   the fuzz tests alone with 100,000 cases and more, new ones every time; half an hour
-# Both make .venv once; nothing of ROS has to be installed. PYTHON=python3.12 make test chooses another Python.
+# make demo   play a bag of keypoints into the node and show the result
+# make test   run the whole test suite
+# make fuzz   run the fuzz tests alone, with 100,000 new cases and more; takes half an hour
+# Each target creates .venv on first use; ROS is not needed. PYTHON=python3.12 make test selects another Python.
 
 PYTHON ?= python3
 VENV := .venv
@@ -30,7 +30,7 @@ $(INSTALLED): setup.py setup.cfg package.xml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || \
 	    { echo "Python 3.10 or newer is needed; choose one with: PYTHON=python3.12 make"; exit 1; }
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || \
-	    { echo "Python's venv is not complete; install it with: sudo apt install python3-venv"; exit 1; }
+	    { echo "Python's venv module is incomplete; install it with: sudo apt install python3-venv"; exit 1; }
 	test -x $(VENV)/bin/python || $(PYTHON) -m venv $(VENV)
 	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[test]'
 	touch $@

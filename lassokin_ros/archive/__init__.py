@@ -1,1 +1,1 @@
-"""Replay over many recordings, by processes or on a dask cluster."""
+"""Replay many recordings, in local processes or on a dask cluster."""

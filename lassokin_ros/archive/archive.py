@@ -1,8 +1,8 @@
-"""An archive: `replay` over many recordings, each of which is done as if it were the only one.
+"""Replay an archive of recordings. The result of each recording is the same as that of a separate replay.
 
-A recording that cannot be read, or whose worker dies again and again, is a line in the table at the end. An output
-that is complete and of the same input and settings is not made again (see `replay_record`), so that the command goes on
-where it was interrupted.
+A recording that cannot be read, or whose worker process dies repeatedly, becomes a line of the final table. A complete
+output with the same input and settings is not computed again (see `replay.record`), so an interrupted command can be
+continued by running it again.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ from lassokin_ros.replay.output_paths import check_output_paths
 from lassokin_ros.replay.record import origin_of, record_of
 
 FAILED = 2
-"""Exit code when a recording has no output."""
+"""Exit code if a recording has no output."""
 RECORDING_FILES = (".mcap", ".db3")
 
 
 def is_archive(options: argparse.Namespace) -> bool:
-    """True for several recordings, a folder of them, and whatever is sent to a cluster."""
+    """Return True for several recordings, for a folder of recordings, and with --scheduler."""
     return len(options.bags) > 1 or options.scheduler is not None or bool(_inside(options.bags[0]))
 
 
 def replay_archive(options: argparse.Namespace) -> int:
-    """Replay all of options.bags into the folder options.output and print the table; the exit code.
+    """Replay options.bags into the folder options.output, print the table and return the exit code.
 
-    Raises a LassokinError when the settings cannot be used or two outputs would have the same name.
+    Raises a LassokinError if the settings cannot be used or if two outputs would have the same name.
     """
     output_files.check(options)
     tasks = tasks_of(options)
-    origin_of(tasks[0].options)  # settings that cannot be used are said once, before anything starts
+    origin_of(tasks[0].options)  # raises once for unusable settings, before any work starts
     progress = Progress(len(tasks), "recordings")
     results: dict[str, Result] = {}
     try:
@@ -49,7 +49,7 @@ def replay_archive(options: argparse.Namespace) -> int:
                 progress.advance(note=f"{result.name}: {result.outcome}")
     except Interrupted:
         done = sum(result.succeeded for result in results.values())
-        message = f"{done} of {len(tasks)} recordings are done; the same command goes on from there"
+        message = f"{done} of {len(tasks)} recordings are done; run the same command again to continue"
         raise Interrupted(message) from None
     finally:
         progress.close()
@@ -68,10 +68,10 @@ def _runner(options: argparse.Namespace) -> Runner:
 
 
 def tasks_of(options: argparse.Namespace) -> list[Task]:
-    """One task for each recording, by name. Makes the outputs' folders. Raises ArchiveError, OutputError."""
+    """Return one task per recording, by name, and create the output folders. Raises ArchiveError, OutputError."""
     folder = (options.output or Path()).absolute()
     if (folder / "metadata.yaml").exists() or folder.is_file():
-        raise ArchiveError(f"'{folder}' is no folder for several outputs; choose another one with --output")
+        raise ArchiveError(f"'{folder}' cannot hold several outputs; choose another folder with --output")
     tasks: dict[Path, Task] = {}
     for argument in options.bags:
         for bag, name in _inside(argument) or [(argument, _name(argument.resolve()))]:
@@ -79,7 +79,7 @@ def tasks_of(options: argparse.Namespace) -> list[Task]:
             if output in tasks:
                 raise ArchiveError(
                     f"'{tasks[output].options.bag}' and '{bag.absolute()}' would both be written to '{output}'; "
-                    "give the folder in which both are, or rename one"
+                    "pass a common parent folder, or rename one recording"
                 )
             alone = copy.copy(options)
             alone.bag, alone.output, alone.bags = bag.absolute(), output, [bag.absolute()]
@@ -91,14 +91,14 @@ def tasks_of(options: argparse.Namespace) -> list[Task]:
         try:
             needed.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise ArchiveError(f"'{needed}' cannot be made: {error.strerror}") from None
+            raise ArchiveError(f"'{needed}' cannot be created: {error.strerror}") from None
     return sorted(tasks.values(), key=lambda task: task.name)
 
 
 def _inside(folder: Path) -> list[tuple[Path, str]]:
-    """(recording, its path below the folder without a file's suffix); none when it is no folder of recordings.
+    """Return (recording, path relative to the folder without suffix); empty if it is not a folder of recordings.
 
-    Hidden folders and outputs of `replay` are left out.
+    Hidden folders and outputs of `replay` are skipped.
     """
     if not folder.is_dir() or (folder / "metadata.yaml").exists():
         return []
@@ -120,7 +120,7 @@ def _name(bag: Path) -> str:
 
 
 def table(results: Sequence[Result]) -> str:
-    """One line for each recording, and how many there are of each kind."""
+    """Return the table: one line per recording, and the number of each outcome."""
     head = ("recording", "frames in", "out", "lost", "reprojection px", "ms/frame", "result")
     rows = [head, *map(_row, results)]
     widths = [max(len(row[column]) for row in rows) for column in range(len(head) - 1)]

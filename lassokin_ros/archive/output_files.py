@@ -1,4 +1,4 @@
-"""What recordings of an archive have beside their outputs, each its own: exports, a report, a saved skeleton."""
+"""The files that belong to each recording of an archive: exports, report, saved skeleton."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PAGE, SKELETON = ".html", ".yaml"
 
 
 class ArchiveFilesError(LassokinError):
-    """One file is named for many recordings."""
+    """An option names one file for many recordings."""
 
 
 def check(options: argparse.Namespace) -> None:
@@ -24,7 +24,7 @@ def check(options: argparse.Namespace) -> None:
     for option, file, suffixes in (("report", options.report, (PAGE,)), ("save-skeleton", skeleton, SUFFIXES)):
         if file is not None and file.suffix.lower() in suffixes:
             raise ArchiveFilesError(
-                f"--{option} '{file}' names one file for many recordings; name a folder, in which each has its own"
+                f"--{option} '{file}' names one file for many recordings; name a folder for one file per recording"
             )
     if options.export:
         from lassokin_ros.replay.exports.exports import check_archive_exports
@@ -33,9 +33,9 @@ def check(options: argparse.Namespace) -> None:
 
 
 def give_own(options: argparse.Namespace, name: str) -> None:
-    """Turn the folders that --report and --save-skeleton name into this recording's files in them.
+    """Replace the folders of --report and --save-skeleton by this recording's files in them.
 
-    options: of this recording alone, changed in place; name: its path below the archive's folder.
+    options: the options of this recording, changed in place. name: path of the recording relative to the archive.
     """
     if options.report is not None:
         options.report = options.report.absolute() / f"{name}{PAGE}"
@@ -44,13 +44,13 @@ def give_own(options: argparse.Namespace, name: str) -> None:
 
 
 def folders(options: argparse.Namespace) -> list[Path]:
-    """That must be there before this recording is done."""
+    """Return the folders that must exist before this recording is processed."""
     files = [options.output, options.report, options.save_skeleton]
     return [file.parent for file in files if file is not None]
 
 
 def all_there(options: argparse.Namespace) -> bool:
-    """True when a recording whose output is there has the other files that the options ask for, too."""
+    """Return True if all files that the options request exist beside the output of a recording."""
     _, node_config = offline_settings(options.params_file, options.p)
     several = node_config.several_people
     there = [options.report.exists()] if options.report is not None else []
@@ -65,7 +65,7 @@ def all_there(options: argparse.Namespace) -> bool:
 
 
 def made_anew(options: argparse.Namespace) -> argparse.Namespace:
-    """The options with which a recording is done again in place of its output, whose exports it keeps."""
+    """Return the options to redo a recording in place of its old output, including the old output's exports."""
     from lassokin_ros.replay.exports.exports import INSIDE, PERSONS, TABLES
 
     options = copy.copy(options)
@@ -78,7 +78,7 @@ def made_anew(options: argparse.Namespace) -> argparse.Namespace:
 
 
 def _exists(file: Path, suffix: str, each: bool) -> bool:
-    """The file; each: of several people, one person's in its place."""
+    """Return True if the file exists. each: there is one file per person instead."""
     if each:
         return bool(files_of_people(file.parent, file.name.removesuffix(suffix), suffix))
     return file.exists()

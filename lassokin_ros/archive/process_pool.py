@@ -1,7 +1,7 @@
-"""An archive on this machine: one process per core, each with a recording at a time.
+"""Process an archive on this machine: one process per core, one recording per process at a time.
 
-Every process is a pool of its own. When one dies (out of memory, a crash in a library), it is then known which
-recording it held, the others go on, and that one is done again by a new process.
+Every process is a ProcessPoolExecutor of its own. If a process dies (out of memory, a crash in a library), its
+recording is known, the other processes continue, and a new process tries the recording again.
 """
 
 from __future__ import annotations
@@ -17,28 +17,28 @@ from multiprocessing.process import BaseProcess
 from threading import Thread
 from types import FrameType
 
-from lassokin_ros.archive.tasks import Result, Runner, Task, work
+from lassokin_ros.archive.tasks import Result, Runner, Task, run_task
 from lassokin_ros.replay.bags import remove_leftovers
 
 ATTEMPTS = 3
-"""Processes that may die of a recording before it is given up."""
+"""Number of processes that try a recording before it counts as failed."""
 
 
 class Dismissed(BaseException):
-    """SIGTERM in a process that holds a recording."""
+    """SIGTERM in a worker process that is processing a recording."""
 
 
 def cores() -> int:
-    """Cores that this process may use."""
+    """Return the number of cores that this process may use."""
     usable = getattr(os, "sched_getaffinity", None)
     return len(usable(0)) if usable else os.cpu_count() or 1
 
 
 def in_processes(jobs: int | None) -> Runner:
-    """A runner with so many processes, by default one for each core."""
+    """Return a runner with `jobs` processes, by default one per core."""
 
     def run(tasks: Sequence[Task]) -> Generator[Result, None, None]:
-        # One thread in each: the matrices are small, and the cores have a recording each.
+        # One BLAS thread per process: the matrices are small, and each core processes a recording.
         os.environ["OMP_NUM_THREADS"] = "1"
         crew = Crew(tasks, min(jobs or cores(), len(tasks)))
         try:
@@ -50,7 +50,7 @@ def in_processes(jobs: int | None) -> Runner:
 
 
 class Crew:
-    """Workers with a recording each."""
+    """Worker processes, each with one recording at a time."""
 
     def __init__(self, tasks: Sequence[Task], workers: int) -> None:
         self._waiting = deque((task, 1) for task in tasks)
@@ -58,7 +58,7 @@ class Crew:
         self._idle = [_worker() for _ in range(workers)]
 
     def results(self) -> Iterator[Result]:
-        """Each task's result, in the order in which they end."""
+        """Yield the result of each task, in order of completion."""
         while self._waiting or self._busy:
             while self._waiting and self._idle:
                 worker, (task, attempt) = self._idle.pop(), self._waiting.popleft()
@@ -76,14 +76,14 @@ class Crew:
                     if attempt < ATTEMPTS:
                         self._waiting.append((task, attempt + 1))
                         result = None
-                except Exception as error:  # a bug of ours, or no memory: not the end of the others
+                except Exception as error:  # a bug, or out of memory: the other recordings continue
                     result = Result(task.name, f"failed: {type(error).__name__}: {error}")
                 self._idle.append(worker)
                 if result is not None:
                     yield result
 
     def dismiss(self) -> None:
-        """End all processes; those that hold a recording clean up behind them first."""
+        """Stop all processes. Busy ones remove their unfinished output first."""
         if self._busy:
             for process in multiprocessing.active_children():
                 process.terminate()
@@ -94,31 +94,28 @@ class Crew:
 
 
 def _worker() -> ProcessPoolExecutor:
-    """A process of its own, started anew (spawn): nothing of this one's threads and libraries is in it."""
+    """Return a pool of one spawned process, which inherits no threads and no library state."""
     return ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin)
 
 
 def _begin() -> None:
-    """In the new process: Ctrl-C reaches all processes of a terminal; the first one tells the others what to do.
-
-    Without the first one, killed perhaps, nobody would: then this one ends too.
-    """
+    """Initialise a worker process: ignore Ctrl-C, which the parent handles, and exit if the parent dies."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    first = multiprocessing.parent_process()
-    if first is not None:
-        Thread(target=_end_with, args=(first,), daemon=True).start()
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        Thread(target=_exit_with, args=(parent,), daemon=True).start()
 
 
-def _end_with(process: BaseProcess) -> None:
+def _exit_with(process: BaseProcess) -> None:
     process.join()
     os._exit(1)
 
 
 def _work(task: Task) -> Result:
-    """Do a task; SIGTERM ends it, and its unfinished output is removed."""
+    """Run a task. SIGTERM stops it, and its unfinished output is removed."""
     signal.signal(signal.SIGTERM, _stop)
     try:
-        return work(task)
+        return run_task(task)
     finally:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
 

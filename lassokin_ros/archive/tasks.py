@@ -1,4 +1,4 @@
-"""One recording of an archive as a task, and what became of it. Process pool and cluster both run these tasks."""
+"""One recording of an archive as a task, and its result. Process pool and cluster run the same tasks."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ TRACKED, DONE_BEFORE = "tracked", "done before"
 
 
 class ArchiveError(LassokinError):
-    """The archive as a whole cannot be worked on."""
+    """The archive as a whole cannot be processed."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """One recording: what it is called in the table, and the command line that it alone would have. It travels."""
+    """One recording: its name in the table and its command line options. Tasks are pickled and sent to workers."""
 
     name: str
     options: argparse.Namespace
@@ -30,7 +30,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Result:
-    """What became of a task. frame_ms: median ms per frame; NaN and None where there is nothing."""
+    """The result of a task. figures: None without an output. frame_ms: median ms per frame, NaN if not measured."""
 
     name: str
     outcome: str
@@ -39,44 +39,44 @@ class Result:
 
     @property
     def succeeded(self) -> bool:
-        """True when the output is there."""
+        """True if the output exists."""
         return self.figures is not None
 
 
 Runner = Callable[[Sequence[Task]], Generator[Result, None, None]]
-"""Does all tasks, in any order, and tells at once what became of each. Closed early, it leaves nothing half done."""
+"""Runs all tasks in any order and yields each result at once. Closing it early leaves no partial output."""
 
 
-def work(task: Task) -> Result:
-    """Do one task; never raises for what a recording may hold. It may be done twice, or by two at once."""
+def run_task(task: Task) -> Result:
+    """Run one task. It does not raise for bad recordings. The same task may run twice, also concurrently."""
     options = task.options
     try:
         done = _done_before(task)
         if done is not None:
             return done
         remove_leftovers(options.output)
-        if options.output.exists():  # of these settings, but without an export, say, that was not wanted then
+        if options.output.exists():  # same settings, but a newly requested export or report is missing
             options = output_files.made_anew(options)
         replayed = replay(options, io.StringIO())
     except LassokinError as error:
-        # Another worker, taken for dead, may have finished it meanwhile.
+        # Another worker that was presumed dead may have finished the task.
         return _done_before(task, quiet=True) or Result(task.name, f"failed: {error}")
     return Result(task.name, TRACKED, replayed.figures, replayed.frame_ms)
 
 
 def _done_before(task: Task, quiet: bool = False) -> Result | None:
-    """The result when the output is there already, of this input and these settings, with all that belongs to it.
+    """Return the result if the complete output exists for this input and these settings, with all its files.
 
-    None when it is to be made, or made again. Raises ArchiveError for one of another input or other settings, unless
-    `quiet`.
+    Return None if the output must be computed. Raises ArchiveError, unless `quiet`, if the existing output has another
+    input or other settings.
     """
     options = task.options
     if options.force or not options.output.exists():
         return None
     record = record_of(options.output)
     if record is not None and record.origin == origin_of(options):
-        nobody = record.figures.frames_out == 0  # there is nothing to export
+        nobody = record.figures.frames_out == 0  # nothing to export
         return Result(task.name, DONE_BEFORE, record.figures) if nobody or output_files.all_there(options) else None
     if quiet:
         return None
-    raise ArchiveError(f"'{options.output}' exists and is of another input, version or settings; say --force")
+    raise ArchiveError(f"'{options.output}' exists, from another input, version or settings; add --force to replace it")

@@ -1,1 +1,1 @@
-"""Small helpers that several packages share: files, progress, interrupts."""
+"""Small helpers shared by several packages: files, progress, interrupts."""

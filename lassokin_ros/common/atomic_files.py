@@ -1,4 +1,4 @@
-"""Files that appear under their name only when they are complete, all of a set or none."""
+"""Write a set of files atomically: they appear under their names when all are complete, or not at all."""
 
 from __future__ import annotations
 
@@ -13,40 +13,40 @@ from lassokin_ros.core.errors import LassokinError
 
 
 def refuse_existing(path: Path, replace: bool, error: type[LassokinError]) -> None:
-    """Raise `error` when a file cannot come into being at `path`; replace: one that is there gives way."""
+    """Raise `error` if a file cannot be created at `path`. replace: an existing file may be replaced."""
     try:
         folder, there, place = path.is_dir(), path.exists(), path.parent.is_dir()
-    except OSError as problem:  # a folder on the way that may not be searched
+    except OSError as problem:  # a parent folder without search permission
         raise error(f"'{path}' cannot be written: {problem.strerror}") from None
     if folder:
         raise error(f"'{path}' is a folder; expected the name of a file")
     if there and not replace:
-        raise error(f"'{path}' exists already; choose another name or say --force")
+        raise error(f"'{path}' exists already; choose another name or add --force")
     if not place:
         raise error(f"there is no folder '{path.parent}' for '{path.name}'")
 
 
 def files_of_people(folder: Path, stem: str, suffix: str) -> list[Path]:
-    """Those in a folder of which several people have one each, by name: <stem>_<id><suffix>; an id is p and a number.
+    """Return the per-person files in a folder: <stem>_<id><suffix>, where an id is p and a number.
 
-    The number is the name's end: `walk_p2_p7.yaml` belongs to another recording than `walk`, and so may `walk_pages`.
+    The number ends the name: `walk_p2_p7.yaml` belongs to the recording `walk_p2`, not to `walk`.
     """
     name = re.compile(rf"{re.escape(stem)}_p\d+{re.escape(suffix)}")
     return sorted(file for file in folder.glob("*") if name.fullmatch(file.name))
 
 
 class AtomicFiles:
-    """A set of files that are renamed to their places together, at the end of a `with` statement without an error."""
+    """A set of files that are renamed together when a `with` statement ends without an exception."""
 
     def __init__(self, replace: bool, error: type[LassokinError]) -> None:
-        """replace: files that are there give way; error: what is raised when a file cannot be written."""
+        """replace: existing files may be replaced. error: the exception raised if a file cannot be written."""
         self._replace, self._error = replace, error
         self._parts: dict[Path, Path] = {}
         self.placed: list[Path] = []
-        """What has its name already: said when one that comes after cannot have its own."""
+        """Paths that have been renamed already. The error text lists them if a later rename fails."""
 
     def write(self, path: Path, fill: Callable[[BinaryIO], None]) -> None:
-        """Have `fill` write a file that will be at `path`."""
+        """Call `fill` to write the file that will appear at `path`."""
         refuse_existing(path, self._replace, self._error)
         part = path.with_name(f".{path.name}.{os.getpid()}.part")
         self._parts[path] = part
@@ -54,12 +54,12 @@ class AtomicFiles:
             with part.open("wb") as file:
                 fill(file)
                 file.flush()
-                os.fsync(file.fileno())  # what has its name is on the disk, even when the power fails
+                os.fsync(file.fileno())  # the content is on the disk before the name, also after a power failure
         except OSError as problem:
             raise self._error(f"'{path}' cannot be written: {problem.strerror or problem}") from None
 
     def write_text(self, path: Path, text: str) -> None:
-        """A file of this text, in UTF-8."""
+        """Write a text file in UTF-8."""
         data = text.encode()
         self.write(path, lambda file: _put(file, data))
 
@@ -72,7 +72,7 @@ class AtomicFiles:
                 self._finish()
         finally:
             for part in self._parts.values():
-                with suppress(OSError):  # none there, or a read-only disk, of which another error tells
+                with suppress(OSError):  # already renamed, or a read-only disk, which raises its own error
                     part.unlink()
 
     def _finish(self) -> None:
@@ -90,7 +90,7 @@ class AtomicFiles:
             raise self._error(f"{error}; written before: {', '.join(map(str, self.placed))}") from None
 
     def check(self) -> None:
-        """Raise the error when something has come into being in a file's place meanwhile."""
+        """Raise the error if another file has appeared at one of the paths."""
         for path in self._parts:
             refuse_existing(path, self._replace, self._error)
 

@@ -1,4 +1,4 @@
-"""How a command is interrupted: SIGINT and SIGTERM become an exception, so that what is half done is cleaned up."""
+"""Convert SIGINT and SIGTERM to an exception, so that an interrupted command cleans up."""
 
 from __future__ import annotations
 
@@ -10,38 +10,38 @@ from types import FrameType
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 AGAIN_S = 0.05
-"""After this it is raised again where it got lost."""
+"""s: period in which a lost `Interrupted` is raised again."""
 
 
 class Interrupted(BaseException):
-    """SIGINT or SIGTERM. Not KeyboardInterrupt: when that passes through `exec`, Python dies of it though caught."""
+    """SIGINT or SIGTERM. Not KeyboardInterrupt: Python exits when that passes through `exec`, even if it is caught."""
 
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Within, the first signal raises Interrupted; later ones are ignored, since they would stop the cleaning up.
+    """Raise Interrupted at the first signal in the block. Later signals are ignored, so that clean-up can finish.
 
-    Python drops what is raised within a destructor or a weak reference's callback, and a signal may come just then:
-    Interrupted is raised again until it is being handled. Uses SIGALRM and the real interval timer meanwhile.
+    Python drops exceptions raised in destructors and in weak reference callbacks. Therefore Interrupted is raised again
+    until it is handled. The block uses SIGALRM and the real interval timer.
     """
     handlers = {**dict.fromkeys(SIGNALS, _interrupt), signal.SIGALRM: _interrupt_again}
     previous = {number: signal.signal(number, handler) for number, handler in handlers.items()}
-    tell = sys.unraisablehook
-    sys.unraisablehook = lambda lost: None if issubclass(lost.exc_type, Interrupted) else tell(lost)
+    report = sys.unraisablehook
+    sys.unraisablehook = lambda lost: None if issubclass(lost.exc_type, Interrupted) else report(lost)
     try:
         yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
-        sys.unraisablehook = tell
+        sys.unraisablehook = report
         for number, handler in previous.items():
             signal.signal(number, handler)
 
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Within, SIGINT and SIGTERM wait, and the first comes at the end: for a step that must not be left half done.
+    """Hold SIGINT and SIGTERM back in the block and deliver the first one at its end.
 
-    A process that is being started, for one, is nobody's when what starts it is interrupted.
+    Use it for a step that must not be left half done, such as starting a child process.
     """
     waiting: list[int] = []
     previous = {number: signal.signal(number, lambda received, _: waiting.append(received)) for number in SIGNALS}
@@ -62,7 +62,7 @@ def _interrupt(_number: int, _frame: FrameType | None) -> None:
 
 
 def _interrupt_again(_number: int, _frame: FrameType | None) -> None:
-    # Code that runs while an exception is on its way out is an `except`, a `finally` or an `__exit__`.
+    # If Interrupted is in the context of the current exception, an `except`, `finally` or `__exit__` handles it.
     handled = sys.exc_info()[1]
     while handled is not None:
         if isinstance(handled, Interrupted):

@@ -1,4 +1,4 @@
-"""A progress bar of one line, for people: on a stream that is no terminal silent, or a few lines in all."""
+"""A one-line progress bar for terminals; on other streams it is silent or writes a few lines in total."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ PERIOD_S = 0.1
 
 
 class Progress:
-    """Counts up to a total on a terminal."""
+    """Count up to a total and show the progress."""
 
     def __init__(self, total: int, unit: str, stream: TextIO | None = None, plain_lines: int = 0) -> None:
-        """plain_lines: how many lines to write in all when the stream is a file or a pipe."""
+        """plain_lines: total number of lines to write if the stream is not a terminal."""
         self._total, self._unit = max(total, 1), unit
         self._plain_lines = plain_lines
-        self._stream: TextIO = stream or sys.stderr or StringIO()  # there is no stderr where it was closed
+        self._stream: TextIO = stream or sys.stderr or StringIO()  # sys.stderr is None if it was closed
         self._shown = self._stream.isatty()
         self._started = time.monotonic()
         self._next = self._started
         self._count = 0
 
     def advance(self, count: int = 1, note: str = "") -> None:
-        """Count on; note: a few words after the bar."""
+        """Add to the count. note: a few words after the bar."""
         self._count += count
         now = time.monotonic()
         if self._shown and (now >= self._next or self._count == self._total):
@@ -47,7 +47,7 @@ class Progress:
         self._stream.flush()
 
     def close(self) -> None:
-        """Leave the line clean for what comes after."""
+        """Clear the line."""
         if self._shown:
             self._stream.write("\r\x1b[K")
             self._stream.flush()

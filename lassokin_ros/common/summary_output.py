@@ -1,4 +1,4 @@
-"""What a command prints when its work is done: that it cannot be printed must not look like work that failed."""
+"""Print the summary of finished work. A failure to print must not look like failed work."""
 
 from __future__ import annotations
 
@@ -10,23 +10,24 @@ from lassokin_ros.core.errors import LassokinError
 
 
 class SummaryError(LassokinError):
-    """The work is done, but what is to be said of it cannot be written to stdout."""
+    """The work is done, but its summary cannot be written to stdout."""
 
 
 def print_summary(text: str) -> None:
-    """Print on stdout, at once; quietly nothing when its reader has gone. Raises SummaryError."""
+    """Print to stdout and flush. A closed pipe is ignored. Raises SummaryError for other failures."""
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # files' names may hold what no encoding has
+        sys.stdout.reconfigure(errors="backslashreplace")  # file names may hold bytes that no encoding has
     try:
         print(text, flush=True)
     except OSError as error:
-        _turn_away()
+        _discard_stdout()
         if not isinstance(error, BrokenPipeError):
-            raise SummaryError(f"the work is done, its summary cannot be printed: {error.strerror or error}") from None
+            reason = error.strerror or error
+            raise SummaryError(f"the work is done, but its summary cannot be printed: {reason}") from None
 
 
-def _turn_away() -> None:
-    """Point stdout to nowhere: what waits in it would fail again, with a traceback, when Python ends."""
+def _discard_stdout() -> None:
+    """Redirect stdout to /dev/null: the buffered text would fail again, with a traceback, when Python exits."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, sys.stdout.fileno())
     os.close(nowhere)

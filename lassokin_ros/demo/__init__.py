@@ -1,1 +1,1 @@
-"""`make demo`: synthetic motion played into the real node, with a table and a picture."""
+"""`make demo`: play synthetic motion into the real node; print a table, draw a picture."""

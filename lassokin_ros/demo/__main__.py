@@ -1,4 +1,4 @@
-"""`python -m lassokin_ros.demo`, which `make demo` runs."""
+"""Entry point of `python -m lassokin_ros.demo`, which `make demo` runs."""
 
 import sys
 

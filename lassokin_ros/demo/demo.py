@@ -1,7 +1,7 @@
-"""`make demo`: the real node on real DDS follows a synthetic person, and what came out is held against the truth.
+"""`make demo`: the real node tracks a synthetic person on real DDS; the outputs are compared with the truth.
 
-Everything is made here: a recording of keypoints with a detector's noise and a lens' distortion, its playback into the
-node at its own pace, the recording of the outputs, a table, a picture, and a page to look at it in a browser.
+The demo writes a recording of keypoints with detector noise and lens distortion, plays it into the node in real time,
+records the outputs, prints a table, and writes a picture and an HTML report.
 """
 
 from __future__ import annotations
@@ -19,19 +19,22 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.observation import Status
 from lassokin_ros.core.tracker import Tracker
-from lassokin_ros.demo.result import PROMISES, DemoResult
+from lassokin_ros.demo.result import LIMITS, DemoResult
 
 RATE = 30.0  # Hz
 SECONDS = 18.0
 LEAST_S, MOST_S = 1.0, 3600.0
-"""s of motion: with fewer there is nothing to promise anything of; more are more than the memory need hold."""
+"""s: range of --seconds. The limits of the table do not hold for shorter motions; longer ones need much memory."""
 USAGE_ERROR, INTERRUPTED = 2, 130
 QUEUE_DEPTH = 60
 START_NS = 1_700_000_000_000_000_000
-def run(folder: Path, seconds: float, rate: float = 1.0) -> DemoResult:
-    """Make the recording, play it into the node, write `keypoints` and `tracked` below folder.
 
-    rate: times the recording's own pace. Raises a LassokinError when the node cannot be started or does not answer.
+
+def run(folder: Path, seconds: float, rate: float = 1.0) -> DemoResult:
+    """Write the recording, play it into the node, and write `keypoints` and `tracked` into the folder.
+
+    seconds: length of the motion. rate: playback speed, 1 = real time. Raises a LassokinError if the node does not
+    start or does not answer.
     """
     from lassokin_ros.common.progress import Progress
     from lassokin_ros.demo.live_playback import LiveNode
@@ -48,7 +51,7 @@ def run(folder: Path, seconds: float, rate: float = 1.0) -> DemoResult:
     write_keypoint_recording(
         recording, stamps, pixels, confidence, WEBCAM.K, WEBCAM.D, WEBCAM.size, replace=recording.exists()
     )
-    # A deep queue: where the machine is busy for a moment, it shows in the latency, not as lost frames.
+    # A deep queue: if the machine is busy for a moment, the latency grows, but no frames are lost.
     with LiveNode({"queue_depth": QUEUE_DEPTH}) as live:
         progress = Progress(len(times), "frames", plain_lines=4)
         try:
@@ -60,7 +63,7 @@ def run(folder: Path, seconds: float, rate: float = 1.0) -> DemoResult:
 
 
 def _result(live, tracker, times, stamps, truth, pixels, confidence) -> DemoResult:  # type: ignore[no-untyped-def]
-    """Answers beside what was sent, by their stamps."""
+    """Match the outputs with the inputs by stamp."""
     joints, certificates = live.messages("~/joints"), live.messages("~/certificate")
     places = {stamp: row for row, stamp in enumerate(stamps.tolist())}
     rows = [places[m.header.stamp.sec * 1_000_000_000 + m.header.stamp.nanosec] for m in joints]
@@ -83,7 +86,7 @@ def _result(live, tracker, times, stamps, truth, pixels, confidence) -> DemoResu
 
 
 def write_page(folder: Path) -> None:
-    """The report of a replay of `keypoints` below folder: report.html. Raises a LassokinError."""
+    """Replay `keypoints` in the folder and write report.html. Raises a LassokinError."""
     from lassokin_ros.common.atomic_files import AtomicFiles
     from lassokin_ros.pipeline.settings import NodeSettings
     from lassokin_ros.replay.bags import BagReader
@@ -95,43 +98,43 @@ def write_page(folder: Path) -> None:
     with BagReader(folder / "keypoints") as bag:
         tracker = OfflineTracker(TrackerConfig(), NodeSettings(), bag.types)
         report = Report(folder / "report.html", tracker.pipeline, replace=True)
-        tracker.watchers.append(report.add)
+        tracker.listeners.append(report.add)
         for topic, time_ns, message in bag.messages(bag.topics):
-            take = tracker.keypoints if topic == KEYPOINTS else tracker.camera_info
-            for _ in take(message, time_ns):
-                pass  # the node's outputs are recorded already; the page is what is wanted
+            process = tracker.keypoints if topic == KEYPOINTS else tracker.camera_info
+            for _ in process(message, time_ns):
+                pass  # only the page is needed; the outputs of the node are recorded already
     with AtomicFiles(replace=True, error=ReportError) as files:
         report.write(files, "the demo's keypoints", (KEYPOINTS, CAMERA_INFO))
 
 
 def table(result: DemoResult) -> str:
-    """The figures beside what is promised."""
-    broken = result.broken_promises()
-    lines = [f"{'':<32}{'measured':>10}{'promised':>13}"]
+    """Return the table of figures and their limits."""
+    exceeded = result.exceeded_limits()
+    lines = [f"{'':<32}{'measured':>10}{'limit':>13}"]
     for name, value in result.figures().items():
-        limit, unit = PROMISES[name]
+        limit, unit = LIMITS[name]
         sign = ">=" if name == "frames out" else "<="
         share = unit.startswith("share")
         text, bound = (f"{value:.1%}", f"{sign} {limit:.0%}") if share else (f"{value:.1f}", f"{sign} {limit:g}")
-        mark = "   NOT KEPT" if name in broken else ""
+        mark = "   FAILED" if name in exceeded else ""
         lines.append(f"{name + ('' if share else f' [{unit}]'):<32}{text:>10}{bound:>13}{mark}")
-    mark = "   NOT KEPT" if "tracking state" in broken else ""
+    mark = "   FAILED" if "tracking state" in exceeded else ""
     lines.append(f"{'tracking state at the end':<32}{result.state:>10}{Status.TRACKING.value:>13}{mark}")
     lines.append(f"frames: {result.frames_in} in, {len(result.times)} out, {result.rejected} rejected")
     return "\n".join(lines)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the demo; the exit code.
+    """Run the demo and return the exit code.
 
-    0 when every figure is within what is promised, 1 when not, 2 when it could not run (one line on stderr), 130 when
-    it was interrupted.
+    The code is 0 if every figure is within its limit, 1 if not, 2 if the demo could not run (one line on stderr) and
+    130 after an interrupt.
     """
     parser = argparse.ArgumentParser(prog="demo", description=(__doc__ or "").split("\n", maxsplit=1)[0])
-    parser.add_argument("--output", type=Path, default=Path("demo_output"), help="folder for what is made")
-    parser.add_argument("--seconds", type=_seconds, default=SECONDS, help="of motion")
+    parser.add_argument("--output", type=Path, default=Path("demo_output"), help="folder for the results")
+    parser.add_argument("--seconds", type=_seconds, default=SECONDS, help="length of the motion in s")
     options = parser.parse_args(arguments)
-    os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))  # nobody else's nodes
+    os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))  # isolates the demo from other nodes
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     try:
         with interruptible():
@@ -140,27 +143,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"demo: {error}", file=sys.stderr)
         return USAGE_ERROR
     except Interrupted:
-        print(f"demo: interrupted; what {options.output} holds is not complete", file=sys.stderr)
+        print(f"demo: interrupted; the results in {options.output} are not complete", file=sys.stderr)
         return INTERRUPTED
 
 
 def show(folder: Path, seconds: float) -> int:
-    """Run the demo, write what it leaves, print its table; 0 when every promise is kept, 1 when not."""
+    """Run the demo, write the results and print the table; return 0 if every figure is within its limit, else 1."""
     from lassokin_ros.demo.picture import draw
 
     folder.mkdir(parents=True, exist_ok=True)
-    print(f"A person who walks, waves and squats: {seconds:g} s at {RATE:g} Hz, keypoints with noise, gaps")
-    print("and outliers, into the tracker on DDS (its body's proportions are the person's; nothing else is told).")
+    print(f"Input: a person walks, waves and squats for {seconds:g} s at {RATE:g} Hz; keypoints with noise, gaps and")
+    print("outliers, sent to the tracker on DDS. The tracker has the person's body proportions and no other knowledge.")
     result = run(folder, seconds)
     draw(result, folder / "skeleton.png")
     write_page(folder)
     print(table(result))
-    print(f"to look at in a browser: {folder / 'report.html'} (the same motion replayed: replay --report)")
-    print(f"picture: {folder / 'skeleton.png'}   recordings: {folder}/keypoints, /tracked (rosbag2)")
-    broken = result.broken_promises()
-    if broken:
-        print(f"not within what is promised: {', '.join(broken)}", file=sys.stderr)
-    return 1 if broken else 0
+    print(f"report for a browser: {folder / 'report.html'} (the same motion through lassokin replay --report)")
+    print(f"picture: {folder / 'skeleton.png'}   recordings: {folder}/keypoints, {folder}/tracked (rosbag2)")
+    exceeded = result.exceeded_limits()
+    if exceeded:
+        print(f"outside the limits: {', '.join(exceeded)}", file=sys.stderr)
+    return 1 if exceeded else 0
 
 
 def _seconds(text: str) -> float:

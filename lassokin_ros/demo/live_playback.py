@@ -1,11 +1,11 @@
-"""A recording played into the real node, in a process of its own, on real DDS; its outputs collected.
+"""Play a recording into the real node in a child process, on real DDS, and collect the node's outputs.
 
     with LiveNode({"height": 1.8}) as live:
         live.play(recording)
     live.messages("~/joints")
 
-The messages go through untouched (serialised), so that this process's own work does not distort the latencies.
-Set ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE before: both processes take them from the environment.
+Messages stay serialised, so that work in this process does not distort the latencies. Set ROS_DOMAIN_ID and
+ROS_AUTOMATIC_DISCOVERY_RANGE before: both processes read them from the environment.
 """
 
 from __future__ import annotations
@@ -35,27 +35,27 @@ FRAME_NAMES = tuple(topic.name for topic in topics.FRAME_OUTPUTS)
 
 
 class PlaybackError(LassokinError, RuntimeError):
-    """The node did not start, did not answer in time, or did not end as it should."""
+    """The node did not start, did not answer in time, or ended with an error."""
 
 
 @dataclass(frozen=True)
 class Received:
-    """One output message: serialised, with its time of arrival (s, monotonic)."""
+    """One serialised output message and its arrival time (s, monotonic)."""
 
     arrival: float
     data: bytes
 
 
 class LiveNode:
-    """The node as a child process and a peer on DDS in this one. Use it in a `with` statement."""
+    """The node as a child process, and a DDS peer in this process. Use it in a `with` statement."""
 
     def __init__(self, parameters: Mapping[str, Any] | None = None, namespace: str = "/playback") -> None:
-        """parameters: of the node; namespace: of node and topics."""
+        """parameters: parameters of the node. namespace: namespace of the node and the topics."""
         self.namespace = namespace
         self.types = typestore()
         self.got: dict[str, list[Received]] = {topic.name: [] for topic in OUTPUTS}
         self.sent: dict[int, float] = {}
-        """Stamp of each keypoint message played, ns -> time of sending (s, monotonic)."""
+        """Stamp of each played keypoint message, ns -> time of sending (s, monotonic)."""
         self._received_before = self._rejected_before = 0
         self._process: Any = None
         assignments = [text for item in (parameters or {}).items() for text in ("-p", f"{item[0]}:={item[1]}")]
@@ -70,7 +70,7 @@ class LiveNode:
         from rclpy.signals import SignalHandlerOptions
 
         self._context = Context()
-        # rclpy's would stay when the context has ended, and keep SIGTERM from ending the processes of a pool.
+        # rclpy's signal handlers outlive the context and would block SIGTERM in the processes of a pool.
         rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self._node = Node("player", namespace=self.namespace, context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
@@ -90,7 +90,7 @@ class LiveNode:
             self._executor.shutdown()
             self._node.destroy_node()
             self._context.try_shutdown()
-        finally:  # whatever becomes of the peer, the node must not stay behind
+        finally:  # stop the node even if the peer fails
             self._end()
 
     def _end(self) -> None:
@@ -126,9 +126,9 @@ class LiveNode:
     ) -> None:
         """Play keypoints and camera_info of a recording and wait for the last answer.
 
-        rate: times the recording's own pace, None = no pace. ahead: wait while more frames than this are unanswered
-        (for recordings of which every frame is used). on_frame: called after each keypoint message.
-        Raises PlaybackError at a deadline, BagError for a recording that cannot be used.
+        rate: playback speed, 1 = real time, None = as fast as possible. ahead: maximum number of unanswered frames (for
+        recordings without rejected frames). on_frame: called after each keypoint message. Raises PlaybackError at a
+        deadline, BagError for a recording that cannot be used.
         """
         frames = self._load(recording)
         self._warm_up(frames)
@@ -148,7 +148,7 @@ class LiveNode:
         self._finish()
 
     def _load(self, recording: Path) -> list[tuple[bool, int, bytes]]:
-        """(is it keypoints, time of recording in ns, serialised message) of all inputs; makes the publishers."""
+        """Create the publishers; return (is keypoints, recording time in ns, serialised message) of all inputs."""
         from rclpy.qos import QoSProfile
 
         with BagReader(recording) as bag:
@@ -195,7 +195,7 @@ class LiveNode:
         self._spin_while(lambda: not future.done(), "the answer of the service reset")
 
     def _settle(self) -> None:
-        """Wait for two diagnostics in a row that count the same number of messages."""
+        """Wait until two successive diagnostics have the same message count."""
         self.got[topics.DIAGNOSTICS].clear()
 
         def moving() -> bool:
@@ -205,7 +205,7 @@ class LiveNode:
         self._spin_while(moving, "a quiet second")
 
     def _finish(self) -> None:
-        """Wait until the node has counted every frame and its outputs have come; what is lost stays lost."""
+        """Wait until the node has counted every frame and its outputs have arrived, at most QUIET_S each."""
         expected, end = self._received_before + len(self.sent), time.monotonic() + QUIET_S
         begun = len(self.got[topics.DIAGNOSTICS])
         while time.monotonic() < end and (
@@ -217,14 +217,14 @@ class LiveNode:
             self._executor.spin_once(timeout_sec=0.05)
 
     def _received_count(self) -> int:
-        """Messages that the node has received so far, by its last diagnostics."""
+        """Return the number of messages received by the node, from its last diagnostics."""
         return self._count(self.got[topics.DIAGNOSTICS][-1])
 
     def _count(self, message: Received) -> int:
         return int(self._values(message)["received [messages]"])
 
     def _rejected_count(self) -> int:
-        """Messages that the node has rejected so far, by its last diagnostics."""
+        """Return the number of messages rejected by the node, from its last diagnostics."""
         return sum(int(n) for key, n in self.last_diagnostics().items() if key.startswith("rejected: "))
 
     def _values(self, message: Received) -> dict[str, str]:
@@ -236,47 +236,47 @@ class LiveNode:
             self._executor.spin_once(timeout_sec=left)
 
     def _spin_while(self, condition: Callable[[], bool], what: str) -> None:
-        """Spin while a condition holds. Raises PlaybackError at the deadline, or when the node has ended."""
+        """Spin while a condition holds. Raises PlaybackError at the deadline, or if the node has exited."""
         end = time.monotonic() + DEADLINE_S
         while condition():
             if self._process.poll() is not None:
-                raise PlaybackError(f"the node has ended: {(self._process.stderr or sys.stdin).read().strip()}")
+                raise PlaybackError(f"the node has exited: {(self._process.stderr or sys.stdin).read().strip()}")
             if time.monotonic() > end:
-                raise PlaybackError(f"{what} did not come within {DEADLINE_S:g} s")
+                raise PlaybackError(f"{what} did not arrive within {DEADLINE_S:g} s")
             self._executor.spin_once(timeout_sec=0.05)
 
     def messages(self, topic: str) -> list[Any]:
-        """The messages of one output that have come since the playback began, in rosbags' form."""
+        """Return the messages of one output since the playback started, deserialised by rosbags."""
         kind = next(t.message_type for t in OUTPUTS if t.name == topic)
         return [self.types.deserialize_cdr(message.data, kind) for message in self.got[topic]]
 
     def latencies_ms(self) -> list[float]:
-        """From the sending of keypoints to the arrival of the joint states with their stamp, ms, for each answer."""
+        """Return the time from sending keypoints to the arrival of their joint states, ms, for each answer."""
         arrivals = ((_stamp(message.data), message.arrival) for message in self.got[topics.JOINT_STATES])
         return [1e3 * (arrival - self.sent[stamp]) for stamp, arrival in arrivals if stamp in self.sent]
 
     def rejected(self) -> int:
-        """Messages of the recording that the node rejected.
+        """Return the number of rejected messages of the recording.
 
-        Not those before it: a frame sent while the node already hears keypoints but no camera_info yet is refused.
+        Rejections during warm-up do not count: keypoints may arrive before the first camera_info.
         """
         return self._rejected_count() - self._rejected_before
 
     def last_diagnostics(self) -> dict[str, str]:
-        """Key -> value of the node's last diagnostics."""
+        """Return the values of the node's last diagnostics, by key."""
         return self._values(self.got[topics.DIAGNOSTICS][-1])
 
     def state(self) -> str:
-        """The tracking state while answers came: of the last diagnostics before the last of them.
+        """Return the tracking state of the last diagnostics before the last answer, else of the first ones.
 
-        Of later ones `lost` is right too: nothing comes any more. Where there are none before, the first ones after.
+        Diagnostics after the last answer may report `lost`, since no more keypoints arrive.
         """
         last = max((message.arrival for name in FRAME_NAMES for message in self.got[name][-1:]), default=math.inf)
-        said = self.got[topics.DIAGNOSTICS]
-        return self._values(next((m for m in reversed(said) if m.arrival <= last), said[0]))["state"]
+        diagnostics = self.got[topics.DIAGNOSTICS]
+        return self._values(next((m for m in reversed(diagnostics) if m.arrival <= last), diagnostics[0]))["state"]
 
     def record(self, path: Path, storage: str = "mcap", replace: bool = False) -> None:
-        """Write everything that came to a recording, at the playback's time. Raises BagError."""
+        """Write all received messages to a recording, with times relative to the playback. Raises BagError."""
         started, first, rate = self.epoch
         with BagWriter(path, storage, self.types, replace) as writer:
             everything = [(max(m.arrival, started), topic, m.data) for topic in OUTPUTS for m in self.got[topic.name]]
@@ -287,7 +287,7 @@ class LiveNode:
 
 
 def _stamp(data: bytes) -> int:
-    """ns, of a serialised message that begins with a header."""
+    """Return the stamp of a serialised message that starts with a header, ns."""
     seconds, nanoseconds = struct.unpack_from("<iI", data, 4)
     return int(seconds * 1_000_000_000 + nanoseconds)
 

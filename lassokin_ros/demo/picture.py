@@ -1,4 +1,4 @@
-"""The demo's picture: the image plane, the skeleton from two sides at several times, and the error over time."""
+"""The picture of the demo: image plane, skeleton in two views at several times, and error over time."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def draw(result: DemoResult, path: Path) -> None:
         _space(axes[1], result, row, 0)
         _space(axes[2], result, row, 2)
         if column == 0:
-            for axis, label in zip(axes, ("image plane [px]", "seen from the camera [m]", "seen from its side [m]")):
+            for axis, label in zip(axes, ("image plane [px]", "front view [m]", "side view [m]")):
                 axis.set_ylabel(label)
         else:
             for axis in axes[1:]:
@@ -48,7 +48,7 @@ def draw(result: DemoResult, path: Path) -> None:
 
 
 def _bones(result: DemoResult) -> list[tuple[int, int, str]]:
-    """(joint, its parent, colour) of every bone."""
+    """Return (joint, parent, colour) for every bone."""
     skeleton = result.tracker.skeleton
     colours = {"left": LEFT, "right": RIGHT}
     return [
@@ -58,7 +58,7 @@ def _bones(result: DemoResult) -> list[tuple[int, int, str]]:
 
 
 def _image(axis: Any, result: DemoResult, row: int) -> None:
-    """Detected points, and the skeleton as the camera would see it: through the same lens."""
+    """Draw the detected keypoints and the skeleton projected through the lens."""
     joints = WEBCAM.lens.distort(project(result.estimate[row]))
     for joint, parent, colour in _bones(result):
         axis.plot(*joints[[joint, parent]].T, color=colour, linewidth=2, solid_capstyle="round")
@@ -74,7 +74,7 @@ def _image(axis: Any, result: DemoResult, row: int) -> None:
 
 
 def _space(axis: Any, result: DemoResult, row: int, across: int) -> None:
-    """Truth and estimate, pelvis on pelvis, over camera x (0) or depth z (2) and height."""
+    """Draw truth and estimate relative to the pelvis. across: horizontal axis, camera x (0) or depth z (2)."""
     for joints, true in ((result.truth[row], True), (result.estimate[row], False)):
         placed = joints - joints[0]
         for joint, parent, colour in _bones(result):
@@ -86,12 +86,12 @@ def _space(axis: Any, result: DemoResult, row: int, across: int) -> None:
     axis.tick_params(labelsize=8)
     axis.grid(alpha=0.25)
     if across == 2:
-        axis.set_xlabel("depth (the camera is to the left)", fontsize=8)
+        axis.set_xlabel("depth (camera on the left)", fontsize=8)
 
 
 def _over_time(axis: Any, result: DemoResult, rows: np.ndarray) -> None:
-    axis.plot(result.times, result.error_mm, color=LEFT, linewidth=1.5, label="joints, pelvis on pelvis")
-    axis.plot(result.times, result.root_error_mm, color=RIGHT, linewidth=1.2, label="pelvis in the camera's frame")
+    axis.plot(result.times, result.error_mm, color=LEFT, linewidth=1.5, label="joints, relative to the pelvis")
+    axis.plot(result.times, result.root_error_mm, color=RIGHT, linewidth=1.2, label="pelvis in the camera frame")
     axis.set(ylabel="error [mm]", xlim=(0, result.times[-1]), ylim=(0, None))
     axis.legend(loc="upper right", fontsize=8, ncols=2, frameon=False)
     axis.tick_params(labelbottom=False)
@@ -100,7 +100,7 @@ def _over_time(axis: Any, result: DemoResult, rows: np.ndarray) -> None:
 
 def _support(axis: Any, result: DemoResult, rows: np.ndarray) -> None:
     axis.fill_between(result.times, result.support, step="mid", color=MIDDLE, alpha=0.35, linewidth=0)
-    axis.set(ylabel="moving of 72\ndegrees of freedom", xlabel="time [s]", xlim=(0, result.times[-1]), ylim=(0, None))
+    axis.set(ylabel="moving degrees\nof freedom, of 72", xlabel="time [s]", xlim=(0, result.times[-1]), ylim=(0, None))
     _marks(axis, result, rows)
 
 

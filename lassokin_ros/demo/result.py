@@ -1,4 +1,4 @@
-"""What came out of a demo run, and whether it keeps what the README promises."""
+"""The result of a demo run, and its comparison with the limits."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from lassokin_ros.core.tracker import Tracker
 EVALUATED = ("neck", "head") + tuple(
     f"{side}_{joint}" for side in ("left", "right") for joint in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
 )
-"""The 14 joints whose distance from the truth is averaged, pelvis on pelvis."""
+"""The 14 joints of the joint error."""
 
-PROMISES = {
+LIMITS = {
     "frames out": (0.99, "share of frames in"),
     "rejected": (0.01, "share of frames in"),
     "latency p50": (20.0, "ms"),
@@ -24,14 +24,16 @@ PROMISES = {
     "root error, median": (50.0, "mm"),
     "reprojection error, median": (6.0, "px"),
 }
-"""What the README promises of the demo: the least of `frames out`, the most of everything else."""
+"""Limits of the demo's figures, as stated in the README: a minimum for `frames out`, else a maximum."""
 
 
 @dataclass(frozen=True, eq=False)
 class DemoResult:
-    """What came out, per answered frame: estimates and truth (f, 24, 3) m, times (f,) s, errors (f,) mm, and more.
+    """The result of a demo run for the f answered frames.
 
-    pixels (f, l, 2) and confidence (f, l) are what the node was sent, support (f,) the degrees of freedom that moved.
+    times: (f,) s. estimate, truth: (f, 24, 3) m, joint positions in the camera frame. pixels (f, l, 2) px and
+    confidence (f, l): the keypoints sent to the node. support: (f,) moving degrees of freedom. reprojection_px: (f,).
+    latencies_ms: (f,). frames_in: number of keypoint messages sent. rejected: number of rejected messages.
     """
 
     tracker: Tracker
@@ -49,7 +51,7 @@ class DemoResult:
 
     @property
     def error_mm(self) -> np.ndarray:
-        """(f,) mm: mean distance of the 14 joints, pelvis on pelvis."""
+        """(f,) mm: mean distance of the 14 joints from the truth, relative to the pelvis."""
         index = [self.tracker.skeleton.index(joint) for joint in EVALUATED]
         mine = self.estimate[:, index] - self.estimate[:, :1]
         true = self.truth[:, index] - self.truth[:, :1]
@@ -57,11 +59,11 @@ class DemoResult:
 
     @property
     def root_error_mm(self) -> np.ndarray:
-        """(f,) mm: distance of the pelvis from its true place in the camera's frame."""
+        """(f,) mm: distance of the pelvis from the truth, in the camera frame."""
         return np.asarray(1e3 * np.linalg.norm(self.estimate[:, 0] - self.truth[:, 0], axis=-1))
 
     def figures(self) -> dict[str, float]:
-        """Every figure of `PROMISES`."""
+        """Return the figures of `LIMITS`."""
         return {
             "frames out": len(self.times) / self.frames_in,
             "rejected": self.rejected / self.frames_in,
@@ -73,11 +75,11 @@ class DemoResult:
             "reprojection error, median": float(np.median(self.reprojection_px)),
         }
 
-    def broken_promises(self) -> list[str]:
-        """The figures that are not within what is promised."""
-        broken = [] if self.state == Status.TRACKING.value else ["tracking state"]
+    def exceeded_limits(self) -> list[str]:
+        """Return the names of the figures outside their limits."""
+        exceeded = [] if self.state == Status.TRACKING.value else ["tracking state"]
         for name, value in self.figures().items():
-            limit = PROMISES[name][0]
+            limit = LIMITS[name][0]
             if not (value >= limit if name == "frames out" else value <= limit):
-                broken.append(name)
-        return broken
+                exceeded.append(name)
+        return exceeded

@@ -1,6 +1,6 @@
-"""Motion of our own making and what a detector would see of it: for the demo and the tests, where truth is known.
+"""Synthetic motion with known truth, and simulated detections of it, for the demo and the tests.
 
-Everything is a function of time and a seed; nothing is random otherwise.
+The motion is a function of time, the detections also depend on a seed. Everything is repeatable.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from lassokin_ros.core.image.projection import project
 from lassokin_ros.pipeline.lens import Lens
 
 UPRIGHT = np.diag([1.0, -1.0, -1.0])
-"""Orientation of a person who stands upright and faces the camera: y up is the camera's -y."""
+"""Orientation of a person who stands upright and faces the camera."""
 
 DISTANCE = 3.6  # m, to the camera
 CAMERA_HEIGHT = 1.1  # m
@@ -33,7 +33,7 @@ class Camera:
 
     @property
     def lens(self) -> Lens:
-        """Its lens."""
+        """The lens of the camera."""
         return Lens(self.K, self.D, "plumb_bob" if self.D.any() else "")
 
 
@@ -46,7 +46,11 @@ WEBCAM = Camera(
 
 @dataclass(frozen=True)
 class Detector:
-    """A detector's habits: px of noise, share of single wrong points, gaps (short, per landmark) per second."""
+    """Error model of a detector.
+
+    noise_px: standard deviation, px. outliers: share of wrong points. gaps_per_second: rate of gaps, per landmark.
+    gap_s: range of their duration, s.
+    """
 
     noise_px: float = 2.0
     outliers: float = 0.005
@@ -55,10 +59,11 @@ class Detector:
 
 
 def motion(skeleton: Skeleton, times: np.ndarray) -> BodyState:
-    """Rotations (f, n, 3, 3) and translations (f, 3) m, camera frame, at times (f,) s.
+    """Return the state in the camera frame at times (f,) s: rotations (f, n, 3, 3), translations (f, 3) m.
 
-    A person walks on the spot and turns to both sides, waves, squats; then from the beginning, a little otherwise,
-    since the parts' periods differ. Feet stay on the ground. For skeletons with SMPL's joint names and T-pose.
+    The person walks on the spot while turning to both sides, waves and squats, in a cycle of 12 s. The cycles differ
+    slightly, since the parts have different periods. The feet stay on the ground. The skeleton must have the joint
+    names and the T-pose of SMPL.
     """
     t = np.asarray(times, dtype=float)
     walk, wave, squat = _share(t, 0.0), _share(t, 1 / 3), _share(t, 2 / 3)
@@ -95,7 +100,7 @@ def motion(skeleton: Skeleton, times: np.ndarray) -> BodyState:
 
 
 def _share(t: np.ndarray, offset: float) -> np.ndarray:
-    """(f,) 0 to 1, smooth: how far one of the three parts of the 12 s cycle is on."""
+    """Return the weight (f,), 0 to 1, of one of the three parts of the 12 s cycle; smooth in time."""
     on = np.clip(1.5 * np.cos(2 * np.pi * (t / 12.0 - offset)) - 0.25, 0, 1)
     return on * on * (3 - 2 * on)
 
@@ -105,7 +110,7 @@ def _waving(t: np.ndarray) -> np.ndarray:
 
 
 def _on_the_ground(skeleton: Skeleton, rotations: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """(f, 3) m: translations that keep the lower foot at the ground, swaying a little."""
+    """Return translations (f, 3) m that keep the lower foot on the ground, with a small sway."""
     pose = _pose(skeleton, rotations)
     feet = [skeleton.index(f"{side}_{joint}") for side in ("left", "right") for joint in ("ankle", "foot")]
     lowest = pose.positions[:, feet, 1].max(axis=1)
@@ -119,7 +124,7 @@ def _pose(skeleton: Skeleton, rotations: np.ndarray) -> BodyPose:
 
 
 def exact_pixels(kinematics: Kinematics, states: BodyState, camera: Camera = WEBCAM) -> np.ndarray:
-    """(f, l, 2) px of the raw image: the landmarks through the lens."""
+    """Return the landmarks projected through the lens, (f, l, 2) px of the raw image."""
     normalised = project(kinematics.pose(states).landmarks)
     return camera.lens.distort(normalised.reshape(-1, 2)).reshape(normalised.shape)
 
@@ -127,9 +132,9 @@ def exact_pixels(kinematics: Kinematics, states: BodyState, camera: Camera = WEB
 def detections(
     pixels: np.ndarray, rate: float, seed: int = 0, detector: Detector = Detector()
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What a detector makes of exact pixels (f, l, 2): pixels and confidences (f, l), 0 where nothing was found.
+    """Simulate detections of exact pixels (f, l, 2): return pixels and confidence (f, l), 0 = not detected.
 
-    rate: Hz. Wrong points come with a confidence like the others'.
+    rate: Hz. Wrong points have the same distribution of confidence as the others.
     """
     random = np.random.default_rng(seed)
     frames, landmarks = pixels.shape[:2]

@@ -1,1 +1,1 @@
-"""The tracker over rosbag2 recordings, without ROS."""
+"""Run the tracker on rosbag2 recordings, without ROS."""

@@ -1,4 +1,4 @@
-"""rosbag2 recordings without ROS: reading with clear errors, choosing topics, writing all or nothing."""
+"""Read and write rosbag2 recordings without ROS: clear errors, topic selection, atomic output."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from lassokin_ros.core.yaml_files import load_mapping, read_text
 
 STORAGES = ("sqlite3", "mcap")
 FILE_NAME = "recording"
-"""Of the file inside a recording's folder: not the folder's, so that its bytes don't depend on what that is called."""
+"""Stem of the data file in a recording's folder. It is fixed, so that the bytes do not depend on the folder's name."""
 
 
-WORKSHOP_SUFFIX = ".part"
-"""Of the hidden folder beside a recording in which it is written until it is complete."""
+PART_SUFFIX = ".part"
+"""Suffix of the hidden folder beside a recording, in which the recording is written until it is complete."""
 
 
 class BagError(LassokinError):
-    """A recording cannot be read, has not the topic that is needed, or cannot be written."""
+    """A recording cannot be read, lacks a required topic, or cannot be written."""
 
 
 @dataclass(frozen=True)
 class RecordedTopic:
-    """A topic of a recording: its name, its messages' type and number."""
+    """A topic of a recording: name, message type and number of messages."""
 
     name: str
     message_type: str
@@ -40,7 +40,7 @@ class RecordedTopic:
 
 
 def typestore() -> Any:
-    """The message types of ROS 2 Jazzy, of rosbags. Raises BagError when rosbags is not installed."""
+    """Return the message types of ROS 2 Jazzy, from rosbags. Raises BagError if rosbags is not installed."""
     try:
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
@@ -52,7 +52,7 @@ class BagReader:
     """An open recording: a rosbag2 folder, or a single .mcap or .db3 file. Use it in a `with` statement."""
 
     def __init__(self, path: Path) -> None:
-        """Raises BagError when there is no recording at `path`, or it cannot be read."""
+        """Open the recording at `path`. Raises BagError if there is none, or if it cannot be read."""
         self.path = path
         self.types = typestore()
         from rosbags.rosbag2 import Reader
@@ -60,7 +60,7 @@ class BagReader:
         if not path.exists():
             raise BagError(f"there is no recording '{path}'; expected a rosbag2 folder, or a .mcap or .db3 file")
         if path.is_dir() and not (path / "metadata.yaml").is_file():
-            raise BagError(f"'{path}' is no rosbag2 recording: it has no metadata.yaml")
+            raise BagError(f"'{path}' is not a rosbag2 recording: it has no metadata.yaml")
         with self._clear_errors():
             self._reader = Reader(path)
             self._reader.open()
@@ -73,13 +73,13 @@ class BagReader:
 
     @property
     def storage(self) -> str:
-        """Its storage plugin, "sqlite3" or "mcap"."""
+        """The storage plugin of the recording, "sqlite3" or "mcap"."""
         files = [self.path] if self.path.is_file() else list(self.path.iterdir())
         return "mcap" if any(".mcap" in file.suffixes for file in files) else "sqlite3"
 
     @property
     def topics(self) -> list[RecordedTopic]:
-        """Its topics, by name."""
+        """The topics of the recording, sorted by name."""
         counts: dict[tuple[str, str], int] = {}
         for connection in self._reader.connections:
             key = connection.topic, connection.msgtype
@@ -87,9 +87,10 @@ class BagReader:
         return [RecordedTopic(*key, count) for key, count in sorted(counts.items())]
 
     def find(self, message_type: str, name: str | None, usual_name: str, option: str) -> RecordedTopic:
-        """The topic of this name; without a name the only one of this type, or among several the usual one.
+        """Return the topic called `name`, or the best candidate of `message_type` if `name` is None.
 
-        option: of the command line, with which the user may name the topic. Raises BagError with the topics there are.
+        With several candidates, the one whose last name part is `usual_name` wins. option: the command line option
+        that selects the topic, for the error text. Raises BagError, which lists the topics of the recording.
         """
         if name is not None:
             topic = next((t for t in self.topics if t.name.strip("/") == name.strip("/")), None)
@@ -112,9 +113,9 @@ class BagReader:
         return f"its topics are: {', '.join(map(str, self.topics)) or 'none'}"
 
     def messages(self, topics: Sequence[RecordedTopic]) -> Iterator[tuple[str, int, Any]]:
-        """(topic, time of recording in ns, message) in the order of recording; None for a message of wrong content.
+        """Yield (topic, recording time in ns, message) in recording order; None replaces a message that is malformed.
 
-        Raises BagError where the recording ends in the middle, or at the end when messages are missing.
+        Raises BagError where the recording breaks off, and at the end if messages are missing.
         """
         for connection in self._chosen(topics):
             self._register(connection)
@@ -126,7 +127,7 @@ class BagReader:
             yield connection.topic, time_ns, message
 
     def raw(self, topics: Sequence[RecordedTopic]) -> Iterator[tuple[str, int, bytes]]:
-        """The same with the messages as they are serialised."""
+        """Yield the same as `messages`, with the serialised messages."""
         for connection, time_ns, data in self._items(topics):
             yield connection.topic, time_ns, bytes(data)
 
@@ -145,10 +146,10 @@ class BagReader:
             yield item
         expected = sum(topic.count for topic in topics)
         if read < expected:
-            raise BagError(f"{self.path} is damaged: {read} of the {expected} messages that it should have can be read")
+            raise BagError(f"{self.path} is damaged: only {read} of its {expected} messages can be read")
 
     def _register(self, connection: Any) -> None:
-        """Learn a message type that Jazzy does not have from the definition in the recording."""
+        """Register a message type that Jazzy lacks, from the definition in the recording."""
         if connection.msgtype in self.types.types:
             return
         from rosbags.typesys import get_types_from_msg
@@ -160,7 +161,7 @@ class BagReader:
 
     @contextmanager
     def _clear_errors(self) -> Iterator[None]:
-        """Whatever the reading library raises becomes one BagError: its reaction to broken files has many forms."""
+        """Convert every exception of the reading library to BagError. Broken files raise exceptions of many types."""
         try:
             yield
         except LassokinError:
@@ -171,7 +172,7 @@ class BagReader:
 
 
 class BagWriter:
-    """Writes a recording that appears under its name only when it is complete. Use it in a `with` statement."""
+    """Write a recording that appears under its name only when it is complete. Use it in a `with` statement."""
 
     def __init__(
         self,
@@ -179,20 +180,22 @@ class BagWriter:
         storage: str,
         types: Any,
         replace: bool = False,
-        ours: Callable[[str], bool] = lambda name: False,
+        may_replace: Callable[[str], bool] = lambda name: False,
     ) -> None:
-        """storage: one of STORAGES; types: of `typestore()`; replace: an existing recording at `path` gives way.
+        """Check that the recording can be written at `path`.
 
-        ours: whether a file of this name in that recording's folder may go with it, besides those that are its own.
-        Raises BagError when something is at `path` already that may not be replaced, or its folder does not exist.
+        storage: one of STORAGES. types: from `typestore()`. replace: replace an existing recording at `path`.
+        may_replace: returns True for the name of a file in the old recording's folder that may be removed with it,
+        in addition to the files of the recording itself. Raises BagError if something at `path` must not be replaced,
+        or if the parent folder does not exist.
         """
-        self.path, self._types, self._replace, self._ours = path, types, replace, ours
+        self.path, self._types, self._replace, self._may_replace = path, types, replace, may_replace
         if path.exists() and not replace:
-            raise BagError(f"'{path}' exists already; choose another output or say --force")
+            raise BagError(f"'{path}' exists already; choose another output or add --force")
         if path.exists() and not (path.is_dir() and (path / "metadata.yaml").is_file()):
-            raise BagError(f"'{path}' exists and is no rosbag2 recording; it will not be replaced")
+            raise BagError(f"'{path}' exists and is not a rosbag2 recording; it is not replaced")
         if path.exists():
-            refuse_foreign(path, ours)
+            refuse_foreign_files(path, may_replace)
         if not path.parent.is_dir():
             raise BagError(f"there is no folder '{path.parent}' for the output '{path.name}'")
         self._storage = storage
@@ -201,13 +204,13 @@ class BagWriter:
     def __enter__(self) -> BagWriter:
         try:
             prefix = f".{self.path.name}."
-            self._workshop = Path(tempfile.mkdtemp(prefix=prefix, suffix=WORKSHOP_SUFFIX, dir=self.path.parent))
+            self._temporary = Path(tempfile.mkdtemp(prefix=prefix, suffix=PART_SUFFIX, dir=self.path.parent))
         except OSError as error:
             raise BagError(f"'{self.path}' cannot be written: {error.strerror}") from None
         try:
             self._open()
-        except BaseException:  # a signal's too
-            shutil.rmtree(self._workshop, ignore_errors=True)
+        except BaseException:  # includes Interrupted
+            shutil.rmtree(self._temporary, ignore_errors=True)
             raise
         return self
 
@@ -215,23 +218,23 @@ class BagWriter:
         from rosbags.rosbag2 import StoragePlugin, Writer
 
         plugin = StoragePlugin.MCAP if self._storage == "mcap" else StoragePlugin.SQLITE3
-        self._writer = Writer(self._workshop / FILE_NAME, version=9, storage_plugin=plugin)
+        self._writer = Writer(self._temporary / FILE_NAME, version=9, storage_plugin=plugin)
         try:
             self._writer.open()
-        except Exception as error:  # OSError or the storage's own
+        except Exception as error:  # OSError, or an exception of the storage library
             raise BagError(f"'{self.path}' cannot be written: {error}") from None
 
     def write(self, topic: str, message_type: str, time_ns: int, message: Any, latched: bool = False) -> None:
-        """Append a message; time_ns: time of recording. latched: late subscribers of a playback get it too."""
+        """Append a message. time_ns: recording time. latched: a playback delivers it to late subscribers too."""
         self.write_raw(topic, message_type, time_ns, self._types.serialize_cdr(message, message_type), latched)
 
     def write_raw(self, topic: str, message_type: str, time_ns: int, data: bytes, latched: bool = False) -> None:
-        """Append a message that is serialised already."""
+        """Append a serialised message."""
         try:
             if topic not in self._connections:
                 self._connections[topic] = self._connect(topic, message_type, latched)
             self._writer.write(self._connections[topic], time_ns, data)
-        except Exception as error:  # OSError or the storage's own, for a full disk most likely
+        except Exception as error:  # OSError, or an exception of the storage library; most likely the disk is full
             raise BagError(f"'{self.path}' cannot be written: {error}") from None
 
     def _connect(self, topic: str, message_type: str, latched: bool) -> Any:
@@ -240,11 +243,11 @@ class BagWriter:
 
     @property
     def folder(self) -> Path:
-        """The recording's folder while it is made: what is put there besides will be there under its name."""
-        return self._workshop / FILE_NAME
+        """The temporary folder of the recording. Other files written to it become part of the output."""
+        return self._temporary / FILE_NAME
 
     def note(self, key: str, text: str) -> None:
-        """Put a text into the recording's metadata, as rosbag2's custom data."""
+        """Store a text in the recording's metadata, as rosbag2 custom data."""
         self._writer.set_custom_data(key, text)
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
@@ -252,40 +255,40 @@ class BagWriter:
             if kind is None:
                 self._finish()
         finally:
-            shutil.rmtree(self._workshop, ignore_errors=True)
+            shutil.rmtree(self._temporary, ignore_errors=True)
 
     def _finish(self) -> None:
         try:
             self._writer.close()
             if self.path.exists():
                 if not self._replace:
-                    raise BagError(f"'{self.path}' has come into being meanwhile; it will not be replaced")
-                refuse_foreign(self.path, self._ours)
-                self.path.rename(self._workshop / "replaced")
-            (self._workshop / FILE_NAME).rename(self.path)
+                    raise BagError(f"'{self.path}' was created during the replay; it is not replaced")
+                refuse_foreign_files(self.path, self._may_replace)
+                self.path.rename(self._temporary / "replaced")
+            (self._temporary / FILE_NAME).rename(self.path)
         except LassokinError:
             raise
         except Exception as error:
             raise BagError(f"'{self.path}' cannot be written: {error}") from None
 
 
-def refuse_foreign(path: Path, ours: Callable[[str], bool]) -> None:
-    """Raise BagError when in a recording's folder something is neither the recording's nor `ours` by its name."""
+def refuse_foreign_files(path: Path, may_replace: Callable[[str], bool]) -> None:
+    """Raise BagError if the folder holds anything but the recording's files and files that `may_replace` accepts."""
     try:
         entries = sorted(path.iterdir())
     except OSError as error:
         raise BagError(f"'{path}' cannot be replaced: {error.strerror}") from None
     own = {"metadata.yaml", *_data_files(path)}
     for entry in entries:
-        if entry.is_dir() or not (entry.name in own or ours(entry.name)):
+        if entry.is_dir() or not (entry.name in own or may_replace(entry.name)):
             raise BagError(
-                f"'{path}' will not be replaced: '{entry.name}' in it is no part of the recording; move that away or "
-                "choose another output"
+                f"'{path}' is not replaced: it contains '{entry.name}', which is not part of the recording; move that "
+                "away or choose another output"
             )
 
 
 def _data_files(path: Path) -> list[str]:
-    """The files that a recording's metadata names; none when it cannot be read."""
+    """Return the data files named in a recording's metadata; empty if the metadata cannot be read."""
     try:
         data = load_mapping(read_text(path / "metadata.yaml", BagError), str(path), BagError)
         return [str(name) for name in data["rosbag2_bagfile_information"]["relative_file_paths"]]
@@ -294,18 +297,18 @@ def _data_files(path: Path) -> list[str]:
 
 
 def remove_leftovers(path: Path) -> None:
-    """Remove what a writer of the recording `path` left behind when its process was killed; none may be at work."""
-    pattern = re.compile(rf"\.{re.escape(path.name)}\.[a-z0-9_]+{re.escape(WORKSHOP_SUFFIX)}")
+    """Remove the temporary folders that killed writers of `path` left behind. No writer of `path` may be active."""
+    pattern = re.compile(rf"\.{re.escape(path.name)}\.[a-z0-9_]+{re.escape(PART_SUFFIX)}")
     for entry in path.parent.iterdir() if path.parent.is_dir() else ():
         if pattern.fullmatch(entry.name):
             shutil.rmtree(entry, ignore_errors=True)
 
 
 def _latched_qos() -> Any:
-    """Reliable, transient local, depth 1: a playback offers the message to late subscribers."""
+    """Return the QoS of a latched topic: reliable, transient local, depth 1."""
     from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
-    forever = QosTime(9223372036, 854775807)  # as ROS 2 writes it
+    forever = QosTime(9223372036, 854775807)  # the value that ROS 2 writes for an infinite duration
     return Qos(
         QosHistory.KEEP_LAST,
         1,

@@ -1,4 +1,4 @@
-"""A detector's output as a rosbag2 recording: keypoints (PointCloud2) and camera_info."""
+"""Write a detector's output as a rosbag2 recording: keypoints (PointCloud2) and camera_info."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ def write_keypoint_recording(
     storage: str = "mcap",
     replace: bool = False,
 ) -> None:
-    """Write one recording; camera_info stands before each image's keypoints, with the same stamp.
+    """Write one recording. A camera_info message precedes the keypoints of each image and has the same stamp.
 
-    stamps_ns: (f,) ns; pixels: (f, l, 2) px; confidence: (f, l), 0 = missing; K (3, 3) px and D of plumb_bob; size:
-    (width, height) px. Raises BagError when it cannot be written.
+    stamps_ns: (f,) ns. pixels: (f, l, 2) px of the raw image. confidence: (f, l), 0 = missing. K: (3, 3) px.
+    D: plumb_bob coefficients. size: (width, height) px. Raises BagError if the recording cannot be written.
     """
     types = typestore()
     backend = RosbagsBackend(types)

@@ -1,4 +1,4 @@
-"""What was tracked of a person over a whole recording, gathered frame by frame: what the exports write."""
+"""The tracked motion of each person over a whole recording, collected frame by frame for the exports."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """One person's accepted frames, f of them, in the order of the recording; camera optical frame, m and rad.
+    """The f accepted frames of one person, in recording order; camera optical frame, m and rad.
 
     Attributes
     ----------
-    person: the id, empty when one person is followed.
-    frame_id: of the camera, the last frame's.
-    skeleton: the last frame's; while calibration learns, earlier frames had other lengths.
+    person: the id, empty in single-person mode.
+    frame_id: the camera frame of the last frame.
+    skeleton: the skeleton of the last frame; with calibration, earlier frames have other bone lengths.
     landmark_names: l names.
     stamps_ns: (f,) int64.
     positions: (f, n, 3) joint centres, as published on `joints`.
-    rotations: (f, n, 3, 3) local, of each joint in its parent's frame, the root's in the camera's.
+    rotations: (f, n, 3, 3) rotation of each joint in its parent's frame; of the root in the camera frame.
     translations: (f, 3) of the root.
     angles: (f, n, 3) about x, y and z of each joint, as published on `joint_states`.
     landmarks: (f, l, 3); detected: (f, l, 2) px of the raw image, NaN = missing.
     reprojection_px, relative_gap: (f,); support_size: (f,) int; initialised: (f,) bool.
-    level: (3, 3) from the camera's frame to that of a level camera in its place.
+    level: (3, 3) rotation from the camera frame to the frame of a level camera at the same place.
     """
 
     person: str
@@ -50,13 +50,13 @@ class Motion:
 
     @property
     def frame_count(self) -> int:
-        """Number of frames, f."""
+        """The number of frames, f."""
         return len(self.stamps_ns)
 
 
 @dataclass
 class _Rows:
-    """One person's, while they grow."""
+    """The columns of one person during the replay."""
 
     frame_id: str = ""
     skeleton: Skeleton | None = None
@@ -86,21 +86,21 @@ class _Rows:
 
 
 class MotionRecorder:
-    """Gathers accepted frames by person. It keeps about 5 kB a frame: an hour at 30 Hz is half a gigabyte."""
+    """Collect the accepted frames of each person: about 5 kB per frame, 0.5 GB for an hour at 30 Hz."""
 
     def __init__(self, landmark_names: Sequence[str], level: np.ndarray) -> None:
-        """level: (3, 3) as in `Motion`."""
+        """landmark_names: l names. level: (3, 3), see `Motion`."""
         self._landmark_names, self._level = tuple(landmark_names), level
         self._people: dict[str, _Rows] = {}
 
     def add(self, frames: Sequence[FrameResult], time_ns: int = 0, seconds: float = 0.0) -> None:
-        """A keypoint message's frames, see `OfflineTracker.watchers`; rejected ones leave no row."""
+        """Add the frames of one keypoint message, see `OfflineTracker.listeners`. Rejected frames add no row."""
         for frame in frames:
             if frame.accepted and frame.estimate is not None:
                 self._people.setdefault(frame.person, _Rows()).add(frame)
 
     def motions(self) -> list[Motion]:
-        """One for each person, in the order in which they came; none when nobody was tracked."""
+        """Return one motion per person, in order of first appearance; empty if nobody was tracked."""
         motions = []
         for person, rows in self._people.items():
             assert rows.skeleton is not None

@@ -1,4 +1,4 @@
-"""The node without ROS: messages of a recording in, the messages that the node would have published out."""
+"""Replace the node in a replay: take the messages of a recording, return the messages that the node publishes."""
 
 from __future__ import annotations
 
@@ -29,23 +29,23 @@ DIAGNOSTICS_PERIOD_NS = 1_000_000_000
 LIVE_ONLY = {topic.name for topic in topics.LIVE_OUTPUTS}
 UNREADABLE = "not_deserialised"
 LINK_AS_FRAME = "frame_id is a link's name"
-"""Counted where robot_description could not follow a frame_id."""
+"""Key of the count of frames whose frame_id robot_description cannot use as its base."""
 
 
 class OfflineTracker:
-    """Its clock is the time of recording; nothing that it returns depends on how long anything takes."""
+    """Track the messages of one recording. The clock is the recording time, so the outputs are repeatable."""
 
     def __init__(self, tracker_config: TrackerConfig, node_config: NodeSettings, types: Any) -> None:
-        """types: of rosbags. Raises a LassokinError when the configuration cannot be used."""
+        """types: the typestore of rosbags. Raises a LassokinError if the configuration cannot be used."""
         self.pipeline = Pipeline(tracker_config, node_config)
         self.frame_seconds: list[float] = []
-        """Duration of each frame's decoding and tracking, s."""
+        """Time for decoding and tracking each message, s."""
         self.reprojection_px: list[float] = []
-        """Of each accepted frame, px."""
-        self.watchers: list[Callable[[Sequence[FrameResult], int, float], None]] = []
-        """Each is told of every keypoint message: its frames, its time of recording in ns, the s that it took.
+        """Reprojection error of each accepted frame, px."""
+        self.listeners: list[Callable[[Sequence[FrameResult], int, float], None]] = []
+        """Functions called for every keypoint message with its frames, recording time in ns and tracking time in s.
 
-        With `smoothing_lag` of every message's frames when they have become due."""
+        With `smoothing_lag` they are called when the frames leave the smoother."""
         self.initialisations = 0
         self._found_anew = 0
         self._backend = RosbagsBackend(types)
@@ -62,19 +62,19 @@ class OfflineTracker:
         self._diagnostics: Diagnostics | None = None
         self._next_diagnostics_ns = 0
         self.newest_ns = 0
-        """Time of recording of the newest message, ns."""
+        """Recording time of the newest message, ns."""
 
     @property
     def times_lost(self) -> int:
-        """How often somebody who had been tracked was found anew, and once more when the end is lost."""
+        """The number of re-initialisations of tracked people, plus one if the recording ends in the lost state."""
         return self._found_anew + (self.pipeline.status is Status.LOST)
 
     def save_skeleton(self, path: Path, files: AtomicFiles) -> list[Path]:
-        """Write what calibration knows by now as some of `files`, see `skeleton_file.save_all`."""
+        """Write the calibrated skeletons as part of `files`, see `skeleton_file.save_all`."""
         return save_all(self.pipeline.calibrations(), path, self.newest_ns, files)
 
     def camera_info(self, message: Any, time_ns: int) -> Iterator[tuple[str, str, Any]]:
-        """Take a CameraInfo; see `keypoints`. None stands for a message that could not be read."""
+        """Process a CameraInfo, None for one that could not be deserialised; see `keypoints`."""
         yield from self._tick(time_ns)
         assert self._diagnostics is not None
         self._diagnostics.saw_camera(time_ns * 1e-9)
@@ -84,43 +84,44 @@ class OfflineTracker:
             self.pipeline.set_camera(message)
 
     def keypoints(self, message: Any, time_ns: int) -> Iterator[tuple[str, str, Any]]:
-        """(topic, type, message) of everything that the node would publish, in its order.
+        """Process a keypoint message, None for one that could not be deserialised.
 
-        A message is re-used for the next frame: serialise it at once. None stands for one that could not be read.
+        Yields (topic, type, message) for everything that the node publishes, in the node's order. The message objects
+        are reused for the next frame: serialise them at once.
         """
         yield from self._tick(time_ns)
         if message is None:
             self.pipeline.counts["received"] += 1
             self.pipeline.counts[f"rejected: {UNREADABLE}"] += 1
             unreadable = FrameResult(time_ns, "", None, UNREADABLE, "the message could not be deserialised")
-            self._tell([unreadable], time_ns, float("nan"))
+            self._notify([unreadable], time_ns, float("nan"))
             return
         started = time.perf_counter()
         frames = self.pipeline.frames(message, time_ns)
         self.frame_seconds.append(time.perf_counter() - started)
-        self._tell(frames, time_ns, self.frame_seconds[-1])
+        self._notify(frames, time_ns, self.frame_seconds[-1])
         assert self._diagnostics is not None
-        self._diagnostics.saw_message(frames, time_ns, time_ns * 1e-9, float("nan"))  # its duration is not repeatable
+        self._diagnostics.saw_message(frames, time_ns, time_ns * 1e-9, float("nan"))  # the duration is not repeatable
         for frame in frames:
             yield from self._outputs(frame)
         yield from self._list_of_people(time_ns)
 
     def finish(self) -> Iterator[tuple[str, str, Any]]:
-        """What waits for its `smoothing_lag` when the recording has ended; see `keypoints`."""
+        """Flush the frames that `smoothing_lag` still holds at the end of the recording; see `keypoints`."""
         frames = self.pipeline.flush()
         if frames:
-            self._tell(frames, self.newest_ns, float("nan"))
+            self._notify(frames, self.newest_ns, float("nan"))
         for frame in frames:
             yield from self._outputs(frame)
 
-    def _tell(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
+    def _notify(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
         stamp = attrgetter("stamp_ns")
         messages = [list(group) for _, group in groupby(sorted(frames, key=stamp), stamp)]
         if not messages and self.pipeline.tracker.config.smoothing_lag == 0:
-            messages = [[]]  # nobody was there; with a lag, nobody yet
+            messages = [[]]  # nobody was in the image; with a lag, the frames may still follow
         for number, message in enumerate(messages, 1):
-            for watcher in self.watchers:
-                watcher(message, time_ns, seconds if number == len(messages) else float("nan"))
+            for listener in self.listeners:
+                listener(message, time_ns, seconds if number == len(messages) else float("nan"))
 
     def _outputs(self, frame: FrameResult) -> Iterator[tuple[str, str, Any]]:
         if not frame.accepted or frame.estimate is None:
@@ -135,7 +136,7 @@ class OfflineTracker:
             yield topics.full_name(name, NODE_NAME), self._types[topic], message
 
     def _list_of_people(self, time_ns: int) -> Iterator[tuple[str, str, Any]]:
-        """The ids, when they have changed."""
+        """Yield the list of ids if it has changed."""
         people = self.pipeline.people
         if people.ids is None or people.ids == self._ids:
             return
@@ -145,7 +146,7 @@ class OfflineTracker:
         yield topics.full_name(self._tracked.name, NODE_NAME), self._tracked.message_type, message
 
     def _tick(self, time_ns: int) -> Iterator[tuple[str, str, Any]]:
-        """The diagnostics that have become due."""
+        """Yield the diagnostics that are due."""
         self.newest_ns = time_ns
         if self._diagnostics is None:
             self._diagnostics = Diagnostics(self.pipeline, NODE_NAME, time_ns * 1e-9)
@@ -172,10 +173,10 @@ class PersonMessages:
         self._counts = pipeline.counts
 
     def build(self, frame: FrameResult) -> Iterator[tuple[str, Any]]:
-        """(topic, message); a message is re-used for the next frame."""
+        """Yield (topic, message). The message objects are reused for the next frame."""
         try:
             description = self._description.follow(frame)
-        except SkeletonError:  # a frame_id that is a link's name: as live, the frame is published, the URDF stays
+        except SkeletonError:  # frame_id is the name of a link: as in the node, the URDF keeps its base
             description = None
             self._counts[LINK_AS_FRAME] += 1
         if description is not None:
@@ -184,7 +185,7 @@ class PersonMessages:
 
 
 def add_type(types: Any, message_type: str, definition: str) -> None:
-    """Make a message type known that Jazzy does not bring; types: of rosbags."""
+    """Register a message type that Jazzy lacks. types: the typestore of rosbags."""
     from rosbags.typesys import get_types_from_msg
 
     if message_type not in types.types:

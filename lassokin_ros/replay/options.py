@@ -1,4 +1,4 @@
-"""The options of the command `replay`."""
+"""The command line options of `replay`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from lassokin_ros.replay.bags import STORAGES
 
 
 def parser() -> argparse.ArgumentParser:
-    """What is read, by which parameters, what is written, and on what it runs."""
+    """Return the argument parser."""
     result = argparse.ArgumentParser(
         prog="replay",
         description="Track the keypoints of a rosbag2 recording and write the node's topics to another one.",
@@ -17,9 +17,9 @@ def parser() -> argparse.ArgumentParser:
     _add_inputs(result)
     _add_outputs(result)
     result.add_argument(
-        "--jobs", type=_positive, metavar="N", help="processes for an archive (default: one for each core)"
+        "--jobs", type=_positive, metavar="N", help="number of processes for an archive (default: one per core)"
     )
-    result.add_argument("--scheduler", metavar="ADDRESS", help="of dask.distributed, or its scheduler file")
+    result.add_argument("--scheduler", metavar="ADDRESS", help="dask.distributed scheduler (address or file)")
     return result
 
 
@@ -29,14 +29,14 @@ def _add_inputs(result: argparse.ArgumentParser) -> None:
         type=Path,
         nargs="+",
         metavar="BAG",
-        help="rosbag2 folder, a single .mcap or .db3 file, or a folder of recordings; several are an archive",
+        help="rosbag2 folder, .mcap or .db3 file, or folder of recordings; several recordings are an archive",
     )
     result.add_argument(
         "--params-file", type=Path, action="append", default=[], metavar="YAML", help="ROS parameter file"
     )
-    result.add_argument("-p", action="append", default=[], metavar="name:=value", help="a parameter, as of the node")
-    result.add_argument("--keypoints-topic", metavar="TOPIC", help="needed when the recording has several")
-    result.add_argument("--camera-info-topic", metavar="TOPIC", help="needed when the recording has several")
+    result.add_argument("-p", action="append", default=[], metavar="name:=value", help="set a parameter of the tracker")
+    result.add_argument("--keypoints-topic", metavar="TOPIC", help="needed if the recording has several")
+    result.add_argument("--camera-info-topic", metavar="TOPIC", help="needed if the recording has several")
 
 
 def _add_outputs(result: argparse.ArgumentParser) -> None:
@@ -44,14 +44,15 @@ def _add_outputs(result: argparse.ArgumentParser) -> None:
         "--output",
         "-o",
         type=Path,
-        help="recording to write (default: <bag>_tracked, here); for an archive the folder of all <bag>_tracked",
+        help="recording to write (default: <bag>_tracked in the current folder); for an archive: the folder of all "
+        "<bag>_tracked",
     )
-    result.add_argument("--storage", choices=STORAGES, help="of the output (default: the input's)")
+    result.add_argument("--storage", choices=STORAGES, help="storage of the output (default: that of the input)")
     result.add_argument(
         "--report",
         type=Path,
         metavar="HTML",
-        help="write a page with plots and the skeleton in 3D, for a browser; of an archive: a folder of pages",
+        help="write an HTML page with plots and the skeleton in 3D; for an archive: a folder of pages",
     )
     result.add_argument(
         "--export",
@@ -59,15 +60,16 @@ def _add_outputs(result: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="FILE",
-        help="write the motion to a .csv, .npz, .bvh or .amass.npz too; a suffix alone: into the output's folder",
+        help="also write the motion to a .csv, .npz, .bvh or .amass.npz file; a suffix alone writes into the output "
+        "folder",
     )
     result.add_argument(
         "--save-skeleton",
         type=Path,
         metavar="YAML",
-        help="write the calibrated skeleton of who is there at the end; of several people each their own, _<id> added",
+        help="write the calibrated skeleton at the end; with several people one file per person, with _<id> added",
     )
-    result.add_argument("--force", action="store_true", help="replace an output that exists")
+    result.add_argument("--force", action="store_true", help="replace existing outputs")
 
 
 def _positive(text: str) -> int:

@@ -1,4 +1,4 @@
-"""Where the outputs of `replay` go: none over a recording that is read, none over another output."""
+"""Check the output paths of `replay`: no output may overwrite an input or another output."""
 
 from __future__ import annotations
 
@@ -13,18 +13,21 @@ OUTPUT = "the output"
 
 
 class OutputError(LassokinError):
-    """An output has no place of its own, or cannot be written."""
+    """An output path conflicts with another path, or cannot be written."""
 
 
 class Inputs:
-    """Recordings that are read."""
+    """The input recordings."""
 
     def __init__(self, bags: Iterable[Path]) -> None:
         self._bags = {_real(bag): bag for bag in bags}
         self._around = {folder: bag for place, bag in self._bags.items() for folder in place.parents}
 
     def refuse(self, what: str, path: Path) -> None:
-        """Raise OutputError when `path` is one of them, in one, or an output around one; what: goes there."""
+        """Raise OutputError if `path` is an input, lies inside one, or is an output folder that contains one.
+
+        what: the kind of output, for the error text.
+        """
         place = _real(path)
         inside = next((folder for folder in place.parents if folder in self._bags), None)
         if place in self._bags:
@@ -32,20 +35,20 @@ class Inputs:
         elif inside is not None:
             relation, bag = "is inside", self._bags[inside]
         elif what == OUTPUT and place in self._around:
-            relation, bag = "is around", self._around[place]
+            relation, bag = "contains", self._around[place]
         else:
             return
-        raise OutputError(f"{what} '{path}' {relation} the recording that is read, '{bag}'; choose another")
+        raise OutputError(f"{what} '{path}' {relation} the input recording '{bag}'; choose another path")
 
 
 def check_output_paths(replays: Sequence[argparse.Namespace]) -> None:
-    """Raise OutputError for an output that would destroy an input or another output, whatever --force says.
+    """Raise OutputError for an output that would destroy an input or another output, also with --force.
 
-    replays: the options of one recording each, with its `bag` and its `output`. Raises ExportError as well.
+    replays: the options of each recording, with `bag` and `output` set. Raises ExportError for a bad --export.
     """
     everything = Inputs(options.bag for options in replays)
     for options in replays:
-        # Without --force an archive refuses, by itself and one by one, what is another recording's input.
+        # Without --force the archive itself refuses an output that is the input of another recording.
         inputs = everything if options.force else Inputs([options.bag])
         for what, path in _places(options):
             inputs.refuse(what, path)
@@ -53,7 +56,7 @@ def check_output_paths(replays: Sequence[argparse.Namespace]) -> None:
 
 
 def _places(options: argparse.Namespace) -> Iterator[tuple[str, Path]]:
-    """(what is written, where) of one recording; an export into the output's folder has its place for sure."""
+    """Yield (kind of output, path) for one recording, except exports into the output folder, which cannot conflict."""
     yield OUTPUT, options.output
     if options.report is not None:
         yield "--report", options.report
@@ -68,7 +71,7 @@ def _places(options: argparse.Namespace) -> Iterator[tuple[str, Path]]:
 
 
 def _refuse_shared(places: Sequence[tuple[str, Path]]) -> None:
-    """Raise OutputError for two outputs of one place, and a file inside an output, which is made as a whole."""
+    """Raise OutputError for two outputs with the same path, and for a file inside an output folder."""
     outputs = {_real(path): path for what, path in places if what == OUTPUT}
     taken: dict[Path, str] = {}
     for what, path in places:
@@ -78,9 +81,9 @@ def _refuse_shared(places: Sequence[tuple[str, Path]]) -> None:
         taken[place] = what
         around = next((outputs[folder] for folder in place.parents if folder in outputs), None)
         if around is not None and what != OUTPUT:
-            raise OutputError(f"{what} '{path}' is inside the output '{around}'; choose another")
+            raise OutputError(f"{what} '{path}' is inside the output '{around}'; choose another path")
 
 
 def _real(path: Path) -> Path:
-    """Without links; not `Path.resolve`, which raises an error for links in a circle."""
+    """Resolve links. `Path.resolve` is not used because it raises an error for circular links."""
     return Path(os.path.realpath(path))

@@ -1,7 +1,7 @@
-"""What a replay's output says of itself: of which input, with which settings, by which version, and its figures.
+"""The record in a replay's output: digests of input and settings, software version, and result figures.
 
-The record stands in the output's metadata.yaml (rosbag2's `custom_data`), so that it comes into being with the output,
-all or nothing, and goes where the output goes. It names no path and no time: same input and settings, same bytes.
+The record is stored in the output's metadata.yaml (rosbag2 `custom_data`), so it is written and moved together with
+the output. It contains no path and no time: the same input and settings give the same bytes.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from lassokin_ros.core.yaml_files import load_mapping, read_text
 from lassokin_ros.pipeline.parameter_files import offline_settings
 
 KEY = "lassokin_ros"
-"""Of the record among a recording's custom data."""
+"""Key of the record in the custom data."""
 READ_WHOLE = 64 * 2**20
-"""bytes: larger files are known by their size and by SAMPLES pieces of SAMPLE bytes, spread evenly from end to end."""
+"""bytes: the digest of a larger file covers its size and SAMPLES evenly spaced pieces of SAMPLE bytes."""
 SAMPLE, SAMPLES = 2**20, 16
 FILES = (".mcap", ".db3", ".zstd")
 
 
 @dataclass(frozen=True)
 class Figures:
-    """What became of a recording.
+    """Result figures of one replay.
 
-    frames_in, frames_out: keypoint messages read, and accepted ones; lost: how often somebody was lost, or found anew;
-    reprojection_px: median over accepted frames, None without any.
+    frames_in: keypoint messages read. frames_out: accepted ones. lost: number of tracking losses and
+    re-initialisations. reprojection_px: median over the accepted frames, None if there are none.
     """
 
     frames_in: int
@@ -42,7 +42,7 @@ class Figures:
 
 @dataclass(frozen=True)
 class Origin:
-    """Of what an output is made: the version that made it, and digests of its input and of its settings."""
+    """The origin of an output: software version, digest of the input and digest of the settings."""
 
     version: str
     input: str
@@ -51,21 +51,21 @@ class Origin:
 
 @dataclass(frozen=True)
 class Record:
-    """The whole record."""
+    """The record of one output."""
 
     origin: Origin
     figures: Figures
 
     @property
     def text(self) -> str:
-        """As it is stored: JSON."""
+        """The stored form: JSON."""
         return json.dumps({**asdict(self.origin), **asdict(self.figures)})
 
 
 def origin_of(options: argparse.Namespace) -> Origin:
-    """Of the output that the command line's options lead to. Raises a LassokinError for settings that cannot be used.
+    """Return the origin of the output that these options produce. Raises a LassokinError for unusable settings.
 
-    Files are known by their content: a parameter file and the same values on the command line are the same settings.
+    Files are identified by their content: a parameter file and the same values on the command line are equal.
     """
     configs = offline_settings(options.params_file, options.p)
     settings: dict[str, Any] = {name: value for config in configs for name, value in asdict(config).items()}
@@ -74,13 +74,13 @@ def origin_of(options: argparse.Namespace) -> Origin:
         settings[name] = _digest([path]) if path.is_file() else settings[name]
     for name in ("keypoints_topic", "camera_info_topic", "storage"):
         settings[f"--{name}"] = getattr(options, name)
-    # Exports have no part in it: with them or without, the recording is the same (see archive_files for their absence).
+    # Exports do not change the recording, so they are not part of the settings (see archive/output_files.py).
     text = json.dumps(settings, sort_keys=True)
     return Origin(_version(), _digest(_files(options.bag)), hashlib.sha256(text.encode()).hexdigest())
 
 
 def record_of(path: Path) -> Record | None:
-    """The record of a recording, None where there is none, or none that is understood."""
+    """Return the record of a recording, or None if there is none or it cannot be parsed."""
     try:
         data = load_mapping(read_text(path / "metadata.yaml", LassokinError), str(path), LassokinError)
         values = json.loads(data["rosbag2_bagfile_information"]["custom_data"][KEY])
@@ -93,19 +93,19 @@ def record_of(path: Path) -> Record | None:
 def _version() -> str:
     try:
         return metadata.version("lassokin_ros")
-    except metadata.PackageNotFoundError:  # run from its folder, not installed
+    except metadata.PackageNotFoundError:  # run from the source folder, not installed
         return "unknown"
 
 
 def _files(bag: Path) -> list[Path]:
-    """The files that make up a recording; none when there is no recording."""
+    """Return the files of a recording; empty if there is no recording."""
     if not bag.is_dir():
         return [bag] if bag.is_file() else []
     return sorted(file for file in bag.iterdir() if file.name == "metadata.yaml" or file.suffix in FILES)
 
 
 def _digest(files: list[Path]) -> str:
-    """Of the files' contents; empty when one cannot be read, which whoever opens it will say better."""
+    """Return a digest of the files' contents, empty if a file cannot be read: opening it gives a better error."""
     digest = hashlib.sha256()
     try:
         for file in files:

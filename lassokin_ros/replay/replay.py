@@ -1,4 +1,4 @@
-"""Run the tracker over one rosbag2 recording, without ROS, and write the outputs to another recording."""
+"""Run the tracker on one rosbag2 recording, without ROS, and write the outputs to another recording."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ if TYPE_CHECKING:
     from lassokin_ros.replay.record import Figures
     from lassokin_ros.replay.report.report import Report
 
+
 @dataclass(frozen=True)
 class Replayed:
-    """What is said of a replay: in words, in figures, and the median ms per frame, which is not repeatable."""
+    """The result of a replay: printed summary, figures, and median ms per frame (which is not repeatable)."""
 
     summary: str
     figures: Figures
@@ -30,9 +31,9 @@ class Replayed:
 
 
 def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Replayed:
-    """Track what is recorded in options.bag, write options.output. Raises a LassokinError.
+    """Track the recording options.bag and write options.output. Raises a LassokinError.
 
-    progress_on: a stream for the progress bar, stderr by default.
+    progress_on: stream for the progress bar, stderr by default.
     """
     import numpy as np
 
@@ -50,7 +51,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
     tracker_config, node_config = offline_settings(options.params_file, options.p)
     if options.save_skeleton is not None:
         if not tracker_config.calibrate:
-            raise ConfigurationError("--save-skeleton has nothing to save without calibration; add -p calibrate:=true")
+            raise ConfigurationError("--save-skeleton needs calibration; add -p calibrate:=true")
         check_skeleton_file(options.save_skeleton, node_config.several_people, options.force)
     with BagReader(options.bag) as bag:
         keypoints_type = full_type_name(node_config.keypoints_type)
@@ -61,7 +62,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
         exports = _exports(options, tracker)
         output = options.output
         storage = options.storage or bag.storage
-        # All or nothing: every file is on the disk before the recording has its name, and has its own right after it.
+        # All or nothing: every file is complete on the disk before the recording and the files get their names.
         with AtomicFiles(options.force, OutputError) as files:
             with BagWriter(output, storage, bag.types, options.force, is_inside_name) as writer:
                 progress = Progress(keypoints.count + camera.count, "messages", progress_on)
@@ -80,12 +81,12 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
 def _run(
     bag: BagReader, keypoints: RecordedTopic, camera: RecordedTopic, tracker: Any, writer: BagWriter, progress: Progress
 ) -> float:
-    """Every message through the tracker, in seconds."""
+    """Process every message and return the elapsed time in s."""
     started = time.monotonic()
     try:
         for topic, time_ns, message in bag.messages([keypoints, camera]):
-            take = tracker.keypoints if topic == keypoints.name else tracker.camera_info
-            for name, message_type, output in take(message, time_ns):
+            process = tracker.keypoints if topic == keypoints.name else tracker.camera_info
+            for name, message_type, output in process(message, time_ns):
                 writer.write(name, message_type, time_ns, output, topics.is_latched(name))
             progress.advance(note=tracker.pipeline.status.value)
         for name, message_type, output in tracker.finish():
@@ -98,30 +99,30 @@ def _run(
 def _files(
     options: argparse.Namespace, tracker: Any, exports: Exports | None, writer: BagWriter, files: AtomicFiles
 ) -> dict[str, str]:
-    """Write the skeleton and the exports; what the summary says of them."""
-    said = {}
+    """Write the skeletons and the exports; return their lines of the summary."""
+    lines = {}
     if options.save_skeleton is not None:
-        said["skeleton"] = ", ".join(map(str, tracker.save_skeleton(options.save_skeleton, files)))
+        lines["skeleton"] = ", ".join(map(str, tracker.save_skeleton(options.save_skeleton, files)))
     if exports is not None:
         paths = exports.write(writer.folder, files)
         names = [str(options.output / path.name if path.parent == writer.folder else path) for path in paths]
-        said["exported"] = ", ".join(names) or "nothing: nobody was tracked"
-    return said
+        lines["exported"] = ", ".join(names) or "nothing: nobody was tracked"
+    return lines
 
 
 def _report(options: argparse.Namespace, tracker: Any) -> Report | None:
-    """What gathers for the page, None when none is wanted. Raises a LassokinError when it could not be written."""
+    """Return the collector of the report, None without --report. Raises a LassokinError for an unusable path."""
     if options.report is None:
         return None
     from lassokin_ros.replay.report.report import Report
 
     report = Report(options.report, tracker.pipeline, options.force)
-    tracker.watchers.append(report.add)
+    tracker.listeners.append(report.add)
     return report
 
 
 def _exports(options: argparse.Namespace, tracker: Any) -> Exports | None:
-    """What gathers for the exports, None when none is wanted. Raises a LassokinError when one could not be written."""
+    """Return the collector of the exports, None without --export. Raises a LassokinError for an unusable path."""
     if not options.export:
         return None
     from lassokin_ros.core.evidence.upright import levelling
@@ -131,7 +132,7 @@ def _exports(options: argparse.Namespace, tracker: Any) -> Exports | None:
     pipeline = tracker.pipeline
     mount = pipeline.tracker.config
     recorder = MotionRecorder(pipeline.tracker.layout.names, levelling(mount.camera_roll, mount.camera_pitch))
-    tracker.watchers.append(recorder.add)
+    tracker.listeners.append(recorder.add)
     return Exports(options.export, recorder, pipeline.config.several_people, options.force)
 
 
@@ -168,7 +169,7 @@ def _summary(
     if averaged:
         lines["left and right"] = averaged_sides(averaged)
     if counts[LINK_AS_FRAME]:
-        lines["base frame"] = "a frame_id is the name of one of the body's links; robot_description has another base"
+        lines["base frame"] = "frame_id is the name of a link of the body; robot_description has another base"
     lines.update(written)
     read = [f"{name:<15} {topic}" for name, topic in zip((topics.KEYPOINTS, topics.CAMERA_INFO), inputs)]
     return "\n".join([title, *read, *(f"{name:<15} {text}" for name, text in lines.items())])

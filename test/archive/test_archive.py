@@ -84,7 +84,7 @@ def test_an_output_of_other_settings_or_input_is_not_taken_for_done(tmp_path, ca
     file.write_text("tracker:\n  ros__parameters:\n    height: 1.75\n")
     assert outcomes(replayed(capsys, *arguments, "--params-file", file)[1]) == {"a": "done before"}
     code, said = replayed(capsys, *arguments, "-p", "height:=1.9")
-    assert code == 2 and "exists and is of another input, version or settings; say --force" in outcomes(said)["a"]
+    assert code == 2 and "exists, from another input, version or settings; add --force" in outcomes(said)["a"]
     assert contents(tmp_path / "out") == before
     recording = next((tmp_path / "in" / "a").glob("*.mcap"))
     recording.write_bytes(write_recording(tmp_path / "other", 13).joinpath("recording.mcap").read_bytes())
@@ -147,7 +147,7 @@ def test_outputs_among_the_recordings_are_not_replayed(tmp_path, capsys, monkeyp
     "arguments, expected",
     [
         (["x/a", "y/a"], "would both be written to"),
-        (["x", "y/a", "-o", "x/a"], "is no folder for several outputs"),
+        (["x", "y/a", "-o", "x/a"], "cannot hold several outputs"),
         (["x", "--export", "all.csv"], "names one file for many recordings; give the suffix alone"),
         (
             ["x", "--save-skeleton", "x.yaml", "-p", "calibrate:=true"],
@@ -221,7 +221,7 @@ def test_an_interrupted_archive_leaves_whole_outputs_and_goes_on(tmp_path, capsy
     send(running.pid, number)
     said, complained = running.communicate(timeout=30)
     assert running.returncode == 130 and said == ""
-    assert complained == "replay: interrupted; 2 of 3 recordings are done; the same command goes on from there\n"
+    assert complained == "replay: interrupted; 2 of 3 recordings are done; run the same command again to continue\n"
     assert sorted(os.listdir(output)) == ["walk_tracked", "wave_tracked"]
     code, said = replayed(capsys, archive / "day1", "--output", output)
     assert code == 0 and outcomes(said) == {"walk": "done before", "wave": "done before"}

@@ -63,7 +63,7 @@ def lose_the_scheduler(archive, output, address, scheduler):
     scheduler.kill()
     said, complained = running.communicate(timeout=30)
     assert running.returncode == 2 and complained == ""
-    assert outcomes(said)["z_long0"] == "failed: the scheduler went away, or cancelled it"
+    assert outcomes(said)["z_long0"] == "failed: the scheduler was lost, or cancelled the task"
 
 
 def test_an_archive_on_two_workers_of_which_one_is_killed(tmp_path, capsys):
@@ -94,9 +94,9 @@ def test_an_archive_on_two_workers_of_which_one_is_killed(tmp_path, capsys):
 @pytest.mark.parametrize(
     "address, expected",
     [
-        (f"tcp://{HERE}:9", f"there is no scheduler at 'tcp://{HERE}:9'"),
-        ("nowhere", "there is no scheduler at 'nowhere'"),
-        ("nix.json", "'nix.json' is no scheduler file: [Errno 2] No such file or directory: 'nix.json'"),
+        (f"tcp://{HERE}:9", f"no scheduler at 'tcp://{HERE}:9'"),
+        ("nowhere", "no scheduler at 'nowhere'"),
+        ("nix.json", "'nix.json' is not a scheduler file: [Errno 2] No such file or directory: 'nix.json'"),
     ],
 )
 def test_no_scheduler_is_one_line(tmp_path, capsys, monkeypatch, address, expected):

@@ -24,18 +24,18 @@ def folder(tmp_path, monkeypatch):
 
 
 OVER_THE_INPUT = {
-    "itself": (["in", "-o", "in"], "the output 'in' is the recording that is read, 'in'"),
-    "by another name": (["in", "-o", "out/../in"], "the output 'out/../in' is the recording that is read, 'in'"),
-    "by a link": (["link", "-o", "in"], "the output 'in' is the recording that is read, 'link'"),
-    "around a file": (["in/recording.mcap", "-o", "in"], "the output 'in' is around the recording that is read, "),
-    "inside": (["in", "-o", "in/new"], "the output 'in/new' is inside the recording that is read, 'in'"),
-    "report": (["in", "--report", "in/recording.mcap"], "--report 'in/recording.mcap' is inside the recording that"),
+    "itself": (["in", "-o", "in"], "the output 'in' is the input recording 'in'"),
+    "by another name": (["in", "-o", "out/../in"], "the output 'out/../in' is the input recording 'in'"),
+    "by a link": (["link", "-o", "in"], "the output 'in' is the input recording 'link'"),
+    "around a file": (["in/recording.mcap", "-o", "in"], "the output 'in' contains the input recording "),
+    "inside": (["in", "-o", "in/new"], "the output 'in/new' is inside the input recording 'in'"),
+    "report": (["in", "--report", "in/recording.mcap"], "--report 'in/recording.mcap' is inside the input recording"),
     "report of a file": (
         ["in/recording.mcap", "--report", "link/recording.mcap"],
-        "--report 'link/recording.mcap' is the recording that is read, 'in/recording.mcap'",
+        "--report 'link/recording.mcap' is the input recording 'in/recording.mcap'",
     ),
-    "export": (["in", "--export", ".csv", "--export", "in/a.csv"], "--export 'in/a.csv' is inside the recording"),
-    "skeleton": (["in", *SKELETON, "in/metadata.yaml"], "--save-skeleton 'in/metadata.yaml' is inside the recording"),
+    "export": (["in", "--export", ".csv", "--export", "in/a.csv"], "--export 'in/a.csv' is inside the input recording"),
+    "skeleton": (["in", *SKELETON, "in/metadata.yaml"], "--save-skeleton 'in/metadata.yaml' is inside the input"),
 }
 ONE_PLACE = {
     "export and report": (
@@ -46,13 +46,13 @@ ONE_PLACE = {
     "output and report": (["in", "-o", "h", "--report", "h"], "the output and --report both name 'h'"),
     "within the output": (
         ["in", "-o", "out", "--export", "out/h.csv"],
-        "--export 'out/h.csv' is inside the output 'out'; choose another",
+        "--export 'out/h.csv' is inside the output 'out'; choose another path",
     ),
 }
 ARCHIVE = {
-    "inside an input": (["in", "out", "-o", "in/new"], "the output '{}/in/new/in_tracked' is inside the recording"),
-    "another's input": (["in", "in_tracked"], "the output '{}/in_tracked' is the recording that is read, '{}/in_tr"),
-    "pages": (["in", "out", "-o", "new", "--report", "in"], "--report '{}/in/in.html' is inside the recording that"),
+    "inside an input": (["in", "out", "-o", "in/new"], "the output '{}/in/new/in_tracked' is inside the input"),
+    "another's input": (["in", "in_tracked"], "the output '{}/in_tracked' is the input recording '{}/in_tr"),
+    "pages": (["in", "out", "-o", "new", "--report", "in"], "--report '{}/in/in.html' is inside the input recording"),
 }
 
 

@@ -247,7 +247,7 @@ def test_an_existing_output_stays_unless_forced(recording, replayed, tmp_path, c
     assert main([str(recording), "-o", str(output), "-p", "height:=1.5"]) == 0
     before = contents(output)
     assert main([str(recording), "-o", str(output)]) == 2
-    assert "exists already; choose another output or say --force" in capsys.readouterr().err
+    assert "exists already; choose another output or add --force" in capsys.readouterr().err
     assert contents(output) == before
     assert main([str(recording), "-o", str(output), "--force"]) == 0
     assert contents(output) == contents(replayed) and os.listdir(tmp_path) == ["out"]
@@ -258,7 +258,7 @@ def test_force_replaces_recordings_only(recording, tmp_path, capsys):
     precious.mkdir()
     (precious / "chapter.tex").write_text("...")
     assert main([str(recording), "-o", str(precious), "--force"]) == 2
-    assert "is no rosbag2 recording; it will not be replaced" in capsys.readouterr().err
+    assert "is not a rosbag2 recording; it is not replaced" in capsys.readouterr().err
     assert (precious / "chapter.tex").read_text() == "..."
 
 
@@ -273,8 +273,8 @@ def test_force_replaces_no_folder_in_which_the_user_has_something(recording, tmp
     assert main([str(recording), "-o", str(output), "--force", "--export", ".csv"]) == 2
     foreign = name.split("/")[0]
     assert capsys.readouterr().err == (
-        f"replay: '{output}' will not be replaced: '{foreign}' in it is no part of the recording; move that away or "
-        "choose another output\n"
+        f"replay: '{output}' is not replaced: it contains '{foreign}', which is not part of the recording; move that "
+        "away or choose another output\n"
     )
     assert contents(output) == before and os.listdir(tmp_path) == ["out"]
 
@@ -282,7 +282,8 @@ def test_force_replaces_no_folder_in_which_the_user_has_something(recording, tmp
 def test_what_comes_into_an_old_output_meanwhile_stays(recording, tmp_path):
     output = tmp_path / "out"
     assert main([str(recording), "-o", str(output)]) == 0
-    with pytest.raises(BagError, match="'notes.txt' in it is no part"), BagWriter(output, "mcap", typestore(), True):
+    expected = "contains 'notes.txt', which is not part"
+    with pytest.raises(BagError, match=expected), BagWriter(output, "mcap", typestore(), True):
         (output / "notes.txt").write_text("mine")
     assert (output / "notes.txt").read_text() == "mine" and os.listdir(tmp_path) == ["out"]
 

@@ -43,7 +43,7 @@ def folder(tmp_path_factory):
 BAD = {
     "no such recording": (["nix"], "there is no recording 'nix'; expected a rosbag2 folder, or a .mcap or .db3 file"),
     "no recording": (["notes.txt"], "notes.txt cannot be read as a rosbag2 recording: Unrecognized storage format"),
-    "an empty folder": (["empty"], "'empty' is no rosbag2 recording: it has no metadata.yaml"),
+    "an empty folder": (["empty"], "'empty' is not a rosbag2 recording: it has no metadata.yaml"),
     "no keypoints": (
         ["no_keypoints"],
         "no_keypoints has no topic of type sensor_msgs/msg/PointCloud2 for keypoints; its topics are: "
@@ -147,7 +147,7 @@ def test_a_summary_that_nobody_reads_is_no_fault(arguments, tmp_path):
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
 def test_a_summary_that_cannot_be_printed_is_one_line(arguments, tmp_path):
     with open("/dev/full", "w") as full:
-        said = "replay: the work is done, its summary cannot be printed: No space left on device\n"
+        said = "replay: the work is done, but its summary cannot be printed: No space left on device\n"
         assert replay_into(full, tmp_path, *arguments) == (2, said)
 
 

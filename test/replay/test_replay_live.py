@@ -82,7 +82,7 @@ def test_what_was_rejected_before_the_recording_is_not_counted(tmp_path):
 
 
 def test_a_node_that_cannot_start_is_said():
-    with pytest.raises(LassokinError, match="the node has ended: tracker: skeleton 'nobody' is neither built in"):
+    with pytest.raises(LassokinError, match="the node has exited: tracker: skeleton 'nobody' is neither built in"):
         with LiveNode({"skeleton": "nobody"}, "/broken") as live:
             live._spin_while(lambda: True, "an answer")
 

@@ -1,1 +1,1 @@
-"""Motion out, for other tools: one small module for each format, fed by `lassokin_ros.replay.motion.Motion`."""
+"""Export motion to the file formats of other tools. One module per format writes a `replay.motion.Motion`."""

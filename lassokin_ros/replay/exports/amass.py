@@ -1,7 +1,8 @@
-"""SMPL's pose parameters in the form of an AMASS npz: poses, trans, betas, gender, mocap_framerate.
+"""Export SMPL pose parameters as an AMASS npz file: poses, trans, betas, gender, mocap_framerate.
 
-World of AMASS: metres, z up; x is the camera's right and y its viewing direction, levelled by how it is mounted; it is
-at the origin. SMPL's rest pose is the T-pose with y up, x to the left, z to the front, which is our rest pose too.
+World frame: metres, z up, x to the right of the camera, y along its viewing direction, corrected for the camera's roll
+and pitch; the camera is at the origin. The rest pose of SMPL is also that of this package: T-pose, y up, x to the
+person's left, z to the front.
 """
 
 from __future__ import annotations
@@ -19,14 +20,14 @@ from lassokin_ros.replay.motion import Motion
 WORLD_FROM_LEVEL = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 BETAS = 16
 SMPL = "anthropometric"
-"""The built-in skeleton: its tree is SMPL's, names, order and all."""
+"""The built-in skeleton. It has the joint tree of SMPL, with the same names and order."""
 
 
 def write_amass(motion: Motion, file: BinaryIO) -> None:
     """Write one person: poses (f, 72) axis-angle in rad, trans (f, 3) m, betas and gender neutral.
 
-    trans is the pelvis. SMPL itself adds its model's rest pelvis to trans: who poses a mesh with it subtracts that.
-    Raises ExportError for a skeleton without SMPL's root, and for stamps without a constant rate (see sampling).
+    trans is the pelvis position. SMPL adds the rest position of its pelvis to trans: subtract it to pose an SMPL mesh.
+    Raises ExportError for a skeleton without SMPL's root, and for stamps that cannot be resampled (see sampling).
     """
     track = uniform(motion)
     rotations = smpl_rotations(motion.skeleton, track.rotations)
@@ -43,14 +44,15 @@ def write_amass(motion: Motion, file: BinaryIO) -> None:
 
 
 def smpl_rotations(skeleton: Skeleton, rotations: np.ndarray) -> np.ndarray:
-    """(f, 24, 3, 3) local rotations of SMPL's joints; those that the skeleton has not do not turn.
+    """Return (f, 24, 3, 3) local rotations of SMPL's joints; identity for joints that the skeleton lacks.
 
-    rotations: (f, n, 3, 3) local, of the skeleton's joints. Joints between two of SMPL's turn the lower one.
+    rotations: (f, n, 3, 3) local rotations of the skeleton's joints. The rotation of an additional joint between two
+    SMPL joints is added to the lower one.
     """
     smpl = Skeleton.load(SMPL, 1.0)
     if skeleton.joint_names[0] != smpl.joint_names[0]:
         raise ExportError(
-            f"SMPL's poses need SMPL's joint names; the root of skeleton '{skeleton.name}' is "
+            f"an .amass.npz file needs SMPL's joint names; the root of skeleton '{skeleton.name}' is "
             f"'{skeleton.joint_names[0]}', not '{smpl.joint_names[0]}'"
         )
     turned = rotations.copy()  # orientations

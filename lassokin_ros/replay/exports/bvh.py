@@ -1,8 +1,8 @@
-"""BVH, which Blender, MotionBuilder and most animation tools open.
+"""Export BVH, the format of Blender, MotionBuilder and most animation tools.
 
-Metres; y up, x to the camera's right, z towards the camera: its optical frame, levelled by how it is mounted, turned by
-half a turn about the x axis. At rest the person stands in a T-pose with the pelvis at the origin; the pelvis
-has position channels, every joint its three rotations in the order of its angles in `joint_states`.
+Units are metres. y points up, x to the right of the camera, z towards the camera: the optical frame, corrected for the
+camera's roll and pitch and rotated by pi about x. The rest pose is a T-pose with the pelvis at the origin. The pelvis
+has position channels; every joint has three rotation channels, in the order of its angles in `joint_states`.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from lassokin_ros.replay.motion import Motion
 
 WORLD_FROM_LEVEL = np.diag([1.0, -1.0, -1.0])
 TIP = 0.5
-"""Length of what ends a chain, in lengths of the bone before it: BVH wants one, we have none."""
+"""Length of an end site, as a fraction of the bone before it. BVH requires one; the skeleton has none."""
 SMALLEST_TIP = 0.02  # m
 
 
 def write_bvh(motion: Motion, file: BinaryIO) -> None:
-    """Write one person. Raises ExportError for stamps that a constant rate cannot stand for (see sampling)."""
+    """Write one person. Raises ExportError for stamps that cannot be resampled (see sampling)."""
     track, skeleton = uniform(motion), motion.skeleton
     rotations = track.rotations.copy()
     world = WORLD_FROM_LEVEL @ motion.level
@@ -40,12 +40,12 @@ def write_bvh(motion: Motion, file: BinaryIO) -> None:
 
 
 def hierarchy(skeleton: Skeleton) -> str:
-    """The file's first part, the skeleton at rest."""
+    """Return the HIERARCHY section, the skeleton at rest."""
     return "\n".join(["HIERARCHY", *_joint(skeleton, 0, 0)]) + "\n"
 
 
 def channel_order(skeleton: Skeleton) -> tuple[np.ndarray, np.ndarray]:
-    """(n, 3) axes of each joint's channels, and (n, 1) the joints, in the order in which the file lists them."""
+    """Return the axes of each joint's channels (n, 3) and the joint indices (n, 1), in file order."""
     joints = np.array(list(_depth_first(skeleton, 0)))
     axes = np.array([["xyz".index(axis) for axis in word] for word in skeleton.axes])
     return axes[joints], joints[:, None]
@@ -58,9 +58,9 @@ def _depth_first(skeleton: Skeleton, joint: int) -> Iterator[int]:
 
 
 def _joint(skeleton: Skeleton, joint: int, depth: int) -> Iterator[str]:
-    """The lines of a joint and of all below it."""
+    """Yield the lines of a joint and its descendants."""
     indent = "  " * depth
-    name = "_".join(skeleton.joint_names[joint].split())  # a blank would end the name
+    name = "_".join(skeleton.joint_names[joint].split())  # a blank ends a name in BVH
     turns = " ".join(f"{axis.upper()}rotation" for axis in skeleton.axes[joint])
     channels = f"6 Xposition Yposition Zposition {turns}" if depth == 0 else f"3 {turns}"
     yield f"{indent}{'JOINT' if depth else 'ROOT'} {name}"

@@ -1,4 +1,4 @@
-"""CSV: a row for each frame of each person, every column with its unit in the header."""
+"""Export CSV: one row per frame and person; the header gives the unit of each column."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SECOND = 1_000_000_000  # ns
 
 
 def header(joint_names: Sequence[str]) -> list[str]:
-    """The columns' names: stamp, person, positions of all joints, angles of all joints, reprojection."""
+    """Return the column names: stamp, person, joint positions, joint angles, reprojection error."""
     positions = [f"{joint} position {axis} [m]" for joint in joint_names for axis in "xyz"]
     angles = [f"{joint} angle {axis} [rad]" for joint in joint_names for axis in "xyz"]
     return ["stamp [s]", "person", *positions, *angles, "reprojection [px]"]
@@ -24,8 +24,8 @@ def header(joint_names: Sequence[str]) -> list[str]:
 def write_csv(motions: Sequence[Motion], file: BinaryIO) -> None:
     """Write all people, one after the other.
 
-    Positions are in the camera optical frame, to 1 um; angles those of `joint_states`, to 1e-6 rad. The stamp has all
-    its nanoseconds: as a floating point number it loses the last two digits.
+    Positions are in the camera optical frame, rounded to 1 um. Angles are those of `joint_states`, rounded to 1e-6 rad.
+    Stamps are written with all nanoseconds; a reader that parses them as float64 loses the last two digits.
     """
     text = io.TextIOWrapper(file, encoding="utf-8", newline="")
     rows = csv.writer(text, lineterminator="\n")
@@ -39,4 +39,4 @@ def write_csv(motions: Sequence[Motion], file: BinaryIO) -> None:
             time = f"{stamp // SECOND}.{stamp % SECOND:09d}"
             rows.writerow([time, motion.person, *(f"{value:.6f}" for value in row)])
     text.flush()
-    text.detach()  # the file stays open: who opened it closes it
+    text.detach()  # leave the file open for the caller

@@ -1,7 +1,7 @@
-"""What the exports raise."""
+"""The exception of the exports."""
 
 from lassokin_ros.core.errors import LassokinError
 
 
 class ExportError(LassokinError):
-    """A motion cannot be written in a format, or a file cannot be made."""
+    """A motion cannot be represented in a format, or a file cannot be written."""

@@ -1,4 +1,4 @@
-"""`replay --export`: which formats there are, where the files go, and when they are written."""
+"""`replay --export`: the available formats, the paths of the files, and their writing."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from lassokin_ros.replay.exports.npz import write_npz
 from lassokin_ros.replay.motion import Motion, MotionRecorder
 
 TABLES: dict[str, Callable[[Sequence[Motion], BinaryIO], None]] = {".csv": write_csv, ".npz": write_npz}
-"""Suffix -> writer of all people into one file."""
+"""Suffix -> writer of one file for all people."""
 PERSONS: dict[str, Callable[[Motion, BinaryIO], None]] = {".bvh": write_bvh, ".amass.npz": write_amass}
-"""Suffix -> writer of one person."""
+"""Suffix -> writer of one file per person."""
 INSIDE = "motion"
-"""What a file is called that goes into the output's folder."""
+"""Stem of the files written into the output folder."""
 
 
 _INSIDE = re.compile(rf"{INSIDE}(_p\d+)?({'|'.join(map(re.escape, [*TABLES, *PERSONS]))})")
@@ -30,20 +30,20 @@ _INSIDE = re.compile(rf"{INSIDE}(_p\d+)?({'|'.join(map(re.escape, [*TABLES, *PER
 
 @dataclass(frozen=True)
 class Target:
-    """One file that is wanted. folder: None stands for the output's own."""
+    """One requested file. folder: None = the output folder."""
 
     stem: str
     suffix: str
     folder: Path | None
 
     def path(self, output: Path, person: str = "") -> Path:
-        """Where a person's file goes; person: empty for all, or the one who is followed."""
+        """Return the path of a person's file. person: empty for a file of all people and in single-person mode."""
         name = f"{self.stem}_{person}{self.suffix}" if person else f"{self.stem}{self.suffix}"
         return (output if self.folder is None else self.folder) / name
 
 
 def target_of(wanted: Path) -> Target:
-    """What --export names: a file, or a suffix alone for a file in the output's folder. Raises ExportError."""
+    """Parse the argument of --export: a file name, or a suffix alone for the output folder. Raises ExportError."""
     name = wanted.name
     for suffix in sorted([*TABLES, *PERSONS], key=len, reverse=True):
         if name == suffix == str(wanted):
@@ -51,29 +51,29 @@ def target_of(wanted: Path) -> Target:
         if name.endswith(suffix) and name != suffix:
             return Target(name.removesuffix(suffix), suffix, wanted.parent)
     known = ", ".join([*TABLES, *PERSONS])
-    raise ExportError(f"--export '{wanted}': the format is told by the suffix; expected one of: {known}")
+    raise ExportError(f"--export '{wanted}': unknown suffix; expected one of: {known}")
 
 
 def is_inside_name(name: str) -> bool:
-    """True for what --export with a suffix alone calls a file in the output's folder."""
+    """Return True for the names of files that --export with a suffix alone creates."""
     return _INSIDE.fullmatch(name) is not None
 
 
 def check_archive_exports(wanted: Sequence[Path]) -> None:
-    """Raise ExportError for a file name where there are many recordings: only suffixes make sense there."""
+    """Raise ExportError for a file name: an archive accepts suffixes only."""
     for target in map(target_of, wanted):
         if target.folder is not None:
             raise ExportError(
                 f"--export '{target.path(Path())}' names one file for many recordings; give the suffix alone, "
-                f"--export {target.suffix}, for a file in each output's folder"
+                f"--export {target.suffix}, for one file in each output folder"
             )
 
 
 class Exports:
-    """The exports of one replay: gathers while it runs, writes at its end."""
+    """The exports of one replay: frames are collected during the replay and written at its end."""
 
     def __init__(self, wanted: Sequence[Path], recorder: MotionRecorder, several: bool, replace: bool) -> None:
-        """several: more than one person may be followed. Raises ExportError for what could not be written: now."""
+        """several: True if several people may be tracked. Raises ExportError for paths that cannot be written."""
         self._targets = list(dict.fromkeys(map(target_of, wanted)))
         self._recorder, self._replace = recorder, replace
         for target in self._targets:
@@ -84,9 +84,10 @@ class Exports:
                         refuse_existing(path, replace, ExportError)
 
     def write(self, output: Path, files: AtomicFiles) -> list[Path]:
-        """Write all files; their paths. output: the folder for those that name none, the others are some of `files`.
+        """Write all files and return their paths.
 
-        Raises ExportError, or what `files` does.
+        output: the folder for targets without a folder; the others are written as part of `files`. Raises ExportError,
+        and the error of `files`.
         """
         motions = self._recorder.motions()
         paths: list[Path] = []
@@ -99,7 +100,7 @@ class Exports:
 
 
 def _jobs(target: Target, output: Path, motions: list[Motion]) -> list[tuple[Path, Callable[[BinaryIO], None]]]:
-    """(path, what writes it) of a target's files; none when nobody was tracked."""
+    """Return (path, writer) for the files of a target; empty if nobody was tracked."""
     if not motions:
         return []
     if target.suffix in TABLES:

@@ -1,4 +1,4 @@
-"""npz: everything that is known of each frame, as named numpy arrays without pickled objects."""
+"""Export npz: all data of each frame as named numpy arrays, without pickled objects."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lassokin_ros.replay.motion import Motion
 def write_npz(motions: Sequence[Motion], file: BinaryIO) -> None:
     """Write all people, one after the other: r rows, n joints, l landmarks, p people; camera optical frame, m and rad.
 
-    Not compressed: what zlib makes of it depends on its version, and the same motion is to give the same bytes.
+    The file is not compressed, because the output of zlib depends on its version: equal motions give equal bytes.
     """
     first = motions[0]
     skeleton = first.skeleton

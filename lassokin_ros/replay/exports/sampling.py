@@ -1,4 +1,4 @@
-"""A motion at a constant rate, for formats that know no stamps."""
+"""Resample a motion at a constant rate, for formats without stamps."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from lassokin_ros.replay.exports.errors import ExportError
 from lassokin_ros.replay.motion import Motion
 
 JITTER_NS = 1_000_000
-"""ns: frames whose stamps are all this near to a constant rate are taken as they are."""
+"""ns: frames whose stamps deviate less than this from a constant rate are not resampled."""
 ONE_FRAME_S = 1 / 30
 """s: the period of a motion of a single frame."""
 MOST_SAMPLES = 200_000
-"""Samples that a motion of few frames may be spread over: an hour and a half at 30 Hz."""
+"""Limit on the number of samples for a motion of few frames: 1.9 hours at 30 Hz."""
 
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """period: s; rotations: (f, n, 3, 3) local; translations: (f, 3) m of the root; camera optical frame."""
+    """A motion at a constant rate. period: s. rotations: (f, n, 3, 3) local. translations: (f, 3) m, of the root."""
 
     period: float
     rotations: np.ndarray
@@ -28,11 +28,11 @@ class Track:
 
 
 def uniform(motion: Motion) -> Track:
-    """The motion at a constant rate, from its first stamp to its last.
+    """Return the motion at a constant rate, from its first stamp to its last.
 
-    Regular stamps (to `JITTER_NS`) leave the frames as they are. Others are sampled anew at the median period: between
-    two frames each joint turns about one axis at constant speed and the root moves on a straight line, through gaps
-    too. Raises ExportError where the stamps jump back, or so far that the samples would be too many.
+    Frames with regular stamps (within `JITTER_NS`) are returned unchanged. Others are resampled at the median period:
+    between two frames, also across gaps, each joint rotates about a fixed axis at constant speed and the root moves on
+    a straight line. Raises ExportError if the stamps jump back, or if the result would exceed `MOST_SAMPLES`.
     """
     stamps, count = motion.stamps_ns, motion.frame_count
     if count == 1:
@@ -42,8 +42,8 @@ def uniform(motion: Motion) -> Track:
     if steps.min() <= 0:
         back = int(np.argmin(steps))
         raise ExportError(
-            f"the stamps jump back by {-steps[back] * 1e-9:.3f} s at frame {back + 1}, which a file of one constant "
-            "rate cannot hold; export .csv or .npz, or replay the parts of the recording alone"
+            f"the stamps jump back by {-steps[back] * 1e-9:.3f} s at frame {back + 1}, which a format with a constant "
+            "frame rate cannot represent; export .csv or .npz, or replay each part of the recording separately"
         )
     regular = since[-1] / (count - 1)
     if np.abs(since - regular * np.arange(count)).max() <= JITTER_NS:
@@ -52,8 +52,8 @@ def uniform(motion: Motion) -> Track:
     samples = int(since[-1] / period) + 1
     if samples > max(MOST_SAMPLES, 10 * count):
         raise ExportError(
-            f"{count} frames are spread over {since[-1] * 1e-9:.0f} s, {samples} samples at a constant rate; expected "
-            f"at most {MOST_SAMPLES}; export .csv or .npz"
+            f"{count} frames are spread over {since[-1] * 1e-9:.0f} s, which needs {samples} samples at a constant "
+            f"frame rate; expected at most {MOST_SAMPLES}; export .csv or .npz"
         )
     return _sampled(motion, since, period * np.arange(samples))
 

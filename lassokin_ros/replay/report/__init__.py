@@ -1,1 +1,1 @@
-"""`replay --report`: one page that shows what became of a recording."""
+"""`replay --report`: an HTML page that shows the result of a replay."""

@@ -1,4 +1,4 @@
-"""Stretches of a recording in which a person was not there."""
+"""Time spans of a recording without a skeleton of a person."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ import numpy as np
 from lassokin_ros.replay.report.log import MessageRow, PersonRow
 
 SHORTEST_S = 0.15
-"""s: shorter pauses are what every detector has."""
+"""s: shorter pauses are not gaps."""
 PERIODS = 3.5
-"""Pauses shorter than this many of the usual pauses between frames are no gaps."""
+"""Pauses shorter than this many median message periods are not gaps."""
 
 
 @dataclass(frozen=True)
 class Span:
-    """From `start` to `end`, s, nothing was published of a person.
+    """A time span, from `start` to `end` in s, in which no skeleton of a person was published.
 
-    lost: so long that they were found anew afterwards; at_start: before the first time; reasons: of the messages in it.
+    lost: longer than `lost_after`, so that tracking was re-initialised. at_start: before the first skeleton.
+    reasons: how often each rejection reason occurs in the span.
     """
 
     start: float
@@ -32,20 +33,20 @@ class Span:
 
     @property
     def seconds(self) -> float:
-        """Its length."""
+        """Length, s."""
         return self.end - self.start
 
 
-NO_MESSAGE, NOBODY = "no keypoints came", "not among those seen"
+NO_MESSAGE, NOBODY = "no keypoint messages", "not detected"
 
 
 def usual_period(times: np.ndarray) -> float:
-    """s between two messages, the median; 0 for fewer than two."""
+    """Return the median time between two messages, s; 0 for fewer than two messages."""
     return float(np.median(np.diff(times))) if len(times) > 1 else 0.0
 
 
 def spans_of(rows: Sequence[PersonRow], messages: Sequence[MessageRow], lost_after: float, whole: bool) -> list[Span]:
-    """The gaps of one person's track; whole: the recording's start and end count too (one person is followed)."""
+    """Return the gaps of one person's track. whole: include gaps at the start and the end (single-person mode)."""
     seen = [row.time for row in rows if row.rejection is None]
     if not messages:
         return []
@@ -65,6 +66,6 @@ def spans_of(rows: Sequence[PersonRow], messages: Sequence[MessageRow], lost_aft
 
 
 def _reasons(inside: Sequence[MessageRow]) -> Counter[str]:
-    """How many of the messages in a span were refused for what."""
+    """Count the rejection reasons of the messages in a span."""
     reasons = Counter(m.rejection or NOBODY for m in inside if m.rejection is not None or m.people == 0)
     return reasons if inside else Counter({NO_MESSAGE: 1})

@@ -1,4 +1,4 @@
-// Data, colours and helpers of the page. All the scripts are one function when the page is made, see page.py.
+// Data, colours and helpers of the page. page.py concatenates all scripts into one function.
 const element = (id) => document.getElementById(id);
 const read = (id) => JSON.parse(element(id).textContent);
 const data = read("data"), times = read("times");
@@ -10,8 +10,8 @@ const FONT = { family: "system-ui, 'Segoe UI', Roboto, Arial, 'Liberation Sans',
 const QUIET = { scrollZoom: true, displaylogo: false, responsive: true, displayModeBar: false };
 const HOME = { ...QUIET, displayModeBar: true, modeBarButtons: [["resetCameraDefault3d"]] };
 const TURN_PER_SECOND = 0.5;                             // rad
-const OUTLYING_M = 0.3, OUTLYING_PX = 100;              // a few wild frames must not make everything else small
-const CURSOR_EVERY = 80;                                 // ms: moving the line in six plots costs more than the skeleton
+const OUTLYING_M = 0.3, OUTLYING_PX = 100;              // a few outlier frames must not shrink the view
+const CURSOR_EVERY = 80;                                 // ms: moving the cursor line in all plots is slower than moving the skeleton
 
 function fail(error) {
   const item = document.createElement("li");
@@ -26,7 +26,7 @@ window.addEventListener("unhandledrejection", (event) => fail(event.reason));
 const plain = (text) => String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
 const side = (name) => (name.startsWith("left") ? "left" : name.startsWith("right") ? "right" : "middle");
 
-function usual(values, outlying) {                       // the least and the largest, of outliers those that nearly all reach
+function usual(values, outlying) {                       // minimum and maximum; the 1st and 99th percentile if the extremes are outliers
   const sorted = Float64Array.from(values.filter((value) => !Number.isNaN(value))).sort(), last = sorted.length - 1;
   if (last < 0) return [Infinity, -Infinity];
   const low = sorted[Math.floor(0.01 * last)], high = sorted[Math.ceil(0.99 * last)];

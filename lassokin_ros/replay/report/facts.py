@@ -1,4 +1,4 @@
-"""Everything that the page is made of: the replay's log, counts and settings, and what follows from them."""
+"""The data of the page: log, counts and settings of the replay, and quantities derived from them."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ from lassokin_ros.replay.report.log import PersonRow, ReplayLog
 
 @dataclass(frozen=True, eq=False)
 class Facts:
-    """A replay that has ended.
+    """The data of a finished replay.
 
-    title: the recording's name; topics: of the keypoints and of camera_info; counts: of the pipeline; landmarks: names
-    in the layout's order; skeleton: as it was given; image_size: (width, height) px, None without camera_info.
+    title: name of the recording. topics: keypoint topic and camera_info topic. counts: counters of the pipeline.
+    landmarks: names in layout order. skeleton: the skeleton before calibration. image_size: (width, height) px, None
+    without camera_info.
     """
 
     title: str
@@ -35,25 +36,25 @@ class Facts:
 
     @cached_property
     def people(self) -> list[str]:
-        """Ids, in the order in which they came; one empty id when one person is followed."""
+        """Ids in order of first appearance; one empty id in single-person mode."""
         return [""] if not self.node.several_people else list(self.log.people)
 
     def rows(self, person: str) -> list[PersonRow]:
-        """One person's rows, refused ones too."""
+        """Return the rows of one person, including rejected ones."""
         return self.log.people.get(person, [])
 
     def accepted(self, person: str) -> list[PersonRow]:
-        """One person's rows with a skeleton."""
+        """Return the rows of one person with a skeleton."""
         return [row for row in self.rows(person) if row.rejection is None]
 
     @cached_property
     def tracks(self) -> list[PersonRow]:
-        """Everybody's rows with a skeleton."""
+        """The rows of all people with a skeleton."""
         return [row for person in self.people for row in self.accepted(person)]
 
     @cached_property
     def spans(self) -> dict[str, list[Span]]:
-        """Each person's gaps."""
+        """The gaps of each person."""
         whole = not self.node.several_people
         return {
             person: spans_of(self.rows(person), self.log.messages, self.tracker.lost_after, whole)
@@ -62,34 +63,34 @@ class Facts:
 
     @cached_property
     def times(self) -> np.ndarray:
-        """(messages,) s."""
+        """(m,) s: time of each message."""
         return np.array([message.time for message in self.log.messages])
 
     @property
     def duration(self) -> float:
-        """s from the first message to the last."""
+        """Time from the first message to the last, s."""
         return float(self.times.max()) if len(self.times) else 0.0
 
     @cached_property
     def rate(self) -> float:
-        """Hz, of the keypoints: one over the usual pause between two of them; 0 where there is none."""
+        """Keypoint rate, Hz: the inverse of the median period; 0 for fewer than two messages."""
         period = usual_period(self.times)
         return 1 / period if period > 0 else 0.0
 
     @property
     def rejected(self) -> dict[str, int]:
-        """How many messages, frames of people and camera_infos were refused, by reason."""
+        """Number of rejected messages, per-person frames and camera_info messages, by reason."""
         found = {key.partition(": ")[2]: n for key, n in self.counts.items() if key.startswith("rejected: ") and n}
         return dict(sorted(found.items(), key=lambda item: (-item[1], item[0])))
 
     @property
     def initialisations(self) -> int:
-        """How often somebody was found."""
+        """Number of initialisations."""
         return sum(row.initialised for row in self.tracks)
 
 
 def landmark_errors(rows: list[PersonRow], count: int) -> tuple[np.ndarray, np.ndarray]:
-    """(l,) px, the median distance of detected and reprojected point; (l,) the share of frames in which it was seen."""
+    """Return per landmark: median distance between detected and reprojected point (l,) px, share of frames (l,)."""
     pairs = [
         (row.detected, row.reprojected) for row in rows if row.detected is not None and row.reprojected is not None
     ]

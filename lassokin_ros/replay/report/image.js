@@ -1,4 +1,4 @@
-// The image plane: what was detected, and the skeleton through the lens.
+// The image plane: detected keypoints and the skeleton projected through the lens.
 function imageValues(axis) {
   const detected = [], reprojected = [], between = [];
   for (let l = 0; l < L; l++) {

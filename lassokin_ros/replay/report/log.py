@@ -1,4 +1,4 @@
-"""What a replay saw, message by message and person by person, kept for the page."""
+"""The log of a replay for the page: one row per message, and one row per message and person."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 
 STAMP_REASONS = ("old_stamp", "stamp_jump", "bad_stamp")
 LONGEST_AHEAD_S = 10.0
-"""s: stamps that run ahead of the recording by more from one message to the next have jumped."""
+"""s: a stamp that advances by this much more than the recording time is a jump."""
 
 
 @dataclass(frozen=True)
 class MessageRow:
     """One keypoint message.
 
-    time: s since the first one, by stamps; delay: s from stamp to recording; seconds: s that its tracking took;
-    people: frames that were published; rejection: key of the reason when it was refused as a whole.
+    time: s since the first message, by stamps. delay: s from stamp to recording. seconds: tracking time, s.
+    people: number of published skeletons. rejection: key of the reason, if the message was rejected.
     """
 
     time: float
@@ -33,12 +33,12 @@ class MessageRow:
 
 @dataclass(frozen=True, eq=False)
 class PersonRow:
-    """One person in one message; arrays are None where the frame was rejected.
+    """One person in one message; arrays are None for a rejected frame.
 
-    time: s; rejection: key of the reason; detected: (l, 2) px, None when there was nothing; reprojected: (l, 2) px;
-    outline: (n, 2) px, joints in the image; positions: (n, 3) m, camera frame; angles: (n, 3) deg, as in
-    `joint_states`; bends: (n,) deg, the whole turn of each joint; lengths: (n,) m, of the bone that ends in each joint;
-    deviations: (n,) m, see `JointUncertainty`.
+    time: s. rejection: key of the reason. detected: (l, 2) px, None without keypoints. reprojected: (l, 2) px.
+    outline: (n, 2) px, joints in the image. positions: (n, 3) m, camera frame. angles: (n, 3) deg, as in
+    `joint_states`. bends: (n,) deg, rotation angle of each joint. lengths: (n,) m, length of the bone that ends at each
+    joint. deviations: (n,) m, see `JointUncertainty`.
     """
 
     time: float
@@ -59,18 +59,18 @@ class PersonRow:
 
     @property
     def mean_deviation_mm(self) -> float:
-        """mm, the mean over the joints beside the root."""
+        """Mean over the joints without the root, mm."""
         return np.nan if self.deviations is None else 1e3 * float(self.deviations[1:].mean())
 
     @property
     def worst_deviation_mm(self) -> float:
-        """mm, of the joint that is most uncertain."""
+        """Largest deviation of a joint, mm."""
         return np.nan if self.deviations is None else 1e3 * float(self.deviations.max())
 
 
 @dataclass(frozen=True)
 class Jump:
-    """Stamps that jumped: at `time` s of the page, `ahead` by so many s, back where negative."""
+    """A jump of the stamps. time: s, on the page's axis. ahead: s, negative for a jump back."""
 
     time: float
     ahead: float
@@ -78,10 +78,10 @@ class Jump:
 
 @dataclass
 class ReplayLog:
-    """Grows with each message, by about 4 kB for each person in it; `people` holds rows by id, "" for one alone.
+    """The log. It grows by about 4 kB per message and person.
 
-    details: the first refused message's explanation, by reason; late: s by which frames may come after those of later
-    messages (`smoothing_lag`).
+    people: rows by person id, "" in single-person mode. details: explanation of the first rejected message, by reason.
+    late: s, the largest delay of a frame behind later messages (`smoothing_lag`).
     """
 
     messages: list[MessageRow] = field(default_factory=list)
@@ -93,7 +93,7 @@ class ReplayLog:
     _last: tuple[float, int, int] | None = None
 
     def add(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
-        """A keypoint message that was worked on; time_ns: of recording; seconds: that it took."""
+        """Add the frames of one keypoint message. time_ns: recording time. seconds: tracking time."""
         stamp_ns = frames[0].stamp_ns if frames else time_ns
         refused = next((f.rejection for f in frames if not f.accepted), None)
         time = self._clock(stamp_ns, time_ns, refused not in STAMP_REASONS)
@@ -106,23 +106,23 @@ class ReplayLog:
                 self.people.setdefault(frame.person, []).append(person_row(frame, time))
 
     def in_order(self) -> None:
-        """Sort by time what came late."""
+        """Sort the rows by time; with `smoothing_lag` they may arrive out of order."""
         if self.late > 0:
             self.messages.sort(key=lambda row: row.time)
             for rows in self.people.values():
                 rows.sort(key=lambda row: row.time)
 
-    def _clock(self, stamp_ns: int, time_ns: int, believed: bool) -> float:
-        """s on the page's axis: the stamps', which goes on at the recording's pace where they jump.
+    def _clock(self, stamp_ns: int, time_ns: int, stamp_valid: bool) -> float:
+        """Return the time on the page's axis, s: by stamps, and by recording time where the stamps jump.
 
-        believed: the message was not refused for its stamp.
+        stamp_valid: False if the message was rejected because of its stamp.
         """
         if self._last is None:
             self._last, self.first_stamp_ns = (0.0, stamp_ns, time_ns), stamp_ns
             return 0.0
         time, last_stamp, last_time = self._last
         step, recorded = (stamp_ns - last_stamp) * 1e-9, max((time_ns - last_time) * 1e-9, 0.0)
-        if not believed:
+        if not stamp_valid:
             return time + recorded
         if -self.late <= step < 0:
             return time + step
@@ -134,7 +134,7 @@ class ReplayLog:
 
 
 def person_row(frame: FrameResult, time: float) -> PersonRow:
-    """What the page shows of a frame."""
+    """Return the row of a frame."""
     estimate = frame.estimate
     if not frame.accepted or estimate is None or frame.lens is None or frame.positions is None:
         return PersonRow(time, frame.rejection, frame.detected)
@@ -158,7 +158,7 @@ def person_row(frame: FrameResult, time: float) -> PersonRow:
 
 
 def _certificate(estimate: Estimate) -> tuple[float, float, float]:
-    """Relative duality gap, largest KKT residual, and the support's size."""
+    """Return relative duality gap, largest KKT residual and support size."""
     certificate = estimate.certificate
     assert certificate is not None
     return certificate.relative_gap, certificate.kkt_residual, float(certificate.support_size)

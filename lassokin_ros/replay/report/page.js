@@ -1,13 +1,13 @@
-// Time, person, and who moves them. The address may say where to begin: report.html#t=3.2&person=p2
+// Time and person, and their controls. The address may give a start: report.html#t=3.2&person=p2
 const now = () => (me.time.length ? me.time[frame] : 0);
 function nearest(time) {
   let best = 0;
   me.time.forEach((t, i) => { if (Math.abs(t - time) < Math.abs(me.time[best] - time)) best = i; });
   return best;
 }
-function say() {
+function showTime() {
   const refused = me.refused[frame];
-  element("time").textContent = `${now().toFixed(2)} s of ${data.duration.toFixed(2)} s` + (refused ? `, refused: ${refused}` : "");
+  element("time").textContent = `${now().toFixed(2)} s of ${data.duration.toFixed(2)} s` + (refused ? `, rejected: ${refused}` : "");
   element("slider").value = frame;
   const absent = Number.isNaN(place[0](frame, 0));
   for (const note of document.querySelectorAll(".absent")) {
@@ -17,11 +17,11 @@ function say() {
 }
 async function go(index, always = true) {
   frame = Math.max(0, Math.min(index, me.time.length - 1));
-  say();
+  showTime();
   if (!me.time.length || busy) return;
   busy = true;
   let drawn;
-  do {                                                   // moved on meanwhile: draw the newest, never a queue of old ones
+  do {                                                   // if the frame changed while drawing, draw the newest one
     drawn = frame;
     await Promise.all([moveSpace(), moveImage(), moveCursor(always)]);
   } while (drawn !== frame);
@@ -63,7 +63,7 @@ async function choosePerson(index, time) {
   me = data.people[index];
   frame = nearest(time);
   element("slider").max = Math.max(me.time.length - 1, 0);
-  say();
+  showTime();
   await Promise.all([drawSpace(), drawImage(), drawSeries(), drawLandmarks()]);
   document.body.dataset.frame = String(frame);
 }
@@ -77,8 +77,8 @@ async function start() {
   element("person-label").hidden = data.people.length < 2;
   fill(element("joint"), [...Object.keys(GROUPS).filter((g) => GROUPS[g].some((j) => data.joints.includes(j))), ...data.joints]);
   const stride = data.people.length ? data.people[0].stride : 1;
-  element("thinned").textContent = stride > 1 ? `Long recording: of the skeletons, image points and angles every ${stride}th frame ` +
-    "is in this page; the error, the gap and the latency are the largest of each stretch." : "";
+  element("thinned").textContent = stride > 1 ? `Long recording: this page contains skeletons, image points and angles of every ${stride}th frame; ` +
+    "error, gap and latency are the maximum of each stretch." : "";
   const address = new URLSearchParams(location.hash.slice(1));
   const first = Math.max(0, data.people.findIndex((person) => person.name === address.get("person")));
   element("person").value = String(first);

@@ -1,4 +1,4 @@
-"""The page: one HTML file with its data, its script and plotly.js inside; nothing is fetched when it is looked at."""
+"""Assemble the page: one HTML file with its data, scripts and plotly.js; it loads nothing from elsewhere."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from lassokin_ros.replay.report.findings import findings
 from lassokin_ros.replay.report.page_data import page_data, timing_data
 
 SCRIPTS = ("common", "space", "image", "series", "page")
-"""In the page they are one function, in this order."""
+"""The scripts are concatenated in this order, into one function."""
 
 
 class ReportError(LassokinError):
-    """The report cannot be made or written."""
+    """The report cannot be created or written."""
 
 
 def check_report(path: Path, replace: bool = False) -> None:
-    """Raise ReportError when a report could not be made at `path`: said before the work rather than after it."""
+    """Raise ReportError if a report cannot be created at `path`. Call it before the replay starts."""
     _plotly()
     refuse_existing(path, replace, ReportError)
 
 
 def page(facts: Facts) -> str:
-    """The page's text. Raises ReportError when plotly is not installed."""
+    """Return the HTML text. Raises ReportError if plotly is not installed."""
     template = Template(_file("page.html"))
     return template.substitute(
         title=escape(facts.title),
@@ -67,7 +67,7 @@ def _subtitle(facts: Facts) -> Iterator[str]:
 
 
 def _script_json(data: dict[str, Any]) -> str:
-    """JSON that cannot end the script element in which it stands."""
+    """Return JSON that cannot end the enclosing script element."""
     text = json.dumps(data, allow_nan=False, separators=(",", ":"), ensure_ascii=True)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
@@ -77,9 +77,9 @@ def _file(name: str) -> str:
 
 
 def _plotly() -> str:
-    """plotly.js, which plotly brings with it."""
+    """Return plotly.js, which is part of the package plotly."""
     try:
         from plotly.offline import get_plotlyjs
     except ImportError:
-        raise ReportError("the report is drawn with plotly; install it with: pip install plotly") from None
+        raise ReportError("--report needs plotly; install it with: pip install plotly") from None
     return str(get_plotlyjs())

@@ -1,7 +1,7 @@
-"""What the page's script draws, as JSON: numbers packed as base64 of small integers, so that the page stays light.
+"""The data of the page as JSON. Arrays are packed as base64 of int16, which keeps the page small.
 
-Long recordings are thinned: of the skeletons every n-th frame goes into the page (`BUDGET`), of a figure over time the
-largest value of each n frames (`POINTS`), so that peaks stay.
+Long recordings are thinned: the page contains every n-th skeleton (`BUDGET`). A figure over time keeps the largest
+value of every n frames (`POINTS`), so that peaks remain.
 """
 
 from __future__ import annotations
@@ -14,23 +14,23 @@ import numpy as np
 
 from lassokin_ros.replay.report.facts import Facts, landmark_errors
 from lassokin_ros.replay.report.log import PersonRow
-from lassokin_ros.replay.report.rejection_advice import words_for
+from lassokin_ros.replay.report.rejection_advice import reason_text
 
 BUDGET = 2_000_000
-"""bytes of skeletons, image points and angles in the page, before base64 (which makes 4 of 3)."""
+"""bytes: limit for skeletons, image points and angles in the page, before base64 (which adds a third)."""
 POINTS = 6000
-"""Values of a figure over time."""
+"""Maximum number of values of a figure over time."""
 RATE_POINTS = 800
 MISSING = -32768
 LARGEST = 32000
 MM, TENTH = 1e-3, 0.1
-"""Steps in which metres, and px and degrees, are kept; coarser where numbers are large."""
+"""Resolution of metres, and of px and degrees; coarser for large numbers."""
 FARTHEST_M, FARTHEST_PX = 32.0, 3200.0
-"""What lies farther out is drawn there; for images larger than FARTHEST_PX it is their size."""
+"""Coordinates are clipped to these limits; for images larger than FARTHEST_PX, to the image size."""
 
 
 def packed(values: Any, step: float, farthest: float = np.inf) -> dict[str, Any]:
-    """Any array as {shape, step, data}: int16 counts of steps in base64, MISSING for what is not finite."""
+    """Pack an array as {shape, step, data}: int16 multiples of step in base64, MISSING for non-finite values."""
     array = np.asarray(values, dtype=float)
     finite = np.isfinite(array)
     array = np.clip(array, -farthest, farthest)
@@ -40,13 +40,13 @@ def packed(values: Any, step: float, farthest: float = np.inf) -> dict[str, Any]
 
 
 def person_data(facts: Facts, person: str, stride: int) -> dict[str, Any]:
-    """One person's track: of every stride-th frame what the slider shows, of all frames the figures over time."""
+    """Return the data of one person: skeletons of every stride-th frame, figures over time of all frames."""
     rows, accepted = facts.rows(person), facts.accepted(person)
     shown = rows[::stride]
     joints, landmarks = facts.skeleton.joint_count, len(facts.landmarks)
     nowhere = {k: np.full((n, m), np.nan) for k, n, m in (("j2", joints, 2), ("j3", joints, 3), ("l2", landmarks, 2))}
 
-    def of(name: str, empty: np.ndarray, step: float, farthest: float) -> dict[str, Any]:
+    def column(name: str, empty: np.ndarray, step: float, farthest: float) -> dict[str, Any]:
         values = [getattr(row, name) for row in shown]
         return packed(np.array([empty if v is None else v for v in values]).reshape(-1, *empty.shape), step, farthest)
 
@@ -56,14 +56,14 @@ def person_data(facts: Facts, person: str, stride: int) -> dict[str, Any]:
         "name": person,
         "stride": stride,
         "time": [round(row.time, 4) for row in shown],
-        "refused": [None if row.rejection is None else words_for(row.rejection) for row in shown],
-        "positions": of("positions", nowhere["j3"], MM, FARTHEST_M),
-        "angles": of("angles", nowhere["j3"], TENTH, np.inf),
-        "bends": of("bends", np.full(joints, np.nan), TENTH, np.inf),
-        "deviations": of("deviations", np.full(joints, np.nan), MM, FARTHEST_M),
-        "outline": of("outline", nowhere["j2"], TENTH, border),
-        "detected": of("detected", nowhere["l2"], TENTH, border),
-        "reprojected": of("reprojected", nowhere["l2"], TENTH, border),
+        "refused": [None if row.rejection is None else reason_text(row.rejection) for row in shown],
+        "positions": column("positions", nowhere["j3"], MM, FARTHEST_M),
+        "angles": column("angles", nowhere["j3"], TENTH, np.inf),
+        "bends": column("bends", np.full(joints, np.nan), TENTH, np.inf),
+        "deviations": column("deviations", np.full(joints, np.nan), MM, FARTHEST_M),
+        "outline": column("outline", nowhere["j2"], TENTH, border),
+        "detected": column("detected", nowhere["l2"], TENTH, border),
+        "reprojected": column("reprojected", nowhere["l2"], TENTH, border),
         "series": {
             "reprojection": _series(rows, "reprojection_px"),
             "deviation": _series(rows, "mean_deviation_mm"),
@@ -71,7 +71,7 @@ def person_data(facts: Facts, person: str, stride: int) -> dict[str, Any]:
             "support": _series(rows, "support"),
             "gap": _series(rows, "relative_gap"),
         },
-        "refusals": [[round(row.time, 3), words_for(row.rejection)] for row in rows if row.rejection is not None][
+        "refusals": [[round(row.time, 3), reason_text(row.rejection)] for row in rows if row.rejection is not None][
             :POINTS
         ],
         "spans": [[round(s.start, 3), round(s.end, 3), s.lost] for s in facts.spans.get(person, [])],
@@ -80,13 +80,13 @@ def person_data(facts: Facts, person: str, stride: int) -> dict[str, Any]:
 
 
 def bytes_of(facts: Facts, person: str) -> int:
-    """What a person's skeletons, image points and angles take when every frame goes into the page."""
+    """Return the size of a person's skeletons, image points and angles without thinning, bytes."""
     joints, landmarks = facts.skeleton.joint_count, len(facts.landmarks)
     return len(facts.rows(person)) * 2 * (joints * (3 + 3 + 1 + 1 + 2) + landmarks * 4)
 
 
 def page_data(facts: Facts) -> dict[str, Any]:
-    """Everything but the times that are not repeatable."""
+    """Return all data except the tracking times, which are not repeatable."""
     stride = max(1, -(-sum(bytes_of(facts, person) for person in facts.people) // BUDGET))
     skeleton = facts.skeleton
     edges, rate, out = _rates(facts)
@@ -103,14 +103,14 @@ def page_data(facts: Facts) -> dict[str, Any]:
 
 
 def timing_data(facts: Facts) -> dict[str, Any]:
-    """The times that this run took: the one thing in the page that another run of the same makes differently."""
+    """Return the tracking times, the only data that differ between two runs on the same recording."""
     rows = [(m.time, 1e3 * m.seconds) for m in facts.log.messages if np.isfinite(m.seconds)]
     time, value = worst(np.array([t for t, _ in rows]), np.array([v for _, v in rows]))
     return {"time": _numbers(time, 3), "value": _numbers(value, 3)}
 
 
 def worst(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Thinned to at most POINTS: of each stretch the largest value, at its first time; NaN where there is none."""
+    """Thin a series to at most POINTS values: the maximum of each stretch, at its first time; NaN without values."""
     size = -(-len(values) // POINTS)
     if size <= 1:
         return time, values
@@ -125,13 +125,13 @@ def _series(rows: Sequence[PersonRow], name: str) -> dict[str, Any]:
 
 
 def _numbers(values: np.ndarray, digits: int | None = None) -> list[float | None]:
-    """JSON has no NaN."""
+    """Return a list of floats, with None for non-finite values (JSON has no NaN)."""
     plain = [float(v) for v in values]
     return [None if not np.isfinite(v) else v if digits is None else round(v, digits) for v in plain]
 
 
 def _rates(facts: Facts) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times (k,) s, and messages that came and that gave a skeleton (k,) per second, in a window about each."""
+    """Return times (k,) s, and the rates of messages and of messages with a skeleton (k,) Hz, in a sliding window."""
     if not facts.log.messages:
         return np.zeros(0), np.zeros(0), np.zeros(0)
     window = max(1.0, 2 * facts.duration / RATE_POINTS)
@@ -141,8 +141,8 @@ def _rates(facts: Facts) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     times = np.sort(facts.times)
     out = np.sort(np.array([m.time for m in facts.log.messages if m.people]))
 
-    def per_second(of: np.ndarray) -> np.ndarray:
-        inside = np.searchsorted(of, centres + window / 2) - np.searchsorted(of, centres - window / 2)
+    def per_second(events: np.ndarray) -> np.ndarray:
+        inside = np.searchsorted(events, centres + window / 2) - np.searchsorted(events, centres - window / 2)
         return np.asarray(inside / window)
 
     return centres, per_second(times), per_second(out)

@@ -1,4 +1,4 @@
-"""`replay --report FILE`: gathers while the replay runs, writes the page at its end."""
+"""`replay --report FILE`: collect data during the replay and write the page at its end."""
 
 from __future__ import annotations
 
@@ -17,22 +17,23 @@ class Report:
     """The report of one replay."""
 
     def __init__(self, path: Path, pipeline: Pipeline, replace: bool = False) -> None:
-        """Raises ReportError when it could not be written: now rather than after the work."""
+        """Raises ReportError if the page cannot be written to `path`. replace: an existing file may be replaced."""
         check_report(path, replace)
         self._path, self._pipeline = path, pipeline
-        self._skeleton = pipeline.tracker.skeleton  # as given: calibration may make another of it
+        self._skeleton = pipeline.tracker.skeleton  # before calibration
         self._log = ReplayLog(late=pipeline.tracker.config.smoothing_lag)
 
     def add(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
-        """A keypoint message that was worked on, see `OfflineTracker.watchers`."""
+        """Add the frames of one keypoint message, see `OfflineTracker.listeners`."""
         self._log.add(frames, time_ns, seconds)
 
     def write(self, files: AtomicFiles, title: str, topics: tuple[str, str]) -> None:
-        """Write the page as one of `files`; title: the recording's name; topics: of keypoints and camera_info.
+        """Write the page as part of `files`.
 
-        Raises ReportError, or what `files` does.
+        title: name of the recording. topics: keypoint topic and camera_info topic. Raises ReportError, and the error of
+        `files`.
         """
-        title = title.encode(errors="backslashreplace").decode()  # a file's name may hold what UTF-8 has not
+        title = title.encode(errors="backslashreplace").decode()  # file names may hold bytes that are not UTF-8
         pipeline = self._pipeline
         self._log.in_order()
         view = pipeline.camera.view

@@ -1,11 +1,11 @@
 // Figures over time, and by landmark.
-const ROWS = [["reprojection<br>error, px", 1.1], ["angle, deg", 1.6], ["joints off by<br>about, mm", 1], ["degrees of<br>freedom that<br>move", 1],
+const ROWS = [["reprojection<br>error, px", 1.1], ["angle, deg", 1.6], ["joint<br>uncertainty,<br>mm", 1], ["moving<br>degrees of<br>freedom", 1],
   ["duality gap,<br>relative", 0.8], ["rate, Hz", 0.8], ["latency, ms", 0.8]];
 const GROUPS = { "knees and elbows": ["left_knee", "right_knee", "left_elbow", "right_elbow"],
   "hips and shoulders": ["left_hip", "right_hip", "left_shoulder", "right_shoulder"],
   "spine, neck, head": ["spine1", "spine2", "spine3", "neck", "head"] };
 
-function whole(time, value) {                            // a line does not bridge a gap
+function whole(time, value) {                            // lines are interrupted at gaps
   const x = [], y = [];
   let next = 0;
   const gaps = me.spans;
@@ -46,15 +46,15 @@ function seriesTraces() {
     ...whole(series.time, series.value), name, showlegend: false, connectgaps: false, hovertemplate: `%{y:${unit}`,
     line: { color: COLOUR.left, width: 1.5 }, ...style });
   const gap = { time: me.series.gap.time, value: me.series.gap.value.map((v) => (v === null ? null : Math.max(v, 1e-17))) };
-  const flat = ({ x, y }) => ({ x, y: y.map((v) => v ?? 0) }); // an area is not drawn with gaps: nothing moves there
+  const flat = ({ x, y }) => ({ x, y: y.map((v) => v ?? 0) }); // an area cannot have gaps; it is 0 there
   const rate = (name, value, style) => line(6, { time: data.rate.time, value }, name, ".1f} Hz", style);
   return [...angleTraces(),
     line(1, me.series.reprojection, "reprojection error", ".2f} px"),
     { type: "scatter", mode: "markers", x: me.refusals.map((r) => r[0]), y: me.refusals.map(() => 0), yaxis: "y",
-      text: me.refusals.map((r) => plain(r[1])), name: "refused", showlegend: false, cliponaxis: false,
+      text: me.refusals.map((r) => plain(r[1])), name: "rejected", showlegend: false, cliponaxis: false,
       hovertemplate: "%{text}", marker: { symbol: "line-ns", size: 9, line: { color: "#cc79a7", width: 1.5 } } },
-    line(3, me.series.deviation, "mean of all joints", ".0f} mm"),
-    line(3, me.series.worst_deviation, "the worst joint", ".0f} mm", { line: { color: "#56b4e9", width: 1 } }),
+    line(3, me.series.deviation, "mean over joints", ".0f} mm"),
+    line(3, me.series.worst_deviation, "most uncertain joint", ".0f} mm", { line: { color: "#56b4e9", width: 1 } }),
     line(4, me.series.support, "move", ".0f}", { ...flat(whole(me.series.support.time, me.series.support.value)), line: { color: COLOUR.middle, width: 1 }, fill: "tozeroy",
       fillcolor: "rgba(77,77,77,.22)" }),
     line(5, gap, "duality gap", ".1e}", { mode: "lines+markers", marker: { size: 2, color: COLOUR.left }, line: { width: 0.7, color: COLOUR.left } }),
@@ -68,7 +68,7 @@ function seriesLayout() {
   let top = 1;
   ROWS.forEach(([text, share], i) => {
     const height = (share / total) * (1 - space * ROWS.length);
-    if (i === 1) top -= space;                           // room for the legend
+    if (i === 1) top -= space;                           // space for the legend
     layout[i ? `yaxis${i + 1}` : "yaxis"] = { domain: [Math.max(top - height, 0), top], title: { text, standoff: 8, font: { size: 11 } },
       gridcolor: LINE, zeroline: false, rangemode: i === 1 ? "normal" : "tozero", nticks: 5, automargin: false,
       ...(i === 4 ? { type: "log", exponentformat: "power", rangemode: "normal", nticks: 4 } : {}) };
@@ -101,8 +101,8 @@ function drawLandmarks() {
   return Plotly.react("landmarks", [{ type: "bar", orientation: "h", x: order.map((i) => error[i]),
     y: order.map((i) => plain(data.landmarks[i])), marker: { color: order.map((i) => COLOUR[side(data.landmarks[i])]) },
     text: order.map((i) => `${Math.round(seen[i])} %`), textposition: "outside", cliponaxis: false,
-    hovertemplate: "%{y}: %{x:.1f} px, seen in %{text}<extra></extra>" }],
-  { xaxis: { title: { text: "median, px (beside the bar: seen in % of the frames)" }, gridcolor: LINE, rangemode: "tozero" },
+    hovertemplate: "%{y}: %{x:.1f} px, detected in %{text}<extra></extra>" }],
+  { xaxis: { title: { text: "median, px (label: % of frames in which it was detected)" }, gridcolor: LINE, rangemode: "tozero" },
     yaxis: { automargin: true, dtick: 1, tickfont: { size: 11 } }, margin: { l: 60, r: 46, t: 4, b: 40 }, height: 90 + 19 * L, bargap: 0.3,
     font: FONT, paper_bgcolor: "#fff", plot_bgcolor: "#fff", dragmode: false }, { ...QUIET, scrollZoom: false });
 }

@@ -1,4 +1,4 @@
-// The skeleton in space: x to the right, depth, and up, as seen from the camera.
+// The skeleton in 3D: x to the right, depth and height, as seen from the camera.
 const place = [(f, j) => me.positions.at(f, j, 0), (f, j) => me.positions.at(f, j, 2), (f, j) => -me.positions.at(f, j, 1)];
 
 function segments(list, get) {
@@ -27,7 +27,7 @@ function extent(axis, centred) {
 function scene() {
   const centred = element("follow").checked;
   const ranges = [extent(0, centred), extent(1, centred), extent(2, false)];
-  ranges[2][0] += 0.12;                                  // the floor is where the lowest foot has been
+  ranges[2][0] += 0.12;                                  // the floor is at the lowest foot position
   const sizes = ranges.map(([low, high]) => high - low), largest = Math.max(...sizes), diagonal = Math.hypot(...sizes);
   const axis = (text, range, floor) => ({ title: { text, font: { size: 12 } }, range, autorange: false, dtick: 0.5,
     gridcolor: "#cfd6dc", zeroline: false, showbackground: floor, backgroundcolor: "#eef1f4", tickfont: { size: 10 },
@@ -42,7 +42,7 @@ function scene() {
     camera: { eye: { x: 0.8, y: -2.1, z: 0.4 }, center: { x: 0, y: 0, z: -0.12 }, up: { x: 0, y: 0, z: 1 } } };
 }
 
-function path() {                                       // of the pelvis, on the floor
+function path() {                                       // path of the pelvis, drawn on the floor
   const floor = extent(2, false)[0] + 0.12, points = me.time.map((_, f) => place.slice(0, 2).map((get) => none(get(f, 0))));
   const shown = element("follow").checked ? [] : points;
   return { type: "scatter3d", mode: "lines", x: shown.map((p) => p[0]), y: shown.map((p) => p[1]), z: shown.map(() => floor),
@@ -55,11 +55,11 @@ function drawSpace() {
   const traces = SIDES.map((s, i) => ({ type: "scatter3d", mode: "lines", x: x[i], y: y[i], z: z[i], hoverinfo: "skip",
     line: { color: COLOUR[s], width: 9 }, name: s }));
   traces.push({ type: "scatter3d", mode: "markers", x: x[3], y: y[3], z: z[3], text: data.joints.map(plain),
-    hovertemplate: "%{text}<br>%{x:.2f}, %{y:.2f}, %{z:.2f} m<br>off by about %{customdata:.0f} mm<extra></extra>",
+    hovertemplate: "%{text}<br>%{x:.2f}, %{y:.2f}, %{z:.2f} m<br>uncertainty %{customdata:.0f} mm<extra></extra>",
     customdata: deviations(), marker: { size: data.joints.map((name) => (name === "head" ? 14 : 6)), color: colours, opacity: 1, line: { width: 0 } } });
   traces.push(path());
   if (element("follow").checked) traces.push({ type: "scatter3d", mode: "markers", x: [0], y: [0], z: [extent(2, false)[0] + 0.12],
-    hoverinfo: "skip", marker: { size: 3, color: "#9aa4ae" } }); // keeps the room when there is no skeleton
+    hoverinfo: "skip", marker: { size: 3, color: "#9aa4ae" } }); // keeps the axes when there is no skeleton
   return Plotly.react("space", traces, { scene: scene(), showlegend: false, margin: { l: 0, r: 0, t: 0, b: 0 }, font: FONT,
     paper_bgcolor: "#fff", uirevision: "space" }, HOME);
 }

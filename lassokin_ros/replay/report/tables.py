@@ -1,4 +1,4 @@
-"""The page's tables of figures, as HTML; everything that comes from a recording or a file is escaped."""
+"""The tables of the page, as HTML. All text from recordings and files is escaped."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.replay.report.facts import Facts, landmark_errors
-from lassokin_ros.replay.report.rejection_advice import advice_for, words_for
+from lassokin_ros.replay.report.rejection_advice import advice_for, reason_text
 
 MOST_ROWS = 40
-"""Rows of a table that could be as long as the recording."""
+"""Maximum number of rows of the table of gaps."""
 
 
 def marked(text: str) -> str:
-    """Escaped, with `names` between backticks set as code."""
+    """Escape a text and set `names` between backticks as code."""
     return re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(text))
 
 
 def table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]], numbers: Sequence[int] = ()) -> str:
-    """A table with a title, nothing without rows; numbers: the columns that are set flush right."""
+    """Return a table with a title, or nothing if there are no rows. numbers: columns that are right-aligned."""
     lines = []
     for row in rows:
         cells = [
@@ -38,7 +38,7 @@ def table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]], number
 
 
 def figures(facts: Facts) -> str:
-    """What the replay came to."""
+    """Return the table of result figures."""
     counts, tracks = facts.counts, facts.tracks
     received, accepted = counts.get("received", 0), counts.get("accepted", 0)
     spans = [span for person in facts.people for span in facts.spans[person]]
@@ -46,11 +46,11 @@ def figures(facts: Facts) -> str:
     short = [span.seconds for span in spans if not span.lost]
     rows = [
         ("Keypoint messages", f"{received} in {facts.duration:.1f} s, {facts.rate:.1f} Hz"),
-        ("Gave a skeleton", f"{accepted}" + (f" ({accepted / received:.1%})" if received else "")),
-        ("Refused", f"{received - accepted}"),
+        ("With a skeleton", f"{accepted}" + (f" ({accepted / received:.1%})" if received else "")),
+        ("Rejected", f"{received - accepted}"),
     ]
     if facts.node.several_people:
-        rows.append(("People", f"{len(facts.people)} followed, {len(tracks)} skeletons in all"))
+        rows.append(("People", f"{len(facts.people)} tracked, {len(tracks)} skeletons in total"))
     if tracks:
         pixels = np.array([row.reprojection_px for row in tracks])
         gap, kkt = np.array([row.relative_gap for row in tracks]), np.array([row.kkt for row in tracks])
@@ -61,7 +61,7 @@ def figures(facts: Facts) -> str:
             ("Duality gap, relative", f"{_percentile(gap, 50):.1e} median, {gap.max():.1e} largest"),
             ("KKT residual, of alpha", f"{_percentile(kkt, 50):.1e} median, {kkt.max():.1e} largest"),
             (
-                "Degrees of freedom that move",
+                "Moving degrees of freedom",
                 f"{_percentile(support, 50):.0f} median, {support.max():.0f} largest, of "
                 f"{3 * facts.skeleton.joint_count}",
             ),
@@ -72,25 +72,25 @@ def figures(facts: Facts) -> str:
             ("Initialised", "once" if facts.initialisations == 1 else f"{facts.initialisations} times"),
         ]
     rows += [
-        ("Lost spans", f"{len(lost)}, {sum(lost):.1f} s in all" if lost else "none"),
-        ("Short gaps", f"{len(short)}, {sum(short):.1f} s in all" if short else "none"),
+        ("Lost spans", f"{len(lost)}, {sum(lost):.1f} s in total" if lost else "none"),
+        ("Short gaps", f"{len(short)}, {sum(short):.1f} s in total" if short else "none"),
         ("Calibration", calibration(facts)),
     ]
     return table("Figures", ("", ""), rows)
 
 
 def calibration(facts: Facts) -> str:
-    """In one line: whether lengths are learned, and by how much they changed."""
+    """Return the state of calibration in one line."""
     if not facts.tracker.calibrate:
-        return f"off; the bones are those of '{facts.skeleton.name}' at {facts.skeleton.height:g} m"
+        return f"off; bone lengths of '{facts.skeleton.name}' at {facts.skeleton.height:g} m"
     changes = [abs(change) for person in facts.people for _, _, change in bones(facts, person)]
     if not changes or max(changes) < 1e-4:
-        return "on; the images do not contradict the given bones, which stayed"
-    return f"on; bones changed by up to {max(changes):.1%}"
+        return "on; bone lengths unchanged"
+    return f"on; bone lengths changed by up to {max(changes):.1%}"
 
 
 def bones(facts: Facts, person: str) -> list[tuple[str, float, float]]:
-    """(joint, mm at the end, share by which it changed) of every bone, named by the joint in which it ends."""
+    """Return (joint, length at the end in mm, relative change) of each bone, named by the joint at which it ends."""
     lengths = [row.lengths for row in facts.accepted(person) if row.lengths is not None]
     if not lengths:
         return []
@@ -103,7 +103,7 @@ def bones(facts: Facts, person: str) -> list[tuple[str, float, float]]:
 
 
 def timing(facts: Facts) -> str:
-    """What another run of the same would give otherwise."""
+    """Return the table of tracking times, which are not repeatable."""
     times = np.array([1e3 * m.seconds for m in facts.log.messages if np.isfinite(m.seconds)])
     if not len(times):
         return ""
@@ -117,31 +117,31 @@ def timing(facts: Facts) -> str:
 
 
 def rejections(facts: Facts) -> str:
-    """By reason, with advice."""
+    """Return the table of rejections by reason, with advice."""
     rows = []
     for key, count in facts.rejected.items():
         reason, _, of_person = key.partition(" (")
-        rows.append((words_for(reason) + (f" ({of_person}" if of_person else ""), str(count), advice_for(reason)))
-    return table("Refused, by reason", ("reason", "messages", "what to look at"), rows, (1,))
+        rows.append((reason_text(reason) + (f" ({of_person}" if of_person else ""), str(count), advice_for(reason)))
+    return table("Rejections by reason", ("reason", "messages", "advice"), rows, (1,))
 
 
 def lost_spans(facts: Facts) -> str:
-    """When nobody was tracked, or one of several was not."""
+    """Return the table of spans in which a person was not tracked."""
     rows = []
     for person in facts.people:
         for span in facts.spans[person]:
-            kind = "lost, found anew" if span.lost else "short gap"
-            why = ", ".join(f"{n} x {words_for(key)}" for key, n in sorted(span.reasons.items()))
+            kind = "lost" if span.lost else "short gap"
+            why = ", ".join(f"{n} x {reason_text(key)}" for key, n in sorted(span.reasons.items()))
             rows.append((person, f"{span.start:.2f}", f"{span.end:.2f}", f"{span.seconds:.2f}", kind, why))
     if not facts.node.several_people:
         rows = [("the person", *row[1:]) for row in rows]
     more = [("...", f"{len(rows) - MOST_ROWS} more", "", "", "", "")] if len(rows) > MOST_ROWS else []
-    head = ("who", "from s", "to s", "length s", "", "messages in it")
-    return table("Without a skeleton", head, rows[:MOST_ROWS] + more, (1, 2, 3))
+    head = ("person", "from [s]", "to [s]", "length [s]", "kind", "messages")
+    return table("Gaps", head, rows[:MOST_ROWS] + more, (1, 2, 3))
 
 
 def landmarks(facts: Facts) -> str:
-    """Each landmark's share of frames and distance."""
+    """Return the table of landmarks: share of frames and reprojection error."""
     error, seen = landmark_errors(facts.tracks, len(facts.landmarks))
     if not facts.tracks:
         return ""
@@ -149,25 +149,25 @@ def landmarks(facts: Facts) -> str:
         (name, f"{share:.0%}", f"{pixels:.1f}" if np.isfinite(pixels) else "-")
         for name, share, pixels in zip(facts.landmarks, seen, error)
     ]
-    return table("Landmarks", ("", "seen", "error px, median"), rows, (1, 2))
+    return table("Landmarks", ("", "detected", "median error [px]"), rows, (1, 2))
 
 
 def bone_lengths(facts: Facts) -> str:
-    """Of the person, or of each of several, at the end."""
+    """Return the table of bone lengths at the end."""
     rows = [
         (
             f"{person}: {name}" if person else name,
             f"{length:.0f}",
-            f"{change:+.1%}" if abs(change) > 5e-5 else "as given",
+            f"{change:+.1%}" if abs(change) > 5e-5 else "unchanged",
         )
         for person in facts.people
         for name, length, change in bones(facts, person)
     ]
-    return table("Bones at the end", ("to joint", "mm", "change"), rows, (1, 2))
+    return table("Bone lengths at the end", ("to joint", "[mm]", "change"), rows, (1, 2))
 
 
 def settings(facts: Facts) -> str:
-    """Every parameter with its value; those that are not the default are marked."""
+    """Return the table of parameters: value, and default where it differs."""
     rows = []
     for config in (facts.tracker, facts.node):
         for item in fields(config):

@@ -257,14 +257,14 @@ def test_an_existing_file_is_replaced_only_by_force(recording, tmp_path, capsys)
     old.write_text("mine")
     arguments = [str(recording), "--output", str(tmp_path / "out"), "--export", str(old)]
     assert main(arguments) == 2
-    assert capsys.readouterr().err == f"replay: '{old}' exists already; choose another name or say --force\n"
+    assert capsys.readouterr().err == f"replay: '{old}' exists already; choose another name or add --force\n"
     assert old.read_text() == "mine" and os.listdir(tmp_path) == ["old.csv"]
     assert main([*arguments, "--force"]) == 0
     assert old.read_text().startswith("stamp [s],person,")
 
 
 BAD = {
-    "walk.fbx": "--export 'walk.fbx': the format is told by the suffix; expected one of: .csv, .npz, .bvh, .amass.npz",
+    "walk.fbx": "--export 'walk.fbx': unknown suffix; expected one of: .csv, .npz, .bvh, .amass.npz",
     "nowhere/walk.csv": "there is no folder 'nowhere' for 'walk.csv'",
     "folder.csv": "'folder.csv' is a folder; expected the name of a file",
 }

@@ -84,9 +84,9 @@ def clean(tmp_path_factory):
 
 def test_a_clean_recording(clean):
     _, page = clean
-    assert said(page) == [("good", "No problem was noticed: 100.0% of the frames were tracked and certified.")]
+    assert said(page) == [("good", "No problem found: 100.0% of the frames were tracked and certified.")]
     assert figure(page, "Keypoint messages") == f"{FRAMES} in 2.5 s, 30.0 Hz"
-    assert figure(page, "Gave a skeleton") == f"{FRAMES} (100.0%)" and figure(page, "Initialised") == "once"
+    assert figure(page, "With a skeleton") == f"{FRAMES} (100.0%)" and figure(page, "Initialised") == "once"
     assert figure(page, "Lost spans") == figure(page, "Short gaps") == "none"
     assert float(figure(page, "Reprojection error").split()[0]) < 5
     assert float(re.search(r"([\d.e-]+) largest", figure(page, "Duality gap, relative")).group(1)) < 1e-9
@@ -181,66 +181,69 @@ def repeated(stamps, pixels, confidence):
 CASES = {
     "lost": (
         {"spoil": absent(20, 60)},
-        ("problem", "40 frames refused: too few landmarks: fewer than min_landmarks keypoints had a confidence of"),
-        ("problem", "Nobody was seen between 0.6 and 2.0 s (1.4 s): 40 x too few landmarks."),
-        ("note", "The person was found anew once, at 2.0 s; the skeleton may jump there."),
+        ("problem", "40 frames rejected: too few landmarks: fewer than min_landmarks keypoints had a confidence of"),
+        ("problem", "Nobody was tracked from 0.6 to 2.0 s (1.4 s): 40 x too few landmarks."),
+        ("note", "The person was re-initialised once, at 2.0 s; the skeleton may jump there."),
     ),
     "gap": (
         {"spoil": absent(20, 26)},
-        ("note", "1 short gap, 0.2 s in all, the longest 0.2 s; the person was taken up"),
+        ("note", "1 short gap, 0.2 s in total, the longest 0.2 s; tracking continued"),
     ),
     "no camera": (
         {"late": 10},
         (
             "problem",
-            "10 frames refused: no camera_info yet: camera_info must come before the keypoints; record it from",
+            "10 frames rejected: no camera_info received: camera_info must come before the keypoints; record it from",
         ),
     ),
     "loop": (
         {"spoil": shifted(40, -1.2), "times": lambda stamps: stamps},
         (
             "problem",
-            "Stamps are not monotonic: at 1.3 s they jump back by 1.2 s (a bag played in a loop, another clock?);",
+            "The stamps are not monotonic: at 1.3 s they jump back by 1.2 s (a looped bag, or a second clock?);",
         ),
     ),
     "out of order": (
         {"spoil": shifted(40, -0.2)},
         (
             "problem",
-            "6 frames refused: old stamps: stamps are not monotonic: two detectors on one topic, or messages out",
+            "6 frames rejected: stamp not newer than the previous one: the stamps are not monotonic: check for two",
         ),
     ),
-    "one stamp": ({"spoil": one_stamp}, ("note", "1 frame refused: stamps from another time: one message is")),
+    "one stamp": ({"spoil": one_stamp}, ("note", "1 frame rejected: stamp jump: a single jump is")),
     "noisy": (
         {"spoil": noisy},
         (
             "problem",
-            r"Reprojection \d\d.\d px median, with noise_px 3: check noise_px, camera_info (another resolution?",
+            r"The median reprojection error is \d\d.\d px, with noise_px 3: check noise_px, camera_info (resolution,",
         ),
     ),
-    "swapped": ({"spoil": swapped}, ("problem", "Landmarks far from where the skeleton has them: ")),
+    "swapped": ({"spoil": swapped}, ("problem", "Landmarks far from their reprojection: ")),
     "upside down": (
         {"spoil": upside_down},
-        ("problem", "In the image the shoulders are below the ankles most of the time: is the"),
+        ("problem", "The shoulders are below the ankles in most images: check"),
     ),
     "larger image": (
         {"spoil": of_a_larger_image},
-        ("problem", f"In {FRAMES} of {FRAMES} messages keypoints lie outside the image of camera_info: are they"),
+        ("problem", f"In {FRAMES} of {FRAMES} messages keypoints lie outside the image of camera_info: check that"),
     ),
-    "seldom": ({"spoil": half_seen}, ("note", "Seen in fewer than half of the frames: left_ear 33%.")),
+    "seldom": ({"spoil": half_seen}, ("note", "Landmarks detected in fewer than half of the frames: left_ear 33%.")),
     "slow": (
         {"times": lambda s: s, "spoil": lambda s, p, c: s.__iadd__((s - s[0]) * 4)},
-        ("note", "Keypoints come at 6.0 Hz; "),
+        ("note", "The keypoint rate is 6.0 Hz; "),
     ),
-    "repeated": ({"spoil": repeated}, ("note", f"{FRAMES // 2} of {FRAMES} messages repeat the keypoints before")),
-    "late": ({"times": lambda s: s + 2_500_000_000}, ("note", "Keypoints were recorded 2.5 s after their stamps: ")),
+    "repeated": ({"spoil": repeated}, ("note", f"{FRAMES // 2} of {FRAMES} messages repeat the previous keypoints")),
+    "late": (
+        {"times": lambda s: s + 2_500_000_000},
+        ("note", "The keypoints were recorded 2.5 s after their stamps (median): "),
+    ),
     "no stamps": (
         {"spoil": lambda s, p, c: s.__imul__(0)},
-        ("problem", f"Messages without a stamp: {FRAMES}. The time of"),
+        ("problem", f"{FRAMES} messages have no stamp; the recording time"),
     ),
     "nothing": (
         {"spoil": absent(0, FRAMES)},
-        ("problem", f"Nothing was tracked: none of {FRAMES} messages gave a skeleton."),
+        ("problem", f"Nothing was tracked: none of {FRAMES} messages produced a skeleton."),
     ),
 }
 
@@ -318,7 +321,7 @@ def test_packing():
 BAD = {
     "there already": (
         ["--report", "there.html"],
-        "'there.html' exists already; choose another name or say --force",
+        "'there.html' exists already; choose another name or add --force",
     ),
     "a folder": (["--report", "."], "'.' is a folder; expected the name of a file"),
     "no folder": (["--report", "nix/page.html"], "there is no folder 'nix' for 'page.html'"),
@@ -347,7 +350,7 @@ def test_without_plotly(tmp_path, monkeypatch, capsys):
     write_recording(tmp_path / "bag", 2)
     options = ["--output", str(tmp_path / "out")]
     assert main([str(tmp_path / "bag"), *options, "--report", str(tmp_path / "page.html")]) == 2
-    assert capsys.readouterr().err == "replay: the report is drawn with plotly; install it with: pip install plotly\n"
+    assert capsys.readouterr().err == "replay: --report needs plotly; install it with: pip install plotly\n"
     assert not (tmp_path / "out").exists()
     assert main([str(tmp_path / "bag"), *options]) == 0  # nothing else needs it
 
@@ -356,5 +359,5 @@ def test_messages_that_cannot_be_read(tmp_path):
     camera = ("/camera_info", "sensor_msgs/msg/CameraInfo", START_NS, webcam_info())
     broken = [("/keypoints", "sensor_msgs/msg/PointCloud2", START_NS + i * PERIOD_NS, b"\0\1\0\0abc") for i in range(4)]
     page = report(write_messages(tmp_path / "bag", [camera, *broken]))
-    assert ("problem", "Nothing was tracked: none of 4 messages gave a skeleton.") in said(page)
-    assert any(text.startswith("4 frames refused: bytes that are no message") for _, text in said(page))
+    assert ("problem", "Nothing was tracked: none of 4 messages produced a skeleton.") in said(page)
+    assert any(text.startswith("4 frames rejected: malformed message") for _, text in said(page))
