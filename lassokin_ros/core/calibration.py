@@ -11,7 +11,7 @@ Bundle adjustment: a modern synthesis, 2000, sec. 6).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import blas, lapack
@@ -150,7 +150,7 @@ class Calibration:
 
     def _keep(self, state: BodyState, data: FrameData, share: float) -> None:
         count = self.proportions.count
-        frame = KeptFrame(state, data, share, self.lengths, np.zeros((count, count)), np.zeros(count))
+        frame = KeptFrame(state, replace(data, joint_depths=None), share, self.lengths, np.zeros((count, count)), np.zeros(count))
         self._linearise(frame)
         if math.isfinite(frame.cost):  # else nothing is known of it
             self._frames.append(frame)

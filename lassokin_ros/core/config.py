@@ -36,6 +36,9 @@ class TrackerConfig:
     height: float = setting(1.75, "the person's height; sets the scale, which one camera cannot see", "m", 0.3, 2.6)
     skeleton: str = setting("anthropometric", "built-in skeleton, or path of a YAML, SMPL npz, BVH or URDF file")
     landmarks: str = setting("coco17", "landmark layout of the detector, or path of a YAML file")
+    depth_prior: bool = setting(
+        True, "use the depth that a small network, shipped with the package, estimates from the keypoints"
+    )
     solver: str = setting("proxqp", "QP solver of the lasso's dual: proxqp, or any that qpsolvers has")
     camera_roll: float = setting(
         0.0, "the camera's mount, as in a URDF's rpy: its right side is this much down", "rad", -PI, PI, live=True

@@ -3,12 +3,13 @@
     tracker = Tracker(TrackerConfig(height=1.75))
     estimate = tracker.track(Observation(stamp, points, confidence, focal))
 
-It follows the paper's method frame by frame in a closed loop: the observation is compared with the projection of the
-present state (not with the last observation, which drifts), the model is linearised about it (12), the lasso is
-solved for the increment of all joints and the translation, certified, and retracted onto SO(3). Each frame is
-linearised anew `relinearisations` - 1 times about the answer, with the l1 penalty on the frame's total increment. What
-is published is that state, steadied over a few frames (see `output_filter`); the next frame starts from it as solved.
-With `smoothing_lag`, what `track` returns is still the newest frame's; `published` holds what has become due.
+The tracker follows the paper's method frame by frame in a closed loop. It compares the observation with the projection
+of the present state (not with the last observation, which would drift), linearises the model about that state (12),
+solves the lasso for the increment of all joints and the translation, certifies the answer, and retracts it onto SO(3).
+With `relinearisations` above 1 it linearises again about the answer, with the l1 penalty on the total increment.
+The published pose is the solved state, smoothed over a few frames (`output_filter`); the next frame starts from the
+state as solved. With `smoothing_lag`, `track` still returns the newest frame's estimate, and `published` holds the
+estimates that have become due.
 """
 
 from __future__ import annotations
@@ -29,16 +30,20 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.adaptive_mean import AdaptiveMean
-from lassokin_ros.core.evidence.evidence import EvaluatedState
+from lassokin_ros.core.evidence.depth_estimator import DepthEstimator
+from lassokin_ros.core.evidence.depth_network import shipped_network
+from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence
 from lassokin_ros.core.evidence.frame_model import FrameModel
+from lassokin_ros.core.evidence.learned_depth import LearnedDepth, has_target_joints
 from lassokin_ros.core.evidence.model_error import ModelError
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.evidence.upright import Upright
 from lassokin_ros.core.hypotheses.body_hypotheses import BodyHypotheses
 from lassokin_ros.core.hypotheses.initialisation import Fit, Initialiser
 from lassokin_ros.core.hypotheses.limb_hypotheses import LimbHypotheses
+from lassokin_ros.core.hypotheses.network_hypothesis import NetworkHypothesis
 from lassokin_ros.core.hypotheses.reinitialisation import Reinitialisation
-from lassokin_ros.core.image.frame_data import FrameData
+from lassokin_ros.core.image.frame_data import FrameData, JointDepths
 from lassokin_ros.core.image.gating import gate_observation
 from lassokin_ros.core.image.measurement import Measurement, MeasurementFilter
 from lassokin_ros.core.increment import Increment, IncrementSolver
@@ -49,72 +54,99 @@ from lassokin_ros.core.output.fixed_lag import FixedLag
 from lassokin_ros.core.output.output_filter import OutputFilter
 from lassokin_ros.core.output.uncertainty import JointUncertainty, UncertaintyModel
 
-CHALLENGERS = 1
-"""States that are followed beside the published one, see `challengers`. With the other side's turn first, a second one
-found back from a wrong side no sooner."""
+ALTERNATIVE_BODIES = 1
+"""Body hypotheses beside the published state, see `body_hypotheses`. A second one brought no state back sooner. With
+the depth network there are none: the network's pose is the hypothesis."""
 
 SMALLEST = 3.0
-"""Height of the person in the image, in noise_px, below which nothing can be seen: nonsense fits far away best."""
+"""Height of the person in the image, in noise_px, below which a body is rejected: nonsense fits best far away."""
 
 STUCK_AFTER = 3
-"""Frames in a row without a certificate, or with one for a body that is behind the camera or too far away to be seen,
-after which the state is found anew: it is one that leads nowhere."""
+"""Consecutive frames without a usable answer (no certificate, behind the camera, too small) until the tracker
+initialises anew."""
 
 LEAST_MOTION = 0.003
-"""rad a frame: no degree of freedom is taken to move less."""
+"""rad per frame: lower limit of the typical motion of a degree of freedom."""
+
+VERTICAL_AFTER = 1.0
+"""s for which the vertical must have been learned before it is input to the depth network."""
 
 
 class Tracker:
-    """Follows one person: the body's state, and what was learned of person, keypoints and camera until `reset`."""
+    """Tracks one person.
 
-    def __init__(self, config: TrackerConfig | None = None, skeleton: Skeleton | None = None) -> None:
-        """Raises a LassokinError (skeleton, layout, solver or setting) when the configuration cannot be used."""
+    Its state is the body's state and what was learned about the person, the keypoints and the camera until `reset`.
+    """
+
+    def __init__(
+        self, config: TrackerConfig | None = None, skeleton: Skeleton | None = None, evidence: Sequence[Evidence] = ()
+    ) -> None:
+        """Build the tracker for one skeleton and one landmark layout.
+
+        evidence: further pieces of evidence for each frame's lasso, see docs/extending.md.
+        Raises a LassokinError (skeleton, layout, solver or setting) for a configuration that cannot be used.
+        """
         self.config = (config or TrackerConfig()).checked()
         self.skeleton = skeleton or Skeleton.load(self.config.skeleton, self.config.height)
         difference = asymmetry(self.skeleton)
         self.averaged = difference if self.config.calibrate and difference > LARGEST_ASYMMETRY else 0.0
-        """How much left and right of the given skeleton differ, where this was too much, and calibration begins with
-        their mean; else 0."""
+        """Difference of left and right of the given skeleton if it is too large, 0 otherwise. Calibration then starts
+        with the mean of both sides."""
         if self.averaged:
             self.skeleton = symmetrised(self.skeleton)
         self.layout = Layout.load(self.config.landmarks, self.skeleton)
         self.kinematics = Kinematics(self.skeleton, self.layout)
         prior = PoseDistribution.load(self.skeleton)
+        self._depth = self._depth_estimator()
+        learned: list[Evidence] = [] if self._depth is None else [LearnedDepth(self.kinematics)]
         self._upright = Upright(self.config.camera_roll, self.config.camera_pitch)
-        self._rows = FrameModel(self.kinematics, PosePrior(prior, self.kinematics), self._upright)
+        pose_prior = PosePrior(prior, self.kinematics)
+        self._rows = FrameModel(self.kinematics, pose_prior, self._upright, [*learned, *evidence])
+        motion = np.maximum(prior.motion, LEAST_MOTION)[self._rows.live]
+        self._increments = IncrementSolver(self._rows, LassoSolver(self.config.solver), motion)
         self._initialiser = Initialiser(self.kinematics, prior, self._rows)
-        self._body_hypotheses = BodyHypotheses(self._initialiser, self._rows, CHALLENGERS)
-        self._limbs = LimbHypotheses(self.kinematics, self._rows.prior, self._initialiser.mirroring, self._rows.balance)
+        self._network_hypothesis = NetworkHypothesis(self._initialiser, prior)
+        bodies = ALTERNATIVE_BODIES if self._depth is None else 0
+        self._body_hypotheses = BodyHypotheses(self._initialiser, self._rows, bodies)
+        self._limbs = LimbHypotheses(self.kinematics, pose_prior, self._initialiser.mirroring, self._rows.balance)
         self._reinitialisation = Reinitialisation(self.kinematics.landmark_count)
-        self._output_filter = OutputFilter(self.kinematics.joint_count)
-        self._lag = FixedLag(self.kinematics)
         limbs = limb_groups(self.skeleton)[self.layout.joints]
         self._measurements = MeasurementFilter(self.layout.names, limbs, self.layout.surface, self.skeleton.height)
         self.model_error = ModelError(self.skeleton.height)
         self.calibration, self.adaptive_mean = Calibration(self._rows), AdaptiveMean(self._rows)
+        self._output_filter, self._lag = OutputFilter(self.kinematics.joint_count), FixedLag(self.kinematics)
         self._uncertainty = UncertaintyModel(self.kinematics, prior)
-        motion = np.maximum(prior.motion, LEAST_MOTION)[self._rows.live]
-        self._increments = IncrementSolver(self._rows, LassoSolver(self.config.solver), motion)
         self.reset()
+
+    def _depth_estimator(self) -> DepthEstimator | None:
+        """The depth network for this skeleton and layout; None if it is switched off or cannot be used with them."""
+        if not self.config.depth_prior or not has_target_joints(self.skeleton):
+            return None
+        estimator = DepthEstimator(shipped_network(), self.kinematics)
+        return estimator if estimator.usable else None
 
     def reset(self, same_camera: bool = False) -> None:
         """Forget the state; the next usable frame initialises anew.
 
-        same_camera: True where somebody else comes before a camera that stays as it is: keep its learned vertical.
+        same_camera: True if the camera stays as it is and only the person changes: the learned vertical is kept.
         """
         self._state: BodyState | None = None
-        self._nowhere = 0
+        self._stuck_frames = 0
         self._status = Status.SEARCHING
         self._successor: BodyState | None = None
-        self._another_body = False  # the successor differs by more than a limb
+        self._another_body = False  # the successor differs by more than one limb
         self._cost = float("nan")
+        self._joint_depths: JointDepths | None = None
+        if self._depth is not None:
+            self._depth.reset()
+        self._network_hypothesis.reset()
         self._increments.reset()
         self._measurements.reset()
         self._output_filter.reset()
         self._lag.reset()
         self.published: list[Estimate] = []
-        """What became due with the last observation, in order: its own estimate, or with `smoothing_lag` earlier ones,
-        smoothed, each under the stamp of its own frame."""
+        """Estimates that became due with the last observation, in order: that observation's own, or with
+        `smoothing_lag` earlier ones, smoothed, each with the stamp of its own frame."""
         if not same_camera:
             self._upright.reset()
         self._body_hypotheses.stop()
@@ -122,77 +154,216 @@ class Tracker:
         self.calibration.reset()
         self.adaptive_mean.reset()
         self.model_error.reset()
-        self._take_lengths()
+        self._adopt_lengths()
 
     @property
     def state(self) -> BodyState | None:
-        """The present state, None before the first usable frame."""
+        """The present state; None before the first usable frame."""
         return self._state
 
     def adopt_vertical(self, others: Iterable[Tracker]) -> None:
-        """Take over the camera's vertical as trackers of other people in its images have learned it, if one has."""
+        """Copy the camera's vertical from trackers of other people in the same images, if one has learned it."""
         self._upright.adopt(other._upright for other in others)
 
     def tune(self, config: TrackerConfig) -> None:
-        """Take over live settings; structure (height, skeleton, landmarks, solver) stays as it was built."""
+        """Use new live settings. Structural settings (height, skeleton, landmarks, solver) are not changed."""
         before, self.config = self.config, config.checked()
         if (config.camera_roll, config.camera_pitch) != (before.camera_roll, before.camera_pitch):
             self._upright.mounted(config.camera_roll, config.camera_pitch)
 
     def track(self, observation: Observation) -> Estimate:
-        """Use one observation. Never raises for what a detector may send: see `Estimate.rejection`."""
+        """Process one observation. Bad input does not raise: see `Estimate.rejection`."""
         return run_single(self.steps(observation))
 
     @staticmethod
     def track_batch(trackers: Sequence[Tracker], observations: Sequence[Observation]) -> list[Estimate]:
-        """Use one observation with each of several trackers, which is quicker than one after another.
+        """Process one observation with each of several trackers. This is faster than one after another.
 
-        Their answers are those of `track`, but for rounding. Raises ConfigurationError for trackers of unlike layouts
-        or trees of joints.
+        The estimates equal those of `track` up to rounding. Raises ConfigurationError if the trackers have different
+        layouts or different trees of joints.
         """
         if len({(tracker.layout.names, tracker.skeleton.parents.tobytes()) for tracker in trackers}) > 1:
-            raise ConfigurationError("trackers that go together must have one layout and one tree of joints")
+            raise ConfigurationError("trackers of one batch must have the same layout and the same tree of joints")
         pairs = zip(trackers, observations, strict=True)
         return run_batched([tracker.steps(observation) for tracker, observation in pairs])
 
     def steps(self, observation: Observation) -> Steps[Estimate]:
-        """What `track` does, to be run by itself or beside others of its kind, see `together`."""
-        config = self.config
-        rejection, weights = gate_observation(observation, self._measurements.newest, self.layout, config)
+        """The steps of the method for one frame, as a generator for `run_single` or `run_batched` (see `batch`)."""
+        rejection, weights = gate_observation(observation, self._measurements.newest, self.layout, self.config)
         if rejection is not None:
-            return self._refused(observation, rejection)
-        depth = None if self._state is None else float(self._state.translation[2])
-        measurement = self._measurements.of(observation, weights, depth, self.model_error.deviation, config.lost_after)
-        if np.count_nonzero(measurement.weights) < config.min_landmarks:
-            return self._refused(observation, Rejection.TOO_FEW_LANDMARKS)
-        fit = self._found_anew(measurement)
-        start, increment = yield from self._follow(fit, measurement)
-        rejection = self._against(start, increment, measurement.focal)
+            return self._reject(observation, rejection)
+        measurement = self._filter_keypoints(observation, weights)
+        if np.count_nonzero(measurement.weights) < self.config.min_landmarks:
+            return self._reject(observation, Rejection.TOO_FEW_LANDMARKS)
+        frame = self._with_learned_depth(measurement)
+        fit = self._initialise(measurement, frame)
+        start, increment = yield from self._solve_increment(fit, frame, measurement)
+        rejection = self._check_answer(start, increment, measurement.focal)
         if rejection is not None:
-            return self._refused(observation, rejection, increment.solution.certificate)
-        solved = yield from self._take(start, fit, increment, measurement)
-        steady = self._output_filter.filtered(
-            solved.state, solved.pose, increment.omega, increment.x, measurement.step, measurement.speed, config.smoothing
-        )
-        estimate = self._estimate(measurement, fit, increment, solved.state, steady)
-        offsets = self.skeleton.offsets
+            return self._reject(observation, rejection, increment.solution.certificate)
+        solved = yield from self._accept_increment(start, fit, increment, measurement, frame)
+        smoothed = self._smooth(solved, increment, measurement)
+        estimate = self._estimate(measurement, fit, increment, solved.state, smoothed)
         self._measurements.used(measurement)
-        self._learn(measurement, start, fit, increment)
-        assert self._output_filter.forward is not None
-        self._lag.add(estimate, self._output_filter.forward, offsets, measurement.reprojection_px)
-        self.published = self._lag.due(observation.stamp, config.smoothing_lag)
+        offsets = self.skeleton.offsets
+        self._learn(measurement, frame, start, fit, increment)
+        self._publish(estimate, offsets, measurement)
         return estimate
 
+    def flush(self) -> list[Estimate]:
+        """The estimates that still wait for `smoothing_lag`, in order. Call it after the last observation."""
+        return self._lag.flush()
+
+    def uncertainty(self, estimate: Estimate) -> JointUncertainty:
+        """Uncertainty of each joint's position, computed on request. Raises ValueError for a rejected frame."""
+        if estimate.pose is None or estimate.problem is None:
+            raise ValueError("only an accepted estimate has an uncertainty; this frame was rejected")
+        return self._uncertainty.of(estimate.pose, estimate.problem)
+
+    def _filter_keypoints(self, observation: Observation, weights: np.ndarray) -> Measurement:
+        depth = None if self._state is None else float(self._state.translation[2])
+        return self._measurements.of(observation, weights, depth, self.model_error.deviation, self.config.lost_after)
+
+    def _with_learned_depth(self, measurement: Measurement) -> FrameData:
+        """The frame's measurements, with the depths that the network estimates from them and those before."""
+        if self._depth is None:
+            return measurement.data
+        if measurement.lost:
+            self._depth.reset()
+        if measurement.lost or not measurement.repeated:
+            mounted = bool(self.config.camera_roll or self.config.camera_pitch)
+            known = mounted or self._upright.learned_for > VERTICAL_AFTER
+            up = self._upright.vertical if known else None
+            seen = measurement.weights > 0
+            self._joint_depths = self._depth.update(measurement.stamp, measurement.points, seen, up)
+        return replace(measurement.data, joint_depths=self._joint_depths)
+
+    def _initialise(self, measurement: Measurement, frame: FrameData) -> Fit | None:
+        """A state fitted to this frame alone, if there is no state yet or the present one must be replaced."""
+        if self._state is None or measurement.lost or self._stuck_frames >= STUCK_AFTER:
+            return self._initialiser.fit(frame)
+        if measurement.repeated or not self._reinitialisation.due(measurement.stamp, self._cost):
+            return None
+        vertical = self._upright.vertical
+        fit = self._initialiser.fit(frame)
+        if self._reinitialisation.convinces(self._cost, float(fit.costs[0])):
+            return fit
+        self._upright.vertical = vertical  # the rejected fit may have set another one
+        return None
+
+    def _solve_increment(
+        self, fit: Fit | None, frame: FrameData, measurement: Measurement
+    ) -> Steps[tuple[BodyState, Increment]]:
+        """The state from which the frame starts, and the increment from there."""
+        config = self.config
+        if fit is not None:
+            start = fit.best
+            rows = self._increments.about(start, frame)
+        else:
+            assert self._state is not None
+            start = self._successor or self._state
+            rows = yield BatchedCall(self._body_hypotheses, "linearise", (frame,))
+        linearisations, sparsity = config.relinearisations, config.sparsity
+        if self._depth is not None and fit is None:
+            linearisations, sparsity = for_step(measurement.step, linearisations, sparsity)
+        increment = self._increments.solve(start, rows, frame, sparsity, linearisations, config.warm_start)
+        return start, increment
+
+    def _check_answer(self, start: BodyState, increment: Increment, focal: float) -> Rejection | None:
+        """The reason to reject an answer, None to accept it. Counts consecutive rejections."""
+        depth = start.translation[2] + increment.x[2]
+        rejection = None
+        if not increment.solution.certified:
+            rejection = Rejection.NOT_CERTIFIED
+        elif self.skeleton.height * focal < SMALLEST * self.config.noise_px * depth or depth <= 0:
+            rejection = Rejection.TOO_SMALL  # or behind the camera; the image cannot correct either
+        self._stuck_frames = 0 if rejection is None else self._stuck_frames + 1
+        return rejection
+
+    def _accept_increment(
+        self, start: BodyState, fit: Fit | None, increment: Increment, measurement: Measurement, frame: FrameData
+    ) -> Steps[EvaluatedState]:
+        """Retract a certified increment, which gives the present state, and update the hypotheses.
+
+        fit: the fit from which the frame started, if the state was initialised in it.
+        """
+        if fit is not None or self._another_body:
+            self._output_filter.reset()  # the motion of the replaced state does not go on
+        elif self._successor is not None:
+            assert self._state is not None
+            self._output_filter.exchange(self._state, start)
+        self._successor, self._another_body = None, False
+        if fit is not None:
+            return self._start_tracking(start, fit, increment, frame)
+        alpha = increment.problem.alpha
+        self._state = yield BatchedCall(self._body_hypotheses, "advance", (increment.omega, increment.x, alpha))
+        solved = self._body_hypotheses.published
+        if measurement.news > 0:
+            yield BatchedCall(self._body_hypotheses, "weigh", (frame,))
+            yield from self._compare_hypotheses(frame, alpha, measurement.stamp)
+            self._cost = self._body_hypotheses.cost
+            self._upright.learn(self._state.rotations[0], measurement.news)
+        return solved
+
+    def _start_tracking(self, start: BodyState, fit: Fit, increment: Increment, frame: FrameData) -> EvaluatedState:
+        """Make the state after a first frame's increment the present one."""
+        state = start.retract(increment.omega, increment.x)
+        self._state = state = replace(state, rotations=orthonormalised(state.rotations))
+        self._body_hypotheses.start(state, frame)
+        if self._depth is None:
+            self._limbs.start(state)
+        self._cost = float(fit.costs[0])
+        return self._body_hypotheses.published
+
+    def _compare_hypotheses(self, frame: FrameData, alpha: np.ndarray, stamp: float) -> Steps[None]:
+        """Choose the state from which the next frame starts, if another hypothesis explains this frame better."""
+        winner = self._body_hypotheses.compete(frame, alpha)
+        if self._depth is None:
+            if winner is None:
+                yield from self._compare_limbs(frame)
+            else:
+                self._limbs.start(winner)
+        else:
+            places = self._depth.places()
+            if places is not None:
+                cost = self._body_hypotheses.cost
+                winner = self._network_hypothesis.better_state(stamp, frame, places, self.skeleton, cost)
+            if winner is not None:
+                self._body_hypotheses.replace_published(winner)
+        if winner is not None:
+            self._successor, self._another_body = winner, True
+
+    def _compare_limbs(self, frame: FrameData) -> Steps[None]:
+        """Use a limb's other explanation from the next frame on, if it has become better than the published one."""
+        published = self._body_hypotheses.published
+        if self._limbs.count:
+            yield BatchedCall(self._limbs, "advance", (published, frame, self._body_hypotheses.image_costs))
+        self._successor = self._limbs.exchange(published)
+        if self._successor is not None:
+            self._body_hypotheses.replace_published(self._successor)
+
+    def _smooth(self, solved: EvaluatedState, increment: Increment, measurement: Measurement) -> BodyState:
+        """The state to publish."""
+        return self._output_filter.filtered(
+            solved.state,
+            solved.pose,
+            increment.omega,
+            increment.x,
+            measurement.step,
+            measurement.speed,
+            self.config.smoothing,
+        )
+
     def _estimate(
-        self, measurement: Measurement, fit: Fit | None, increment: Increment, solved: BodyState, steady: BodyState
+        self, measurement: Measurement, fit: Fit | None, increment: Increment, solved: BodyState, smoothed: BodyState
     ) -> Estimate:
-        """The answer to a frame that was used; solved: the state of its lasso; steady: that to be published."""
+        """The estimate for an accepted frame. solved: the state of its lasso; smoothed: the state to publish."""
         self._status = Status.TRACKING
-        pose = self.kinematics.pose(steady)
+        pose = self.kinematics.pose(smoothed)
         return Estimate(
             measurement.stamp,
             self._status,
-            state=steady,
+            state=smoothed,
             pose=pose,
             omega=increment.omega,
             translation_step=increment.x,
@@ -208,134 +379,65 @@ class Tracker:
             repeated=measurement.repeated,
         )
 
-    def _learn(self, measurement: Measurement, start: BodyState, fit: Fit | None, increment: Increment) -> None:
-        """Let a frame speak about the bones' lengths, how the person holds themselves, and the keypoints' errors."""
-        if self.config.calibrate and (fit is not None or not measurement.repeated):
-            self._calibrate(measurement, fit is not None)
-        if fit is None and not measurement.repeated and self.adaptive_mean.advance(measurement.stamp, start, increment.problem):
+    def _learn(
+        self, measurement: Measurement, frame: FrameData, start: BodyState, fit: Fit | None, increment: Increment
+    ) -> None:
+        """Update bone lengths, the person's mean pose, and the keypoints' lasting error."""
+        stamp, new = measurement.stamp, not measurement.repeated
+        if self.config.calibrate and (fit is not None or new):
+            self._calibrate(stamp, frame, fit is not None)
+        if fit is None and new and self.adaptive_mean.advance(stamp, start, increment.problem):
             self._body_hypotheses.refresh()
-        if not measurement.repeated and self.model_error.due(measurement.stamp):
+        if new and self.model_error.due(stamp):
             depth = float(start.translation[2] + increment.x[2])
-            weights = np.where(measurement.visible, measurement.weights, 0.0)  # what is not seen coasts
-            self.model_error.advance(measurement.stamp, increment.problem, increment.solution.omega, weights, depth)
+            weights = np.where(measurement.visible, measurement.weights, 0.0)  # a landmark not seen is extrapolated
+            self.model_error.advance(stamp, increment.problem, increment.solution.omega, weights, depth)
 
-    def flush(self) -> list[Estimate]:
-        """Those that still wait for their `smoothing_lag`, in order: no observation will come after them."""
-        return self._lag.flush()
-
-    def _found_anew(self, measurement: Measurement) -> Fit | None:
-        """The state as one frame alone shows it, where there is none yet, or none to go on with."""
-        if self._state is None or measurement.lost or self._nowhere >= STUCK_AFTER:
-            return self._initialiser.fit(measurement.data)
-        if measurement.repeated or not self._reinitialisation.due(measurement.stamp, self._cost):
-            return None
-        believed = self._upright.vertical
-        fit = self._initialiser.fit(measurement.data)
-        if self._reinitialisation.convinces(self._cost, float(fit.costs[0])):
-            return fit
-        self._upright.vertical = believed  # not that of an explanation which is not taken
-        return None
-
-    def _follow(self, fit: Fit | None, measurement: Measurement) -> Steps[tuple[BodyState, Increment]]:
-        """Where the frame starts from, a state just found or the present one, and the increment from there."""
-        frame = measurement.data
-        if fit is not None:
-            start = fit.best
-            rows = self._increments.about(start, frame)
-        else:
-            assert self._state is not None
-            start = self._successor or self._state
-            rows = yield BatchedCall(self._body_hypotheses, "linearise", (frame,))
-        config = self.config
-        increment = self._increments.solve(
-            start, rows, frame, config.sparsity, config.relinearisations, config.warm_start
-        )
-        return start, increment
-
-    def _against(self, start: BodyState, increment: Increment, focal: float) -> Rejection | None:
-        """The reason against an answer, if any; one that leads nowhere is counted."""
-        depth = start.translation[2] + increment.x[2]
-        rejection = None
-        if not increment.solution.certified:
-            rejection = Rejection.NOT_CERTIFIED
-        elif self.skeleton.height * focal < SMALLEST * self.config.noise_px * depth or depth <= 0:
-            rejection = Rejection.TOO_SMALL  # or behind the camera: from either no image leads back
-        self._nowhere = 0 if rejection is None else self._nowhere + 1
-        return rejection
-
-    def _take(self, start: BodyState, fit: Fit | None, increment: Increment, measurement: Measurement) -> Steps[EvaluatedState]:
-        """Make the state after a certified increment the present one, and let the challengers see the same points.
-
-        fit: where the state was found anew, what it was found as.
-        """
-        omega, x, alpha = increment.omega, increment.x, increment.problem.alpha
-        frame, news = measurement.data, measurement.news
-        if fit is not None or self._another_body:
-            self._output_filter.reset()  # where the last one was going says nothing of it
-        elif self._successor is not None:
-            assert self._state is not None
-            self._output_filter.exchange(self._state, start)
-        self._successor, self._another_body = None, False
-        if fit is not None:
-            state = start.retract(omega, x)
-            self._state = state = replace(state, rotations=orthonormalised(state.rotations))
-            self._body_hypotheses.start(state, frame)
-            self._limbs.start(state)
-            self._cost = float(fit.costs[0])
-            return self._body_hypotheses.published
-        self._state = state = yield BatchedCall(self._body_hypotheses, "advance", (omega, x, alpha))
-        solved = self._body_hypotheses.published
-        if news > 0:
-            yield BatchedCall(self._body_hypotheses, "weigh", (frame,))
-            self._successor = self._body_hypotheses.compete(frame, alpha)
-            self._another_body = self._successor is not None
-            if self._successor is not None:
-                self._limbs.start(self._successor)
-            else:
-                yield from self._search_limbs(frame)
-            self._cost = self._body_hypotheses.cost
-            self._upright.learn(state.rotations[0], news)
-        return solved
-
-    def _search_limbs(self, frame: FrameData) -> Steps[None]:
-        """Let a limb's other explanation follow, if it has become better than the one that is published."""
-        published = self._body_hypotheses.published
-        if self._limbs.count:
-            yield BatchedCall(self._limbs, "advance", (published, frame, self._body_hypotheses.image_costs))
-        self._successor = self._limbs.exchange(published)
-        if self._successor is not None:
-            self._body_hypotheses.replace_published(self._successor)
-
-    def uncertainty(self, estimate: Estimate) -> JointUncertainty:
-        """How far off each joint of an estimate may be, computed when asked; ValueError for one not accepted."""
-        if estimate.pose is None or estimate.problem is None:
-            raise ValueError("only an accepted estimate has an uncertainty; this frame was rejected")
-        return self._uncertainty.of(estimate.pose, estimate.problem)
-
-    def _calibrate(self, measurement: Measurement, initialised: bool) -> None:
-        """Let a tracked frame speak about the bones' lengths; what is learned counts from the next frame on."""
+    def _calibrate(self, stamp: float, frame: FrameData, initialised: bool) -> None:
+        """Update the bone lengths from a tracked frame. New lengths are used from the next frame on."""
         assert self._state is not None
         if initialised or self._another_body:
-            self.calibration.restart_clock(measurement.stamp)
-        elif self._successor is None and self.calibration.advance(
-            measurement.stamp, self._state, measurement.data
-        ):
-            self._take_lengths()
+            self.calibration.restart_clock(stamp)
+        elif self._successor is None and self.calibration.advance(stamp, self._state, frame):
+            self._adopt_lengths()
 
-    def _take_lengths(self) -> None:
+    def _adopt_lengths(self) -> None:
         self.skeleton = self.calibration.skeleton
         self.kinematics.reshape(self.skeleton)
         self._body_hypotheses.refresh()
 
-    def _refused(
+    def _publish(self, estimate: Estimate, offsets: np.ndarray, measurement: Measurement) -> None:
+        """Collect the estimates that are due; offsets: (n, 3) m, of the skeleton that the estimate was made with."""
+        assert self._output_filter.forward is not None
+        self._lag.add(estimate, self._output_filter.forward, offsets, measurement.reprojection_px)
+        self.published = self._lag.due(estimate.stamp, self.config.smoothing_lag)
+
+    def _reject(
         self, observation: Observation, rejection: Rejection, certificate: Certificate | None = None
     ) -> Estimate:
-        """The answer to a frame that is not used: only the status may change, when too long nothing was usable."""
+        """The estimate for a rejected frame. The state stays; the status becomes LOST after too long a time."""
         if self._state is None:
             self._measurements.forget()
         self.published = []
-        if rejection is not Rejection.NOT_FINITE:  # time goes on
+        if rejection is not Rejection.NOT_FINITE:  # the stamp can be used
             if self._state is not None and observation.stamp - self._measurements.newest > self.config.lost_after:
                 self._status = Status.LOST
             self.published = self._lag.due(observation.stamp, self.config.smoothing_lag)
         return Estimate(observation.stamp, self._status, rejection, certificate=certificate)
+
+
+def for_step(step: float, linearisations: int, sparsity: float) -> tuple[int, float]:
+    """Linearisations and sparsity for a frame `step` s after the last one.
+
+    Both settings are for frames at 60 Hz or more. In a longer step people move farther: the l1 weight falls with the
+    step, and one linearisation more is used from `LONG_STEP` on.
+    """
+    if not np.isfinite(step) or step <= SHORT_STEP:
+        return linearisations, sparsity
+    return linearisations + (step > LONG_STEP) * MORE_LINEARISATIONS, sparsity * SHORT_STEP / step
+
+
+SHORT_STEP, LONG_STEP = 1 / 30, 0.06
+"""s between frames, see `for_step`."""
+MORE_LINEARISATIONS = 2
+"""Further linearisations after a long step."""

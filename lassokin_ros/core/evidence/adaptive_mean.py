@@ -26,8 +26,8 @@ from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.lasso.problem import Lasso
 
 SHARE = 0.3
-"""Of the prior's covariance, the part that is a person's adaptive_mean and lasts. Half of the covariance differs between clips
-of motion capture; with less the gain is the same and a wrong pose does less harm."""
+"""Share of the prior's covariance that is the person's own and lasts. Half of the covariance differs between clips of
+motion capture; a smaller share gains as much, and a wrong pose does less harm."""
 MEMORY = 30.0
 """s."""
 EVERY = 0.25

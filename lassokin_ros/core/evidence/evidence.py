@@ -85,13 +85,13 @@ class LinearisationPoint:
         return self.kinematics.live_twists(self.states.pose, self.axes)
 
     def landmark_columns(self, F: np.ndarray, columns: np.ndarray) -> None:
-        """Fill `columns` (..., live + 3, m l) with the derivatives of F q_i, F (..., l, m, 3) one block per landmark."""
+        """Fill `columns` (..., live + 3, m l) with the derivatives of F q_i, F (..., l, m, 3)."""
         rows = F.reshape(*F.shape[:-3], -1, 3)
         self.kinematics.landmark_columns(self.twists, self.states.pose, rows, columns[..., :-3, :])
         columns[..., -3:, :] = rows.swapaxes(-1, -2)
 
     def joint_columns(self, joints: np.ndarray, F: np.ndarray, columns: np.ndarray) -> None:
-        """Fill `columns` (..., live + 3, m k) with the derivatives of F p_j, F (..., k, m, 3), p_j centres of k joints."""
+        """Fill `columns` (..., live + 3, m k) with the derivatives of F p_j of k joints, F (..., k, m, 3)."""
         rows = F.reshape(*F.shape[:-3], -1, 3)
         self.kinematics.joint_columns(self.twists, self.states.pose, joints, rows, columns[..., :-3, :])
         columns[..., -3:, :] = rows.swapaxes(-1, -2)

@@ -40,7 +40,8 @@ class FrameModel:
         """more: further evidence, after the built-in pieces."""
         self.kinematics = kinematics
         image, balance = ImagePoints(kinematics.landmark_count), Balance(kinematics, upright)
-        self.evidence: list[Evidence] = [image, prior, upright, balance, MeasuredDepth(kinematics.landmark_count), *more]
+        depth = MeasuredDepth(kinematics.landmark_count)
+        self.evidence: list[Evidence] = [image, prior, upright, balance, depth, *more]
         #: Indices of the degrees of freedom that are asked for. The root's come first; the prior has no rows for them.
         self.live = np.flatnonzero(kinematics.live)
 

@@ -64,6 +64,11 @@ class Upright(Evidence):
         self.vertical = self._first
         self._seen = 0.0  # s
 
+    @property
+    def learned_for(self) -> float:
+        """Time in s for which the vertical has been learned."""
+        return self._seen
+
     def adopt(self, others: Iterable[Upright]) -> None:
         """Take over what was learned by that one of others, behind the same camera, who saw people the longest."""
         longest = max(others, key=lambda other: other._seen, default=self)

@@ -1,4 +1,4 @@
-"""BodyHypotheses: other explanations of the same images, followed beside the published state until one is clearly better.
+"""Other explanations of the same images, tracked beside the published state until one is clearly better.
 
 From one camera a body fits almost as well when it is turned round; a tracker that started on the wrong side, or slipped
 to it, stays there. So does one that takes somebody who squats for somebody who leans. So a few states are fitted along
@@ -124,6 +124,12 @@ class BodyHypotheses:
         """
         assert self._everyone is not None
         steady = (self._age >= STEADY_FROM)[..., None]
+        if not self._count:
+            self._increments = omega[..., None, :]
+            moved = self._everyone.state.retract(self._increments, x[..., None, :])
+            moved.rotations[:] = orthonormalised(moved.rotations)
+            self._everyone = self._rows.evaluate(moved)
+            return BodyState(moved.rotations[..., -1, :, :, :], moved.translation[..., -1, :])
         omegas, steps = self._initialiser.step(self._linearised, steady * (0.5 * alpha**2)[..., None, :])
         self._increments = np.concatenate([omegas, omega[..., None, :]], axis=-2)
         moved = self._everyone.state.retract(self._increments, np.concatenate([steps, x[..., None, :]], axis=-2))

@@ -33,6 +33,8 @@ FEWER_SIDES = np.arange(0, STARTS, 2)
 """From which starts begin in those, and before a tilted camera: with all eight no more were found."""
 SCHEDULE = ((8.0, 8), (2.0, 6), (1.0, 6))  # (factor on the noise, iterations)
 MIRRORED_SCHEDULE = ((2.0, 4), (1.0, 6))
+NEAR_SCHEDULE = ((4.0, 3), (1.0, 5))
+"""The same for a start near the solution."""
 ELSEWHERE = 0.05
 """m: mean distance of joints, relative to the pelvis, from which a fit is another explanation than the best."""
 DAMPING = 1e-3  # 1/rad^2, keeps what nothing observes where it is
@@ -71,9 +73,10 @@ class Initialiser:
         self._live = np.flatnonzero(kinematics.live)
         self._damping = np.append(np.full(len(self._live), DAMPING), np.full(3, 1e-6))
 
-    def fit(self, frame: FrameData) -> Fit:
+    def fit(self, frame: FrameData, start: BodyState | None = None) -> Fit:
         """Fit all starts to one frame; the vertical that the best one was fitted by is believed from now on.
 
+        start: fit this state alone, with its translation found here; by default the mean pose turned to all sides.
         At least two landmarks must be visible.
         """
         upright = self._rows.upright
@@ -81,7 +84,7 @@ class Initialiser:
         first = None
         for vertical, rarity in candidates:
             upright.vertical = vertical
-            fit = self._fit(frame, first)
+            fit = self._fit(frame, first) if start is None else self.refine_start(start, frame)
             if first is None:
                 first = float(fit.costs.min())
                 # Where even the best fits badly, as with wrong bones, differences of costs mean as much less.
@@ -129,6 +132,11 @@ class Initialiser:
                 states = states.retract(*self.step(rows))
                 in_front(states.translation)
         return Fit(states, self._rows.cost(self._rows.evaluate(states), frame))
+
+    def refine_start(self, start: BodyState, frame: FrameData) -> Fit:
+        """Fit one state (n, 3, 3) whose translation is found here."""
+        rotations = start.rotations[None]
+        return self.refine(BodyState(rotations, self._place(rotations, frame)), frame, NEAR_SCHEDULE)
 
     def start(self, side: int, stance: int, frame: FrameData) -> BodyState:
         """The mean pose turned to one of the `STARTS` sides in a stance, placed where the points are: one start."""

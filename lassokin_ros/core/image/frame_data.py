@@ -11,6 +11,19 @@ WITHOUT_DEPTH = 4.0
 
 
 @dataclass(frozen=True, eq=False)
+class JointDepths:
+    """Depths of k joints relative to the middle of the hips, as the depth network estimates them.
+
+    sight: (..., 3) unit vector along which depths are measured, camera frame. depths: (..., k) m.
+    whitening: (..., k, k) 1/m: whitening @ (depths - truth) has independent errors of unit scale.
+    """
+
+    sight: np.ndarray
+    depths: np.ndarray
+    whitening: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class FrameData:
     """What was measured in one frame, as arrays.
 
@@ -18,6 +31,7 @@ class FrameData:
     weights: (..., l) 1 / standard deviation in that unit, 0 = missing.
     depth: (..., l) m, depth of each landmark along the optical axis; None in a frame without any measured depth.
     depth_weights: (..., l) 1/m, 1 / standard deviation of `depth`, 0 = not measured.
+    joint_depths: the network's estimate; None without one.
     Leading axes are those of people, or of hypotheses that see the frame with different weights.
     """
 
@@ -25,6 +39,7 @@ class FrameData:
     weights: np.ndarray
     depth: np.ndarray | None = None
     depth_weights: np.ndarray | None = None
+    joint_depths: JointDepths | None = None
 
     def annealed(self, factor: float | np.ndarray) -> FrameData:
         """The frame with the keypoints' noise made larger by a factor, (..., 1) if it differs between states.
@@ -39,7 +54,11 @@ class FrameData:
 
     def per_state(self) -> FrameData:
         """The frame for k states per person: each array gains an axis of length 1 behind those of people."""
-        depth, depth_weights = self.depth, self.depth_weights
+        depth, depth_weights, learned = self.depth, self.depth_weights, self.joint_depths
         if depth is not None and depth_weights is not None:
             depth, depth_weights = depth[..., None, :], depth_weights[..., None, :]
-        return FrameData(self.points[..., None, :, :], self.weights[..., None, :], depth, depth_weights)
+        if learned is not None:
+            learned = JointDepths(
+                learned.sight[..., None, :], learned.depths[..., None, :], learned.whitening[..., None, :, :]
+            )
+        return FrameData(self.points[..., None, :, :], self.weights[..., None, :], depth, depth_weights, learned)

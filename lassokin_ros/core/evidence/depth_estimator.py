@@ -1,0 +1,78 @@
+"""Feeds one person's keypoints to the depth network, and turns its answers into `JointDepths`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lassokin_ros.core.body.kinematics import Kinematics
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.evidence.depth_network import (
+    LEAST_SEEN,
+    TARGETS,
+    History,
+    Network,
+    Prediction,
+    Scene,
+    canonical_index,
+    features,
+    interpreted,
+    lengths_of,
+)
+from lassokin_ros.core.image.frame_data import JointDepths
+
+
+class DepthEstimator:
+    """Runs the network on the recent keypoints of one person."""
+
+    def __init__(self, network: Network, kinematics: Kinematics) -> None:
+        """The skeleton's lengths are input to the network where they differ from the built-in proportions."""
+        self._network, self._height = network, kinematics.skeleton.height
+        index = canonical_index(kinematics.layout, kinematics.skeleton)
+        self._index, self._there = np.maximum(index, 0), index >= 0
+        self._lengths = lengths_of(kinematics.skeleton)
+        built_in = lengths_of(Skeleton.load("anthropometric", self._height))
+        self._lengths_known = np.array(not np.allclose(self._lengths, built_in, atol=1e-6))
+        self._history = History()
+        self.reset()
+
+    @property
+    def usable(self) -> bool:
+        """Whether the layout has enough points that the network uses."""
+        return int(self._there.sum()) >= LEAST_SEEN
+
+    def reset(self) -> None:
+        """Forget the past keypoints."""
+        self._history.reset()
+        self._prediction: Prediction | None = None
+        self._rotation = np.eye(3)
+
+    def update(self, stamp: float, points: np.ndarray, seen: np.ndarray, up: np.ndarray | None) -> JointDepths | None:
+        """The joints' depths after a frame's keypoints, or None if fewer than `LEAST_SEEN` are seen.
+
+        stamp: s, later than the last. points: (l, 2) normalised; seen: (l,) bool. up: (3,) the vertical in the camera
+        frame, None if unknown.
+        """
+        shown = seen[self._index] & self._there
+        self._history.add(stamp, points[self._index], shown)
+        self._prediction = None
+        if np.count_nonzero(shown) < LEAST_SEEN:
+            return None
+        past, known = self._history.sampled()
+        vertical = np.zeros(3) if up is None else up
+        scene = Scene(past, known, vertical, np.array(up is not None), self._lengths, self._lengths_known)
+        inputs, self._rotation = features(scene)
+        prediction = self._prediction = interpreted(self._network(inputs))
+        depths = self._height * prediction.places[:, 2].astype(float)
+        return JointDepths(self._rotation[2], depths, prediction.whitening.astype(float) / self._height)
+
+    def places(self) -> dict[str, np.ndarray] | None:
+        """Place (3,) of each target and the right hip relative to the middle of the hips, m, camera frame.
+
+        None without an estimate for the newest frame.
+        """
+        if self._prediction is None:
+            return None
+        found = self._height * self._prediction.places.astype(float) @ self._rotation
+        result = dict(zip(TARGETS, found))
+        result["right_hip"] = -result["left_hip"]
+        return result

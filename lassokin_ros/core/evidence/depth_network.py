@@ -1,0 +1,317 @@
+"""A small network that estimates the depths of a body's joints from the last second of its keypoints.
+
+The network is a multilayer perceptron with residual blocks, in plain numpy. It serves every landmark layout: a layout's
+landmarks map into one set of canonical points (`CANONICAL`), and a mask tells which of them are seen.
+
+Input. The keypoints are turned into a virtual camera that looks at the middle of the body, and divided by their size in
+the image. The same points at fixed times in the past (`TIMES`) follow, as differences, so that the detector's rate does
+not matter. Three more inputs describe the scene: the angular size, the vertical in the virtual camera, and the person's
+bone lengths relative to the height. Each has a mask for where it is unknown.
+
+Output. For each of `TARGETS` the position relative to the middle of the hips, in the virtual camera and in units of the
+person's height. The depths come with a full covariance: the lower triangular matrix `whitening` makes their errors
+independent and of unit scale. The order of `TARGETS` goes from the trunk outwards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.skeleton import Skeleton
+
+TIMES = np.array([0.0, 0.05, 0.1, 0.2, 0.4, 0.8])
+"""s before the present at which the keypoints are input."""
+LONGEST_GAP = 0.6
+"""s between two detections, beyond which nothing is interpolated between them."""
+
+SIDES = ("left", "right")
+
+
+Offset = tuple[float, float, float]
+
+
+def _sided(joint: str, on: str, offset: Offset) -> list[tuple[str, str, Offset]]:
+    """Both sides' entries of `CANONICAL`; x of the offset is mirrored."""
+    x, y, z = offset
+    return [(f"{side}_{joint}", f"{side}_{on}", (sign * x, y, z)) for side, sign in zip(SIDES, (1.0, -1.0))]
+
+
+CANONICAL = (
+    ("nose", "head", (0.0, 0.032, 0.072)),
+    ("left_ear", "head", (0.041, 0.036, 0.005)),
+    ("right_ear", "head", (-0.041, 0.036, 0.005)),
+    ("head", "head", (0.0, 0.0, 0.0)),
+    ("head_top", "head", (0.0, 0.112, 0.0)),
+    ("neck", "spine3", (0.0, 0.057, -0.002)),
+    ("mid_hip", "pelvis", (0.0, -0.055, 0.01)),
+    *(entry for joint in "shoulder elbow wrist hip knee ankle".split() for entry in _sided(joint, joint, (0, 0, 0))),
+    *_sided("heel", "ankle", (0.0, -0.030, -0.035)),
+    *_sided("toe", "ankle", (-0.008, -0.032, 0.105)),
+)
+"""Canonical points: name, the joint that carries the point, and its place in that joint's frame, in heights."""
+NAMES = tuple(name for name, _, _ in CANONICAL)
+SAME_POINT = 0.02
+"""In heights: how far from a canonical point a layout's landmark may be."""
+
+TARGETS = ("left_hip", "left_shoulder", "right_shoulder", "head", "nose", "left_knee", "right_knee", "left_elbow",
+           "right_elbow", "left_ankle", "right_ankle", "left_wrist", "right_wrist")  # fmt: skip
+"""Points whose places are output. The right hip is the left hip's mirror image in the middle of the hips."""
+LENGTHS = ("hips", "thigh", "shank", "trunk", "shoulders", "upper arm", "forearm", "neck")
+"""Lengths that are input, see `lengths_of`."""
+TYPICAL_LENGTHS = np.array([0.105, 0.246, 0.256, 0.287, 0.225, 0.168, 0.13, 0.08])
+"""In heights."""
+LENGTH_SPREAD = 0.02
+"""In heights: what a length's difference from the typical one is divided by."""
+
+_PAST = len(TIMES) - 1
+_GAINS = np.array([4.0, 3.0, 2.0, 1.2, 0.8])
+"""Factors on the differences between the past points and the present ones, which bring them to a similar size."""
+_TRUNK = np.array([NAMES.index(f"{side}_{joint}") for side in SIDES for joint in ("shoulder", "hip")])
+INPUTS = len(TIMES) * len(NAMES) * 3 + 1 + 4 + len(LENGTHS) + 1
+DEPTHS = len(TARGETS)
+_LOWER = np.tril_indices(DEPTHS, -1)
+OUTPUTS = 3 * DEPTHS + DEPTHS + len(_LOWER[0]) + DEPTHS
+"""Positions x, y, z; logarithms of the whitening's diagonal; its lower part; logarithms of the scales of x and y."""
+LEAST_SEEN = 5
+"""Canonical points that must be seen now."""
+
+
+def canonical_layout(skeleton: Skeleton) -> Layout:
+    """The canonical points as a landmark layout."""
+    landmarks = [{"name": name, "joint": joint, "offset": list(offset)} for name, joint, offset in CANONICAL]
+    return Layout.from_mapping({"name": "canonical", "landmarks": landmarks}, skeleton)
+
+
+def canonical_index(layout: Layout, skeleton: Skeleton) -> np.ndarray:
+    """(canonical points,) index of the layout's landmark at each canonical point, -1 where there is none."""
+    index = np.full(len(NAMES), -1)
+    for point, (_, joint, offset) in enumerate(CANONICAL):
+        if joint not in skeleton.joint_names:
+            continue
+        distance = np.linalg.norm(layout.offsets / skeleton.height - offset, axis=1)
+        distance[layout.joints != skeleton.index(joint)] = np.inf
+        if distance.min() <= SAME_POINT:
+            index[point] = int(np.argmin(distance))
+    return index
+
+
+def lengths_of(skeleton: Skeleton) -> np.ndarray:
+    """(len(LENGTHS),) of a skeleton at rest, in heights."""
+    place = {name: skeleton.rest_positions[joint] for joint, name in enumerate(skeleton.joint_names)}
+    return lengths_between({name: place[name] for name in _LENGTH_POINTS}) / skeleton.height
+
+
+_LIMB_JOINTS = "hip knee ankle shoulder elbow wrist".split()
+_LENGTH_POINTS = (*(f"{side}_{joint}" for side in SIDES for joint in _LIMB_JOINTS), "head")
+
+
+def lengths_between(place: dict[str, np.ndarray]) -> np.ndarray:
+    """(len(LENGTHS),) of named points (3,) of a body at rest."""
+
+    def apart(a: str, b: str) -> float:
+        return float(np.mean([np.linalg.norm(place[f"{side}_{a}"] - place[f"{side}_{b}"]) for side in SIDES]))
+
+    hips, shoulders = (0.5 * (place[f"left_{j}"] + place[f"right_{j}"]) for j in ("hip", "shoulder"))
+    across = [float(np.linalg.norm(place[f"left_{j}"] - place[f"right_{j}"])) for j in ("hip", "shoulder")]
+    trunk, neck = np.linalg.norm(shoulders - hips), np.linalg.norm(place["head"] - shoulders)
+    limbs = apart("hip", "knee"), apart("knee", "ankle"), apart("shoulder", "elbow"), apart("elbow", "wrist")
+    return np.array([across[0], limbs[0], limbs[1], trunk, across[1], limbs[2], limbs[3], neck])
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What the network is told, for any leading axes; all points are normalised image coordinates.
+
+    points: (..., times, canonical points, 2), any finite value where not seen; seen: the same shape without the last
+    axis, bool; up: (..., 3) unit vector in the camera frame, and (...,) bool up_known; lengths: (..., LENGTHS) in
+    heights, and (...,) bool lengths_known.
+    """
+
+    points: np.ndarray
+    seen: np.ndarray
+    up: np.ndarray
+    up_known: np.ndarray
+    lengths: np.ndarray
+    lengths_known: np.ndarray
+
+
+def features(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """(inputs (..., INPUTS) float32, rotation (..., 3, 3) from the camera frame into the virtual camera)."""
+    seen = scene.seen.astype(np.float32)
+    rotation = _virtual_camera(scene.points[..., 0, :, :], seen[..., 0, :])
+    points = scene.points @ rotation[..., None, :, :2].swapaxes(-1, -2) + rotation[..., None, None, :, 2]
+    places = points[..., :2] / np.maximum(points[..., 2:], 0.1)
+    places *= seen[..., None]
+    present, now = places[..., 0, :, :], seen[..., 0, :]
+    count = now.sum(-1)
+    size = np.sqrt((present**2).sum((-1, -2)) / np.maximum(count, 1.0)) + 1e-6
+    places /= size[..., None, None, None]
+    places[..., 1:, :, :] -= present[..., None, :, :] * seen[..., 1:, :, None]
+    places[..., 1:, :, :] *= _GAINS[:, None, None]
+    lead = places.shape[:-3]
+    result = np.empty((*lead, INPUTS), dtype=np.float32)
+    values = len(TIMES) * len(NAMES)
+    np.clip(places.reshape(*lead, -1), -6.0, 6.0, out=result[..., : 2 * values], casting="same_kind")
+    result[..., 2 * values : 3 * values] = seen.reshape(*lead, -1)
+    rest = result[..., 3 * values :]
+    rest[..., 0] = np.log(size) + 2.0
+    known = np.asarray(scene.up_known, dtype=np.float32)[..., None]
+    rest[..., 1:4] = (rotation @ scene.up[..., None])[..., 0] * known
+    rest[..., 4:5] = known
+    known = np.asarray(scene.lengths_known, dtype=np.float32)[..., None]
+    rest[..., 5:-1] = (scene.lengths - TYPICAL_LENGTHS) / LENGTH_SPREAD * known
+    rest[..., -1:] = known
+    return result, rotation
+
+
+def _virtual_camera(points: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """(..., 3, 3): the least turn that brings the middle of the body onto the optical axis.
+
+    The middle is that of the shoulders and hips that are seen, or of all points where fewer than two of those are.
+    """
+    trunk = seen[..., _TRUNK]
+    weights = np.where(trunk.sum(-1, keepdims=True) >= 2, 1.0, 0.0) * _IS_TRUNK * seen
+    weights = np.where(weights.any(-1, keepdims=True), weights, seen)
+    weights = weights / np.maximum(weights.sum(-1, keepdims=True), 1.0)
+    centre = (weights[..., None, :] @ points)[..., 0, :]
+    x, y = centre[..., 0], centre[..., 1]
+    z = 1 / np.sqrt(1 + x * x + y * y)
+    x, y = x * z, y * z
+    share = 1 / (1 + z)
+    rotation = np.empty((*x.shape, 3, 3))
+    rotation[..., 0, 0], rotation[..., 0, 1], rotation[..., 0, 2] = 1 - x * x * share, -x * y * share, -x
+    rotation[..., 1, 0], rotation[..., 1, 1], rotation[..., 1, 2] = -x * y * share, 1 - y * y * share, -y
+    rotation[..., 2, 0], rotation[..., 2, 1], rotation[..., 2, 2] = x, y, z
+    return rotation
+
+
+_IS_TRUNK = np.isin(np.arange(len(NAMES)), _TRUNK).astype(float)
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Where the network places `TARGETS` relative to the middle of the hips, in the virtual camera, in heights.
+
+    places: (..., DEPTHS, 3); whitening: (..., DEPTHS, DEPTHS) lower triangular, so that whitening @ (depths - truth)
+    has independent errors of unit scale; scale: (..., DEPTHS), of the errors of x and y.
+    """
+
+    places: np.ndarray
+    whitening: np.ndarray
+    scale: np.ndarray
+
+
+def interpreted(outputs: np.ndarray) -> Prediction:
+    """The meaning of the network's outputs (..., OUTPUTS)."""
+    lead = outputs.shape[:-1]
+    d = DEPTHS
+    places = outputs[..., : 3 * d].reshape(*lead, 3, d).swapaxes(-1, -2)
+    diagonal = np.exp(np.clip(outputs[..., 3 * d : 4 * d], -1.0, 5.0))
+    whitening = np.zeros((*lead, d, d), dtype=outputs.dtype)
+    whitening[..., _LOWER[0], _LOWER[1]] = outputs[..., 4 * d : -d]
+    whitening[..., np.arange(d), np.arange(d)] = 1.0
+    whitening *= diagonal[..., None]
+    return Prediction(places, whitening, np.exp(np.clip(outputs[..., -d:], -5.0, 1.0)))
+
+
+class Network:
+    """A perceptron with residual blocks: h = relu(x W + b); h += relu(h A + a) B + b, per block; y = h W + b."""
+
+    def __init__(self, weights: Sequence[np.ndarray]) -> None:
+        """weights: float32, in the order W, b, then A, a, B, b of each block, and W, b of the output."""
+        self.weights = [np.ascontiguousarray(w, dtype=np.float32) for w in weights]
+
+    def __call__(self, inputs: np.ndarray) -> np.ndarray:
+        """(..., OUTPUTS) of inputs (..., INPUTS), float32."""
+        w = self.weights
+        h = np.maximum(inputs @ w[0] + w[1], 0)
+        for A, a, B, b in zip(*(w[2 + i : -2 : 4] for i in range(4))):
+            h += np.maximum(h @ A + a, 0) @ B + b
+        return np.asarray(h @ w[-2] + w[-1])
+
+
+def load_weights(file: Path | None = None) -> tuple[Network, dict[str, Any]]:
+    """The network of an npz file (default: the shipped one) and its provenance."""
+    source = file or resources.files("lassokin_ros.core.evidence") / "depth_network.npz"
+    with source.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
+        count = int(data["count"])
+        weights = [data[f"w{i}"] for i in range(count)]
+        provenance = {name: data[name].tolist() for name in data if name not in {f"w{i}" for i in range(count)}}
+    return Network(weights), provenance
+
+
+@cache
+def shipped_network() -> Network:
+    """The network that comes with the package, read once."""
+    return load_weights()[0]
+
+
+MOST_FRAMES = 256
+
+
+class History:
+    """The canonical points of the last frames, and their interpolation at `TIMES`."""
+
+    def __init__(self) -> None:
+        self._stamps = np.empty(MOST_FRAMES)
+        self._points = np.zeros((MOST_FRAMES, len(NAMES), 2))
+        self._seen = np.zeros((MOST_FRAMES, len(NAMES)), dtype=bool)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all frames."""
+        self._count = 0
+
+    def add(self, stamp: float, points: np.ndarray, seen: np.ndarray) -> None:
+        """Append a frame: stamp s, later than the last; points (canonical, 2); seen (canonical,)."""
+        if self._count == MOST_FRAMES:
+            half = MOST_FRAMES // 2
+            for array in (self._stamps, self._points, self._seen):
+                array[:half] = array[half:].copy()
+            self._count = half
+        self._stamps[self._count], self._points[self._count], self._seen[self._count] = stamp, points, seen
+        self._count += 1
+
+    def sampled(self) -> tuple[np.ndarray, np.ndarray]:
+        """(points (times, canonical, 2), seen (times, canonical)) at `TIMES` before the newest frame."""
+        stamps = self._stamps[: self._count]
+        wanted = stamps[-1] - TIMES
+        later = np.clip(np.searchsorted(stamps, wanted - 1e-9), 1, max(self._count - 1, 1))
+        if self._count == 1:
+            later[:] = 0
+        earlier = np.maximum(later - 1, 0)
+        return interpolated(
+            wanted, stamps[earlier], stamps[later], self._points[earlier], self._points[later], self._seen[earlier],
+            self._seen[later],
+        )  # fmt: skip
+
+
+def interpolated(
+    wanted: np.ndarray,
+    before: np.ndarray,
+    after: np.ndarray,
+    points_before: np.ndarray,
+    points_after: np.ndarray,
+    seen_before: np.ndarray,
+    seen_after: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points between two detections, (..., times, canonical, 2), and which are known, (..., times, canonical).
+
+    wanted, before, after: (..., times) s. A point is known where both detections show it, they are at most
+    `LONGEST_GAP` apart, and the wanted time lies between them; or where the wanted time is one detection's.
+    """
+    gap = after - before
+    share = np.clip((wanted - before) / np.maximum(gap, 1e-6), 0.0, 1.0)
+    share = np.where(wanted >= after - 1e-6, 1.0, share)
+    inside = (wanted >= before - 1e-6) & (gap <= LONGEST_GAP)
+    s = share[..., None]
+    seen = ((seen_before | (s >= 1 - 1e-6)) & (seen_after | (s <= 1e-6))) & (inside | (share >= 1))[..., None]
+    return points_before + (points_after - points_before) * s[..., None], seen & (wanted <= after + 1e-6)[..., None]

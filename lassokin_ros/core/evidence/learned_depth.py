@@ -1,0 +1,90 @@
+"""Learned depth: where joints are in depth relative to the hips, as a network estimates it from the keypoints.
+
+The network (`depth_network`) gives depths along the line of sight to the body's middle, relative to the middle of the
+hips, and a matrix that whitens their errors. The whitened errors follow Student's t distribution, so the weight of a
+row falls off where the state disagrees with the network. All depths are relative: the translation does not enter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
+from lassokin_ros.core.body.rotations import hat
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.evidence.depth_network import CANONICAL, DEPTHS, TARGETS
+from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
+from lassokin_ros.core.image.frame_data import FrameData, JointDepths
+
+TAIL = 4.0
+"""Degrees of freedom of Student's t distribution, as in training."""
+
+
+def has_target_joints(skeleton: Skeleton) -> bool:
+    """Whether a skeleton has all joints whose depths the network estimates."""
+    return {joint for name, joint, _ in CANONICAL if name in (*TARGETS, "right_hip")} <= set(skeleton.joint_names)
+
+
+class LearnedDepth(Evidence):
+    """Rows W (d - d(state)), with d the estimated depths (m) and W their whitening matrix (1/m)."""
+
+    count = DEPTHS
+
+    def __init__(self, kinematics: Kinematics) -> None:
+        """The skeleton must have the joints of `has_target_joints`."""
+        skeleton = kinematics.skeleton
+        places = {name: (joint, np.array(offset) * skeleton.height) for name, joint, offset in CANONICAL}
+        chosen = [places[name] for name in (*TARGETS, "right_hip")]
+        self._joints = np.array([skeleton.index(joint) for joint, _ in chosen])
+        self._levers = np.array([offset for _, offset in chosen])[..., None]
+        live = np.flatnonzero(kinematics.live)
+        self._reach = np.repeat(skeleton.ancestors[self._joints], 3, axis=1)[:, live].T.astype(float)
+        #: (DEPTHS, DEPTHS + 1): places relative to the middle of the hips, from those of the targets and the right hip.
+        self._relative = np.eye(DEPTHS, DEPTHS + 1)
+        self._relative[:, [0, DEPTHS]] -= 0.5
+
+    def present(self, frame: FrameData) -> bool:
+        """Whether the network gave an estimate for this frame."""
+        return frame.joint_depths is not None
+
+    def linearise(self, about: LinearisationPoint, columns: np.ndarray, z: np.ndarray) -> None:
+        """Fill the rows. A turn w of a joint at p moves the depth of a point q by (w x (q - p)) . sight."""
+        given, pose = _given(about.frame), about.states.pose
+        points = self._points(pose)
+        whitened = self._whitened(points, given)
+        weight = np.sqrt((TAIL + 1) / (TAIL + whitened * whitened))
+        wrenches = np.empty((*points.shape[:-1], 6))
+        np.matmul(points - pose.positions[..., :1, :], hat(given.sight), out=wrenches[..., :3])
+        wrenches[..., 3:] = given.sight[..., None, :]
+        depths = (about.twists @ wrenches.swapaxes(-1, -2)) * self._reach
+        whitening = given.whitening @ self._relative
+        columns[..., :-3, :] = (depths @ whitening.swapaxes(-1, -2)) * weight[..., None, :]
+        columns[..., -3:, :] = 0.0
+        z[...] = weight * whitened
+
+    def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
+        """(...,) negative log-likelihood of Student's t distribution; the rows' weights are its derivative."""
+        z = self._whitened(self._points(states.pose), _given(frame))
+        return np.asarray((TAIL + 1) / 2 * np.log1p(z * z / TAIL).sum(-1))
+
+    @classmethod
+    def stack(cls, several: Sequence[LearnedDepth]) -> LearnedDepth:
+        """The estimates are part of the frames, so one object serves all people."""
+        return several[0]
+
+    def _points(self, pose: BodyPose) -> np.ndarray:
+        """(..., DEPTHS + 1, 3) m: the targets and the right hip."""
+        turned = pose.orientations.take(self._joints, axis=-3) @ self._levers
+        return np.asarray(pose.positions.take(self._joints, axis=-2) + turned[..., 0])
+
+    def _whitened(self, points: np.ndarray, given: JointDepths) -> np.ndarray:
+        """(..., DEPTHS): estimated less actual depths, in units of their errors."""
+        depths = (points @ given.sight[..., None])[..., 0] @ self._relative.T
+        return np.asarray((given.whitening @ (given.depths - depths)[..., None])[..., 0])
+
+
+def _given(frame: FrameData) -> JointDepths:
+    assert frame.joint_depths is not None
+    return frame.joint_depths

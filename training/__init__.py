@@ -1,0 +1,1 @@
+"""Training of what the product ships as learned: the depth network."""

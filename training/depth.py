@@ -1,0 +1,136 @@
+"""Train the depth network, and write it with its provenance.
+
+    python -m training.depth --data DIR --output lassokin_ros/core/evidence/depth_network.npz
+
+DIR holds `mocap` and `corpus`, folders of motion capture (see training/motion.py). People of `--hold-out` are left out
+(default: the test people and those of validation; give an empty text to learn from everybody).
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import multiprocessing
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from lassokin_ros.core.evidence.depth_network import Network, interpreted
+from training.motion import TEST, VALIDATION, Motion, load_motion, sources, training_sources
+from training.network import JITTER, Adam, backpropagated, initial_weights, loss
+from training.views import Batch, Views
+
+LICENCES = (
+    "The data used in this project was obtained from mocap.cs.cmu.edu. The database was created with funding from NSF "
+    "EIA-0196217.",
+    "ACCAD motion capture by The Ohio State University, CC BY 3.0.",
+    "AnimatedDrawings example motion by Meta Platforms, MIT licence.",
+)
+RATE = 1.5e-3
+_views: Views | None = None
+
+
+def _drawn(job: tuple[int, int, int]) -> Batch:
+    """The batch of one number."""
+    seed, number, size = job
+    assert _views is not None
+    return _views.batch(size, np.random.default_rng([seed, number]))
+
+
+def batches(motion: Motion, seed: int, size: int, steps: int, processes: int) -> Iterator[Batch]:
+    """Batches by seed and number, the same for any number of processes."""
+    global _views
+    _views = Views(motion)
+    jobs = ((seed, number, size) for number in range(steps))
+    if processes == 0:
+        yield from map(_drawn, jobs)
+        return
+    with multiprocessing.get_context("fork").Pool(processes) as pool:
+        for first in range(0, steps, 64):
+            part = [(seed, number, size) for number in range(first, min(first + 64, steps))]
+            yield from pool.imap(_drawn, part)
+
+
+def train(
+    motion: Motion,
+    steps: int,
+    size: int,
+    width: int,
+    blocks: int,
+    seed: int,
+    processes: int,
+    check: Motion | None = None,
+) -> Network:
+    """A network after so many steps; its loss on other people is printed where `check` has some."""
+    weights = initial_weights(width, blocks, np.random.default_rng([seed, 1]))
+    network, adam = Network(weights), None
+    adam = Adam(network.weights)
+    random = np.random.default_rng([seed, 2])
+    begun, recent = time.perf_counter(), 0.0
+    for number, batch in enumerate(batches(motion, seed, size, steps, processes)):
+        rate = RATE * min(1.0, (number + 1) / 200) * 0.5 * (1 + math.cos(math.pi * number / steps))
+        places = batch.places.copy()
+        places[..., 2] += JITTER * random.standard_normal(places.shape[:-1], dtype=np.float32)
+        value, gradients = backpropagated(network, batch.inputs, places)
+        adam.step(gradients, rate)
+        recent += (value - recent) * max(0.01, 1 / (number + 1))
+        if (number + 1) % 1000 == 0 or number + 1 == steps:
+            passed = time.perf_counter() - begun
+            report = "" if check is None else described(Network(adam.averaged), check)
+            print(f"{number + 1} steps, {passed:.0f} s, loss {recent:.2f} {report}", flush=True)
+    return Network(adam.averaged)
+
+
+def described(network: Network, motion: Motion) -> str:
+    """Figures on a motion: loss, mean error, and of depth alone, with and without all that augmentation adds."""
+    parts = []
+    for plain in (False, True):
+        batch = Views(motion).batch(3000, np.random.default_rng([3, plain]), plain)
+        outputs = network(batch.inputs)
+        error = 1700 * (interpreted(outputs).places - batch.places)
+        mean, depth = np.linalg.norm(error, axis=-1).mean(), np.abs(error[..., 2]).mean()
+        name, value = "plain" if plain else "val", loss(outputs, batch.places)[0]
+        parts.append(f"{name}: {value:.2f}, {mean:.1f} mm, depth {depth:.1f}")
+    return "; ".join(parts)
+
+
+def write(file: Path, network: Network, people: list[str], held_out: list[str], steps: int, seed: int) -> None:
+    """Write weights as float16, with where they came from."""
+    arrays = {f"w{i}": w.astype(np.float16) for i, w in enumerate(network.weights)}
+    np.savez_compressed(
+        file, count=len(arrays), licences=np.array(LICENCES), people=np.array(people), held_out=np.array(held_out),
+        steps=steps, seed=seed, numpy=np.__version__, command="python -m training.depth", **arrays,
+    )  # fmt: skip
+
+
+def main() -> int:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, required=True, help="folder that holds mocap and corpus")
+    parser.add_argument("--output", type=Path, required=True, help="npz file to write")
+    parser.add_argument("--hold-out", default=",".join((*TEST, *VALIDATION)), help="people left out, comma-separated")
+    parser.add_argument("--steps", type=int, default=20000)
+    parser.add_argument("--batch", type=int, default=512)
+    parser.add_argument("--width", type=int, default=384)
+    parser.add_argument("--blocks", type=int, default=2)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--processes", type=int, default=1, help="that draw batches; 0: none beside the training (1)")
+    options = parser.parse_args()
+    held_out = [person for person in options.hold_out.split(",") if person]
+    chosen = training_sources(options.data, held_out)
+    motion = load_motion(chosen)
+    others = [s for s in sources(options.data) if s.person in VALIDATION and s.person in held_out]
+    check = load_motion([s for s in others if not s.file.stem.startswith("131_03")]) if others else None
+    people = sorted(set(motion.people))
+    print(f"{len(chosen)} clips of {len(people)} people, {len(motion.points)} frames", flush=True)
+    network = train(motion, options.steps, options.batch, options.width, options.blocks, options.seed,
+                    options.processes, check)  # fmt: skip
+    write(options.output, network, people, held_out, options.steps, options.seed)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
