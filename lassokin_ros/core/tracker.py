@@ -235,7 +235,7 @@ class Tracker:
             known = mounted or self._upright.learned_for > VERTICAL_AFTER
             up = self._upright.vertical if known else None
             seen = measurement.weights > 0
-            self._joint_depths = self._depth.update(measurement.stamp, measurement.points, seen, up)
+            self._joint_depths = self._depth.update(measurement.stamp, measurement.points, seen, up, self._upright.mount)
         return replace(measurement.data, joint_depths=self._joint_depths)
 
     def _initialise(self, measurement: Measurement, frame: FrameData) -> Fit | None:

@@ -12,7 +12,8 @@ from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import WEBCAM, detections, exact_pixels, motion
 
 FOCAL, RATE, NOISE_PX = 1000.0, 30.0, 2.0
-CONFIG = TrackerConfig(noise_px=NOISE_PX)
+CONFIG = TrackerConfig(noise_px=NOISE_PX, depth_prior=False)
+"""Without the depth network: the tracker of hypotheses alone."""
 TRACKED_WITHIN = 0.15
 """m: mean error of the joints, pelvis on pelvis, up to which a state counts as tracked; a lost one is 0.3 m off."""
 

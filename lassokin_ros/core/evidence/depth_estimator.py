@@ -46,21 +46,26 @@ class DepthEstimator:
         self._prediction: Prediction | None = None
         self._rotation = np.eye(3)
 
-    def update(self, stamp: float, points: np.ndarray, seen: np.ndarray, up: np.ndarray | None) -> JointDepths | None:
+    def update(
+        self, stamp: float, points: np.ndarray, seen: np.ndarray, up: np.ndarray | None, mount: np.ndarray
+    ) -> JointDepths | None:
         """The joints' depths after a frame's keypoints, or None if fewer than `LEAST_SEEN` are seen.
 
         stamp: s, later than the last. points: (l, 2) normalised; seen: (l,) bool. up: (3,) the vertical in the camera
-        frame, None if unknown.
+        frame, None if unknown. mount: (3,) the same by the camera's mount, by which a rolled image is turned upright: the
+        network was trained with cameras that are about level.
         """
         shown = seen[self._index] & self._there
-        self._history.add(stamp, points[self._index], shown)
+        level = _upright_image(mount)
+        self._history.add(stamp, points[self._index] @ level[:2, :2].T, shown)
         self._prediction = None
         if np.count_nonzero(shown) < LEAST_SEEN:
             return None
         past, known = self._history.sampled()
-        vertical = np.zeros(3) if up is None else up
+        vertical = np.zeros(3) if up is None else level @ up
         scene = Scene(past, known, vertical, np.array(up is not None), self._lengths, self._lengths_known)
-        inputs, self._rotation = features(scene)
+        inputs, rotation = features(scene)
+        self._rotation = rotation @ level
         prediction = self._prediction = interpreted(self._network(inputs))
         depths = self._height * prediction.places[:, 2].astype(float)
         return JointDepths(self._rotation[2], depths, prediction.whitening.astype(float) / self._height)
@@ -76,3 +81,15 @@ class DepthEstimator:
         result = dict(zip(TARGETS, found))
         result["right_hip"] = -result["left_hip"]
         return result
+
+
+def _upright_image(up: np.ndarray) -> np.ndarray:
+    """(3, 3) turn about the optical axis after which the vertical (3,) points up in the image, to -y.
+
+    The identity where the camera looks straight up or down.
+    """
+    size = float(np.hypot(up[0], up[1]))
+    if size < 0.1:
+        return np.eye(3)
+    s, c = up[0] / size, -up[1] / size
+    return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])

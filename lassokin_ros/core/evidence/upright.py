@@ -65,6 +65,11 @@ class Upright(Evidence):
         self._seen = 0.0  # s
 
     @property
+    def mount(self) -> np.ndarray:
+        """(3,) the vertical by the camera's mount."""
+        return self._first
+
+    @property
     def learned_for(self) -> float:
         """Time in s for which the vertical has been learned."""
         return self._seen
