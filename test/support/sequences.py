@@ -32,7 +32,7 @@ def observations(tracker, seconds=2.0, start=0.0, noise_px=NOISE_PX, seed=0):
 
 def detected(seconds, seed=1):
     """(tracker, observations) of the demo's person, as its detector sees it."""
-    tracker, lens = Tracker(TrackerConfig()), WEBCAM.lens
+    tracker, lens = Tracker(TrackerConfig(depth_prior=False)), WEBCAM.lens
     times = np.arange(round(seconds * RATE)) / RATE
     pixels, confidence = detections(exact_pixels(tracker.kinematics, motion(tracker.skeleton, times)), RATE, seed=seed)
     return tracker, [

@@ -52,8 +52,8 @@ class DepthEstimator:
         """The joints' depths after a frame's keypoints, or None if fewer than `LEAST_SEEN` are seen.
 
         stamp: s, later than the last. points: (l, 2) normalised; seen: (l,) bool. up: (3,) the vertical in the camera
-        frame, None if unknown. mount: (3,) the same by the camera's mount, by which a rolled image is turned upright: the
-        network was trained with cameras that are about level.
+        frame, None if unknown. mount: (3,) the same by the camera's mount. A rolled image is turned upright
+        by it: the network was trained with cameras that are about level.
         """
         shown = seen[self._index] & self._there
         level = _upright_image(mount)

@@ -170,4 +170,5 @@ def test_a_layout_that_shows_the_trunk_alone_teaches_nothing_wrong():
     for number in range(60):
         seen = Observation(number / RATE, whole.points, whole.confidence * trunk, whole.focal)
         tracker.track(seen)
-    assert np.isfinite(tracker.adaptive_mean.mean).all() and np.abs(tracker.adaptive_mean.mean - tracker._rows.prior.mean).max() < 1.0
+    mean = tracker.adaptive_mean.mean
+    assert np.isfinite(mean).all() and np.abs(mean - tracker._rows.prior.mean).max() < 1.0

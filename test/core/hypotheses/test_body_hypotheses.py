@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from sequences import detected, observations
 
+from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.hypotheses import body_hypotheses as body_hypotheses
 from lassokin_ros.core.hypotheses.initialisation import DAMPING, LARGEST_TURN
@@ -18,7 +19,7 @@ class Wrong:
     """A tracker's challengers beside a published state that stays where it is, on one frame that comes again."""
 
     def __init__(self, seed, wrong):
-        tracker = Tracker()
+        tracker = Tracker(TrackerConfig(depth_prior=False))
         truth, observation = observations(tracker, seed=seed)[10 * seed]
         self.points, self.weights = observation.points, np.full(len(observation.points), 500.0)
         self.right = tracker._initialiser.fit(FrameData(self.points, self.weights)).best

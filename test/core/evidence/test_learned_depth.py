@@ -1,0 +1,134 @@
+"""Learned depth: rows against finite differences, and what the tracker makes of them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cases import body, random_state
+from sequences import CONFIG, FOCAL, RATE, aligned_error, observations
+
+from lassokin_ros.core.body.kinematics import BodyState
+from lassokin_ros.core.body.rotations import exponential
+from lassokin_ros.core.evidence.depth_network import DEPTHS
+from lassokin_ros.core.evidence.frame_model import FrameModel
+from lassokin_ros.core.evidence.learned_depth import TAIL, LearnedDepth
+from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
+from lassokin_ros.core.evidence.upright import Upright
+from lassokin_ros.core.image.frame_data import FrameData, JointDepths
+from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.image.robust_loss import huber_weights
+from lassokin_ros.core.observation import Observation
+from lassokin_ros.core.tracker import Tracker
+
+WITH_NETWORK = replace(CONFIG, depth_prior=True)
+
+
+@pytest.fixture
+def scene():
+    """(model, its learned depth, state, frame): a random estimate about a random state."""
+    kinematics, random = body(), np.random.default_rng(2)
+    learned = LearnedDepth(kinematics)
+    prior = PosePrior(PoseDistribution.load(kinematics.skeleton), kinematics)
+    model = FrameModel(kinematics, prior, Upright(), [learned])
+    state = random_state(random, kinematics, 0.4)
+    sight = random.normal(size=3) * 0.1 + [0.0, 0.0, 1.0]
+    whitening = np.tril(random.normal(size=(DEPTHS, DEPTHS))) * 5 + 10 * np.eye(DEPTHS)
+    given = JointDepths(sight / np.linalg.norm(sight), 0.2 * random.normal(size=DEPTHS), whitening)
+    landmarks = kinematics.pose(state).landmarks
+    return model, learned, state, FrameData(project(landmarks), np.full(17, 300.0), joint_depths=given)
+
+
+def moved(model, state, step):
+    omega = np.zeros(72)
+    omega[model.live] = step[:-3]
+    return BodyState(state.rotations @ exponential(omega.reshape(-1, 3)), state.translation + step[-3:])
+
+
+def test_rows_are_the_derivative_of_the_whitened_errors(scene):
+    model, learned, state, frame = scene
+    rows = model.linearise(model.evaluate(state), frame, huber_weights)
+    which = model.rows_of(learned, frame)
+    J, z = rows.columns[:, which].T, rows.z[which]
+
+    def errors(step):
+        return learned._whitened(learned._points(model.kinematics.pose(moved(model, state, step))), frame.joint_depths)
+
+    steps = 1e-6 * np.eye(J.shape[1])
+    slopes = np.stack([(errors(step) - errors(-step)) / 2e-6 for step in steps], axis=1)
+    weight = z / errors(0 * steps[0])
+    assert np.abs(J + weight[:, None] * slopes).max() < 1e-5 * np.abs(J).max()
+    assert not J[:, -3:].any()
+
+
+def test_the_pull_of_the_rows_is_the_gradient_of_the_cost(scene):
+    model, learned, state, frame = scene
+    rows = model.linearise(model.evaluate(state), frame, huber_weights)
+    which = model.rows_of(learned, frame)
+
+    def cost(step):
+        return float(learned.cost(model.evaluate(moved(model, state, step)), frame))
+
+    steps = 1e-6 * np.eye(len(rows.columns))
+    gradient = np.array([(cost(step) - cost(-step)) / 2e-6 for step in steps])
+    assert TAIL > 0
+    assert np.allclose(rows.columns[:, which] @ rows.z[which], -gradient, atol=1e-3 * np.abs(gradient).max())
+
+
+def test_several_states_at_once_give_what_each_gives(scene):
+    model, learned, state, frame = scene
+    random = np.random.default_rng(3)
+    other = random_state(random, model.kinematics, 0.4)
+    both = BodyState(np.stack([state.rotations, other.rotations]), np.stack([state.translation, other.translation]))
+    whole = model.linearise(model.evaluate(both), frame.per_state(), huber_weights)
+    for number, one in enumerate((state, other)):
+        alone = model.linearise(model.evaluate(one), frame, huber_weights)
+        assert np.allclose(whole.columns[number], alone.columns, atol=1e-9)
+        assert np.allclose(whole.z[number], alone.z, atol=1e-9)
+
+
+def followed(config, change=lambda observation: observation):
+    tracker = Tracker(config)
+    errors = []
+    for truth, observation in observations(tracker):
+        estimate = tracker.track(change(observation))
+        assert estimate.accepted and estimate.certificate.kkt_residual < 1e-6
+        errors.append(aligned_error(estimate, truth))
+    return np.mean(errors), tracker
+
+
+def test_a_tracker_with_the_network_follows_and_is_certified():
+    error, tracker = followed(WITH_NETWORK)
+    assert error < 0.1 and tracker._joint_depths is not None
+
+
+def test_switched_off_there_are_no_rows():
+    _, tracker = followed(CONFIG)
+    assert tracker._joint_depths is None and len(tracker._rows.evidence) == 5
+
+
+def test_a_camera_on_its_side_sees_what_a_level_one_sees():
+    def rolled(observation):
+        return replace(observation, points=np.stack([observation.points[:, 1], -observation.points[:, 0]], axis=-1))
+
+    _, level = followed(WITH_NETWORK)
+    tracker = Tracker(replace(WITH_NETWORK, camera_roll=np.pi / 2))
+    turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    for _, observation in observations(tracker):
+        estimate = tracker.track(rolled(observation))
+    assert np.allclose(estimate.pose.positions, level.published[-1].pose.positions @ turn.T, atol=1e-3)
+
+
+@pytest.mark.parametrize("landmarks", ["body25", "mediapipe33", "h36m17"])
+def test_it_serves_other_layouts(landmarks):
+    error, tracker = followed(replace(WITH_NETWORK, landmarks=landmarks))
+    assert error < 0.12 and tracker._joint_depths is not None
+
+
+def test_too_few_points_give_no_estimate_and_do_no_harm():
+    tracker = Tracker(replace(WITH_NETWORK, min_landmarks=3))
+    seen = np.zeros(17)
+    seen[[5, 6, 11]] = 1.0
+    for number, (_, observation) in enumerate(observations(tracker, 0.5)):
+        confidence = seen if number % 2 else observation.confidence
+        estimate = tracker.track(Observation(number / RATE, observation.points, confidence, FOCAL))
+        assert estimate.accepted
