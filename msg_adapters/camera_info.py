@@ -1,4 +1,4 @@
-"""sensor_msgs/CameraInfo to numbers, refused with a reason when they cannot be a camera's."""
+"""Decode and check sensor_msgs/CameraInfo."""
 
 from __future__ import annotations
 
@@ -16,17 +16,30 @@ COEFFICIENTS = {
     "equidistant": (4,),
     "fisheye": (4,),
 }
-"""Distortion model -> numbers of coefficients that it may have; `fisheye` is another word for `equidistant`."""
+"""Distortion model -> allowed numbers of coefficients. `fisheye` is a synonym of `equidistant`."""
+OPENCV_COUNTS = {5: "plumb_bob", 8: "rational_polynomial", 12: "rational_polynomial", 14: "rational_polynomial"}
+"""Number of coefficients -> model in OpenCV's order. These numbers identify the model, whatever its name."""
+OTHER_FAMILIES = ("omni", "unified", "ucm", "sphere", "fov", "inverse", "fisheye", "equi", "kannala")
+"""Parts of the names of models that do not have OpenCV's order of coefficients."""
+SMALLEST_FOCAL = 0.1
+"""A focal length below this fraction of the image size is impossible: a field of view above 157 degrees."""
+SMALLEST_FOCAL_PX = 10.0
+"""px: the same if the image size is unknown."""
+FARTHEST_CENTRE = 1.0
+"""A principal point farther from the image centre than this fraction of the image size is impossible."""
+UNUSUAL_CENTRE, UNUSUAL_ASPECT = 0.15, 0.1
+"""Distance of the principal point from the image centre, as a fraction of the size, and |fx / fy - 1|, from which on
+camera_info is suspicious."""
 MOST_COEFFICIENTS = 32
 LONGEST_NAME = 64
-"""Characters of the distortion model's name that are looked at."""
+"""Characters of the name of the distortion model that are used."""
 LARGEST = 1e7
-"""px: no focal length or centre is this large."""
+"""px: upper limit of focal lengths and principal point."""
 
 
 @dataclass(frozen=True, eq=False)
 class Intrinsics:
-    """A camera's intrinsics for the image as it is delivered (binning and region of interest are taken into account).
+    """Intrinsics of a camera for the delivered image, after binning and region of interest.
 
     Attributes
     ----------
@@ -34,7 +47,8 @@ class Intrinsics:
     D: distortion coefficients in the order of `model`; empty when there is no distortion.
     model: "plumb_bob", "rational_polynomial", "equidistant" or "" when there is no distortion.
     R: (3, 3), P: (3, 4) px, of the rectified image.
-    width, height: px, of the image; frame_id: the camera's optical frame.
+    width, height: px, of the image; frame_id: the optical frame of the camera.
+    suspicion: why K hardly fits the image size, with numbers; empty if it fits.
     """
 
     K: np.ndarray
@@ -45,13 +59,15 @@ class Intrinsics:
     width: int
     height: int
     frame_id: str
+    suspicion: str = ""
 
 
 def decode_camera_info(message: Any) -> Intrinsics:
-    """The camera of a CameraInfo message.
+    """Return the intrinsics of a CameraInfo message.
 
-    Raises AdapterError with reason `camera_uncalibrated` (K[0] is 0), `camera_not_finite`, `camera_matrix` (no
-    positive focal length, skew) or `camera_distortion` (unknown model, wrong number of coefficients).
+    Raises AdapterError with reason `camera_uncalibrated` (K is 0 or cannot belong to the image size),
+    `camera_not_finite`, `camera_matrix` (no positive focal length, skew) or `camera_distortion` (unknown model, wrong
+    number of coefficients).
     """
     K, R, P = (np.array(values, dtype=float) for values in (message.k, message.r, message.p))
     if len(message.d) > MOST_COEFFICIENTS:
@@ -71,22 +87,27 @@ def decode_camera_info(message: Any) -> Intrinsics:
     frame_id = frame_name(message.header)
     K, P = K.reshape(3, 3), P.reshape(3, 4)
     K[2] = 0, 0, 1
+    suspicion = _check_size(K, message)
     width, height = _apply_window(message, K, P)
     if min(K[0, 0], K[1, 1]) < 1 or np.abs(K).max() >= LARGEST:
         raise AdapterError("camera_matrix", f"after binning and region of interest K is {K.tolist()}; expected px")
-    return Intrinsics(K, D, model, R.reshape(3, 3), P, width, height, frame_id)
+    return Intrinsics(K, D, model, R.reshape(3, 3), P, width, height, frame_id, suspicion)
 
 
 def _distortion(model: str, D: np.ndarray) -> tuple[str, np.ndarray]:
-    """Model and coefficients; ("", empty) where they bend nothing.
+    """Return model and coefficients; ("", empty) without distortion.
 
-    An equidistant lens bends rays even with all coefficients 0, so it stays.
+    An equidistant lens has distortion even if all coefficients are 0. Surplus trailing zeros are dropped. A number of
+    coefficients in OPENCV_COUNTS identifies the model, unless its name belongs to another family.
     """
     model = "equidistant" if model == "fisheye" else model
     if model == "equidistant" and len(D) == 0:
         D = np.zeros(4)
     if model != "equidistant" and not D.any():
         return "", D[:0]
+    D = _without_surplus_zeros(model, D)
+    if len(D) in OPENCV_COUNTS and not any(part in model.lower() for part in OTHER_FAMILIES):
+        model = OPENCV_COUNTS[len(D)]
     if model not in COEFFICIENTS:
         known = ", ".join(COEFFICIENTS)
         raise AdapterError("camera_distortion", f"distortion_model is '{model}'; expected one of: {known}")
@@ -96,10 +117,43 @@ def _distortion(model: str, D: np.ndarray) -> tuple[str, np.ndarray]:
     return model, D
 
 
-def _apply_window(message: Any, K: np.ndarray, P: np.ndarray) -> tuple[int, int]:
-    """Shift and scale K and P, in place, to the delivered image's pixels; its width and height.
+def _without_surplus_zeros(model: str, D: np.ndarray) -> np.ndarray:
+    """Return D with the largest allowed number of coefficients, if only zeros are dropped for it."""
+    counts = COEFFICIENTS.get(model, tuple(OPENCV_COUNTS))
+    if len(D) in counts or len(D) in OPENCV_COUNTS and D[max(counts) :].any():
+        return D
+    fitting = [count for count in counts if count < len(D) and not D[count:].any()]
+    return D[: max(fitting)] if fitting else D
 
-    CameraInfo describes the full sensor; `roi` cuts a window out of it and binning merges its pixels.
+
+def _check_size(K: np.ndarray, message: Any) -> str:
+    """Return why K (3, 3) px hardly fits the full image size, in words. Raises AdapterError if it cannot fit."""
+    size = np.array([message.width, message.height], dtype=float)
+    focal, centre = K[[0, 1], [0, 1]], K[:2, 2]
+    numbers = (
+        f"fx = {focal[0]:g}, fy = {focal[1]:g}, cx = {centre[0]:g}, cy = {centre[1]:g} px with an image of "
+        f"{message.width} x {message.height} px"
+    )
+    known = size.min() > 0
+    if focal.min() < (max(SMALLEST_FOCAL * size.max(), SMALLEST_FOCAL_PX) if known else SMALLEST_FOCAL_PX):
+        raise AdapterError("camera_uncalibrated", f"camera_info has {numbers}: no camera has so short a focal length")
+    aspect = focal[0] / focal[1]
+    if not known:
+        return ""
+    away = np.abs(centre / size - 0.5)
+    if away.max() > FARTHEST_CENTRE:
+        raise AdapterError("camera_uncalibrated", f"camera_info has {numbers}: the principal point is far outside")
+    if away.max() > UNUSUAL_CENTRE:
+        return f"camera_info has {numbers}: is K of another resolution, or of the binned image?"
+    if abs(aspect - 1) > UNUSUAL_ASPECT or abs(1 / aspect - 1) > UNUSUAL_ASPECT:
+        return f"camera_info has {numbers}: fx and fy differ; are pixels not square?"
+    return ""
+
+
+def _apply_window(message: Any, K: np.ndarray, P: np.ndarray) -> tuple[int, int]:
+    """Shift and scale K and P, in place, to pixels of the delivered image. Return its width and height.
+
+    CameraInfo describes the full sensor. `roi` selects a window of it, and binning merges its pixels.
     """
     roi, width, height = message.roi, message.width, message.height
     if roi.width and roi.height:

@@ -1,8 +1,9 @@
-"""The camera in use: what camera_info says, and which keypoints still belong to what it said before."""
+"""The camera of an image, from the received camera_info messages."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import deque
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -14,19 +15,22 @@ from msg_adapters.camera_info import Intrinsics, decode_camera_info
 from msg_adapters.errors import AdapterError
 
 IN_FLIGHT_NS = 1_000_000_000
-"""Keypoints of an image up to this much older than a change of the camera are read with the camera before it: a
-detector takes its time."""
+"""An image up to this much older than a change of the camera belongs to the camera before: detectors have a delay."""
 OUTSIDE_IMAGE = "beyond the image"
-"""Under what messages are counted whose keypoints leave it."""
+"""Key of the count of messages with keypoints outside the image."""
 MARGIN = 0.05
-"""Of the image: how far keypoints may lie beyond it, as those of a limb that it cuts do."""
+"""Fraction of the image size by which keypoints may lie outside, as those of a truncated limb do."""
 FEW = 0.1
-"""Share of an image's keypoints that may lie farther out."""
+"""Fraction of the keypoints of an image that may lie farther outside."""
+MOST_CAMERAS = 8
+"""Number of cameras on one topic that are remembered."""
+RECENT, ALTERNATIONS = 20, 3
+"""Several cameras share the topic if, among this many messages, the camera changes at least this often."""
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A camera as it is from one stamp on; stamp_ns: ns, 0 where camera_info has none."""
+    """A camera from one stamp on; stamp_ns: ns, 0 if camera_info has no stamp."""
 
     lens: Lens
     intrinsics: Intrinsics
@@ -39,43 +43,74 @@ class View:
 
     @cached_property
     def _limits(self) -> tuple[np.ndarray, np.ndarray]:
-        """The least and greatest coordinates (2,) px that keypoints may have."""
+        """Least and greatest coordinates (2,) px of keypoints."""
         size = np.array(self.size, dtype=float)
         margin = np.where(size > 0, MARGIN * size, np.inf)
         return -margin, size + margin
 
     def is_left_by(self, xy: np.ndarray) -> bool:
-        """True where many of the keypoints (k, 2), px, lie beyond the borders: they are another image's."""
+        """Return True if many of the keypoints (k, 2), px, lie outside: they belong to another image."""
         least, greatest = self._limits
         return int(np.count_nonzero(((xy < least) | (xy > greatest)).any(axis=1))) > FEW * len(xy)
 
 
 class Camera:
-    """Takes camera_info messages, most of which say what is known already."""
+    """Receives camera_info messages and selects the camera of an image.
+
+    The camera with the frame_id of the keypoints is used, if there is one, else the newest camera.
+    """
 
     def __init__(self, rectified: bool) -> None:
         """rectified: keypoints are pixels of the rectified image."""
         self._rectified = rectified
-        self._now: View | None = None
-        self._before: View | None = None
-        self._key: tuple[Any, ...] | None = None
+        self._newest: tuple[View | None, View | None] = None, None  # now, before
+        self._by_frame: dict[str, tuple[View, View | None]] = {}
+        self._keys: dict[str, tuple[Any, ...]] = {}
+        self._recent: deque[str] = deque(maxlen=RECENT)
+        self._frame = ""  # of the last keypoints
         self.fault = ""
-        """Why the last camera_info was refused, in words; empty when it was taken."""
+        """Why the last camera_info was refused, in words; empty if it was accepted."""
 
     @property
     def view(self) -> View | None:
-        """The present camera, None before the first that is usable."""
-        return self._now
+        """The present camera, None before the first usable camera_info."""
+        return self._views(self._frame)[0]
+
+    @property
+    def suspicion(self) -> str:
+        """Why the camera_info in use may be wrong, in words; empty if nothing is suspicious."""
+        if (view := self.view) is None:
+            return ""
+        recent = list(self._recent)
+        if sum(a != b for a, b in zip(recent, recent[1:])) >= ALTERNATIONS:
+            names = ", ".join(f"'{name[:40]}'" for name in sorted(set(recent))[:MOST_CAMERAS])
+            return (
+                f"camera_info of several cameras on one topic ({names}); used is '{view.intrinsics.frame_id[:40]}'; "
+                "expected one camera, or keypoints with the frame_id of their camera"
+            )
+        return view.intrinsics.suspicion
 
     def update(self, message: Any) -> bool:
-        """Take over a CameraInfo message; True when it is another camera's (frame_id) than before.
+        """Apply a CameraInfo message. Return True if the present camera changes to another frame_id.
 
-        Raises AdapterError when it is refused; the last good camera then stays.
+        Raises AdapterError if the message is refused; the last good camera then stays.
         """
-        key = _key(message)
-        if key == self._key and not self.fault:
-            return False
-        self._key = key
+        before = self.view
+        frame, key = message.header.frame_id, _key(message)
+        if key == self._keys.get(frame):
+            self.fault = ""
+            view = self._by_frame[frame][0]
+        else:
+            view = self._decode(message)
+            self._remember(frame, key, view)
+        self._recent.append(frame)
+        newest = self._newest[0]
+        if newest is None or newest.intrinsics is not view.intrinsics:
+            self._newest = replace(view, stamp_ns=_stamp_ns(message)), newest
+        now = self.view
+        return before is not None and now is not None and before.intrinsics.frame_id != now.intrinsics.frame_id
+
+    def _decode(self, message: Any) -> View:
         try:
             intrinsics = decode_camera_info(message)
             lens = Lens.from_intrinsics(intrinsics, self._rectified)
@@ -85,26 +120,42 @@ class Camera:
         except CameraError as error:
             self.fault = str(error)
             raise AdapterError("camera_unusable", self.fault) from None
-        stamp = message.header.stamp
         self.fault = ""
-        self._before, self._now = self._now, View(lens, intrinsics, stamp.sec * 1_000_000_000 + stamp.nanosec)
-        return self._before is not None and self._before.intrinsics.frame_id != intrinsics.frame_id
+        return View(lens, intrinsics, _stamp_ns(message))
 
-    def at(self, stamp_ns: int | None) -> View:
-        """The camera that took the image of this stamp; the present one where there is no stamp.
+    def _remember(self, frame: str, key: tuple[Any, ...], view: View) -> None:
+        previous = self._by_frame.pop(frame, (None, None))[0]
+        if len(self._by_frame) >= MOST_CAMERAS:
+            oldest = next(iter(self._by_frame))
+            del self._by_frame[oldest], self._keys[oldest]
+        self._by_frame[frame], self._keys[frame] = (view, previous), key
 
-        Raises AdapterError before the first usable camera_info.
+    def _views(self, frame: str) -> tuple[View | None, View | None]:
+        """Return the present and the previous camera for keypoints of this frame."""
+        return self._by_frame.get(frame, self._newest) if frame else self._newest
+
+    def at(self, stamp_ns: int | None, frame: str | None = None) -> View:
+        """Return the camera of the image with this stamp (ns) and frame_id; without stamp the present camera.
+
+        frame: None = that of the last keypoints. Raises AdapterError before the first usable camera_info.
         """
-        if self._now is None:
+        if frame is not None:
+            self._frame = frame
+        now, before = self._views(self._frame)
+        if now is None:
             raise AdapterError("no_camera_info", self.fault or "no camera_info has come yet")
-        if self._before is None or stamp_ns is None:
-            return self._now
-        early = 0 < self._now.stamp_ns - stamp_ns <= IN_FLIGHT_NS
-        return self._before if early else self._now
+        if before is None or stamp_ns is None:
+            return now
+        early = 0 < now.stamp_ns - stamp_ns <= IN_FLIGHT_NS
+        return before if early else now
+
+
+def _stamp_ns(message: Any) -> int:
+    return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
 
 
 def _key(message: Any) -> tuple[Any, ...]:
-    """What of a CameraInfo matters, cheap to compare: it comes with every image and hardly ever changes."""
+    """Return the used content of a CameraInfo, for a fast comparison with the previous message."""
     roi = message.roi
     image = (message.width, message.height, message.binning_x, message.binning_y)
     window = (roi.x_offset, roi.y_offset, roi.width, roi.height)

@@ -154,10 +154,10 @@ class Pipeline:
             self._count_outside(keypoints, view)
             if keypoints.stamp_ns is None:
                 self.counts["unstamped"] += 1
-            else:
-                stamp_ns = keypoints.stamp_ns
+            stamped = keypoints.stamp_ns is not None
+            stamp_ns = keypoints.stamp_ns or self._stamps.estimate(arrival_ns)
             image = PeopleImage(keypoints, stamp_ns, frame_id, view.lens, self._has_persistent_numbers(keypoints))
-            if self._stamps.check(stamp_ns, arrival_ns, self.config.jump_back):
+            if self._is_back_in_time(image, arrival_ns, stamped):
                 self._jump_back(image)
             self._switch_camera(view.intrinsics.frame_id)
             frames = self.people.update(image, self.config.forget_after)
@@ -166,6 +166,7 @@ class Pipeline:
         self._latest = stamp_ns, arrival_ns
         if all(frame.accepted for frame in frames):
             self._stamps.seen(stamp_ns, self.people.tracked_at(stamp_ns))
+            self._stamps.follow(stamp_ns, arrival_ns, stamped)
         return frames
 
     def flush(self) -> list[FrameResult]:
@@ -176,7 +177,7 @@ class Pipeline:
         """Return the keypoints and the camera of their image."""
         present = self.camera.at(None)
         keypoints = self._adapter.decode(message, present.size)
-        view = self.camera.at(keypoints.stamp_ns)
+        view = self.camera.at(keypoints.stamp_ns, keypoints.frame_id)
         if view is not present:
             keypoints = self._adapter.decode(message, view.size)
         return keypoints, view
@@ -192,6 +193,15 @@ class Pipeline:
         confident = keypoints.confidence >= self.tracker.config.min_confidence  # others may be out of view
         if view.is_left_by(keypoints.xy[confident]):
             self.counts[OUTSIDE_IMAGE] += 1
+
+    def _is_back_in_time(self, image: PeopleImage, arrival_ns: int, stamped: bool) -> bool:
+        """Return True if the people must be forgotten. Raises AdapterError for an old stamp, see `StampWatch.check`."""
+        try:
+            return self._stamps.check(image.stamp_ns, arrival_ns, self.config.jump_back)
+        except AdapterError:
+            if not self._stamps.is_first_stamp(stamped):
+                raise
+            return True  # arrival times were of another clock than the stamps
 
     def _jump_back(self, image: PeopleImage) -> None:
         """Reset for a message from an earlier time. Raises AdapterError if nobody in it can be tracked."""

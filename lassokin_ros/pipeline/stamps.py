@@ -14,6 +14,9 @@ ALWAYS_AHEAD_S = 2.0
 FASTEST = 10.0
 """Largest playback rate of a recording. A pause in the recording is shorter by this factor during playback."""
 
+DEFAULT_PERIOD_NS = 33_333_333
+"""ns: assumed period of the messages before two stamps are known."""
+
 
 class StampWatch:
     """Tracks the newest processed stamp, and a jump that is not confirmed yet; ns."""
@@ -22,6 +25,8 @@ class StampWatch:
     _newest: int | None
     _jump: int | None
     _last: tuple[int, int]
+    _reference: tuple[int, int] | None
+    _period_ns: int | None
 
     def __init__(self) -> None:
         self.reset()
@@ -29,6 +34,33 @@ class StampWatch:
     def reset(self) -> None:
         """Forget all stamps. The next stamp is accepted, whatever it is."""
         self._oldest = self._newest = self._jump = None
+        self._reference = self._period_ns = None
+
+    def estimate(self, arrival_ns: int) -> int:
+        """Return the stamp of a message that has none, ns.
+
+        It is the arrival time if no message had a stamp yet. Otherwise it continues the stamps of the other messages
+        by the time since the last arrival, at most by one period: the next stamp must not lie before it.
+        """
+        if self._reference is None:
+            return arrival_ns
+        stamp_ns, last_arrival = self._reference
+        longest = DEFAULT_PERIOD_NS if self._period_ns is None else self._period_ns
+        return stamp_ns + min(max(arrival_ns - last_arrival, longest // 10), longest)
+
+    def follow(self, stamp_ns: int, arrival_ns: int, stamped: bool) -> None:
+        """Record the stamp of an accepted message as reference for `estimate`; stamped: the message had it itself."""
+        if self._reference is None and not stamped:
+            return
+        if self._reference is not None and stamped:
+            step = stamp_ns - self._reference[0]
+            if step > 0:
+                self._period_ns = step if self._period_ns is None else min(step, 2 * self._period_ns)
+        self._reference = stamp_ns, arrival_ns
+
+    def is_first_stamp(self, stamped: bool) -> bool:
+        """Return True for the first message with a stamp after messages without one."""
+        return stamped and self._reference is None and self._newest is not None
 
     def check(self, stamp_ns: int, arrival_ns: int, jump_back: float) -> bool:
         """Return True if time jumped back by more than jump_back (s), so that the state must be reset.

@@ -240,6 +240,11 @@ def test_camera_info_binning_and_window(backend):
         ("rational_polynomial", [0.1] * 8, "rational_polynomial"),
         ("equidistant", [0.0] * 4, "equidistant"),
         ("fisheye", [], "equidistant"),
+        ("plumb_bob", [0.1, 0.2, 0.01, 0.01, 0.1, 0, 0, 0], "plumb_bob"),
+        ("equidistant", [0.1, 0.1, 0.1, 0.1, 0.0], "equidistant"),
+        ("rational", [0.1] * 8, "rational_polynomial"),
+        ("plumb_bob", [0.1] * 8, "rational_polynomial"),
+        ("rational_polynomial", [0.1] * 5, "plumb_bob"),
     ],
 )
 def test_distortion_models(backend, model, D, kept):
@@ -259,7 +264,10 @@ def test_distortion_models(backend, model, D, kept):
         ([600.0, 0, 320, 0, 600, 240, 0, 0, 1], "plumb_bob", [0.1], "camera_distortion"),
         ([600.0, 0, 320, 0, 600, 240, 0, 0, 1], "plumb_bob", [np.inf] * 5, "camera_not_finite"),
         ([600.0, 0, 320, 0, 600, 240, 0, 0, 1], "omnidirectional", [0.1] * 4, "camera_distortion"),
-        ([600.0, 0, 320, 0, 600, 240, 0, 0, 1], "rational_polynomial", [0.1] * 5, "camera_distortion"),
+        ([600.0, 0, 320, 0, 600, 240, 0, 0, 1], "rational_polynomial", [0.1] * 6, "camera_distortion"),
+        ([1.0, 0, 0, 0, 1, 0, 0, 0, 1], "", [], "camera_uncalibrated"),
+        ([1.0, 0, 320, 0, 1, 240, 0, 0, 1], "", [], "camera_uncalibrated"),
+        ([600.0, 0, 3200, 0, 600, 240, 0, 0, 1], "", [], "camera_uncalibrated"),
     ],
 )
 def test_camera_info_that_is_no_camera_is_refused(backend, K, model, D, reason):

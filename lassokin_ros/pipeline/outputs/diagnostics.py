@@ -118,7 +118,8 @@ class Diagnostics:
                 f"keypoints are frozen: the same ones for {self._repeated_s:.1f} s; does the camera's image move, and "
                 "does the detector get it?"
             )
-        possible = _unused(recent), self._beyond(recent), self._no_body(), self._turnover(recent), concern
+        suspicion = "" if pipeline.camera.view is None else pipeline.camera.suspicion
+        possible = suspicion, _unused(recent), self._beyond(recent), self._no_body(), self._turnover(recent), concern
         concerns = [words for words in possible if words]
         level = OK if status is Status.TRACKING and not concerns else WARN
         return level, "; ".join([status.value, *concerns])

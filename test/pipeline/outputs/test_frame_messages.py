@@ -192,7 +192,7 @@ def test_another_cameras_info_forgets_the_state(pipeline):
 def test_images_of_the_camera_before_that_come_late_are_forgotten_too(pipeline):
     info = camera_info(BACKEND, frame_id="another_camera")
     set_header(info.header, START_NS + 3 * PERIOD_NS, "another_camera")
-    assert frame(pipeline, 0).accepted
+    assert frame(pipeline, 0, frame_id="").accepted
     pipeline.set_camera(info)
     late = [frame(pipeline, i, frame_id="") for i in (1, 2)]
     new = [frame(pipeline, i, frame_id="") for i in (3, 4)]
