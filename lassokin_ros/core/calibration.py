@@ -150,7 +150,8 @@ class Calibration:
 
     def _keep(self, state: BodyState, data: FrameData, share: float) -> None:
         count = self.proportions.count
-        frame = KeptFrame(state, replace(data, joint_depths=None), share, self.lengths, np.zeros((count, count)), np.zeros(count))
+        data = replace(data, joint_depths=None)
+        frame = KeptFrame(state, data, share, self.lengths, np.zeros((count, count)), np.zeros(count))
         self._linearise(frame)
         if math.isfinite(frame.cost):  # else nothing is known of it
             self._frames.append(frame)

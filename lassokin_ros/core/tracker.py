@@ -204,7 +204,7 @@ class Tracker:
         solved = yield from self._accept_increment(start, fit, increment, measurement, frame)
         smoothed = self._smooth(solved, increment, measurement)
         estimate = self._estimate(measurement, fit, increment, solved.state, smoothed)
-        self._measurements.used(measurement)
+        self._measurements.mark_used(measurement)
         offsets = self.skeleton.offsets
         self._learn(measurement, frame, start, fit, increment)
         self._publish(estimate, offsets, measurement)
@@ -222,7 +222,9 @@ class Tracker:
 
     def _filter_keypoints(self, observation: Observation, weights: np.ndarray) -> Measurement:
         depth = None if self._state is None else float(self._state.translation[2])
-        return self._measurements.of(observation, weights, depth, self.model_error.deviation, self.config.lost_after)
+        return self._measurements.filtered(
+            observation, weights, depth, self.model_error.deviation, self.config.lost_after
+        )
 
     def _with_learned_depth(self, measurement: Measurement) -> FrameData:
         """The frame's measurements, with the depths that the network estimates from them and those before."""
@@ -235,7 +237,8 @@ class Tracker:
             known = mounted or self._upright.learned_for > VERTICAL_AFTER
             up = self._upright.vertical if known else None
             seen = measurement.weights > 0
-            self._joint_depths = self._depth.update(measurement.stamp, measurement.points, seen, up, self._upright.mount)
+            mount = self._upright.mount
+            self._joint_depths = self._depth.update(measurement.stamp, measurement.points, seen, up, mount)
         return replace(measurement.data, joint_depths=self._joint_depths)
 
     def _initialise(self, measurement: Measurement, frame: FrameData) -> Fit | None:

@@ -50,7 +50,7 @@ class Layout:
     joints: (l,) index of the joint on which each landmark rides.
     offsets: (l, 3) m, q_i^0 of (1): constant place in that joint's frame (body axes at rest: x left, y up, z front).
     surface: (l,) m from the body's surface to the landmark, along the line of sight of a depth camera.
-    noise: (l,) factor on the detector's noise: above 1 where its adaptive_mean is off the joint's centre (hips) or unsteady.
+    noise: (l,) factor on the detector's noise, above 1 for an unsteady landmark or one off its joint's centre.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""What of an observation may be used: the reason against it, or its landmarks' weights."""
+"""Measurement gating: whether an observation can be used, and with which weight each landmark."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Observation, Rejection
 
 FOCAL_RANGE = 1e-3, 1e9
-"""px: beyond, weights lose their digits."""
+"""px: a focal length outside is rejected; the weights would lose digits."""
 
 WIDEST = 10.0
-"""Normalised image coordinate, beyond which a point is none: 84 degrees off the optical axis."""
+"""Largest normalised image coordinate of a usable point: 84 degrees off the optical axis."""
 
 
 def gate_observation(
     observation: Observation, newest: float, layout: Layout, config: TrackerConfig
 ) -> tuple[Rejection | None, np.ndarray]:
-    """The reason against an observation, if any, and its landmarks' weights (l,), 1 / standard deviation, 0 = not used.
+    """The reason to reject an observation (or None), and the weights (l,): 1 / standard deviation, 0 = not used.
 
-    newest: s, the stamp that its own must be later than. A weight's unit is that of normalised image coordinates.
+    newest: s, the observation's stamp must be later. Weights are in normalised image coordinates.
     """
     count = len(layout.names)
     none = np.zeros(count)
@@ -41,6 +41,6 @@ def gate_observation(
 
 
 def visible(observation: Observation, config: TrackerConfig) -> np.ndarray:
-    """(l,) bool: which landmarks of an observation count as seen."""
+    """(l,) bool: landmarks with a usable point and enough confidence."""
     near = np.abs(observation.points) < WIDEST
     return near[:, 0] & near[:, 1] & (observation.confidence >= max(config.min_confidence, 1e-9))

@@ -54,13 +54,14 @@ class KeypointFilter:
     def update(
         self, stamp: float, points: np.ndarray, weights: np.ndarray, acceleration: float, model_error: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Filtered points (l, 2) and weights (l,) of a frame; weight 0 where there is no good point.
+        """Filtered points (l, 2) and weights (l,) of a frame; the weight is 0 where there is no good point.
 
-        A landmark that is missing, or wrong for the first time, coasts on its velocity with growing variance.
+        A landmark that is missing, or wrong for the first time, is extrapolated with growing variance.
 
         stamp: s, later than the last; points: (l, 2) normalised; weights: (l,) 1 / standard deviation, 0 = missing;
-        acceleration: standard deviation of a typical landmark's acceleration, normalised units / s^2; model_error: that of
-        the place that keypoints show from the landmark's, normalised units: no track is better evidence than this.
+        acceleration: standard deviation of a typical landmark's acceleration, normalised units / s^2. model_error:
+        standard deviation of the lasting distance between keypoint and landmark, normalised units; the filtered points
+        are never more certain than that.
         """
         gap = stamp - self._stamp
         if gap >= FORGOTTEN_AFTER:  # a gap in which no frame came at all is counted by nothing else

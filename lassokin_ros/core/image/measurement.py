@@ -1,7 +1,7 @@
-"""What a frame shows, and what is new in it: an gate_observation observation beside those before it.
+"""The measurement of one frame: keypoints after gating and filtering, and what is new in them.
 
-Keypoints that come again are no evidence (`repeats`), and in the image each keypoint follows a track (`keypoint_filter`).
-Stamps are kept of the last frame that was used and of the last that told something new.
+Keypoints that repeat the last ones are no new evidence (see `repeated_frames`). Each keypoint's track in the image is
+filtered (see `keypoint_filter`). The filter keeps the stamps of the last used frame and of the last new one.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ ACCELERATION = 3.5
 """m/s^2: standard deviation of a body point's acceleration, typical of everyday motion."""
 
 TYPICAL_DEPTH = 3.5
-"""m: of somebody of whom nothing is known yet."""
+"""m: assumed depth of a person before the first fit."""
 
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
     """One frame's keypoints as the tracker uses them; all points are normalised image coordinates.
 
-    detected: (l, 2) as the detector gave them, left and right changed back, 0 where not visible; visible: (l,) bool;
+    detected: (l, 2) the detector's points, with swapped sides corrected, 0 where not visible. visible: (l,) bool.
     focal: px per normalised unit.
-    points: (l, 2) and weights: (l,), 1 / standard deviation, 0 = missing: what the keypoints' tracks make of them.
-    speed: m/s, of the keypoints' tracks on average. repeated: s for which the keypoints have been the same, 0 where
-    they are new. step: s since the last frame that was used; news: s since the last one that told something new, 0
-    where this one tells nothing; lost: too long ago.
+    points: (l, 2) filtered points; weights: (l,) 1 / standard deviation, 0 = missing.
+    speed: m/s, mean speed of the keypoints' tracks. repeated: s since the keypoints last changed, 0 for new ones.
+    step: s since the last used frame. news: s since the last frame with new keypoints, 0 if this one has none. lost:
+    whether that is too long ago.
     depth: (l,) m and depth_weights: (l,) 1/m, see `gate_depth`; None without a measured depth.
     """
 
@@ -61,18 +61,18 @@ class Measurement:
         return FrameData(self.points, self.weights, self.depth, self.depth_weights)
 
     def reprojection_px(self, pose: BodyPose) -> float:
-        """px: root of the mean squared distance of the visible points from the pose's landmarks."""
+        """Root mean square distance of the visible points from the pose's landmarks, px."""
         error = (self.detected - project(pose.landmarks)) * self.visible[:, None]
         return self.focal * math.sqrt(np.vdot(error, error) / np.count_nonzero(self.visible))
 
 
 class MeasurementFilter:
-    """Makes a Measurement of each gate_observation observation; the caller says which of them were used."""
+    """Turns gated observations into measurements. The caller reports which of them were used."""
 
     def __init__(
         self, names: Sequence[str], limbs: Sequence[int], surface: np.ndarray | float = 0.0, reach: float = 2.0
     ) -> None:
-        """names: of the landmarks; limbs: which of them are of the same pair of limbs, see `limb_groups`.
+        """names: of the landmarks; limbs: index of each landmark's pair of limbs, see `limb_groups`.
 
         surface, reach: m, see `gate_depth`.
         """
@@ -81,24 +81,24 @@ class MeasurementFilter:
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew: nothing was seen yet."""
+        """Start again, as before the first frame."""
         #: s: the stamp of the last frame that was used, -inf before the first.
         self.newest = -np.inf
         self._informed = -np.inf
         self.forget()
 
     def forget(self) -> None:
-        """Forget the keypoints, not the time."""
+        """Forget the keypoints, but not the stamps."""
         self._repeats.reset()
         self._filter.reset()
 
-    def of(
+    def filtered(
         self, observation: Observation, weights: np.ndarray, depth: float | None, model_error: float, lost_after: float
     ) -> Measurement:
-        """What an observation shows that `gate_observation` gave the weights (l,).
+        """The measurement of an observation with the weights (l,) of `gate_observation`.
 
-        depth: m, the person's, None where it is not known; model_error: m, standard deviation of the places that keypoints
-        show from the landmarks'; lost_after: s without news after which the tracks are of no use any more.
+        depth: m, of the person, None if unknown. model_error: m, standard deviation of the lasting distance between
+        keypoints and landmarks. lost_after: s without new keypoints after which the tracks are dropped.
         """
         stamp, focal, visible = observation.stamp, observation.focal, weights > 0
         repeated = self._repeats.age(stamp, observation.points, observation.confidence)
@@ -111,7 +111,7 @@ class MeasurementFilter:
             depth = TYPICAL_DEPTH
         measured = gate_depth(observation, visible, self._surface, None if lost else known_depth, self._reach)
         detected = np.where(visible[:, None], observation.points, 0.0)
-        if repeated:  # teaches the tracks nothing, least of all a standstill
+        if repeated:  # no evidence of a standstill
             points, weights = self._filter.expected(stamp)
         else:
             points, weights = self._filter.update(stamp, detected, weights, ACCELERATION / depth, model_error / depth)
@@ -125,8 +125,8 @@ class MeasurementFilter:
         depths = measured or (None, None)
         return Measurement(stamp, detected, visible, focal, points, weights, speed, repeated, step, news, lost, *depths)
 
-    def used(self, measurement: Measurement) -> None:
-        """The state follows this one now."""
+    def mark_used(self, measurement: Measurement) -> None:
+        """Note that the state was updated with this measurement."""
         self.newest = measurement.stamp
         if not measurement.repeated:
             self._informed = measurement.stamp

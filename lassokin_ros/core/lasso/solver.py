@@ -26,7 +26,7 @@ GUESS_STEPS = 16
 """Active-set steps from a guess before the QP solver is used. The previous frame's Omega takes about 4."""
 
 SMALLEST_ALPHA = 1e-4
-"""Smallest fraction of alpha_max (at which Omega becomes 0). alpha is raised to it: below, first-order solvers stall."""
+"""Smallest fraction of alpha_max, at which Omega becomes 0. A smaller alpha is raised to it: solvers stall below."""
 
 
 @dataclass(frozen=True, eq=False)

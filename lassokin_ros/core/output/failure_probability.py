@@ -1,11 +1,11 @@
-"""How likely a pose is wrong, from what it costs: better than the reprojection error, which wrong poses keep small.
+"""Failure probability: how likely a pose is wrong, from its cost.
 
-The cost is the pose's own part of the problem, image (robust), prior, limits, uprightness and balance: a
-negative log-likelihood. A wrong pose that lasts is taken for a bad detector, whose keypoints are trusted less (see
-`model_error`), and costs less from then on; so the error that was learned counts too. A logistic curve in both logarithms
-was fitted to the frames of the prior's training clips (first view each; 60 Hz with 2 px, with gaps and wrong points,
-with keypoint errors that last, 30 Hz with 4 px, COCO-17 and BODY_25; each as much), to whether the mean joint error was
-above `WRONG`; benchmarks/accuracy.py --failure-probability checks it on others.
+The cost is the negative log-likelihood of the pose by image, prior, limits, uprightness and balance. It separates wrong
+poses from right ones better than the reprojection error, which stays small for wrong poses. While a wrong pose lasts,
+the keypoints are trusted less (see `model_error`), which lowers the cost; therefore the learned error counts too. A
+logistic curve in both logarithms was fitted on the prior's training clips (first view of each; 60 Hz with 2 px, with
+gaps and wrong points, with lasting errors, 30 Hz with 4 px; COCO-17 and BODY_25) to whether the mean joint error is
+above `WRONG`. benchmarks/accuracy.py --failure-probability checks the curve on other clips.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ SUSPICION = 1.23
 
 
 def failure_probability(cost: float, excess: float = 1.0) -> float:
-    """0 to 1: how likely a pose of this cost is wrong; NaN for NaN.
+    """Probability from 0 to 1 that a pose of this cost is wrong; NaN for NaN.
 
-    excess: how many times larger than the least the keypoints' lasting error was when it cost that.
+    excess: the keypoints' lasting error as a multiple of the smallest one, when the pose had this cost.
     """
     costly = math.log(max(cost, 1e-9)) + SUSPICION * math.log(excess)
     return 1 / (1 + math.exp(SLOPE * (math.log(HALF) - costly)))

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from sequences import detected, observations
 
-from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.body.kinematics import BodyState
+from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.hypotheses import body_hypotheses as body_hypotheses
 from lassokin_ros.core.hypotheses.initialisation import DAMPING, LARGEST_TURN
 from lassokin_ros.core.image.frame_data import FrameData

@@ -20,9 +20,9 @@ LIKENESS = 0.005
 
 def seen(measurements, stamp, points, used=True):
     observation = Observation(stamp, points, np.ones(len(points)), 1000.0)
-    measurement = measurements.of(observation, WEIGHTS, None, LIKENESS, LOST_AFTER)
+    measurement = measurements.filtered(observation, WEIGHTS, None, LIKENESS, LOST_AFTER)
     if used:
-        measurements.used(measurement)
+        measurements.mark_used(measurement)
     return measurement
 
 
@@ -79,8 +79,8 @@ def test_speed_is_the_bodys_own_whatever_its_distance(depth):
     for frame in range(60):
         places = landmarks + 0.5 * frame / 60 * course
         observation = Observation(frame / 60, places[:, :2] / depth, np.ones(3), 1000.0)
-        measurement = measurements.of(observation, WEIGHTS, depth, LIKENESS, LOST_AFTER)
-        measurements.used(measurement)
+        measurement = measurements.filtered(observation, WEIGHTS, depth, LIKENESS, LOST_AFTER)
+        measurements.mark_used(measurement)
     assert measurement.speed == pytest.approx(0.5, rel=0.02)
 
 
@@ -90,8 +90,8 @@ def test_no_keypoint_is_better_evidence_than_what_it_shows_is_like_the_landmark(
         measurements = MeasurementFilter(NAMES, LIMBS)
         for frame in range(200):
             observation = Observation(frame / 60, moved(frame), np.ones(3), 1000.0)
-            measurement = measurements.of(observation, 1e6 * np.ones(3), depth, model_error, LOST_AFTER)
-            measurements.used(measurement)
+            measurement = measurements.filtered(observation, 1e6 * np.ones(3), depth, model_error, LOST_AFTER)
+            measurements.mark_used(measurement)
         assert measurement.weights == pytest.approx(depth / model_error, rel=1e-3)
 
 
@@ -108,7 +108,7 @@ def test_the_tracker_goes_by_the_height_that_it_was_told():
 def test_reprojection_error_is_of_the_visible_points_as_detected():
     weights = np.array([300.0, 300.0, 0.0])
     observation = Observation(5.0, np.where(weights[:, None] > 0, POINTS, np.nan), np.ones(3), 1000.0)
-    measurement = MeasurementFilter(NAMES, LIMBS).of(observation, weights, None, LIKENESS, LOST_AFTER)
+    measurement = MeasurementFilter(NAMES, LIMBS).filtered(observation, weights, None, LIKENESS, LOST_AFTER)
     off = np.array([[0.003, 0.0], [0.0, 0.004], [7.0, 7.0]])
     landmarks = 2.0 * np.concatenate([POINTS + off, np.ones((3, 1))], axis=1)
     pose = BodyPose(orientations=np.eye(3)[None], positions=np.zeros((1, 3)), landmarks=landmarks)
@@ -124,8 +124,8 @@ def test_what_is_changed_back_is_visible_as_the_side_that_it_is():
 
     def at(frame, weights, points, stamp=0.0):
         observation = Observation((stamp or frame) / 60, points, np.ones(3), 1000.0)
-        measurement = measurements.of(observation, weights, None, LIKENESS, LOST_AFTER)
-        measurements.used(measurement)
+        measurement = measurements.filtered(observation, weights, None, LIKENESS, LOST_AFTER)
+        measurements.mark_used(measurement)
         return measurement
 
     for frame in range(60):

@@ -17,7 +17,8 @@ def test_a_probability_that_grows_with_the_cost():
 
 
 def test_what_is_cheap_because_keypoints_are_trusted_less_is_no_less_doubtful():
-    assert failure_probability(20.0) < failure_probability(20.0, excess=2.0) < failure_probability(20.0, excess=10.0) < 1
+    least, more, most = (failure_probability(20.0, excess=excess) for excess in (1.0, 2.0, 10.0))
+    assert least < more < most < 1
 
 
 def test_a_person_is_less_doubtful_than_shuffled_keypoints():

@@ -226,7 +226,8 @@ def test_frames_that_wait_are_not_moved_when_the_next_one_starts_from_another_ex
     for frame, solved in enumerate([state] * 6 + [other] * 12):
         if frame == 6:
             output_filter.exchange(state, other)
-        steady = output_filter.filtered(solved, kinematics.pose(solved), none, np.zeros(3), 1 / RATE, TYPICAL_SPEED, TIME)
+        pose = kinematics.pose(solved)
+        steady = output_filter.filtered(solved, pose, none, np.zeros(3), 1 / RATE, TYPICAL_SPEED, TIME)
         estimate = Estimate(frame / RATE, Status.TRACKING, None, steady, solved=solved)
         lag.add(estimate, output_filter.forward, kinematics.skeleton.offsets, lambda pose: 0.0)
     published = lag.flush()
