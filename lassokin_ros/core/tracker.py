@@ -329,8 +329,8 @@ class Tracker:
         else:
             places = self._depth.places()
             if places is not None:
-                cost = self._body_hypotheses.cost
-                winner = self._network_hypothesis.better_state(stamp, frame, places, self.skeleton, cost)
+                cost, tracked = self._body_hypotheses.cost, self._body_hypotheses.published.pose
+                winner = self._network_hypothesis.better_state(stamp, frame, places, self.skeleton, tracked, cost)
             if winner is not None:
                 self._body_hypotheses.replace_published(winner)
         if winner is not None:

@@ -152,7 +152,7 @@ def test_who_cannot_go_together_is_said():
     with pytest.raises(ValueError, match="argument 2 is shorter"):
         Tracker.track_batch(trackers, frames[0][:2])
     unlike = Tracker(replace(CONFIG, landmarks="h36m17"))
-    with pytest.raises(ConfigurationError, match="one layout"):
+    with pytest.raises(ConfigurationError, match="the same layout"):
         Tracker.track_batch([trackers[0], unlike], frames[0][:2])
 
 

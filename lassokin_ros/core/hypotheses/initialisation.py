@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import lapack
 
-from lassokin_ros.core.body.kinematics import BodyState, Kinematics
+from lassokin_ros.core.body.kinematics import BodyPose, BodyState, Kinematics
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.evidence.frame_model import FrameModel, LinearisedFrame
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
@@ -132,6 +132,10 @@ class Initialiser:
                 states = states.retract(*self.step(rows))
                 in_front(states.translation)
         return Fit(states, self._rows.cost(self._rows.evaluate(states), frame))
+
+    def pose(self, state: BodyState) -> BodyPose:
+        """Forward kinematics for the skeleton as it is now."""
+        return self._kinematics.pose(state)
 
     def refine_start(self, start: BodyState, frame: FrameData) -> Fit:
         """Fit one state (n, 3, 3) whose translation is found here."""

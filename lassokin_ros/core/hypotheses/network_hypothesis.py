@@ -7,13 +7,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from lassokin_ros.core.body.kinematics import BodyState
+from lassokin_ros.core.body.kinematics import BodyPose, BodyState
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
-from lassokin_ros.core.hypotheses.initialisation import Initialiser
+from lassokin_ros.core.hypotheses.initialisation import ELSEWHERE, Initialiser
 from lassokin_ros.core.hypotheses.network_pose import state_at
 from lassokin_ros.core.image.frame_data import FrameData
+from lassokin_ros.core.image.robust_loss import norm
 
 EVERY = 0.1
 """s between two fits while a person is tracked."""
@@ -37,11 +38,24 @@ class NetworkHypothesis:
         return state_at(places, skeleton, self._mean)
 
     def better_state(
-        self, stamp: float, frame: FrameData, places: Mapping[str, np.ndarray], skeleton: Skeleton, cost: float
+        self,
+        stamp: float,
+        frame: FrameData,
+        places: Mapping[str, np.ndarray],
+        skeleton: Skeleton,
+        tracked: BodyPose,
+        cost: float,
     ) -> BodyState | None:
-        """The fitted state if it is due and costs less than the tracked state's `cost` by `MARGIN`, else None."""
+        """The fitted state, if a fit is due and it is another and better explanation than the tracked one, else None.
+
+        tracked: pose of the tracked state, whose cost is `cost`.
+        """
         if stamp < self._fitted_at + EVERY - 1e-6:
             return None
         self._fitted_at = stamp
         fit = self._initialiser.refine_start(self.start(places, skeleton), frame)
-        return fit.best if fit.costs[0] < cost - MARGIN else None
+        if not fit.costs[0] < cost - MARGIN:
+            return None
+        positions = self._initialiser.pose(fit.best).positions
+        apart = norm((positions - positions[0]) - (tracked.positions - tracked.positions[0])).mean()
+        return fit.best if apart > ELSEWHERE else None

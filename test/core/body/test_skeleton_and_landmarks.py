@@ -175,7 +175,7 @@ BAD_LAYOUTS = {
     "huge offset": ({"landmarks": [{"name": "a", "joint": "head", "offset": [10**400, 0, 0]}]}, "expected 3 finite"),
     "misspelt": (
         {"landmarks": [{"name": "a", "joint": "head", "nois": 5.0}]},
-        "'a' has the key 'nois', which is none of: name, joint, offset, noise; did you mean 'noise'",
+        "'a' has the key 'nois', which is none of: name, joint, offset, noise, surface; did you mean 'noise'",
     ),
     "unknown": ({"landmarks": [{"name": "a", "joint": "head"}], "of": "us"}, "the key 'of', which is none of: name, l"),
     "too many": ({"landmarks": [{"name": f"{i}", "joint": "head"} for i in range(1001)]}, "1001 .*expected at most"),
