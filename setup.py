@@ -85,6 +85,7 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
+            "lassokin = lassokin_ros.cli.lassokin:main",
             "tracker = lassokin_ros.node.command:tracker",
             "detector = lassokin_ros.detector.command:main",
             "replay = lassokin_ros.cli.replay:main",

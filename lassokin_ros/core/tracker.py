@@ -68,6 +68,9 @@ initialises anew."""
 LEAST_MOTION = 0.003
 """rad per frame: lower limit of the typical motion of a degree of freedom."""
 
+LIKELY = 3.0
+"""Cost per visible landmark up to which a fit that started from the network's pose is used without another search."""
+
 VERTICAL_AFTER = 1.0
 """s for which the vertical must have been learned before it is input to the depth network."""
 
@@ -244,15 +247,31 @@ class Tracker:
     def _initialise(self, measurement: Measurement, frame: FrameData) -> Fit | None:
         """A state fitted to this frame alone, if there is no state yet or the present one must be replaced."""
         if self._state is None or measurement.lost or self._stuck_frames >= STUCK_AFTER:
-            return self._initialiser.fit(frame)
+            return self._fit_frame(frame)
         if measurement.repeated or not self._reinitialisation.due(measurement.stamp, self._cost):
             return None
         vertical = self._upright.vertical
-        fit = self._initialiser.fit(frame)
+        fit = self._fit_frame(frame)
         if self._reinitialisation.convinces(self._cost, float(fit.costs[0])):
             return fit
         self._upright.vertical = vertical  # the rejected fit may have set another one
         return None
+
+    def _fit_frame(self, frame: FrameData) -> Fit:
+        """A state from one frame: from the network's pose if that explains the frame, else from all start poses."""
+        places = None if self._depth is None else self._depth.places()
+        if places is None:
+            return self._initialiser.fit(frame)
+        vertical = self._upright.vertical
+        near = self._initialiser.fit(frame, self._network_hypothesis.start(places, self.skeleton))
+        if near.costs[0] <= LIKELY * np.count_nonzero(frame.weights):
+            return near
+        chosen, self._upright.vertical = self._upright.vertical, vertical
+        fit = self._initialiser.fit(frame)
+        if fit.costs[0] <= near.costs[0]:
+            return fit
+        self._upright.vertical = chosen
+        return near
 
     def _solve_increment(
         self, fit: Fit | None, frame: FrameData, measurement: Measurement

@@ -1,0 +1,61 @@
+"""The command `lassokin`: one name for all that pip users run.
+
+lassokin track VIDEO|0|IMAGES     pixels to skeleton, without ROS
+lassokin replay BAG               the tracker over a rosbag2 recording, without ROS
+lassokin tracker --ros-args ...   the ROS 2 node
+lassokin detector --ros-args ...  the ROS 2 node that turns images into keypoints
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Callable, Sequence
+
+from lassokin_ros.core.errors import LassokinError
+
+USAGE_ERROR = 2
+COMMANDS = {
+    "track": ("lassokin_ros.video.command", "main"),
+    "replay": ("lassokin_ros.cli.replay", "main"),
+    "tracker": ("lassokin_ros.node.command", "tracker"),
+    "detector": ("lassokin_ros.detector.command", "main"),
+}
+"""Module and function of each sub-command. A module is imported when its sub-command is used."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a sub-command and return its exit code; 2 for an unknown or missing one."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    if given and given[0] in ("-h", "--help"):
+        print(__doc__)
+        return 0
+    if not given or given[0] not in COMMANDS:
+        problem = f"'{given[0]}' is no command of lassokin" if given else "a command is missing"
+        print(f"lassokin: {problem}; expected one of: {', '.join(COMMANDS)}", file=sys.stderr)
+        return USAGE_ERROR
+    try:
+        run = _command(given[0])
+    except LassokinError as error:
+        print(f"lassokin: {error}", file=sys.stderr)
+        return USAGE_ERROR
+    sys.argv = [f"lassokin {given[0]}", *given[1:]]
+    return run()
+
+
+def _command(name: str) -> Callable[[], int]:
+    """The sub-command's function, which reads sys.argv. Raises LassokinError if ROS is missing."""
+    module, function = COMMANDS[name]
+    try:
+        command: Callable[[], int] = getattr(importlib.import_module(module), function)
+    except ModuleNotFoundError as error:
+        if error.name and error.name.split(".")[0] == "rclpy":
+            raise LassokinError(
+                f"'{name}' needs ROS 2, and rclpy is not installed; source ROS 2, or: pip install 'lassokin_ros[ros]'"
+            ) from None
+        raise
+    return command
+
+
+if __name__ == "__main__":
+    sys.exit(main())
