@@ -10,9 +10,7 @@ from __future__ import annotations
 
 import importlib
 import sys
-from collections.abc import Callable, Sequence
-
-from lassokin_ros.core.errors import LassokinError
+from collections.abc import Sequence
 
 USAGE_ERROR = 2
 COMMANDS = {
@@ -34,27 +32,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         problem = f"'{given[0]}' is no command of lassokin" if given else "a command is missing"
         print(f"lassokin: {problem}; expected one of: {', '.join(COMMANDS)}", file=sys.stderr)
         return USAGE_ERROR
-    try:
-        run = _command(given[0])
-    except LassokinError as error:
-        print(f"lassokin: {error}", file=sys.stderr)
-        return USAGE_ERROR
+    module, function = COMMANDS[given[0]]
+    run = getattr(importlib.import_module(module), function)
     sys.argv = [f"lassokin {given[0]}", *given[1:]]
-    return run()
-
-
-def _command(name: str) -> Callable[[], int]:
-    """The sub-command's function, which reads sys.argv. Raises LassokinError if ROS is missing."""
-    module, function = COMMANDS[name]
-    try:
-        command: Callable[[], int] = getattr(importlib.import_module(module), function)
-    except ModuleNotFoundError as error:
-        if error.name and error.name.split(".")[0] == "rclpy":
-            raise LassokinError(
-                f"'{name}' needs ROS 2, and rclpy is not installed; source ROS 2, or: pip install 'lassokin_ros[ros]'"
-            ) from None
-        raise
-    return command
+    return int(run())
 
 
 if __name__ == "__main__":
