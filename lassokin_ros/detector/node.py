@@ -40,6 +40,7 @@ class DetectorNode(Node):
         self._counts: Counter[str] = Counter()
         self._since = time.monotonic()
         self._busy_s = 0.0
+        self._reported = 0
         self._warning = LogThrottle(self.get_logger().warning, time.monotonic)
         self._keypoints = self.create_publisher(PointCloud2, "keypoints", QoSProfile(depth=5))
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", QoSProfile(depth=5))
@@ -79,7 +80,7 @@ class DetectorNode(Node):
         now = time.monotonic()
         done = self._counts["detected"] + self._counts["nobody"]
         seconds, self._since = now - self._since, now
-        new, self._reported = done - getattr(self, "_reported", 0), done
+        new, self._reported = done - self._reported, done
         busy, self._busy_s = self._busy_s, 0.0
         values = {"rate [Hz]": f"{new / seconds:.1f}", "time per image [ms]": f"{1e3 * busy / new:.1f}" if new else "-"}
         values.update({name: str(count) for name, count in sorted(self._counts.items())})

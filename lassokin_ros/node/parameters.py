@@ -1,8 +1,8 @@
 """ROS parameters from the settings' dataclasses: declared, described, checked, and written down as YAML and a table.
 
 Nothing here names a parameter: names, defaults, descriptions, units and ranges stand in core/config.py and
-node_config.py alone. `python3 -m lassokin_ros.node.parameters` prints config/tracker.yaml, with `--table` the README's
-table.
+pipeline/settings.py alone. `python3 -m lassokin_ros.node.parameters` prints config/tracker.yaml, with `--table` the
+table of docs/reference.md.
 """
 
 from __future__ import annotations
@@ -144,7 +144,7 @@ def parameter_file() -> str:
 
 
 def parameter_table() -> str:
-    """The README's table of parameters, in Markdown."""
+    """The table of parameters of docs/reference.md, in Markdown."""
     lines = ["| parameter | default | unit | range | live | meaning |", "|---|---|---|---|---|---|"]
     for item in all_settings():
         facts = item.metadata

@@ -50,13 +50,15 @@ def workspace(tmp_path_factory):
 
 def test_what_is_installed(workspace):
     prefix = workspace / "install" / "lassokin_ros"
-    assert {path.name for path in (prefix / "lib" / "lassokin_ros").iterdir()} == {"tracker", "replay"}
+    assert {path.name for path in (prefix / "lib" / "lassokin_ros").iterdir()} == {"tracker", "replay", "detector", "lassokin"}
     share = prefix / "share" / "lassokin_ros"
     for name in ("package.xml", "launch/tracker.launch.py", "config/tracker.yaml", "hook/ament_prefix_path.sh"):
         assert (share / name).is_file(), name
     assert (prefix / "share/ament_index/resource_index/packages/lassokin_ros").is_file()
-    assert list(prefix.rglob("core/skeletons/anthropometric.yaml"))
-    assert list(prefix.rglob("core/layouts/coco17.yaml"))
+    assert list(prefix.rglob("core/body/skeletons/anthropometric.yaml"))
+    assert list(prefix.rglob("core/body/layouts/coco17.yaml"))
+    assert list(prefix.rglob("core/evidence/depth_network.npz"))
+    assert not list(prefix.rglob("training"))
 
 
 def test_the_installed_tracker_answers(workspace):
