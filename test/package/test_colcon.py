@@ -50,7 +50,8 @@ def workspace(tmp_path_factory):
 
 def test_what_is_installed(workspace):
     prefix = workspace / "install" / "lassokin_ros"
-    assert {path.name for path in (prefix / "lib" / "lassokin_ros").iterdir()} == {"tracker", "replay", "detector", "lassokin"}
+    commands = {path.name for path in (prefix / "lib" / "lassokin_ros").iterdir()}
+    assert commands == {"tracker", "replay", "detector", "lassokin"}
     share = prefix / "share" / "lassokin_ros"
     for name in ("package.xml", "launch/tracker.launch.py", "config/tracker.yaml", "hook/ament_prefix_path.sh"):
         assert (share / name).is_file(), name
