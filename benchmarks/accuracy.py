@@ -5,8 +5,9 @@
 Every method gets the same keypoints and initialises by itself. Of each clip it is given what a user could measure:
 the person's bone lengths, or with --generic-skeleton the height alone; and the detector's noise in pixels.
 --initialisation measures first frames alone, --gap a stretch without any landmark, --detections FILE real detector
-output, --uncertainty and --failure-probability the tracker's own figures of its error against the error. Clips that the shipped
-prior has seen do not count: they are left out, or with --all-clips and --clips run, marked with * and kept out
+output, --uncertainty and --failure-probability the tracker's own figures of its error against the error. --realistic
+--test-people is what a user can expect. Clips that the shipped prior or network has seen do not count: they are left
+out, or with --all-clips and --clips run, marked with * and kept out
 of the summary. With --leave-one-out every clip counts: each is run with a prior learned from all the others.
 """
 
@@ -21,10 +22,11 @@ from typing import Any, Callable, Sequence, TypeVar
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.accuracy_run import failure_probability as failure_probability
+from benchmarks.accuracy_run import failure_probability
 from benchmarks.accuracy_run.experiment import METHODS, Job, run
 from benchmarks.accuracy_run.leave_one_out import under_its_prior
-from benchmarks.accuracy_run.options import parser, unheeded
+from benchmarks.accuracy_run.options import apply_presets, parser, unheeded
+from benchmarks.accuracy_run.people import seen_by_network, test_clips
 from benchmarks.accuracy_run.special import initialise_frames, run_gap
 from benchmarks.accuracy_run.table import head, report, told
 from benchmarks.accuracy_run.uncertainty import COLUMNS as UNCERTAINTY
@@ -42,6 +44,7 @@ T = TypeVar("T")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Command line."""
     options = parser(__doc__).parse_args(arguments)
+    apply_presets(options)
     records = measure(options)
     if not options.detections:
         print(_other_rates(options), end="")
@@ -70,7 +73,8 @@ def measure(options: argparse.Namespace) -> list[Record]:
         if options.leave_one_out:
             raise SystemExit("--leave-one-out is for clips; no --detections were among what the prior was learned from")
         if options.gap or options.initialisation or options.uncertainty or options.failure_probability:
-            raise SystemExit("--gap, --initialisation, --uncertainty and --failure-probability are for clips, not for --detections")
+            given = "--gap, --initialisation, --uncertainty and --failure-probability"
+            raise SystemExit(f"{given} are for clips, not for --detections")
         recordings = detection_jobs(options.detections, options.methods, options.measured_bones, told(options))
         return in_parallel(run_detections, recordings, options.jobs)
     o = options
@@ -122,6 +126,8 @@ def _said(function: Callable[[Any], T], job: Any) -> T:
 
 def clip_files(options: argparse.Namespace) -> list[Path]:
     """The clips to run; SystemExit with a clear word when there are none."""
+    if options.test_people:
+        return test_clips(options.data or data_folder())
     folder = options.data or data_folder() / "mocap"
     files = sorted(folder.glob("*.npz"))
     if not files:
@@ -146,11 +152,14 @@ def _other_rates(options: argparse.Namespace) -> str:
 
 def _marked(options: argparse.Namespace, records: list[Record]) -> list[Record]:
     """Each record says whether its prior was learned from its clip."""
-    return [{**record, "training": _training(options, record["clip"])} for record in records]
+    files = {file.stem: file for file in clip_files(options)}
+    return [{**record, "training": _training(options, files[record["clip"]])} for record in records]
 
 
-def _training(options: argparse.Namespace, clip: str) -> bool:
-    return clip in SEEN and not options.leave_one_out
+def _training(options: argparse.Namespace, file: Path) -> bool:
+    """Whether the clip, or for the network its person, was part of a training."""
+    by_network = dict(options.set).get("depth_prior", True) and seen_by_network(file)
+    return by_network or (file.stem in SEEN and not options.leave_one_out)
 
 
 def _apart(
@@ -162,7 +171,7 @@ def _apart(
     """The records that `pooled` makes of many runs, of the training clips' by themselves."""
     records = []
     for training in (False, True):
-        group = [result for job, result in zip(jobs, followed) if _training(options, job.file.stem) == training]
+        group = [result for job, result in zip(jobs, followed) if _training(options, job.file) == training]
         records += [{**record, "training": training} for record in (pooled(group) if group else [])]
     return records
 

@@ -43,6 +43,8 @@ def parser(description: str | None = None) -> argparse.ArgumentParser:
     add("--clips", type=names, help="comma-separated names (default: all but the training clips)")
     add("--all-clips", action="store_true", help="run the training clips too")
     add("--exclude-training", action=switch, default=None, help="default: on, unless another option names the clips")
+    add("--test-people", action="store_true", help="clips of people that no training has seen (--data: shared data)")
+    add("--realistic", action="store_true", help="what a user has: a detector's errors, and the height alone")
     add("--leave-one-out", action="store_true", help="all clips, each with a prior learned from the folder's others")
     add("--generic-skeleton", action="store_true", help="give the person's height alone")
     add("--measured-bones", action="store_true", help="with --detections: bones as the reference has them")
@@ -55,10 +57,20 @@ def parser(description: str | None = None) -> argparse.ArgumentParser:
     add("--per-clip", type=count, default=6, help="with --initialisation: frames per clip and view (6)")
     add("--gap", type=positive, metavar="S", help="no landmark at all for S s in the middle of each clip")
     add("--uncertainty", action="store_true", help="predicted against actual error of the joints, in bins, lasso only")
-    add("--failure-probability", action="store_true", help="how likely poses are called wrong against how many are, lasso only")
+    add("--failure-probability", action="store_true", help="stated against actual share of wrong poses, lasso only")
     add("--jobs", type=count, default=os.cpu_count(), help="processes (one per core)")
     add("--json", type=output_file, metavar="FILE", help="write the records as a JSON list")
     return result
+
+
+REALISTIC = {"noise_px": 1.5, "wander_px": 2.5, "offset_px": 2.5, "tracker_noise_px": 3.0, "generic_skeleton": True}
+"""What --realistic sets: errors like those measured on real detectors, and the height alone."""
+
+
+def apply_presets(options: argparse.Namespace) -> None:
+    """Set what --realistic stands for, in place."""
+    if options.realistic:
+        vars(options).update(REALISTIC)
 
 
 def unheeded(options: argparse.Namespace) -> list[str]:

@@ -21,10 +21,10 @@ def code_with(text):
 
 
 def test_tracking_without_ros(tmp_path, monkeypatch, capsys):
-    """The ten lines, on keypoints of which the truth is known."""
+    """The lines, on keypoints of which the truth is known."""
     monkeypatch.chdir(tmp_path)
     code = code_with("Tracker(TrackerConfig")
-    assert len([line for line in code.splitlines() if line]) == 10
+    assert len([line for line in code.splitlines() if line]) == 8
     body = Tracker(TrackerConfig(height=1.80))
     truth = motion(body.skeleton, np.arange(20) / 30)
     camera = Camera(np.array([[920.0, 0, 640], [0, 920, 360], [0, 0, 1]]), np.zeros(5), (1280, 720))
@@ -56,9 +56,36 @@ def test_the_tests_that_are_named_exist():
     rows = [line for line in page.splitlines() if line.startswith("|")][2:]
     assert len(rows) >= 15
     for row in rows:
-        named = re.findall(r"`(test_\w+\.py)(?:::(test_\w+))?`", row.split("|")[3])
+        named = re.findall(r"`((?:\w+/)*test_\w+\.py)(?:::(test_\w+))?`", row.split("|")[3])
         assert named, row
         for file, test in named:
-            path = Path(__file__).parent / file
+            path = Path(__file__).parents[1] / file
             assert path.is_file(), f"{file} does not exist"
             assert not test or f"def {test}(" in path.read_text(encoding="utf-8"), f"{file} has no {test}"
+
+
+def test_the_readme_is_short():
+    assert len(README.encode()) <= 9000
+
+
+@pytest.mark.parametrize("name", ["follow_person", "raised_hand", "wrist_in_base"])
+def test_the_examples_of_the_readme_are_those_of_the_folder(name):
+    """Each method that the README shows stands in examples/ with the same statements."""
+    code = (Path(__file__).parents[2] / "examples" / f"{name}.py").read_text(encoding="utf-8")
+    there = {line.strip() for line in code.splitlines()}
+    (block,) = re.findall(rf"examples/{name}\.py\)\):\n\n```python\n(.*?)```", README, re.DOTALL)
+    statements = [re.sub(r" {2,}#.*", "", line).strip() for line in block.splitlines()]
+    assert all(statement in there for statement in statements if statement)
+
+
+def test_the_architecture_page_names_every_package():
+    root = Path(__file__).parents[2]
+    page = (root / "docs" / "architecture.md").read_text(encoding="utf-8")
+    (picture,) = re.findall(r"```text\n(.*?)```", page, re.DOTALL)
+    named = set(re.findall(r"\w+", " ".join(line[:35] for line in picture.splitlines())))
+    packages = {path.parent for path in (root / "lassokin_ros").rglob("__init__.py")}
+    tops = {path.name for path in packages if path.parent.name in ("lassokin_ros", "core")}
+    assert tops - {"core", "lassokin_ros", "skeletons", "layouts"} <= named
+    for module in re.findall(r"`((?:\w+/)+\w+\.py)`", page):
+        places = (root / "lassokin_ros" / module, root / module)
+        assert any(place.is_file() for place in places), module

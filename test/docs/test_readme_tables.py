@@ -1,4 +1,4 @@
-"""Every row of the README's tables of topics, services and parameters, against the running node on real DDS."""
+"""Every row of the tables of docs/reference.md of topics, services and parameters, against the running node on real DDS."""
 
 import re
 from pathlib import Path
@@ -19,7 +19,7 @@ from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 from msg_adapters.detectors.registry import ADAPTERS, full_type_name  # noqa: E402
 
-README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+REFERENCE = (Path(__file__).parents[2] / "docs" / "reference.md").read_text(encoding="utf-8")
 NAMESPACE = "/readme"
 OWN_TOPICS = {"/rosout", "/parameter_events"}
 OWN_SERVICES = re.compile(r".*/(describe_|get_|list_|set_)parameter(s|_types|s_atomically)|.*/get_type_description")
@@ -34,7 +34,7 @@ FIELDS = {
 
 def table(first_header):
     """The rows, as lists of cells, of the one table whose first column has this header."""
-    (block,) = re.findall(rf"(?m)^\| {first_header} \|.*\n\|[-|]+\n((?:\|.*\n)+)", README)
+    (block,) = re.findall(rf"(?m)^\| {first_header} \|.*\n\|[-|]+\n((?:\|.*\n)+)", REFERENCE)
     return [[cell.strip() for cell in row.strip("|").split("|")] for row in block.splitlines()]
 
 
@@ -136,7 +136,7 @@ def test_parameters(peer):
 
 def test_several_people(peer):
     """The sentence below the table."""
-    assert "under `bodies/<id>/`, the ids are on `bodies/tracked` (std_msgs/String, latched)" in README
+    assert "under `~/bodies/<id>/`, the ids are on `~/bodies/tracked` (std_msgs/String, latched)" in REFERENCE
     namespace = f"{NAMESPACE}_several"
     with NodeProcess(namespace, "-p", "max_people:=2") as node:
         tracked, markers = f"{namespace}/tracker/bodies/tracked", f"{namespace}/tracker/markers"

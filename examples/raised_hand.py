@@ -1,0 +1,41 @@
+"""Log when the left hand is raised above the head.
+
+python3 examples/raised_hand.py
+"""
+
+import rclpy
+from geometry_msgs.msg import PoseArray
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+
+
+class RaisedHand(Node):
+    """Compares the height of wrist and head; nothing happens while nobody is tracked."""
+
+    def __init__(self):
+        super().__init__("raised_hand")
+        self.raised = False
+        self.create_subscription(PoseArray, "/tracker/joints", self.on_joints, 10)
+
+    def on_joints(self, message):
+        """Compare heights in the optical frame, where y points down."""
+        head, wrist = message.poses[15].position, message.poses[20].position
+        raised = wrist.y < head.y
+        if raised and not self.raised:
+            self.get_logger().info("left hand raised")
+        self.raised = raised
+
+
+def main():
+    """Run until interrupted."""
+    rclpy.init()
+    try:
+        rclpy.spin(RaisedHand())
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        rclpy.try_shutdown()
+
+
+if __name__ == "__main__":
+    main()

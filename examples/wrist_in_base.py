@@ -1,0 +1,46 @@
+"""Publish the right wrist in base_link, through TF.
+
+python3 examples/wrist_in_base.py
+"""
+
+import rclpy
+import tf2_geometry_msgs  # noqa: F401  (registers PointStamped with tf2)
+from geometry_msgs.msg import PointStamped, PoseArray
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from tf2_ros import Buffer, TransformException, TransformListener
+
+
+class WristInBase(Node):
+    """Transforms each wrist; warns if TF is missing; silent while nobody is tracked."""
+
+    def __init__(self):
+        super().__init__("wrist_in_base")
+        self.buffer = Buffer()
+        self.listener = TransformListener(self.buffer, self)
+        self.publisher = self.create_publisher(PointStamped, "right_wrist", 10)
+        self.create_subscription(PoseArray, "/tracker/joints", self.on_joints, 10)
+
+    def on_joints(self, message):
+        """Transform the wrist from the optical frame to base_link."""
+        point = PointStamped(header=message.header, point=message.poses[21].position)
+        try:
+            point = self.buffer.transform(point, "base_link")
+        except TransformException as error:
+            return self.get_logger().warn(str(error), throttle_duration_sec=5.0)
+        self.publisher.publish(point)
+
+
+def main():
+    """Run until interrupted."""
+    rclpy.init()
+    try:
+        rclpy.spin(WristInBase())
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        rclpy.try_shutdown()
+
+
+if __name__ == "__main__":
+    main()
