@@ -19,7 +19,7 @@ from typing import Any, Callable, Mapping, Sequence
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.common.report import Record, data_folder, table, write_json  # isort: skip  (one thread, before numpy comes)
+from benchmarks.common.report import Record, data_folder, table, write_json  # isort: skip  (threads, before numpy)
 import numpy as np
 
 from benchmarks.common import option_types

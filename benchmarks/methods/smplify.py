@@ -120,7 +120,7 @@ class WindowFit:
                 pose = kinematics.pose(state)
                 distance = np.linalg.norm(points - project(pose.landmarks), axis=-1) * weights
                 model = linearise(kinematics, pose, points, weights * np.sqrt(huber_weights(distance)))
-                A, z = self._prior.linearise(state.rotations)
+                A, z = self._prior.rows(state.rotations)
                 J = np.block([[model.A, model.B], [A, np.zeros((len(z), 3))]])
                 damping = np.append(np.full(size, 10.0), np.full(3, 1e-6))
                 step = np.linalg.solve(J.T @ J + np.diag(damping), J.T @ np.concatenate([model.residual, z]))

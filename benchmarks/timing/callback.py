@@ -141,8 +141,9 @@ def _stages(
         timed("undistort", lens.normalise, decoded)
         frame = timed("decode, undistort, track, angles", pipeline.process, message, 0)
         for topic in OUTPUTS if frame.accepted else ():
-            built = timed(f"encode {topic.name}", lambda: list(messages.build(frame, topic.name.__eq__)))
-            timed(f"publish {topic.name}", publish, topic.name, built[0][1])
+            name = topic.name.removeprefix("~/")
+            built = timed(f"encode {name}", lambda: list(messages.build(frame, topic.name.__eq__)))
+            timed(f"publish {name}", publish, topic.name, built[0][1])
         for who, (_, on_keypoints, step) in callbacks.items():
             timed(f"whole callback, {who}", on_keypoints, message)
             beyond = samples[f"whole callback, {who}"][-1] - step.take()[0]

@@ -174,4 +174,3 @@ def _seconds(text: str) -> float:
     if not LEAST_S <= seconds <= MOST_S:
         raise argparse.ArgumentTypeError(f"{text}; expected {LEAST_S:g} to {MOST_S:g} s")
     return seconds
-

@@ -173,4 +173,3 @@ def _summary(
     lines.update(written)
     read = [f"{name:<15} {topic}" for name, topic in zip((topics.KEYPOINTS, topics.CAMERA_INFO), inputs)]
     return "\n".join([title, *read, *(f"{name:<15} {text}" for name, text in lines.items())])
-

@@ -156,7 +156,7 @@ def _our_own(joints: list[Joint], source: str) -> RestTree:
     parents: dict[str, str] = {}
     orders: dict[str, str] = {}
     at: dict[str, np.ndarray] = {}
-    for joint in sorted(joints, key=lambda joint: joint.number):  # in the order of the file, which is that of the skeleton
+    for joint in sorted(joints, key=lambda joint: joint.number):  # the file's order is the skeleton's
         if joint.name in ROOT_JOINTS:
             continue
         ball = joint.name.rpartition("_")[0]

@@ -247,7 +247,8 @@ def test_an_option_that_cannot_be_meant_is_refused_by_its_name(option, capsys):
     [
         "--methods=",
         "--initialisation --methods smplify",
-        *(f"--detections any.npz --{what}" for what in ("gap=1", "initialisation", "uncertainty", "failure-probability")),
+        *(f"--detections any.npz --{what}" for what in ("gap=1", "initialisation", "uncertainty")),
+        "--detections any.npz --failure-probability",
     ],
 )
 def test_options_that_do_not_go_together_are_refused(options):

@@ -62,7 +62,8 @@ def test_another_file_of_the_same_take_is_not_unseen(tmp_path):
         file.symlink_to(MOCAP.resolve() / file.name)
     select_person = mapping(*learn(load_clips(tmp_path, ["02_03"])))
     for file in (clips[0], clips[2]):
-        assert same(PoseDistribution.from_mapping(prior_without(file), SKELETON), PoseDistribution.from_mapping(select_person, SKELETON))
+        learned = PoseDistribution.from_mapping(prior_without(file), SKELETON)
+        assert same(learned, PoseDistribution.from_mapping(select_person, SKELETON))
     assert {file.stem for file in clip_files(parser().parse_args(["--data", str(MOCAP)]))}.isdisjoint(SEEN)
     assert "02_01" in SEEN and set(TRAINING) < set(SEEN)
 
@@ -111,7 +112,9 @@ def test_every_clip_counts_whatever_the_number_of_processes(folder, tmp_path, ca
 
 
 @needs_clips
-@pytest.mark.parametrize("mode", ["--initialisation --per-clip 1", "--gap 0.1", "--uncertainty", "--failure-probability"])
+@pytest.mark.parametrize(
+    "mode", ["--initialisation --per-clip 1", "--gap 0.1", "--uncertainty", "--failure-probability"]
+)
 def test_what_else_is_measured_has_that_prior_too(mode, folder, tmp_path):
     options = ["--data", str(folder), "--clips", "exp_running_1", "--jobs", "1", *mode.split()]
     figure = {"--initialisation": "init_mpjpe_mm", "--gap": "gap_end_mm", "--uncertainty": "actual_mm"}

@@ -1,4 +1,4 @@
-"""Every row of the tables of docs/reference.md of topics, services and parameters, against the running node on real DDS."""
+"""Every row of the tables of docs/reference.md, against the running node on real DDS."""
 
 import re
 from pathlib import Path

@@ -89,7 +89,8 @@ def test_where_the_places_are_not_found_the_message_itself_is_given():
     backend = Otherwise(rosbags_backend()._typestore)
     builder = JointStateBuilder(backend, ["a", "b"])
     for i in range(2):
-        message = SerialisedMessage(builder, backend).fill(START_NS + i, "camera", np.array([1.0, i]), np.array([3.0, 4.0]))
+        serialised = SerialisedMessage(builder, backend)
+        message = serialised.fill(START_NS + i, "camera", np.array([1.0, i]), np.array([3.0, 4.0]))
         assert list(message.position) == [1.0, i] and message.header.stamp.nanosec == i
         message = SerialisedStatus(backend).fill(START_NS + i, "camera", StatusLine(0, "name", "said"))
         assert message.status[0].message == "said" and message.header.stamp.nanosec == i

@@ -35,7 +35,12 @@ DISPLAYS = {
     "rviz_default_plugins/RobotModel": "std_msgs/msg/String",
 }
 """What RViz' displays read; Camera reads the image, which is not ours."""
-OURS = {t.name: t for t in (*topics.PERSON_OUTPUTS, *topics.OTHER_OUTPUTS)}
+OURS = {t.name.replace("~", "tracker"): t for t in (*topics.PERSON_OUTPUTS, *topics.OTHER_OUTPUTS)}
+
+
+def full(name):
+    """A topic's name with the node's default name for `~`."""
+    return name.replace("~", "tracker")
 
 
 @pytest.fixture(scope="module")
@@ -172,7 +177,8 @@ def test_rviz_shows_topics_that_exist_with_what_can_show_them(rviz):
         assert topic["Reliability Policy"] == "Reliable" and topic["History Policy"] == "Keep Last"
         if display["Enabled"]:
             shows.add(topic["Value"])
-    assert shows == {topics.MARKERS, topics.UNCERTAINTY_MARKERS, topics.KEYPOINT_MARKERS, topics.ROBOT_DESCRIPTION}
+    expected = (topics.MARKERS, topics.UNCERTAINTY_MARKERS, topics.KEYPOINT_MARKERS, topics.ROBOT_DESCRIPTION)
+    assert shows == {full(name) for name in expected}
     assert rviz["Global Options"]["Fixed Frame"] == FRAME
 
 
@@ -191,9 +197,9 @@ def test_foxglove_shows_topics_that_exist(foxglove):
     image = panels["Image!points"]["imageMode"]
     assert set(shown) | set(plotted) <= set(OURS)
     visible = {t.lstrip("/") for t, how in panels["3D!skeleton"]["topics"].items() if how["visible"]}
-    assert visible == {topics.MARKERS, topics.UNCERTAINTY_MARKERS}
-    assert [t.lstrip("/") for t in image["annotations"]] == [topics.IMAGE_MARKERS]
-    assert OURS[topics.IMAGE_MARKERS].message_type == "visualization_msgs/msg/ImageMarker"
+    assert visible == {full(topics.MARKERS), full(topics.UNCERTAINTY_MARKERS)}
+    assert [t.lstrip("/") for t in image["annotations"]] == [full(topics.IMAGE_MARKERS)]
+    assert OURS[full(topics.IMAGE_MARKERS)].message_type == "visualization_msgs/msg/ImageMarker"
     assert image["calibrationTopic"].lstrip("/") == topics.CAMERA_INFO
     assert panels["DiagnosticSummary!state"]["topicToRender"] == topics.DIAGNOSTICS
     order = joint_names(Skeleton.load("anthropometric", 1.75))

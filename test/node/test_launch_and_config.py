@@ -56,7 +56,6 @@ class Recorded(SimpleNamespace):
         super().__init__(args=args, **kwargs)
 
 
-
 @pytest.fixture
 def launch_file(monkeypatch):
     """The launch file as a module, over recording stand-ins where launch is not installed (it is not on PyPI)."""

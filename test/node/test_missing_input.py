@@ -91,7 +91,10 @@ def test_a_camera_info_sent_once_and_kept_is_asked_for():
             said = peer.got[topics.DIAGNOSTICS]
 
             def seen():
+                nonlocal sent
+                sent += 1
                 peer.send_camera(frame_id="another")
+                peer.send(START_NS + sent * 33_000_000, pixels, frame_id="another")
                 return said and values_of(said[-1])["resets"] == "1"
 
             peer.spin_until(seen, what="the state forgotten for the other publisher's camera")

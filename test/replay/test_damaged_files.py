@@ -82,7 +82,8 @@ def test_wrong_metadata_is_refused(recording, metadata, tmp_path, capsys):
 
 
 def replay_in_a_process(folder, output, storage, **options):
-    command = [sys.executable, "-m", "lassokin_ros.cli.replay", str(folder), "--output", str(output), "--storage", storage]
+    command = [sys.executable, "-m", "lassokin_ros.cli.replay", str(folder), "--output", str(output)]
+    command += ["--storage", storage]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, **options)
 
 
@@ -132,7 +133,8 @@ def test_a_forced_output_survives_a_full_disk(recording, small_disk):
     with BagWriter(small_disk / "out", "mcap", typestore()) as writer:
         writer.write_raw("/a", "std_msgs/msg/String", 0, b"\x00\x01\x00\x00\x02\x00\x00\x00a\x00")
     before = contents(small_disk / "out")
-    command = [sys.executable, "-m", "lassokin_ros.cli.replay", str(recording[0]), "-o", str(small_disk / "out"), "--force"]
+    output = str(small_disk / "out")
+    command = [sys.executable, "-m", "lassokin_ros.cli.replay", str(recording[0]), "-o", output, "--force"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
     assert_refused(done, small_disk, ["out"])
     assert contents(small_disk / "out") == before

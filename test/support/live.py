@@ -196,7 +196,14 @@ class Peer:
 
 def complaints(said):
     """Lines on stderr, without the usual ones: start, missing inputs, tracking."""
-    usual = "lassokin_ros ", "waiting for ", "the first message on ", "tracking", "keypoints rejected (no_camera_info)"
+    usual = (
+        "lassokin_ros ",
+        "waiting for ",
+        "the first message on ",
+        "tracking",
+        "keypoints rejected (no_camera_info)",
+        "reset: ",
+    )
     return [line for line in said.splitlines() if not any(f"]: {words}" in line for words in usual)]
 
 

@@ -30,7 +30,7 @@ def state_at(places: Mapping[str, np.ndarray], skeleton: Skeleton, mean: np.ndar
     rotations, names = mean.copy(), skeleton.joint_names
     rotations[0] = trunk_orientation(places)
     world = np.empty_like(rotations)
-    bone_of = {start: end for start, end in BONES}
+    bone_of = dict(BONES)
     for joint, parent in enumerate(skeleton.parents):
         above = np.eye(3) if parent < 0 else world[parent]
         world[joint] = above @ rotations[joint]

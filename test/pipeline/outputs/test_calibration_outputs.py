@@ -198,7 +198,7 @@ def test_replay_saves_the_skeleton(tmp_path, capsys):
 
 UNFIT = {
     "there": (["me.yaml"], "'me.yaml' exists already; choose another name or add --force"),
-    "somebody's": (["they.yaml", "-p", "max_people:=2"], "'they_p4.yaml' exists already; choose another name or say"),
+    "somebody's": (["they.yaml", "-p", "max_people:=2"], "'they_p4.yaml' exists already; choose another name or add"),
     "a folder": (["folder.yml", "--force"], "'folder.yml' is a folder; expected the name of a file"),
     "bvh": (["me.bvh"], "'me.bvh' is no name for a skeleton; expected one that ends in .yaml or .yml"),
     "nothing": (["", "--force"], "'.' is no name for a skeleton; expected one that ends in .yaml or .yml"),

@@ -71,7 +71,7 @@ def test_tf_says_where_the_pelvis_is_and_which_way_is_front(pipeline):
     tracked = frame(pipeline, 0)
     message = dict(FrameMessages(BACKEND, pipeline.tracker.skeleton, tf=True).build(tracked))[topics.TF]
     (transform,) = message.transforms
-    assert (transform.header.frame_id, transform.child_frame_id) == (FRAME, "body")
+    assert (transform.header.frame_id, transform.child_frame_id) == (FRAME, "tracker/body")
     place, q = transform.transform.translation, transform.transform.rotation
     assert np.array_equal([place.x, place.y, place.z], tracked.positions[:3])
     turn = Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix()
