@@ -41,8 +41,17 @@ def test_nothing_of_the_robots_is_changed():
             assert not any(publishers[2:])
             assert robot.get_parameter("robot_description").value == URDF
             for namespace in ("/one", "/two"):
-                topics_of = one.node.get_publisher_names_and_types_by_node("tracker", namespace)
-                own = [name for name, _ in topics_of if name not in SHARED]
+                own = []
+
+                def found(namespace=namespace, own=own):
+                    try:
+                        there = one.node.get_publisher_names_and_types_by_node("tracker", namespace)
+                    except Exception:  # rclpy's NodeNameNonExistentError until the node is discovered
+                        return False
+                    own[:] = [name for name, _ in there if name not in SHARED]
+                    return own
+
+                one.spin_until(found, what="the tracker's publishers")
                 assert own and all(name.startswith(f"{namespace}/tracker/") for name in own)
         links = [{part.split('"')[0] for part in text.split('link name="')[1:]} for text in described.values()]
         assert links[0] & links[1] <= {FRAME} and not {"pelvis"} & (links[0] | links[1])

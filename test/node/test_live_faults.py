@@ -194,7 +194,7 @@ def test_a_subscriber_that_stands_still_holds_nobody_up(running):
     with endpoint("sink", peer.namespace, stdout=subprocess.PIPE) as slow:
         assert slow.stdout.readline() == b"ready\n"
         subscribers = peer.node.count_subscribers
-        peer.spin_until(lambda: subscribers(f"{peer.namespace}/joint_states") == 2, what="the other subscriber")
+        peer.spin_until(lambda: subscribers(f"{peer.namespace}/tracker/joint_states") == 2, what="the other subscriber")
         with standing_still(slow, probe):
             waits = []
             for _ in range(200):
@@ -242,7 +242,8 @@ def test_signals_under_load():
     namespace, signals = "/under_load", [(INT,), (INT, INT), (TERM,), (TERM, TERM)]
     with endpoint("source", namespace), Peer(namespace) as peer, ExitStack() as stack:
         names = [f"tracker_{number}" for number in range(len(signals))]
-        nodes = [stack.enter_context(NodeProcess(namespace, "-r", f"__node:={name}")) for name in names]
+        shared = ("-r", "~/joint_states:=tracker/joint_states")
+        nodes = [stack.enter_context(NodeProcess(namespace, "-r", f"__node:={name}", *shared)) for name in names]
 
         def all_answer():
             answers = Counter(stamp_of(m) for m in peer.got[topics.JOINT_STATES])
