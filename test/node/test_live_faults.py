@@ -285,7 +285,7 @@ def awaits(pid, number):
 
 
 def test_a_callback_that_fails_does_not_end_the_node():
-    from lassokin_ros.node.command import _spin
+    from lassokin_ros.node.executable import spin
 
     context = rclpy.Context()
     rclpy.init(context=context, signal_handler_options=NO_HANDLERS)
@@ -298,7 +298,7 @@ def test_a_callback_that_fails_does_not_end_the_node():
         raise ValueError("on purpose")
 
     node.create_timer(0.01, fail)
-    _spin(node, Future())
+    spin(node, Future())
     assert len(calls) == 3
     node.destroy_node()
 

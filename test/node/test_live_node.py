@@ -197,14 +197,25 @@ def test_a_read_only_value_takes_the_others_of_its_request_with_it(running):
     assert (get_parameter(running, "sparsity"), get_parameter(running, "height")) == (0.05, 1.75)
 
 
-def test_a_stamp_of_zero_is_the_time_of_arrival(running):
-    before = running.node.get_clock().now().nanoseconds
-    states = running.got[topics.JOINT_STATES]
-    count = len(states)
-    running.spin_until(lambda: [running.send(0, PIXELS[0])] and len(states) > count, what="an output")
+def test_a_stamp_of_zero_is_the_time_of_arrival_if_no_message_has_a_stamp(running):
+    from_the_beginning(running)
+    before, states = running.node.get_clock().now().nanoseconds, running.got[topics.JOINT_STATES]
+    running.spin_until(
+        lambda: [running.send(0, PIXELS[0])] and stamp_of(states[-1]) > before, what="an output stamped on arrival"
+    )
     running.settle()
-    assert before < stamp_of(states[-1]) < running.node.get_clock().now().nanoseconds
-    running.call(Trigger, "reset", Trigger.Request())
+    assert stamp_of(states[-1]) < running.node.get_clock().now().nanoseconds
+    from_the_beginning(running)
+
+
+def test_a_stamp_of_zero_among_others_continues_them(running):
+    from_the_beginning(running)
+    previous, last = feed(running, 2)
+    states = running.got[topics.JOINT_STATES]
+    running.send(0, PIXELS[2])
+    running.spin_until(lambda: stamp_of(states[-1]) != last, what="the output of the message without a stamp")
+    assert last < stamp_of(states[-1]) <= last + (last - previous)
+    from_the_beginning(running)
 
 
 def test_reset_forgets_the_state(running):

@@ -1,0 +1,112 @@
+"""Run a node as a process: start it, stop it at a signal, and report in one line why it cannot start."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
+from contextlib import suppress
+from typing import Any
+
+USAGE_ERROR = 2
+PAUSE_S = 0.1
+"""s: pause after a callback that failed. It keeps a callback that always fails from using a whole core."""
+
+
+def run_node(
+    parser: argparse.ArgumentParser, load: Callable[[], Callable[[], Any]], arguments: Sequence[str] | None
+) -> int:
+    """Run a node until SIGINT or SIGTERM. The exit code is 0, or 2 if the node cannot start.
+
+    parser: handles the arguments that are not for ROS; its `prog` starts each error message. load: imports the node's
+    module and returns the node's class. arguments: the command line without the program's name; None: `sys.argv`.
+    """
+    stopped = await_signal()
+    # The matrices are small. More BLAS threads would be slower, and would take cores from the robot.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    try:
+        import rclpy
+        from rclpy.signals import SignalHandlerOptions
+        from rclpy.utilities import remove_ros_args
+
+        make_node = load()
+    except ImportError as error:
+        return _complain(parser.prog, f"{error}; {advice_on_import(error)}")
+    argv = list(sys.argv if arguments is None else [parser.prog, *arguments])
+    node = None
+    try:
+        parser.parse_args(remove_ros_args(argv)[1:])
+        rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
+        node = make_node()
+        spin(node, stopped)
+    except Exception as error:
+        return _complain(parser.prog, _first_sentence(error))
+    finally:
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return 0
+
+
+def spin(node: Any, stopped: Future[int]) -> None:
+    """Spin the node until `stopped` is done or its context ends. An exception out of a callback is logged."""
+    from rclpy.exceptions import InvalidHandle
+    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+
+    def wake(_: Future[int]) -> None:
+        with suppress(InvalidHandle):  # the node may have ended meanwhile
+            guard.trigger()
+
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    guard = node.create_guard_condition(lambda: None)
+    stopped.add_done_callback(wake)
+    while not stopped.done() and node.context.ok():
+        try:
+            executor.spin_once()
+        except ExternalShutdownException:
+            break
+        except Exception as error:
+            if node.context.ok():
+                node.get_logger().error(f"a callback failed: {type(error).__name__}: {error}")
+                time.sleep(PAUSE_S)
+    executor.shutdown()
+
+
+def await_signal() -> Future[int]:
+    """Return a future that is done at the first SIGINT or SIGTERM. The signals interrupt nothing from now on.
+
+    The signals are blocked in all threads. One thread waits for the first signal; later signals (ros2 launch sends one
+    to the whole process group) stay pending. rclpy's own handler would end the context at any moment, for example
+    while a message is published, which then fails.
+    """
+    signals = (signal.SIGINT, signal.SIGTERM)
+    signal.pthread_sigmask(signal.SIG_BLOCK, signals)
+    stopped: Future[int] = Future()
+    threading.Thread(target=lambda: stopped.set_result(signal.sigwait(signals)), daemon=True).start()
+    return stopped
+
+
+def advice_on_import(error: ImportError) -> str:
+    """Return what to install for a module that cannot be imported."""
+    module = (error.name or "").partition(".")[0]
+    if module in ("proxsuite", "qpsolvers"):
+        return f"install it with: pip install --break-system-packages {module}"
+    return "the node needs ROS 2's rclpy and common_interfaces, see the README"
+
+
+def _first_sentence(error: Exception) -> str:
+    """Return an exception of rclpy as one line, without the lines of C files."""
+    return re.sub(r"\s*, at \S+:\d+", "", " ".join(str(error).split())) or type(error).__name__
+
+
+def _complain(program: str, message: str) -> int:
+    """Print one line on stderr. Return the exit code for a wrong use."""
+    print(f"{program}: {message}", file=sys.stderr)
+    return USAGE_ERROR
