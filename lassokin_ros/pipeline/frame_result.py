@@ -33,7 +33,10 @@ class FrameResult:
     points: (l, 2) normalised image coordinates of `detected`. None if the message was refused before tracking.
     lens: the lens of the image. None if the message was refused before tracking.
     skeleton: the skeleton with the lengths used for this result. None if the message was refused before tracking.
+    joint_velocities: (n, 3) m/s, differences of joint positions over stamps, 0 after initialisation. None if rejected.
+    velocity: (3,) m/s, velocity of the pelvis, averaged over 0.2 s. None if rejected.
     measure: computes the joint uncertainty, see `uncertainty`.
+    observe: computes which joints are observed, see `observed`.
     held_s: s, by stamps, how long the result waited for later messages (`smoothing_lag`).
     """
 
@@ -49,7 +52,10 @@ class FrameResult:
     points: np.ndarray | None = None
     lens: Lens | None = None
     skeleton: Skeleton | None = None
+    joint_velocities: np.ndarray | None = None
+    velocity: np.ndarray | None = None
     measure: Callable[[Estimate], JointUncertainty] | None = None
+    observe: Callable[[Estimate], np.ndarray] | None = None
     held_s: float = 0.0
 
     @property
@@ -63,6 +69,13 @@ class FrameResult:
         if self.measure is None or self.estimate is None:
             raise ValueError("this result was rejected; only an accepted result has an uncertainty")
         return self.measure(self.estimate)
+
+    @property
+    def observed(self) -> np.ndarray:
+        """(n,) bool, the joints that the keypoints observe. Raises ValueError if the result was rejected."""
+        if self.observe is None or self.estimate is None:
+            raise ValueError("this result was rejected; only an accepted result has observed joints")
+        return self.observe(self.estimate)
 
     @property
     def reprojected(self) -> np.ndarray | None:

@@ -58,7 +58,7 @@ class TrackedPerson:
         self.status = Status.SEARCHING
         self.seen_ns: int | None = None
         self._origin_ns: int | None = None
-        self._last: tuple[int, np.ndarray] | None = None
+        self._last: tuple[int, np.ndarray, np.ndarray] | None = None
         # Results held back by smoothing_lag: stamp in ns, stamp in s of the tracker, function that makes the result.
         self._waiting: deque[tuple[int, float, Callable[..., FrameResult]]] = deque()
         self._place: np.ndarray | None = None
@@ -107,7 +107,9 @@ class TrackedPerson:
             detail = rejection_text(estimate, observation, self.tracker.config)
             return [*self._due(self.tracker.published, stamp_ns), frame(estimate, estimate.rejection.value, detail)]
         self._update_motion(stamp_ns, estimate)
-        self._waiting.append((stamp_ns, estimate.stamp, partial(frame, measure=self.tracker.uncertainty)))
+        tracker, velocity = self.tracker, self._velocity.copy()
+        made = partial(frame, velocity=velocity, measure=tracker.uncertainty, observe=tracker.observed)
+        self._waiting.append((stamp_ns, estimate.stamp, made))
         return self._due(self.tracker.published, stamp_ns)
 
     def mark_absent(self, stamp_ns: int, lens: Lens) -> list[FrameResult]:
@@ -127,9 +129,17 @@ class TrackedPerson:
             stamp_ns, stamp, frame = self._waiting.popleft()
             while stamp < estimate.stamp:  # skip results lost by an error
                 stamp_ns, stamp, frame = self._waiting.popleft()
-            positions, velocities = self._joint_states(stamp_ns, estimate)
+            positions, velocities, joint_velocities = self._joint_states(stamp_ns, estimate)
             held_s = (now_ns - stamp_ns) * 1e-9
-            frames.append(frame(estimate, positions=positions, velocities=velocities, held_s=held_s))
+            frames.append(
+                frame(
+                    estimate,
+                    positions=positions,
+                    velocities=velocities,
+                    joint_velocities=joint_velocities,
+                    held_s=held_s,
+                )
+            )
         return frames
 
     def _update_motion(self, stamp_ns: int, estimate: Estimate) -> None:
@@ -144,21 +154,26 @@ class TrackedPerson:
             self._velocity += share * ((place - self._place) / seconds - self._velocity)
         self._place, self._landmarks, self.seen_ns = place, estimate.pose.landmarks, stamp_ns
 
-    def _joint_states(self, stamp_ns: int, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
-        """Return positions, and velocities as differences over stamps. Velocities are 0 after initialisation."""
-        assert estimate.state is not None
+    def _joint_states(self, stamp_ns: int, estimate: Estimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return positions and velocities of joint_states, and the velocities of the joint centres.
+
+        Velocities are differences over stamps, 0 after initialisation.
+        """
+        assert estimate.state is not None and estimate.pose is not None
+        centres = estimate.pose.positions
         if estimate.initialised:
             self._reader.reset()
             self._last = None
         angles = self._reader.read(estimate.state.rotations)
         positions = np.concatenate([estimate.state.translation, angles.ravel()])
         if self._last is None:
-            velocities = np.zeros_like(positions)
+            velocities, joint_velocities = np.zeros_like(positions), np.zeros_like(centres)
         else:
             seconds = (stamp_ns - self._last[0]) * 1e-9
             velocities = (positions - self._last[1]) / seconds
-        self._last = stamp_ns, positions
-        return positions, velocities
+            joint_velocities = (centres - self._last[2]) / seconds
+        self._last = stamp_ns, positions, centres
+        return positions, velocities, joint_velocities
 
     def unseen_s(self, stamp_ns: int) -> float:
         """Return s since the person was last tracked; infinite before the first time."""
