@@ -419,7 +419,7 @@ class Tracker:
             self.model_error.advance(stamp, increment.problem, increment.solution.omega, weights, depth)
 
     def observed(self, estimate: Estimate) -> np.ndarray:
-        """Return (n,) bool, the joints that the frame's keypoints observe. Raises ValueError for a rejected estimate."""
+        """Return (n,) bool, the joints that keypoints observe. Raises ValueError for a rejected estimate."""
         if estimate.visible is None:
             raise ValueError("this frame was rejected; only an accepted estimate has observed joints")
         return self._observed.of(estimate.visible)

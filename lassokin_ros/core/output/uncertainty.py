@@ -29,8 +29,8 @@ FACTOR = 1.1
 LARGEST = 0.09
 """m: s becomes FACTOR s / sqrt(1 + (s / LARGEST)^2)."""
 HEIGHT_DEVIATION = 0.02
-"""Standard deviation of the body's height, as a share of it: shoes, hair, posture. One camera sees no scale, so an error
-of the height moves the whole body along its line of sight by the same share."""
+"""Standard deviation of the body's height, as a share of it: shoes, hair, posture. One camera sees no scale, so an
+error of the height moves the whole body along its line of sight by the same share."""
 
 _IDENTITY = np.eye(3).reshape(9)
 #: (9, 3): a product with the axis w has in its rows, by component of p and of the result, the matrix of w x p.

@@ -9,7 +9,8 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.output.observed import ObservedJoints
 
 SKELETON = Skeleton.load("anthropometric", 1.75)
-LIMBS = {f"{side}_{joint}" for side in ("left", "right") for joint in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")}
+LIMB_JOINTS = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
+LIMBS = {f"{side}_{joint}" for side in ("left", "right") for joint in LIMB_JOINTS}
 
 
 def observed(visible, layout="coco17"):
