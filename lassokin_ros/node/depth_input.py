@@ -13,18 +13,20 @@ from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 
 from lassokin_ros.node.log_throttle import LogThrottle
 from lassokin_ros.node.missing_input import MissingInput
 from lassokin_ros.node.person_outputs import message_class
 from lassokin_ros.node.polled_subscription import ignore_events
-from lassokin_ros.node.qos import matches_every_publisher, overrides, sensor_data
+from lassokin_ros.node.qos import overrides
 from lassokin_ros.pipeline.depth_images import RECEIVED, DepthImages
 from lassokin_ros.pipeline.outputs.topics import DEPTH_IMAGE_TYPE
 
 DEPTH = 5
 """Depth images in the middleware's queue."""
-WAIT_S = 0.008
+WAIT_S = 0.01
 """s: longest time for which a keypoint message waits for its depth image."""
 SILENT_S = 0.5
 """s without a depth image after which keypoint messages do not wait."""
@@ -42,15 +44,19 @@ class DepthInput:
         self._waiting: deque[tuple[int | None, Callable[[], None]]] = deque()
         self._came_at, self._useless = -float("inf"), 0
         self._missing = MissingInput(node, topic, DEPTH_IMAGE_TYPE, (), now)
-        self._subscription = node.create_subscription(
-            message_class(DEPTH_IMAGE_TYPE),
-            topic,
-            self._on_image,
-            sensor_data(DEPTH),
-            qos_overriding_options=overrides(node, topic, "subscription"),
-        )
+        self._topic, self._overrides = topic, overrides(node, topic, "subscription")
+        self._subscription = self._subscribe(ReliabilityPolicy.BEST_EFFORT)
         self._timer = node.create_timer(WAIT_S, self._on_timeout, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._timer.cancel()
+
+    def _subscribe(self, reliability: ReliabilityPolicy) -> Subscription:
+        return self._node.create_subscription(
+            message_class(DEPTH_IMAGE_TYPE),
+            self._topic,
+            self._on_image,
+            QoSProfile(depth=DEPTH, reliability=reliability),
+            qos_overriding_options=self._overrides,
+        )
 
     def hold(self, stamp_ns: int | None, work: Callable[[], None]) -> None:
         """Process a keypoint message: now if its depth image has come or is not expected, otherwise a moment later.
@@ -71,8 +77,22 @@ class DepthInput:
         """Log what is missing; now: s, steady clock. Call it from time to time."""
         came = self._counts[RECEIVED] > 0
         self._missing.look(now, came)
-        if came and matches_every_publisher(self._subscription.qos_profile):
+        if self._overrides is None:
+            self._match_publishers()
+        if came:
             ignore_events(self._subscription)
+
+    def _match_publishers(self) -> None:
+        """Subscribe reliably if all publishers are reliable.
+
+        An image is sent in hundreds of packets. A best-effort subscription loses the whole image with one of them.
+        """
+        found = self._node.get_publishers_info_by_topic(self._subscription.topic_name)
+        reliable = bool(found) and all(info.qos_profile.reliability == ReliabilityPolicy.RELIABLE for info in found)
+        wanted = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
+        if wanted != self._subscription.qos_profile.reliability:
+            self._node.destroy_subscription(self._subscription)
+            self._subscription = self._subscribe(wanted)
 
     def _on_image(self, message: Any) -> None:
         self._came_at = time.monotonic()
