@@ -123,7 +123,8 @@ def depth_line(result: DemoResult, seconds: float) -> str:
     compared = replace(result, estimate=joints[there], truth=truth[there])
     return (
         f"with a depth camera (3 cm noise, a tenth of the points hidden): joint error "
-        f"{np.median(compared.error_mm):.0f} mm, root {np.median(compared.root_error_mm):.0f} mm; without: {np.median(result.error_mm):.0f} and "
+        f"{np.median(compared.error_mm):.0f} mm, root {np.median(compared.root_error_mm):.0f} mm; without: "
+        f"{np.median(result.error_mm):.0f} and "
         f"{np.median(result.root_error_mm):.0f} mm"
     )
 
