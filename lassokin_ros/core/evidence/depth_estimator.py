@@ -33,17 +33,22 @@ class DepthEstimator:
         built_in = lengths_of(Skeleton.load("anthropometric", self._height))
         self._lengths_known = np.array(not np.allclose(self._lengths, built_in, atol=1e-6))
         self._history = History()
-        self.reset()
+        self._prediction: Prediction | None = None
+        self._rotation = np.eye(3)
 
     @property
     def usable(self) -> bool:
         """Whether the layout has enough points that the network uses."""
         return int(self._there.sum()) >= LEAST_SEEN
 
+    def adopt_history(self, other: DepthEstimator) -> None:
+        """Go on with the past keypoints and the newest estimate of another estimator for the same person."""
+        self._history, self._prediction, self._rotation = other._history, other._prediction, other._rotation
+
     def reset(self) -> None:
         """Forget the past keypoints."""
         self._history.reset()
-        self._prediction: Prediction | None = None
+        self._prediction = None
         self._rotation = np.eye(3)
 
     def update(
