@@ -33,7 +33,8 @@ class FrameResult:
     points: (l, 2) normalised image coordinates of `detected`. None if the message was refused before tracking.
     lens: the lens of the image. None if the message was refused before tracking.
     skeleton: the skeleton with the lengths used for this result. None if the message was refused before tracking.
-    joint_velocities: (n, 3) m/s, differences of joint positions over stamps, 0 after initialisation. None if rejected.
+    earlier: s since the result before, and its joint positions (n, 3) m; see `joint_velocities`. None after
+    initialisation.
     velocity: (3,) m/s, velocity of the pelvis, averaged over 0.2 s. None if rejected.
     measure: computes the joint uncertainty, see `uncertainty`.
     observe: computes which joints are observed, see `observed`.
@@ -52,7 +53,7 @@ class FrameResult:
     points: np.ndarray | None = None
     lens: Lens | None = None
     skeleton: Skeleton | None = None
-    joint_velocities: np.ndarray | None = None
+    earlier: tuple[float, np.ndarray] | None = None
     velocity: np.ndarray | None = None
     measure: Callable[[Estimate], JointUncertainty] | None = None
     observe: Callable[[Estimate], np.ndarray] | None = None
@@ -69,6 +70,17 @@ class FrameResult:
         if self.measure is None or self.estimate is None:
             raise ValueError("this result was rejected; only an accepted result has an uncertainty")
         return self.measure(self.estimate)
+
+    @property
+    def joint_velocities(self) -> np.ndarray:
+        """(n, 3) m/s, differences of joint positions over stamps, 0 after initialisation. Needs an accepted result."""
+        assert self.estimate is not None and self.estimate.pose is not None
+        positions = self.estimate.pose.positions
+        if self.earlier is None:
+            return np.zeros_like(positions)
+        seconds, before = self.earlier
+        velocities: np.ndarray = (positions - before) / seconds
+        return velocities
 
     @property
     def observed(self) -> np.ndarray:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lassokin_ros import joints
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import Camera, exact_pixels, motion

@@ -201,6 +201,8 @@ def complaints(said):
         "waiting for ",
         "the first message on ",
         "tracking",
+        "lost: ",
+        "nobody is tracked",
         "keypoints rejected (no_camera_info)",
         "reset: ",
     )

@@ -98,9 +98,7 @@ class UncertaintyModel:
         covariance = _calibrated(spread @ np.swapaxes(spread, -1, -2))
         return JointUncertainty(covariance, partial(self._absolute, spread, factor, pose, problem))
 
-    def _absolute(
-        self, spread: np.ndarray, factor: np.ndarray, pose: BodyPose, problem: Lasso
-    ) -> AbsoluteUncertainty:
+    def _absolute(self, spread: np.ndarray, factor: np.ndarray, pose: BodyPose, problem: Lasso) -> AbsoluteUncertainty:
         """Add the pelvis' own uncertainty: x = Y (z - A Omega) by (15), and (B^T B)^-1 = Y Y^T about it.
 
         spread: (n, 3, k), with spread @ spread^T the covariances relative to the pelvis; factor: of the information.

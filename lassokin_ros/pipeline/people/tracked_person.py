@@ -138,17 +138,12 @@ class TrackedPerson:
             stamp_ns, stamp, frame = self._waiting.popleft()
             while stamp < estimate.stamp:  # skip results lost by an error
                 stamp_ns, stamp, frame = self._waiting.popleft()
-            positions, velocities, joint_velocities = self._joint_states(stamp_ns, estimate)
+            earlier = None
+            if self._last is not None and not estimate.initialised:
+                earlier = (stamp_ns - self._last[0]) * 1e-9, self._last[2]
+            positions, velocities = self._joint_states(stamp_ns, estimate)
             held_s = (now_ns - stamp_ns) * 1e-9
-            frames.append(
-                frame(
-                    estimate,
-                    positions=positions,
-                    velocities=velocities,
-                    joint_velocities=joint_velocities,
-                    held_s=held_s,
-                )
-            )
+            frames.append(frame(estimate, positions=positions, velocities=velocities, earlier=earlier, held_s=held_s))
         return frames
 
     def _update_motion(self, stamp_ns: int, estimate: Estimate) -> None:
@@ -163,26 +158,21 @@ class TrackedPerson:
             self._velocity += share * ((place - self._place) / seconds - self._velocity)
         self._place, self._landmarks, self.seen_ns = place, estimate.pose.landmarks, stamp_ns
 
-    def _joint_states(self, stamp_ns: int, estimate: Estimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return positions and velocities of joint_states, and the velocities of the joint centres.
-
-        Velocities are differences over stamps, 0 after initialisation.
-        """
+    def _joint_states(self, stamp_ns: int, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
+        """Return positions, and velocities as differences over stamps. Velocities are 0 after initialisation."""
         assert estimate.state is not None and estimate.pose is not None
-        centres = estimate.pose.positions
         if estimate.initialised:
             self._reader.reset()
             self._last = None
         angles = self._reader.read(estimate.state.rotations)
         positions = np.concatenate([estimate.state.translation, angles.ravel()])
         if self._last is None:
-            velocities, joint_velocities = np.zeros_like(positions), np.zeros_like(centres)
+            velocities = np.zeros_like(positions)
         else:
             seconds = (stamp_ns - self._last[0]) * 1e-9
             velocities = (positions - self._last[1]) / seconds
-            joint_velocities = (centres - self._last[2]) / seconds
-        self._last = stamp_ns, positions, centres
-        return positions, velocities, joint_velocities
+        self._last = stamp_ns, positions, estimate.pose.positions
+        return positions, velocities
 
     def unseen_s(self, stamp_ns: int) -> float:
         """Return s since the person was last tracked; infinite before the first time."""
