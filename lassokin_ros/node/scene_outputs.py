@@ -9,7 +9,7 @@ from rclpy.node import Node
 from lassokin_ros.node.person_outputs import advertise
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, image_of
+from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, images_of
 from lassokin_ros.pipeline.outputs.presence_state import LOST, NOBODY, TRACKING, PresenceState
 from lassokin_ros.pipeline.pipeline import Pipeline
 from msg_adapters.backends import RclpyBackend
@@ -36,12 +36,12 @@ class SceneOutputs:
     def publish(self, frames: Sequence[FrameResult], arrival_ns: int) -> None:
         """Publish the people in one keypoint message, if somebody subscribes, and the state if it has changed."""
         pipeline = self._pipeline
-        self._people.update(frames, pipeline.ids)
-        if pipeline.enabled and self._people_out.get_subscription_count():
-            image = image_of(frames, None if pipeline.tracker.config.smoothing_lag else pipeline.image)
-            if image is not None:
-                limits = pipeline.tracker.config.lost_after, pipeline.config.forget_after
-                self._people_out.publish(self._people.build(image, *limits))
+        config, wanted = pipeline.tracker.config, self._people_out.get_subscription_count() > 0
+        newest = pipeline.image if pipeline.enabled else None
+        for image, people in images_of(frames, newest, config.smoothing_lag > 0):
+            self._people.update(people, pipeline.ids)
+            if wanted:
+                self._people_out.publish(self._people.build(image, config.lost_after, pipeline.config.forget_after))
         if self._state.value != TRACKING or not any(frame.accepted for frame in frames):
             self.look(arrival_ns)
 

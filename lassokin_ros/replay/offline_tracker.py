@@ -18,7 +18,7 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages, id_list
-from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, image_of
+from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, images_of
 from lassokin_ros.pipeline.outputs.presence_state import PresenceState
 from lassokin_ros.pipeline.outputs.robot_description import RobotDescription
 from lassokin_ros.pipeline.outputs.skeleton_file import save_all
@@ -242,9 +242,8 @@ class SceneMessages:
         """Yield the people in one keypoint message, and the state if it has changed."""
         pipeline = self._pipeline
         config = pipeline.tracker.config
-        self._people.update(frames, pipeline.ids)
-        image = image_of(frames, None if config.smoothing_lag else pipeline.image)
-        if image is not None:
+        for image, people in images_of(frames, pipeline.image, config.smoothing_lag > 0):
+            self._people.update(people, pipeline.ids)
             message = self._people.build(image, config.lost_after, pipeline.config.forget_after)
             yield topics.full_name(topics.PEOPLE, NODE_NAME), self._type, message
         yield from self.look(time_ns)

@@ -160,7 +160,7 @@ class PeopleCloudBuilder:
     def fill(self, stamp_ns: int, frame_id: str, people: Sequence[PersonReport]) -> Any:
         """See PeopleBuilder.fill."""
         points = np.zeros(len(people), POINT)
-        values = points.view("<f4").reshape(len(people), -1)
+        values = points.view("<f4").reshape(len(people), POINT.itemsize // 4)
         for row, person in zip(values, people):
             row[:3], row[3:6] = person.position, person.velocity
             row[6:12] = person.covariance[:3, :3].reshape(9)[UPPER]

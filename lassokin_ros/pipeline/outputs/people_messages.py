@@ -13,6 +13,8 @@ from lassokin_ros.pipeline.outputs.body_frames import body_quaternion
 from msg_adapters.backends import Backend
 from msg_adapters.output_messages.people import PersonReport, people_builder
 
+Image = tuple[int, str]
+"""Stamp in ns and frame_id of an image."""
 SINGLE_PERSON = "p1"
 """Id in the message if one person is followed."""
 
@@ -41,7 +43,7 @@ class PeopleMessages:
         """Forget all people."""
         self._newest.clear()
 
-    def build(self, image: tuple[int, str], lost_after: float, forget_after: float) -> Any:
+    def build(self, image: Image, lost_after: float, forget_after: float) -> Any:
         """Return the message. image: stamp in ns and frame_id of the keypoints; lost_after, forget_after: s."""
         stamp_ns, frame_id = image
         people: list[PersonReport] = []
@@ -52,15 +54,20 @@ class PeopleMessages:
         return self._builder.fill(stamp_ns, frame_id, people)
 
 
-def image_of(frames: Sequence[FrameResult], newest: tuple[int, str] | None) -> tuple[int, str] | None:
-    """Return stamp in ns and frame_id of the image of a message's results; None if the message was not tracked.
+def images_of(frames: Sequence[FrameResult], newest: Image | None, held: bool) -> list[tuple[Image, list[FrameResult]]]:
+    """Return the images to report for the results of one message, each with its results, in order of the stamps.
 
-    frames: results of the message. newest: the newest tracked image, which is the answer if nobody was in it.
+    newest: the newest tracked image, to be reported if nobody was in it. held: results come later than their messages
+    (`smoothing_lag`); then only images with accepted results are reported. A message that was refused as a whole has
+    none.
     """
+    if not frames:
+        return [] if held or newest is None else [(newest, [])]
+    images: dict[Image, list[FrameResult]] = {}
     for frame in frames:
-        if frame.estimate is not None:
-            return frame.stamp_ns, frame.frame_id
-    return None if frames else newest
+        if frame.accepted if held else frame.estimate is not None:
+            images.setdefault((frame.stamp_ns, frame.frame_id), []).append(frame)
+    return sorted(images.items(), key=lambda item: item[0][0])
 
 
 def person_report(frame: FrameResult, tracked: bool) -> PersonReport:
