@@ -182,9 +182,15 @@ class Tracker:
         """Copy the camera's vertical from trackers of other people in the same images, if one has learned it."""
         self._upright.adopt(other._upright for other in others)
 
-    def tune(self, config: TrackerConfig) -> None:
-        """Use new live settings. Structural settings (height, skeleton, landmarks, solver) are not changed."""
+    def tune(self, config: TrackerConfig, skeleton: Skeleton | None = None) -> None:
+        """Use new live settings. Structural settings (skeleton, landmarks, solver) are not changed.
+
+        With another height the tracker forgets its state. skeleton: that of the new height; None for the present one,
+        scaled.
+        """
         before, self.config = self.config, config.checked()
+        if config.height != before.height:
+            self._change_height(skeleton)
         if (config.camera_roll, config.camera_pitch) != (before.camera_roll, before.camera_pitch):
             self._upright.mounted(config.camera_roll, config.camera_pitch)
 
@@ -478,6 +484,16 @@ class Tracker:
         self._body_hypotheses.start(self._state, frame)
         if self._depth is None:
             self._limbs.start(self._state)
+
+    def _change_height(self, skeleton: Skeleton | None) -> None:
+        """Build all anew for the configured height, and forget the state: this is another person."""
+        self.height = HeightEstimator() if self.config.height == 0 else None
+        if skeleton is None:
+            self._resize(self.config.assumed_height)
+        else:
+            self._build(skeleton)
+            self._measurements.resize(self.layout.surface, self.skeleton.height)
+        self.reset()
 
     def _resize(self, height: float) -> None:
         """Build all anew for a body of this height, m, with the given proportions."""

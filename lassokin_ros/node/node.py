@@ -319,12 +319,20 @@ class TrackerNode(Node):
 
     def _forget(self) -> None:
         self._pipeline.reset()
+        self._end_outputs()
+
+    def _end_outputs(self) -> None:
+        """Publish that the people of before the reset have gone."""
         if self._people is not None:
             self._people.keep(self._pipeline.ids or [])
         self._scene.forget()
 
     def _tune(self, settings: Settings) -> None:
+        resets = self._pipeline.counts["resets"]
         self._pipeline.tune(*settings)
+        if self._pipeline.counts["resets"] != resets:
+            self._end_outputs()
+            self.get_logger().info(f"height is now {settings[0].height:g} m: the state is forgotten")
 
 
 def version() -> str:

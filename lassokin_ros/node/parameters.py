@@ -13,8 +13,9 @@ from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any, Callable, Sequence
 
 from lassokin_ros.core.config import TrackerConfig, without_bool
-from lassokin_ros.core.errors import ConfigurationError
+from lassokin_ros.core.errors import ConfigurationError, LassokinError
 from lassokin_ros.pipeline.settings import NodeSettings
+from lassokin_ros.skeleton_readers.load import load_skeleton
 
 if TYPE_CHECKING:
     from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
@@ -105,8 +106,10 @@ class LiveParameters:
         from rcl_interfaces.msg import SetParametersResult
 
         try:
-            self._changed(parameters)
-        except (ConfigurationError, TypeError) as error:
+            tracker, _ = self._changed(parameters)
+            if tracker.height != self.settings[0].height:
+                load_skeleton(tracker.skeleton, tracker.assumed_height)  # the file may be gone
+        except (LassokinError, TypeError) as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 

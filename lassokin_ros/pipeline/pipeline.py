@@ -109,10 +109,18 @@ class Pipeline:
         self.counts["resets"] += 1
 
     def tune(self, tracker_config: TrackerConfig, node_config: NodeSettings) -> None:
-        """Apply settings that can change while running, from the next message on."""
+        """Apply settings that can change while running, from the next message on. Another height resets.
+
+        Raises SkeletonError, before anything is changed, if the file of the skeleton cannot be read anew.
+        """
+        skeleton = None
+        if tracker_config.height != self.tracker.config.height:
+            skeleton = load_skeleton(tracker_config.skeleton, tracker_config.assumed_height)
         for tracked in self._trackable:
-            tracked.tracker.tune(tracker_config)
+            tracked.tracker.tune(tracker_config, skeleton)
         self.config = node_config.checked()
+        if skeleton is not None:
+            self.reset()
 
     def set_camera(self, message: Any) -> str | None:
         """Apply a CameraInfo message. Return the key of the reason if it is refused; the last good camera then stays.
