@@ -43,7 +43,9 @@ def generate_launch_description():
                 package="lassokin_ros",
                 executable="tracker",
                 output="screen",
-                parameters=[{"height": height, "landmarks": LaunchConfiguration("landmarks")}],
+                parameters=[
+                    {"height": height, "landmarks": LaunchConfiguration("landmarks"), "publish_tf": "all"},
+                ],
             ),
             Node(
                 package="rviz2",
