@@ -210,7 +210,7 @@ class Tracker:
         measurement = self._filter_keypoints(observation, weights)
         if np.count_nonzero(measurement.weights) < self.config.min_landmarks:
             return self._reject(observation, Rejection.TOO_FEW_LANDMARKS)
-        frame = self._with_learned_depth(measurement)
+        frame = yield from self._with_learned_depth(measurement)
         fit = self._initialise(measurement, frame)
         start, increment = yield from self._solve_increment(fit, frame, measurement)
         rejection = self._check_answer(start, increment, measurement.focal)
@@ -248,7 +248,7 @@ class Tracker:
             self.config.depth_noise,
         )
 
-    def _with_learned_depth(self, measurement: Measurement) -> FrameData:
+    def _with_learned_depth(self, measurement: Measurement) -> Steps[FrameData]:
         """The frame's measurements, with the depths that the network estimates from them and those before."""
         if self._depth is None:
             return self._with_measured_depth(measurement)
@@ -260,7 +260,7 @@ class Tracker:
             up = self._upright.vertical if known else None
             seen = measurement.weights > 0
             mount = self._upright.mount
-            self._joint_depths = self._depth.update(measurement.stamp, measurement.points, seen, up, mount)
+            self._joint_depths = yield from self._depth.update(measurement.stamp, measurement.points, seen, up, mount)
         return replace(self._with_measured_depth(measurement), joint_depths=self._joint_depths)
 
     def _with_measured_depth(self, measurement: Measurement) -> FrameData:
