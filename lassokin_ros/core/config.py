@@ -43,6 +43,7 @@ class TrackerConfig:
         "m",
         0.0,
         2.6,
+        live=True,
     )
     skeleton: str = setting("anthropometric", "built-in skeleton, or path of a YAML, SMPL npz, BVH or URDF file")
     landmarks: str = setting("coco17", "landmark layout of the detector, or path of a YAML file")

@@ -180,9 +180,14 @@ class Tracker:
         """Copy the camera's vertical from trackers of other people in the same images, if one has learned it."""
         self._upright.adopt(other._upright for other in others)
 
-    def tune(self, config: TrackerConfig) -> None:
-        """Use new live settings. Structural settings (height, skeleton, landmarks, solver) are not changed."""
+    def tune(self, config: TrackerConfig, skeleton: Skeleton | None = None) -> None:
+        """Use new live settings. Structural settings (skeleton, landmarks, solver) are not changed.
+
+        A new height makes the tracker forget the person. skeleton: for the new height, in place of `config.skeleton`.
+        """
         before, self.config = self.config, config.checked()
+        if config.height != before.height:
+            self._use_height(skeleton or Skeleton.load(config.skeleton, config.assumed_height))
         if (config.camera_roll, config.camera_pitch) != (before.camera_roll, before.camera_pitch):
             self._upright.mounted(config.camera_roll, config.camera_pitch)
 
@@ -469,6 +474,14 @@ class Tracker:
         self._body_hypotheses.start(self._state, frame)
         if self._depth is None:
             self._limbs.start(self._state)
+
+    def _use_height(self, given: Skeleton) -> None:
+        """Forget the person and use another body, for a new setting of the height."""
+        self.reset(same_camera=True)
+        self.height = HeightEstimator() if self.config.height == 0 else None
+        self._build(given)
+        self._measurements.resize(self.layout.surface, self.skeleton.height)
+        self._adopt_lengths()
 
     def _resize(self, height: float) -> None:
         """Build all anew for a body of this height, m, with the given proportions."""

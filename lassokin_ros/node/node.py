@@ -323,7 +323,11 @@ class TrackerNode(Node):
             self._people.keep(self._pipeline.ids or [])
 
     def _tune(self, settings: Settings) -> None:
+        height = self._pipeline.tracker.config.height
         self._pipeline.tune(*settings)
+        if settings[0].height != height:
+            measured = " (measured)" if settings[0].height == 0 else ""
+            self.get_logger().info(f"height is now {settings[0].height:g} m{measured}: the state is forgotten")
 
 
 def version() -> str:

@@ -108,8 +108,11 @@ class Pipeline:
 
     def tune(self, tracker_config: TrackerConfig, node_config: NodeSettings) -> None:
         """Apply settings that can change while running, from the next message on."""
+        skeleton = None
+        if tracker_config.height != self.tracker.config.height:
+            skeleton = load_skeleton(tracker_config.checked().skeleton, tracker_config.assumed_height)
         for tracked in self._trackable:
-            tracked.tracker.tune(tracker_config)
+            tracked.tracker.tune(tracker_config, skeleton)
         self.config = node_config.checked()
 
     def set_camera(self, message: Any) -> str | None:
