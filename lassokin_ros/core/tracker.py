@@ -185,12 +185,11 @@ class Tracker:
     def tune(self, config: TrackerConfig, skeleton: Skeleton | None = None) -> None:
         """Use new live settings. Structural settings (skeleton, landmarks, solver) are not changed.
 
-        With another height the tracker forgets its state. skeleton: that of the new height; None for the present one,
-        scaled.
+        A new height makes the tracker forget the person. skeleton: for the new height, in place of `config.skeleton`.
         """
         before, self.config = self.config, config.checked()
         if config.height != before.height:
-            self._change_height(skeleton)
+            self._use_height(skeleton or Skeleton.load(config.skeleton, config.assumed_height))
         if (config.camera_roll, config.camera_pitch) != (before.camera_roll, before.camera_pitch):
             self._upright.mounted(config.camera_roll, config.camera_pitch)
 
@@ -218,7 +217,7 @@ class Tracker:
         measurement = self._filter_keypoints(observation, weights)
         if np.count_nonzero(measurement.weights) < self.config.min_landmarks:
             return self._reject(observation, Rejection.TOO_FEW_LANDMARKS)
-        frame = self._with_learned_depth(measurement)
+        frame = yield from self._with_learned_depth(measurement)
         fit = self._initialise(measurement, frame)
         start, increment = yield from self._solve_increment(fit, frame, measurement)
         rejection = self._check_answer(start, increment, measurement.focal)
@@ -256,7 +255,7 @@ class Tracker:
             self.config.depth_noise,
         )
 
-    def _with_learned_depth(self, measurement: Measurement) -> FrameData:
+    def _with_learned_depth(self, measurement: Measurement) -> Steps[FrameData]:
         """The frame's measurements, with the depths that the network estimates from them and those before."""
         if self._depth is None:
             return self._with_measured_depth(measurement)
@@ -268,7 +267,7 @@ class Tracker:
             up = self._upright.vertical if known else None
             seen = measurement.weights > 0
             mount = self._upright.mount
-            self._joint_depths = self._depth.update(measurement.stamp, measurement.points, seen, up, mount)
+            self._joint_depths = yield from self._depth.update(measurement.stamp, measurement.points, seen, up, mount)
         return replace(self._with_measured_depth(measurement), joint_depths=self._joint_depths)
 
     def _with_measured_depth(self, measurement: Measurement) -> FrameData:
@@ -485,15 +484,13 @@ class Tracker:
         if self._depth is None:
             self._limbs.start(self._state)
 
-    def _change_height(self, skeleton: Skeleton | None) -> None:
-        """Build all anew for the configured height, and forget the state: this is another person."""
+    def _use_height(self, given: Skeleton) -> None:
+        """Forget the person and use another body, for a new setting of the height."""
+        self.reset(same_camera=True)
         self.height = HeightEstimator() if self.config.height == 0 else None
-        if skeleton is None:
-            self._resize(self.config.assumed_height)
-        else:
-            self._build(skeleton)
-            self._measurements.resize(self.layout.surface, self.skeleton.height)
-        self.reset()
+        self._build(given)
+        self._measurements.resize(self.layout.surface, self.skeleton.height)
+        self._adopt_lengths()
 
     def _resize(self, height: float) -> None:
         """Build all anew for a body of this height, m, with the given proportions."""

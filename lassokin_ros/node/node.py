@@ -328,11 +328,12 @@ class TrackerNode(Node):
         self._scene.forget()
 
     def _tune(self, settings: Settings) -> None:
-        resets = self._pipeline.counts["resets"]
+        height = self._pipeline.tracker.config.height
         self._pipeline.tune(*settings)
-        if self._pipeline.counts["resets"] != resets:
+        if settings[0].height != height:
             self._end_outputs()
-            self.get_logger().info(f"height is now {settings[0].height:g} m: the state is forgotten")
+            measured = " (measured)" if settings[0].height == 0 else ""
+            self.get_logger().info(f"height is now {settings[0].height:g} m{measured}: the state is forgotten")
 
 
 def version() -> str:

@@ -138,7 +138,7 @@ def test_the_start_the_reset_and_the_switch_are_one_line_each():
 def test_bad_values_are_refused_with_the_reason(running):
     structure, too_small, wrong_type, too_large = (
         set_parameters(running, **{name: value})[0]
-        for name, value in (("queue_depth", 9), ("noise_px", -5.0), ("noise_px", "much"), ("min_landmarks", 1000))
+        for name, value in (("landmarks", "body25"), ("noise_px", -5.0), ("noise_px", "much"), ("min_landmarks", 1000))
     )
     for result, word in (
         (structure, "read-only"),
@@ -147,7 +147,7 @@ def test_bad_values_are_refused_with_the_reason(running):
         (too_large, "min_landmarks"),
     ):
         assert not result.successful and word in result.reason, result
-    assert get_parameter(running, "queue_depth") == 5
+    assert get_parameter(running, "landmarks") == "coco17"
     assert get_parameter(running, "noise_px") == 3.0
     assert get_parameter(running, "min_landmarks") == 4
 
@@ -167,27 +167,6 @@ def test_a_live_change_holds_from_the_next_frame_on(running):
     send_until_rejected(running, "too_few_landmarks", lambda: send_next(running, confidence=0.5))
     assert set_parameters(running, min_confidence=0.2)[0].successful
     feed(running, confidence=0.5)
-
-
-def test_another_height_scales_the_body_and_its_distance(running):
-    """ros2 param set height: the next frame is that of another person, and the description follows."""
-    running.listen(topics.DESCRIPTION_OUTPUT)
-    distances, lengths = [], []
-    for height in (1.75, 1.4, 1.75):
-        assert set_parameters(running, height=height)[0].successful
-        from_the_beginning(running)
-        feed(running)
-        joints = running.got[topics.JOINTS][-1].poses
-        distances.append(joints[0].position.z)
-        knee, ankle = (np.array([p.x, p.y, p.z]) for p in (joints[4].position, joints[7].position))
-        lengths.append(np.linalg.norm(knee - ankle))
-    assert distances[1] / distances[0] == pytest.approx(0.8, rel=0.01) and distances[2] == distances[0]
-    assert lengths[1] / lengths[0] == pytest.approx(0.8, rel=1e-6) and lengths[2] == lengths[0]
-    descriptions = running.got[topics.ROBOT_DESCRIPTION]
-    running.spin_until(
-        lambda: len({message.data for message in descriptions}) >= 2, what="the other body's description"
-    )
-    assert not set_parameters(running, height=0.1)[0].successful and get_parameter(running, "height") == 1.75
 
 
 def test_a_live_change_of_noise_px_counts_in_the_next_frame(running):
@@ -210,12 +189,29 @@ def test_a_live_change_of_noise_px_counts_in_the_next_frame(running):
     assert np.abs(same - other).max() > 1e-4
 
 
+def test_a_new_height_is_that_of_the_next_frame(running):
+    def distance():
+        from_the_beginning(running)
+        feed(running, 3)
+        return running.got[topics.TRANSLATION][-1].point.z
+
+    normal = distance()
+    assert set_parameters(running, height=0.2)[0].successful is False
+    assert set_parameters(running, height=1.2)[0].successful
+    feed(running)
+    assert values_of(running.got[topics.CERTIFICATE][-1])["initialised"] == "true"
+    child = distance()
+    assert np.isclose(child / normal, 1.2 / 1.75, rtol=0.02)
+    assert set_parameters(running, height=1.75)[0].successful
+    assert np.isclose(distance(), normal, rtol=1e-6)
+
+
 def test_a_read_only_value_takes_the_others_of_its_request_with_it(running):
-    values = [parameter("sparsity", 0.5), parameter("queue_depth", 9)]
+    values = [parameter("sparsity", 0.5), parameter("max_people", 3)]
     request = SetParametersAtomically.Request(parameters=values)
     result = running.call(SetParametersAtomically, "set_parameters_atomically", request).result
     assert not result.successful and "read-only" in result.reason
-    assert (get_parameter(running, "sparsity"), get_parameter(running, "queue_depth")) == (0.05, 5)
+    assert (get_parameter(running, "sparsity"), get_parameter(running, "max_people")) == (0.05, 1)
 
 
 def test_a_stamp_of_zero_is_the_time_of_arrival_if_no_message_has_a_stamp(running):
