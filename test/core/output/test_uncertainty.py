@@ -11,7 +11,14 @@ from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
 from lassokin_ros.core.observation import Observation
-from lassokin_ros.core.output.uncertainty import FACTOR, HEIGHT_DEVIATION, LARGEST, PositionJacobian, UncertaintyModel
+from lassokin_ros.core.output.uncertainty import (
+    FACTOR,
+    LARGEST,
+    PLACE_DEVIATION,
+    SCALE_DEVIATION,
+    PositionJacobian,
+    UncertaintyModel,
+)
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion
 
@@ -145,13 +152,13 @@ def test_absolute_covariances_are_those_of_increment_and_translation():
     found = tracker.uncertainty(estimate).absolute
     joints, pelvis = numeric_absolute(tracker, estimate)
     place = estimate.pose.positions[0]
-    height = HEIGHT_DEVIATION**2 * np.outer(place, place)
+    size = SCALE_DEVIATION**2 * np.outer(place, place) + PLACE_DEVIATION**2 * np.eye(3)
     # What the problem does not hold (hands, feet) is the prior's, and no part of the pelvis' or an elbow's covariance.
     for name in ("pelvis", "left_elbow", "right_knee"):
         i = tracker.skeleton.index(name)
         Y = problem_free(estimate)
-        size = np.trace(joints[i] - Y) / LARGEST**2
-        expected = FACTOR**2 * ((joints[i] - Y) / (1 + size) + Y) + height
+        limit = 1 + np.trace(joints[i] - Y) / LARGEST**2
+        expected = FACTOR**2 * ((joints[i] - Y) / limit + Y) + size
         assert np.allclose(found.joints[i], expected, rtol=1e-4, atol=1e-10), name
     assert np.allclose(found.pelvis[3:, 3:], FACTOR**2 * pelvis[3:, 3:], rtol=1e-4)
     assert np.allclose(found.pelvis[:3, 3:], FACTOR**2 * pelvis[:3, 3:], rtol=1e-3, atol=1e-8)
@@ -165,11 +172,11 @@ def problem_free(estimate):
     return np.linalg.inv(B.T @ B)
 
 
-def test_depth_is_as_uncertain_as_the_height():
+def test_depth_is_as_uncertain_as_the_size_of_the_body():
     tracker, estimate = followed()
     deviation = np.sqrt(np.diagonal(tracker.uncertainty(estimate).absolute.joints[0]))
     x, y, z = estimate.pose.positions[0]
-    assert deviation[2] > HEIGHT_DEVIATION * z and max(deviation[:2]) < 0.2 * deviation[2]
+    assert deviation[2] > SCALE_DEVIATION * z and max(deviation[:2]) < 0.3 * deviation[2]
 
 
 def test_absolute_is_computed_once_and_only_when_asked():
