@@ -16,6 +16,7 @@ from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.outputs.calibration_status import calibration_figures
 from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.people.single_person import PERSON_ABSENT
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.placeholders import PLACEHOLDERS
 from lassokin_ros.pipeline.settings import MESSAGE
@@ -27,6 +28,10 @@ FROZEN_S = 1.0
 """s: so are the same keypoints again and again for longer than this."""
 TURNOVER = 2
 """People may come, and as many leave, in one period: more are a detector that numbers people anew in each image."""
+NOBODY_SEEN = ("rejected: too_few_landmarks", f"rejected: {PERSON_ABSENT}")
+"""Counts of messages without the person. An empty room is no fault."""
+MOST_UNUSED = 0.1
+"""Share of a period's messages that may be overtaken, or lost on the way, before it is worth a warning."""
 NO_BODY = 0.08
 """Of the height: keypoints that are farther than this from the best body are none; detectors are off by 2 %."""
 
@@ -97,12 +102,12 @@ class Diagnostics:
         period = max(now - self._since, 1e-3)
         recent = Counter(self._pipeline.counts)
         recent.subtract(self._counts)
-        level, message = self._judge(now, recent, presence.status, concern)
+        level, message = self._judge(now, recent, presence, concern)
         values = self._figures(now, period, recent, presence)
         self._begin(now)
         return StatusLine(level, f"{self._name}: tracking", message, self._hardware_id or "none", values)
 
-    def _judge(self, now: float, recent: Counter[str], status: Status, concern: str) -> tuple[int, str]:
+    def _judge(self, now: float, recent: Counter[str], presence: Presence, concern: str) -> tuple[int, str]:
         pipeline = self._pipeline
         if not pipeline.enabled:
             return OK, "disabled by ~/set_enabled"
@@ -114,10 +119,10 @@ class Diagnostics:
         if self._keypoints_at is None:
             return WARN, "waiting for keypoints"
         if now - self._keypoints_at > SILENCE_S:
-            return WARN, f"no keypoints for {now - self._keypoints_at:.1f} s"
+            return WARN, f"no keypoints for more than {SILENCE_S:g} s"
         if self._repeated_s > FROZEN_S:
             return WARN, (
-                f"keypoints are frozen: the same ones for {self._repeated_s:.1f} s; does the camera's image move, and "
+                f"keypoints are frozen: the same ones for more than {FROZEN_S:g} s; does the camera's image move, and "
                 "does the detector get it?"
             )
         suspicion = "" if pipeline.camera.view is None else pipeline.camera.suspicion
@@ -131,8 +136,10 @@ class Diagnostics:
             concern,
         )
         concerns = [words for words in possible if words]
-        level = OK if status is Status.TRACKING and not concerns else WARN
-        return level, "; ".join([status.value, *concerns])
+        tracking = presence.status is Status.TRACKING
+        if not tracking and not concerns and (presence.ids == [] or any(recent[key] for key in NOBODY_SEEN)):
+            return OK, "nobody in view: fewer than min_landmarks keypoints above min_confidence"
+        return OK if tracking and not concerns else WARN, "; ".join([presence.status.value, *concerns])
 
     def _beyond(self, recent: Counter[str]) -> str:
         """What to look at where most of a period's keypoints left the image; empty where they did not."""
@@ -229,13 +236,14 @@ def _misfit(frame: FrameResult) -> float:
 
 
 def _unused(recent: Counter[str]) -> str:
-    """Which messages of a period were not used, and why; empty when all were."""
-    refused = {key.partition(": ")[2]: n for key, n in recent.items() if key.startswith("rejected: ") and n > 0}
-    parts = [f"{key}: {recent[key]}" for key in (OVERTAKEN, LOST) if recent[key]]
-    if refused:
-        listed = ", ".join(f"{reason} {count}" for reason, count in sorted(refused.items()))
-        parts.insert(0, f"rejected of {recent['received']}: {listed}")
-    return "; ".join(parts)
+    """Which messages of a period were not used, and why; empty if all were, or nobody was in the others.
+
+    No counts: the text stays the same while the fault does. The counts are among the values.
+    """
+    refused = (key.partition(": ")[2] for key, n in recent.items() if key.startswith("rejected: ") and n > 0)
+    reasons = sorted(reason for reason in refused if f"rejected: {reason}" not in NOBODY_SEEN)
+    parts = [f"rejected: {', '.join(reasons)}"] if reasons else []
+    return "; ".join([*parts, *(key for key in (OVERTAKEN, LOST) if recent[key] > MOST_UNUSED * recent["received"])])
 
 
 def _age(now: float, then: float | None) -> str:

@@ -73,3 +73,29 @@ def test_of_somebody_lost_there_are_no_figures():
     assert (before["state"], after["state"]) == ("tracking", "lost")
     assert float(before["reprojection error [px]"]) < 5.0
     assert after["reprojection error [px]"] == after["largest joint deviation [m]"] == "nan"
+
+
+def test_an_empty_room_is_no_fault_and_its_text_stays_the_same():
+    """Before anybody comes, and after they have gone; the other reasons are named without counts."""
+    nobody = np.full((30, 17, 2), np.nan)
+    texts = {status_of(nobody[:n]).message for n in (5, 30)}
+    status = status_of(np.concatenate([PIXELS[:20], np.full((90, 17, 2), np.nan)]))
+    assert texts == {status.message} and status.message.startswith("nobody in view") and status.level == OK
+    assert status.values["rejected: too_few_landmarks [messages]"] == "90"
+
+
+@pytest.mark.parametrize("overtaken, level", [(2, OK), (20, WARN)])
+def test_a_few_overtaken_messages_are_no_warning(overtaken, level):
+    pipeline = Pipeline(TrackerConfig(), NodeSettings())
+    pipeline.set_camera(camera_info(BACKEND))
+    diagnostics = Diagnostics(pipeline, "tracker", 0.0)
+    for i, xy in enumerate(PIXELS):
+        stamp_ns = 5_000_000_000 + i * 16_666_667
+        frames = pipeline.frames(cloud(BACKEND, stamp_ns, xy), stamp_ns)
+        diagnostics.saw_message(frames, stamp_ns, i / 60, 0.001)
+    pipeline.counts["overtaken by newer"] += overtaken
+    pipeline.counts["rejected: not_finite"] += 1
+    status = diagnostics.line(1.0)
+    assert status.level == WARN and "rejected: not_finite" in status.message
+    assert ("overtaken by newer" in status.message) == (level == WARN)
+    assert not any(character.isdigit() for character in status.message)
