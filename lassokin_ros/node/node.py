@@ -56,7 +56,7 @@ class TrackerNode(Node):
         self._pipeline = (PerBodyPipeline if settings[1].topic_per_body else Pipeline)(*settings)
         self._camera_warning = LogThrottle(self.get_logger().warning, time.monotonic)
         self._warning = LogThrottle(self.get_logger().warning, time.monotonic)
-        self._said_unstamped = self._said_misplaced = self._said_tracking = False
+        self._said_nobody = self._said_unstamped = self._said_misplaced = self._said_tracking = False
         name = self.get_fully_qualified_name().lstrip("/")  # /diagnostics is shared by the trackers of all namespaces
         self._status = DiagnosticArrayBuilder(RclpyBackend())
         self._diagnostics = Diagnostics(self._pipeline, name, time.monotonic())
@@ -235,8 +235,11 @@ class TrackerNode(Node):
 
     def _comment(self, frames: list[FrameResult]) -> None:
         """What is said in the log."""
+        if self._pipeline.nobody_in_view and not self._said_nobody:  # once: a room is empty most of the time
+            self._said_nobody = True
+            self.get_logger().info("nobody in view")
         for frame in frames:
-            if not frame.accepted:
+            if not frame.accepted and not self._pipeline.nobody_in_view:
                 self._warning.say(str(frame.rejection), f"keypoints rejected ({frame.rejection}): {frame.detail}")
         if self._pipeline.counts["unstamped"] and not self._said_unstamped:  # once, however many follow
             self._said_unstamped = True
