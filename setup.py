@@ -88,6 +88,7 @@ setup(
             "lassokin = lassokin_ros.cli.lassokin:main",
             "tracker = lassokin_ros.node.command:tracker",
             "detector = lassokin_ros.detector.command:main",
+            "camera = lassokin_ros.camera.command:main",
             "replay = lassokin_ros.cli.replay:main",
         ]
     },

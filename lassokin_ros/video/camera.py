@@ -23,13 +23,29 @@ class Calibration:
     model: str = "plumb_bob"
 
 
+def assumed_fov_warning(remedy: str) -> str:
+    """Return the warning for an unknown camera. remedy: the names of the settings that make it known."""
+    return (
+        f"no calibration: a field of view of {DEFAULT_FOV:g} degrees is assumed. If it is wrong, distances from the "
+        f"camera are wrong by the same factor as the focal length; set {remedy}."
+    )
+
+
+def choose_camera(file: Path | None, fov: float | None, size: tuple[int, int]) -> Calibration:
+    """Return the camera of a file if there is one, else that of a field of view (degrees; None: DEFAULT_FOV).
+
+    size: (width, height) px of the images. Raises CameraError.
+    """
+    return from_fov(DEFAULT_FOV if fov is None else fov, size) if file is None else from_file(file, size)
+
+
 def from_fov(degrees: float, size: tuple[int, int]) -> Calibration:
     """Return a camera without distortion. degrees: field of view along the longer side. size: (width, height) px.
 
     Raises CameraError.
     """
     if not 1.0 <= degrees <= 170.0:
-        raise CameraError(f"--fov {degrees:g}; expected 1 to 170 degrees")
+        raise CameraError(f"the field of view is {degrees:g} degrees; expected 1 to 170 degrees")
     focal = max(size) / 2 / np.tan(np.radians(degrees) / 2)
     K = np.array([[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1]])
     return Calibration(K, np.zeros(5))

@@ -30,13 +30,17 @@ class Image:
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """An open source. size: (width, height) px after rotation. fps: nominal, Hz. count: images, 0 = unknown."""
+    """An open source. size: (width, height) px after rotation. fps: nominal, Hz. count: images, 0 = unknown.
+
+    live: a camera, whose images are of the moment at which they are read.
+    """
 
     name: str
     size: tuple[int, int]
     fps: float
     count: int
     images: Iterator[Image]
+    live: bool = False
 
 
 def open_source(name: str, fps: float | None = None) -> Source:
@@ -102,7 +106,7 @@ def _webcam(number: int) -> Source:
 
     rate = capture.get(cv2.CAP_PROP_FPS)
     rate = rate if 1.0 <= rate <= 1000.0 else ASSUMED_FPS
-    return Source(f"camera {number}", (first.shape[1], first.shape[0]), rate, 0, images())
+    return Source(f"camera {number}", (first.shape[1], first.shape[0]), rate, 0, images(), live=True)
 
 
 def _folder(path: Path, fps: float) -> Source:
@@ -130,6 +134,6 @@ def _opencv() -> Any:
         import cv2
     except ImportError:
         raise SourceError("images are read with OpenCV; install it with: pip install opencv-python-headless") from None
-    if hasattr(cv2, "setLogLevel"):
-        cv2.setLogLevel(0)  # errors are reported once, by SourceError
+    set_level: Any = getattr(cv2, "setLogLevel", None) or cv2.utils.logging.setLogLevel  # OpenCV 4 and 5
+    set_level(0)  # errors are reported once, by SourceError
     return cv2

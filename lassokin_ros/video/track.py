@@ -26,7 +26,7 @@ from lassokin_ros.replay.motion import MotionRecorder
 from lassokin_ros.replay.offline_tracker import OfflineTracker
 from lassokin_ros.replay.output_paths import OutputError
 from lassokin_ros.replay.report.report import Report
-from lassokin_ros.video.camera import DEFAULT_FOV, Calibration, from_file, from_fov
+from lassokin_ros.video.camera import Calibration, assumed_fov_warning, choose_camera
 from lassokin_ros.video.output_video import OutputVideo
 from lassokin_ros.video.sources import Image, Source, SourceError, open_source
 from msg_adapters.backends import RosbagsBackend
@@ -173,12 +173,6 @@ def _exports(options: argparse.Namespace, tracker: OfflineTracker) -> Exports | 
 
 
 def _camera(options: argparse.Namespace, source: Source) -> Calibration:
-    if options.camera_info is not None:
-        return from_file(options.camera_info, source.size)
-    if options.fov is None:
-        print(
-            f"track: no calibration: a field of view of {DEFAULT_FOV:g} degrees is assumed. If it is wrong, distances "
-            "from the camera are wrong by the same factor as the focal length; set --fov or --camera-info.",
-            file=sys.stderr,
-        )
-    return from_fov(options.fov or DEFAULT_FOV, source.size)
+    if options.camera_info is None and options.fov is None:
+        print(f"track: {assumed_fov_warning('--fov or --camera-info')}", file=sys.stderr)
+    return choose_camera(options.camera_info, options.fov, source.size)
