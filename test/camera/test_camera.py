@@ -1,7 +1,6 @@
 """The node `camera` on real DDS: a video file that the test makes, and a camera that goes away."""
 
 import sys
-import threading
 import time
 
 import numpy as np
@@ -24,6 +23,7 @@ from lassokin_ros.video.sources import Source, SourceError  # noqa: E402
 
 COMMAND = [sys.executable, "-m", "lassokin_ros.camera.command"]
 FRAMES, FPS, SIZE = 12, 20.0, (160, 120)
+SIDE = 80
 DEADLINE_S = 30.0
 
 
@@ -64,7 +64,7 @@ def subscribe(context, executor, namespace):
     node.create_subscription(Image, "image_raw", images.append, qos)
     node.create_subscription(CameraInfo, "camera_info", infos.append, qos)
     executor.add_node(node)
-    return node, images, infos
+    return images, infos
 
 
 def spin_until(executor, condition, what):
@@ -85,21 +85,15 @@ def camera(context, executor, namespace, **parameters):
     return node
 
 
-def test_a_video_file_is_published_at_its_own_times(ros, log, tmp_path, monkeypatch):
+def test_a_video_file_is_published_at_its_own_times(ros, log, tmp_path):
     file = tmp_path / "walk.avi"
     writer = cv2.VideoWriter(str(file), cv2.VideoWriter.fourcc(*"MJPG"), FPS, SIZE)
     for number in range(FRAMES):
         writer.write(np.full((*SIZE[::-1], 3), (20 * number, 0, 0), np.uint8))  # BGR
     writer.release()
-    matched = threading.Event()
-    start = camera_module.CameraNode._run
-    monkeypatch.setattr(camera_module.CameraNode, "_run", lambda self, source: matched.wait() and start(self, source))
-    viewer, images, infos = subscribe(*ros, "/file")
-    node = camera(*ros, "/file", source=str(file), frame_id="lens")
-    spin_until(
-        ros[1], lambda: node._images.get_subscription_count() and viewer.count_publishers("camera_info"), "match"
-    )
-    matched.set()
+    node = camera(*ros, "/file", source=str(file), frame_id="lens", longest_side=SIDE)
+    assert node.count_publishers("image_raw") == 1 and "starts when somebody subscribes" in log.lines["info"][-1]
+    images, infos = subscribe(*ros, "/file")
     spin_until(ros[1], lambda: images and abs(stamp_ns(images[-1]) - stamp_ns(images[0])) >= 1e9 * 10 / FPS, "images")
     spin_until(ros[1], lambda: log.lines["info"][-1] == "walk.avi has ended", "the end")
     steps = np.diff([stamp_ns(image) for image in images]) / (1e9 / FPS)
@@ -107,9 +101,9 @@ def test_a_video_file_is_published_at_its_own_times(ros, log, tmp_path, monkeypa
     assert {image.header.frame_id for image in images} == {"lens"} and infos[-1].header.frame_id == "lens"
     blue = decode_image(images[-1])[:, :, 2].mean()
     assert decode_image(images[-1])[:, :, 0].max() < 30 and blue > 150
-    focal = SIZE[0] / 2 / np.tan(np.radians(30))
-    assert np.allclose(infos[0].k, [focal, 0, 79.5, 0, focal, 59.5, 0, 0, 1]) and infos[0].distortion_model
-    assert (infos[0].width, infos[0].height) == SIZE and {stamp_ns(i) for i in infos} & {stamp_ns(i) for i in images}
+    focal = SIDE / 2 / np.tan(np.radians(30))
+    assert np.allclose(infos[0].k, [focal, 0, 39.5, 0, focal, 29.5, 0, 0, 1]) and infos[0].distortion_model
+    assert (infos[0].width, infos[0].height) == (80, 60) and {stamp_ns(i) for i in infos} & {stamp_ns(i) for i in images}
     (warning,) = log.lines["warning"]
     assert "field of view of 60 degrees is assumed" in warning and "parameter fov or calibration" in warning
 
