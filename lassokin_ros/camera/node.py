@@ -81,7 +81,8 @@ class CameraNode(Node):
         source = open_source(self._source_name)
         scale = min(self._longest_side / max(source.size), 1.0)
         self._size = round(source.size[0] * scale), round(source.size[1] * scale)
-        self._camera = choose_camera(self._calibration, self._fov, self._size)
+        content = round(source.content[0] * scale), round(source.content[1] * scale)
+        self._camera = choose_camera(self._calibration, self._fov, self._size, content)
         return source
 
     def _run(self, source: Source) -> None:

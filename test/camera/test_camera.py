@@ -103,7 +103,9 @@ def test_a_video_file_is_published_at_its_own_times(ros, log, tmp_path):
     assert decode_image(images[-1])[:, :, 0].max() < 30 and blue > 150
     focal = SIDE / 2 / np.tan(np.radians(30))
     assert np.allclose(infos[0].k, [focal, 0, 39.5, 0, focal, 29.5, 0, 0, 1]) and infos[0].distortion_model
-    assert (infos[0].width, infos[0].height) == (80, 60) and {stamp_ns(i) for i in infos} & {stamp_ns(i) for i in images}
+    assert (infos[0].width, infos[0].height) == (80, 60) and {stamp_ns(i) for i in infos} & {
+        stamp_ns(i) for i in images
+    }
     (warning,) = log.lines["warning"]
     assert "field of view of 60 degrees is assumed" in warning and "parameter fov or calibration" in warning
 
@@ -120,7 +122,7 @@ def test_a_camera_that_goes_away_is_reported_once_and_opened_again(ros, log, mon
         opened.append(name)
         if len(opened) in (2, 3):
             raise SourceError("camera 0 cannot be opened")
-        return Source("camera 0", (8, 8), 30.0, 0, images(3), live=True)
+        return Source("camera 0", (8, 8), (8, 8), 30.0, 0, images(3), live=True)
 
     monkeypatch.setattr(camera_module, "open_source", open_source)
     monkeypatch.setattr(camera_module, "RETRY_S", 0.02)
