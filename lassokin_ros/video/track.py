@@ -177,5 +177,8 @@ def _camera(options: argparse.Namespace, source: Source) -> Calibration:
         print(f"track: {assumed_fov_warning('--fov or --camera-info')}", file=sys.stderr)
     if options.camera_info is None and source.content != source.size:
         width, height = source.content
-        print(f"track: the images have black bars; the field of view is that of the {width} x {height} px between them")
+        print(
+            f"track: the images have black bars; the field of view is that of the {width} x {height} px between them",
+            file=sys.stderr,
+        )
     return choose_camera(options.camera_info, options.fov, source.size, source.content)
