@@ -44,6 +44,8 @@ TEST = [
     "types-PyYAML>=6.0",
     "playwright>=1.40",
     "pybvh>=0.9",
+    "onnx>=1.16",
+    "onnxruntime>=1.17",
     *DEMO,
     *CLUSTER,
 ]
