@@ -14,7 +14,7 @@ from lassokin_ros.node import executable
 def test_a_wrong_command_is_one_line_and_exit_code_2(arguments, capsys):
     assert lassokin.main(arguments) == 2
     error = capsys.readouterr().err
-    assert error.count("\n") == 1 and "track, replay, tracker, detector" in error
+    assert error.count("\n") == 1 and "track, replay, tracker, detector, camera" in error
 
 
 def test_help_names_every_command(capsys):
@@ -29,7 +29,7 @@ def test_a_command_gets_its_own_arguments(capsys, monkeypatch):
     assert "no_such_bag" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("name", ["tracker", "detector"])
+@pytest.mark.parametrize("name", ["tracker", "detector", "camera"])
 def test_without_ros_a_node_is_one_line(name, capsys, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["pytest"])
     monkeypatch.setitem(sys.modules, "rclpy", None)
