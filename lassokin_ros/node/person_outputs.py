@@ -19,7 +19,7 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages, id_list
 from lassokin_ros.pipeline.outputs.robot_description import RobotDescription
-from lassokin_ros.pipeline.settings import NodeSettings
+from lassokin_ros.pipeline.settings import OFF, NodeSettings
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.detectors.registry import full_type_name
 
@@ -70,11 +70,9 @@ class PersonOutputs:
         self._description = RobotDescription(backend, skeleton, config.base_frame, prefix)
         name = partial(topics.of_person, person=person, rep155=config.rep155)
         self._out = {t.name: advertise(node, t, name(t.name), not person) for t in topics.PERSON_OUTPUTS}
-        if config.publish_tf:
+        if config.publish_tf != OFF:
             self._out[topics.TF] = advertise(node, topics.TF_OUTPUT, overridable=not person)
-        self._messages = FrameMessages(
-            backend, skeleton, title, person, config.publish_tf, config.rep155, True, config.frame_prefix
-        )
+        self._messages = FrameMessages(backend, skeleton, title, person, config, ready_made=True)
         self.state_publisher = None
         if not person and config.state_publisher:
             self.state_publisher = StatePublisher(node, config.state_publisher, prefix)
@@ -121,7 +119,7 @@ class PeopleOutputs:
 
     def __init__(self, node: Node, skeleton: Skeleton, config: NodeSettings, title: str) -> None:
         """Raises ConfigurationError when a message type that is asked for is not installed."""
-        if config.publish_tf:
+        if config.publish_tf != OFF:
             message_class(topics.TF_OUTPUT.message_type)  # now, not when the first person comes
         self._of = partial(PersonOutputs, node, skeleton, config, title)
         self._people: dict[str, PersonOutputs] = {}
