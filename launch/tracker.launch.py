@@ -14,9 +14,14 @@ from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-from lassokin_ros.pipeline.outputs.urdf_from_parameters import urdf_from_settings
-from lassokin_ros.pipeline.parameter_files import offline_settings
-from lassokin_ros.pipeline.settings import ALL, OFF
+from lassokin_ros.common.missing_package import missing_package
+
+try:
+    from lassokin_ros.pipeline.outputs.urdf_from_parameters import urdf_from_settings
+    from lassokin_ros.pipeline.parameter_files import offline_settings
+    from lassokin_ros.pipeline.settings import ALL, OFF
+except ImportError as error:
+    raise RuntimeError(missing_package(error)) from None
 
 CONFIG = Path(__file__).resolve().parent.parent / "config"
 PARAMETERS = {

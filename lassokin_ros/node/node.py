@@ -30,7 +30,7 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.keypoint_queue import KeypointQueue
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.calibration_status import averaged_sides
-from lassokin_ros.pipeline.outputs.diagnostics import NOBODY_SEEN, Diagnostics
+from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics
 from lassokin_ros.pipeline.outputs.skeleton_file import save_all
 from lassokin_ros.pipeline.people.per_body_pipeline import PerBodyPipeline
 from lassokin_ros.pipeline.pipeline import Pipeline
@@ -56,7 +56,7 @@ class TrackerNode(Node):
         self._pipeline = (PerBodyPipeline if settings[1].topic_per_body else Pipeline)(*settings)
         self._camera_warning = LogThrottle(self.get_logger().warning, time.monotonic)
         self._warning = LogThrottle(self.get_logger().warning, time.monotonic)
-        self._said_unstamped = self._said_misplaced = self._said_absent = False
+        self._said_unstamped = self._said_misplaced = False
         name = self.get_fully_qualified_name().lstrip("/")  # /diagnostics is shared by the trackers of all namespaces
         self._status = DiagnosticArrayBuilder(RclpyBackend())
         self._diagnostics = Diagnostics(self._pipeline, name, time.monotonic())
@@ -237,13 +237,8 @@ class TrackerNode(Node):
 
     def _comment(self, frames: list[FrameResult]) -> None:
         """What is said in the log."""
-        self._said_absent &= not any(frame.accepted for frame in frames)
         for frame in frames:
-            if f"rejected: {frame.rejection}" in NOBODY_SEEN:  # an empty room is no fault: said once
-                if not self._said_absent:
-                    self.get_logger().info(f"keypoints rejected ({frame.rejection}): {frame.detail}")
-                self._said_absent = True
-            elif not frame.accepted:
+            if not frame.accepted and not self._pipeline.nobody_in_view:
                 self._warning.say(str(frame.rejection), f"keypoints rejected ({frame.rejection}): {frame.detail}")
         if self._pipeline.counts["unstamped"] and not self._said_unstamped:  # once, however many follow
             self._said_unstamped = True

@@ -12,6 +12,8 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from lassokin_ros.core.calibration import Calibration
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Status
@@ -33,6 +35,9 @@ from msg_adapters.detectors.registry import keypoint_adapter
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
 
+NOBODY = "nobody in view"
+"""Key of the count of messages without any confident keypoint."""
+
 
 class Pipeline:
     """Decodes messages, removes the distortion, tracks people. No message content raises an error."""
@@ -50,6 +55,8 @@ class Pipeline:
         self.counts: Counter[str] = Counter()
         """Number of messages by result: received, accepted, duplicated, unstamped, resets, "rejected: <reason>", and
         messages with keypoints outside the image."""
+        self.nobody_in_view = False
+        """True if the last message had no confident keypoint."""
         self.people = _people_tracker(self._trackable, self.counts, self.config.several_people)
         self._adapter = keypoint_adapter(self.config.keypoints_type)
         self.camera = Camera(self.config.rectified)
@@ -161,11 +168,12 @@ class Pipeline:
         return frames
 
     def _frames(self, message: Any, arrival_ns: int) -> list[FrameResult]:
-        stamp_ns, frame_id = arrival_ns, ""
+        stamp_ns, frame_id, self.nobody_in_view = arrival_ns, "", False
         try:
             keypoints, view = self._decode(message)
             frame_id = keypoints.frame_id or view.intrinsics.frame_id
             keypoints = self._remove_placeholders(keypoints, view)
+            self._count_nobody(keypoints)
             self._count_outside(keypoints, view)
             if keypoints.stamp_ns is None:
                 self.counts["unstamped"] += 1
@@ -205,6 +213,11 @@ class Pipeline:
         if kept is not keypoints:
             self.counts[PLACEHOLDERS] += 1
         return kept
+
+    def _count_nobody(self, keypoints: Keypoints) -> None:
+        confident = keypoints.present & (keypoints.confidence >= self.tracker.config.min_confidence)
+        self.nobody_in_view = not np.count_nonzero(confident)
+        self.counts[NOBODY] += self.nobody_in_view
 
     def _count_outside(self, keypoints: Keypoints, view: View) -> None:
         confident = keypoints.confidence >= self.tracker.config.min_confidence  # others may be out of view

@@ -75,7 +75,7 @@ def test_the_examples_of_the_readme_are_those_of_the_folder(name):
     code = (Path(__file__).parents[2] / "examples" / f"{name}.py").read_text(encoding="utf-8")
     code += re.sub(r"joints\.([A-Z]\w+)", lambda found: str(joints.INDEX[found[1].lower()]), code)
     there = {line.strip() for line in code.splitlines()}
-    (block,) = re.findall(rf"examples/{name}\.py\)\):\n\n```python\n(.*?)```", README, re.DOTALL)
+    (block,) = re.findall(rf"examples/{name}\.py\):\n\n```python\n(.*?)```", README, re.DOTALL)
     statements = [re.sub(r" {2,}#.*", "", line).strip() for line in block.splitlines()]
     assert all(statement in there for statement in statements if statement)
 

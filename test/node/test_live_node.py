@@ -271,7 +271,7 @@ def test_diagnostics_while_tracking(running):
     status, values = message.status[0], values_of(message)
     assert (status.level, status.name, status.message, status.hardware_id) == (
         OK,
-        "running/tracker: tracking",
+        "running/tracker: person",
         "tracking",
         FRAME,
     )
@@ -295,7 +295,7 @@ def test_frozen_keypoints_are_answered_and_said(running):
         running.send(START_NS + running.frames_sent * 16_666_667, PIXELS[last % len(PIXELS)])
         running.spin_until(lambda: len(running.got[topics.JOINT_STATES]) > outputs, what="an answer")  # noqa: B023
     status = running.next_diagnostics(lambda s: "frozen" in s.message)
-    assert status.level == WARN and "the same ones for 1.5 s" in status.message
+    assert status.level == WARN and "the same ones for more than 1 s" in status.message
     assert int(values_of(status)["duplicated [messages]"]) == int(count) + 5
     running.frames_sent += 1
     feed(running)
@@ -324,7 +324,7 @@ def test_refused_keypoints_are_counted_by_reason_and_the_state_stays(running):
         return all(counts.get(f"rejected: {reason} [messages]") == str(n + 1) for reason, n in before.items())
 
     status = running.next_diagnostics(all_counted)
-    assert status.level == WARN and "unknown_id 1" in status.message
+    assert status.level == WARN and "unknown_id" in status.message
     assert len(running.got[topics.JOINT_STATES]) == outputs
     feed(running)
     assert values_of(running.got[topics.CERTIFICATE][-1])["initialised"] == "false"
