@@ -86,11 +86,14 @@ class BagReader:
             counts[key] = counts.get(key, 0) + connection.msgcount
         return [RecordedTopic(*key, count) for key, count in sorted(counts.items())]
 
-    def find(self, message_type: str, name: str | None, usual_name: str, option: str) -> RecordedTopic:
+    def find(
+        self, message_type: str, name: str | None, usual_name: str, option: str, instead: str = ""
+    ) -> RecordedTopic:
         """Return the topic called `name`, or the best candidate of `message_type` if `name` is None.
 
-        With several candidates, the one whose last name part is `usual_name` wins. option: the command line option
-        that selects the topic, for the error text. Raises BagError, which lists the topics of the recording.
+        With several candidates, the one whose last name part is `usual_name` wins. For the error text: option is the
+        command line option that selects the topic, instead is what to do if there is no such topic. Raises BagError,
+        which lists the topics of the recording.
         """
         if name is not None:
             topic = next((t for t in self.topics if t.name.strip("/") == name.strip("/")), None)
@@ -103,7 +106,10 @@ class BagReader:
         if len(candidates) > 1:
             candidates = [t for t in candidates if t.name.split("/")[-1] == usual_name] or candidates
         if not candidates:
-            raise BagError(f"{self.path} has no topic of type {message_type} for {usual_name}; {self._listing()}")
+            advice = f"{instead}; " if instead else ""
+            raise BagError(
+                f"{self.path} has no topic of type {message_type} for {usual_name}; {advice}{self._listing()}"
+            )
         if len(candidates) > 1:
             listed = ", ".join(t.name for t in candidates)
             raise BagError(f"{self.path} has several topics for {usual_name}: {listed}; choose one with {option}")

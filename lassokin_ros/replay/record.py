@@ -16,6 +16,7 @@ from typing import Any
 
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.yaml_files import load_mapping, read_text
+from lassokin_ros.pipeline.calibration_file import split_camera
 from lassokin_ros.pipeline.parameter_files import offline_settings
 
 KEY = "lassokin_ros"
@@ -74,6 +75,8 @@ def origin_of(options: argparse.Namespace) -> Origin:
         settings[name] = _digest([path]) if path.is_file() else settings[name]
     for name in ("keypoints_topic", "camera_info_topic", "storage"):
         settings[f"--{name}"] = getattr(options, name)
+    if options.camera_info is not None:  # absent without the option: earlier records stay valid
+        settings["--camera_info"] = _digest([split_camera(options.camera_info)[0]]), options.camera_info.name
     # Exports do not change the recording, so they are not part of the settings (see archive/output_files.py).
     text = json.dumps(settings, sort_keys=True)
     return Origin(_version(), _digest(_files(options.bag)), hashlib.sha256(text.encode()).hexdigest())

@@ -30,7 +30,7 @@ from lassokin_ros.video.camera import DEFAULT_FOV, Calibration, from_file, from_
 from lassokin_ros.video.output_video import OutputVideo
 from lassokin_ros.video.sources import Image, Source, SourceError, open_source
 from msg_adapters.backends import RosbagsBackend
-from msg_adapters.inputs import camera_info, point_cloud
+from msg_adapters.inputs import point_cloud
 
 FIRST_STAMP_NS = 1_000_000_000
 """ns: a stamp of zero means no stamp."""
@@ -54,7 +54,7 @@ def track(options: argparse.Namespace) -> tuple[str, bool]:
     with ExitStack() as stack, AtomicFiles(options.force, OutputError) as files:
         stack.callback(detector.close)
         camera = _camera(options, source)
-        info = camera_info(backend, FIRST_STAMP_NS, FRAME, camera.K, camera.D, source.size, camera.model)
+        info = camera.message(backend, FIRST_STAMP_NS, FRAME)
         for _ in tracker.camera_info(info, FIRST_STAMP_NS):
             pass
         video = None
