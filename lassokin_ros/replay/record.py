@@ -18,6 +18,7 @@ from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.yaml_files import load_mapping, read_text
 from lassokin_ros.pipeline.calibration_file import split_camera
 from lassokin_ros.pipeline.parameter_files import offline_settings
+from lassokin_ros.replay.sqlite_journal import journals_of
 
 KEY = "lassokin_ros"
 """Key of the record in the custom data."""
@@ -103,8 +104,9 @@ def _version() -> str:
 def _files(bag: Path) -> list[Path]:
     """Return the files of a recording; empty if there is no recording."""
     if not bag.is_dir():
-        return [bag] if bag.is_file() else []
-    return sorted(file for file in bag.iterdir() if file.name == "metadata.yaml" or file.suffix in FILES)
+        return [bag, *journals_of(bag)] if bag.is_file() else []
+    files = [file for file in bag.iterdir() if file.name == "metadata.yaml" or file.suffix in FILES]
+    return sorted([*files, *(journal for file in files for journal in journals_of(file))])
 
 
 def _digest(files: list[Path]) -> str:
