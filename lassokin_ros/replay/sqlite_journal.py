@@ -17,7 +17,8 @@ from lassokin_ros.replay.errors import BagError
 
 JOURNALS = ("-wal", "-journal")
 """Suffixes that SQLite adds to the name of the database."""
-WAL_MAGIC = (0x377F0682, 0x377F0683)
+LITTLE_ENDIAN_LOG = 0x377F0682
+"""First word of a log whose checksums are over little-endian words."""
 WAL_HEADER, FRAME_HEADER = struct.Struct(">8I"), struct.Struct(">6I")
 
 
@@ -55,18 +56,32 @@ def _merge(copy: Path) -> None:
         database.execute("SELECT count(*) FROM sqlite_master").fetchone()
         busy, frames, done = database.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchone()
         wal = copy.with_name(copy.name + "-wal")
-        if busy or frames != done or (wal.is_file() and _has_more(wal, max(frames, 0))):
+        if busy or frames != done or (wal.is_file() and _is_damaged(wal, max(frames, 0))):
             raise sqlite3.DatabaseError("the log is damaged")
         database.execute("PRAGMA journal_mode=DELETE").fetchone()
 
 
-def _has_more(wal: Path, frames: int) -> bool:
-    """Return True if a write-ahead log has a committed transaction behind so many frames: SQLite cannot read that."""
+def _checksum(header: bytes) -> bytes:
+    """Return the checksum of the header of a log, see the section on checksums of sqlite.org/fileformat2.html."""
+    order = "<" if struct.unpack_from(">I", header)[0] == LITTLE_ENDIAN_LOG else ">"
+    words = struct.unpack_from(f"{order}6I", header)
+    first = second = 0
+    for one, two in zip(words[::2], words[1::2]):
+        first = (first + one + second) % 2**32
+        second = (second + two + first) % 2**32
+    return struct.pack(">2I", first, second)
+
+
+def _is_damaged(wal: Path, frames: int) -> bool:
+    """Return True if a write-ahead log is damaged: it has a committed transaction after the frames that SQLite reads.
+
+    Frames with other salts than the header's are left over from before the log was last started anew.
+    """
     with wal.open("rb") as file:
         if not (header := file.read(WAL_HEADER.size)):
             return False
-        magic, _, page_size, _, *salts, _, _ = WAL_HEADER.unpack(header)
-        if magic not in WAL_MAGIC:
+        _, _, page_size, _, *salts, _, _ = WAL_HEADER.unpack(header)
+        if _checksum(header) != header[24:]:
             return True
         frame = FRAME_HEADER.size + page_size
         place = WAL_HEADER.size + frames * frame
