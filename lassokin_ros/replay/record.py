@@ -19,6 +19,7 @@ from lassokin_ros.core.yaml_files import load_mapping, read_text
 from lassokin_ros.pipeline.calibration_file import split_camera
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.replay.sqlite_journal import journals_of
+from lassokin_ros.skeleton_readers.naming import names_file
 
 KEY = "lassokin_ros"
 """Key of the record in the custom data."""
@@ -73,7 +74,8 @@ def origin_of(options: argparse.Namespace) -> Origin:
     settings: dict[str, Any] = {name: value for config in configs for name, value in asdict(config).items()}
     for name in ("skeleton", "landmarks"):
         path = Path(settings[name])
-        settings[name] = _digest([path]) if path.is_file() else settings[name]
+        files = [path, *(file for file in [names_file(path)] if file.is_file())]
+        settings[name] = _digest(files) if path.is_file() else settings[name]
     for name in ("keypoints_topic", "camera_info_topic", "storage"):
         settings[f"--{name}"] = getattr(options, name)
     if options.camera_info is not None:  # absent without the option: earlier records stay valid

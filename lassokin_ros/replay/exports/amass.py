@@ -11,7 +11,7 @@ person's left, z to the front.
 
 from __future__ import annotations
 
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -45,12 +45,13 @@ def write_amass(motion: Motion, file: BinaryIO) -> None:
     rotations[:, 0] = world @ rotations[:, 0]
     count = len(rotations)
     poses, rate = logarithm(rotations).reshape(count, -1), np.array(round(1 / track.period, 6))
+    not_tracked: dict[str, Any] = {name: np.zeros((count, width)) for name, width in NOT_TRACKED.items()}
     np.savez(
         file,
         poses=poses,
         root_orient=poses[:, : BODY.start],
         pose_body=poses[:, BODY],
-        **{name: np.zeros((count, width)) for name, width in NOT_TRACKED.items()},
+        **not_tracked,
         trans=track.translations @ world.T,
         betas=np.zeros(BETAS),
         num_betas=np.array(BETAS),
