@@ -89,8 +89,8 @@ def _relaxed(tree: RestTree, names: Mapping[str, str]) -> dict[str, int]:
     """Return the same, regardless of case and separators, and of a prefix that the names share."""
     plain = [_plain(name) for name in tree.names]
     wanted = {joint: _plain(name) for joint, name in names.items()}
-    root = wanted["pelvis"]
-    prefixes = dict.fromkeys(["", *(name.removesuffix(root) for name in plain if name.endswith(root))])
+    ends = [(name, end) for end in (wanted["pelvis"], wanted["head"]) for name in plain if name.endswith(end)]
+    prefixes = dict.fromkeys(["", *(name.removesuffix(end) for name, end in ends)])
     candidates = []
     for prefix in prefixes:
         places = {name.removeprefix(prefix): index for index, name in reversed(list(enumerate(plain)))}

@@ -83,7 +83,7 @@ def test_prefixes_blanks_and_case(tmp_path, program, prefix, change):
 def test_a_missing_neck_or_pelvis_is_derived(tmp_path):
     text = bvh(tables()["mixamo"], 100.0, "mixamorig:", without=("neck",))
     check_places(load_skeleton(written(tmp_path, text), HEIGHT), 0.03)
-    names = {**tables()["biped"], "pelvis": "Bip01"}
+    names = {**{joint: f"Bip01 {name}" for joint, name in tables()["biped"].items()}, "pelvis": "Bip01"}
     check_places(load_skeleton(written(tmp_path, bvh(names, 100.0)), HEIGHT))
 
 
