@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from lassokin_ros.core.batch import BatchedCall, Steps
 from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.evidence.depth_network import (
@@ -14,8 +15,6 @@ from lassokin_ros.core.evidence.depth_network import (
     Prediction,
     Scene,
     canonical_index,
-    features,
-    interpreted,
     lengths_of,
 )
 from lassokin_ros.core.image.frame_data import JointDepths
@@ -53,8 +52,10 @@ class DepthEstimator:
 
     def update(
         self, stamp: float, points: np.ndarray, seen: np.ndarray, up: np.ndarray | None, mount: np.ndarray
-    ) -> JointDepths | None:
+    ) -> Steps[JointDepths | None]:
         """The joints' depths after a frame's keypoints, or None if fewer than `LEAST_SEEN` are seen.
+
+        A generator for `run_single` or `run_batched`: the network runs once for several people.
 
         stamp: s, later than the last. points: (l, 2) normalised; seen: (l,) bool. up: (3,) the vertical in the camera
         frame, None if unknown. mount: (3,) the same by the camera's mount. A rolled image is turned upright
@@ -69,9 +70,8 @@ class DepthEstimator:
         past, known = self._history.sampled()
         vertical = np.zeros(3) if up is None else level @ up
         scene = Scene(past, known, vertical, np.array(up is not None), self._lengths, self._lengths_known)
-        inputs, rotation = features(scene)
-        self._rotation = rotation @ level
-        prediction = self._prediction = interpreted(self._network(inputs))
+        prediction = self._prediction = yield BatchedCall(self._network, "predict", (scene,))
+        self._rotation = prediction.rotation @ level
         depths = self._height * prediction.places[:, 2].astype(float)
         return JointDepths(self._rotation[2], depths, prediction.whitening.astype(float) / self._height)
 
