@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.accuracy_run import failure_probability
 from benchmarks.accuracy_run.experiment import METHODS, Job, run
 from benchmarks.accuracy_run.leave_one_out import under_its_prior
-from benchmarks.accuracy_run.options import apply_presets, parser, unheeded
+from benchmarks.accuracy_run.options import apply_presets, depth_sensor, parser, unheeded
 from benchmarks.accuracy_run.people import seen_by_network, test_clips
 from benchmarks.accuracy_run.special import initialise_frames, run_gap
 from benchmarks.accuracy_run.table import head, report, told
@@ -76,11 +76,13 @@ def measure(options: argparse.Namespace) -> list[Record]:
             given = "--gap, --initialisation, --uncertainty and --failure-probability"
             raise SystemExit(f"{given} are for clips, not for --detections")
         recordings = detection_jobs(options.detections, options.methods, options.measured_bones, told(options))
+        if not recordings:
+            raise SystemExit("none of the --detections holds MediaPipe's own 3D, which mediapipe_world needs")
         return in_parallel(run_detections, recordings, options.jobs)
     o = options
     condition = Condition(
         o.noise_px, o.missing, o.outliers, o.fps, o.swaps, o.duplicates, o.camera_roll, o.camera_pitch, o.lying,
-        o.wander_px, o.offset_px,
+        o.wander_px, o.offset_px, depth_sensor(o),
     )  # fmt: skip
     methods = ["lasso"] if o.uncertainty or o.failure_probability else o.methods
     jobs = [
@@ -180,6 +182,8 @@ def _check_methods(options: argparse.Namespace) -> None:
     unknown = [method for method in options.methods if method not in METHODS]
     if unknown or not options.methods:
         raise SystemExit(f"no method {', '.join(unknown)}; expected some of: {', '.join(METHODS)}")
+    if "mediapipe_world" in options.methods and not options.detections:
+        raise SystemExit("mediapipe_world is for --detections; no clip holds MediaPipe's own 3D")
     if options.initialisation and "smplify" in options.methods:
         raise SystemExit("--initialisation is for methods that go frame by frame; smplify starts from lasso's")
 
