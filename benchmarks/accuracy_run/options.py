@@ -15,7 +15,9 @@ from lassokin_ros.core.config import TrackerConfig
 SWITCH = {**dict.fromkeys(("true", "1", "yes", "on"), True), **dict.fromkeys(("false", "0", "no", "off"), False)}
 GIVEN = {"height": "by each clip", "skeleton": "by each clip", "landmarks": "by --landmarks"}
 """Settings that --set does not take, and what says them."""
-OF_DETECTIONS = ("detections", "methods", "measured_bones", "tracker_noise_px", "set", "jobs", "json")
+OF_DETECTIONS = (
+    "detections methods measured_bones tracker_noise_px set uncertainty failure_probability jobs json".split()
+)
 """What --detections heeds: its keypoints are taken as they are, from every camera."""
 
 

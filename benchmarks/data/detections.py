@@ -70,6 +70,14 @@ class Recording:
     reference: np.ndarray
     world: np.ndarray | None = None
 
+    @property
+    def observations(self) -> list[Observation]:
+        """All frames, in order."""
+        return [
+            Observation(frame / self.fps, points, self.confidence[frame], self.focal)
+            for frame, points in enumerate(self.points)
+        ]
+
 
 def detection_jobs(
     files: Sequence[Path], methods: Sequence[str], measured_bones: bool, settings: Mapping[str, Any]
@@ -224,15 +232,20 @@ def _median(length: np.ndarray) -> float:
     return float(np.median(length[known])) if known.mean() > 0.1 else float("nan")
 
 
-def run_detections(job: DetectionJob) -> Record:
-    """Follow one camera's keypoints and score them."""
+def prepared(job: DetectionJob) -> tuple[Recording, TrackerConfig, Skeleton]:
+    """A job's recording, and what the method is given: settings and skeleton."""
     recording = load_recording(job.file, job.camera)
     layout = Layout.load(recording.layout, Skeleton.load("anthropometric", 1.75))
     height = height_of(recording.reference, layout)
     config = TrackerConfig(height=height, landmarks=recording.layout, **job.settings).checked()
     skeleton = Skeleton.load("anthropometric", height)
-    if job.measured_bones:
-        skeleton = measured(skeleton, recording.reference, layout)
+    return recording, config, measured(skeleton, recording.reference, layout) if job.measured_bones else skeleton
+
+
+def run_detections(job: DetectionJob) -> Record:
+    """Follow one camera's keypoints and score them."""
+    recording, config, skeleton = prepared(job)
+    layout = Layout.load(recording.layout, skeleton)
     track = _followed(job.method, recording, config, skeleton, layout)
     return {
         "clip": recording.name,
@@ -240,7 +253,7 @@ def run_detections(job: DetectionJob) -> Record:
         "fps": recording.fps,
         "landmarks": recording.layout,
         "method": job.method,
-        "height_m": height,
+        "height_m": config.height,
         "skeleton": "reference bones" if job.measured_bones else "height",
         **score(track, recording, layout),
     }
@@ -253,14 +266,10 @@ def _followed(method: str, recording: Recording, config: TrackerConfig, skeleton
         world = recording.world * config.height / height_of(recording.world, layout)
         hips = [layout.index(f"{side}_hip") for side in SIDES]
         return world_track(world, recording.points, recording.confidence, hips, recording.focal)
-    observations = [
-        Observation(frame / recording.fps, points, recording.confidence[frame], recording.focal)
-        for frame, points in enumerate(recording.points)
-    ]
     if method == "smplify":
-        return fit_clip(config, skeleton, observations)
+        return fit_clip(config, skeleton, recording.observations)
     follower = FOLLOWERS[method](config, skeleton)
-    return follow(follower, observations, skeleton.joint_count, len(layout.names))
+    return follow(follower, recording.observations, skeleton.joint_count, len(layout.names))
 
 
 def score(track: Track, recording: Recording, layout: Layout) -> Record:

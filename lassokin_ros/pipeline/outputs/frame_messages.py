@@ -79,7 +79,9 @@ class FrameMessages:
             topics.TRANSLATION: lambda t, f, _, e: translation(t, f, e.state.translation),
             topics.JOINTS: lambda t, f, _, e: joints(t, f, e.pose.positions, to_quaternion(e.pose.orientations)),
             topics.MARKERS: lambda t, f, _, e: markers(t, f, e.pose.positions),
-            topics.CERTIFICATE: lambda t, f, _, e: certificate(t, f, certificate_line(e, title, f)),
+            topics.CERTIFICATE: lambda t, f, frame, e: certificate(
+                t, f, certificate_line(e, frame.uncertainty.failure_probability, title, f)
+            ),
             topics.JOINT_UNCERTAINTY: lambda t, f, frame, e: cloud(
                 t, f, e.pose.positions, frame.uncertainty.covariance, frame.uncertainty.deviation
             ),
@@ -151,7 +153,7 @@ def body_turn(estimate: Estimate) -> np.ndarray:
     return turn
 
 
-def certificate_line(estimate: Estimate, name: str, hardware_id: str) -> StatusLine:
+def certificate_line(estimate: Estimate, failure_probability: float, name: str, hardware_id: str) -> StatusLine:
     """KKT residuals, duality gap, support, reprojection error and Theorem 1's margins of a frame's last lasso.
 
     Theorem 1 is evaluated at the solution's own support and signs: would the lasso, were these the truth, find them?
@@ -180,7 +182,7 @@ def certificate_line(estimate: Estimate, name: str, hardware_id: str) -> StatusL
         "theorem 1 literal, condition 3 (= 0)": literal.condition3,
         "initialised": str(estimate.initialised).lower(),
         "start's confidence": estimate.confidence,
-        "likely wrong": estimate.failure_probability,
+        "likely wrong": failure_probability,
     }
     level, message = (OK, "certified") if solution.certified else (WARN, "not certified")
     text = {key: value if isinstance(value, str) else f"{value:.6g}" for key, value in values.items()}
