@@ -45,12 +45,13 @@ def binned(frames: Sequence[np.ndarray]) -> list[Record]:
 
 
 def ranking(frames: Sequence[np.ndarray]) -> str:
-    """How well the failure probability, and the reprojection error, put wrong poses above right ones: area under the ROC curve."""
+    """How well two figures put wrong poses above right ones: area under the ROC curve."""
     said, reprojection, error = np.concatenate(frames).T
     wrong = error > WRONG
     if wrong.all() or not wrong.any():
         return "no pose is wrong, or all are"
-    return f"area under the ROC curve: failure probability {area(said, wrong):.2f}, reprojection error {area(reprojection, wrong):.2f}"
+    by_probability, by_reprojection = area(said, wrong), area(reprojection, wrong)
+    return f"area under the ROC curve: failure probability {by_probability:.2f}, reprojection error {by_reprojection:.2f}"
 
 
 def area(score: np.ndarray, positive: np.ndarray) -> float:

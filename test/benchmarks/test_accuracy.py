@@ -143,6 +143,15 @@ def test_real_detections(tmp_path, capsys):
 
 
 @needs_detections
+@pytest.mark.parametrize("figure, count", [("--uncertainty", "joints"), ("--failure-probability", "frames")])
+def test_the_tracker_s_own_figures_are_checked_on_recordings_too(figure, count, tmp_path):
+    file, recording = tmp_path / "records.json", str(DETECTIONS / "openpose_balancing.npz")
+    assert main(["--detections", recording, figure, "--jobs", "1", "--json", str(file)]) == 0
+    total = json.loads(file.read_text(encoding="utf-8"))[-1]
+    assert total[count] == {"joints": 2 * 20 * 12, "frames": 2 * 100}[count]
+
+
+@needs_detections
 def test_the_detector_s_own_3d_is_scored_where_a_recording_holds_it(tmp_path):
     files = [str(DETECTIONS / f"talking_woman_{name}.npz") for name in ("mediapipe_heavy", "movenet_lightning")]
     file, method = tmp_path / "records.json", ["--methods", "mediapipe_world", "--jobs", "1"]
@@ -261,8 +270,7 @@ def test_an_option_that_cannot_be_meant_is_refused_by_its_name(option, capsys):
     [
         "--methods=",
         "--initialisation --methods smplify",
-        *(f"--detections any.npz --{what}" for what in ("gap=1", "initialisation", "uncertainty")),
-        "--detections any.npz --failure-probability",
+        *(f"--detections any.npz --{what}" for what in ("gap=1", "initialisation")),
     ],
 )
 def test_options_that_do_not_go_together_are_refused(options):

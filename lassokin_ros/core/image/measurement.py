@@ -63,7 +63,7 @@ class Measurement:
     @property
     def count(self) -> int:
         """Number of keypoints and depths that are used."""
-        return sum(np.count_nonzero(w) for w in (self.weights, self.depth_weights) if w is not None)
+        return sum(int(np.count_nonzero(w)) for w in (self.weights, self.depth_weights) if w is not None)
 
     def reprojection_px(self, pose: BodyPose) -> float:
         """Root mean square distance of the visible points from the pose's landmarks, px."""
