@@ -51,7 +51,9 @@ def ranking(frames: Sequence[np.ndarray]) -> str:
     if wrong.all() or not wrong.any():
         return "no pose is wrong, or all are"
     by_probability, by_reprojection = area(said, wrong), area(reprojection, wrong)
-    return f"area under the ROC curve: failure probability {by_probability:.2f}, reprojection error {by_reprojection:.2f}"
+    return (
+        f"area under the ROC curve: failure probability {by_probability:.2f}, reprojection error {by_reprojection:.2f}"
+    )
 
 
 def area(score: np.ndarray, positive: np.ndarray) -> float:
