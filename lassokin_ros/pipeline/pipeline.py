@@ -12,10 +12,13 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from lassokin_ros.core.calibration import Calibration
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.camera import OUTSIDE_IMAGE, Camera, View
+from lassokin_ros.pipeline.depth_images import DepthImages
 from lassokin_ros.pipeline.detections import detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
 from lassokin_ros.pipeline.outputs.urdf import check_names
@@ -32,6 +35,9 @@ from msg_adapters.detectors.registry import keypoint_adapter
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
 
+NOBODY = "nobody in view"
+"""Key of the count of messages without any confident keypoint."""
+
 
 class Pipeline:
     """Decodes messages, removes the distortion, tracks people. No message content raises an error."""
@@ -39,7 +45,7 @@ class Pipeline:
     def __init__(self, tracker_config: TrackerConfig, node_config: NodeSettings) -> None:
         """Raises a LassokinError if the configuration is unusable."""
         self.config = node_config.checked()
-        skeleton = load_skeleton(tracker_config.checked().skeleton, tracker_config.height)
+        skeleton = load_skeleton(tracker_config.checked().skeleton, tracker_config.assumed_height)
         check_names(skeleton)
         self._trackable = [TrackedPerson(tracker_config, skeleton) for _ in range(self.config.max_people)]
         self.tracker = self._trackable[0].tracker
@@ -49,9 +55,13 @@ class Pipeline:
         self.counts: Counter[str] = Counter()
         """Number of messages by result: received, accepted, duplicated, unstamped, resets, "rejected: <reason>", and
         messages with keypoints outside the image."""
+        self.nobody_in_view = False
+        """True if the last message had no confident keypoint."""
         self.people = _people_tracker(self._trackable, self.counts, self.config.several_people)
         self._adapter = keypoint_adapter(self.config.keypoints_type)
         self.camera = Camera(self.config.rectified)
+        self.depth = DepthImages(self.counts) if self.config.depth else None
+        """The depth images, None if the setting `depth` names no topic."""
         self._stamps = StampWatch()
         self._camera_frame: str | None = None  # frame of the camera that took the last image
         self._latest: tuple[int, int] | None = None  # stamp and arrival, ns, of the last message not refused as a whole
@@ -94,6 +104,8 @@ class Pipeline:
     def reset(self) -> None:
         """Forget all people and the stamps. The camera and the counts stay."""
         self._stamps.reset()
+        if self.depth is not None:
+            self.depth.reset()
         self._forget_people()
 
     def _forget_people(self) -> None:
@@ -103,8 +115,11 @@ class Pipeline:
 
     def tune(self, tracker_config: TrackerConfig, node_config: NodeSettings) -> None:
         """Apply settings that can change while running, from the next message on."""
+        skeleton = None
+        if tracker_config.height != self.tracker.config.height:
+            skeleton = load_skeleton(tracker_config.checked().skeleton, tracker_config.assumed_height)
         for tracked in self._trackable:
-            tracked.tracker.tune(tracker_config)
+            tracked.tracker.tune(tracker_config, skeleton)
         self.config = node_config.checked()
 
     def set_camera(self, message: Any) -> str | None:
@@ -146,16 +161,19 @@ class Pipeline:
         return frames
 
     def _frames(self, message: Any, arrival_ns: int) -> list[FrameResult]:
-        stamp_ns, frame_id = arrival_ns, ""
+        stamp_ns, frame_id, self.nobody_in_view = arrival_ns, "", False
         try:
             keypoints, view = self._decode(message)
             frame_id = keypoints.frame_id or view.intrinsics.frame_id
             keypoints = self._remove_placeholders(keypoints, view)
+            self._count_nobody(keypoints)
             self._count_outside(keypoints, view)
             if keypoints.stamp_ns is None:
                 self.counts["unstamped"] += 1
             stamped = keypoints.stamp_ns is not None
             stamp_ns = keypoints.stamp_ns or self._stamps.estimate(arrival_ns)
+            if self.depth is not None:
+                keypoints = self.depth.with_depth(keypoints, stamp_ns, view.size, view.intrinsics.frame_id)
             image = PeopleImage(keypoints, stamp_ns, frame_id, view.lens, self._has_persistent_numbers(keypoints))
             if self._is_back_in_time(image, arrival_ns, stamped):
                 self._jump_back(image)
@@ -188,6 +206,11 @@ class Pipeline:
         if kept is not keypoints:
             self.counts[PLACEHOLDERS] += 1
         return kept
+
+    def _count_nobody(self, keypoints: Keypoints) -> None:
+        confident = keypoints.present & (keypoints.confidence >= self.tracker.config.min_confidence)
+        self.nobody_in_view = not np.count_nonzero(confident)
+        self.counts[NOBODY] += self.nobody_in_view
 
     def _count_outside(self, keypoints: Keypoints, view: View) -> None:
         confident = keypoints.confidence >= self.tracker.config.min_confidence  # others may be out of view

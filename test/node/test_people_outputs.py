@@ -145,7 +145,7 @@ def test_numbers_that_change_from_image_to_image_are_said(person_ids):
             return numbered if person_ids == "message" else int(values_of(status)["accepted [messages]"]) > 20
 
         status = peer.next_diagnostics(seen)
-        assert ("people came" in status.message) is (person_ids == "message"), status.message
+        assert ("people come and leave" in status.message) is (person_ids == "message"), status.message
 
 
 def test_a_state_publisher_that_several_people_have_no_use_for_is_said():
