@@ -1,24 +1,23 @@
-"""Compare this revision's times with those of another revision of this repository, as ratios from one interleaved run.
+"""Processor time of this revision against another revision of this repository, in one interleaved run.
 
-    python benchmarks/against.py REV [--rounds 40] [--parts step,callback,first,people,joints] [--json FILE]
+    python benchmarks/against.py REV [--rounds 12] [--figures step,people16] [--json FILE]
 
-REV is checked out into a temporary folder (`git archive`; any revision from 842c7c2 on). Each revision runs in a child
-process of its own and is asked in turn for the same frames, round by round, so that a busy machine slows both alike.
-All times are CPU times of one thread. A ratio is the median of the ratios of the rounds, below 1 where this revision is
-faster; its spread are their quartiles. The ratio of a p99 is that of all frames together, its spread the quartiles
-over resampled rounds. What is timed here is the working folder, with what is not committed.
+The two revisions take turns on the same frames, so that a slow or busy machine hits both alike. Each figure is the
+median over the rounds of the ratio this / other, with the quartiles of the rounds, and the medians in ms of both.
+"p99" is the ratio of the 99th percentiles of all frames. Below 1: this revision is faster.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
+import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
-from contextlib import ExitStack, closing
-from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -27,59 +26,41 @@ import numpy as np
 
 from benchmarks.common import option_types
 from benchmarks.common.refusals import exit_code
-from benchmarks.data.motion import FOCAL, FPS, HEIGHT, Motion, load_motion, observe, on_skeleton
-from benchmarks.timing.revision import RevisionProcess, checked_out
+from benchmarks.data.motion import FOCAL, FPS, HEIGHT, load_motion, observe, on_skeleton
 from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 
 ROOT = Path(__file__).resolve().parents[1]
-BODIES = ROOT / "benchmarks" / "bodies"
-PEOPLE = 16
-RESAMPLED = 300
-NAMES = {
-    "step": ("step of the core",),
-    "callback": ("callback, nobody subscribes", "callback, all outputs subscribed",
-                 "beyond the step, nobody subscribes", "beyond the step, all outputs subscribed"),
-    "upright": ("first frame, upright",),
-    "lying": ("first frame, lying",),
-    "people": (f"{PEOPLE} people in one batch",),
-    "joints": ("step with 55 joints, 65 landmarks",),
-}  # fmt: skip
-"""What a request to the child times -> names of the figures."""
-PARTS = {"step": ("step",), "callback": ("callback",), "first": ("upright", "lying"), "people": ("people",),
-         "joints": ("joints",)}  # fmt: skip
-PER_ROUND = {"step": 50, "callback": 40, "upright": 1, "lying": 1, "people": 6, "joints": 20}
-"""Frames of a round."""
-WITH_P99 = ("step", "callback")
-MULTIPLES = {"people": f"{PEOPLE} people, in steps of one", "joints": "55 joints, in steps of 24"}
-COLUMNS = {"what": "<", "then_us": ".0f", "now_us": ".0f", "then_steps": ".1f", "now_steps": ".1f", "ratio": ".2f",
-           "from": ".2f", "to": ".2f", "apart_mm": ".3f"}  # fmt: skip
-"""Times of REV and of this revision, or multiples of their steps; the ratio and its spread; distance of the joints."""
-Rounds = list[list[float]]
-"""Times of each round's frames, s."""
+DRIVER = ROOT / "benchmarks" / "timing" / "revision_driver.py"
+BODY = ROOT / "benchmarks" / "bodies" / "hands55.yaml"
+LAYOUT = ROOT / "benchmarks" / "bodies" / "body25_hands.yaml"
+PEOPLE, FRAMES = 16, 600
+COUNTS = {
+    "step": 60,
+    "people16": 8,
+    "joints55": 30,
+    "first_upright": 3,
+    "first_lying": 2,
+    "callback_idle": 30,
+    "callback_all": 30,
+}
+"""Frames of each figure in one round: a step, all of 16 people, a body of 55 joints; a first frame, upright or lying;
+the node's callback without the core's step, with no subscriber and with one for each output."""
+COLUMNS = {"what": "<", "this_ms": ".3f", "other_ms": ".3f", "ratio": ".2f", "quartiles": "<", "p99_ratio": ".2f"}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Command line."""
     options = parser().parse_args(arguments)
-    figures = [figure for part in options.parts for figure in PARTS[part]]
-    if "callback" in figures and find_spec("rclpy") is None:
-        print("callback: left out, rclpy is not installed")
-        figures.remove("callback")
-    motion = load_motion(options.data or data_folder() / "mocap", options.rounds * max(PER_ROUND.values()))
-    with ExitStack() as leave:
-        folder = Path(leave.enter_context(tempfile.TemporaryDirectory(prefix="lassokin_against_")))
-        frames = write_frames(folder / "frames.npz", motion)
-        other = leave.enter_context(checked_out(ROOT, options.revision))
-        domain = 30 + 2 * (os.getpid() % 30)
-        children = [
-            leave.enter_context(closing(RevisionProcess(root, frames, BODIES, domain + number)))
-            for number, root in enumerate((other, ROOT))
-        ]
-        count = len(motion.state.translation)
-        print(f"{options.revision} and this revision in turn, {options.rounds} rounds, {motion.source}; CPU time.")
-        records = compare(children, figures, options.rounds, count)
+    with tempfile.TemporaryDirectory() as folder:
+        other = Path(folder) / "revision"
+        commit = check_out(options.revision, other)
+        data = Path(folder) / "frames.npz"
+        np.savez(data, **frames())
+        with Child(ROOT, data) as mine, Child(other, data) as theirs:
+            print(f"this tree against {commit}; {options.rounds} rounds, taking turns; processor time of one thread.")
+            records = compare(mine, theirs, options.figures, options.rounds)
     print(table(records, COLUMNS))
     write_json(options.json, records)
     return 0
@@ -88,108 +69,99 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def parser() -> argparse.ArgumentParser:
     """The command line's options."""
     result = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    result.add_argument("revision", metavar="REV", help="commit, tag or branch to compare with")
-    result.add_argument("--data", type=Path, help="folder of clips (default: mocap/ of the shared data)")
-    result.add_argument("--rounds", type=option_types.count, default=40, help="turns of either revision (40)")
-    parts = option_types.some_of(PARTS)
-    result.add_argument("--parts", type=parts, default=list(PARTS), help=f"comma-separated, of {','.join(PARTS)} (all)")
+    result.add_argument("revision", metavar="REV", help="commit, branch or tag to compare with")
+    result.add_argument("--rounds", type=option_types.count, default=12, help="(12)")
+    chosen = option_types.some_of(tuple(COUNTS))
+    result.add_argument("--figures", type=chosen, default=list(COUNTS), help="comma-separated (all)")
     result.add_argument("--json", type=option_types.output_file, metavar="FILE", help="write the records, a JSON list")
     return result
 
 
-def write_frames(file: Path, motion: Motion) -> Path:
-    """The keypoints that both revisions track: coco (people, f, 17, 2), hands (1, f, 65, 2), stamps, starts, focal."""
-
-    def seen(skeleton: str, landmarks: str, people: int) -> np.ndarray:
-        body = Skeleton.load(skeleton, HEIGHT)
-        kinematics, state = Kinematics(body, Layout.load(landmarks, body)), on_skeleton(motion, body)
-        return np.array([[o.points for o in observe(state, kinematics, seed=person)] for person in range(people)])
-
-    np.savez(
-        file,
-        coco=seen("anthropometric", "coco17", PEOPLE),
-        hands=seen(str(BODIES / "hands55.yaml"), str(BODIES / "body25_hands.yaml"), 1),
-        stamps=np.arange(len(motion.state.translation)) / FPS,
-        starts=np.array(motion.starts),
-        focal=FOCAL,
-    )
-    return file
+def check_out(revision: str, folder: Path) -> str:
+    """Unpack a revision into a folder; return its short name. Raises SystemExit if there is none."""
+    found = subprocess.run(
+        ["git", "rev-parse", "--verify", "--short", f"{revision}^{{commit}}"],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    if found.returncode:
+        raise SystemExit(f"against.py: there is no revision '{revision}' in this repository")
+    folder.mkdir()
+    archive = subprocess.run(["git", "archive", revision], cwd=ROOT, capture_output=True, check=True)
+    subprocess.run(["tar", "-x", "-C", str(folder)], input=archive.stdout, check=True)
+    return found.stdout.strip()
 
 
-def compare(children: Sequence[RevisionProcess], figures: Sequence[str], rounds: int, frames: int) -> list[Record]:
-    """One record per figure; children: the other revision's process, this one's."""
-    times: dict[str, tuple[Rounds, Rounds]] = {name: ([], []) for figure in figures for name in NAMES[figure]}
-    apart: dict[str, list[float]] = {figure: [] for figure in figures}
-    for turn in range(rounds):
-        for figure in figures:
-            first, count = turn * PER_ROUND[figure], PER_ROUND[figure]
-            if figure in ("upright", "lying"):
-                first = turn * (frames // rounds)
-            count = min(count, frames - first)
-            if count <= 0:
-                continue
-            answers: list[Record] = [{}, {}]
-            for number in (0, 1) if turn % 2 == 0 else (1, 0):
-                answers[number] = children[number].ask(figure, first, count)
-            for number, answer in enumerate(answers):
-                for name, seconds in zip(NAMES[figure], answer["seconds"], strict=True):
-                    times[name][number].append(seconds)
-            apart[figure].append(_apart_mm(*(answer["joints"] for answer in answers)))
+def frames() -> dict[str, Any]:
+    """The keypoints of all figures: 16 people with noise of their own, and one with hands."""
+    motion = load_motion(data_folder() / "mocap", FRAMES)
+    skeleton = Skeleton.load("anthropometric", HEIGHT)
+    kinematics = Kinematics(skeleton, Layout.load("coco17", skeleton))
+    people = [[o.points for o in observe(motion.state, kinematics, seed=person)] for person in range(PEOPLE)]
+    hands = Skeleton.load(str(BODY), HEIGHT)
+    with_hands = Kinematics(hands, Layout.load(str(LAYOUT), hands))
+    points = np.array(people)
+    return {
+        "focal": FOCAL,
+        "fps": FPS,
+        "height": HEIGHT,
+        "points": points,
+        "pixels": points[0] * FOCAL + [640.0, 360.0],
+        "hand_points": np.array([o.points for o in observe(on_skeleton(motion, hands), with_hands)]),
+    }
+
+
+class Child:
+    """A process that runs one revision's figures. Use it in a `with` statement."""
+
+    def __init__(self, tree: Path, data: Path) -> None:
+        environment = {**os.environ, "PYTHONPATH": str(tree), "OMP_NUM_THREADS": "1"}
+        self._process = subprocess.Popen(
+            [sys.executable, str(DRIVER), str(data), str(BODY), str(LAYOUT)],
+            cwd=tree, env=environment, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        )  # fmt: skip
+        self._answer()
+
+    def run(self, figure: str, count: int) -> np.ndarray:
+        """(count,) s of the processor."""
+        assert self._process.stdin is not None
+        print(json.dumps({"figure": figure, "count": count}), file=self._process.stdin, flush=True)
+        return np.array(self._answer())
+
+    def _answer(self) -> Any:
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline()
+        if not line:
+            raise SystemExit("against.py: a revision's process has ended; its message stands above")
+        return json.loads(line)
+
+    def __enter__(self) -> Child:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.kill()
+        self._process.communicate()
+
+
+def compare(mine: Child, theirs: Child, figures: Sequence[str], rounds: int) -> list[Record]:
+    """One record per figure."""
     records = []
     for figure in figures:
-        for name in NAMES[figure]:
-            distance = float(np.nanmedian(apart[figure])) if np.isfinite(apart[figure]).any() else float("nan")
-            records.append({"what": f"{name}, p50", **_ratio_of_medians(*times[name]), "apart_mm": distance})
-            if figure in WITH_P99:
-                records.append({"what": f"{name}, p99", **_ratio_of_tails(*times[name])})
-    step = times.get(NAMES["step"][0])
-    return records + [
-        {"what": what, **_multiples(step, times[NAMES[figure][0]])}
-        for figure, what in MULTIPLES.items() if step is not None and figure in figures
-    ]  # fmt: skip
-
-
-def _apart_mm(then: Sequence[Sequence[float]] | None, now: Sequence[Sequence[float]] | None) -> float:
-    """Mean distance of the joints of both revisions, NaN where either has none."""
-    if then is None or now is None:
-        return float("nan")
-    return 1e3 * float(np.linalg.norm(np.array(then) - np.array(now), axis=-1).mean())
-
-
-def _medians(rounds: Rounds) -> np.ndarray:
-    """(rounds,) median time of each round's frames, NaN where all of them initialised."""
-    return np.array([np.median(seconds) if seconds else np.nan for seconds in rounds])
-
-
-def _ratio_of_medians(then: Rounds, now: Rounds) -> Record:
-    return _record(then, now, 50, _medians(now) / _medians(then))
-
-
-def _ratio_of_tails(then: Rounds, now: Rounds) -> Record:
-    """Of the p99 of all frames; the spread by drawing rounds again, the same ones of both revisions."""
-    random = np.random.default_rng(0)
-    drawn = random.integers(len(then), size=(RESAMPLED, len(then)))
-    tails = ([_percentile([rounds[i] for i in rows], 99) for rows in drawn] for rounds in (then, now))
-    before, after = map(np.array, tails)
-    return {**_record(then, now, 99, after / before), "ratio": _percentile(now, 99) / _percentile(then, 99)}
-
-
-def _multiples(step: tuple[Rounds, Rounds], several: tuple[Rounds, Rounds]) -> Record:
-    """How many steps of one person (of 24 joints) a step takes: of either revision, and the ratio of both."""
-    multiples = [_medians(more) / _medians(one)[: len(more)] for one, more in zip(step, several)]
-    then, now = (float(np.nanmedian(multiple)) for multiple in multiples)
-    low, middle, high = np.nanpercentile(multiples[1] / multiples[0], [25, 50, 75])
-    return {"then_steps": then, "now_steps": now, "ratio": float(middle), "from": float(low), "to": float(high)}
-
-
-def _record(then: Rounds, now: Rounds, percentile: float, ratios: np.ndarray) -> Record:
-    low, middle, high = np.nanpercentile(ratios, [25, 50, 75])
-    times = {"then_us": 1e6 * _percentile(then, percentile), "now_us": 1e6 * _percentile(now, percentile)}
-    return {**times, "ratio": float(middle), "from": float(low), "to": float(high), "rounds": len(ratios)}
-
-
-def _percentile(rounds: Rounds, percentile: float) -> float:
-    return float(np.percentile(np.concatenate([np.asarray(seconds, dtype=float) for seconds in rounds]), percentile))
+        taken: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
+        for child in (mine, theirs):
+            child.run(figure, max(COUNTS[figure] // 3, 1))  # the first frames initialise
+        for number in range(rounds):
+            for side in (0, 1) if number % 2 else (1, 0):
+                taken[side].append((mine, theirs)[side].run(figure, COUNTS[figure]))
+        medians = np.median(np.array(taken), axis=-1)
+        ratios = medians[0] / medians[1]
+        low, high = np.percentile(ratios, [25, 75])
+        p99 = [float(np.percentile(np.concatenate(side), 99)) for side in taken]
+        records.append({
+            "what": figure,
+            "this_ms": 1e3 * float(np.median(medians[0])), "other_ms": 1e3 * float(np.median(medians[1])),
+            "ratio": float(np.median(ratios)), "quartiles": f"{low:.2f} to {high:.2f}", "p99_ratio": p99[0] / p99[1],
+        })  # fmt: skip
+    return records
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from std_srvs.srv import SetBool, Trigger
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.observation import Status
 from lassokin_ros.node.camera_info_input import CameraInfoInput
+from lassokin_ros.node.depth_input import DepthInput
 from lassokin_ros.node.latched_camera_info import LatchedCameraInfo
 from lassokin_ros.node.log_throttle import LogThrottle
 from lassokin_ros.node.missing_input import MissingInput
@@ -36,6 +37,7 @@ from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.detectors.registry import ADAPTERS, full_type_name
+from msg_adapters.keypoints import stamp_of
 from msg_adapters.output_messages.builders import DiagnosticArrayBuilder
 
 DIAGNOSTICS_PERIOD_S = 1.0
@@ -107,6 +109,9 @@ class TrackerNode(Node):
             on_error=partial(self._count_internal_error, "a camera_info message"),
         )
         self._kept_camera_info = LatchedCameraInfo(self, self._camera_info.take)
+        self._depth = None
+        if self._pipeline.depth is not None:
+            self._depth = DepthInput(self, config.depth, self._pipeline.depth, self._pipeline.counts, time.monotonic())
         self._bodies = None
         if isinstance(self._pipeline, PerBodyPipeline):
             qos = sensor_data(config.queue_depth)
@@ -159,8 +164,12 @@ class TrackerNode(Node):
         taken = [(message, info), *self._waiting()]
         waiting = [((message, info.get("received_timestamp", 0)), info) for message, info in taken]
         for chosen, received_ns in self._queue.choose(waiting, self._keypoints.get_publisher_count()):
-            if self.context.ok():
+            if not self.context.ok():
+                continue
+            if self._depth is None:
                 self.work_on(chosen, received_ns=received_ns)
+            else:
+                self._depth.hold(stamp_of(chosen), partial(self.work_on, chosen, received_ns=received_ns))
         self._queue.done(time.time_ns())
 
     def _waiting(self) -> Iterator[tuple[Any, Mapping[str, Any]]]:
@@ -265,6 +274,8 @@ class TrackerNode(Node):
             self._absent_clock.excuse(now)
         self._kept_camera_info.look(now, self._diagnostics.camera_came)
         self._absent_camera.look(now, self._diagnostics.camera_came)
+        if self._depth is not None:
+            self._depth.look(now)
         if self._absent_keypoints is not None:
             self._absent_keypoints.look(now, self._diagnostics.keypoints_came)
             if self._diagnostics.keypoints_came and matches_every_publisher(self._keypoints.qos_profile):

@@ -16,6 +16,7 @@ from lassokin_ros.core.calibration import Calibration
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.camera import OUTSIDE_IMAGE, Camera, View
+from lassokin_ros.pipeline.depth_images import DepthImages
 from lassokin_ros.pipeline.detections import detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
 from lassokin_ros.pipeline.outputs.urdf import check_names
@@ -39,7 +40,7 @@ class Pipeline:
     def __init__(self, tracker_config: TrackerConfig, node_config: NodeSettings) -> None:
         """Raises a LassokinError if the configuration is unusable."""
         self.config = node_config.checked()
-        skeleton = load_skeleton(tracker_config.checked().skeleton, tracker_config.height)
+        skeleton = load_skeleton(tracker_config.checked().skeleton, tracker_config.assumed_height)
         check_names(skeleton)
         self._trackable = [TrackedPerson(tracker_config, skeleton) for _ in range(self.config.max_people)]
         self.tracker = self._trackable[0].tracker
@@ -52,6 +53,8 @@ class Pipeline:
         self.people = _people_tracker(self._trackable, self.counts, self.config.several_people)
         self._adapter = keypoint_adapter(self.config.keypoints_type)
         self.camera = Camera(self.config.rectified)
+        self.depth = DepthImages(self.counts) if self.config.depth else None
+        """The depth images, None if the setting `depth` names no topic."""
         self._stamps = StampWatch()
         self._camera_frame: str | None = None  # frame of the camera that took the last image
         self._latest: tuple[int, int] | None = None  # stamp and arrival, ns, of the last message not refused as a whole
@@ -94,6 +97,8 @@ class Pipeline:
     def reset(self) -> None:
         """Forget all people and the stamps. The camera and the counts stay."""
         self._stamps.reset()
+        if self.depth is not None:
+            self.depth.reset()
         self._forget_people()
 
     def _forget_people(self) -> None:
@@ -156,6 +161,8 @@ class Pipeline:
                 self.counts["unstamped"] += 1
             stamped = keypoints.stamp_ns is not None
             stamp_ns = keypoints.stamp_ns or self._stamps.estimate(arrival_ns)
+            if self.depth is not None:
+                keypoints = self.depth.with_depth(keypoints, stamp_ns, view.size, view.intrinsics.frame_id)
             image = PeopleImage(keypoints, stamp_ns, frame_id, view.lens, self._has_persistent_numbers(keypoints))
             if self._is_back_in_time(image, arrival_ns, stamped):
                 self._jump_back(image)

@@ -22,6 +22,10 @@ class NodeSettings:
     keypoints_type: str = setting(
         "sensor_msgs/msg/PointCloud2", f"message type of the topic keypoints, one of: {', '.join(ADAPTERS)}"
     )
+    depth: str = setting(
+        "",
+        "topic of depth images (sensor_msgs/Image) that are registered to the colour image; empty for none",
+    )
     rectified: bool = setting(
         False, "keypoints are pixels of the rectified image: camera_info's P is used in place of K and D"
     )
@@ -96,6 +100,8 @@ class NodeSettings:
                 f"frame_prefix is '{self.frame_prefix}'; expected a prefix without spaces and not starting with /, "
                 "such as human/ (tf2 refuses both)"
             )
+        if any(character.isspace() for character in self.depth):
+            raise ConfigurationError(f"depth is '{self.depth}'; expected the name of a topic, or nothing")
         if Path(self.skeleton_output).suffix.lower() not in SUFFIXES:
             raise ConfigurationError(
                 f"skeleton_output is '{self.skeleton_output}'; expected the name of a file that ends in "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from itertools import groupby
 from operator import attrgetter
@@ -23,10 +24,13 @@ from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import Backend, RosbagsBackend
+from msg_adapters.keypoints import stamp_of
 from msg_adapters.output_messages.builders import DiagnosticArrayBuilder
 
 DIAGNOSTICS_PERIOD_NS = 1_000_000_000
 LIVE_ONLY = {topic.name for topic in topics.LIVE_OUTPUTS}
+DEPTH_WAIT_NS = 100_000_000
+"""ns of recording time for which a keypoint message waits for its depth image."""
 UNREADABLE = "not_deserialised"
 LINK_AS_FRAME = "frame_id is a link's name"
 """Key of the count of frames whose frame_id robot_description cannot use as its base."""
@@ -61,6 +65,7 @@ class OfflineTracker:
         self._list = id_list(self._backend, node_config.rep155)
         self._diagnostics: Diagnostics | None = None
         self._next_diagnostics_ns = 0
+        self._held: deque[tuple[Any, int]] = deque()
         self.newest_ns = 0
         """Recording time of the newest message, ns."""
 
@@ -90,6 +95,27 @@ class OfflineTracker:
         are reused for the next frame: serialise them at once.
         """
         yield from self._tick(time_ns)
+        self._held.append((message, time_ns))
+        yield from self._track_held(time_ns)
+
+    def depth_image(self, message: Any, time_ns: int) -> Iterator[tuple[str, str, Any]]:
+        """Process a depth image, None for one that could not be deserialised; see `keypoints`."""
+        yield from self._tick(time_ns)
+        if message is not None and self.pipeline.depth is not None:
+            self.pipeline.depth.add(message, time_ns)
+        yield from self._track_held(time_ns)
+
+    def _track_held(self, now_ns: int) -> Iterator[tuple[str, str, Any]]:
+        """Track the keypoint messages whose depth image has come or is not expected any more."""
+        while self._held:
+            message, time_ns = self._held[0]
+            depth, late = self.pipeline.depth, now_ns - time_ns >= DEPTH_WAIT_NS
+            if depth is not None and message is not None and not late and depth.awaits(stamp_of(message)):
+                return
+            self._held.popleft()
+            yield from self._track(message, time_ns)
+
+    def _track(self, message: Any, time_ns: int) -> Iterator[tuple[str, str, Any]]:
         if message is None:
             self.pipeline.counts["received"] += 1
             self.pipeline.counts[f"rejected: {UNREADABLE}"] += 1
@@ -108,6 +134,8 @@ class OfflineTracker:
 
     def finish(self) -> Iterator[tuple[str, str, Any]]:
         """Flush the frames that `smoothing_lag` still holds at the end of the recording; see `keypoints`."""
+        while self._held:
+            yield from self._track(*self._held.popleft())
         frames = self.pipeline.flush()
         if frames:
             self._notify(frames, self.newest_ns, float("nan"))

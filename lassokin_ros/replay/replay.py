@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
@@ -57,6 +57,9 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
         keypoints_type = full_type_name(node_config.keypoints_type)
         keypoints = bag.find(keypoints_type, options.keypoints_topic, topics.KEYPOINTS, "--keypoints-topic")
         camera = bag.find(topics.CAMERA_INFO_TYPE, options.camera_info_topic, topics.CAMERA_INFO, "--camera-info-topic")
+        depth = []
+        if node_config.depth:
+            depth = [bag.find(topics.DEPTH_IMAGE_TYPE, node_config.depth, topics.DEPTH_IMAGE, "-p depth:=")]
         tracker = OfflineTracker(tracker_config, node_config, bag.types)
         report = _report(options, tracker)
         exports = _exports(options, tracker)
@@ -65,8 +68,11 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
         # All or nothing: every file is complete on the disk before the recording and the files get their names.
         with AtomicFiles(options.force, OutputError) as files:
             with BagWriter(output, storage, bag.types, options.force, is_inside_name) as writer:
-                progress = Progress(keypoints.count + camera.count, "messages", progress_on)
-                seconds = _run(bag, keypoints, camera, tracker, writer, progress)
+                inputs = {topic.name: tracker.depth_image for topic in depth}
+                inputs |= {camera.name: tracker.camera_info, keypoints.name: tracker.keypoints}
+                read = [keypoints, camera, *depth]
+                progress = Progress(sum(topic.count for topic in read), "messages", progress_on)
+                seconds = _run(bag, read, inputs, tracker, writer, progress)
                 figures = _figures(tracker)
                 writer.note(KEY, Record(origin_of(options), figures).text)
                 written = _files(options, tracker, exports, writer, files)
@@ -79,14 +85,21 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
 
 
 def _run(
-    bag: BagReader, keypoints: RecordedTopic, camera: RecordedTopic, tracker: Any, writer: BagWriter, progress: Progress
+    bag: BagReader,
+    read: Sequence[RecordedTopic],
+    inputs: Mapping[str, Callable[[Any, int], Iterator[tuple[str, str, Any]]]],
+    tracker: Any,
+    writer: BagWriter,
+    progress: Progress,
 ) -> float:
-    """Process every message and return the elapsed time in s."""
+    """Process every message of the topics and return the elapsed time in s.
+
+    inputs: by the topic's name, what processes its messages and yields the outputs.
+    """
     started = time.monotonic()
     try:
-        for topic, time_ns, message in bag.messages([keypoints, camera]):
-            process = tracker.keypoints if topic == keypoints.name else tracker.camera_info
-            for name, message_type, output in process(message, time_ns):
+        for topic, time_ns, message in bag.messages(read):
+            for name, message_type, output in inputs[topic](message, time_ns):
                 writer.write(name, message_type, time_ns, output, topics.is_latched(name))
             progress.advance(note=tracker.pipeline.status.value)
         for name, message_type, output in tracker.finish():

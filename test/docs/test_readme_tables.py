@@ -75,7 +75,7 @@ def rows(direction):
 
 
 def test_directions_are_known():
-    assert {row[0] for row in TOPICS} == {"in", "out", "service"}
+    assert {row[0] for row in TOPICS} == {"in", "in, optional", "out", "service"}
     assert all(len(row) == 4 and row[3] for row in TOPICS)
 
 

@@ -35,7 +35,7 @@ def test_every_parameter_file_starts_a_tracker(name):
 
 
 def test_there_is_one_for_each_usual_set_up():
-    assert set(FILES) == {"tracker", "webcam_yolo", "openpose", "mediapipe", "rosbag"}
+    assert set(FILES) == {"tracker", "webcam_yolo", "openpose", "mediapipe", "rosbag", "realsense", "oak", "zed"}
 
 
 def test_urdf_from_settings():
@@ -152,7 +152,7 @@ def test_launch_reads_every_boolean_in_the_same_way(launch_file, text, value):
         ({"log_level": "loud"}, "log_level:=loud; expected one of: debug"),
         ({"heigth": "1.8"}, "no argument 'heigth'; did you mean 'height'"),
         ({"keypoint": "/a"}, "did you mean 'keypoints'"),
-        ({"height": "9"}, "0.3 to 2.6 m"),
+        ({"height": "9"}, "0 to 2.6 m"),
         ({"params": "nothing"}, "nothing.yaml"),
     ],
 )

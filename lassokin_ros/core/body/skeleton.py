@@ -84,6 +84,10 @@ class Skeleton:
         """The same tree with other rest offsets (n, 3) in m."""
         return replace(self, offsets=np.array(offsets, dtype=float))
 
+    def scaled(self, ratio: float) -> Skeleton:
+        """The same body, taller by a factor."""
+        return replace(self, offsets=self.offsets * ratio, height=self.height * ratio)
+
     def with_bone_scales(self, scales: np.ndarray) -> Skeleton:
         """The same tree with the bone that ends in each joint scaled by (n,) factors."""
         return self.with_offsets(self.offsets * np.asarray(scales, dtype=float)[:, None])

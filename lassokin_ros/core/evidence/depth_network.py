@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from lassokin_ros.core.batch import shared
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 
@@ -201,16 +202,18 @@ class Prediction:
     """Where the network places `TARGETS` relative to the middle of the hips, in the virtual camera, in heights.
 
     places: (..., DEPTHS, 3); whitening: (..., DEPTHS, DEPTHS) lower triangular, so that whitening @ (depths - truth)
-    has independent errors of unit scale; scale: (..., DEPTHS), of the errors of x and y.
+    has independent errors of unit scale; scale: (..., DEPTHS), of the errors of x and y. rotation: (..., 3, 3) from the
+    camera frame into the virtual camera.
     """
 
     places: np.ndarray
     whitening: np.ndarray
     scale: np.ndarray
+    rotation: np.ndarray
 
 
-def interpreted(outputs: np.ndarray) -> Prediction:
-    """The meaning of the network's outputs (..., OUTPUTS)."""
+def interpreted(outputs: np.ndarray, rotation: np.ndarray) -> Prediction:
+    """The meaning of the network's outputs (..., OUTPUTS), in the virtual camera of this rotation (..., 3, 3)."""
     lead = outputs.shape[:-1]
     d = DEPTHS
     places = outputs[..., : 3 * d].reshape(*lead, 3, d).swapaxes(-1, -2)
@@ -219,7 +222,7 @@ def interpreted(outputs: np.ndarray) -> Prediction:
     whitening[..., _LOWER[0], _LOWER[1]] = outputs[..., 4 * d : -d]
     whitening[..., np.arange(d), np.arange(d)] = 1.0
     whitening *= diagonal[..., None]
-    return Prediction(places, whitening, np.exp(np.clip(outputs[..., -d:], -5.0, 1.0)))
+    return Prediction(places, whitening, np.exp(np.clip(outputs[..., -d:], -5.0, 1.0)), rotation)
 
 
 class Network:
@@ -236,6 +239,17 @@ class Network:
         for A, a, B, b in zip(*(w[2 + i : -2 : 4] for i in range(4))):
             h += np.maximum(h @ A + a, 0) @ B + b
         return np.asarray(h @ w[-2] + w[-1])
+
+    @shared(takes=(), gives=())
+    def predict(self, scene: Scene) -> Prediction:
+        """The places of the targets in a scene, of one person or of several at once."""
+        inputs, rotation = features(scene)
+        return interpreted(self(inputs), rotation)
+
+    @staticmethod
+    def stack(several: Sequence[Network]) -> Network:
+        """One network serves all people."""
+        return several[0]
 
 
 def load_weights(file: Path | None = None) -> tuple[Network, dict[str, Any]]:

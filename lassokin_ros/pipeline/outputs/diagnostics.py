@@ -10,6 +10,8 @@ import numpy as np
 
 from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.camera import OUTSIDE_IMAGE
+from lassokin_ros.pipeline.depth_images import COUNTS as DEPTH_COUNTS
+from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.outputs.calibration_status import calibration_figures
@@ -119,7 +121,15 @@ class Diagnostics:
                 "does the detector get it?"
             )
         suspicion = "" if pipeline.camera.view is None else pipeline.camera.suspicion
-        possible = suspicion, _unused(recent), self._beyond(recent), self._no_body(), self._turnover(recent), concern
+        possible = (
+            suspicion,
+            _unused(recent),
+            self._beyond(recent),
+            self._no_body(),
+            self._turnover(recent),
+            self._depth_concern(recent),
+            concern,
+        )
         concerns = [words for words in possible if words]
         level = OK if status is Status.TRACKING and not concerns else WARN
         return level, "; ".join([status.value, *concerns])
@@ -138,9 +148,9 @@ class Diagnostics:
         """What to look at where a period's keypoints are no body's; empty where they are one's."""
         if not self._misfits or (far := float(np.median(self._misfits))) < NO_BODY:
             return ""
-        config = self._pipeline.tracker.config
+        config, height = self._pipeline.tracker.config, self._pipeline.tracker.skeleton.height
         return (
-            f"keypoints are {far * config.height:.2f} m off the best body: does the detector count its landmarks as "
+            f"keypoints are {far * height:.2f} m off the best body: does the detector count its landmarks as "
             f"`landmarks: {config.landmarks}` says, and in pixels of the raw image?"
         )
 
@@ -153,6 +163,22 @@ class Diagnostics:
             f"{recent['people come']} people came and {recent['people left']} left within a second: do the message's "
             "person numbers change from image to image? Then set person_ids to node"
         )
+
+    def _depth_concern(self, recent: Counter[str]) -> str:
+        """Return why measured depth is not used in this period; empty if it is, or if none is configured."""
+        pipeline = self._pipeline
+        if pipeline.depth is None:
+            return ""
+        if not recent[RECEIVED]:
+            return f"no depth images on {pipeline.config.depth}: tracking without measured depth"
+        if pipeline.depth.fault:
+            return pipeline.depth.fault
+        if recent[UNMATCHED] > recent[MATCHED]:
+            return (
+                f"{recent[UNMATCHED]} of {recent[UNMATCHED] + recent[MATCHED]} keypoint messages had no depth image of "
+                "their time: do both carry the stamp of the camera, and do depth images arrive before the keypoints?"
+            )
+        return ""
 
     def _largest_deviation(self) -> float:
         return max((float(f.uncertainty.deviation.max()) for f in self._newest), default=float("nan"))
@@ -180,6 +206,8 @@ class Diagnostics:
             gone = len(set(self._pipeline.ids or ()) - set(presence.ids))  # in a silence: the next message counts them
             values["people come"], values["people left"] = str(counts["people come"]), str(counts["people left"] + gone)
             values["people beyond max_people"] = str(counts["people beyond max_people"])
+        if self._pipeline.depth is not None:
+            values |= {f"{key} [messages]": str(counts[key]) for key in DEPTH_COUNTS}
         listed = (OUTSIDE_IMAGE, PLACEHOLDERS)
         for key in sorted(key for key in counts if key.startswith("rejected: ") or key in listed):
             values[f"{key} [messages]"] = str(counts[key])

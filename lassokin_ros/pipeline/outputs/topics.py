@@ -10,6 +10,9 @@ from dataclasses import dataclass
 KEYPOINTS = "keypoints"
 CAMERA_INFO = "camera_info"
 CAMERA_INFO_TYPE = "sensor_msgs/msg/CameraInfo"
+DEPTH_IMAGE = "depth"
+DEPTH_IMAGE_TYPE = "sensor_msgs/msg/Image"
+"""The name by which documentation and errors call the topic that the parameter `depth` names."""
 CLOCK = "/clock"
 CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
 

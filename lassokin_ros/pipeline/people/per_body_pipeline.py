@@ -32,7 +32,7 @@ class PerBodyPipeline(Pipeline):
         super().__init__(tracker_config, _for_one(node_config))
         self._idle = [Pipeline(tracker_config, self.config) for _ in range(node_config.max_people)]
         for pipeline in self._idle:
-            pipeline.camera, pipeline.counts = self.camera, self.counts
+            pipeline.camera, pipeline.counts, pipeline.depth = self.camera, self.counts, self.depth
         self._all = tuple(self._idle)
         self._present: dict[str, Pipeline] = {}
         self.config = node_config.checked()

@@ -33,13 +33,15 @@ class Detection:
     """One person in one image.
 
     points: (l, 2) normalised, NaN = missing; confidence: (l,); number: the person number in the message; pixels:
-    (l, 2) px from the detector, None without a detection.
+    (l, 2) px from the detector, None without a detection. depth, depth_of_surface: as in Observation.
     """
 
     points: np.ndarray
     confidence: np.ndarray
     number: int = 0
     pixels: np.ndarray | None = None
+    depth: np.ndarray | None = None
+    depth_of_surface: bool = True
 
 
 class TrackedPerson:
@@ -98,7 +100,14 @@ class TrackedPerson:
             lens=lens,
             skeleton=self.tracker.skeleton,  # calibration changes the lengths for the next frame only
         )
-        observation = Observation(seconds, seen.points, seen.confidence, lens.focal)
+        observation = Observation(
+            seconds,
+            seen.points,
+            seen.confidence,
+            lens.focal,
+            depth=seen.depth,
+            depth_of_surface=seen.depth_of_surface,
+        )
         estimate = yield from self.tracker.steps(observation)
         self.status = estimate.status
         if estimate.rejection is not None:
