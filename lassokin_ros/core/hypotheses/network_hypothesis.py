@@ -1,7 +1,7 @@
 """The depth network's pose as a hypothesis: fitted to the frames, it replaces a state that explains them worse.
 
-A fit begins where the network's joints lie elsewhere than the tracked ones. Its iterations are spread over the frames of
-`EVERY` seconds, each on the newest frame, so that no frame takes much longer than the others.
+A fit begins where the network's joints lie elsewhere than the tracked ones. Its iterations are spread over the frames
+of `EVERY` seconds, each on the newest frame, so that no frame takes much longer than the others.
 """
 
 from __future__ import annotations
