@@ -43,6 +43,7 @@ class TrackerConfig:
         "m",
         0.0,
         2.6,
+        live=True,
     )
     skeleton: str = setting("anthropometric", "built-in skeleton, or path of a YAML, SMPL npz, BVH or URDF file")
     landmarks: str = setting("coco17", "landmark layout of the detector, or path of a YAML file")
@@ -108,6 +109,18 @@ class TrackerConfig:
     def assumed_height(self) -> float:
         """m: `height`, or that of a typical person if it is to be measured."""
         return self.height or TYPICAL_HEIGHT
+
+
+OFF = "off"
+
+
+def without_bool(value: Any, metadata: Mapping[str, Any]) -> Any:
+    """Return the choice that a bool stands for, and any other value as it is. In YAML an unquoted `off` is false.
+
+    This concerns settings whose first choice is `off`; the second one stands for true.
+    """
+    choices = metadata["choices"]
+    return choices[int(value)] if isinstance(value, bool) and OFF in choices[:1] else value
 
 
 def check_setting(name: str, value: Any, metadata: Mapping[str, Any], kind: type) -> None:

@@ -21,7 +21,8 @@ class Estimate:
     state, pose: what is to be published; solved: the state that the certificate is about, to which omega (3 n,) and
     translation_step (3,) led from the last frame's, before it was steadied; cost: its negative log-likelihood (with the
     camera's tilt's, where it was found anew), where keypoints were taken to be off by `excess` times the least (see
-    `doubt`); confidence: of an initialised frame, how likely the start is beside the next best, else NaN.
+    `doubt`); confidence: of an initialised frame, how likely the start is beside the next best, else NaN; visible: (l,)
+    bool, the keypoints that were detected in this frame and have a weight.
     """
 
     stamp: float
@@ -41,6 +42,7 @@ class Estimate:
     excess: float = 1.0
     confidence: float = float("nan")
     repeated: float = 0.0
+    visible: np.ndarray | None = None
 
     @property
     def accepted(self) -> bool:

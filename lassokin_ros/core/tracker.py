@@ -52,6 +52,7 @@ from lassokin_ros.core.lasso.certificate import Certificate
 from lassokin_ros.core.lasso.solver import LassoSolver
 from lassokin_ros.core.observation import Observation, Rejection, Status
 from lassokin_ros.core.output.fixed_lag import FixedLag
+from lassokin_ros.core.output.observed import ObservedJoints
 from lassokin_ros.core.output.output_filter import OutputFilter
 from lassokin_ros.core.output.uncertainty import JointUncertainty, UncertaintyModel
 
@@ -129,6 +130,7 @@ class Tracker:
         self.calibration, self.adaptive_mean = Calibration(self._rows), AdaptiveMean(self._rows)
         self._output_filter, self._lag = OutputFilter(self.kinematics.joint_count), FixedLag(self.kinematics)
         self._uncertainty = UncertaintyModel(self.kinematics, prior)
+        self._observed = ObservedJoints(self.skeleton, self.layout.joints)
 
     def _depth_estimator(self) -> DepthEstimator | None:
         """The depth network for this skeleton and layout; None if it is switched off or cannot be used with them."""
@@ -180,9 +182,14 @@ class Tracker:
         """Copy the camera's vertical from trackers of other people in the same images, if one has learned it."""
         self._upright.adopt(other._upright for other in others)
 
-    def tune(self, config: TrackerConfig) -> None:
-        """Use new live settings. Structural settings (height, skeleton, landmarks, solver) are not changed."""
+    def tune(self, config: TrackerConfig, skeleton: Skeleton | None = None) -> None:
+        """Use new live settings. Structural settings (skeleton, landmarks, solver) are not changed.
+
+        A new height makes the tracker forget the person. skeleton: for the new height, in place of `config.skeleton`.
+        """
         before, self.config = self.config, config.checked()
+        if config.height != before.height:
+            self._use_height(skeleton or Skeleton.load(config.skeleton, config.assumed_height))
         if (config.camera_roll, config.camera_pitch) != (before.camera_roll, before.camera_pitch):
             self._upright.mounted(config.camera_roll, config.camera_pitch)
 
@@ -424,6 +431,7 @@ class Tracker:
             excess=self.model_error.excess,
             confidence=float("nan") if fit is None else fit.confidence,
             repeated=measurement.repeated,
+            visible=measurement.visible & (measurement.weights > 0),
         )
 
     def _learn(
@@ -439,6 +447,12 @@ class Tracker:
             depth = float(start.translation[2] + increment.x[2])
             weights = np.where(measurement.visible, measurement.weights, 0.0)  # a landmark not seen is extrapolated
             self.model_error.advance(stamp, increment.problem, increment.solution.omega, weights, depth)
+
+    def observed(self, estimate: Estimate) -> np.ndarray:
+        """Return (n,) bool, the joints that keypoints observe. Raises ValueError for a rejected estimate."""
+        if estimate.visible is None:
+            raise ValueError("this frame was rejected; only an accepted estimate has observed joints")
+        return self._observed.of(estimate.visible)
 
     def _calibrate(self, stamp: float, frame: FrameData, initialised: bool) -> None:
         """Update the bone lengths from a tracked frame. New lengths are used from the next frame on."""
@@ -469,6 +483,14 @@ class Tracker:
         self._body_hypotheses.start(self._state, frame)
         if self._depth is None:
             self._limbs.start(self._state)
+
+    def _use_height(self, given: Skeleton) -> None:
+        """Forget the person and use another body, for a new setting of the height."""
+        self.reset(same_camera=True)
+        self.height = HeightEstimator() if self.config.height == 0 else None
+        self._build(given)
+        self._measurements.resize(self.layout.surface, self.skeleton.height)
+        self._adopt_lengths()
 
     def _resize(self, height: float) -> None:
         """Build all anew for a body of this height, m, with the given proportions."""

@@ -11,7 +11,14 @@ from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
 from lassokin_ros.core.observation import Observation
-from lassokin_ros.core.output.uncertainty import FACTOR, LARGEST, PositionJacobian, UncertaintyModel
+from lassokin_ros.core.output.uncertainty import (
+    FACTOR,
+    LARGEST,
+    PLACE_DEVIATION,
+    SCALE_DEVIATION,
+    PositionJacobian,
+    UncertaintyModel,
+)
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion
 
@@ -122,3 +129,58 @@ def replace_points(tracker, estimate):
     count = len(tracker.layout.names)
     empty = Observation(0.0, np.full((count, 2), np.nan), np.zeros(count), FOCAL)
     return replace(empty, stamp=estimate.stamp + 0.1)
+
+
+def numeric_absolute(tracker, estimate):
+    """(n, 3, 3) and (6, 6): of the whole linear model of Omega and x, before they are calibrated."""
+    problem, pose = estimate.problem, estimate.pose
+    live = np.flatnonzero(tracker.kinematics.live)
+    model = np.hstack([problem.A, problem.B])
+    information = model.T @ model
+    information[np.arange(len(live)), np.arange(len(live))] += WEAKEST
+    covariance = np.linalg.inv(information)
+    J = PositionJacobian(tracker.kinematics, live, np.ones(len(live))).at(pose)
+    positions = np.concatenate([J, np.tile(np.eye(3), (len(J), 1, 1))], axis=2)
+    turn = np.zeros((3, len(covariance)))
+    turn[:, :3] = pose.orientations[0]
+    pelvis = np.vstack([positions[0], turn])
+    return positions @ covariance @ positions.swapaxes(1, 2), pelvis @ covariance @ pelvis.T
+
+
+def test_absolute_covariances_are_those_of_increment_and_translation():
+    tracker, estimate = followed()
+    found = tracker.uncertainty(estimate).absolute
+    joints, pelvis = numeric_absolute(tracker, estimate)
+    place = estimate.pose.positions[0]
+    size = SCALE_DEVIATION**2 * np.outer(place, place) + PLACE_DEVIATION**2 * np.eye(3)
+    # What the problem does not hold (hands, feet) is the prior's, and no part of the pelvis' or an elbow's covariance.
+    for name in ("pelvis", "left_elbow", "right_knee"):
+        i = tracker.skeleton.index(name)
+        Y = problem_free(estimate)
+        limit = 1 + np.trace(joints[i] - Y) / LARGEST**2
+        expected = FACTOR**2 * ((joints[i] - Y) / limit + Y) + size
+        assert np.allclose(found.joints[i], expected, rtol=1e-4, atol=1e-10), name
+    assert np.allclose(found.pelvis[3:, 3:], FACTOR**2 * pelvis[3:, 3:], rtol=1e-4)
+    assert np.allclose(found.pelvis[:3, 3:], FACTOR**2 * pelvis[:3, 3:], rtol=1e-3, atol=1e-8)
+    assert np.array_equal(found.pelvis[:3, :3], found.joints[0])
+    assert np.linalg.eigvalsh(found.pelvis).min() > 0
+
+
+def problem_free(estimate):
+    """(B^T B)^-1 of the frame's problem."""
+    B = estimate.problem.B
+    return np.linalg.inv(B.T @ B)
+
+
+def test_depth_is_as_uncertain_as_the_size_of_the_body():
+    tracker, estimate = followed()
+    deviation = np.sqrt(np.diagonal(tracker.uncertainty(estimate).absolute.joints[0]))
+    x, y, z = estimate.pose.positions[0]
+    assert deviation[2] > SCALE_DEVIATION * z and max(deviation[:2]) < 0.3 * deviation[2]
+
+
+def test_absolute_is_computed_once_and_only_when_asked():
+    tracker, estimate = followed()
+    uncertainty = tracker.uncertainty(estimate)
+    assert "absolute" not in vars(uncertainty)
+    assert uncertainty.absolute is uncertainty.absolute
