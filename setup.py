@@ -16,6 +16,11 @@ REPLAY = ["rosbags>=0.11", *LENS]
 CLUSTER = ["distributed>=2024.8", *REPLAY]
 MEDIAPIPE = ["mediapipe>=0.10.14,<0.10.22", *REPLAY]  # later releases do not contain the weights of MediaPipe Pose
 ONNX = ["onnxruntime>=1.17", *REPLAY]
+VIEW = [
+    "rerun-sdk>=0.23.1",
+    "pyarrow<25; python_version < '3.13'",  # later ones need numpy 2 without saying so, and mediapipe needs numpy 1
+    *REPLAY,
+]
 REPORT = ["plotly>=6.0", *REPLAY]
 DEMO = ["matplotlib>=3.6", *ROS, *REPORT]
 TEST = [
@@ -44,6 +49,8 @@ TEST = [
     "types-PyYAML>=6.0",
     "playwright>=1.40",
     "pybvh>=0.9",
+    "onnx>=1.16",
+    "onnxruntime>=1.17",
     *DEMO,
     *CLUSTER,
 ]
@@ -76,6 +83,7 @@ setup(
         "replay": REPLAY,
         "report": REPORT,
         "video": REPLAY,
+        "view": VIEW,
         "mediapipe": MEDIAPIPE,
         "onnx": ONNX,
         "cluster": CLUSTER,
@@ -88,6 +96,7 @@ setup(
             "lassokin = lassokin_ros.cli.lassokin:main",
             "tracker = lassokin_ros.node.command:tracker",
             "detector = lassokin_ros.detector.command:main",
+            "camera = lassokin_ros.camera.command:main",
             "replay = lassokin_ros.cli.replay:main",
         ]
     },

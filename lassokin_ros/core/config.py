@@ -111,6 +111,18 @@ class TrackerConfig:
         return self.height or TYPICAL_HEIGHT
 
 
+OFF = "off"
+
+
+def without_bool(value: Any, metadata: Mapping[str, Any]) -> Any:
+    """Return the choice that a bool stands for, and any other value as it is. In YAML an unquoted `off` is false.
+
+    This concerns settings whose first choice is `off`; the second one stands for true.
+    """
+    choices = metadata["choices"]
+    return choices[int(value)] if isinstance(value, bool) and OFF in choices[:1] else value
+
+
 def check_setting(name: str, value: Any, metadata: Mapping[str, Any], kind: type) -> None:
     """Raise ConfigurationError, saying what was expected, when a value has the wrong type or is out of range."""
     right_kind = isinstance(value, (int, float)) if kind is float else isinstance(value, kind)

@@ -23,7 +23,8 @@ class Estimate:
     camera's tilt's, where it was found anew), where keypoints were taken to be off by `excess` times the least (see
     `failure_probability`); confidence: of an initialised frame, how likely the start is beside the next best, else NaN;
     measurements: number of keypoints and measured depths that were used; length_deviation: (p,) standard deviation of
-    the log-lengths; joint_depths: what the depth network estimated.
+    the log-lengths; joint_depths: what the depth network estimated; visible: (l,) bool, the keypoints that were
+    detected in this frame and have a weight.
     """
 
     stamp: float
@@ -46,6 +47,7 @@ class Estimate:
     measurements: int = 0
     length_deviation: np.ndarray | float = 0.0
     joint_depths: JointDepths | None = None
+    visible: np.ndarray | None = None
 
     @property
     def accepted(self) -> bool:

@@ -52,6 +52,7 @@ from lassokin_ros.core.lasso.certificate import Certificate
 from lassokin_ros.core.lasso.solver import LassoSolver
 from lassokin_ros.core.observation import Observation, Rejection, Status
 from lassokin_ros.core.output.fixed_lag import FixedLag
+from lassokin_ros.core.output.observed import ObservedJoints
 from lassokin_ros.core.output.output_filter import OutputFilter
 from lassokin_ros.core.output.uncertainty import JointUncertainty, UncertaintyModel
 
@@ -130,6 +131,7 @@ class Tracker:
         self._output_filter, self._lag = OutputFilter(self.kinematics.joint_count), FixedLag(self.kinematics)
         proportions = self.calibration.proportions
         self._uncertainty = UncertaintyModel(self.kinematics, prior, proportions, learned[0] if learned else None)
+        self._observed = ObservedJoints(self.skeleton, self.layout.joints)
 
     def _depth_estimator(self) -> DepthEstimator | None:
         """The depth network for this skeleton and layout; None if it is switched off or cannot be used with them."""
@@ -433,6 +435,7 @@ class Tracker:
             measurements=measurement.count,
             length_deviation=self.calibration.spread,
             joint_depths=self._joint_depths,
+            visible=measurement.visible & (measurement.weights > 0),
         )
 
     def _learn(
@@ -448,6 +451,12 @@ class Tracker:
             depth = float(start.translation[2] + increment.x[2])
             weights = np.where(measurement.visible, measurement.weights, 0.0)  # a landmark not seen is extrapolated
             self.model_error.advance(stamp, increment.problem, increment.solution.omega, weights, depth)
+
+    def observed(self, estimate: Estimate) -> np.ndarray:
+        """Return (n,) bool, the joints that keypoints observe. Raises ValueError for a rejected estimate."""
+        if estimate.visible is None:
+            raise ValueError("this frame was rejected; only an accepted estimate has observed joints")
+        return self._observed.of(estimate.visible)
 
     def _calibrate(self, stamp: float, frame: FrameData, initialised: bool) -> None:
         """Update the bone lengths from a tracked frame. New lengths are used from the next frame on."""

@@ -15,7 +15,6 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from lassokin_ros.core.errors import LassokinError
-from lassokin_ros.core.observation import Status
 from lassokin_ros.node.camera_info_input import CameraInfoInput
 from lassokin_ros.node.depth_input import DepthInput
 from lassokin_ros.node.latched_camera_info import LatchedCameraInfo
@@ -26,6 +25,7 @@ from lassokin_ros.node.person_outputs import PeopleOutputs, PersonOutputs, adver
 from lassokin_ros.node.polled_subscription import SimulatedTime, ignore_events
 from lassokin_ros.node.qos import matches_every_publisher, overrides, sensor_data
 from lassokin_ros.node.rep155_inputs import Rep155Inputs
+from lassokin_ros.node.scene_outputs import SceneOutputs
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.keypoint_queue import KeypointQueue
 from lassokin_ros.pipeline.outputs import topics
@@ -56,7 +56,7 @@ class TrackerNode(Node):
         self._pipeline = (PerBodyPipeline if settings[1].topic_per_body else Pipeline)(*settings)
         self._camera_warning = LogThrottle(self.get_logger().warning, time.monotonic)
         self._warning = LogThrottle(self.get_logger().warning, time.monotonic)
-        self._said_nobody = self._said_unstamped = self._said_misplaced = self._said_tracking = False
+        self._said_unstamped = self._said_misplaced = False
         name = self.get_fully_qualified_name().lstrip("/")  # /diagnostics is shared by the trackers of all namespaces
         self._status = DiagnosticArrayBuilder(RclpyBackend())
         self._diagnostics = Diagnostics(self._pipeline, name, time.monotonic())
@@ -87,6 +87,7 @@ class TrackerNode(Node):
     def _open_outputs(self, config: NodeSettings, name: str) -> None:
         """One person's topics, or those that several people's begin with."""
         skeleton = self._pipeline.tracker.skeleton
+        self._scene = SceneOutputs(self, self._pipeline)
         self._person = self._people = None
         if config.several_people:
             self._people = PeopleOutputs(self, skeleton, config, name)
@@ -207,6 +208,7 @@ class TrackerNode(Node):
         try:
             frames = (frames_in or self._pipeline.frames)(message, arrival_ns)
             self._publish(frames)
+            self._scene.publish(frames, arrival_ns)
             self._comment(frames)
         except Exception as error:  # the promise: no message, however strange, ends the node
             self._count_internal_error("a keypoint message", error)
@@ -235,9 +237,6 @@ class TrackerNode(Node):
 
     def _comment(self, frames: list[FrameResult]) -> None:
         """What is said in the log."""
-        if self._pipeline.nobody_in_view and not self._said_nobody:  # once: a room is empty most of the time
-            self._said_nobody = True
-            self.get_logger().info("nobody in view")
         for frame in frames:
             if not frame.accepted and not self._pipeline.nobody_in_view:
                 self._warning.say(str(frame.rejection), f"keypoints rejected ({frame.rejection}): {frame.detail}")
@@ -260,6 +259,7 @@ class TrackerNode(Node):
         ids = self._pipeline.presence_at(self._as_of_ns).ids
         if self._people is not None and ids is not None:
             self._people.keep(ids)
+        self._scene.look(self._as_of_ns)
 
     def _publish_diagnostics(self) -> None:
         if self._bodies is not None:
@@ -283,9 +283,6 @@ class TrackerNode(Node):
             self._absent_keypoints.look(now, self._diagnostics.keypoints_came)
             if self._diagnostics.keypoints_came and matches_every_publisher(self._keypoints.qos_profile):
                 ignore_events(self._keypoints)
-        if presence.status is Status.TRACKING and not self._said_tracking:  # the first time: later ones are too many
-            self._said_tracking = True
-            self.get_logger().info("tracking")
         line = self._diagnostics.line(now, presence, concern)
         self._diagnostics_out.publish(self._status.fill(clock.now().nanoseconds, "", [line]))
 
@@ -322,13 +319,19 @@ class TrackerNode(Node):
 
     def _forget(self) -> None:
         self._pipeline.reset()
+        self._end_outputs()
+
+    def _end_outputs(self) -> None:
+        """Publish that the people of before the reset have gone."""
         if self._people is not None:
             self._people.keep(self._pipeline.ids or [])
+        self._scene.forget()
 
     def _tune(self, settings: Settings) -> None:
         height = self._pipeline.tracker.config.height
         self._pipeline.tune(*settings)
         if settings[0].height != height:
+            self._end_outputs()
             measured = " (measured)" if settings[0].height == 0 else ""
             self.get_logger().info(f"height is now {settings[0].height:g} m{measured}: the state is forgotten")
 

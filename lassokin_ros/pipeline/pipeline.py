@@ -65,6 +65,8 @@ class Pipeline:
         self._stamps = StampWatch()
         self._camera_frame: str | None = None  # frame of the camera that took the last image
         self._latest: tuple[int, int] | None = None  # stamp and arrival, ns, of the last message not refused as a whole
+        self.image: tuple[int, str] | None = None
+        """Stamp (ns) and frame_id of the last message that was not refused as a whole."""
 
     @property
     def has_camera(self) -> bool:
@@ -110,17 +112,22 @@ class Pipeline:
 
     def _forget_people(self) -> None:
         self.people.reset()
-        self._latest = self._camera_frame = None
+        self._latest = self._camera_frame = self.image = None
         self.counts["resets"] += 1
 
     def tune(self, tracker_config: TrackerConfig, node_config: NodeSettings) -> None:
-        """Apply settings that can change while running, from the next message on."""
+        """Apply settings that can change while running, from the next message on. Another height resets.
+
+        Raises SkeletonError, before anything is changed, if the file of the skeleton cannot be read anew.
+        """
         skeleton = None
         if tracker_config.height != self.tracker.config.height:
-            skeleton = load_skeleton(tracker_config.checked().skeleton, tracker_config.assumed_height)
+            skeleton = load_skeleton(tracker_config.skeleton, tracker_config.assumed_height)
         for tracked in self._trackable:
             tracked.tracker.tune(tracker_config, skeleton)
         self.config = node_config.checked()
+        if skeleton is not None:
+            self.reset()
 
     def set_camera(self, message: Any) -> str | None:
         """Apply a CameraInfo message. Return the key of the reason if it is refused; the last good camera then stays.
@@ -181,7 +188,7 @@ class Pipeline:
             frames = self.people.update(image, self.config.forget_after)
         except AdapterError as error:
             return [FrameResult(stamp_ns, frame_id, None, error.reason, str(error))]
-        self._latest = stamp_ns, arrival_ns
+        self._latest, self.image = (stamp_ns, arrival_ns), (stamp_ns, frame_id)
         if all(frame.accepted for frame in frames):
             self._stamps.seen(stamp_ns, self.people.tracked_at(stamp_ns))
             self._stamps.follow(stamp_ns, arrival_ns, stamped)

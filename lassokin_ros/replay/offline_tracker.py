@@ -18,14 +18,18 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages, id_list
+from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, images_of
+from lassokin_ros.pipeline.outputs.presence_state import PresenceState
 from lassokin_ros.pipeline.outputs.robot_description import RobotDescription
 from lassokin_ros.pipeline.outputs.skeleton_file import save_all
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import Backend, RosbagsBackend
+from msg_adapters.detectors.registry import full_type_name
 from msg_adapters.keypoints import stamp_of
-from msg_adapters.output_messages.builders import DiagnosticArrayBuilder
+from msg_adapters.output_messages.builders import DiagnosticArrayBuilder, StringBuilder
+from msg_adapters.output_messages.people import DEFINITIONS
 
 DIAGNOSTICS_PERIOD_NS = 1_000_000_000
 LIVE_ONLY = {topic.name for topic in topics.LIVE_OUTPUTS}
@@ -63,6 +67,7 @@ class OfflineTracker:
             self._tracked = topics.REP155_TRACKED_OUTPUT
             add_type(types, self._tracked.message_type, "std_msgs/Header header\nstring[] ids")
         self._list = id_list(self._backend, node_config.rep155)
+        self._scene = SceneMessages(self._backend, self.pipeline, types)
         self._diagnostics: Diagnostics | None = None
         self._next_diagnostics_ns = 0
         self._held: deque[tuple[Any, int]] = deque()
@@ -131,6 +136,7 @@ class OfflineTracker:
         for frame in frames:
             yield from self._outputs(frame)
         yield from self._list_of_people(time_ns)
+        yield from self._scene.outputs(frames, time_ns)
 
     def finish(self) -> Iterator[tuple[str, str, Any]]:
         """Flush the frames that `smoothing_lag` still holds at the end of the recording; see `keypoints`."""
@@ -141,6 +147,8 @@ class OfflineTracker:
             self._notify(frames, self.newest_ns, float("nan"))
         for frame in frames:
             yield from self._outputs(frame)
+        if frames:
+            yield from self._scene.outputs(frames, self.newest_ns)
 
     def _notify(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
         stamp = attrgetter("stamp_ns")
@@ -179,6 +187,9 @@ class OfflineTracker:
         if self._diagnostics is None:
             self._diagnostics = Diagnostics(self.pipeline, NODE_NAME, time_ns * 1e-9)
             self._next_diagnostics_ns = time_ns + DIAGNOSTICS_PERIOD_NS
+            yield self._scene.state()
+        else:
+            yield from self._scene.look(time_ns)
         if time_ns >= self._next_diagnostics_ns:
             self._next_diagnostics_ns = time_ns + DIAGNOSTICS_PERIOD_NS
             line = self._diagnostics.line(time_ns * 1e-9)
@@ -192,9 +203,7 @@ class PersonMessages:
     def __init__(self, backend: Backend, pipeline: Pipeline, person: str) -> None:
         """person: the id, empty when one person is followed."""
         skeleton, config = pipeline.tracker.skeleton, pipeline.config
-        self._messages = FrameMessages(
-            backend, skeleton, NODE_NAME, person, config.publish_tf, config.rep155, frame_prefix=config.frame_prefix
-        )
+        self._messages = FrameMessages(backend, skeleton, NODE_NAME, person, config)
         self._description = RobotDescription(
             backend, skeleton, config.base_frame, topics.link_prefix(config.frame_prefix, NODE_NAME, person)
         )
@@ -210,6 +219,40 @@ class PersonMessages:
         if description is not None:
             yield topics.ROBOT_DESCRIPTION, description
         yield from self._messages.build(frame, lambda topic: topic not in LIVE_ONLY)
+
+
+class SceneMessages:
+    """The people of each image, and the state of tracking when it changes; in the node this is SceneOutputs."""
+
+    def __init__(self, backend: Backend, pipeline: Pipeline, types: Any) -> None:
+        """types: the typestore of rosbags."""
+        self._pipeline, self._type = pipeline, full_type_name(pipeline.config.people_type)
+        for name, definition in DEFINITIONS.items():
+            if name.split("/")[0] == self._type.split("/")[0]:
+                add_type(types, name, definition)
+        self._people = PeopleMessages(backend, self._type)
+        self._state, self._text = PresenceState(), StringBuilder(backend)
+
+    def state(self) -> tuple[str, str, Any]:
+        """Return topic, type and message of the present state."""
+        name = topics.full_name(topics.STATE, NODE_NAME)
+        return name, topics.STATE_OUTPUT.message_type, self._text.fill(self._state.value)
+
+    def outputs(self, frames: Sequence[FrameResult], time_ns: int) -> Iterator[tuple[str, str, Any]]:
+        """Yield the people in one keypoint message, and the state if it has changed."""
+        pipeline = self._pipeline
+        config = pipeline.tracker.config
+        for image, people in images_of(frames, pipeline.image, config.smoothing_lag > 0):
+            self._people.update(people, pipeline.ids)
+            message = self._people.build(image, config.lost_after, pipeline.config.forget_after)
+            yield topics.full_name(topics.PEOPLE, NODE_NAME), self._type, message
+        yield from self.look(time_ns)
+
+    def look(self, time_ns: int) -> Iterator[tuple[str, str, Any]]:
+        """Yield the state if it has changed. time_ns: recording time of the present message."""
+        limits = self._pipeline.tracker.config.lost_after, self._pipeline.config.forget_after
+        if self._state.update(self._pipeline.presence_at(time_ns), time_ns, *limits):
+            yield self.state()
 
 
 def add_type(types: Any, message_type: str, definition: str) -> None:

@@ -12,6 +12,8 @@ from lassokin_ros.core.errors import LassokinError
 
 USAGE_ERROR = 2
 INTERRUPTED = 130
+WINDOW = Path()
+"""Value of --view without a file."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -58,6 +60,14 @@ def parser() -> argparse.ArgumentParser:
         "--export", type=Path, action="append", default=[], metavar="FILE", help=".csv, .npz, .bvh or .amass.npz"
     )
     result.add_argument("--video", type=Path, metavar="MP4", help="write the images with the skeleton as a video")
+    result.add_argument(
+        "--view",
+        nargs="?",
+        type=Path,
+        const=WINDOW,
+        metavar="RRD",
+        help="show all in the viewer Rerun, or record it for it",
+    )
     result.add_argument("--force", action="store_true", help="replace outputs that exist")
     return result
 

@@ -202,6 +202,8 @@ def complaints(said):
         "waiting for ",
         "the first message on ",
         "tracking",
+        "lost: ",
+        "nobody is tracked",
         "keypoints rejected (no_camera_info)",
         "reset: ",
     )

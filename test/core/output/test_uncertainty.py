@@ -8,15 +8,17 @@ from cases import body, central_difference, random_state, relative_error
 
 from lassokin_ros.core.body.proportions import Proportions
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
-from lassokin_ros.core.observation import Observation
+from lassokin_ros.core.observation import Observation, Status
 from lassokin_ros.core.output.uncertainty import (
     FACTOR,
     LARGEST,
     LENGTHS,
-    JointUncertainty,
+    PLACE_DEVIATION,
+    SCALE_DEVIATION,
     PositionJacobian,
     UncertaintyModel,
 )
@@ -76,8 +78,7 @@ def test_covariances_are_those_of_the_joints_jacobian(seen):
     problem = Lasso(random.normal(size=(100, seen)), random.normal(size=(100, 3)), np.zeros(100), np.ones(seen))
     before = problem.reduced.H.copy()
     pose = kinematics.pose(random_state(random, kinematics))
-    model = UncertaintyModel(kinematics, prior, Proportions(kinematics))
-    found = JointUncertainty(model.covariance(pose, problem, FACTOR, 0.0))
+    found = UncertaintyModel(kinematics, prior, Proportions(kinematics)).of(plain(pose, problem))
     assert np.array_equal(problem.reduced.H, before)
     variance = np.diag(np.diagonal(prior.covariance).astype(float))
     variance[np.ix_(live, live)] = np.linalg.inv(problem.reduced.H + WEAKEST * np.eye(seen))
@@ -88,15 +89,22 @@ def test_covariances_are_those_of_the_joints_jacobian(seen):
     assert np.allclose(found.deviation**2, np.trace(found.covariance, axis1=1, axis2=2), rtol=1e-12)
 
 
+def plain(pose, problem, length_deviation=0.0):
+    """An estimate with keypoints as bad as can be, whose problem counts as it is."""
+    return Estimate(
+        0.0, Status.TRACKING, pose=pose, problem=problem, cost=1.0, excess=10.0, length_deviation=length_deviation
+    )
+
+
 def test_the_lengths_uncertainty_moves_the_joints_that_they_carry():
     random, kinematics = np.random.default_rng(2), body()
     proportions, pose = Proportions(kinematics), kinematics.pose(random_state(random, kinematics))
-    exact = UncertaintyModel(kinematics, PoseDistribution.load(kinematics.skeleton), proportions)
+    model = UncertaintyModel(kinematics, PoseDistribution.load(kinematics.skeleton), proportions)
     count = int(np.count_nonzero(kinematics.live))
     problem = Lasso(random.normal(size=(count + 9, count)), np.eye(count + 9, 3), np.zeros(count + 9), np.ones(count))
     deviation = np.zeros(proportions.count)
     deviation[proportions.names.index("thigh")] = 0.05
-    without, more = (exact.covariance(pose, problem, FACTOR, d) for d in (0.0, deviation))
+    without, more = (model.of(plain(pose, problem, d)).covariance for d in (0.0, deviation))
     before, after = (np.trace(c, axis1=1, axis2=2) for c in (without, more))
     added = np.sqrt((after - before).clip(0))
     assert np.allclose(more[1:], without[1:] * (after / np.maximum(before, 1e-12))[1:, None, None], rtol=1e-9)
@@ -104,6 +112,14 @@ def test_the_lengths_uncertainty_moves_the_joints_that_they_carry():
     thigh = np.linalg.norm(kinematics.skeleton.offsets[index("left_knee")])
     assert added[[index("left_knee"), index("left_ankle")]] == pytest.approx(LENGTHS * 0.05 * thigh, rel=1e-6)
     assert added[[index("left_hip"), index("head"), index("right_wrist")]] == pytest.approx(0, abs=1e-6)
+
+
+def test_keypoints_are_not_trusted_more_than_those_of_real_detectors():
+    tracker, estimate = followed()
+    deviations = [
+        tracker.uncertainty(replace(estimate, excess=excess)).deviation[1:].mean() for excess in (1.0, 2.0, 5.0, 9.0)
+    ]
+    assert deviations[0] > deviations[1] > 1.05 * deviations[2] and deviations[2] == deviations[3]
 
 
 def test_unseen_legs_have_the_deviation_that_such_legs_have():
@@ -157,3 +173,59 @@ def replace_points(tracker, estimate):
     count = len(tracker.layout.names)
     empty = Observation(0.0, np.full((count, 2), np.nan), np.zeros(count), FOCAL)
     return replace(empty, stamp=estimate.stamp + 0.1)
+
+
+def numeric_absolute(tracker, estimate):
+    """(n, 3, 3) and (6, 6): of the whole linear model of Omega and x, before they are calibrated."""
+    problem, pose = estimate.problem, estimate.pose
+    live = np.flatnonzero(tracker.kinematics.live)
+    model = np.hstack([problem.A, problem.B])
+    information = model.T @ model
+    information[np.arange(len(live)), np.arange(len(live))] += WEAKEST
+    covariance = np.linalg.inv(information)
+    J = PositionJacobian(tracker.kinematics, live, np.ones(len(live))).at(pose)
+    positions = np.concatenate([J, np.tile(np.eye(3), (len(J), 1, 1))], axis=2)
+    turn = np.zeros((3, len(covariance)))
+    turn[:, :3] = pose.orientations[0]
+    pelvis = np.vstack([positions[0], turn])
+    return positions @ covariance @ positions.swapaxes(1, 2), pelvis @ covariance @ pelvis.T
+
+
+def test_absolute_covariances_are_those_of_increment_and_translation():
+    tracker, estimate = followed()
+    estimate = plain(estimate.pose, estimate.problem)
+    found = tracker.uncertainty(estimate).absolute
+    joints, pelvis = numeric_absolute(tracker, estimate)
+    place = estimate.pose.positions[0]
+    size = SCALE_DEVIATION**2 * np.outer(place, place) + PLACE_DEVIATION**2 * np.eye(3)
+    # What the problem does not hold (hands, feet) is the prior's, and no part of the pelvis' or an elbow's covariance.
+    for name in ("pelvis", "left_elbow", "right_knee"):
+        i = tracker.skeleton.index(name)
+        Y = problem_free(estimate)
+        limit = 1 + np.trace(joints[i] - Y) / LARGEST**2
+        expected = FACTOR**2 * ((joints[i] - Y) / limit + Y) + size
+        assert np.allclose(found.joints[i], expected, rtol=1e-4, atol=1e-10), name
+    assert np.allclose(found.pelvis[3:, 3:], FACTOR**2 * pelvis[3:, 3:], rtol=1e-4)
+    assert np.allclose(found.pelvis[:3, 3:], FACTOR**2 * pelvis[:3, 3:], rtol=1e-3, atol=1e-8)
+    assert np.array_equal(found.pelvis[:3, :3], found.joints[0])
+    assert np.linalg.eigvalsh(found.pelvis).min() > 0
+
+
+def problem_free(estimate):
+    """(B^T B)^-1 of the frame's problem."""
+    B = estimate.problem.B
+    return np.linalg.inv(B.T @ B)
+
+
+def test_depth_is_as_uncertain_as_the_size_of_the_body():
+    tracker, estimate = followed()
+    deviation = np.sqrt(np.diagonal(tracker.uncertainty(estimate).absolute.joints[0]))
+    x, y, z = estimate.pose.positions[0]
+    assert deviation[2] > SCALE_DEVIATION * z and max(deviation[:2]) < 0.3 * deviation[2]
+
+
+def test_absolute_is_computed_once_and_only_when_asked():
+    tracker, estimate = followed()
+    uncertainty = tracker.uncertainty(estimate)
+    assert "absolute" not in vars(uncertainty)
+    assert uncertainty.absolute is uncertainty.absolute
