@@ -30,7 +30,7 @@ from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
 from lassokin_ros.pipeline.placeholders import PLACEHOLDERS, without_placeholders
 from lassokin_ros.pipeline.settings import MESSAGE, NodeSettings
 from lassokin_ros.pipeline.stamps import StampWatch
-from lassokin_ros.skeleton_readers.load import load_skeleton
+from lassokin_ros.skeleton_readers.load import load_skeleton, naming_help
 from msg_adapters.detectors.registry import keypoint_adapter
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
@@ -47,7 +47,8 @@ class Pipeline:
         self.config = node_config.checked()
         skeleton = load_skeleton(tracker_config.checked().skeleton, tracker_config.assumed_height)
         check_names(skeleton)
-        self._trackable = [TrackedPerson(tracker_config, skeleton) for _ in range(self.config.max_people)]
+        with naming_help(tracker_config.skeleton):
+            self._trackable = [TrackedPerson(tracker_config, skeleton) for _ in range(self.config.max_people)]
         self.tracker = self._trackable[0].tracker
         self._landmark_count = self.tracker.kinematics.landmark_count
         self.enabled = True

@@ -31,7 +31,7 @@ from lassokin_ros.video.live_view import LiveView
 from lassokin_ros.video.output_video import OutputVideo
 from lassokin_ros.video.sources import Image, Source, SourceError, open_source
 from msg_adapters.backends import RosbagsBackend
-from msg_adapters.inputs import camera_info, point_cloud
+from msg_adapters.inputs import point_cloud
 
 FIRST_STAMP_NS = 1_000_000_000
 """ns: a stamp of zero means no stamp."""
@@ -55,7 +55,7 @@ def track(options: argparse.Namespace) -> tuple[str, bool]:
     with ExitStack() as stack, AtomicFiles(options.force, OutputError) as files:
         stack.callback(detector.close)
         camera = _camera(options, source)
-        info = camera_info(backend, FIRST_STAMP_NS, FRAME, camera.K, camera.D, source.size, camera.model)
+        info = camera.message(backend, FIRST_STAMP_NS, FRAME)
         for _ in tracker.camera_info(info, FIRST_STAMP_NS):
             pass
         video = None

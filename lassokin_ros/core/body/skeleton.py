@@ -133,7 +133,7 @@ def skeleton_source(name_or_path: str) -> tuple[str, str]:
         file = resources.files("lassokin_ros.core.body") / "skeletons" / f"{name_or_path}.yaml"
         return f"skeleton '{name_or_path}'", file.read_text(encoding="utf-8")
     path = user_path(name_or_path)
-    if path.suffix.lower() in (".npz", ".bvh", ".urdf"):
+    if path.suffix.lower() in (".npz", ".bvh", ".urdf", ".pkl", ".xacro", ".fbx"):
         raise SkeletonError(
             f"{path}: the core reads skeletons from YAML only; read this one with "
             "lassokin_ros.skeleton_readers.load.load_skeleton, and give it to Tracker as `skeleton`"
