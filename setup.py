@@ -8,7 +8,6 @@ from setuptools import find_packages, setup
 
 NAME = "lassokin_ros"
 MANIFEST = ElementTree.parse(Path(__file__).parent / "package.xml").getroot()
-MAINTAINER = MANIFEST.find("maintainer")
 
 ROS = ["ros-jazzy-rclpy[fastrtps]>=7.1.6", "ros-jazzy-common-interfaces>=5.3.6"]
 LENS = ["opencv-python-headless>=4.6"]
@@ -59,8 +58,7 @@ setup(
     name=NAME,
     version=MANIFEST.findtext("version"),
     description=" ".join(MANIFEST.findtext("description").split()),
-    maintainer=MAINTAINER.text,
-    maintainer_email=MAINTAINER.get("email"),
+    author=MANIFEST.findtext("maintainer"),
     license=MANIFEST.findtext("license"),
     packages=find_packages(include=["lassokin_ros", "lassokin_ros.*", "msg_adapters", "msg_adapters.*"]),
     package_data={

@@ -25,7 +25,11 @@ PLOTTED = ("left_knee", "right_knee", "left_elbow", "right_elbow")
 FIGURES = {"reprojection": "reprojection error, px", "uncertainty": "joint uncertainty, cm"}
 COLOURS = {"left": (0, 114, 178), "right": (213, 94, 0), "middle": (77, 77, 77)}
 """Of the sides, as in the report."""
-KEYPOINT, ELLIPSOID = (0, 158, 115), (86, 180, 233, 90)
+KEYPOINT, ELLIPSOID = (0, 158, 115), (86, 180, 233)
+POINT_SIZE, LINE_SIZE, THIN_SIZE = -3.0, -1.5, -0.5
+"""Radii; Rerun takes a negative number for points of the screen, whatever the zoom."""
+BONE_M = 0.006
+"""m: radius of a bone, less than the usual uncertainty of a joint."""
 LONGEST_SIDE = 960
 """px: of the logged images."""
 JPEG_QUALITY = 80
@@ -68,7 +72,7 @@ class LiveView:
             place = f"/{frame.person}" if frame.person else ""
             if frame.detected is not None:
                 points = frame.detected[np.isfinite(frame.detected).all(axis=1)] * self._scale
-                self._log(f"{IMAGE}/keypoints{place}", self._rerun.Points2D(points, colors=KEYPOINT, radii=3.0))
+                self._log(f"{IMAGE}/keypoints{place}", self._rerun.Points2D(points, colors=KEYPOINT, radii=POINT_SIZE))
             if frame.accepted and frame.estimate is not None and frame.estimate.pose is not None and frame.skeleton:
                 self._log_body(place, frame, frame.skeleton, frame.estimate.pose.positions)
             else:
@@ -123,7 +127,7 @@ class LiveView:
         resolution = [side * scale for side in size]
         self._log("/", rerun.ViewCoordinates.RDF, static=True)
         self._log(
-            IMAGE, rerun.Pinhole(image_from_camera=matrix, resolution=resolution, image_plane_distance=1.0), static=True
+            IMAGE, rerun.Pinhole(image_from_camera=matrix, resolution=resolution, image_plane_distance=0.5), static=True
         )
         for name in PLOTTED:
             colour = COLOURS[name.split("_")[0]]
@@ -136,11 +140,11 @@ class LiveView:
         bones = np.array([(parent, joint) for joint, parent in enumerate(skeleton.parents) if parent >= 0])
         colours = [COLOURS[_side(skeleton.joint_names[joint])] for _, joint in bones]
         outline = frame.in_image(joints) * self._scale
-        self._log(f"{IMAGE}/skeleton{place}", rerun.LineStrips2D(outline[bones], colors=colours, radii=1.5))
-        self._log(f"{BODY}/skeleton{place}", rerun.LineStrips3D(joints[bones], colors=colours, radii=0.012))
+        self._log(f"{IMAGE}/skeleton{place}", rerun.LineStrips2D(outline[bones], colors=colours, radii=LINE_SIZE))
+        self._log(f"{BODY}/skeleton{place}", rerun.LineStrips3D(joints[bones], colors=colours, radii=BONE_M))
         half_sizes, quaternions = ellipsoids(frame.uncertainty.covariance)
         ellipsoid = rerun.Ellipsoids3D(
-            centers=joints, half_sizes=half_sizes, quaternions=quaternions, colors=ELLIPSOID, fill_mode="solid"
+            centers=joints, half_sizes=half_sizes, quaternions=quaternions, colors=ELLIPSOID, line_radii=THIN_SIZE
         )
         self._log(f"{BODY}/uncertainty{place}", ellipsoid)
         self._log_plots(place, frame, skeleton)

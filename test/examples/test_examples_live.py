@@ -8,6 +8,7 @@ import time
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 rclpy = pytest.importorskip("rclpy")
@@ -16,6 +17,9 @@ from geometry_msgs.msg import PointStamped, Pose, PoseArray, TransformStamped, T
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from rclpy.signals import SignalHandlerOptions  # noqa: E402
+
+from msg_adapters.backends import RclpyBackend  # noqa: E402
+from msg_adapters.output_messages.skeleton_cloud import SkeletonCloudBuilder  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
 DEADLINE_S = 30.0
@@ -107,6 +111,27 @@ def test_a_raised_hand_is_said_once(robot):
         assert "left hand raised" in line
         process.send_signal(signal.SIGINT)
         assert "left hand raised" not in process.stdout.read()
+
+
+def test_a_hand_is_published_while_it_is_seen_and_certain(robot):
+    from sensor_msgs.msg import PointCloud2
+
+    robot.listen(PointStamped, "hand")
+    tracker = robot.node.create_publisher(PointCloud2, "/tracker/skeleton", 10)
+    cloud = SkeletonCloudBuilder(RclpyBackend(), 24)
+
+    def message(stamp_s, seen, deviation):
+        places = np.full((24, 3), 1.0) + np.arange(24)[:, None]
+        doubt = np.tile(deviation**2 * np.eye(3), (24, 1, 1))
+        return cloud.fill(stamp_s * 10**9, "camera", places, np.zeros((24, 3)), doubt, np.full(24, seen))
+
+    with example("hand_over"):
+        robot.spin_until(lambda: tracker.get_subscription_count(), "the example")
+        for stamp_s, seen, deviation in ((1, False, 0.05), (2, True, 0.2), (3, True, 0.05)):
+            tracker.publish(message(stamp_s, seen, deviation))
+        robot.spin_until(lambda: robot.got, "a hand", lambda: tracker.publish(message(3, True, 0.05)))
+    assert {point.header.stamp.sec for point in robot.got} == {3}
+    assert {(point.header.frame_id, point.point.x) for point in robot.got} == {("camera", 22.0)}
 
 
 @pytest.mark.skipif(
