@@ -88,7 +88,7 @@ BAD = {
     "no skeleton": (["good", "-p", "skeleton:=alien"], "skeleton 'alien' is neither built in (anthropometric) nor a"),
     "unknown landmark joint": (
         ["good", "-p", "landmarks:=marks.yaml"],
-        "marks.yaml: landmark 'nose' rides on joint 'nose', which is not in skeleton 'anthropometric'; its joints",
+        "marks.yaml: landmark 'nose' has joint 'nose', which is not in skeleton 'anthropometric'; its joints",
     ),
     "no layout": (["good", "-p", "landmarks:=coco"], "landmark layout 'coco' is neither built in (body25, body25b"),
     "no solver": (["good", "-p", "solver:=magic"], "solver 'magic' is not available; expected one of: proxqp"),
