@@ -52,7 +52,7 @@ _ONE_AND_A_HALF = 1.5 * np.eye(3)
 
 
 def hat(vectors: Array) -> Array:
-    """Cross-product matrices of vectors a, with hat(a) b = a x b: (..., 3) -> (..., 3, 3)."""
+    """Cross-product matrices, (..., 3) -> (..., 3, 3): the matrix of a times b is a x b."""
     return vectors.reshape(-1, 3).dot(_HAT).reshape(vectors.shape + (3,))
 
 
