@@ -122,9 +122,7 @@ class Initialiser:
         elsewhere = norm(relative - relative[0]).mean(-1) > ELSEWHERE
         return float(1 / (1 + np.exp(costs[0] - costs[elsewhere][0]))) if elsewhere.any() else 1.0
 
-    def refine(
-        self, states: BodyState, frame: FrameData, schedule: tuple[tuple[float, int], ...]
-    ) -> Fit:
+    def refine(self, states: BodyState, frame: FrameData, schedule: tuple[tuple[float, int], ...]) -> Fit:
         """Fit S states at once, (S, n, 3, 3) and (S, 3), by Gauss-Newton."""
         for factor, iterations in schedule:
             for _ in range(iterations):
