@@ -199,7 +199,7 @@ def test_bad_layouts_are_refused(case):
         Layout.from_mapping(data, Skeleton.load("anthropometric", 1.75))
 
 
-def test_unknown_names_are_answered_with_those_that_exist():
+def test_errors_for_unknown_names_list_the_existing_ones():
     skeleton = Skeleton.load("anthropometric", 1.75)
     with pytest.raises(SkeletonError, match="joint 'tail' is not in skeleton 'anthropometric'; its joints are: pelvis"):
         skeleton.index("tail")
@@ -227,7 +227,7 @@ def test_bad_settings_are_refused(change, text):
         Tracker(TrackerConfig(**change))
 
 
-def test_every_setting_says_what_it_is():
+def test_every_setting_has_a_description():
     for field in dataclasses.fields(TrackerConfig):
         metadata = field.metadata
         assert len(metadata["description"]) > 10, field.name
