@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, BodyState
+from lassokin_ros.core.image.frame_data import JointDepths
 from lassokin_ros.core.lasso.certificate import Certificate
 from lassokin_ros.core.lasso.problem import Lasso
 from lassokin_ros.core.lasso.solver import LassoSolution
 from lassokin_ros.core.observation import Rejection, Status
-from lassokin_ros.core.output.failure_probability import failure_probability
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +23,9 @@ class Estimate:
     of that state (in an initialised frame including the cost of the vertical). excess: the keypoints' model error in
     units of its lower limit, see `failure_probability`. confidence: probability of the chosen start relative to the
     second best in an initialised frame, NaN otherwise. repeated: s since the keypoints last changed.
+    visible: (l,) bool, keypoints that were detected in this frame and have a weight. measurements: number of keypoints
+    and measured depths that were used. length_deviation: (p,) standard deviation of the log-lengths. joint_depths:
+    estimate of the depth network.
     """
 
     stamp: float
@@ -42,13 +45,12 @@ class Estimate:
     excess: float = 1.0
     confidence: float = float("nan")
     repeated: float = 0.0
+    visible: np.ndarray | None = None
+    measurements: int = 0
+    length_deviation: np.ndarray | float = 0.0
+    joint_depths: JointDepths | None = None
 
     @property
     def accepted(self) -> bool:
         """True when the frame was used and there is a state to publish."""
         return self.rejection is None
-
-    @property
-    def failure_probability(self) -> float:
-        """Probability, 0 to 1, that the pose is wrong by more than 100 mm on average."""
-        return failure_probability(self.cost, self.excess)

@@ -6,13 +6,16 @@ import re
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.yaml_files import load_mapping, read_text
+from lassokin_ros.replay.errors import BagError as BagError
+from lassokin_ros.replay.recording_files import METADATA, DataFile, clear_errors, open_files
+from msg_adapters.detectors.definitions import DEFINITIONS
 
 STORAGES = ("sqlite3", "mcap")
 FILE_NAME = "recording"
@@ -21,10 +24,6 @@ FILE_NAME = "recording"
 
 PART_SUFFIX = ".part"
 """Suffix of the hidden folder beside a recording, in which the recording is written until it is complete."""
-
-
-class BagError(LassokinError):
-    """A recording cannot be read, lacks a required topic, or cannot be written."""
 
 
 @dataclass(frozen=True)
@@ -55,21 +54,19 @@ class BagReader:
         """Open the recording at `path`. Raises BagError if there is none, or if it cannot be read."""
         self.path = path
         self.types = typestore()
-        from rosbags.rosbag2 import Reader
-
         if not path.exists():
             raise BagError(f"there is no recording '{path}'; expected a rosbag2 folder, or a .mcap or .db3 file")
-        if path.is_dir() and not (path / "metadata.yaml").is_file():
-            raise BagError(f"'{path}' is not a rosbag2 recording: it has no metadata.yaml")
-        with self._clear_errors():
-            self._reader = Reader(path)
-            self._reader.open()
+        if path.is_dir() and not (path / METADATA).is_file():
+            raise BagError(f"'{path}' is not a rosbag2 recording: it has no {METADATA}")
+        with ExitStack() as stack:
+            self._files, self._metadata = open_files(path, stack)
+            self._stack = stack.pop_all()
 
     def __enter__(self) -> BagReader:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._reader.close()
+        self._stack.close()
 
     @property
     def storage(self) -> str:
@@ -81,16 +78,19 @@ class BagReader:
     def topics(self) -> list[RecordedTopic]:
         """The topics of the recording, sorted by name."""
         counts: dict[tuple[str, str], int] = {}
-        for connection in self._reader.connections:
+        for connection in self._connections():
             key = connection.topic, connection.msgtype
             counts[key] = counts.get(key, 0) + connection.msgcount
         return [RecordedTopic(*key, count) for key, count in sorted(counts.items())]
 
-    def find(self, message_type: str, name: str | None, usual_name: str, option: str) -> RecordedTopic:
+    def find(
+        self, message_type: str, name: str | None, usual_name: str, option: str, instead: str = ""
+    ) -> RecordedTopic:
         """Return the topic called `name`, or the best candidate of `message_type` if `name` is None.
 
-        With several candidates, the one whose last name part is `usual_name` wins. option: the command line option
-        that selects the topic, for the error text. Raises BagError, which lists the topics of the recording.
+        With several candidates, the one whose last name part is `usual_name` wins. For the error text: option is the
+        command line option that selects the topic, instead is what to do if there is no such topic. Raises BagError,
+        which lists the topics of the recording.
         """
         if name is not None:
             topic = next((t for t in self.topics if t.name.strip("/") == name.strip("/")), None)
@@ -103,7 +103,10 @@ class BagReader:
         if len(candidates) > 1:
             candidates = [t for t in candidates if t.name.split("/")[-1] == usual_name] or candidates
         if not candidates:
-            raise BagError(f"{self.path} has no topic of type {message_type} for {usual_name}; {self._listing()}")
+            advice = f"{instead}; " if instead else ""
+            raise BagError(
+                f"{self.path} has no topic of type {message_type} for {usual_name}; {advice}{self._listing()}"
+            )
         if len(candidates) > 1:
             listed = ", ".join(t.name for t in candidates)
             raise BagError(f"{self.path} has several topics for {usual_name}: {listed}; choose one with {option}")
@@ -117,8 +120,9 @@ class BagReader:
 
         Raises BagError where the recording breaks off, and at the end if messages are missing.
         """
-        for connection in self._chosen(topics):
-            self._register(connection)
+        for connection in self._connections():
+            if any(topic.name == connection.topic for topic in topics):
+                self._register(connection)
         for connection, time_ns, data in self._items(topics):
             try:
                 message = self.types.deserialize_cdr(data, connection.msgtype)
@@ -131,44 +135,64 @@ class BagReader:
         for connection, time_ns, data in self._items(topics):
             yield connection.topic, time_ns, bytes(data)
 
-    def _chosen(self, topics: Sequence[RecordedTopic]) -> list[Any]:
-        names = {topic.name for topic in topics}
-        return [connection for connection in self._reader.connections if connection.topic in names]
+    def _connections(self) -> Iterator[Any]:
+        return (connection for file in self._files for connection in file.reader.connections)
 
     def _items(self, topics: Sequence[RecordedTopic]) -> Iterator[Any]:
-        source, read = iter(self._reader.messages(self._chosen(topics))), 0
-        while True:
-            with self._clear_errors():
-                item = next(source, None)
-            if item is None:
-                break
-            read += 1
-            yield item
-        expected = sum(topic.count for topic in topics)
-        if read < expected:
-            raise BagError(f"{self.path} is damaged: only {read} of its {expected} messages can be read")
+        names = {topic.name for topic in topics}
+        if self._metadata is not None:
+            self._metadata.check_topics(self.path, self._files, sorted(names))
+        for file in self._files:
+            chosen = [connection for connection in file.reader.connections if connection.topic in names]
+            yield from _items_of(file, chosen)
 
     def _register(self, connection: Any) -> None:
-        """Register a message type that Jazzy lacks, from the definition in the recording."""
+        """Register a message type that Jazzy lacks: by the definition in the recording, or in msg_adapters."""
         if connection.msgtype in self.types.types:
             return
-        from rosbags.typesys import get_types_from_msg
+        from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
-        if not connection.msgdef.data:
-            raise BagError(f"{self.path} does not say what a {connection.msgtype} is; record it as mcap")
-        with self._clear_errors():
-            self.types.register(get_types_from_msg(connection.msgdef.data, connection.msgtype))
+        text, is_idl, reason = connection.msgdef.data, connection.msgdef.format.name == "IDL", "there is none"
+        if text:
+            try:
+                types = get_types_from_idl(text) if is_idl else get_types_from_msg(text, connection.msgtype)
+                self.types.register(types)
+            except Exception as error:  # rosbags raises errors of many types
+                reason = " ".join(str(error).split())[:200]
+        if connection.msgtype not in self.types.types:
+            register_detector_types(self.types)
+        if connection.msgtype not in self.types.types:
+            packages = ", ".join(sorted({name.partition("/")[0] for name in DEFINITIONS}))
+            raise BagError(
+                f"{self.path} has no usable definition of {connection.msgtype} ({reason}); expected one in the "
+                f"recording, or a message of {packages}; record as mcap where the message's package is installed"
+            )
 
-    @contextmanager
-    def _clear_errors(self) -> Iterator[None]:
-        """Convert every exception of the reading library to BagError. Broken files raise exceptions of many types."""
-        try:
-            yield
-        except LassokinError:
-            raise
-        except Exception as error:
-            reason = " ".join(str(error).split()) or type(error).__name__
-            raise BagError(f"{self.path} cannot be read as a rosbag2 recording: {reason}") from None
+
+def _items_of(file: DataFile, connections: list[Any]) -> Iterator[Any]:
+    """Yield the items of some connections of a file. Raises BagError where it breaks off, or if items are missing."""
+    if not connections:  # rosbags would read them all
+        return
+    source, read = iter(file.reader.messages(connections)), 0
+    while True:
+        with clear_errors(file.path):
+            item = next(source, None)
+        if item is None:
+            break
+        read += 1
+        yield item
+    expected = sum(connection.msgcount for connection in connections)
+    if read < expected:
+        raise BagError(f"{file.path} is damaged: only {read} of its {expected} messages can be read")
+
+
+def register_detector_types(types: Any) -> None:
+    """Register the messages of detectors that Jazzy lacks. types: the typestore of rosbags, changed in place."""
+    from rosbags.typesys import get_types_from_msg
+
+    for name, text in DEFINITIONS.items():
+        if name not in types.types:
+            types.register(get_types_from_msg(text, name))
 
 
 class BagWriter:

@@ -37,6 +37,13 @@ def _add_inputs(result: argparse.ArgumentParser) -> None:
     result.add_argument("-p", action="append", default=[], metavar="name:=value", help="set a parameter of the tracker")
     result.add_argument("--keypoints-topic", metavar="TOPIC", help="needed if the recording has several")
     result.add_argument("--camera-info-topic", metavar="TOPIC", help="needed if the recording has several")
+    result.add_argument(
+        "--camera-info",
+        type=Path,
+        metavar="FILE",
+        help="calibration file that replaces camera_info of the recording: ost.yaml of ROS, YAML of OpenCV, or a "
+        "camchain of Kalibr (camchain.yaml:cam1 for one of several cameras)",
+    )
 
 
 def _add_outputs(result: argparse.ArgumentParser) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.replay.bags import BagReader, BagWriter, RecordedTopic
+from lassokin_ros.replay.bags import BagReader, BagWriter
 
 if TYPE_CHECKING:
     from lassokin_ros.common.atomic_files import AtomicFiles
@@ -40,6 +40,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
     from lassokin_ros.common.atomic_files import AtomicFiles
     from lassokin_ros.pipeline.outputs.skeleton_file import check_skeleton_file
     from lassokin_ros.pipeline.parameter_files import offline_settings
+    from lassokin_ros.replay.camera_source import camera_source
     from lassokin_ros.replay.exports.exports import is_inside_name
     from lassokin_ros.replay.offline_tracker import OfflineTracker
     from lassokin_ros.replay.output_paths import OutputError, check_output_paths
@@ -56,7 +57,10 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
     with BagReader(options.bag) as bag:
         keypoints_type = full_type_name(node_config.keypoints_type)
         keypoints = bag.find(keypoints_type, options.keypoints_topic, topics.KEYPOINTS, "--keypoints-topic")
-        camera = bag.find(topics.CAMERA_INFO_TYPE, options.camera_info_topic, topics.CAMERA_INFO, "--camera-info-topic")
+        camera = camera_source(bag, options, node_config.rectified)
+        depth = []
+        if node_config.depth:
+            depth = [bag.find(topics.DEPTH_IMAGE_TYPE, node_config.depth, topics.DEPTH_IMAGE, "-p depth:=")]
         tracker = OfflineTracker(tracker_config, node_config, bag.types)
         report = _report(options, tracker)
         exports = _exports(options, tracker)
@@ -65,8 +69,11 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
         # All or nothing: every file is complete on the disk before the recording and the files get their names.
         with AtomicFiles(options.force, OutputError) as files:
             with BagWriter(output, storage, bag.types, options.force, is_inside_name) as writer:
-                progress = Progress(keypoints.count + camera.count, "messages", progress_on)
-                seconds = _run(bag, keypoints, camera, tracker, writer, progress)
+                inputs = {topic.name: tracker.depth_image for topic in depth}
+                inputs |= {camera.name: tracker.camera_info, keypoints.name: tracker.keypoints}
+                read = [keypoints, *camera.recorded, *depth]
+                progress = Progress(sum(topic.count for topic in read), "messages", progress_on)
+                seconds = _run(camera.messages(bag, read), inputs, tracker, writer, progress)
                 figures = _figures(tracker)
                 writer.note(KEY, Record(origin_of(options), figures).text)
                 written = _files(options, tracker, exports, writer, files)
@@ -74,19 +81,27 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
                     report.write(files, options.bag.resolve().name, (keypoints.name, camera.name))
                 files.check()
             files.placed.append(output)
-    summary = _summary(f"{options.bag} -> {output} ({storage})", (keypoints, camera), tracker, seconds, written)
+    summary = _summary(
+        f"{options.bag} -> {output} ({storage})", (str(keypoints), camera.title), tracker, seconds, written
+    )
     return Replayed(summary, figures, 1e3 * float(np.median(tracker.frame_seconds or [np.nan])))
 
 
 def _run(
-    bag: BagReader, keypoints: RecordedTopic, camera: RecordedTopic, tracker: Any, writer: BagWriter, progress: Progress
+    messages: Iterator[tuple[str, int, Any]],
+    inputs: Mapping[str, Callable[[Any, int], Iterator[tuple[str, str, Any]]]],
+    tracker: Any,
+    writer: BagWriter,
+    progress: Progress,
 ) -> float:
-    """Process every message and return the elapsed time in s."""
+    """Process every message (topic, recording time in ns, message) and return the elapsed time in s.
+
+    inputs: by the topic's name, what processes its messages and yields the outputs.
+    """
     started = time.monotonic()
     try:
-        for topic, time_ns, message in bag.messages([keypoints, camera]):
-            process = tracker.keypoints if topic == keypoints.name else tracker.camera_info
-            for name, message_type, output in process(message, time_ns):
+        for topic, time_ns, message in messages:
+            for name, message_type, output in inputs[topic](message, time_ns):
                 writer.write(name, message_type, time_ns, output, topics.is_latched(name))
             progress.advance(note=tracker.pipeline.status.value)
         for name, message_type, output in tracker.finish():
@@ -146,9 +161,7 @@ def _figures(tracker: Any) -> Figures:
     return Figures(counts["received"], counts["accepted"], tracker.times_lost, median)
 
 
-def _summary(
-    title: str, inputs: Sequence[RecordedTopic], tracker: Any, seconds: float, written: Mapping[str, str]
-) -> str:
+def _summary(title: str, inputs: Sequence[str], tracker: Any, seconds: float, written: Mapping[str, str]) -> str:
     import numpy as np
 
     from lassokin_ros.pipeline.outputs.calibration_status import averaged_sides

@@ -6,12 +6,17 @@ only the places of the joints are used, so that joints in between, and fingers, 
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from functools import cache
 from importlib import resources
+from pathlib import Path
+
+import numpy as np
 
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import SkeletonError
-from lassokin_ros.core.yaml_files import load_mapping
+from lassokin_ros.core.yaml_files import check_keys, load_mapping, read_text
 from lassokin_ros.skeleton_readers.rest_tree import RestTree
 
 OURS = "anthropometric"
@@ -24,7 +29,10 @@ REQUIRED = (
     "head",
     *(f"{side}_{joint}" for joint in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist") for side in SIDES),
 )
-"""Without these nobody can be followed; a spine joint, collar, hand or foot that is missing is left out."""
+"""Without these nobody can be followed; neck and pelvis are derived from the others where they are missing. A missing
+spine joint, collar, hand or foot is left out."""
+MOST_LISTED, MOST_EXAMPLES = 60, 3
+"""Joints of a file that an error lists, and lines of a file of names that it shows."""
 
 
 @cache
@@ -43,28 +51,123 @@ def tables() -> dict[str, dict[str, str]]:
 
 
 def in_our_names(tree: RestTree, source: str) -> RestTree | None:
-    """The tree with our names, parents and orders of turns; None when the names are no known program's.
+    """Return the tree with our names, parents and orders of turns; None when the names are no known program's.
 
-    Raises SkeletonError when they are, but joints that are needed are missing.
+    A file beside `source` (see `names_file`) adds names. A missing pelvis is where the legs meet, a missing neck stands
+    above the middle of the shoulders. Raises SkeletonError when other joints that are needed are missing.
     """
-    places = {name.split(":")[-1]: index for index, name in reversed(list(enumerate(tree.names)))}  # "mixamorig:Hips"
-    found = {
-        program: {joint: places[name] for joint, name in names.items() if name in places}
-        for program, names in tables().items()
-    }
-    needed = set(REQUIRED)
-    program = max(found, key=lambda key: (len(found[key].keys() & needed), len(found[key])))
-    missing = [tables()[program][joint] for joint in REQUIRED if joint not in found[program]]
-    if len(missing) > len(REQUIRED) // 2:
+    exact = {program: _exact(tree, names) for program, names in tables().items()}
+    program = max(exact, key=lambda key: _score(exact[key]))
+    found, given = exact[program], _given(tree, Path(source))
+    if given or not found.keys() >= set(REQUIRED):
+        relaxed = {name: _relaxed(tree, names) for name, names in tables().items()}
+        other = max(relaxed, key=lambda key: _score(relaxed[key]))
+        if _score(relaxed[other]) > _score(found):
+            program, found = other, relaxed[other]
+        return _completed(tree, {**found, **given}, program, source, bool(given))
+    if program == OWN_NAMES:
+        return _with_more_joints(tree, found) or _hung_into_our_tree(tree, found, own_orders=True)
+    return _hung_into_our_tree(tree, found, own_orders=False)
+
+
+def names_file(path: Path) -> Path:
+    """Return the file beside a skeleton file that maps our joints to its names: `walk.names.yaml` of `walk.bvh`."""
+    return path.with_suffix(".names.yaml")
+
+
+def _score(found: Mapping[str, int]) -> tuple[int, int]:
+    return len(found.keys() & set(REQUIRED)), len(found)
+
+
+def _exact(tree: RestTree, names: Mapping[str, str]) -> dict[str, int]:
+    """Return {our joint: index in the tree} of the names as they stand, but for a namespace ("mixamorig:Hips")."""
+    places = {name.split(":")[-1]: index for index, name in reversed(list(enumerate(tree.names)))}
+    return {joint: places[name] for joint, name in names.items() if name in places}
+
+
+def _relaxed(tree: RestTree, names: Mapping[str, str]) -> dict[str, int]:
+    """Return the same, regardless of case and separators, and of a prefix that the names share."""
+    plain = [_plain(name) for name in tree.names]
+    wanted = {joint: _plain(name) for joint, name in names.items()}
+    ends = [(name, end) for end in (wanted["pelvis"], wanted["head"]) for name in plain if name.endswith(end)]
+    prefixes = dict.fromkeys(["", *(name.removesuffix(end) for name, end in ends)])
+    candidates = []
+    for prefix in prefixes:
+        places = {name.removeprefix(prefix): index for index, name in reversed(list(enumerate(plain)))}
+        candidates.append({joint: places[name] for joint, name in wanted.items() if name in places})
+    return max(candidates, key=_score)
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[\s_.-]", "", re.split(r"[:|]", name)[-1]).casefold()
+
+
+def _given(tree: RestTree, path: Path) -> dict[str, int]:
+    """Return {our joint: index in the tree} of the file of names; empty if there is none. Raises SkeletonError."""
+    file = names_file(path)
+    if not file.is_file():
+        return {}
+    data = load_mapping(read_text(file, SkeletonError), str(file), SkeletonError)
+    check_keys(data, tuple(tables()[OWN_NAMES]), str(file), SkeletonError)
+    for joint, name in data.items():
+        if str(name) not in tree.names:
+            raise SkeletonError(f"{file}: {joint} is '{name}', which is no joint of {path}; {_listing(tree)}")
+    return {joint: tree.names.index(str(name)) for joint, name in data.items()}
+
+
+def _listing(tree: RestTree) -> str:
+    more = ", ..." if len(tree.names) > MOST_LISTED else ""
+    return f"its joints are: {', '.join(tree.names[:MOST_LISTED])}{more}"
+
+
+def _completed(tree: RestTree, found: dict[str, int], program: str, source: str, names_given: bool) -> RestTree | None:
+    """Return the tree in our names after adding pelvis and neck where they are missing; see `in_our_names`."""
+    if "pelvis" not in found and {"left_hip", "right_hip"} <= found.keys():
+        found["pelvis"] = _common_joint(tree, found["left_hip"], found["right_hip"])
+    if "neck" not in found and {"left_shoulder", "right_shoulder", "head"} <= found.keys():
+        tree, found["neck"] = _with_neck(tree, found), len(tree.names)
+    missing = [joint for joint in REQUIRED if joint not in found]
+    if len(missing) > len(REQUIRED) // 2 and not names_given:
         return None
     if missing:
+        theirs = ", ".join(tables()[program].get(joint, joint) for joint in missing)
+        lines = ", ".join(f"'{joint}: NAME'" for joint in missing[:MOST_EXAMPLES])
         raise SkeletonError(
-            f"{source} has the joint names of {program}, but not {', '.join(missing)}; rename the joints, or describe "
-            "the skeleton in YAML"
+            f"{source} has the joint names of {program}, but not {theirs}; write their names in the file to "
+            f"'{names_file(Path(source)).name}' beside it, in lines such as {lines}; {_listing(tree)}"
         )
-    if program == OWN_NAMES:
-        return _with_more_joints(tree, found[program]) or _hung_into_our_tree(tree, found[program], own_orders=True)
-    return _hung_into_our_tree(tree, found[program], own_orders=False)
+    return _hung_into_our_tree(tree, found, own_orders=False)
+
+
+def _common_joint(tree: RestTree, one: int, other: int) -> int:
+    """Return the lowest joint above both; the root if there is none other."""
+    above = set()
+    while one >= 0:
+        one = tree.parents[one]
+        above.add(one)
+    while other > 0 and other not in above:
+        other = tree.parents[other]
+    return max(other, 0)
+
+
+def _with_neck(tree: RestTree, found: Mapping[str, int]) -> RestTree:
+    """Return the tree with a neck as its last joint, on the way from the middle of the shoulders to the head."""
+    ours = Skeleton.load(OURS, 1.0)
+
+    def middle(positions: np.ndarray, left: int, right: int) -> np.ndarray:
+        between: np.ndarray = 0.5 * (positions[left] + positions[right])
+        return between
+
+    rest = ours.rest_positions
+    start = middle(rest, ours.index("left_shoulder"), ours.index("right_shoulder"))
+    way = rest[ours.index("head")] - start
+    fraction = (rest[ours.index("neck")] - start) @ way / (way @ way)
+    base = middle(tree.positions, found["left_shoulder"], found["right_shoulder"])
+    neck = base + fraction * (tree.positions[found["head"]] - base)
+    parent = tree.parents[found["head"]]
+    return RestTree(
+        (*tree.names, "neck"), (*tree.parents, parent), np.vstack([tree.positions, neck]), (*tree.axes, "xzy")
+    )
 
 
 def _with_more_joints(tree: RestTree, found: dict[str, int]) -> RestTree | None:

@@ -6,6 +6,7 @@ arms hanging or in other axes would be tracked badly, without a word.
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 
 import numpy as np
@@ -16,9 +17,15 @@ from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.skeleton_readers.naming import OURS, SIDES
 from lassokin_ros.skeleton_readers.rest_tree import RestTree
 
-UNITS = {1.0: "m", 0.01: "cm", 0.001: "mm"}
+UNITS = {1.0: "m", 0.01: "cm", 0.001: "mm", 0.0254: "inches", 0.3048: "feet", 0.1: "dm"}
+"""Metres -> unit."""
+METRIC = ("m", "cm", "mm")
+"""The units that are usual, so that nothing is logged."""
+NEAR = 1.55
+"""A size within this factor of that of a person of `height` is near. Inches and centimetres differ by its square."""
 PLAUSIBLE = (0.6, 2.4)
-"""m from the ankles to the head joint, or over the longest side where the joints are not known."""
+"""m over the longest side of a tree whose joints are not known."""
+LOG = logging.getLogger(__name__)
 LIMBS = [[f"{side}_{joint}" for joint in limb.split()] for limb in ("shoulder elbow wrist", "hip knee ankle")
          for side in SIDES]  # fmt: skip
 STRAIGHT_ENOUGH = np.radians(10)
@@ -86,24 +93,45 @@ def _is_below(tree: RestTree, joint: int, top: int) -> bool:
 
 
 def in_metres(tree: RestTree, height: float, source: str) -> RestTree:
-    """A tree of a file that does not say its unit: m, cm or mm, whichever makes a person of it.
+    """Return a tree of a file without a unit in metres: in the unit that brings it nearest to `height`, m.
 
-    Where none does (CMU's BVH has units of its own) a tree with our names is scaled to `height`, m, as a skeleton in
-    fractions of the height is. Raises SkeletonError for another tree.
+    Where none brings it near (CMU's BVH has a unit of its own), a tree with our names is scaled to `height`, as a
+    skeleton in fractions of the height is. Both are logged, except m, cm and mm. Raises SkeletonError for a tree with
+    other names that is no person in any unit.
     """
     ankles_and_head = {"left_ankle", "right_ankle", "head"} <= set(tree.names)
     if ankles_and_head:
         size = float(np.linalg.norm(_place(tree, "head") - _middle(tree, "ankle")))
-    else:
-        size = float(np.ptp(tree.positions, axis=0).max())
-    unit = next((unit for unit in UNITS if PLAUSIBLE[0] <= unit * size <= PLAUSIBLE[1]), None)
-    if unit is None and ankles_and_head and size > 0:
         ours = Skeleton.load(OURS, height)
         rest = ours.rest_positions
         ankles = 0.5 * (rest[ours.index("left_ankle")] + rest[ours.index("right_ankle")])
-        unit = float(np.linalg.norm(rest[ours.index("head")] - ankles)) / size
-    if unit is None:
-        raise SkeletonError(
-            f"{source}: the skeleton is {size:g} units large, which is no person in {', '.join(UNITS.values())}"
-        )
+        expected = float(np.linalg.norm(rest[ours.index("head")] - ankles))
+    else:
+        size, expected = float(np.ptp(tree.positions, axis=0).max()), height
+    if not size > 0:
+        raise SkeletonError(f"{source}: the skeleton has no size; expected a person")
+    unit = min(UNITS, key=lambda unit: abs(np.log(unit * size / expected)))
+    if abs(np.log(unit * size / expected)) > np.log(NEAR):
+        unit = _far_from_height(ankles_and_head, size, expected, height, source)
+    elif UNITS[unit] not in METRIC:
+        LOG.warning("%s: lengths are read in %s, which is nearest to height %.2f m", source, UNITS[unit], height)
     return replace(tree, positions=tree.positions * unit)
+
+
+def _far_from_height(named: bool, size: float, expected: float, height: float, source: str) -> float:
+    """Return metres per unit of a tree that no unit brings near to the height. Raises SkeletonError."""
+    if named:
+        LOG.warning(
+            "%s: the skeleton is %g units from ankles to head; no unit makes a person of %.2f m of it, so it is scaled "
+            "to that height",
+            source,
+            size,
+            height,
+        )
+        return expected / size
+    for unit, name in UNITS.items():
+        if name in METRIC and PLAUSIBLE[0] <= unit * size <= PLAUSIBLE[1]:
+            return unit
+    raise SkeletonError(
+        f"{source}: the skeleton is {size:g} units large, which is no person in {', '.join(UNITS.values())}"
+    )

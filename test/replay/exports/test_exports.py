@@ -138,6 +138,18 @@ def test_amass_poses_are_the_same_motion(tracked, published):
     assert found[:, 15, 2].min() > found[:, 7, 2].max() + 1  # the head is above the ankle
 
 
+def test_amass_has_the_keys_of_both_generations(tracked):
+    """As AMASS of SMPL+H and of SMPL-X have them, with their shapes; the rotations are the same."""
+    with np.load(tracked / "motion.amass.npz", allow_pickle=False) as file:
+        data = dict(file)
+    frames = {"root_orient": 3, "pose_body": 63, "pose_hand": 90, "pose_jaw": 3, "pose_eye": 6, "trans": 3, "dmpls": 8}
+    assert {name: data[name].shape for name in frames} == {name: (FRAMES, width) for name, width in frames.items()}
+    assert np.array_equal(np.hstack([data["root_orient"], data["pose_body"]]), data["poses"][:, :66])
+    assert np.abs(data["pose_body"]).max() > 0.1 and data["betas"].shape == (data["num_betas"],)
+    assert data["mocap_frame_rate"] == data["mocap_framerate"] and str(data["surface_model_type"]) == "smpl"
+    assert data["mocap_time_length"] == pytest.approx(FRAMES / 30, abs=1e-3)
+
+
 def test_the_world_of_a_mounted_camera_is_level(recording, tmp_path):
     """Of a camera said to look down: up in the files is up for whoever stands before it."""
     options = ["-p", "camera_pitch:=0.4", "-p", "camera_roll:=0.3", "--export", ".amass.npz", "--export", ".bvh"]
