@@ -43,7 +43,7 @@ def test_a_signal_ends_it_with_exit_code_0(signals):
         (["--ros-args", "--params-file", "README.md"], "README.md"),
     ],
 )
-def test_a_bad_start_says_why_in_one_line(arguments, word):
+def test_a_failed_start_is_explained_in_one_line(arguments, word):
     done = subprocess.run([*TRACKER, *arguments], capture_output=True, text=True, cwd=ROOT, timeout=30)
     lines = done.stderr.strip().splitlines()
     assert done.returncode == 2, done.stderr
