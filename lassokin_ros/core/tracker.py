@@ -115,7 +115,7 @@ class Tracker:
         self.kinematics = Kinematics(self.skeleton, self.layout)
         prior = PoseDistribution.load(self.skeleton)
         self._depth = self._depth_estimator()
-        learned: list[Evidence] = [] if self._depth is None else [LearnedDepth(self.kinematics)]
+        learned = [] if self._depth is None else [LearnedDepth(self.kinematics)]
         pose_prior = PosePrior(prior, self.kinematics)
         self._rows = FrameModel(self.kinematics, pose_prior, self._upright, [*learned, *self._more_evidence])
         motion = np.maximum(prior.motion, LEAST_MOTION)[self._rows.live]
@@ -129,7 +129,8 @@ class Tracker:
         self.model_error = ModelError(self.skeleton.height)
         self.calibration, self.adaptive_mean = Calibration(self._rows), AdaptiveMean(self._rows)
         self._output_filter, self._lag = OutputFilter(self.kinematics.joint_count), FixedLag(self.kinematics)
-        self._uncertainty = UncertaintyModel(self.kinematics, prior)
+        proportions = self.calibration.proportions
+        self._uncertainty = UncertaintyModel(self.kinematics, prior, proportions, learned[0] if learned else None)
         self._observed = ObservedJoints(self.skeleton, self.layout.joints)
 
     def _depth_estimator(self) -> DepthEstimator | None:
@@ -239,10 +240,10 @@ class Tracker:
         return self._lag.flush()
 
     def uncertainty(self, estimate: Estimate) -> JointUncertainty:
-        """Uncertainty of each joint's position, computed on request. Raises ValueError for a rejected frame."""
+        """How far off an estimate may be, computed on request. Raises ValueError for a rejected frame."""
         if estimate.pose is None or estimate.problem is None:
             raise ValueError("only an accepted estimate has an uncertainty; this frame was rejected")
-        return self._uncertainty.of(estimate.pose, estimate.problem)
+        return self._uncertainty.of(estimate)
 
     def _filter_keypoints(self, observation: Observation, weights: np.ndarray) -> Measurement:
         depth = None if self._state is None else float(self._state.translation[2])
@@ -432,6 +433,9 @@ class Tracker:
             confidence=float("nan") if fit is None else fit.confidence,
             repeated=measurement.repeated,
             visible=measurement.visible & (measurement.weights > 0),
+            measurements=measurement.count,
+            length_deviation=self.calibration.spread,
+            joint_depths=self._joint_depths,
         )
 
     def _learn(

@@ -32,6 +32,8 @@ class DepthEstimator:
         built_in = lengths_of(Skeleton.load("anthropometric", self._height))
         self._lengths_known = np.array(not np.allclose(self._lengths, built_in, atol=1e-6))
         self._history = History()
+        self._mount: np.ndarray | None = None
+        self._level = np.eye(3)
         self._prediction: Prediction | None = None
         self._rotation = np.eye(3)
 
@@ -62,7 +64,9 @@ class DepthEstimator:
         by it: the network was trained with cameras that are about level.
         """
         shown = seen[self._index] & self._there
-        level = _upright_image(mount)
+        if mount is not self._mount:
+            self._mount, self._level = mount, _upright_image(mount)
+        level = self._level
         self._history.add(stamp, points[self._index] @ level[:2, :2].T, shown)
         self._prediction = None
         if np.count_nonzero(shown) < LEAST_SEEN:

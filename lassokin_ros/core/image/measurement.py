@@ -60,6 +60,11 @@ class Measurement:
         """The filtered keypoints in the form that all pieces of evidence read."""
         return FrameData(self.points, self.weights, self.depth, self.depth_weights)
 
+    @property
+    def count(self) -> int:
+        """Number of keypoints and depths that are used."""
+        return sum(int(np.count_nonzero(w)) for w in (self.weights, self.depth_weights) if w is not None)
+
     def reprojection_px(self, pose: BodyPose) -> float:
         """Root mean square distance of the visible points from the pose's landmarks, px."""
         error = (self.detected - project(pose.landmarks)) * self.visible[:, None]

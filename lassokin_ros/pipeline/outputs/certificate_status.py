@@ -10,11 +10,12 @@ from lassokin_ros.core.lasso.solver import KKT_TOLERANCE
 from msg_adapters.output_messages.builders import OK, WARN, StatusLine
 
 
-def certificate_status(estimate: Estimate, name: str, hardware_id: str) -> StatusLine:
+def certificate_status(estimate: Estimate, failure_probability: float, name: str, hardware_id: str) -> StatusLine:
     """Return KKT residuals, duality gap, support, reprojection error and Theorem 1's margins of the last lasso.
 
     Theorem 1 is evaluated at the support and signs of the solution: it tells whether the lasso would recover them if
-    they were the truth. name: of the node, and of the person if there are several; hardware_id: the camera frame.
+    they were the truth. failure_probability: see JointUncertainty; name: of the node, and of the person if there are
+    several; hardware_id: the camera frame.
     """
     problem, solution = estimate.problem, estimate.solution
     assert problem is not None and solution is not None
@@ -40,7 +41,7 @@ def certificate_status(estimate: Estimate, name: str, hardware_id: str) -> Statu
         "theorem 1 literal, condition 3 (= 0)": literal.condition3,
         "initialised": str(estimate.initialised).lower(),
         "start's confidence": estimate.confidence,
-        "likely wrong": estimate.failure_probability,
+        "likely wrong": failure_probability,
     }
     level, message = (OK, "certified") if solution.certified else (WARN, "not certified")
     text = {key: value if isinstance(value, str) else f"{value:.6g}" for key, value in values.items()}

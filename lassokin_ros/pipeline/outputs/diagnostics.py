@@ -32,7 +32,7 @@ FROZEN_S = 1.0
 TURNOVER = 2
 """People may come, and as many leave, in one period: more are a detector that numbers people anew in each image."""
 NOT_SEEN = Rejection.TOO_FEW_LANDMARKS.value
-NO_BODY = 0.08
+NO_BODY = 0.06
 """Of the height: keypoints that are farther than this from the best body are none; detectors are off by 2 %."""
 
 

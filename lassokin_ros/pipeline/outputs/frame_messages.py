@@ -92,7 +92,9 @@ class FrameMessages:
 
     def _add_certificate(self, title: str) -> None:
         certificate = SerialisedStatus(self._backend, self._ready_made).fill
-        self._builders[topics.CERTIFICATE] = lambda t, f, _, e: certificate(t, f, certificate_status(e, title, f))
+        self._builders[topics.CERTIFICATE] = lambda t, f, frame, e: certificate(
+            t, f, certificate_status(e, frame.uncertainty.failure_probability, title, f)
+        )
 
     def _add_uncertainty_outputs(self, skeleton: Skeleton, prefix: str) -> None:
         """Add what shares `FrameResult.uncertainty`, which is computed once per frame."""

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs.body_frames import body_quaternion
 from msg_adapters.backends import Backend
@@ -78,7 +77,7 @@ def person_report(frame: FrameResult, tracked: bool) -> PersonReport:
     return PersonReport(
         id=frame.person or SINGLE_PERSON,
         tracked=tracked,
-        confidence=confidence(estimate) if tracked else 0.0,
+        confidence=confidence(frame) if tracked else 0.0,
         position=positions[0],
         quaternion=body_quaternion(estimate),
         velocity=frame.velocity,
@@ -87,7 +86,7 @@ def person_report(frame: FrameResult, tracked: bool) -> PersonReport:
     )
 
 
-def confidence(estimate: Estimate) -> float:
+def confidence(frame: FrameResult) -> float:
     """Return how likely the pose is right, 0 to 1; 0 if the probability is unknown."""
-    wrong = estimate.failure_probability
+    wrong = frame.uncertainty.failure_probability
     return 1.0 - wrong if np.isfinite(wrong) else 0.0

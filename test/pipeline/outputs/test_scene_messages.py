@@ -59,7 +59,7 @@ def test_each_type_of_people_has_the_person_of_the_frame(frames, message_type, a
     assert len(people) == (state != "nobody")
     if state == "nobody":
         return
-    sure = 1 - newest.estimate.failure_probability if state == "tracking" else 0.0
+    sure = 1 - newest.uncertainty.failure_probability if state == "tracking" else 0.0
     place, covariance = newest.estimate.pose.positions[0], newest.uncertainty.absolute.pelvis
     (person,) = people
     if message_type == CLOUD_TYPE:
