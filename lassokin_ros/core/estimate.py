@@ -51,6 +51,11 @@ class Estimate:
     joint_depths: JointDepths | None = None
 
     @property
+    def depth_measured(self) -> bool:
+        """True if measured depths were used."""
+        return self.visible is not None and self.measurements > int(np.count_nonzero(self.visible))
+
+    @property
     def accepted(self) -> bool:
         """True when the frame was used and there is a state to publish."""
         return self.rejection is None

@@ -490,7 +490,7 @@ class Tracker:
 
     def _use_height(self, given: Skeleton) -> None:
         """Forget the person and use another body, for a new setting of the height."""
-        self.reset(same_camera=True)
+        self.reset()
         self.height = HeightEstimator() if self.config.height == 0 else None
         self._build(given)
         self._measurements.resize(self.layout.surface, self.skeleton.height)

@@ -9,21 +9,21 @@ from msg_adapters.output_messages.clouds import Cloud
 from msg_adapters.output_messages.joint_uncertainty import COVARIANCE, UPPER
 
 MOTION = ("x", "y", "z", "vx", "vy", "vz")
-POINT = np.dtype([*((name, "<f4") for name in (*MOTION, *COVARIANCE)), ("joint", "<i4"), ("observed", "<i4")])
+POINT = np.dtype([*((name, "<f4") for name in (*MOTION, *COVARIANCE)), ("index", "<i4"), ("observed", "<i4")])
 
 
 class SkeletonCloudBuilder(Cloud):
     """One point per joint.
 
     x, y, z in m, vx, vy, vz in m/s, xx, xy, xz, yy, yz, zz in m^2: the absolute covariance, all in the frame of the
-    header. joint: index; observed: 1 if keypoints of this image observe the joint, 0 if the pose prior alone places it.
+    header. index: of the joint; observed: 1 if keypoints of this image observe the joint, 0 if the prior alone places it.
     """
 
     def __init__(self, backend: Backend, count: int) -> None:
         """count: number of joints."""
         super().__init__(backend, POINT)
         self._points = np.zeros(count, POINT)
-        self._points["joint"] = np.arange(count)
+        self._points["index"] = np.arange(count)
         self._values = self._points.view("<f4").reshape(count, -1)
 
     def numbers(

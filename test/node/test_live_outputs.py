@@ -80,7 +80,7 @@ def check_covariances(places, pose, skeleton):
     assert [position.x, position.y, position.z] == places[0].tolist()
     covariance = pose.pose.covariance.reshape(6, 6)
     assert np.linalg.eigvalsh(covariance).min() > 0
-    assert [field.name for field in skeleton.fields] == list(POINT.names) and points["joint"].tolist() == list(
+    assert [field.name for field in skeleton.fields] == list(POINT.names) and points["index"].tolist() == list(
         range(24)
     )
     assert np.allclose([points[axis] for axis in "xyz"], places.T, atol=1e-6)

@@ -50,8 +50,8 @@ LARGEST = 0.6
 ever."""
 SCALE_DEVIATION = 0.045
 """Standard deviation of the body's size, as a share of it: height, shoes, proportions. One camera sees no scale, so an
-error of the size moves the whole body along its line of sight by the same share. With measured depth it is an upper
-bound."""
+error of the size moves the whole body along its line of sight by the same share. It does not count in a frame with
+measured depth."""
 PLACE_DEVIATION = 0.02
 """m, per axis: standard deviation of the place of the landmarks in the body, and of a detector's lasting errors.
 Both constants were set on every second one of 31 recorded motions, two views each, with a detector's errors and the
@@ -129,7 +129,13 @@ class UncertaintyModel:
         if self._learned_depth is not None and estimate.joint_depths is not None:
             disagreement = self._learned_depth.disagreement(estimate.pose, estimate.joint_depths)
         factor = FACTOR * min(max(disagreement / USUAL_DISAGREEMENT, RANGE[0]), RANGE[1]) ** POWER
-        covariance, place = self.covariance(estimate.pose, problem, factor, estimate.length_deviation)
+        covariance, place = self.covariance(
+            estimate.pose,
+            problem,
+            factor,
+            estimate.length_deviation,
+            0.0 if estimate.depth_measured else SCALE_DEVIATION,
+        )
         mean, cost = float(np.sqrt(_trace(covariance))[1:].mean()), estimate.cost / max(estimate.measurements, 1)
         return JointUncertainty(covariance, failure_probability(mean, estimate.excess, cost), place)
 
@@ -144,11 +150,17 @@ class UncertaintyModel:
         return Lasso(A, B, problem.z, problem.alpha)
 
     def covariance(
-        self, pose: BodyPose, problem: Lasso, factor: float, length_deviation: np.ndarray | float
+        self,
+        pose: BodyPose,
+        problem: Lasso,
+        factor: float,
+        length_deviation: np.ndarray | float,
+        size_deviation: float = SCALE_DEVIATION,
     ) -> tuple[np.ndarray, Callable[[], AbsoluteUncertainty]]:
         """(n, 3, 3) m^2, from a frame's last problem and the pose that its solution led to; and what computes the rest.
 
         factor: on the posterior's standard deviation. length_deviation: (p,) standard deviation of the log-lengths.
+        size_deviation: see SCALE_DEVIATION.
         """
         spread = self._jacobian.at(pose)
         live = spread[:, :, : self._live_count]
@@ -163,7 +175,7 @@ class UncertaintyModel:
         by_length *= by_length
         added = by_length.sum((1, 2))
         covariance = _sized(spread @ np.swapaxes(spread, -1, -2), factor, added)
-        return covariance, partial(self._absolute, spread, lower, pose, problem, factor, added)
+        return covariance, partial(self._absolute, spread, lower, pose, problem, factor, added, size_deviation)
 
     def _absolute(
         self,
@@ -173,11 +185,12 @@ class UncertaintyModel:
         problem: Lasso,
         factor: float,
         added: np.ndarray,
+        size_deviation: float,
     ) -> AbsoluteUncertainty:
         """Add the pelvis' own uncertainty: x = Y (z - A Omega) by (15), and (B^T B)^-1 = Y Y^T about it.
 
         spread: (n, 3, k), with spread @ spread^T the covariances relative to the pelvis; lower: Cholesky factor of the
-        information; factor, added: as in `_sized`.
+        information; factor, added: as in `_sized`; size_deviation: see SCALE_DEVIATION.
         """
         Y, pelvis = problem.reduced.Y, pose.positions[0]
         columns = np.hstack([-(Y @ problem.A).T, self._turns @ pose.orientations[0].T])
@@ -185,7 +198,7 @@ class UncertaintyModel:
         spread = spread.copy()
         spread[:, :, : self._live_count] += root[:, :3].T
         joints = _sized(spread @ np.swapaxes(spread, -1, -2), factor, added)
-        joints += factor**2 * Y @ Y.T + SCALE_DEVIATION**2 * np.outer(pelvis, pelvis) + PLACE_DEVIATION**2 * np.eye(3)
+        joints += factor**2 * Y @ Y.T + size_deviation**2 * np.outer(pelvis, pelvis) + PLACE_DEVIATION**2 * np.eye(3)
         whole = factor**2 * root.T @ root
         whole[:3, :3] = joints[0]
         return AbsoluteUncertainty(joints, whole)

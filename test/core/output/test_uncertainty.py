@@ -215,3 +215,14 @@ def test_absolute_is_computed_once_and_only_when_asked():
     uncertainty = tracker.uncertainty(estimate)
     assert "absolute" not in vars(uncertainty)
     assert uncertainty.absolute is uncertainty.absolute
+
+
+def test_measured_depth_makes_the_distance_certain():
+    tracker, without = followed()
+    points = project(without.pose.landmarks)
+    tracker.reset()
+    depth = without.pose.landmarks[:, 2]
+    measured = tracker.track(Observation(0.0, points, np.ones(len(points)), FOCAL, depth=depth))
+    assert measured.depth_measured and not without.depth_measured
+    before, after = (np.sqrt(tracker.uncertainty(e).absolute.joints[0][2, 2]) for e in (without, measured))
+    assert after < 0.05 < before
