@@ -6,13 +6,15 @@ import re
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.yaml_files import load_mapping, read_text
+from lassokin_ros.replay.bag_files import BagError, complete
+from msg_adapters.detectors.definitions import versions
 
 STORAGES = ("sqlite3", "mcap")
 FILE_NAME = "recording"
@@ -21,10 +23,6 @@ FILE_NAME = "recording"
 
 PART_SUFFIX = ".part"
 """Suffix of the hidden folder beside a recording, in which the recording is written until it is complete."""
-
-
-class BagError(LassokinError):
-    """A recording cannot be read, lacks a required topic, or cannot be written."""
 
 
 @dataclass(frozen=True)
@@ -55,21 +53,31 @@ class BagReader:
         """Open the recording at `path`. Raises BagError if there is none, or if it cannot be read."""
         self.path = path
         self.types = typestore()
+        self._versions: dict[str, list[Any]] = {}
         from rosbags.rosbag2 import Reader
 
         if not path.exists():
             raise BagError(f"there is no recording '{path}'; expected a rosbag2 folder, or a .mcap or .db3 file")
-        if path.is_dir() and not (path / "metadata.yaml").is_file():
-            raise BagError(f"'{path}' is not a rosbag2 recording: it has no metadata.yaml")
-        with self._clear_errors():
-            self._reader = Reader(path)
-            self._reader.open()
+        with ExitStack() as stack:
+            work = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="lassokin_bag_")))
+            with self._clear_errors(work):
+                opened, self._notes = complete(path, work)
+                self._reader = Reader(opened)
+                self._reader.open()
+            stack.callback(self._reader.close)
+            self._closing = stack.pop_all()
+        self._files = _file_readers(self._reader)
+        self._listed, self._found = _counts(self._reader.connections), _counts(self._connections)
 
     def __enter__(self) -> BagReader:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._reader.close()
+        self._closing.close()
+
+    @property
+    def _connections(self) -> list[Any]:
+        return [connection for file in self._files for connection in file.connections]
 
     @property
     def storage(self) -> str:
@@ -80,11 +88,19 @@ class BagReader:
     @property
     def topics(self) -> list[RecordedTopic]:
         """The topics of the recording, sorted by name."""
-        counts: dict[tuple[str, str], int] = {}
-        for connection in self._reader.connections:
-            key = connection.topic, connection.msgtype
-            counts[key] = counts.get(key, 0) + connection.msgcount
-        return [RecordedTopic(*key, count) for key, count in sorted(counts.items())]
+        keys = sorted(self._listed.keys() | self._found.keys())
+        return [RecordedTopic(*key, max(self._listed.get(key, 0), self._found.get(key, 0))) for key in keys]
+
+    def notes(self, topics: Sequence[RecordedTopic]) -> list[str]:
+        """Return what a user must know about the recording as a whole, and about these topics of it."""
+        notes = list(self._notes)
+        for topic in topics:
+            listed = self._listed.get((topic.name, topic.message_type), 0)
+            if listed < topic.count:
+                notes.append(
+                    f"metadata.yaml counts {listed} messages of {topic.name}, the files {topic.count}; all are read"
+                )
+        return notes
 
     def find(self, message_type: str, name: str | None, usual_name: str, option: str) -> RecordedTopic:
         """Return the topic called `name`, or the best candidate of `message_type` if `name` is None.
@@ -117,26 +133,32 @@ class BagReader:
 
         Raises BagError where the recording breaks off, and at the end if messages are missing.
         """
-        for connection in self._chosen(topics):
-            self._register(connection)
+        for message_type in {topic.message_type for topic in topics}:
+            self._register(message_type)
         for connection, time_ns, data in self._items(topics):
+            yield connection.topic, time_ns, self._deserialise(data, connection.msgtype)
+
+    def _deserialise(self, data: bytes, message_type: str) -> Any:
+        for types in self._versions.get(message_type, [self.types]):
             try:
-                message = self.types.deserialize_cdr(data, connection.msgtype)
+                return types.deserialize_cdr(data, message_type)
             except Exception:  # rosbags raises whatever the wrong bytes lead to
-                message = None
-            yield connection.topic, time_ns, message
+                continue
+        return None
 
     def raw(self, topics: Sequence[RecordedTopic]) -> Iterator[tuple[str, int, bytes]]:
         """Yield the same as `messages`, with the serialised messages."""
         for connection, time_ns, data in self._items(topics):
             yield connection.topic, time_ns, bytes(data)
 
-    def _chosen(self, topics: Sequence[RecordedTopic]) -> list[Any]:
+    def _stored(self, topics: Sequence[RecordedTopic]) -> Iterator[Any]:
         names = {topic.name for topic in topics}
-        return [connection for connection in self._reader.connections if connection.topic in names]
+        for file in self._files:
+            if chosen := [connection for connection in file.connections if connection.topic in names]:
+                yield from file.messages(chosen)
 
     def _items(self, topics: Sequence[RecordedTopic]) -> Iterator[Any]:
-        source, read = iter(self._reader.messages(self._chosen(topics))), 0
+        source, read = self._stored(topics), 0
         while True:
             with self._clear_errors():
                 item = next(source, None)
@@ -146,29 +168,64 @@ class BagReader:
             yield item
         expected = sum(topic.count for topic in topics)
         if read < expected:
-            raise BagError(f"{self.path} is damaged: only {read} of its {expected} messages can be read")
+            raise BagError(
+                f"{self.path} is damaged: only {read} of its {expected} messages can be read; if only metadata.yaml is "
+                "wrong, make that anew with `ros2 bag reindex`"
+            )
 
-    def _register(self, connection: Any) -> None:
-        """Register a message type that Jazzy lacks, from the definition in the recording."""
-        if connection.msgtype in self.types.types:
+    def _register(self, message_type: str) -> None:
+        """Register a message type that Jazzy lacks, from the definition in the recording or in this package."""
+        if message_type in self.types.types:
             return
         from rosbags.typesys import get_types_from_msg
 
-        if not connection.msgdef.data:
-            raise BagError(f"{self.path} does not say what a {connection.msgtype} is; record it as mcap")
-        with self._clear_errors():
-            self.types.register(get_types_from_msg(connection.msgdef.data, connection.msgtype))
+        texts = [c.msgdef.data for c in (*self._connections, *self._reader.connections) if c.msgtype == message_type]
+        if text := next(filter(None, texts), ""):
+            with self._clear_errors():
+                self.types.register(get_types_from_msg(text, message_type))
+            return
+        for definitions in versions(message_type):
+            types = typestore()
+            for name, definition in definitions.items():
+                types.register(get_types_from_msg(definition, name))
+            self._versions.setdefault(message_type, []).append(types)
+        if message_type not in self._versions:
+            advice = "record it where its package is installed" if self.storage == "mcap" else "record it as mcap"
+            raise BagError(f"{self.path} does not contain the definition of {message_type}; {advice}")
 
     @contextmanager
-    def _clear_errors(self) -> Iterator[None]:
-        """Convert every exception of the reading library to BagError. Broken files raise exceptions of many types."""
+    def _clear_errors(self, work: Path | None = None) -> Iterator[None]:
+        """Convert every exception of the reading library to BagError. Broken files raise exceptions of many types.
+
+        work: a folder in which the recording was completed; the text names the recording instead.
+        """
         try:
             yield
         except LassokinError:
             raise
         except Exception as error:
             reason = " ".join(str(error).split()) or type(error).__name__
+            if work is not None:
+                reason = reason.replace(str(work), str(self.path if self.path.is_dir() else self.path.parent))
             raise BagError(f"{self.path} cannot be read as a rosbag2 recording: {reason}") from None
+
+
+def _file_readers(reader: Any) -> list[Any]:
+    """Return the readers of the data files, in order; the whole reader if it must decompress messages.
+
+    The metadata's topics and counts are not needed to read the files.
+    """
+    whole = reader.compression_mode == "message"
+    return [reader] if whole else list(getattr(reader.storage, "storages", [reader]))
+
+
+def _counts(connections: Sequence[Any]) -> dict[tuple[str, str], int]:
+    """Return (topic, message type) -> number of messages."""
+    counts: dict[tuple[str, str], int] = {}
+    for connection in connections:
+        key = connection.topic, connection.msgtype
+        counts[key] = counts.get(key, 0) + connection.msgcount
+    return counts
 
 
 class BagWriter:

@@ -74,7 +74,9 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
                     report.write(files, options.bag.resolve().name, (keypoints.name, camera.name))
                 files.check()
             files.placed.append(output)
-    summary = _summary(f"{options.bag} -> {output} ({storage})", (keypoints, camera), tracker, seconds, written)
+        notes = bag.notes([keypoints, camera])
+    title = f"{options.bag} -> {output} ({storage})"
+    summary = "\n".join([_summary(title, (keypoints, camera), tracker, seconds, written), *_warnings(notes)])
     return Replayed(summary, figures, 1e3 * float(np.median(tracker.frame_seconds or [np.nan])))
 
 
@@ -144,6 +146,10 @@ def _figures(tracker: Any) -> Figures:
     counts, error = tracker.pipeline.counts, tracker.reprojection_px
     median = round(float(np.median(error)), 3) if error else None
     return Figures(counts["received"], counts["accepted"], tracker.times_lost, median)
+
+
+def _warnings(notes: Sequence[str]) -> list[str]:
+    return [f"{'warning':<15} {note}" for note in notes]
 
 
 def _summary(
