@@ -102,11 +102,14 @@ class BagReader:
                 )
         return notes
 
-    def find(self, message_type: str, name: str | None, usual_name: str, option: str) -> RecordedTopic:
+    def find(
+        self, message_type: str, name: str | None, usual_name: str, option: str, instead: str = ""
+    ) -> RecordedTopic:
         """Return the topic called `name`, or the best candidate of `message_type` if `name` is None.
 
         With several candidates, the one whose last name part is `usual_name` wins. option: the command line option
-        that selects the topic, for the error text. Raises BagError, which lists the topics of the recording.
+        that selects the topic; instead: what can replace a missing topic. Both are for the error text. Raises BagError,
+        which lists the topics of the recording.
         """
         if name is not None:
             topic = next((t for t in self.topics if t.name.strip("/") == name.strip("/")), None)
@@ -119,7 +122,10 @@ class BagReader:
         if len(candidates) > 1:
             candidates = [t for t in candidates if t.name.split("/")[-1] == usual_name] or candidates
         if not candidates:
-            raise BagError(f"{self.path} has no topic of type {message_type} for {usual_name}; {self._listing()}")
+            advice = f"; {instead}" if instead else ""
+            raise BagError(
+                f"{self.path} has no topic of type {message_type} for {usual_name}; {self._listing()}{advice}"
+            )
         if len(candidates) > 1:
             listed = ", ".join(t.name for t in candidates)
             raise BagError(f"{self.path} has several topics for {usual_name}: {listed}; choose one with {option}")

@@ -37,6 +37,12 @@ def _add_inputs(result: argparse.ArgumentParser) -> None:
     result.add_argument("-p", action="append", default=[], metavar="name:=value", help="set a parameter of the tracker")
     result.add_argument("--keypoints-topic", metavar="TOPIC", help="needed if the recording has several")
     result.add_argument("--camera-info-topic", metavar="TOPIC", help="needed if the recording has several")
+    result.add_argument(
+        "--camera-info",
+        type=Path,
+        metavar="YAML",
+        help="calibration of ROS (ost.yaml), OpenCV or Kalibr, used in place of the recording's camera_info",
+    )
 
 
 def _add_outputs(result: argparse.ArgumentParser) -> None:

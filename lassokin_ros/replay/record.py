@@ -23,7 +23,7 @@ KEY = "lassokin_ros"
 READ_WHOLE = 64 * 2**20
 """bytes: the digest of a larger file covers its size and SAMPLES evenly spaced pieces of SAMPLE bytes."""
 SAMPLE, SAMPLES = 2**20, 16
-FILES = (".mcap", ".db3", ".zstd")
+FILES = (".mcap", ".db3", ".zstd", ".db3-wal", ".db3-journal")
 
 
 @dataclass(frozen=True)
@@ -74,6 +74,8 @@ def origin_of(options: argparse.Namespace) -> Origin:
         settings[name] = _digest([path]) if path.is_file() else settings[name]
     for name in ("keypoints_topic", "camera_info_topic", "storage"):
         settings[f"--{name}"] = getattr(options, name)
+    if options.camera_info is not None:
+        settings["--camera_info"] = _digest([options.camera_info])
     # Exports do not change the recording, so they are not part of the settings (see archive/output_files.py).
     text = json.dumps(settings, sort_keys=True)
     return Origin(_version(), _digest(_files(options.bag)), hashlib.sha256(text.encode()).hexdigest())

@@ -30,6 +30,20 @@ class Replayed:
     frame_ms: float
 
 
+@dataclass(frozen=True)
+class CameraSource:
+    """Where the camera comes from: a topic of the recording, or a calibration file.
+
+    name: topic or file. title: its line in the summary. from_file: the file as CameraInfo, None for a topic.
+    """
+
+    name: str
+    title: str
+    topics: tuple[RecordedTopic, ...] = ()
+    from_file: Any = None
+    notes: tuple[str, ...] = ()
+
+
 def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Replayed:
     """Track the recording options.bag and write options.output. Raises a LassokinError.
 
@@ -56,8 +70,8 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
     with BagReader(options.bag) as bag:
         keypoints_type = full_type_name(node_config.keypoints_type)
         keypoints = bag.find(keypoints_type, options.keypoints_topic, topics.KEYPOINTS, "--keypoints-topic")
-        camera = bag.find(topics.CAMERA_INFO_TYPE, options.camera_info_topic, topics.CAMERA_INFO, "--camera-info-topic")
         tracker = OfflineTracker(tracker_config, node_config, bag.types)
+        camera = _camera(options, bag, node_config.rectified)
         report = _report(options, tracker)
         exports = _exports(options, tracker)
         output = options.output
@@ -65,7 +79,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
         # All or nothing: every file is complete on the disk before the recording and the files get their names.
         with AtomicFiles(options.force, OutputError) as files:
             with BagWriter(output, storage, bag.types, options.force, is_inside_name) as writer:
-                progress = Progress(keypoints.count + camera.count, "messages", progress_on)
+                progress = Progress(sum(topic.count for topic in (keypoints, *camera.topics)), "messages", progress_on)
                 seconds = _run(bag, keypoints, camera, tracker, writer, progress)
                 figures = _figures(tracker)
                 writer.note(KEY, Record(origin_of(options), figures).text)
@@ -74,19 +88,40 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
                     report.write(files, options.bag.resolve().name, (keypoints.name, camera.name))
                 files.check()
             files.placed.append(output)
-        notes = bag.notes([keypoints, camera])
+        notes = [*bag.notes([keypoints, *camera.topics]), *camera.notes]
     title = f"{options.bag} -> {output} ({storage})"
-    summary = "\n".join([_summary(title, (keypoints, camera), tracker, seconds, written), *_warnings(notes)])
+    summary = "\n".join([_summary(title, (str(keypoints), camera.title), tracker, seconds, written), *_warnings(notes)])
     return Replayed(summary, figures, 1e3 * float(np.median(tracker.frame_seconds or [np.nan])))
 
 
+def _camera(options: argparse.Namespace, bag: BagReader, rectified: bool) -> CameraSource:
+    """Return the camera of the recording, or of the file given instead. Raises a LassokinError."""
+    from lassokin_ros.pipeline.calibration_file import read_calibration
+    from msg_adapters.backends import RosbagsBackend
+
+    if options.camera_info is None:
+        instead = "give a calibration file with --camera-info"
+        name, option = options.camera_info_topic, "--camera-info-topic"
+        topic = bag.find(topics.CAMERA_INFO_TYPE, name, topics.CAMERA_INFO, option, instead)
+        return CameraSource(topic.name, str(topic), (topic,))
+    found, path = read_calibration(options.camera_info), str(options.camera_info)
+    title = f"{path} ({found.size[0]} x {found.size[1]} px)"
+    message = found.message(RosbagsBackend(bag.types), 0, rectified)
+    return CameraSource(path, title, from_file=message, notes=(f"{path}: {found.note}",) if found.note else ())
+
+
 def _run(
-    bag: BagReader, keypoints: RecordedTopic, camera: RecordedTopic, tracker: Any, writer: BagWriter, progress: Progress
+    bag: BagReader, keypoints: RecordedTopic, camera: CameraSource, tracker: Any, writer: BagWriter, progress: Progress
 ) -> float:
     """Process every message and return the elapsed time in s."""
     started = time.monotonic()
+    known = camera.from_file
     try:
-        for topic, time_ns, message in bag.messages([keypoints, camera]):
+        for topic, time_ns, message in bag.messages([keypoints, *camera.topics]):
+            if known is not None:
+                for name, message_type, output in tracker.camera_info(known, time_ns):
+                    writer.write(name, message_type, time_ns, output, topics.is_latched(name))
+                known = None
             process = tracker.keypoints if topic == keypoints.name else tracker.camera_info
             for name, message_type, output in process(message, time_ns):
                 writer.write(name, message_type, time_ns, output, topics.is_latched(name))
@@ -152,9 +187,7 @@ def _warnings(notes: Sequence[str]) -> list[str]:
     return [f"{'warning':<15} {note}" for note in notes]
 
 
-def _summary(
-    title: str, inputs: Sequence[RecordedTopic], tracker: Any, seconds: float, written: Mapping[str, str]
-) -> str:
+def _summary(title: str, inputs: Sequence[str], tracker: Any, seconds: float, written: Mapping[str, str]) -> str:
     import numpy as np
 
     from lassokin_ros.pipeline.outputs.calibration_status import averaged_sides

@@ -48,7 +48,9 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument("source", metavar="VIDEO|0|IMAGES", help="video file, number of a webcam, or folder of images")
     result.add_argument("--height", type=float, help="height of the person, m (same as -p height:=...)")
     result.add_argument("--fov", type=float, metavar="DEG", help="field of view along the longer side of the image")
-    result.add_argument("--camera-info", type=Path, metavar="YAML", help="calibration file of ROS (ost.yaml)")
+    result.add_argument(
+        "--camera-info", type=Path, metavar="YAML", help="calibration of ROS (ost.yaml), OpenCV or Kalibr"
+    )
     result.add_argument("--detector", default="mediapipe", metavar="NAME", help="mediapipe (default), or a .onnx file")
     result.add_argument("--fps", type=float, help="frame rate of a folder of images, Hz (default: 30)")
     result.add_argument("--params-file", type=Path, action="append", default=[], metavar="YAML")

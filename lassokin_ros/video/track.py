@@ -18,6 +18,7 @@ from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.core.evidence.upright import levelling
 from lassokin_ros.detector.backend import Detector, make_detector
+from lassokin_ros.pipeline.calibration_file import FRAME, Calibration
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.replay.bags import typestore
@@ -26,15 +27,14 @@ from lassokin_ros.replay.motion import MotionRecorder
 from lassokin_ros.replay.offline_tracker import OfflineTracker
 from lassokin_ros.replay.output_paths import OutputError
 from lassokin_ros.replay.report.report import Report
-from lassokin_ros.video.camera import DEFAULT_FOV, Calibration, from_file, from_fov
+from lassokin_ros.video.camera import DEFAULT_FOV, from_file, from_fov
 from lassokin_ros.video.output_video import OutputVideo
 from lassokin_ros.video.sources import Image, Source, SourceError, open_source
 from msg_adapters.backends import RosbagsBackend
-from msg_adapters.inputs import camera_info, point_cloud
+from msg_adapters.inputs import point_cloud
 
 FIRST_STAMP_NS = 1_000_000_000
 """ns: a stamp of zero means no stamp."""
-FRAME = "camera_optical_frame"
 
 
 def track(options: argparse.Namespace) -> tuple[str, bool]:
@@ -54,7 +54,7 @@ def track(options: argparse.Namespace) -> tuple[str, bool]:
     with ExitStack() as stack, AtomicFiles(options.force, OutputError) as files:
         stack.callback(detector.close)
         camera = _camera(options, source)
-        info = camera_info(backend, FIRST_STAMP_NS, FRAME, camera.K, camera.D, source.size, camera.model)
+        info = camera.message(backend, FIRST_STAMP_NS, tracker.pipeline.config.rectified)
         for _ in tracker.camera_info(info, FIRST_STAMP_NS):
             pass
         video = None
@@ -174,7 +174,10 @@ def _exports(options: argparse.Namespace, tracker: OfflineTracker) -> Exports | 
 
 def _camera(options: argparse.Namespace, source: Source) -> Calibration:
     if options.camera_info is not None:
-        return from_file(options.camera_info, source.size)
+        camera = from_file(options.camera_info, source.size)
+        if camera.note:
+            print(f"track: '{camera.source}': {camera.note}", file=sys.stderr)
+        return camera
     if options.fov is None:
         print(
             f"track: no calibration: a field of view of {DEFAULT_FOV:g} degrees is assumed. If it is wrong, distances "

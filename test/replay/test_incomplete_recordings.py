@@ -1,4 +1,4 @@
-"""Recordings of killed recorders, of re-indexing and in parts: read in full, or refused, or the difference is stated."""
+"""Recordings of killed recorders, of re-indexing and in parts: read in full, refused, or the difference is stated."""
 
 import shutil
 import sqlite3
