@@ -63,7 +63,8 @@ class _Hierarchy:
     def take(self, word: str, words: Iterator[str]) -> None:
         """One word, with those behind it that belong to it. StopIteration, IndexError or ValueError when broken."""
         if word in ("ROOT", "JOINT"):
-            self._begin_joint(next(words))
+            self._begin_joint(" ".join(iter(lambda: next(words), "{")))  # "Bip01 L Thigh" has blanks
+            self._open.append(self._block)
         elif word == "End":
             next(words)
             self._block = -1

@@ -6,18 +6,27 @@ only the places of the joints are used, so that joints in between, and fingers, 
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 from importlib import resources
+from pathlib import Path
+
+import numpy as np
 
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import SkeletonError
-from lassokin_ros.core.yaml_files import load_mapping
+from lassokin_ros.core.yaml_files import load_mapping, read_text
 from lassokin_ros.skeleton_readers.rest_tree import RestTree
 
 OURS = "anthropometric"
 """The built-in skeleton, whose tree and names are SMPL's."""
 OWN_NAMES = "lassokin_ros"
 SIDES = ("left", "right")
+NAMES_SUFFIX = ".names.yaml"
+"""Of a file beside a skeleton, with the suffix replaced by this one, that maps our joints to the skeleton's."""
+MOST_LISTED = 40
 REQUIRED = (
     "pelvis",
     "neck",
@@ -47,24 +56,111 @@ def in_our_names(tree: RestTree, source: str) -> RestTree | None:
 
     Raises SkeletonError when they are, but joints that are needed are missing.
     """
+    programs = _own_table(source) or tables()
     places = {name.split(":")[-1]: index for index, name in reversed(list(enumerate(tree.names)))}  # "mixamorig:Hips"
-    found = {
-        program: {joint: places[name] for joint, name in names.items() if name in places}
-        for program, names in tables().items()
-    }
-    needed = set(REQUIRED)
-    program = max(found, key=lambda key: (len(found[key].keys() & needed), len(found[key])))
-    missing = [tables()[program][joint] for joint in REQUIRED if joint not in found[program]]
-    if len(missing) > len(REQUIRED) // 2:
+    program, found = _best(programs, places)
+    if not found.keys() >= set(REQUIRED):
+        other, loosely = _best_loosely(programs, tree.names)
+        if _fit(loosely)[0] > _fit(found)[0]:
+            program, found = other, loosely
+    missing = [joint for joint in REQUIRED if joint not in found]
+    if len(missing) > len(REQUIRED) // 2 and programs is tables():
         return None
-    if missing:
+    if missing == ["neck"]:
+        tree, found = _with_neck(tree, found)
+    elif missing:
         raise SkeletonError(
-            f"{source} has the joint names of {program}, but not {', '.join(missing)}; rename the joints, or describe "
-            "the skeleton in YAML"
+            _missing_text(tree, source, program, [(joint, programs[program][joint]) for joint in missing])
         )
     if program == OWN_NAMES:
-        return _with_more_joints(tree, found[program]) or _hung_into_our_tree(tree, found[program], own_orders=True)
-    return _hung_into_our_tree(tree, found[program], own_orders=False)
+        return _with_more_joints(tree, found) or _hung_into_our_tree(tree, found, own_orders=True)
+    return _hung_into_our_tree(tree, found, own_orders=False)
+
+
+def _best(programs: Mapping[str, Mapping[str, str]], places: Mapping[str, int]) -> tuple[str, dict[str, int]]:
+    """Return the program most of whose names are there, and {our joint: index}."""
+    found = {
+        program: {joint: places[name] for joint, name in names.items() if name in places}
+        for program, names in programs.items()
+    }
+    program = max(found, key=lambda key: _fit(found[key]))
+    return program, found[program]
+
+
+def _best_loosely(programs: Mapping[str, Mapping[str, str]], names: tuple[str, ...]) -> tuple[str, dict[str, int]]:
+    """Return the same for names with a common prefix, in another case, or with other separators.
+
+    The prefix is what stands before the name of the pelvis: "Bip01 Pelvis", "mixamorigHips", "Character1_Hips".
+    """
+    plain = [_plain(name.split(":")[-1]) for name in names]
+    best: tuple[str, dict[str, int]] = OWN_NAMES, {}
+    for program, theirs in programs.items():
+        wanted = {joint: _plain(name) for joint, name in theirs.items()}
+        root = wanted.get("pelvis", "")
+        prefixes = {name.removesuffix(root) for name in plain[:MOST_LISTED] if name.endswith(root)}
+        for prefix in sorted(prefixes, key=len):
+            places = {name.removeprefix(prefix): index for index, name in reversed(list(enumerate(plain)))}
+            found = {joint: places[name] for joint, name in wanted.items() if name in places}
+            if _fit(found) > _fit(best[1]):
+                best = program, found
+    return best
+
+
+def _fit(found: dict[str, int]) -> tuple[int, int]:
+    """Return how many of the required joints are there, and how many joints."""
+    return len(found.keys() & set(REQUIRED)), len(found)
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", name.lower())
+
+
+def _with_neck(tree: RestTree, found: dict[str, int]) -> tuple[RestTree, dict[str, int]]:
+    """Add a neck between shoulders and head, where the built-in skeleton has it."""
+    ours = Skeleton.load(OURS, 1.0)
+    base, neck, head = (
+        ours.rest_positions[[ours.index(joint) for joint in joints]].mean(axis=0)
+        for joints in (("left_shoulder", "right_shoulder"), ("neck",), ("head",))
+    )
+    share = float((neck - base) @ (head - base) / ((head - base) @ (head - base)))
+    shoulders = 0.5 * (tree.positions[found["left_shoulder"]] + tree.positions[found["right_shoulder"]])
+    place = shoulders + share * (tree.positions[found["head"]] - shoulders)
+    added = replace(
+        tree,
+        names=(*tree.names, "neck"),
+        parents=(*tree.parents, tree.parents[found["head"]]),
+        positions=np.vstack([tree.positions, place]),
+        axes=(*tree.axes, ours.axes[ours.index("neck")]),
+    )
+    return added, {**found, "neck": len(tree.names)}
+
+
+def _own_table(source: str) -> dict[str, dict[str, str]] | None:
+    """Return the names from the file beside the skeleton, None if there is none. Raises SkeletonError."""
+    file = names_file(source)
+    if not file.is_file():
+        return None
+    data = load_mapping(read_text(file, SkeletonError), str(file), SkeletonError)
+    ours = tables()[OWN_NAMES]
+    for joint in (*data, *(joint for joint in REQUIRED if joint not in data and joint != "neck")):
+        if joint not in ours or joint not in data:
+            raise SkeletonError(f"{file}: joint '{joint}'; expected a name for each of {', '.join(REQUIRED)}")
+    return {file.name: {str(joint): str(name) for joint, name in data.items()}}
+
+
+def names_file(source: str) -> Path:
+    """Return the path of the file with the names of a skeleton file's joints."""
+    return Path(source).with_suffix(NAMES_SUFFIX)
+
+
+def _missing_text(tree: RestTree, source: str, program: str, missing: list[tuple[str, str]]) -> str:
+    lines = ", ".join(f"{joint}: ..." for joint, _ in missing)
+    listed = ", ".join(name[:40] for name in tree.names[:MOST_LISTED])
+    return (
+        f"{source} has the joint names of {program}, but not {', '.join(name for _, name in missing)}; write our names "
+        f"and the file's to {names_file(source).name} beside it ({lines}, and the others of docs/files.md), or "
+        f"describe the skeleton in YAML; its joints are: {listed}"
+    )
 
 
 def _with_more_joints(tree: RestTree, found: dict[str, int]) -> RestTree | None:

@@ -6,6 +6,7 @@ arms hanging or in other axes would be tracked badly, without a word.
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 
 import numpy as np
@@ -16,9 +17,15 @@ from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.skeleton_readers.naming import OURS, SIDES
 from lassokin_ros.skeleton_readers.rest_tree import RestTree
 
-UNITS = {1.0: "m", 0.01: "cm", 0.001: "mm"}
+INCH = 0.0254
+UNITS = {1.0: "m", 0.01: "cm", 0.001: "mm", INCH: "inches"}
 PLAUSIBLE = (0.6, 2.4)
-"""m from the ankles to the head joint, or over the longest side where the joints are not known."""
+"""m over the longest side of a skeleton of which the joints are not known."""
+NEAR = 1.75
+"""Largest ratio between a skeleton's size in its unit and that of a person of the given height."""
+TYPICAL_HEIGHT = 1.7
+"""m: if the height is unknown."""
+LOGGER = logging.getLogger(__name__)
 LIMBS = [[f"{side}_{joint}" for joint in limb.split()] for limb in ("shoulder elbow wrist", "hip knee ankle")
          for side in SIDES]  # fmt: skip
 STRAIGHT_ENOUGH = np.radians(10)
@@ -86,24 +93,33 @@ def _is_below(tree: RestTree, joint: int, top: int) -> bool:
 
 
 def in_metres(tree: RestTree, height: float, source: str) -> RestTree:
-    """A tree of a file that does not say its unit: m, cm or mm, whichever makes a person of it.
+    """Convert a tree of a file that does not say its unit to metres.
 
-    Where none does (CMU's BVH has units of its own) a tree with our names is scaled to `height`, m, as a skeleton in
-    fractions of the height is. Raises SkeletonError for another tree.
+    The unit is the one of UNITS that comes nearest to a person of `height`, m. If none comes near (CMU's BVH has units
+    of its own), a tree with our names is scaled to `height`. A warning is logged for an uncommon unit and for scaling.
+    Raises SkeletonError for another tree of which no unit makes a person.
     """
-    ankles_and_head = {"left_ankle", "right_ankle", "head"} <= set(tree.names)
-    if ankles_and_head:
-        size = float(np.linalg.norm(_place(tree, "head") - _middle(tree, "ankle")))
-    else:
-        size = float(np.ptp(tree.positions, axis=0).max())
-    unit = next((unit for unit in UNITS if PLAUSIBLE[0] <= unit * size <= PLAUSIBLE[1]), None)
-    if unit is None and ankles_and_head and size > 0:
-        ours = Skeleton.load(OURS, height)
+    ours = Skeleton.load(OURS, height if height > 0 else TYPICAL_HEIGHT)
+    if {"left_ankle", "right_ankle", "head"} <= set(tree.names):
         rest = ours.rest_positions
         ankles = 0.5 * (rest[ours.index("left_ankle")] + rest[ours.index("right_ankle")])
-        unit = float(np.linalg.norm(rest[ours.index("head")] - ankles)) / size
-    if unit is None:
+        expected = float(np.linalg.norm(rest[ours.index("head")] - ankles))
+        size = float(np.linalg.norm(_place(tree, "head") - _middle(tree, "ankle")))
+        plausible = (expected / NEAR, expected * NEAR)
+        scale = expected / size if size > 0 else None
+    else:
+        expected, scale, plausible = ours.height, None, PLAUSIBLE
+        size = float(np.ptp(tree.positions, axis=0).max())
+    near = {unit: name for unit, name in UNITS.items() if plausible[0] <= unit * size <= plausible[1]}
+    if scale is None and len(near) > 1:
+        near.pop(INCH, None)
+    unit = min(near, key=lambda each: abs(np.log(each * size / expected)), default=scale)
+    if unit is None or scale is None and unit == INCH and abs(np.log(unit * size / expected)) > np.log(NEAR):
         raise SkeletonError(
             f"{source}: the skeleton is {size:g} units large, which is no person in {', '.join(UNITS.values())}"
         )
+    if unit not in UNITS:
+        LOGGER.warning("%s is in no known unit: its skeleton is scaled to the height of %g m", source, ours.height)
+    elif unit == INCH:
+        LOGGER.warning("%s is read in inches, which come nearest to the height of %g m", source, ours.height)
     return replace(tree, positions=tree.positions * unit)

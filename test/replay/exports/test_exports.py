@@ -138,6 +138,18 @@ def test_amass_poses_are_the_same_motion(tracked, published):
     assert found[:, 15, 2].min() > found[:, 7, 2].max() + 1  # the head is above the ankle
 
 
+def test_amass_has_the_keys_of_both_generations(tracked):
+    """The first: poses and mocap_framerate. The second (SMPL-X): the pose in parts, and mocap_frame_rate."""
+    with np.load(tracked / "motion.amass.npz", allow_pickle=False) as file:
+        data = dict(file)
+    assert {"poses", "trans", "betas", "gender", "mocap_framerate"} <= data.keys()
+    assert data["mocap_frame_rate"] == data["mocap_framerate"] and data["num_betas"] == len(data["betas"])
+    assert np.array_equal(np.hstack([data["root_orient"], data["pose_body"]]), data["poses"][:, :66])
+    assert data["pose_hand"].shape == (FRAMES, 90) and not data["pose_hand"].any()
+    assert data["mocap_time_length"] == pytest.approx(FRAMES / 30, rel=1e-3)
+    assert all(value.dtype.kind in "fiU" for value in data.values())
+
+
 def test_the_world_of_a_mounted_camera_is_level(recording, tmp_path):
     """Of a camera said to look down: up in the files is up for whoever stands before it."""
     options = ["-p", "camera_pitch:=0.4", "-p", "camera_roll:=0.3", "--export", ".amass.npz", "--export", ".bvh"]
