@@ -1,36 +1,37 @@
 # make demo   play a bag of keypoints into the node and show the result
 # make test   run the whole test suite
 # make fuzz   run the fuzz tests alone, with 100,000 new cases and more; takes half an hour
-# Each target creates .venv on first use; ROS is not needed. PYTHON=python3.12 make test selects another Python.
+# Each target creates .venv on first use and installs what it needs (the extra `demo` or `test` of setup.py); ROS is not
+# needed. PYTHON=python3.12 make test selects another Python.
 
 PYTHON ?= python3
 VENV := .venv
-INSTALLED := $(VENV)/.installed
 RUN := OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=1
 
 .PHONY: demo test fuzz lint clean
+.NOTPARALLEL:
 
-demo: $(INSTALLED)
+demo: $(VENV)/.installed-demo
 	$(RUN) $(VENV)/bin/python -m lassokin_ros.demo
 
-test: $(INSTALLED)
+test: $(VENV)/.installed-test
 	$(RUN) $(VENV)/bin/python -m pytest --numprocesses 2 --dist loadgroup
 
-fuzz: $(INSTALLED)
+fuzz: $(VENV)/.installed-test
 	$(RUN) LASSOKIN_FUZZ_CASES=$(or $(CASES),90000) $(VENV)/bin/python -m pytest test/msg_adapters/test_fuzz_adapters.py test/pipeline/test_fuzz_pipeline.py test/core/test_fuzz_tracker.py
 
-lint: $(INSTALLED)
+lint: $(VENV)/.installed-test
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/mypy
 
 clean:
 	rm -rf $(VENV) build install log demo_output *.egg-info
 
-$(INSTALLED): setup.py setup.cfg package.xml
+$(VENV)/.installed-%: setup.py setup.cfg package.xml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || \
 	    { echo "Python 3.10 or newer is needed; choose one with: PYTHON=python3.12 make"; exit 1; }
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || \
 	    { echo "Python's venv module is incomplete; install it with: sudo apt install python3-venv"; exit 1; }
 	test -x $(VENV)/bin/python || $(PYTHON) -m venv $(VENV)
-	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[test]'
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[$*]'
 	touch $@

@@ -8,7 +8,6 @@ from setuptools import find_packages, setup
 
 NAME = "lassokin_ros"
 MANIFEST = ElementTree.parse(Path(__file__).parent / "package.xml").getroot()
-MAINTAINER = MANIFEST.find("maintainer")
 
 ROS = ["ros-jazzy-rclpy[fastrtps]>=7.1.6", "ros-jazzy-common-interfaces>=5.3.6"]
 LENS = ["opencv-python-headless>=4.6"]
@@ -16,6 +15,11 @@ REPLAY = ["rosbags>=0.11", *LENS]
 CLUSTER = ["distributed>=2024.8", *REPLAY]
 MEDIAPIPE = ["mediapipe>=0.10.14,<0.10.22", *REPLAY]  # later releases do not contain the weights of MediaPipe Pose
 ONNX = ["onnxruntime>=1.17", *REPLAY]
+VIEW = [
+    "rerun-sdk>=0.23.1",
+    "pyarrow<25; python_version < '3.13'",  # later ones need numpy 2 without saying so, and mediapipe needs numpy 1
+    *REPLAY,
+]
 REPORT = ["plotly>=6.0", *REPLAY]
 DEMO = ["matplotlib>=3.6", *ROS, *REPORT]
 TEST = [
@@ -44,6 +48,8 @@ TEST = [
     "types-PyYAML>=6.0",
     "playwright>=1.40",
     "pybvh>=0.9",
+    "onnx>=1.16",
+    "onnxruntime>=1.17",
     *DEMO,
     *CLUSTER,
 ]
@@ -52,8 +58,7 @@ setup(
     name=NAME,
     version=MANIFEST.findtext("version"),
     description=" ".join(MANIFEST.findtext("description").split()),
-    maintainer=MAINTAINER.text,
-    maintainer_email=MAINTAINER.get("email"),
+    author=MANIFEST.findtext("maintainer"),
     license=MANIFEST.findtext("license"),
     packages=find_packages(include=["lassokin_ros", "lassokin_ros.*", "msg_adapters", "msg_adapters.*"]),
     package_data={
@@ -76,6 +81,7 @@ setup(
         "replay": REPLAY,
         "report": REPORT,
         "video": REPLAY,
+        "view": VIEW,
         "mediapipe": MEDIAPIPE,
         "onnx": ONNX,
         "cluster": CLUSTER,
@@ -88,6 +94,7 @@ setup(
             "lassokin = lassokin_ros.cli.lassokin:main",
             "tracker = lassokin_ros.node.command:tracker",
             "detector = lassokin_ros.detector.command:main",
+            "camera = lassokin_ros.camera.command:main",
             "replay = lassokin_ros.cli.replay:main",
         ]
     },

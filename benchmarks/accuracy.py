@@ -25,10 +25,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.accuracy_run import failure_probability
 from benchmarks.accuracy_run.experiment import METHODS, Job, run
 from benchmarks.accuracy_run.leave_one_out import under_its_prior
-from benchmarks.accuracy_run.options import apply_presets, parser, unheeded
+from benchmarks.accuracy_run.options import apply_presets, depth_sensor, parser, unheeded
 from benchmarks.accuracy_run.people import seen_by_network, test_clips
 from benchmarks.accuracy_run.special import initialise_frames, run_gap
-from benchmarks.accuracy_run.table import head, report, told
+from benchmarks.accuracy_run.table import detections_head, head, report, told
 from benchmarks.accuracy_run.uncertainty import COLUMNS as UNCERTAINTY
 from benchmarks.accuracy_run.uncertainty import binned, uncertainty_of
 from benchmarks.common.refusals import exit_code
@@ -51,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     elif unheeded(options):
         print(f"Without effect on --detections, which are taken as they are: {', '.join(unheeded(options))}.")
     if options.uncertainty or options.failure_probability:
-        print(head(options))
+        print(detections_head(options) if options.detections else head(options))
         for training in sorted({record["training"] for record in records}):
             print("\ntraining clips, not to be reported:" if training else "")
             rows = [record for record in records if record["training"] == training]
@@ -72,15 +72,23 @@ def measure(options: argparse.Namespace) -> list[Record]:
     if options.detections:
         if options.leave_one_out:
             raise SystemExit("--leave-one-out is for clips; no --detections were among what the prior was learned from")
-        if options.gap or options.initialisation or options.uncertainty or options.failure_probability:
-            given = "--gap, --initialisation, --uncertainty and --failure-probability"
-            raise SystemExit(f"{given} are for clips, not for --detections")
-        recordings = detection_jobs(options.detections, options.methods, options.measured_bones, told(options))
+        if options.gap or options.initialisation:
+            raise SystemExit("--gap and --initialisation are for clips, not for --detections")
+        own = options.uncertainty or options.failure_probability
+        methods = ["lasso"] if own else options.methods
+        recordings = detection_jobs(options.detections, methods, options.measured_bones, told(options))
+        if options.uncertainty:
+            return _of_recordings(binned(in_parallel(uncertainty_of, recordings, options.jobs)))
+        if options.failure_probability:
+            frames = in_parallel(failure_probability.failure_probabilities_of, recordings, options.jobs)
+            return _of_recordings(failure_probability.binned(frames))
+        if not recordings:
+            raise SystemExit("none of the --detections holds MediaPipe's own 3D, which mediapipe_world needs")
         return in_parallel(run_detections, recordings, options.jobs)
     o = options
     condition = Condition(
         o.noise_px, o.missing, o.outliers, o.fps, o.swaps, o.duplicates, o.camera_roll, o.camera_pitch, o.lying,
-        o.wander_px, o.offset_px,
+        o.wander_px, o.offset_px, depth_sensor(o),
     )  # fmt: skip
     methods = ["lasso"] if o.uncertainty or o.failure_probability else o.methods
     jobs = [
@@ -103,6 +111,11 @@ def measure(options: argparse.Namespace) -> list[Record]:
     if o.gap:
         return _marked(options, [record for record in results(partial(run_gap, seconds=o.gap)) if record])
     return _marked(options, [record for record in results(run) if record["frames"] or record["ends_lost"]])
+
+
+def _of_recordings(records: list[Record]) -> list[Record]:
+    """Recordings are part of no training."""
+    return [{**record, "training": False} for record in records]
 
 
 def in_parallel(function: Callable[[Any], T], jobs: Sequence[Any], processes: int) -> list[T]:
@@ -180,6 +193,8 @@ def _check_methods(options: argparse.Namespace) -> None:
     unknown = [method for method in options.methods if method not in METHODS]
     if unknown or not options.methods:
         raise SystemExit(f"no method {', '.join(unknown)}; expected some of: {', '.join(METHODS)}")
+    if "mediapipe_world" in options.methods and not options.detections:
+        raise SystemExit("mediapipe_world is for --detections; no clip holds MediaPipe's own 3D")
     if options.initialisation and "smplify" in options.methods:
         raise SystemExit("--initialisation is for methods that go frame by frame; smplify starts from lasso's")
 

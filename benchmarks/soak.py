@@ -4,6 +4,7 @@
     python benchmarks/soak.py --live [--minutes 10] [--people 4] [--hz 120] # the process `tracker`, fed over DDS
     python benchmarks/soak.py --live --minutes 6 --people 1 --hz 30         # 10,000 frames: memory, share of a core
     python benchmarks/soak.py --live --minutes 1 --people 1 --hz 30 --clock 1000  # in simulated time, as Gazebo's
+    python benchmarks/soak.py --live --minutes 1 --people 1 --hz 30 --depth       # with depth images of 848 x 480 px
 
 Memory, file descriptors and latencies at the beginning and at the end, every counter, and whether anything was lost
 without being counted. Exit code 1 when a promise does not hold. --json FILE keeps the figures. Linux.
@@ -43,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.live:
         from benchmarks.timing.live_load import soak_live
 
-        records = soak_live(options.minutes * 60, options.people, options.hz, options.clock)
+        records = soak_live(options.minutes * 60, options.people, options.hz, options.clock, options.depth)
     else:
         records = soak_core(round(options.hours * 3600 * HZ))
     print(table(records, COLUMNS))
@@ -60,6 +61,7 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument("--people", type=int, default=4)
     result.add_argument("--hz", type=float, default=120.0, help="of the live run's keypoints")
     result.add_argument("--clock", type=float, default=0.0, metavar="HZ", help="of the live run's /clock (0: none)")
+    result.add_argument("--depth", action="store_true", help="a depth image with each keypoint message")
     result.add_argument("--json", type=output_file)
     return result
 

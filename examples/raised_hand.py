@@ -8,6 +8,8 @@ from geometry_msgs.msg import PoseArray
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
+from lassokin_ros import joints
+
 
 class RaisedHand(Node):
     """Compares the height of wrist and head; nothing happens while nobody is tracked."""
@@ -19,7 +21,7 @@ class RaisedHand(Node):
 
     def on_joints(self, message):
         """Compare heights in the optical frame, where y points down."""
-        head, wrist = message.poses[15].position, message.poses[20].position
+        head, wrist = message.poses[joints.HEAD].position, message.poses[joints.LEFT_WRIST].position
         raised = wrist.y < head.y
         if raised and not self.raised:
             self.get_logger().info("left hand raised")

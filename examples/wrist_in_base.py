@@ -10,6 +10,8 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from tf2_ros import Buffer, TransformException, TransformListener
 
+from lassokin_ros import joints
+
 
 class WristInBase(Node):
     """Transforms each wrist; warns if TF is missing; silent while nobody is tracked."""
@@ -23,7 +25,7 @@ class WristInBase(Node):
 
     def on_joints(self, message):
         """Transform the wrist from the optical frame to base_link."""
-        point = PointStamped(header=message.header, point=message.poses[21].position)
+        point = PointStamped(header=message.header, point=message.poses[joints.RIGHT_WRIST].position)
         try:
             point = self.buffer.transform(point, "base_link")
         except TransformException as error:

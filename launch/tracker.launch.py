@@ -14,8 +14,14 @@ from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-from lassokin_ros.pipeline.outputs.urdf_from_parameters import urdf_from_settings
-from lassokin_ros.pipeline.parameter_files import offline_settings
+from lassokin_ros.common.missing_package import missing_package
+
+try:
+    from lassokin_ros.pipeline.outputs.urdf_from_parameters import urdf_from_settings
+    from lassokin_ros.pipeline.parameter_files import offline_settings
+    from lassokin_ros.pipeline.settings import ALL, OFF
+except ImportError as error:
+    raise RuntimeError(missing_package(error)) from None
 
 CONFIG = Path(__file__).resolve().parent.parent / "config"
 PARAMETERS = {
@@ -35,7 +41,7 @@ ARGUMENTS = {
     "frame": ("", "the camera's optical frame, the parent of the body in TF; empty for the parameter base_frame"),
     "bag": ("", "recording to play, with its own clock"),
     "rviz": ("false", "start RViz"),
-    "frames": ("true", "TF of the limbs by a robot_state_publisher (one person)"),
+    "frames": ("true", "TF of the limbs: of one person by a robot_state_publisher, of several by the tracker"),
     "use_sim_time": ("", "take the time from /clock; empty: if a recording is played"),
     "namespace": ("", "namespace of the nodes"),
     "log_level": ("info", "debug, info, warn, error or fatal"),
@@ -75,7 +81,9 @@ def _start(context: LaunchContext) -> list:
     tracker, settings = offline_settings([params], assignments)  # raises for a bad value, before anything starts
     values = {**vars(tracker), **vars(settings)}
     overrides = {name: values[name] for name in names}
-    frames = frames and not settings.several_people
+    if frames and settings.several_people and settings.publish_tf == OFF:
+        overrides["publish_tf"] = ALL
+    frames = frames and not settings.several_people and settings.publish_tf != ALL
     if frames:
         overrides["state_publisher"] = STATE_PUBLISHER
     common: dict[str, Any] = {"namespace": given["namespace"]} if given["namespace"] else {}

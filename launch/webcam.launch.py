@@ -1,55 +1,101 @@
-"""Start a camera, the detector and the tracker: `ros2 launch lassokin_ros webcam.launch.py height:=1.8 rviz:=true`."""
+"""A camera, the detector and the tracker with its tools.
+
+ros2 launch lassokin_ros webcam.launch.py height:=1.8 rviz:=true
+ros2 launch lassokin_ros webcam.launch.py source:=walk.mp4 fov:=70
+
+The arguments of tracker.launch.py (height, rviz, params, ...) may be given, too.
+"""
+
+from pathlib import Path
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, LogInfo
-from launch.conditions import IfCondition
-from launch.substitutions import LaunchConfiguration
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction
+from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
 
-CAMERAS = (("v4l2_camera", "v4l2_camera_node"), ("usb_cam", "usb_cam_node_exe"))
+TRACKER = Path(__file__).resolve().parent / "tracker.launch.py"
+DRIVERS = {
+    "v4l2_camera": ("v4l2_camera_node", "camera_frame_id"),
+    "usb_cam": ("usb_cam_node_exe", "frame_id"),
+}
+"""Executable of each camera driver, and its parameter for the frame. The first that is installed is used."""
+OWN = "opencv"
+"""The node `camera` of this package."""
+CALIBRATIONS = Path.home() / ".ros" / "camera_info"
+"""Where camera_calibration stores its result, and the drivers find it."""
+FRAME = "camera_optical_frame"
+ARGUMENTS = {
+    "source": ("0", "number of a webcam, a video file, or a folder of images (the last two by OpenCV)"),
+    "driver": (
+        "",
+        f"{', '.join(DRIVERS)} or {OWN}; empty: a driver that is installed if the camera is calibrated, else {OWN}",
+    ),
+    "fov": ("", "field of view along the longer side of the image, degrees (by OpenCV)"),
+    "calibration": ("", "calibration file of ROS (ost.yaml)"),
+    "detector": ("mediapipe", "mediapipe, or the path of a .onnx file"),
+    "height": ("", "the person's height, m; empty: the value of the parameter file"),
+    "rviz": ("false", "start RViz"),
+}
 
 
-def camera_action():
-    """Return the first camera driver that is installed."""
-    for package, executable in CAMERAS:
-        try:
-            get_package_share_directory(package)
-        except PackageNotFoundError:
-            continue
-        return Node(package=package, executable=executable, name="camera", output="screen")
-    return LogInfo(msg="no camera driver is installed: sudo apt install ros-jazzy-v4l2-camera")
+def generate_launch_description() -> LaunchDescription:
+    """Arguments: see ARGUMENTS, or `ros2 launch lassokin_ros webcam.launch.py --show-args`."""
+    arguments = [
+        DeclareLaunchArgument(name, default_value=default, description=text)
+        for name, (default, text) in ARGUMENTS.items()
+    ]
+    return LaunchDescription([*arguments, OpaqueFunction(function=_start)])
 
 
-def generate_launch_description():
-    """Return the camera, the detector, the tracker and, on request, RViz."""
-    share = get_package_share_directory("lassokin_ros")
-    height = ParameterValue(LaunchConfiguration("height"), value_type=float)
-    return LaunchDescription(
-        [
-            DeclareLaunchArgument("height", default_value="1.75", description="height of the person [m]"),
-            DeclareLaunchArgument("detector", default_value="mediapipe", description="mediapipe or a .onnx file"),
-            DeclareLaunchArgument("landmarks", default_value="mediapipe33", description="layout of the detector"),
-            DeclareLaunchArgument("rviz", default_value="false", description="start RViz"),
-            camera_action(),
-            Node(
-                package="lassokin_ros",
-                executable="detector",
-                output="screen",
-                parameters=[{"detector": LaunchConfiguration("detector")}],
-            ),
-            Node(
-                package="lassokin_ros",
-                executable="tracker",
-                output="screen",
-                parameters=[{"height": height, "landmarks": LaunchConfiguration("landmarks")}],
-            ),
-            Node(
-                package="rviz2",
-                executable="rviz2",
-                arguments=["-d", f"{share}/config/lassokin.rviz"],
-                condition=IfCondition(LaunchConfiguration("rviz")),
-            ),
-        ]
+def _start(context: LaunchContext) -> list:
+    given = {name: str(context.launch_configurations[name]).strip() for name in ARGUMENTS}
+    detector = given["detector"]
+    defaults = {"landmarks": "coco17"} if detector.endswith(".onnx") else {"params": "mediapipe"}
+    defaults["frame"] = FRAME
+    settings = {name: value for name, value in defaults.items() if name not in context.launch_configurations}
+    tracker = IncludeLaunchDescription(PythonLaunchDescriptionSource(str(TRACKER)), launch_arguments=settings.items())
+    node = Node(
+        package="lassokin_ros",
+        executable="detector",
+        name="detector",
+        output="screen",
+        parameters=[{"detector": detector}],
     )
+    return [_camera(given), node, tracker]
+
+
+def _camera(given: dict[str, str]) -> Node:
+    driver = given["driver"] or _driver(given)
+    if driver == OWN:
+        parameters = {"source": given["source"], "frame_id": FRAME}
+        parameters.update({"fov": float(given["fov"])} if given["fov"] else {})
+        parameters.update({"calibration": given["calibration"]} if given["calibration"] else {})
+        return Node(
+            package="lassokin_ros", executable="camera", name="camera", output="screen", parameters=[parameters]
+        )
+    if driver not in DRIVERS:
+        raise RuntimeError(f"driver:={driver}; expected one of: {', '.join([*DRIVERS, OWN])}")
+    if not given["source"].isdecimal() or given["fov"]:
+        raise RuntimeError(f"driver:={driver} takes the number of a webcam as source, and no fov; use driver:={OWN}")
+    executable, frame = DRIVERS[driver]
+    parameters = {"video_device": f"/dev/video{given['source']}", frame: FRAME}
+    if given["calibration"]:
+        parameters["camera_info_url"] = Path(given["calibration"]).resolve().as_uri()
+    return Node(package=driver, executable=executable, name="camera", output="screen", parameters=[parameters])
+
+
+def _driver(given: dict[str, str]) -> str:
+    """Return the driver to use. Without a calibration only the node `camera` publishes a usable camera_info."""
+    calibrated = given["calibration"] or any(CALIBRATIONS.glob("*.yaml"))
+    if not given["source"].isdecimal() or given["fov"] or not calibrated:
+        return OWN
+    return next(filter(_is_installed, DRIVERS), OWN)
+
+
+def _is_installed(package: str) -> bool:
+    try:
+        get_package_share_directory(package)
+    except PackageNotFoundError:
+        return False
+    return True

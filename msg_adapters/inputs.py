@@ -44,3 +44,13 @@ def camera_info(
     message.r = np.eye(3).reshape(9)
     message.p = np.hstack([K, np.zeros((3, 1))]).reshape(12)
     return message
+
+
+def rgb_image(backend: Backend, stamp_ns: int, frame_id: str, rgb: np.ndarray) -> Any:
+    """Return sensor_msgs/Image of the encoding rgb8. rgb: (height, width, 3) uint8."""
+    message = backend.make("sensor_msgs/msg/Image")
+    set_header(message.header, stamp_ns, frame_id)
+    message.height, message.width = rgb.shape[:2]
+    message.encoding, message.is_bigendian, message.step = "rgb8", 0, 3 * rgb.shape[1]
+    message.data = backend.uint8(rgb.tobytes())
+    return message

@@ -38,6 +38,8 @@ class Keypoints:
     persons: (k,) int, the person of each point; None if the message has no person numbers.
     persistent: True if a person keeps the number from message to message (the id of a tracker). False if the numbers
         are valid in this message only.
+    depth: (k,) m along the optical axis, NaN = not measured; None if the message has no depth.
+    depth_of_surface: True if `depth` was measured on the body's surface, False if it is that of the landmark inside.
     """
 
     stamp_ns: int | None
@@ -47,6 +49,8 @@ class Keypoints:
     confidence: np.ndarray
     persons: np.ndarray | None = None
     persistent: bool = True
+    depth: np.ndarray | None = None
+    depth_of_surface: bool = True
 
     def as_landmarks(self, count: int, person: int | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return points (count, 2) px, NaN = missing, and confidence (count,), 0 = missing.
@@ -72,6 +76,17 @@ class Keypoints:
         places = index.reshape(-1) * count + self.ids
         points, confidence = self._placed(places, self.present, count, len(numbers) * count)
         return numbers, points.reshape(-1, count, 2), confidence.reshape(-1, count)
+
+    def depth_as_landmarks(self, count: int, person: int | None = None) -> np.ndarray | None:
+        """Return the depths (count,) m of the points of `as_landmarks`, NaN = not measured; None without any depth."""
+        if self.depth is None:
+            return None
+        chosen = self.present
+        if person is not None and self.persons is not None:
+            chosen = chosen & (self.persons == person)
+        result = np.full(count, np.nan)
+        result[self.ids[chosen]] = self.depth[chosen]
+        return result
 
     @property
     def present(self) -> np.ndarray:
@@ -134,6 +149,14 @@ def header_stamp(header: object) -> int | None:
     if seconds < 0 or nanoseconds >= 1_000_000_000:
         raise AdapterError("bad_stamp", f"the stamp is {seconds} s and {nanoseconds} ns; expected a time after 1970")
     return seconds * 1_000_000_000 + nanoseconds or None
+
+
+def stamp_of(message: Any) -> int | None:
+    """Return the stamp of a message in ns; None if it has no header, a stamp of 0 or an invalid one."""
+    try:
+        return header_stamp(message.header)
+    except (AttributeError, AdapterError):
+        return None
 
 
 def check_count(count: int) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Mapping
 
@@ -29,7 +29,8 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Observation
 
-METHODS = (*FOLLOWERS, "smplify")
+METHODS = (*FOLLOWERS, "smplify", "mediapipe_world")
+"""`mediapipe_world` is for real recordings alone."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,8 @@ class Scene:
     def observations(self) -> list[Observation]:
         """All frames, in order."""
         v, points = self.view, self.view.normalised
-        return [Observation(f / v.fps, points[f], v.confidence[f], v.focal) for f in range(len(points))]
+        depth = [None] * len(points) if v.depth is None else v.depth
+        return [Observation(f / v.fps, points[f], v.confidence[f], v.focal, depth[f]) for f in range(len(points))]
 
     @property
     def evaluated(self) -> list[int]:
@@ -132,6 +134,7 @@ def described(job: Job, scene: Scene) -> Record:
         "duplicates": job.condition.duplicates,
         "wander_px": job.condition.wander_px,
         "offset_px": job.condition.offset_px,
+        "depth_sensor": None if job.condition.depth is None else asdict(job.condition.depth),
         "landmarks": job.landmarks,
         "method": job.method,
         "seed": job.seed,

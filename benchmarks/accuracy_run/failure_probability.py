@@ -1,4 +1,4 @@
-"""Does the tracker's doubt mean something? How likely it calls a pose wrong against how often it is, in bins."""
+"""Does the failure probability mean something? Stated against actual share of wrong poses, in bins."""
 
 from __future__ import annotations
 
@@ -6,33 +6,27 @@ from typing import Sequence
 
 import numpy as np
 
-from benchmarks.accuracy_run.experiment import Job, scene_of
-from benchmarks.accuracy_run.metrics import mpjpe
+from benchmarks.accuracy_run.experiment import Job
+from benchmarks.accuracy_run.followed import followed_frames
 from benchmarks.common.report import Record
+from benchmarks.data.detections import DetectionJob
 from lassokin_ros.core.output.failure_probability import WRONG
-from lassokin_ros.core.tracker import Tracker
 
 EDGES = (0.0, 0.01, 0.02, 0.04, 0.08, 0.15, 0.3, 0.6, 1.0)
 COLUMNS = {"from": ".2f", "to": ".2f", "frames": "d", "said": ".3f", "is": ".3f", "mpjpe_mm": ".0f"}
 
 
-def failure_probabilities_of(job: Job) -> np.ndarray:
-    """(f, 3) of a clip's tracked frames: the doubt, the reprojection error in px, and the mean joint error in m."""
-    scene = scene_of(job)
-    tracker = Tracker(scene.config, scene.skeleton)
-    rows = []
-    for frame, observation in enumerate(scene.observations):
-        estimate = tracker.track(observation)
-        if estimate.pose is None:
-            continue
-        found, truth = estimate.pose.positions, scene.view.truth[frame : frame + 1]
-        error = mpjpe(found[None, scene.evaluated], truth, found[None, 0], scene.view.root[frame : frame + 1])
-        rows.append((estimate.failure_probability, estimate.reprojection_px, 1e-3 * float(error[0])))
+def failure_probabilities_of(job: Job | DetectionJob) -> np.ndarray:
+    """(f, 3) of a job's tracked frames: failure probability, reprojection error in px, and mean joint error in m."""
+    rows = [
+        (frame.uncertainty.failure_probability, frame.estimate.reprojection_px, np.nanmean(frame.errors))
+        for frame in followed_frames(job)
+    ]
     return np.array(rows).reshape(-1, 3)
 
 
 def binned(frames: Sequence[np.ndarray]) -> list[Record]:
-    """One record per bin of the doubt, and one of all frames; it says the ranking too."""
+    """One record per bin of the failure probability, and one of all frames; it says the ranking too."""
     said, _, error = np.concatenate(frames).T
     bins = [(low, high, (said >= low) & (said <= high)) for low, high in (*zip(EDGES, EDGES[1:]), (0.0, 1.0))]
     records: list[Record] = [
@@ -51,13 +45,14 @@ def binned(frames: Sequence[np.ndarray]) -> list[Record]:
 
 
 def ranking(frames: Sequence[np.ndarray]) -> str:
-    """How well doubt, and the reprojection error, put wrong poses above right ones: area under the ROC curve."""
+    """How well two figures put wrong poses above right ones: area under the ROC curve."""
     said, reprojection, error = np.concatenate(frames).T
     wrong = error > WRONG
     if wrong.all() or not wrong.any():
         return "no pose is wrong, or all are"
+    by_probability, by_reprojection = area(said, wrong), area(reprojection, wrong)
     return (
-        f"area under the ROC curve: doubt {area(said, wrong):.2f}, reprojection error {area(reprojection, wrong):.2f}"
+        f"area under the ROC curve: failure probability {by_probability:.2f}, reprojection error {by_reprojection:.2f}"
     )
 
 

@@ -9,12 +9,15 @@ from typing import Any
 
 from benchmarks.accuracy_run.experiment import METHODS
 from benchmarks.common.option_types import count, finite, names, output_file, positive, seed, share, size
+from benchmarks.data.depth_sensor import DepthSensor
 from lassokin_ros.core.config import TrackerConfig
 
 SWITCH = {**dict.fromkeys(("true", "1", "yes", "on"), True), **dict.fromkeys(("false", "0", "no", "off"), False)}
 GIVEN = {"height": "by each clip", "skeleton": "by each clip", "landmarks": "by --landmarks"}
 """Settings that --set does not take, and what says them."""
-OF_DETECTIONS = ("detections", "methods", "measured_bones", "tracker_noise_px", "set", "jobs", "json")
+OF_DETECTIONS = (
+    "detections methods measured_bones tracker_noise_px set uncertainty failure_probability jobs json".split()
+)
 """What --detections heeds: its keypoints are taken as they are, from every camera."""
 
 
@@ -27,6 +30,10 @@ def parser(description: str | None = None) -> argparse.ArgumentParser:
     add("--noise-px", type=size, default=2.0, help="Gaussian noise of a keypoint, px (2)")
     add("--wander-px", type=size, default=0.0, help="the same of an error that lasts a tenth of a second, px (0)")
     add("--offset-px", type=size, default=0.0, help="the same of one that stays, each landmark's own, px (0)")
+    add("--depth-noise", type=size, metavar="M", help="measured depth of each keypoint: Gaussian noise, m")
+    add("--depth-bias", type=size, metavar="M", help="the same of an error that stays, each landmark's own, m")
+    add("--depth-noise-z2", type=size, metavar="PER_M", help="the same of one that grows with the depth squared, 1/m")
+    add("--depth-occluded", type=share, metavar="SHARE", help="share of the depths that are 10-50 cm nearer")
     add("--missing", type=share, default=0.0, help="share of keypoints missing, in bursts of 5-30 frames (0)")
     add("--outliers", type=share, default=0.0, help="share of keypoints 30-150 px off at full confidence (0)")
     add("--swaps", type=share, default=0.0, help="share of frames with a limb's left and right swapped, in bursts (0)")
@@ -71,6 +78,13 @@ def apply_presets(options: argparse.Namespace) -> None:
     """Set what --realistic stands for, in place."""
     if options.realistic:
         vars(options).update(REALISTIC)
+
+
+def depth_sensor(options: argparse.Namespace) -> DepthSensor | None:
+    """The depth sensor that the options ask for; None if none of them is given."""
+    o = options
+    given = o.depth_noise, o.depth_bias, o.depth_occluded, o.depth_noise_z2
+    return None if given == (None,) * 4 else DepthSensor(*(value or 0.0 for value in given))
 
 
 def unheeded(options: argparse.Namespace) -> list[str]:

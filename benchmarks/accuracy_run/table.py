@@ -7,6 +7,7 @@ from typing import Any, Sequence
 
 import numpy as np
 
+from benchmarks.accuracy_run.options import depth_sensor
 from benchmarks.common.report import Record, summarise, table
 from benchmarks.data.mocap import WANDERS
 from benchmarks.learn_prior import SEEN, TRAINING
@@ -86,6 +87,11 @@ def head(options: argparse.Namespace) -> str:
         lines.append(
             f"Beside the noise keypoints are off by {options.wander_px:g} px for {WANDERS:g} s on end, and by "
             f"{options.offset_px:g} px all the time (standard deviations)."
+        )
+    if sensor := depth_sensor(options):
+        lines.append(
+            f"Depth of each keypoint is measured: noise {sensor.noise:g} m and {sensor.noise_z2:g}/m times the depth "
+            f"squared, {sensor.bias:g} m that stay, {sensor.occluded:.0%} on an occluder. Its noise is not told."
         )
     if options.lying:
         lines.append("The people are laid down.")

@@ -7,13 +7,14 @@ from typing import Sequence
 
 import numpy as np
 
-from benchmarks.accuracy_run.experiment import Job, scene_of
+from benchmarks.accuracy_run.experiment import Job
+from benchmarks.accuracy_run.followed import followed_frames
 from benchmarks.common.report import Record
-from lassokin_ros.core.tracker import Tracker
+from benchmarks.data.detections import DetectionJob
 
 EVERY = 5
 """Frames between two that are looked at."""
-EDGES = (0, 10, 20, 30, 40, 50, 60, 70, 80, 90, np.inf)
+EDGES = (0, 20, 40, 60, 80, 100, 150, 200, 300, 400, np.inf)
 """mm: bins of the predicted error."""
 COLUMNS = {
     "from_mm": ".0f", "to_mm": ".0f", "joints": "d", "predicted_mm": ".1f", "actual_mm": ".1f", "median_mm": ".1f",
@@ -23,33 +24,27 @@ COLUMNS = {
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """predicted and actual: (k, 14) mm of one clip's evaluated joints, relative to the pelvis."""
+    """predicted and actual: (k, j) mm of one clip's evaluated joints, relative to the root; NaN = unknown."""
 
     clip: str
     predicted: np.ndarray
     actual: np.ndarray
 
 
-def uncertainty_of(job: Job) -> Errors:
-    """Follow a clip with the shipped tracker and compare."""
-    scene = scene_of(job)
-    tracker = Tracker(scene.config, scene.skeleton)
-    predicted, actual = [], []
-    for frame, observation in enumerate(scene.observations):
-        estimate = tracker.track(observation)
-        if frame % EVERY or not estimate.accepted or estimate.pose is None or frame / scene.view.fps < job.score_from:
-            continue
-        mine = estimate.pose.positions[scene.evaluated] - estimate.pose.positions[0]
-        error = mine - (scene.view.truth[frame] - scene.view.root[frame])
-        predicted.append(1000 * tracker.uncertainty(estimate).deviation[scene.evaluated])
-        actual.append(1000 * np.linalg.norm(error, axis=-1))
-    return Errors(job.file.stem, np.array(predicted).reshape(-1, 14), np.array(actual).reshape(-1, 14))
+def uncertainty_of(job: Job | DetectionJob) -> Errors:
+    """Follow a clip or a recording with the shipped tracker and compare."""
+    frames = list(followed_frames(job, EVERY))
+    predicted = np.array([1000 * frame.deviations for frame in frames])
+    actual = np.array([1000 * frame.errors for frame in frames])
+    return Errors(job.file.stem, predicted, actual)
 
 
 def binned(errors: Sequence[Errors]) -> list[Record]:
     """One record per bin of the predicted error; predicted and actual are means."""
     predicted = np.concatenate([e.predicted.reshape(-1) for e in errors])
     actual = np.concatenate([e.actual.reshape(-1) for e in errors])
+    known = np.isfinite(actual)
+    predicted, actual = predicted[known], actual[known]
     bins = [(low, high, (predicted >= low) & (predicted < high)) for low, high in zip(EDGES, EDGES[1:])]
     bins.append((0, np.inf, np.ones(len(predicted), dtype=bool)))
     return [

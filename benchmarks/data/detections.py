@@ -1,8 +1,9 @@
 """Real detector output: one camera's keypoints in, the multi-camera 3D as reference.
 
 A file holds `kp2d` (c, f, k, 3) px and confidence, `K`, `dist`, `fps`, `keypoint_names` and `ref_cam` (c, f, k, 3) m in
-each camera's frame. The reference's joints are the detector's own points, triangulated; so landmarks are compared
-with landmarks, and only those that lie at a joint: hips, knees, ankles, shoulders, elbows, wrists.
+each camera's frame; MediaPipe's also `world` (c, f, k, 3) m, its own 3D. The reference's joints are the detector's
+own points, triangulated; so landmarks are compared with landmarks, and only those that lie at a joint: hips, knees,
+ankles, shoulders, elbows, wrists.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from benchmarks.accuracy_run.metrics import acceleration_error, flipped_frames, 
 from benchmarks.accuracy_run.runs import Track, follow
 from benchmarks.common.report import Record
 from benchmarks.methods.baselines import FOLLOWERS
+from benchmarks.methods.mediapipe_world import world_track
 from benchmarks.methods.smplify import fit_clip
 from lassokin_ros.core.body.landmarks import Layout, built_in_layouts
 from lassokin_ros.core.body.skeleton import Skeleton
@@ -56,7 +58,7 @@ class Recording:
     """One camera's keypoints of one person.
 
     points: (f, l, 2) normalised; confidence: (f, l); reference: (f, l, 3) m in the camera frame, NaN = unknown;
-    focal: px.
+    focal: px; world: (f, l, 3) m, the detector's own 3D, None without.
     """
 
     name: str
@@ -66,16 +68,28 @@ class Recording:
     points: np.ndarray
     confidence: np.ndarray
     reference: np.ndarray
+    world: np.ndarray | None = None
+
+    @property
+    def observations(self) -> list[Observation]:
+        """All frames, in order."""
+        return [
+            Observation(frame / self.fps, points, self.confidence[frame], self.focal)
+            for frame, points in enumerate(self.points)
+        ]
 
 
 def detection_jobs(
     files: Sequence[Path], methods: Sequence[str], measured_bones: bool, settings: Mapping[str, Any]
 ) -> list[DetectionJob]:
-    """All cameras of all files with all methods."""
+    """All cameras of all files with all methods; `mediapipe_world` where a file holds the detector's own 3D."""
     jobs = []
     for file in files:
-        for camera in range(_cameras(file)):
-            jobs += [DetectionJob(file, camera, method, measured_bones, settings) for method in methods]
+        cameras = _cameras(file)
+        with np.load(file) as data:
+            possible = [method for method in methods if method != "mediapipe_world" or "world" in data]
+        for camera in range(cameras):
+            jobs += [DetectionJob(file, camera, method, measured_bones, settings) for method in possible]
     return jobs
 
 
@@ -87,7 +101,7 @@ def _cameras(file: Path) -> int:
     try:
         with np.load(file, allow_pickle=False) as data:
             lacking = sorted(NEEDED - set(data))
-            arrays = {name: data[name] for name in ("good", *sorted(NEEDED)) if name in data}
+            arrays = {name: data[name] for name in ("good", "world", *sorted(NEEDED)) if name in data}
     except (OSError, EOFError, BadZipFile, DamagedArchive, ValueError, TypeError, AttributeError):
         raise SystemExit(f"{file} is no npz file; {expected}") from None
     fault = f"has no {', '.join(lacking)}" if lacking else _fault(arrays)
@@ -108,6 +122,7 @@ def _fault(arrays: Mapping[str, np.ndarray]) -> str:
         return f"has kp2d of shape {arrays['kp2d'].shape}, not (cameras, frames, {count} of {layout}, 3)"
     cameras, frames, points = arrays["kp2d"].shape[:3]
     shapes = {"kp2d": (cameras, frames, points, 3), "ref_cam": (cameras, frames, points, 3)}
+    shapes |= {"world": (cameras, frames, points, 3)}
     shapes |= {"K": (cameras, 3, 3), "good": (frames, points), "fps": ()}
     for name in shapes.keys() & arrays.keys():
         if arrays[name].shape != shapes[name]:
@@ -153,7 +168,9 @@ def load_recording(file: Path, camera: int) -> Recording:
     K = data["K"][camera]
     points = undistorted(keypoints[..., :2], K, data["dist"][camera])
     points = np.where(confidence[..., None] > 0, points, np.nan)
-    return Recording(file.stem, layout, float(data["fps"]), float(K[0, 0] + K[1, 1]) / 2, points, confidence, reference)
+    world = data["world"][camera, :, :count].astype(float) if "world" in data else None
+    focal = float(K[0, 0] + K[1, 1]) / 2
+    return Recording(file.stem, layout, float(data["fps"]), focal, points, confidence, reference, world)
 
 
 def undistorted(pixels: np.ndarray, K: np.ndarray, distortion: np.ndarray) -> np.ndarray:
@@ -215,34 +232,44 @@ def _median(length: np.ndarray) -> float:
     return float(np.median(length[known])) if known.mean() > 0.1 else float("nan")
 
 
-def run_detections(job: DetectionJob) -> Record:
-    """Follow one camera's keypoints and score them."""
+def prepared(job: DetectionJob) -> tuple[Recording, TrackerConfig, Skeleton]:
+    """A job's recording, and what the method is given: settings and skeleton."""
     recording = load_recording(job.file, job.camera)
     layout = Layout.load(recording.layout, Skeleton.load("anthropometric", 1.75))
     height = height_of(recording.reference, layout)
     config = TrackerConfig(height=height, landmarks=recording.layout, **job.settings).checked()
     skeleton = Skeleton.load("anthropometric", height)
-    if job.measured_bones:
-        skeleton = measured(skeleton, recording.reference, layout)
-    observations = [
-        Observation(frame / recording.fps, points, recording.confidence[frame], recording.focal)
-        for frame, points in enumerate(recording.points)
-    ]
-    if job.method == "smplify":
-        track = fit_clip(config, skeleton, observations)
-    else:
-        follower = FOLLOWERS[job.method](config, skeleton)
-        track = follow(follower, observations, skeleton.joint_count, len(layout.names))
+    return recording, config, measured(skeleton, recording.reference, layout) if job.measured_bones else skeleton
+
+
+def run_detections(job: DetectionJob) -> Record:
+    """Follow one camera's keypoints and score them."""
+    recording, config, skeleton = prepared(job)
+    layout = Layout.load(recording.layout, skeleton)
+    track = _followed(job.method, recording, config, skeleton, layout)
     return {
         "clip": recording.name,
         "view": job.camera,
         "fps": recording.fps,
         "landmarks": recording.layout,
         "method": job.method,
-        "height_m": height,
+        "height_m": config.height,
         "skeleton": "reference bones" if job.measured_bones else "height",
         **score(track, recording, layout),
     }
+
+
+def _followed(method: str, recording: Recording, config: TrackerConfig, skeleton: Skeleton, layout: Layout) -> Track:
+    """The method's track of a recording."""
+    if method == "mediapipe_world":
+        assert recording.world is not None
+        world = recording.world * config.height / height_of(recording.world, layout)
+        hips = [layout.index(f"{side}_hip") for side in SIDES]
+        return world_track(world, recording.points, recording.confidence, hips, recording.focal)
+    if method == "smplify":
+        return fit_clip(config, skeleton, recording.observations)
+    follower = FOLLOWERS[method](config, skeleton)
+    return follow(follower, recording.observations, skeleton.joint_count, len(layout.names))
 
 
 def score(track: Track, recording: Recording, layout: Layout) -> Record:
@@ -272,8 +299,13 @@ def score(track: Track, recording: Recording, layout: Layout) -> Record:
         "flips_percent": float(100 * np.mean(flips)),
         "init_ms": track.init_ms,
         "init_mpjpe_mm": float(error[0]),
-        "frame_ms_p50": float(np.nanpercentile(track.frame_ms, 50)),
-        "frame_ms_p99": float(np.nanpercentile(track.frame_ms, 99)),
+        "frame_ms_p50": _percentile(track.frame_ms, 50),
+        "frame_ms_p99": _percentile(track.frame_ms, 99),
         "rejected": int(track.rejected.sum()),
         "ends_lost": bool(track.rejected[-1]),
     }
+
+
+def _percentile(values: np.ndarray, share: float) -> float:
+    """NaN where no value is known."""
+    return float(np.nanpercentile(values, share)) if np.isfinite(values).any() else float("nan")

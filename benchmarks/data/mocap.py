@@ -16,6 +16,7 @@ import numpy as np
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
+from benchmarks.data.depth_sensor import DepthSensor
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import least_turn
@@ -232,7 +233,8 @@ def clip_skeleton(clip: Clip, generic: bool) -> Skeleton:
 class View:
     """A clip as one camera sees it.
 
-    truth: (f, 14, 3) m and root: (f, 3) m in the camera frame; pixels: (f, l, 2); confidence: (f, l), 0 = missing.
+    truth: (f, 14, 3) m and root: (f, 3) m in the camera frame; pixels: (f, l, 2); confidence: (f, l), 0 = missing;
+    depth: (f, l) m, measured along the optical axis, None without a depth sensor.
     """
 
     clip: Clip
@@ -243,6 +245,7 @@ class View:
     root: np.ndarray
     pixels: np.ndarray
     confidence: np.ndarray
+    depth: np.ndarray | None = None
 
     @property
     def normalised(self) -> np.ndarray:
@@ -258,7 +261,8 @@ class Condition:
     duplicates: frames for which each detection stands, under stamps of their own: a detector slower than the camera.
     camera_roll, camera_pitch: rad, of the camera's mount, as the tracker's settings of that name. lying: the person is
     laid down, on a side drawn by the seed, and moves as if standing. wander_px, offset_px: standard deviations of what
-    a detector is off by for `WANDERS` s on end, and for ever (a place of its own for each landmark of a view).
+    a detector is off by for `WANDERS` s on end, and for ever (a place of its own for each landmark of a view). depth:
+    what measures the depth of each landmark; None: nothing does.
     """
 
     noise_px: float = 2.0
@@ -272,6 +276,7 @@ class Condition:
     lying: bool = False
     wander_px: float = 0.0
     offset_px: float = 0.0
+    depth: DepthSensor | None = None
 
 
 def step_for(clip_fps: float, fps: float) -> int:
@@ -320,7 +325,11 @@ def view_of(clip: Clip, layout: Layout, skeleton: Skeleton, condition: Condition
         swap_sides(pixels, confidence, layout.names, condition.swaps, random)
     detected = np.arange(len(pixels)) // condition.duplicates * condition.duplicates
     pixels, confidence = pixels[detected], confidence[detected]
-    return View(clip, clip.fps / step, focal, centre_px, truth, root, pixels, confidence)
+    depth = None
+    if condition.depth is not None:
+        sensor = np.random.default_rng([seed, view, 9, *clip.name.encode()])
+        depth = condition.depth.measured(points[..., 2], sensor)[detected]
+    return View(clip, clip.fps / step, focal, centre_px, truth, root, pixels, confidence, depth)
 
 
 WANDERS = 0.1

@@ -6,6 +6,7 @@ clips of benchmarks/learn_prior.py at 60 Hz and 2 px, each the best of a coarse 
 
 - plain: the paper's plain lasso, closed loop, one uniform alpha, every landmark weighted alike, no prior.
 - ridge: the shipped pipeline with sum rho alpha_k^2 Omega_k^2 / 2 in place of sum alpha_k |Omega_k|.
+- fresh: the shipped tracker, reset before every frame: first-frame fits alone.
 - dls: damped least squares, the usual inverse kinematics of robots, one step a frame.
 """
 
@@ -151,4 +152,16 @@ class RidgeTracker(Tracker):
         self._increments.lasso = RidgeSolver()  # type: ignore[assignment]
 
 
-FOLLOWERS = {"lasso": Tracker, "plain": PlainLasso, "ridge": RidgeTracker, "dls": DampedLeastSquares}
+class Fresh:
+    """The shipped tracker without memory: nothing is kept from one frame to the next."""
+
+    def __init__(self, config: TrackerConfig, skeleton: Skeleton) -> None:
+        self._tracker = Tracker(config, skeleton)
+
+    def track(self, observation: Observation) -> Estimate:
+        """Initialise from one observation."""
+        self._tracker.reset()
+        return self._tracker.track(observation)
+
+
+FOLLOWERS = {"lasso": Tracker, "fresh": Fresh, "plain": PlainLasso, "ridge": RidgeTracker, "dls": DampedLeastSquares}

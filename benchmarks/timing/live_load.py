@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from array import array
 from collections.abc import Callable
 from typing import Any
 
@@ -32,16 +33,17 @@ CYCLE_S, WARM_UP_S, DEADLINE_S = 24.0, 5.0, 30.0
 DETECTION_S = 0.01
 """By how much keypoints come after their image's camera_info, or a third of the time between two images."""
 STEPS = 500
+DEPTH_SIZE = 848, 480
 MOST_MEMORY_MB, MOST_CPU, MOST_CORE_CPU, PROMISED_PEOPLE, PROMISED_HZ = 150.0, 8.0, 4.0, 1, 30.0
 CPU, CORE_CPU = "process, % of a core", "of it the core's steps, % of a core"
 
 
-def soak_live(seconds: float, people: int, hz: float, clock_hz: float = 0.0) -> list[Record]:
-    """Rows of the table of benchmarks/soak.py; clock_hz: 0 for the system's time."""
+def soak_live(seconds: float, people: int, hz: float, clock_hz: float = 0.0, depth: bool = False) -> list[Record]:
+    """Rows of the table of benchmarks/soak.py; clock_hz: 0 for the system's time. depth: with depth images."""
     messages = _messages(people, hz)
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ.setdefault("ROS_DOMAIN_ID", str(30 + os.getpid() % 60))
-    with Load(people, clock_hz) as load:
+    with Load(people, clock_hz, depth) as load:
         load.feed(messages, hz, WARM_UP_S)
         before = load.counts()
         load.forget()
@@ -54,7 +56,7 @@ def soak_live(seconds: float, people: int, hz: float, clock_hz: float = 0.0) -> 
     lost = sent - counts["received"] - counts[LOST]
     return [
         *usage_rows(begin, end),
-        *_promises(people, hz, end.memory_mb, 100 * (end.cpu_s - begin.cpu_s) / spent),
+        *_promises(people, hz, end.memory_mb, 100 * (end.cpu_s - begin.cpu_s) / spent, depth),
         *latency_rows("sent to joint_states", latencies),
         row("messages sent", "", sent),
         *(row(f"messages {key}", "", number) for key, number in counts.items() if number),
@@ -64,10 +66,10 @@ def soak_live(seconds: float, people: int, hz: float, clock_hz: float = 0.0) -> 
     ]
 
 
-def _promises(people: int, hz: float, memory_mb: float, cpu: float) -> list[Record]:
-    """Memory and processor time; their bounds are promised for one person at 30 Hz."""
+def _promises(people: int, hz: float, memory_mb: float, cpu: float, depth: bool) -> list[Record]:
+    """Memory and processor time; their bounds are promised for one person at 30 Hz without depth images."""
     core = _core_share(people, hz)
-    if people > PROMISED_PEOPLE or hz > PROMISED_HZ:
+    if people > PROMISED_PEOPLE or hz > PROMISED_HZ or depth:
         return [row(CPU, "", f"{cpu:.1f}"), row(CORE_CPU, "", f"{core:.1f}")]
     return [
         row(f"memory below {MOST_MEMORY_MB:g} MB", "", "", memory_mb < MOST_MEMORY_MB),
@@ -112,11 +114,24 @@ def _messages(people: int, hz: float) -> list[bytes]:
     return result
 
 
+def _depth_image() -> bytearray:
+    """A serialised depth image, as large as a depth camera's: a wall with a person's distance."""
+    from rclpy.serialization import serialize_message
+    from sensor_msgs.msg import Image
+    from std_msgs.msg import Header
+
+    width, height = DEPTH_SIZE
+    data = np.full((height, width), 3600, "<u2").tobytes()
+    return bytearray(serialize_message(Image(
+        header=Header(frame_id=FRAME_ID), height=height, width=width, encoding="16UC1", step=2 * width,
+        data=array("B", data))))  # fmt: skip
+
+
 class Load:
     """The node as a child process and a peer in this one. Use it in a `with` statement."""
 
-    def __init__(self, people: int, clock_hz: float = 0.0) -> None:
-        self._people, self._clock_hz = people, clock_hz
+    def __init__(self, people: int, clock_hz: float = 0.0, depth: bool = False) -> None:
+        self._people, self._clock_hz, self._depth = people, clock_hz, depth
         self._arrived: dict[int, int] = {}
         self._status: dict[str, str] = {}
         self._statuses = 0
@@ -128,9 +143,11 @@ class Load:
         from diagnostic_msgs.msg import DiagnosticArray
         from rclpy.executors import SingleThreadedExecutor
         from rosgraph_msgs.msg import Clock
-        from sensor_msgs.msg import CameraInfo, JointState, PointCloud2
+        from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2
 
         arguments = ["-r", f"__ns:={NAMESPACE}", "-p", f"height:={HEIGHT}", "-p", f"max_people:={self._people}"]
+        if self._depth:
+            arguments += ["-p", f"depth:={topics.DEPTH_IMAGE}"]
         if self._clock_hz:
             arguments += ["-p", "use_sim_time:=true", "-r", "/clock:=clock"]
         command = [sys.executable, "-m", "lassokin_ros.node.command", "--ros-args", *arguments]
@@ -143,6 +160,7 @@ class Load:
         self._camera = self._node.create_publisher(CameraInfo, topics.CAMERA_INFO, 1)
         self._keypoints = self._node.create_publisher(PointCloud2, topics.KEYPOINTS, 10)
         self._clock = self._node.create_publisher(Clock, "clock", 10) if self._clock_hz else None
+        self._depths = self._node.create_publisher(Image, topics.DEPTH_IMAGE, 5) if self._depth else None
         for person in [""] if self._people == 1 else [f"p{number}" for number in range(self._people)]:
             name = topics.of_person(topics.JOINT_STATES, person).replace("~", "tracker")
             self._node.create_subscription(JointState, name, self._on_answer, 100, raw=True)
@@ -167,6 +185,7 @@ class Load:
     def feed(self, messages: list[bytes], hz: float, seconds: float) -> int:
         """Publish keypoints and camera_info at a steady pace, from a thread of its own; the number sent."""
         count, sent = round(seconds * hz), 0
+        image = _depth_image() if self._depth else bytearray()
         progress = Progress(count, "messages")
 
         def send() -> None:
@@ -177,8 +196,11 @@ class Load:
                 due = max(due + 1 / hz, time.monotonic())  # a sender that was held up does not make up for it
                 self._camera.publish(self._camera_info)
                 time.sleep(min(DETECTION_S, 1 / (3 * hz)))
-                data = bytearray(messages[number % len(messages)])
-                struct.pack_into("<iI", data, 4, *divmod(time.time_ns(), 1_000_000_000))
+                data, stamp = bytearray(messages[number % len(messages)]), divmod(time.time_ns(), 1_000_000_000)
+                struct.pack_into("<iI", data, 4, *stamp)
+                if self._depths is not None:
+                    struct.pack_into("<iI", image, 4, *stamp)
+                    self._depths.publish(bytes(image))
                 self._keypoints.publish(bytes(data))
                 sent += 1
                 progress.advance()

@@ -84,6 +84,8 @@ def tasks_of(options: argparse.Namespace) -> list[Task]:
             alone = copy.copy(options)
             alone.bag, alone.output, alone.bags = bag.absolute(), output, [bag.absolute()]
             alone.params_file = [file.absolute() for file in options.params_file]
+            if options.camera_info is not None:
+                alone.camera_info = options.camera_info.absolute()
             output_files.give_own(alone, name)
             tasks[output] = Task(name, alone)
     check_output_paths([task.options for task in tasks.values()])

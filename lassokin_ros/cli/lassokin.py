@@ -4,6 +4,7 @@ lassokin track VIDEO|0|IMAGES     pixels to skeleton, without ROS
 lassokin replay BAG               the tracker over a rosbag2 recording, without ROS
 lassokin tracker --ros-args ...   the ROS 2 node
 lassokin detector --ros-args ...  the ROS 2 node that turns images into keypoints
+lassokin camera --ros-args ...    the ROS 2 node that publishes a webcam or a video file
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ COMMANDS = {
     "replay": ("lassokin_ros.cli.replay", "main"),
     "tracker": ("lassokin_ros.node.command", "tracker"),
     "detector": ("lassokin_ros.detector.command", "main"),
+    "camera": ("lassokin_ros.camera.command", "main"),
 }
 """Module and function of each sub-command. A module is imported when its sub-command is used."""
 

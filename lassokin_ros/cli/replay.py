@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 
 from lassokin_ros.common.interruption import Interrupted, interruptible
+from lassokin_ros.common.missing_package import missing_package
 from lassokin_ros.common.summary_output import print_summary
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.replay.options import parser
@@ -29,6 +30,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return run(options)
     except LassokinError as error:
         print(f"replay: {error}", file=sys.stderr)
+        return USAGE_ERROR
+    except ImportError as error:
+        print(f"replay: {missing_package(error)}", file=sys.stderr)
         return USAGE_ERROR
     except Interrupted as interrupted:
         print(f"replay: interrupted; {interrupted}", file=sys.stderr)

@@ -11,6 +11,10 @@ from typing import Any, Mapping
 
 from lassokin_ros.core.errors import ConfigurationError
 
+TYPICAL_HEIGHT = 1.70
+"""m: assumed height of a person whose height is to be measured."""
+SHORTEST = 0.3
+"""m: least height."""
 PI = round(math.pi, 4)
 """rad: just over half a turn, for ranges that people read."""
 
@@ -33,7 +37,14 @@ def setting(
 class TrackerConfig:
     """Settings of the tracker; `checked` raises ConfigurationError for a value out of its range."""
 
-    height: float = setting(1.75, "the person's height; sets the scale, which one camera cannot see", "m", 0.3, 2.6)
+    height: float = setting(
+        1.75,
+        "the person's height; sets the scale, which one camera cannot see; 0 = measured, with depth (else 0.3 or more)",
+        "m",
+        0.0,
+        2.6,
+        live=True,
+    )
     skeleton: str = setting("anthropometric", "built-in skeleton, or path of a YAML, SMPL npz, BVH or URDF file")
     landmarks: str = setting("coco17", "landmark layout of the detector, or path of a YAML file")
     depth_prior: bool = setting(
@@ -48,6 +59,14 @@ class TrackerConfig:
     )
     noise_px: float = setting(
         3.0, "standard deviation of a confident keypoint in the image", "px", 0.1, 100.0, live=True
+    )
+    depth_noise: float = setting(
+        0.03,
+        "standard deviation of measured depth up to 3 m; beyond, it grows with the square of the distance",
+        "m",
+        0.005,
+        1.0,
+        live=True,
     )
     min_confidence: float = setting(0.2, "keypoints below this confidence count as missing", "", 0.0, 1.0, live=True)
     sparsity: float = setting(
@@ -82,7 +101,26 @@ class TrackerConfig:
         """Itself, when every value has the right type and range."""
         for item in fields(self):
             check_setting(item.name, getattr(self, item.name), item.metadata, type(item.default))
+        if 0 < self.height < SHORTEST:
+            raise ConfigurationError(f"height is {self.height}; expected 0 (measured) or {SHORTEST} to 2.6 m")
         return self
+
+    @property
+    def assumed_height(self) -> float:
+        """m: `height`, or that of a typical person if it is to be measured."""
+        return self.height or TYPICAL_HEIGHT
+
+
+OFF = "off"
+
+
+def without_bool(value: Any, metadata: Mapping[str, Any]) -> Any:
+    """Return the choice that a bool stands for, and any other value as it is. In YAML an unquoted `off` is false.
+
+    This concerns settings whose first choice is `off`; the second one stands for true.
+    """
+    choices = metadata["choices"]
+    return choices[int(value)] if isinstance(value, bool) and OFF in choices[:1] else value
 
 
 def check_setting(name: str, value: Any, metadata: Mapping[str, Any], kind: type) -> None:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, BodyState
+from lassokin_ros.core.image.frame_data import JointDepths
 from lassokin_ros.core.lasso.certificate import Certificate
 from lassokin_ros.core.lasso.problem import Lasso
 from lassokin_ros.core.lasso.solver import LassoSolution
 from lassokin_ros.core.observation import Rejection, Status
-from lassokin_ros.core.output.failure_probability import failure_probability
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +21,10 @@ class Estimate:
     state, pose: what is to be published; solved: the state that the certificate is about, to which omega (3 n,) and
     translation_step (3,) led from the last frame's, before it was steadied; cost: its negative log-likelihood (with the
     camera's tilt's, where it was found anew), where keypoints were taken to be off by `excess` times the least (see
-    `doubt`); confidence: of an initialised frame, how likely the start is beside the next best, else NaN.
+    `failure_probability`); confidence: of an initialised frame, how likely the start is beside the next best, else NaN;
+    visible: (l,) bool, the keypoints that were detected in this frame and have a weight; measurements: number of
+    keypoints and measured depths that were used; length_deviation: (p,) standard deviation of the log-lengths;
+    joint_depths: what the depth network estimated.
     """
 
     stamp: float
@@ -41,13 +44,12 @@ class Estimate:
     excess: float = 1.0
     confidence: float = float("nan")
     repeated: float = 0.0
+    visible: np.ndarray | None = None
+    measurements: int = 0
+    length_deviation: np.ndarray | float = 0.0
+    joint_depths: JointDepths | None = None
 
     @property
     def accepted(self) -> bool:
         """True when the frame was used and there is a state to publish."""
         return self.rejection is None
-
-    @property
-    def failure_probability(self) -> float:
-        """0 to 1: how likely the pose is wrong, by more than 100 mm on average."""
-        return failure_probability(self.cost, self.excess)

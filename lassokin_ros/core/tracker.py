@@ -38,6 +38,7 @@ from lassokin_ros.core.evidence.learned_depth import LearnedDepth, has_target_jo
 from lassokin_ros.core.evidence.model_error import ModelError
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.evidence.upright import Upright
+from lassokin_ros.core.height import HeightEstimator
 from lassokin_ros.core.hypotheses.body_hypotheses import BodyHypotheses
 from lassokin_ros.core.hypotheses.initialisation import Fit, Initialiser
 from lassokin_ros.core.hypotheses.limb_hypotheses import LimbHypotheses
@@ -51,6 +52,7 @@ from lassokin_ros.core.lasso.certificate import Certificate
 from lassokin_ros.core.lasso.solver import LassoSolver
 from lassokin_ros.core.observation import Observation, Rejection, Status
 from lassokin_ros.core.output.fixed_lag import FixedLag
+from lassokin_ros.core.output.observed import ObservedJoints
 from lassokin_ros.core.output.output_filter import OutputFilter
 from lassokin_ros.core.output.uncertainty import JointUncertainty, UncertaintyModel
 
@@ -90,7 +92,19 @@ class Tracker:
         Raises a LassokinError (skeleton, layout, solver or setting) for a configuration that cannot be used.
         """
         self.config = (config or TrackerConfig()).checked()
-        self.skeleton = skeleton or Skeleton.load(self.config.skeleton, self.config.height)
+        given = skeleton or Skeleton.load(self.config.skeleton, self.config.assumed_height)
+        self._more_evidence = evidence
+        self._upright = Upright(self.config.camera_roll, self.config.camera_pitch)
+        self.height = HeightEstimator() if self.config.height == 0 else None
+        """Measures the height, if the configured one is 0."""
+        self._build(given)
+        limbs = limb_groups(self.skeleton)[self.layout.joints]
+        self._measurements = MeasurementFilter(self.layout.names, limbs, self.layout.surface, self.skeleton.height)
+        self.reset()
+
+    def _build(self, given: Skeleton) -> None:
+        """Build all that depends on the size of the body."""
+        self.skeleton = given
         difference = asymmetry(self.skeleton)
         self.averaged = difference if self.config.calibrate and difference > LARGEST_ASYMMETRY else 0.0
         """Difference of left and right of the given skeleton if it is too large, 0 otherwise. Calibration then starts
@@ -101,10 +115,9 @@ class Tracker:
         self.kinematics = Kinematics(self.skeleton, self.layout)
         prior = PoseDistribution.load(self.skeleton)
         self._depth = self._depth_estimator()
-        learned: list[Evidence] = [] if self._depth is None else [LearnedDepth(self.kinematics)]
-        self._upright = Upright(self.config.camera_roll, self.config.camera_pitch)
+        learned = [] if self._depth is None else [LearnedDepth(self.kinematics)]
         pose_prior = PosePrior(prior, self.kinematics)
-        self._rows = FrameModel(self.kinematics, pose_prior, self._upright, [*learned, *evidence])
+        self._rows = FrameModel(self.kinematics, pose_prior, self._upright, [*learned, *self._more_evidence])
         motion = np.maximum(prior.motion, LEAST_MOTION)[self._rows.live]
         self._increments = IncrementSolver(self._rows, LassoSolver(self.config.solver), motion)
         self._initialiser = Initialiser(self.kinematics, prior, self._rows)
@@ -113,13 +126,12 @@ class Tracker:
         self._body_hypotheses = BodyHypotheses(self._initialiser, self._rows, bodies)
         self._limbs = LimbHypotheses(self.kinematics, pose_prior, self._initialiser.mirroring, self._rows.balance)
         self._reinitialisation = Reinitialisation(self.kinematics.landmark_count)
-        limbs = limb_groups(self.skeleton)[self.layout.joints]
-        self._measurements = MeasurementFilter(self.layout.names, limbs, self.layout.surface, self.skeleton.height)
         self.model_error = ModelError(self.skeleton.height)
         self.calibration, self.adaptive_mean = Calibration(self._rows), AdaptiveMean(self._rows)
         self._output_filter, self._lag = OutputFilter(self.kinematics.joint_count), FixedLag(self.kinematics)
-        self._uncertainty = UncertaintyModel(self.kinematics, prior)
-        self.reset()
+        proportions = self.calibration.proportions
+        self._uncertainty = UncertaintyModel(self.kinematics, prior, proportions, learned[0] if learned else None)
+        self._observed = ObservedJoints(self.skeleton, self.layout.joints)
 
     def _depth_estimator(self) -> DepthEstimator | None:
         """The depth network for this skeleton and layout; None if it is switched off or cannot be used with them."""
@@ -144,6 +156,9 @@ class Tracker:
             self._depth.reset()
         self._network_hypothesis.reset()
         self._increments.reset()
+        if self.height is not None and self.height.measured:
+            self.height.reset()
+            self._resize(self.config.assumed_height)
         self._measurements.reset()
         self._output_filter.reset()
         self._lag.reset()
@@ -168,9 +183,14 @@ class Tracker:
         """Copy the camera's vertical from trackers of other people in the same images, if one has learned it."""
         self._upright.adopt(other._upright for other in others)
 
-    def tune(self, config: TrackerConfig) -> None:
-        """Use new live settings. Structural settings (height, skeleton, landmarks, solver) are not changed."""
+    def tune(self, config: TrackerConfig, skeleton: Skeleton | None = None) -> None:
+        """Use new live settings. Structural settings (skeleton, landmarks, solver) are not changed.
+
+        A new height makes the tracker forget the person. skeleton: for the new height, in place of `config.skeleton`.
+        """
         before, self.config = self.config, config.checked()
+        if config.height != before.height:
+            self._use_height(skeleton or Skeleton.load(config.skeleton, config.assumed_height))
         if (config.camera_roll, config.camera_pitch) != (before.camera_roll, before.camera_pitch):
             self._upright.mounted(config.camera_roll, config.camera_pitch)
 
@@ -198,7 +218,7 @@ class Tracker:
         measurement = self._filter_keypoints(observation, weights)
         if np.count_nonzero(measurement.weights) < self.config.min_landmarks:
             return self._reject(observation, Rejection.TOO_FEW_LANDMARKS)
-        frame = self._with_learned_depth(measurement)
+        frame = yield from self._with_learned_depth(measurement)
         fit = self._initialise(measurement, frame)
         start, increment = yield from self._solve_increment(fit, frame, measurement)
         rejection = self._check_answer(start, increment, measurement.focal)
@@ -211,6 +231,8 @@ class Tracker:
         offsets = self.skeleton.offsets
         self._learn(measurement, frame, start, fit, increment)
         self._publish(estimate, offsets, measurement)
+        if self.height is not None:
+            self._measure_height(self.height, measurement, frame)
         return estimate
 
     def flush(self) -> list[Estimate]:
@@ -218,21 +240,26 @@ class Tracker:
         return self._lag.flush()
 
     def uncertainty(self, estimate: Estimate) -> JointUncertainty:
-        """Uncertainty of each joint's position, computed on request. Raises ValueError for a rejected frame."""
+        """How far off an estimate may be, computed on request. Raises ValueError for a rejected frame."""
         if estimate.pose is None or estimate.problem is None:
             raise ValueError("only an accepted estimate has an uncertainty; this frame was rejected")
-        return self._uncertainty.of(estimate.pose, estimate.problem)
+        return self._uncertainty.of(estimate)
 
     def _filter_keypoints(self, observation: Observation, weights: np.ndarray) -> Measurement:
         depth = None if self._state is None else float(self._state.translation[2])
         return self._measurements.filtered(
-            observation, weights, depth, self.model_error.deviation, self.config.lost_after
+            observation,
+            weights,
+            depth,
+            self.model_error.deviation,
+            self.config.lost_after,
+            self.config.depth_noise,
         )
 
-    def _with_learned_depth(self, measurement: Measurement) -> FrameData:
+    def _with_learned_depth(self, measurement: Measurement) -> Steps[FrameData]:
         """The frame's measurements, with the depths that the network estimates from them and those before."""
         if self._depth is None:
-            return measurement.data
+            return self._with_measured_depth(measurement)
         if measurement.lost:
             self._depth.reset()
         if measurement.lost or not measurement.repeated:
@@ -241,8 +268,14 @@ class Tracker:
             up = self._upright.vertical if known else None
             seen = measurement.weights > 0
             mount = self._upright.mount
-            self._joint_depths = self._depth.update(measurement.stamp, measurement.points, seen, up, mount)
-        return replace(measurement.data, joint_depths=self._joint_depths)
+            self._joint_depths = yield from self._depth.update(measurement.stamp, measurement.points, seen, up, mount)
+        return replace(self._with_measured_depth(measurement), joint_depths=self._joint_depths)
+
+    def _with_measured_depth(self, measurement: Measurement) -> FrameData:
+        """The frame's measurements; without measured depth as long as the person's size is unknown."""
+        if self.height is None or self.height.measured:
+            return measurement.data
+        return replace(measurement.data, depth=None, depth_weights=None)
 
     def _initialise(self, measurement: Measurement, frame: FrameData) -> Fit | None:
         """A state fitted to this frame alone, if there is no state yet or the present one must be replaced."""
@@ -399,6 +432,10 @@ class Tracker:
             excess=self.model_error.excess,
             confidence=float("nan") if fit is None else fit.confidence,
             repeated=measurement.repeated,
+            visible=measurement.visible & (measurement.weights > 0),
+            measurements=measurement.count,
+            length_deviation=self.calibration.spread,
+            joint_depths=self._joint_depths,
         )
 
     def _learn(
@@ -415,6 +452,12 @@ class Tracker:
             weights = np.where(measurement.visible, measurement.weights, 0.0)  # a landmark not seen is extrapolated
             self.model_error.advance(stamp, increment.problem, increment.solution.omega, weights, depth)
 
+    def observed(self, estimate: Estimate) -> np.ndarray:
+        """Return (n,) bool, the joints that keypoints observe. Raises ValueError for a rejected estimate."""
+        if estimate.visible is None:
+            raise ValueError("this frame was rejected; only an accepted estimate has observed joints")
+        return self._observed.of(estimate.visible)
+
     def _calibrate(self, stamp: float, frame: FrameData, initialised: bool) -> None:
         """Update the bone lengths from a tracked frame. New lengths are used from the next frame on."""
         assert self._state is not None
@@ -422,6 +465,42 @@ class Tracker:
             self.calibration.restart_clock(stamp)
         elif self._successor is None and self.calibration.advance(stamp, self._state, frame):
             self._adopt_lengths()
+
+    def _measure_height(self, height: HeightEstimator, measurement: Measurement, frame: FrameData) -> None:
+        """Update the height from an accepted frame, and adopt it from the next frame on if it has changed."""
+        assert self._state is not None
+        pose = self.kinematics.pose(self._state)
+        height.update(measurement, pose.landmarks, self._state.translation, self.skeleton.height)
+        if height.due(measurement.stamp, self.skeleton.height):
+            self._adopt_height(height.height, frame)
+
+    def _adopt_height(self, height: float, frame: FrameData) -> None:
+        """Scale the body and its distance; what was learned of the proportions starts again."""
+        assert self._state is not None
+        ratio, depth, waiting = height / self.skeleton.height, self._depth, self._lag.flush()
+        self._resize(height)
+        if self._depth is not None and depth is not None:
+            self._depth.adopt_history(depth)
+        self.published = [*self.published, *waiting]
+        self._successor, self._another_body = None, False
+        self._state = BodyState(self._state.rotations, self._state.translation * ratio)
+        self._body_hypotheses.start(self._state, frame)
+        if self._depth is None:
+            self._limbs.start(self._state)
+
+    def _use_height(self, given: Skeleton) -> None:
+        """Forget the person and use another body, for a new setting of the height."""
+        self.reset(same_camera=True)
+        self.height = HeightEstimator() if self.config.height == 0 else None
+        self._build(given)
+        self._measurements.resize(self.layout.surface, self.skeleton.height)
+        self._adopt_lengths()
+
+    def _resize(self, height: float) -> None:
+        """Build all anew for a body of this height, m, with the given proportions."""
+        given = self.calibration.proportions.given
+        self._build(given.scaled(height / given.height))
+        self._measurements.resize(self.layout.surface, self.skeleton.height)
 
     def _adopt_lengths(self) -> None:
         self.skeleton = self.calibration.skeleton

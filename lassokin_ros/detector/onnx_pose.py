@@ -1,7 +1,4 @@
-"""Pose models in ONNX files, run by onnxruntime: MoveNet, RTMPose (SimCC) and YOLO-pose, with COCO's 17 keypoints.
-
-The kind of the model is recognised by the shapes of its inputs and outputs.
-"""
+"""Pose models in ONNX files, run by onnxruntime: MoveNet, RTMPose (SimCC) and YOLO-pose."""
 
 from __future__ import annotations
 
@@ -11,61 +8,76 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.detector.backend import Detected, DetectorError, nobody
+from lassokin_ros.detector.person_region import WHOLE, region_around
+from lassokin_ros.detector.pose_models import EXPECTED, LAYOUTS, recognise
 
-LANDMARKS = 17
-MEAN, DEVIATION = np.array([123.675, 116.28, 103.53]), np.array([58.395, 57.12, 57.375])
-"""Normalisation of RTMPose, RGB."""
-MOVENET_SIZE, YOLO_SIZE = 192, 640
-"""px: side of the input where the model leaves it open."""
-LEAST_YOLO_SCORE = 0.25
+OPEN_SIDE = {True: 640, False: 192}
+"""px: side of the input where the model leaves it open; with the channels first (YOLO) and last (MoveNet)."""
+TYPES = {
+    "tensor(float)": np.float32,
+    "tensor(float16)": np.float16,
+    "tensor(int32)": np.int32,
+    "tensor(uint8)": np.uint8,
+}
 
 
 class OnnxPose:
-    """A pose model with COCO's 17 keypoints. The whole image is scaled into the model's input, with grey borders."""
-
-    landmarks = "coco17"
+    """A pose model. The image is scaled into the model's input without distortion, with borders."""
 
     def __init__(self, path: Path) -> None:
         """Raises DetectorError for a file that is missing, no ONNX model, or no known pose model."""
         self._session = _session(path)
-        inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
-        self._input = inputs[0]
-        self._kind = _kind([i.shape for i in inputs], [o.shape for o in outputs])
-        if self._kind is None:
-            shapes = ", ".join(str(o.shape) for o in outputs)
+        inputs = self._session.get_inputs()
+        shape = inputs[0].shape if len(inputs) == 1 else []
+        if len(shape) != 4 or 3 not in (shape[1], shape[3]) or inputs[0].type not in TYPES:
+            given = ", ".join(f"{item.type} {item.shape}" for item in inputs)
+            raise DetectorError(f"'{path}' is no pose model that is known: its inputs are {given}; expected one image")
+        self._input, self._type, self._channels_first = inputs[0].name, TYPES[inputs[0].type], shape[1] == 3
+        rows, columns = shape[2:4] if self._channels_first else shape[1:3]
+        side = OPEN_SIDE[self._channels_first]
+        self._size = (columns if isinstance(columns, int) else side, rows if isinstance(rows, int) else side)
+        found = recognise(self._channels_first, shapes := self._output_shapes(path))
+        if found is None:
+            given = ", ".join(map(str, shapes))
             raise DetectorError(
-                f"'{path}' is no pose model that is known: its outputs are {shapes}; expected MoveNet (1, 1, 17, 3), "
-                "RTMPose (n, 17, w) and (n, 17, h), or YOLO-pose (1, 56, n)"
+                f"'{path}' is no pose model that is known: its outputs are {given}; expected {EXPECTED}"
             )
-        shape = self._input.shape
-        height, width = shape[1:3] if self._kind == "movenet" else shape[2:4]
-        side = MOVENET_SIZE if self._kind == "movenet" else YOLO_SIZE
-        self._size = (width if isinstance(width, int) else side, height if isinstance(height, int) else side)
+        self._kind, self._count = found
+        self.landmarks = LAYOUTS[self._count]
+        self._region = WHOLE
 
     def detect(self, image: np.ndarray, seconds: float) -> Detected:
         """See Detector.detect."""
-        boxed, scale, shift = letterbox(image, self._size)
-        if self._kind == "movenet":
-            kind = np.int32 if "int32" in self._input.type else np.uint8 if "uint8" in self._input.type else np.float32
-            tensor = boxed[None].astype(kind)
-        elif self._kind == "rtmpose":
-            tensor = ((boxed - MEAN) / DEVIATION).transpose(2, 0, 1)[None].astype(np.float32)
-        else:
-            tensor = (boxed / 255.0).transpose(2, 0, 1)[None].astype(np.float32)
-        outputs = self._session.run(None, {self._input.name: tensor})
-        decode = {"movenet": _movenet, "rtmpose": _rtmpose, "yolo": _yolo}[self._kind or ""]
-        points = decode(outputs, self._size)
+        part = image[self._region] if self._kind.follows else image
+        boxed, scale, shift = letterbox(part, self._size, self._kind.border)
+        points = self._kind.decode(self._run(self._kind.prepare(boxed)), self._size)
         if points is None:
-            return nobody(LANDMARKS)
-        confidence = np.clip(np.nan_to_num(points[:, 2]), 0.0, 1.0)
-        return Detected((points[:, :2] - shift) / scale, confidence)
+            return nobody(self._count)
+        rows, columns = self._region if self._kind.follows else WHOLE
+        pixels = (points[:, :2] - shift) / scale + (columns.start or 0, rows.start or 0)
+        confidence = np.clip(np.nan_to_num(points[:, 2].astype(float)), 0.0, 1.0)
+        self._region = region_around(np.column_stack([pixels, confidence]), image.shape)
+        return Detected(pixels, confidence)
 
     def close(self) -> None:
         """See Detector.close."""
         self._session = None
 
+    def _run(self, prepared: np.ndarray) -> list[np.ndarray]:
+        """Run the model on an image (h, w, 3)."""
+        ordered = prepared.transpose(2, 0, 1) if self._channels_first else prepared
+        outputs: list[np.ndarray] = self._session.run(None, {self._input: ordered[None].astype(self._type)})
+        return outputs
 
-def letterbox(image: np.ndarray, size: tuple[int, int]) -> tuple[np.ndarray, float, np.ndarray]:
+    def _output_shapes(self, path: Path) -> list[tuple[int, ...]]:
+        """Run the model once: exported models often leave their shapes open."""
+        try:
+            return [output.shape for output in self._run(np.zeros((*self._size[::-1], 3)))]
+        except Exception as error:  # onnxruntime's own, of several kinds
+            raise DetectorError(f"the model '{path}' cannot be run: {_short(error)}") from None
+
+
+def letterbox(image: np.ndarray, size: tuple[int, int], border: int) -> tuple[np.ndarray, float, np.ndarray]:
     """Scale an image into (width, height) px without distortion. Returns image, scale and shift (2,) px."""
     import cv2
 
@@ -73,7 +85,7 @@ def letterbox(image: np.ndarray, size: tuple[int, int]) -> tuple[np.ndarray, flo
     scale = min(size[0] / width, size[1] / height)
     inner = max(round(width * scale), 1), max(round(height * scale), 1)
     left, top = (size[0] - inner[0]) // 2, (size[1] - inner[1]) // 2
-    result = np.full((size[1], size[0], 3), 114, np.uint8)
+    result = np.full((size[1], size[0], 3), border, np.uint8)
     result[top : top + inner[1], left : left + inner[0]] = cv2.resize(image, inner)
     return result, scale, np.array([left, top], dtype=float)
 
@@ -88,43 +100,8 @@ def _session(path: Path) -> Any:
     try:
         return onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime's own, of several kinds
-        raise DetectorError(f"'{path}' is no ONNX model: {' '.join(str(error).split())[:160]}") from None
+        raise DetectorError(f"'{path}' is no ONNX model: {_short(error)}") from None
 
 
-def _kind(inputs: list[Any], outputs: list[Any]) -> str | None:
-    """Return "movenet", "rtmpose", "yolo" or None."""
-    if len(inputs) != 1 or len(inputs[0]) != 4:
-        return None
-    if inputs[0][3] == 3 and len(outputs) == 1 and list(outputs[0][-2:]) == [LANDMARKS, 3]:
-        return "movenet"
-    if inputs[0][1] != 3:
-        return None
-    if len(outputs) == 2 and all(len(shape) == 3 and shape[1] == LANDMARKS for shape in outputs):
-        return "rtmpose"
-    if len(outputs) == 1 and len(outputs[0]) == 3 and outputs[0][1] == 5 + 3 * LANDMARKS:
-        return "yolo"
-    return None
-
-
-def _movenet(outputs: list[np.ndarray], size: tuple[int, int]) -> np.ndarray:
-    """Rows y, x (0 to 1) and score to rows x, y (px) and score."""
-    y, x, score = outputs[0].reshape(LANDMARKS, 3).T
-    return np.stack([x * size[0], y * size[1], score], axis=1)
-
-
-def _rtmpose(outputs: list[np.ndarray], size: tuple[int, int]) -> np.ndarray:
-    """SimCC: one distribution per axis and keypoint, in bins of half a pixel."""
-    axes = [output[0] for output in outputs[:2]]
-    places = [axis.argmax(axis=1) * extent / axis.shape[1] for axis, extent in zip(axes, size)]
-    score = np.minimum(axes[0].max(axis=1), axes[1].max(axis=1))
-    return np.stack([*places, score], axis=1)
-
-
-def _yolo(outputs: list[np.ndarray], _size: tuple[int, int]) -> np.ndarray | None:
-    """Keypoints of the box with the highest score; None if no box has a sufficient score."""
-    boxes = outputs[0][0]
-    best = int(boxes[4].argmax()) if boxes.shape[1] else 0
-    if not boxes.shape[1] or boxes[4, best] < LEAST_YOLO_SCORE:
-        return None
-    result: np.ndarray = boxes[5:, best].reshape(LANDMARKS, 3)
-    return result
+def _short(error: Exception) -> str:
+    return " ".join(str(error).split())[:160]

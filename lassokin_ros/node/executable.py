@@ -14,6 +14,8 @@ from concurrent.futures import Future
 from contextlib import suppress
 from typing import Any
 
+from lassokin_ros.common.missing_package import missing_package
+
 USAGE_ERROR = 2
 PAUSE_S = 0.1
 """s: pause after a callback that failed. It keeps a callback that always fails from using a whole core."""
@@ -37,7 +39,7 @@ def run_node(
 
         make_node = load()
     except ImportError as error:
-        return _complain(parser.prog, f"{error}; {advice_on_import(error)}")
+        return _complain(parser.prog, missing_package(error))
     argv = list(sys.argv if arguments is None else [parser.prog, *arguments])
     node = None
     try:
@@ -91,14 +93,6 @@ def await_signal() -> Future[int]:
     stopped: Future[int] = Future()
     threading.Thread(target=lambda: stopped.set_result(signal.sigwait(signals)), daemon=True).start()
     return stopped
-
-
-def advice_on_import(error: ImportError) -> str:
-    """Return what to install for a module that cannot be imported."""
-    module = (error.name or "").partition(".")[0]
-    if module in ("proxsuite", "qpsolvers"):
-        return f"install it with: pip install --break-system-packages {module}"
-    return "the node needs ROS 2's rclpy and common_interfaces, see the README"
 
 
 def _first_sentence(error: Exception) -> str:

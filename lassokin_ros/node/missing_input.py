@@ -6,10 +6,16 @@ from collections.abc import Collection
 
 from rclpy.node import Node
 
+from lassokin_ros.pipeline.outputs.topics import FRAME_OUTPUTS
+
 PATIENCE_S = 3.0
 """s from the start before an absence is worth a line."""
 AGAIN_S = 30.0
 """s after which the same is said again."""
+GENERAL_TYPES = ("sensor_msgs/msg/PointCloud2", "std_msgs/msg/Float32MultiArray", "geometry_msgs/msg/PolygonStamped")
+"""Types that carry many things, such as a lidar's points."""
+NAMES_OF_KEYPOINTS = ("keypoint", "pose", "person", "people", "body", "bodies", "human", "landmark", "skeleton2d")
+"""Parts of the names of topics that may carry keypoints, for GENERAL_TYPES."""
 LISTED = 4
 """Topics that a line names at most."""
 
@@ -63,6 +69,16 @@ class MissingInput:
         own = {name for name, _ in node.get_publisher_names_and_types_by_node(node.get_name(), node.get_namespace())}
         for name, types in node.get_topic_names_and_types():
             readable = [kind for kind in types if kind == self._type or kind in self._others]
+            readable = [kind for kind in readable if _may_be_keypoints(name, kind)]
             if readable and name not in own and node.count_publishers(name):
                 found.append(name if self._type in readable else f"{name} (keypoints_type {readable[0]})")
         return found
+
+
+def _may_be_keypoints(name: str, message_type: str) -> bool:
+    """Return True unless a topic of a general type has the name of something else, or is an output of a tracker."""
+    if message_type not in GENERAL_TYPES:
+        return True
+    last = name.rpartition("/")[2]
+    is_output = any(topic.name == f"~/{last}" for topic in FRAME_OUTPUTS)
+    return not is_output and any(part in name.lower() for part in NAMES_OF_KEYPOINTS)

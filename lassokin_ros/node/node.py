@@ -15,8 +15,8 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from lassokin_ros.core.errors import LassokinError
-from lassokin_ros.core.observation import Status
 from lassokin_ros.node.camera_info_input import CameraInfoInput
+from lassokin_ros.node.depth_input import DepthInput
 from lassokin_ros.node.latched_camera_info import LatchedCameraInfo
 from lassokin_ros.node.log_throttle import LogThrottle
 from lassokin_ros.node.missing_input import MissingInput
@@ -25,6 +25,7 @@ from lassokin_ros.node.person_outputs import PeopleOutputs, PersonOutputs, adver
 from lassokin_ros.node.polled_subscription import SimulatedTime, ignore_events
 from lassokin_ros.node.qos import matches_every_publisher, overrides, sensor_data
 from lassokin_ros.node.rep155_inputs import Rep155Inputs
+from lassokin_ros.node.scene_outputs import SceneOutputs
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.keypoint_queue import KeypointQueue
 from lassokin_ros.pipeline.outputs import topics
@@ -36,6 +37,7 @@ from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.detectors.registry import ADAPTERS, full_type_name
+from msg_adapters.keypoints import stamp_of
 from msg_adapters.output_messages.builders import DiagnosticArrayBuilder
 
 DIAGNOSTICS_PERIOD_S = 1.0
@@ -54,7 +56,7 @@ class TrackerNode(Node):
         self._pipeline = (PerBodyPipeline if settings[1].topic_per_body else Pipeline)(*settings)
         self._camera_warning = LogThrottle(self.get_logger().warning, time.monotonic)
         self._warning = LogThrottle(self.get_logger().warning, time.monotonic)
-        self._said_unstamped = self._said_misplaced = self._said_tracking = False
+        self._said_unstamped = self._said_misplaced = False
         name = self.get_fully_qualified_name().lstrip("/")  # /diagnostics is shared by the trackers of all namespaces
         self._status = DiagnosticArrayBuilder(RclpyBackend())
         self._diagnostics = Diagnostics(self._pipeline, name, time.monotonic())
@@ -85,6 +87,7 @@ class TrackerNode(Node):
     def _open_outputs(self, config: NodeSettings, name: str) -> None:
         """One person's topics, or those that several people's begin with."""
         skeleton = self._pipeline.tracker.skeleton
+        self._scene = SceneOutputs(self, self._pipeline)
         self._person = self._people = None
         if config.several_people:
             self._people = PeopleOutputs(self, skeleton, config, name)
@@ -107,6 +110,9 @@ class TrackerNode(Node):
             on_error=partial(self._count_internal_error, "a camera_info message"),
         )
         self._kept_camera_info = LatchedCameraInfo(self, self._camera_info.take)
+        self._depth = None
+        if self._pipeline.depth is not None:
+            self._depth = DepthInput(self, config.depth, self._pipeline.depth, self._pipeline.counts, time.monotonic())
         self._bodies = None
         if isinstance(self._pipeline, PerBodyPipeline):
             qos = sensor_data(config.queue_depth)
@@ -159,8 +165,12 @@ class TrackerNode(Node):
         taken = [(message, info), *self._waiting()]
         waiting = [((message, info.get("received_timestamp", 0)), info) for message, info in taken]
         for chosen, received_ns in self._queue.choose(waiting, self._keypoints.get_publisher_count()):
-            if self.context.ok():
+            if not self.context.ok():
+                continue
+            if self._depth is None:
                 self.work_on(chosen, received_ns=received_ns)
+            else:
+                self._depth.hold(stamp_of(chosen), partial(self.work_on, chosen, received_ns=received_ns))
         self._queue.done(time.time_ns())
 
     def _waiting(self) -> Iterator[tuple[Any, Mapping[str, Any]]]:
@@ -198,6 +208,7 @@ class TrackerNode(Node):
         try:
             frames = (frames_in or self._pipeline.frames)(message, arrival_ns)
             self._publish(frames)
+            self._scene.publish(frames, arrival_ns)
             self._comment(frames)
         except Exception as error:  # the promise: no message, however strange, ends the node
             self._count_internal_error("a keypoint message", error)
@@ -227,7 +238,7 @@ class TrackerNode(Node):
     def _comment(self, frames: list[FrameResult]) -> None:
         """What is said in the log."""
         for frame in frames:
-            if not frame.accepted:
+            if not frame.accepted and not self._pipeline.nobody_in_view:
                 self._warning.say(str(frame.rejection), f"keypoints rejected ({frame.rejection}): {frame.detail}")
         if self._pipeline.counts["unstamped"] and not self._said_unstamped:  # once, however many follow
             self._said_unstamped = True
@@ -248,6 +259,7 @@ class TrackerNode(Node):
         ids = self._pipeline.presence_at(self._as_of_ns).ids
         if self._people is not None and ids is not None:
             self._people.keep(ids)
+        self._scene.look(self._as_of_ns)
 
     def _publish_diagnostics(self) -> None:
         if self._bodies is not None:
@@ -265,13 +277,12 @@ class TrackerNode(Node):
             self._absent_clock.excuse(now)
         self._kept_camera_info.look(now, self._diagnostics.camera_came)
         self._absent_camera.look(now, self._diagnostics.camera_came)
+        if self._depth is not None:
+            self._depth.look(now)
         if self._absent_keypoints is not None:
             self._absent_keypoints.look(now, self._diagnostics.keypoints_came)
             if self._diagnostics.keypoints_came and matches_every_publisher(self._keypoints.qos_profile):
                 ignore_events(self._keypoints)
-        if presence.status is Status.TRACKING and not self._said_tracking:  # the first time: later ones are too many
-            self._said_tracking = True
-            self.get_logger().info("tracking")
         line = self._diagnostics.line(now, presence, concern)
         self._diagnostics_out.publish(self._status.fill(clock.now().nanoseconds, "", [line]))
 
@@ -308,11 +319,21 @@ class TrackerNode(Node):
 
     def _forget(self) -> None:
         self._pipeline.reset()
+        self._end_outputs()
+
+    def _end_outputs(self) -> None:
+        """Publish that the people of before the reset have gone."""
         if self._people is not None:
             self._people.keep(self._pipeline.ids or [])
+        self._scene.forget()
 
     def _tune(self, settings: Settings) -> None:
+        height = self._pipeline.tracker.config.height
         self._pipeline.tune(*settings)
+        if settings[0].height != height:
+            self._end_outputs()
+            measured = " (measured)" if settings[0].height == 0 else ""
+            self.get_logger().info(f"height is now {settings[0].height:g} m{measured}: the state is forgotten")
 
 
 def version() -> str:

@@ -12,9 +12,10 @@ from dataclasses import Field, fields, replace
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any, Callable, Sequence
 
-from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.errors import ConfigurationError
+from lassokin_ros.core.config import TrackerConfig, without_bool
+from lassokin_ros.core.errors import ConfigurationError, LassokinError
 from lassokin_ros.pipeline.settings import NodeSettings
+from lassokin_ros.skeleton_readers.load import load_skeleton
 
 if TYPE_CHECKING:
     from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
@@ -59,12 +60,14 @@ def _declared(node: Node, config: Any) -> Any:
 
     values = {}
     for item in fields(config):
+        given = getattr(node, "_parameter_overrides", {}).get(item.name)
+        if given is not None and (value := without_bool(given.value, item.metadata)) != given.value:
+            node._parameter_overrides[item.name] = type(given)(item.name, value=value)
         try:
             values[item.name] = node.declare_parameter(item.name, item.default, describe(item)).value
         except (InvalidParameterTypeException, InvalidParameterValueException):
             kind = ROS_TYPES[type(item.default)]
             hint = " (written with a decimal point)" if kind == "double" else ""
-            given = getattr(node, "_parameter_overrides", {}).get(item.name)
             raise ConfigurationError(
                 f"parameter '{item.name}' is {given.value if given else 'wrong'!r}; expected "
                 f"{_range(item) or 'a value'}, of type {kind}{hint}"
@@ -103,8 +106,10 @@ class LiveParameters:
         from rcl_interfaces.msg import SetParametersResult
 
         try:
-            self._changed(parameters)
-        except (ConfigurationError, TypeError) as error:
+            tracker, _ = self._changed(parameters)
+            if tracker.height != self.settings[0].height:
+                load_skeleton(tracker.skeleton, tracker.assumed_height)  # the file may be gone
+        except (LassokinError, TypeError) as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 

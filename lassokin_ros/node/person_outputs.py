@@ -19,11 +19,15 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages, id_list
 from lassokin_ros.pipeline.outputs.robot_description import RobotDescription
-from lassokin_ros.pipeline.settings import NodeSettings
+from lassokin_ros.pipeline.settings import OFF, NodeSettings
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.detectors.registry import full_type_name
 
 OUTPUT_DEPTH = 10
+
+
+SOURCES = {"yolo_msgs": "build it from github.com/mgonzs13/yolo_ros"}
+"""How to install packages of messages that apt does not have."""
 
 
 def message_class(message_type: str) -> Any:
@@ -32,9 +36,10 @@ def message_class(message_type: str) -> Any:
     try:
         return getattr(import_module(f"{package}.msg"), name)
     except (ImportError, AttributeError):
+        source = SOURCES.get(package) or f"apt install ros-$ROS_DISTRO-{package.replace('_', '-')}"
         raise ConfigurationError(
-            f"message type {message_type} needs the ROS package {package}, which is not installed: apt install "
-            f"ros-$ROS_DISTRO-{package.replace('_', '-')}, or source the workspace that has it"
+            f"message type {message_type} needs the ROS package {package}, which is not installed: {source}, or source "
+            "the workspace that has it"
         ) from None
 
 
@@ -65,11 +70,9 @@ class PersonOutputs:
         self._description = RobotDescription(backend, skeleton, config.base_frame, prefix)
         name = partial(topics.of_person, person=person, rep155=config.rep155)
         self._out = {t.name: advertise(node, t, name(t.name), not person) for t in topics.PERSON_OUTPUTS}
-        if config.publish_tf:
+        if config.publish_tf != OFF:
             self._out[topics.TF] = advertise(node, topics.TF_OUTPUT, overridable=not person)
-        self._messages = FrameMessages(
-            backend, skeleton, title, person, config.publish_tf, config.rep155, True, config.frame_prefix
-        )
+        self._messages = FrameMessages(backend, skeleton, title, person, config, ready_made=True)
         self.state_publisher = None
         if not person and config.state_publisher:
             self.state_publisher = StatePublisher(node, config.state_publisher, prefix)
@@ -116,7 +119,7 @@ class PeopleOutputs:
 
     def __init__(self, node: Node, skeleton: Skeleton, config: NodeSettings, title: str) -> None:
         """Raises ConfigurationError when a message type that is asked for is not installed."""
-        if config.publish_tf:
+        if config.publish_tf != OFF:
             message_class(topics.TF_OUTPUT.message_type)  # now, not when the first person comes
         self._of = partial(PersonOutputs, node, skeleton, config, title)
         self._people: dict[str, PersonOutputs] = {}

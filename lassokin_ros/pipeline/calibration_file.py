@@ -1,9 +1,9 @@
-"""Camera calibration files of ROS (ost.yaml), OpenCV (FileStorage YAML) and Kalibr (camchain YAML)."""
+"""Camera calibration files: ost.yaml of ROS, OpenCV's FileStorage YAML or JSON, camchain of Kalibr."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,30 +12,30 @@ import numpy as np
 
 from lassokin_ros.core.errors import CameraError
 from lassokin_ros.core.yaml_files import load_mapping, read_text
-from lassokin_ros.pipeline.camera import Camera
+from lassokin_ros.pipeline.lens import Lens
 from msg_adapters.backends import Backend
+from msg_adapters.camera_info import decode_camera_info
 from msg_adapters.errors import AdapterError
 from msg_adapters.inputs import camera_info
 
-FRAME = "camera_optical_frame"
-"""frame_id of a camera that is known from a file."""
-FORMS = (
-    "camera_matrix, distortion_coefficients, image_width and image_height (ROS's ost.yaml, OpenCV's FileStorage), or "
-    "cam0 with intrinsics, distortion_coeffs and resolution (Kalibr's camchain.yaml)"
-)
+FORMS = "expected ost.yaml of ROS, YAML of OpenCV's FileStorage, or a camchain of Kalibr"
 KALIBR_MODELS = {"radtan": "plumb_bob", "equidistant": "equidistant", "none": "plumb_bob"}
-"""Kalibr's distortion model -> that of camera_info. radtan has the coefficients k1, k2, p1, p2 in OpenCV's order."""
-MATRIX = ("cameramatrix", "k")
-DISTORTION = ("distortioncoefficients", "distcoeffs", "distortioncoeffs", "d")
+"""distortion_model of Kalibr -> distortion_model of ROS."""
+MATRIX = ("cameramatrix", "k", "intrinsicmatrix", "intrinsicsmatrix", "mtx")
+COEFFICIENTS = ("distortioncoefficients", "distcoeffs", "distortioncoeffs", "d", "dist")
+WIDTH, HEIGHT = ("imagewidth", "width"), ("imageheight", "height")
+SIZE = ("imagesize", "resolution", "size")
 PROJECTION = ("projectionmatrix", "p")
-"""Names of the entries in OpenCV's files, in lower case and without underscores."""
+MODEL = ("distortionmodel",)
+FISHEYE = ("fisheyemodel", "fisheye")
+"""Names of the values, in lower case and without underscores. OpenCV's own programs write several of them."""
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """Intrinsics of an image. K: (3, 3) px. D: coefficients of `model`. size: (width, height) px.
+    """Intrinsics of an image. K: (3, 3) px. D: coefficients of `model`. size: (width, height) px, zeros if unknown.
 
-    P: (3, 4) px, of the rectified image, None if unknown. source: the file, for messages. note: what a user must know.
+    P: (3, 4) px of the rectified image, None if the file has none.
     """
 
     K: np.ndarray
@@ -43,107 +43,142 @@ class Calibration:
     model: str = "plumb_bob"
     size: tuple[int, int] = (0, 0)
     P: np.ndarray | None = None
-    source: str = ""
-    note: str = ""
 
-    def scaled(self, size: tuple[int, int]) -> Calibration:
-        """Return the calibration for images of another size (width, height) px of the same camera.
+    def scaled_to(self, size: tuple[int, int], source: str) -> Calibration:
+        """Return the calibration of the same image with another size (width, height) px.
 
-        Raises CameraError for another aspect ratio.
+        source: the file, for messages. Raises CameraError for another aspect ratio.
         """
+        if self.size == (0, 0):
+            return replace(self, size=size)
         scale = np.array(size) / np.array(self.size)
         if abs(scale[0] / scale[1] - 1) > 0.01:
             raise CameraError(
-                f"'{self.source}' is for {self.size[0]} x {self.size[1]} px, the images have {size[0]} x {size[1]} px; "
+                f"'{source}' is for {self.size[0]} x {self.size[1]} px, the images have {size[0]} x {size[1]} px; "
                 "expected the same aspect ratio"
             )
-        factors = np.array([*scale, 1.0])[:, None]
-        return replace(self, K=factors * self.K, P=None if self.P is None else factors * self.P, size=size)
+        scale = np.append(scale, 1.0)[:, None]
+        return replace(self, K=self.K * scale, P=None if self.P is None else self.P * scale, size=size)
 
-    def message(self, backend: Backend, stamp_ns: int, rectified: bool = False) -> Any:
-        """Return the calibration as sensor_msgs/CameraInfo in the frame FRAME.
-
-        rectified: the keypoints are pixels of the rectified image. Raises CameraError if no camera has these values.
-        """
-        if rectified and self.P is None and self.D.any():
-            raise CameraError(f"'{self.source}' has no projection_matrix; expected one because of `rectified`")
-        message = camera_info(backend, stamp_ns, FRAME, self.K, self.D, self.size, self.model)
+    def message(self, backend: Backend, stamp_ns: int, frame_id: str, rectified: bool = False) -> Any:
+        """Return the calibration as sensor_msgs/CameraInfo. Raises CameraError if no lens can be made of it."""
+        message = camera_info(backend, stamp_ns, frame_id, self.K, self.D, self.size, self.model)
         if self.P is not None:
             message.p = self.P.reshape(12)
         try:
-            Camera(rectified).update(message)
+            Lens.from_intrinsics(decode_camera_info(message), rectified)
         except AdapterError as error:
-            raise CameraError(f"'{self.source}' is not usable: {error}") from None
+            raise CameraError(str(error)) from None
         return message
 
 
 def read_calibration(path: Path) -> Calibration:
-    """Read a calibration file; its content tells the form. Raises CameraError."""
-    text = read_text(path, CameraError)
-    if text.lstrip().startswith(("<", "{")):
-        raise CameraError(f"'{path}' is XML or JSON; expected YAML with {FORMS}")
-    text = re.sub(r"\A\s*%YAML:[\d.]+", "", text).replace("!!opencv-matrix", "")
-    data = load_mapping(text, f"'{path}'", CameraError)
-    chain = sorted(key for key in data if re.fullmatch(r"cam\d+", str(key)))
-    read = _kalibr if chain or "intrinsics" in data else _opencv
+    """Read a calibration file. Of a file with several cameras one is chosen by its name: `camchain.yaml:cam1`.
+
+    Raises CameraError.
+    """
+    file, chosen = split_camera(path)
+    cameras = _cameras(load_mapping(_plain_yaml(read_text(file, CameraError), file), str(file), CameraError))
+    if not chosen and len(cameras) == 1:
+        (chosen,) = cameras
+    names = ", ".join(cameras)
+    if not chosen:
+        raise CameraError(f"'{file}' has several cameras: {names}; choose one, such as {file}:{next(iter(cameras))}")
+    if chosen not in cameras:
+        raise CameraError(f"'{file}' has no camera '{chosen}'; expected one of: {names}")
+    values = {re.sub(r"[\s_-]", "", str(key)).lower(): value for key, value in cameras[chosen].items()}
     try:
-        found = read(data[chain[0]] if chain else data)
-    except CameraError as error:
-        raise CameraError(f"'{path}': {error}") from None
-    except (KeyError, TypeError, ValueError, OverflowError) as error:
-        what = f"it lacks {error}" if isinstance(error, KeyError) else str(error)
-        raise CameraError(f"'{path}' is not a calibration file: {what}; expected {FORMS}") from None
-    if min(found.size) < 1:
-        raise CameraError(f"'{path}' is for an image of {found.size[0]} x {found.size[1]} px; expected the image size")
-    note = f"{chain[0]} of {', '.join(chain)} is used" if len(chain) > 1 else ""
-    return replace(found, source=str(path), note=note)
+        calibration = _from_kalibr(values, file) if "intrinsics" in values else _from_opencv(values)
+    except (KeyError, TypeError, ValueError) as error:
+        raise CameraError(f"'{file}' is no camera calibration: {_what(error)}; {FORMS}") from None
+    if calibration.size != (0, 0) and min(calibration.size) < 1:
+        raise CameraError(f"'{file}' is for an image of {calibration.size[0]} x {calibration.size[1]} px")
+    return calibration
 
 
-def _kalibr(data: Any) -> Calibration:
-    if not isinstance(data, Mapping):
-        raise TypeError("cam0 is not a mapping")
-    lens = str(data.get("camera_model", "pinhole"))
-    if lens != "pinhole":
-        raise CameraError(f"camera_model is {lens[:40]}; expected pinhole: run Kalibr with --models pinhole-radtan")
-    name = str(data.get("distortion_model", "none"))
-    if name not in KALIBR_MODELS:
-        raise CameraError(f"distortion_model is {name[:40]}; expected {' or '.join(KALIBR_MODELS)}")
-    fx, fy, cx, cy = _numbers(data["intrinsics"], 4)
-    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-    D = np.zeros(5) if name == "none" else _numbers(data["distortion_coeffs"], 4)
-    return Calibration(K, D, KALIBR_MODELS[name], _size(*data["resolution"]))
+def _what(error: Exception) -> str:
+    return f"it has no {error.args[0]}" if isinstance(error, KeyError) else f"{type(error).__name__} {error}"
 
 
-def _opencv(data: Mapping[Any, Any]) -> Calibration:
-    entries = {str(key).lower().replace("_", ""): value for key, value in data.items()}
-    K = _numbers(_first(entries, MATRIX, "camera_matrix"), 9).reshape(3, 3)
-    D = _numbers(_first(entries, DISTORTION, "distortion_coefficients"))
-    if "imagesize" in entries:
-        size = _size(*entries["imagesize"])
-    else:
-        size = _size(
-            _first(entries, ("imagewidth", "width"), "image_width"),
-            _first(entries, ("imageheight", "height"), "image_height"),
+def split_camera(path: Path) -> tuple[Path, str]:
+    """Return (file, name of a camera in it, empty if none is chosen)."""
+    name, colon, chosen = path.name.rpartition(":")
+    return (path.with_name(name), chosen) if colon and name and not path.exists() else (path, "")
+
+
+def _plain_yaml(text: str, file: Path) -> str:
+    """Return the text without what only OpenCV's own reader understands. Raises CameraError for XML and INI."""
+    if re.search(r"\A\s*<|^\[image\]", text, re.MULTILINE):
+        raise CameraError(f"'{file}' is XML or INI; {FORMS}")
+    text = re.sub(r"\A\s*%YAML:.*\n", "", text)
+    return re.sub(r"!!opencv-[\w-]+", "", text).rstrip().removesuffix("\n---")
+
+
+def _cameras(data: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """Return {name: values} of the cameras in a file."""
+    kalibr = {name: data[name] for name in data if re.fullmatch(r"cam\d+", str(name)) and isinstance(data[name], dict)}
+    if kalibr:
+        return kalibr
+    stereo = [number for number in "12" if f"M{number}" in data]
+    if stereo:  # OpenCV's stereo_calib
+        return {f"M{n}": {"k": data[f"M{n}"], "d": data.get(f"D{n}"), **_sizes(data)} for n in stereo}
+    return {"camera": data}
+
+
+def _sizes(data: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in data.items() if re.sub("_", "", str(key)).lower() in (*WIDTH, *HEIGHT, *SIZE)}
+
+
+def _from_kalibr(values: Mapping[str, Any], file: Path) -> Calibration:
+    camera, model = str(values.get("cameramodel", "pinhole")), str(values.get("distortionmodel", "none"))
+    if camera != "pinhole" or model not in KALIBR_MODELS:
+        raise CameraError(
+            f"'{file}' has camera_model {camera} with distortion_model {model}; expected pinhole with "
+            f"{', '.join(KALIBR_MODELS)}"
         )
-    usual = "equidistant" if entries.get("fisheyemodel") else "rational_polynomial" if len(D) > 5 else "plumb_bob"
-    P = next((_numbers(entries[name], 12).reshape(3, 4) for name in PROJECTION if name in entries), None)
-    return Calibration(K, D, str(entries.get("distortionmodel", usual)), size, P)
+    fx, fy, cx, cy = _numbers(values["intrinsics"], 4)
+    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    D = np.array([] if model == "none" else values["distortioncoeffs"], dtype=float).ravel()
+    width, height = _numbers(values["resolution"], 2)
+    return Calibration(K, D, KALIBR_MODELS[model], (int(width), int(height)))
 
 
-def _first(entries: Mapping[str, Any], names: tuple[str, ...], usual: str) -> Any:
-    for name in names:
-        if name in entries:
-            return entries[name]
-    raise KeyError(usual)
+def _from_opencv(values: Mapping[str, Any]) -> Calibration:
+    """Return the calibration of a file of ROS or OpenCV. Raises KeyError, TypeError or ValueError."""
+    K = _numbers(_one_of(values, MATRIX, "camera_matrix"), 9).reshape(3, 3)
+    D = _numbers(_one_of(values, COEFFICIENTS, "distortion_coefficients"))
+    model = _one_of(values, MODEL, "", "")
+    if not model:
+        model = "equidistant" if _one_of(values, FISHEYE, "", 0) else _opencv_model(len(D))
+    if (size := _one_of(values, SIZE, "", None)) is None:
+        size = [_one_of(values, WIDTH, "", 0), _one_of(values, HEIGHT, "", 0)]
+    width, height = _numbers(size, 2)
+    P = _one_of(values, PROJECTION, "", None)
+    return Calibration(
+        K, D, str(model), (int(width), int(height)), None if P is None else _numbers(P, 12).reshape(3, 4)
+    )
+
+
+def _opencv_model(count: int) -> str:
+    return "plumb_bob" if count <= 5 else "rational_polynomial"
+
+
+_REQUIRED = object()
+
+
+def _one_of(values: Mapping[str, Any], names: Iterable[str], wanted: str, default: Any = _REQUIRED) -> Any:
+    """Return the value under the first of the names that there is. Raises KeyError, of `wanted`, if there is none."""
+    found = next((values[name] for name in names if values.get(name) is not None), default)
+    if found is _REQUIRED:
+        raise KeyError(wanted)
+    return found
 
 
 def _numbers(value: Any, count: int | None = None) -> np.ndarray:
-    """Return the numbers of a list, or of a matrix with `data`."""
-    numbers = np.array(value["data"] if isinstance(value, Mapping) else value, dtype=float).ravel()
+    """Return the numbers of a list, of nested lists, or of an OpenCV matrix. Raises ValueError, KeyError, TypeError."""
+    numbers = np.array(value["data"] if isinstance(value, dict) else value, dtype=float).ravel()
     if count is not None and len(numbers) != count:
-        raise ValueError(f"{len(numbers)} numbers where {count} are expected")
+        raise ValueError(f"with {len(numbers)} values in place of {count}")
+    if not np.isfinite(numbers).all():
+        raise ValueError("with a value that is not finite")
     return numbers
-
-
-def _size(width: Any, height: Any) -> tuple[int, int]:
-    return int(width), int(height)

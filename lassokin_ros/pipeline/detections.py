@@ -17,7 +17,8 @@ def detection(keypoints: Keypoints, person: int | None, count: int, lens: Lens) 
     count: number of landmarks in the layout. Raises AdapterError, see `Keypoints.as_landmarks`.
     """
     pixels, confidence = keypoints.as_landmarks(count, person)
-    return Detection(lens.normalise(pixels), confidence, person or 0, pixels)
+    depth = keypoints.depth_as_landmarks(count, person)
+    return Detection(lens.normalise(pixels), confidence, person or 0, pixels, depth, keypoints.depth_of_surface)
 
 
 def detections_by_person(keypoints: Keypoints, count: int, lens: Lens) -> list[Detection]:
@@ -30,4 +31,14 @@ def detections_by_person(keypoints: Keypoints, count: int, lens: Lens) -> list[D
     if len(numbers) > MOST_PEOPLE:
         raise AdapterError("too_many_people", f"{len(numbers)} people; expected at most {MOST_PEOPLE}")
     points = lens.normalise(pixels.reshape(-1, 2)).reshape(pixels.shape)
-    return [Detection(points[i], confidence[i], number, pixels[i]) for i, number in enumerate(numbers.tolist())]
+    return [
+        Detection(
+            points[i],
+            confidence[i],
+            number,
+            pixels[i],
+            keypoints.depth_as_landmarks(count, number),
+            keypoints.depth_of_surface,
+        )
+        for i, number in enumerate(numbers.tolist())
+    ]

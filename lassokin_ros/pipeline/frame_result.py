@@ -33,7 +33,11 @@ class FrameResult:
     points: (l, 2) normalised image coordinates of `detected`. None if the message was refused before tracking.
     lens: the lens of the image. None if the message was refused before tracking.
     skeleton: the skeleton with the lengths used for this result. None if the message was refused before tracking.
+    earlier: s since the result before, and its joint positions (n, 3) m; see `joint_velocities`. None after
+    initialisation.
+    velocity: (3,) m/s, velocity of the pelvis, averaged over 0.2 s. None if rejected.
     measure: computes the joint uncertainty, see `uncertainty`.
+    observe: computes which joints are observed, see `observed`.
     held_s: s, by stamps, how long the result waited for later messages (`smoothing_lag`).
     """
 
@@ -49,7 +53,10 @@ class FrameResult:
     points: np.ndarray | None = None
     lens: Lens | None = None
     skeleton: Skeleton | None = None
+    earlier: tuple[float, np.ndarray] | None = None
+    velocity: np.ndarray | None = None
     measure: Callable[[Estimate], JointUncertainty] | None = None
+    observe: Callable[[Estimate], np.ndarray] | None = None
     held_s: float = 0.0
 
     @property
@@ -63,6 +70,24 @@ class FrameResult:
         if self.measure is None or self.estimate is None:
             raise ValueError("this result was rejected; only an accepted result has an uncertainty")
         return self.measure(self.estimate)
+
+    @property
+    def joint_velocities(self) -> np.ndarray:
+        """(n, 3) m/s, differences of joint positions over stamps, 0 after initialisation. Needs an accepted result."""
+        assert self.estimate is not None and self.estimate.pose is not None
+        positions = self.estimate.pose.positions
+        if self.earlier is None:
+            return np.zeros_like(positions)
+        seconds, before = self.earlier
+        velocities: np.ndarray = (positions - before) / seconds
+        return velocities
+
+    @property
+    def observed(self) -> np.ndarray:
+        """(n,) bool, the joints that the keypoints observe. Raises ValueError if the result was rejected."""
+        if self.observe is None or self.estimate is None:
+            raise ValueError("this result was rejected; only an accepted result has observed joints")
+        return self.observe(self.estimate)
 
     @property
     def reprojected(self) -> np.ndarray | None:

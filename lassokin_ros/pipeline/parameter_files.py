@@ -8,7 +8,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.config import TrackerConfig, without_bool
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.yaml_files import load_mapping, load_value, read_text
 from lassokin_ros.pipeline.settings import NodeSettings
@@ -79,7 +79,7 @@ def _applied(config: Any, values: Mapping[str, Any]) -> Any:
     changes = {}
     for item in fields(config):
         if item.name in values:
-            value = values[item.name]
+            value = without_bool(values[item.name], item.metadata)
             whole = isinstance(value, int) and not isinstance(value, bool)
             changes[item.name] = float(value) if isinstance(item.default, float) and whole else value
     return replace(config, **changes)

@@ -12,10 +12,13 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from lassokin_ros.core.calibration import Calibration
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.camera import OUTSIDE_IMAGE, Camera, View
+from lassokin_ros.pipeline.depth_images import DepthImages
 from lassokin_ros.pipeline.detections import detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
 from lassokin_ros.pipeline.outputs.urdf import check_names
@@ -27,10 +30,13 @@ from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
 from lassokin_ros.pipeline.placeholders import PLACEHOLDERS, without_placeholders
 from lassokin_ros.pipeline.settings import MESSAGE, NodeSettings
 from lassokin_ros.pipeline.stamps import StampWatch
-from lassokin_ros.skeleton_readers.load import load_skeleton
+from lassokin_ros.skeleton_readers.load import load_skeleton, naming_help
 from msg_adapters.detectors.registry import keypoint_adapter
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
+
+NOBODY = "nobody in view"
+"""Key of the count of messages without any confident keypoint."""
 
 
 class Pipeline:
@@ -39,9 +45,10 @@ class Pipeline:
     def __init__(self, tracker_config: TrackerConfig, node_config: NodeSettings) -> None:
         """Raises a LassokinError if the configuration is unusable."""
         self.config = node_config.checked()
-        skeleton = load_skeleton(tracker_config.checked().skeleton, tracker_config.height)
+        skeleton = load_skeleton(tracker_config.checked().skeleton, tracker_config.assumed_height)
         check_names(skeleton)
-        self._trackable = [TrackedPerson(tracker_config, skeleton) for _ in range(self.config.max_people)]
+        with naming_help(tracker_config.skeleton):
+            self._trackable = [TrackedPerson(tracker_config, skeleton) for _ in range(self.config.max_people)]
         self.tracker = self._trackable[0].tracker
         self._landmark_count = self.tracker.kinematics.landmark_count
         self.enabled = True
@@ -49,12 +56,18 @@ class Pipeline:
         self.counts: Counter[str] = Counter()
         """Number of messages by result: received, accepted, duplicated, unstamped, resets, "rejected: <reason>", and
         messages with keypoints outside the image."""
+        self.nobody_in_view = False
+        """True if the last message had no confident keypoint."""
         self.people = _people_tracker(self._trackable, self.counts, self.config.several_people)
         self._adapter = keypoint_adapter(self.config.keypoints_type)
         self.camera = Camera(self.config.rectified)
+        self.depth = DepthImages(self.counts) if self.config.depth else None
+        """The depth images, None if the setting `depth` names no topic."""
         self._stamps = StampWatch()
         self._camera_frame: str | None = None  # frame of the camera that took the last image
         self._latest: tuple[int, int] | None = None  # stamp and arrival, ns, of the last message not refused as a whole
+        self.image: tuple[int, str] | None = None
+        """Stamp (ns) and frame_id of the last message that was not refused as a whole."""
 
     @property
     def has_camera(self) -> bool:
@@ -94,18 +107,28 @@ class Pipeline:
     def reset(self) -> None:
         """Forget all people and the stamps. The camera and the counts stay."""
         self._stamps.reset()
+        if self.depth is not None:
+            self.depth.reset()
         self._forget_people()
 
     def _forget_people(self) -> None:
         self.people.reset()
-        self._latest = self._camera_frame = None
+        self._latest = self._camera_frame = self.image = None
         self.counts["resets"] += 1
 
     def tune(self, tracker_config: TrackerConfig, node_config: NodeSettings) -> None:
-        """Apply settings that can change while running, from the next message on."""
+        """Apply settings that can change while running, from the next message on. Another height resets.
+
+        Raises SkeletonError, before anything is changed, if the file of the skeleton cannot be read anew.
+        """
+        skeleton = None
+        if tracker_config.height != self.tracker.config.height:
+            skeleton = load_skeleton(tracker_config.skeleton, tracker_config.assumed_height)
         for tracked in self._trackable:
-            tracked.tracker.tune(tracker_config)
+            tracked.tracker.tune(tracker_config, skeleton)
         self.config = node_config.checked()
+        if skeleton is not None:
+            self.reset()
 
     def set_camera(self, message: Any) -> str | None:
         """Apply a CameraInfo message. Return the key of the reason if it is refused; the last good camera then stays.
@@ -146,16 +169,19 @@ class Pipeline:
         return frames
 
     def _frames(self, message: Any, arrival_ns: int) -> list[FrameResult]:
-        stamp_ns, frame_id = arrival_ns, ""
+        stamp_ns, frame_id, self.nobody_in_view = arrival_ns, "", False
         try:
             keypoints, view = self._decode(message)
             frame_id = keypoints.frame_id or view.intrinsics.frame_id
             keypoints = self._remove_placeholders(keypoints, view)
+            self._count_nobody(keypoints)
             self._count_outside(keypoints, view)
             if keypoints.stamp_ns is None:
                 self.counts["unstamped"] += 1
             stamped = keypoints.stamp_ns is not None
             stamp_ns = keypoints.stamp_ns or self._stamps.estimate(arrival_ns)
+            if self.depth is not None:
+                keypoints = self.depth.with_depth(keypoints, stamp_ns, view.size, view.intrinsics.frame_id)
             image = PeopleImage(keypoints, stamp_ns, frame_id, view.lens, self._has_persistent_numbers(keypoints))
             if self._is_back_in_time(image, arrival_ns, stamped):
                 self._jump_back(image)
@@ -163,7 +189,7 @@ class Pipeline:
             frames = self.people.update(image, self.config.forget_after)
         except AdapterError as error:
             return [FrameResult(stamp_ns, frame_id, None, error.reason, str(error))]
-        self._latest = stamp_ns, arrival_ns
+        self._latest, self.image = (stamp_ns, arrival_ns), (stamp_ns, frame_id)
         if all(frame.accepted for frame in frames):
             self._stamps.seen(stamp_ns, self.people.tracked_at(stamp_ns))
             self._stamps.follow(stamp_ns, arrival_ns, stamped)
@@ -188,6 +214,11 @@ class Pipeline:
         if kept is not keypoints:
             self.counts[PLACEHOLDERS] += 1
         return kept
+
+    def _count_nobody(self, keypoints: Keypoints) -> None:
+        confident = keypoints.present & (keypoints.confidence >= self.tracker.config.min_confidence)
+        self.nobody_in_view = not np.count_nonzero(confident)
+        self.counts[NOBODY] += self.nobody_in_view
 
     def _count_outside(self, keypoints: Keypoints, view: View) -> None:
         confident = keypoints.confidence >= self.tracker.config.min_confidence  # others may be out of view

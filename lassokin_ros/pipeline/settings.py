@@ -5,12 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from pathlib import Path
 
-from lassokin_ros.core.config import check_setting, setting
+from lassokin_ros.core.config import OFF, check_setting, setting
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.yaml_files import SUFFIXES
 from msg_adapters.detectors.registry import ADAPTERS, full_type_name
+from msg_adapters.output_messages.people import BUILDERS
 
 MESSAGE, NODE = "message", "node"
+ROOT, ALL = "root", "all"
+PEOPLE_TYPES = tuple(BUILDERS)
 PER_BODY_TYPE = "hri_msgs/msg/Skeleton2D"
 """Keypoints of one person, who is named by the topic."""
 
@@ -21,6 +24,10 @@ class NodeSettings:
 
     keypoints_type: str = setting(
         "sensor_msgs/msg/PointCloud2", f"message type of the topic keypoints, one of: {', '.join(ADAPTERS)}"
+    )
+    depth: str = setting(
+        "",
+        "topic of depth images (sensor_msgs/Image) that are registered to the colour image; empty for none",
     )
     rectified: bool = setting(
         False, "keypoints are pixels of the rectified image: camera_info's P is used in place of K and D"
@@ -60,10 +67,17 @@ class NodeSettings:
         False, "several people's topics as in REP-155: /humans/bodies/<id>/, the list as hri_msgs/IdsList"
     )
 
-    publish_tf: bool = setting(
-        False,
-        "TF of the person's pelvis, frame <frame_prefix>body (rep155: body_<id>, between the hips), x front, z up",
+    publish_tf: str = setting(
+        OFF,
+        "TF of each person: the root (<frame_prefix>body, rep155: body_<id> between the hips; x front, z up), or all "
+        "joints too",
+        choices=(OFF, ROOT, ALL),
     )
+    people_type: str = setting(
+        PEOPLE_TYPES[0],
+        f"message type of ~/people, one of: {', '.join(PEOPLE_TYPES)}; the last two need their packages",
+    )
+    joint_labels: bool = setting(False, "names of the joints as text in ~/markers")
     state_publisher: str = setting(
         "", "name of the robot_state_publisher that follows ~/robot_description (one person); empty for none"
     )
@@ -91,10 +105,19 @@ class NodeSettings:
             raise ConfigurationError(
                 f"keypoints_type is '{self.keypoints_type}'; expected one of: {', '.join(ADAPTERS)}"
             )
+        if full_type_name(self.people_type) not in PEOPLE_TYPES:
+            raise ConfigurationError(f"people_type is '{self.people_type}'; expected one of: {', '.join(PEOPLE_TYPES)}")
         if self.frame_prefix.startswith("/") or any(character.isspace() for character in self.frame_prefix):
             raise ConfigurationError(
                 f"frame_prefix is '{self.frame_prefix}'; expected a prefix without spaces and not starting with /, "
                 "such as human/ (tf2 refuses both)"
+            )
+        if any(character.isspace() for character in self.depth):
+            raise ConfigurationError(f"depth is '{self.depth}'; expected the name of a topic, or nothing")
+        if self.publish_tf == ALL and self.state_publisher:
+            raise ConfigurationError(
+                f"publish_tf is {ALL} and state_publisher is '{self.state_publisher}': both would publish the joints' "
+                f"frames; set publish_tf to {ROOT} or {OFF}, or leave state_publisher empty"
             )
         if Path(self.skeleton_output).suffix.lower() not in SUFFIXES:
             raise ConfigurationError(

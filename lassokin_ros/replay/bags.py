@@ -6,15 +6,16 @@ import re
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.yaml_files import load_mapping, read_text
-from lassokin_ros.replay.bag_files import BagError, complete
-from msg_adapters.detectors.definitions import versions
+from lassokin_ros.replay.errors import BagError as BagError
+from lassokin_ros.replay.recording_files import METADATA, DataFile, clear_errors, open_files
+from msg_adapters.detectors.definitions import DEFINITIONS
 
 STORAGES = ("sqlite3", "mcap")
 FILE_NAME = "recording"
@@ -53,31 +54,19 @@ class BagReader:
         """Open the recording at `path`. Raises BagError if there is none, or if it cannot be read."""
         self.path = path
         self.types = typestore()
-        self._versions: dict[str, list[Any]] = {}
-        from rosbags.rosbag2 import Reader
-
         if not path.exists():
             raise BagError(f"there is no recording '{path}'; expected a rosbag2 folder, or a .mcap or .db3 file")
+        if path.is_dir() and not (path / METADATA).is_file():
+            raise BagError(f"'{path}' is not a rosbag2 recording: it has no {METADATA}")
         with ExitStack() as stack:
-            work = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="lassokin_bag_")))
-            with self._clear_errors(work):
-                opened, self._notes = complete(path, work)
-                self._reader = Reader(opened)
-                self._reader.open()
-            stack.callback(self._reader.close)
-            self._closing = stack.pop_all()
-        self._files = _file_readers(self._reader)
-        self._listed, self._found = _counts(self._reader.connections), _counts(self._connections)
+            self._files, self._metadata = open_files(path, stack)
+            self._stack = stack.pop_all()
 
     def __enter__(self) -> BagReader:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._closing.close()
-
-    @property
-    def _connections(self) -> list[Any]:
-        return [connection for file in self._files for connection in file.connections]
+        self._stack.close()
 
     @property
     def storage(self) -> str:
@@ -88,27 +77,19 @@ class BagReader:
     @property
     def topics(self) -> list[RecordedTopic]:
         """The topics of the recording, sorted by name."""
-        keys = sorted(self._listed.keys() | self._found.keys())
-        return [RecordedTopic(*key, max(self._listed.get(key, 0), self._found.get(key, 0))) for key in keys]
-
-    def notes(self, topics: Sequence[RecordedTopic]) -> list[str]:
-        """Return what a user must know about the recording as a whole, and about these topics of it."""
-        notes = list(self._notes)
-        for topic in topics:
-            listed = self._listed.get((topic.name, topic.message_type), 0)
-            if listed < topic.count:
-                notes.append(
-                    f"metadata.yaml counts {listed} messages of {topic.name}, the files {topic.count}; all are read"
-                )
-        return notes
+        counts: dict[tuple[str, str], int] = {}
+        for connection in self._connections():
+            key = connection.topic, connection.msgtype
+            counts[key] = counts.get(key, 0) + connection.msgcount
+        return [RecordedTopic(*key, count) for key, count in sorted(counts.items())]
 
     def find(
         self, message_type: str, name: str | None, usual_name: str, option: str, instead: str = ""
     ) -> RecordedTopic:
         """Return the topic called `name`, or the best candidate of `message_type` if `name` is None.
 
-        With several candidates, the one whose last name part is `usual_name` wins. option: the command line option
-        that selects the topic; instead: what can replace a missing topic. Both are for the error text. Raises BagError,
+        With several candidates, the one whose last name part is `usual_name` wins. For the error text: option is the
+        command line option that selects the topic, instead is what to do if there is no such topic. Raises BagError,
         which lists the topics of the recording.
         """
         if name is not None:
@@ -122,9 +103,9 @@ class BagReader:
         if len(candidates) > 1:
             candidates = [t for t in candidates if t.name.split("/")[-1] == usual_name] or candidates
         if not candidates:
-            advice = f"; {instead}" if instead else ""
+            advice = f"{instead}; " if instead else ""
             raise BagError(
-                f"{self.path} has no topic of type {message_type} for {usual_name}; {self._listing()}{advice}"
+                f"{self.path} has no topic of type {message_type} for {usual_name}; {advice}{self._listing()}"
             )
         if len(candidates) > 1:
             listed = ", ".join(t.name for t in candidates)
@@ -139,99 +120,79 @@ class BagReader:
 
         Raises BagError where the recording breaks off, and at the end if messages are missing.
         """
-        for message_type in {topic.message_type for topic in topics}:
-            self._register(message_type)
+        for connection in self._connections():
+            if any(topic.name == connection.topic for topic in topics):
+                self._register(connection)
         for connection, time_ns, data in self._items(topics):
-            yield connection.topic, time_ns, self._deserialise(data, connection.msgtype)
-
-    def _deserialise(self, data: bytes, message_type: str) -> Any:
-        for types in self._versions.get(message_type, [self.types]):
             try:
-                return types.deserialize_cdr(data, message_type)
+                message = self.types.deserialize_cdr(data, connection.msgtype)
             except Exception:  # rosbags raises whatever the wrong bytes lead to
-                continue
-        return None
+                message = None
+            yield connection.topic, time_ns, message
 
     def raw(self, topics: Sequence[RecordedTopic]) -> Iterator[tuple[str, int, bytes]]:
         """Yield the same as `messages`, with the serialised messages."""
         for connection, time_ns, data in self._items(topics):
             yield connection.topic, time_ns, bytes(data)
 
-    def _stored(self, topics: Sequence[RecordedTopic]) -> Iterator[Any]:
-        names = {topic.name for topic in topics}
-        for file in self._files:
-            if chosen := [connection for connection in file.connections if connection.topic in names]:
-                yield from file.messages(chosen)
+    def _connections(self) -> Iterator[Any]:
+        return (connection for file in self._files for connection in file.reader.connections)
 
     def _items(self, topics: Sequence[RecordedTopic]) -> Iterator[Any]:
-        source, read = self._stored(topics), 0
-        while True:
-            with self._clear_errors():
-                item = next(source, None)
-            if item is None:
-                break
-            read += 1
-            yield item
-        expected = sum(topic.count for topic in topics)
-        if read < expected:
+        names = {topic.name for topic in topics}
+        if self._metadata is not None:
+            self._metadata.check_topics(self.path, self._files, sorted(names))
+        for file in self._files:
+            chosen = [connection for connection in file.reader.connections if connection.topic in names]
+            yield from _items_of(file, chosen)
+
+    def _register(self, connection: Any) -> None:
+        """Register a message type that Jazzy lacks: by the definition in the recording, or in msg_adapters."""
+        if connection.msgtype in self.types.types:
+            return
+        from rosbags.typesys import get_types_from_idl, get_types_from_msg
+
+        text, is_idl, reason = connection.msgdef.data, connection.msgdef.format.name == "IDL", "there is none"
+        if text:
+            try:
+                types = get_types_from_idl(text) if is_idl else get_types_from_msg(text, connection.msgtype)
+                self.types.register(types)
+            except Exception as error:  # rosbags raises errors of many types
+                reason = " ".join(str(error).split())[:200]
+        if connection.msgtype not in self.types.types:
+            register_detector_types(self.types)
+        if connection.msgtype not in self.types.types:
+            packages = ", ".join(sorted({name.partition("/")[0] for name in DEFINITIONS}))
             raise BagError(
-                f"{self.path} is damaged: only {read} of its {expected} messages can be read; if only metadata.yaml is "
-                "wrong, make that anew with `ros2 bag reindex`"
+                f"{self.path} has no usable definition of {connection.msgtype} ({reason}); expected one in the "
+                f"recording, or a message of {packages}; record as mcap where the message's package is installed"
             )
 
-    def _register(self, message_type: str) -> None:
-        """Register a message type that Jazzy lacks, from the definition in the recording or in this package."""
-        if message_type in self.types.types:
-            return
-        from rosbags.typesys import get_types_from_msg
 
-        texts = [c.msgdef.data for c in (*self._connections, *self._reader.connections) if c.msgtype == message_type]
-        if text := next(filter(None, texts), ""):
-            with self._clear_errors():
-                self.types.register(get_types_from_msg(text, message_type))
-            return
-        for definitions in versions(message_type):
-            types = typestore()
-            for name, definition in definitions.items():
-                types.register(get_types_from_msg(definition, name))
-            self._versions.setdefault(message_type, []).append(types)
-        if message_type not in self._versions:
-            advice = "record it where its package is installed" if self.storage == "mcap" else "record it as mcap"
-            raise BagError(f"{self.path} does not contain the definition of {message_type}; {advice}")
-
-    @contextmanager
-    def _clear_errors(self, work: Path | None = None) -> Iterator[None]:
-        """Convert every exception of the reading library to BagError. Broken files raise exceptions of many types.
-
-        work: a folder in which the recording was completed; the text names the recording instead.
-        """
-        try:
-            yield
-        except LassokinError:
-            raise
-        except Exception as error:
-            reason = " ".join(str(error).split()) or type(error).__name__
-            if work is not None:
-                reason = reason.replace(str(work), str(self.path if self.path.is_dir() else self.path.parent))
-            raise BagError(f"{self.path} cannot be read as a rosbag2 recording: {reason}") from None
+def _items_of(file: DataFile, connections: list[Any]) -> Iterator[Any]:
+    """Yield the items of some connections of a file. Raises BagError where it breaks off, or if items are missing."""
+    if not connections:  # rosbags would read them all
+        return
+    source, read = iter(file.reader.messages(connections)), 0
+    while True:
+        with clear_errors(file.path):
+            item = next(source, None)
+        if item is None:
+            break
+        read += 1
+        yield item
+    expected = sum(connection.msgcount for connection in connections)
+    if read < expected:
+        raise BagError(f"{file.path} is damaged: only {read} of its {expected} messages can be read")
 
 
-def _file_readers(reader: Any) -> list[Any]:
-    """Return the readers of the data files, in order; the whole reader if it must decompress messages.
+def register_detector_types(types: Any) -> None:
+    """Register the messages of detectors that Jazzy lacks. types: the typestore of rosbags, changed in place."""
+    from rosbags.typesys import get_types_from_msg
 
-    The metadata's topics and counts are not needed to read the files.
-    """
-    whole = reader.compression_mode == "message"
-    return [reader] if whole else list(getattr(reader.storage, "storages", [reader]))
-
-
-def _counts(connections: Sequence[Any]) -> dict[tuple[str, str], int]:
-    """Return (topic, message type) -> number of messages."""
-    counts: dict[tuple[str, str], int] = {}
-    for connection in connections:
-        key = connection.topic, connection.msgtype
-        counts[key] = counts.get(key, 0) + connection.msgcount
-    return counts
+    for name, text in DEFINITIONS.items():
+        if name not in types.types:
+            types.register(get_types_from_msg(text, name))
 
 
 class BagWriter:

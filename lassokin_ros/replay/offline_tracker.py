@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from itertools import groupby
 from operator import attrgetter
@@ -17,16 +18,23 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages, id_list
+from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, images_of
+from lassokin_ros.pipeline.outputs.presence_state import PresenceState
 from lassokin_ros.pipeline.outputs.robot_description import RobotDescription
 from lassokin_ros.pipeline.outputs.skeleton_file import save_all
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import Backend, RosbagsBackend
-from msg_adapters.output_messages.builders import DiagnosticArrayBuilder
+from msg_adapters.detectors.registry import full_type_name
+from msg_adapters.keypoints import stamp_of
+from msg_adapters.output_messages.builders import DiagnosticArrayBuilder, StringBuilder
+from msg_adapters.output_messages.people import DEFINITIONS
 
 DIAGNOSTICS_PERIOD_NS = 1_000_000_000
 LIVE_ONLY = {topic.name for topic in topics.LIVE_OUTPUTS}
+DEPTH_WAIT_NS = 100_000_000
+"""ns of recording time for which a keypoint message waits for its depth image."""
 UNREADABLE = "not_deserialised"
 LINK_AS_FRAME = "frame_id is a link's name"
 """Key of the count of frames whose frame_id robot_description cannot use as its base."""
@@ -59,8 +67,10 @@ class OfflineTracker:
             self._tracked = topics.REP155_TRACKED_OUTPUT
             add_type(types, self._tracked.message_type, "std_msgs/Header header\nstring[] ids")
         self._list = id_list(self._backend, node_config.rep155)
+        self._scene = SceneMessages(self._backend, self.pipeline, types)
         self._diagnostics: Diagnostics | None = None
         self._next_diagnostics_ns = 0
+        self._held: deque[tuple[Any, int]] = deque()
         self.newest_ns = 0
         """Recording time of the newest message, ns."""
 
@@ -90,6 +100,27 @@ class OfflineTracker:
         are reused for the next frame: serialise them at once.
         """
         yield from self._tick(time_ns)
+        self._held.append((message, time_ns))
+        yield from self._track_held(time_ns)
+
+    def depth_image(self, message: Any, time_ns: int) -> Iterator[tuple[str, str, Any]]:
+        """Process a depth image, None for one that could not be deserialised; see `keypoints`."""
+        yield from self._tick(time_ns)
+        if message is not None and self.pipeline.depth is not None:
+            self.pipeline.depth.add(message, time_ns)
+        yield from self._track_held(time_ns)
+
+    def _track_held(self, now_ns: int) -> Iterator[tuple[str, str, Any]]:
+        """Track the keypoint messages whose depth image has come or is not expected any more."""
+        while self._held:
+            message, time_ns = self._held[0]
+            depth, late = self.pipeline.depth, now_ns - time_ns >= DEPTH_WAIT_NS
+            if depth is not None and message is not None and not late and depth.awaits(stamp_of(message)):
+                return
+            self._held.popleft()
+            yield from self._track(message, time_ns)
+
+    def _track(self, message: Any, time_ns: int) -> Iterator[tuple[str, str, Any]]:
         if message is None:
             self.pipeline.counts["received"] += 1
             self.pipeline.counts[f"rejected: {UNREADABLE}"] += 1
@@ -105,14 +136,19 @@ class OfflineTracker:
         for frame in frames:
             yield from self._outputs(frame)
         yield from self._list_of_people(time_ns)
+        yield from self._scene.outputs(frames, time_ns)
 
     def finish(self) -> Iterator[tuple[str, str, Any]]:
         """Flush the frames that `smoothing_lag` still holds at the end of the recording; see `keypoints`."""
+        while self._held:
+            yield from self._track(*self._held.popleft())
         frames = self.pipeline.flush()
         if frames:
             self._notify(frames, self.newest_ns, float("nan"))
         for frame in frames:
             yield from self._outputs(frame)
+        if frames:
+            yield from self._scene.outputs(frames, self.newest_ns)
 
     def _notify(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
         stamp = attrgetter("stamp_ns")
@@ -151,6 +187,9 @@ class OfflineTracker:
         if self._diagnostics is None:
             self._diagnostics = Diagnostics(self.pipeline, NODE_NAME, time_ns * 1e-9)
             self._next_diagnostics_ns = time_ns + DIAGNOSTICS_PERIOD_NS
+            yield self._scene.state()
+        else:
+            yield from self._scene.look(time_ns)
         if time_ns >= self._next_diagnostics_ns:
             self._next_diagnostics_ns = time_ns + DIAGNOSTICS_PERIOD_NS
             line = self._diagnostics.line(time_ns * 1e-9)
@@ -164,9 +203,7 @@ class PersonMessages:
     def __init__(self, backend: Backend, pipeline: Pipeline, person: str) -> None:
         """person: the id, empty when one person is followed."""
         skeleton, config = pipeline.tracker.skeleton, pipeline.config
-        self._messages = FrameMessages(
-            backend, skeleton, NODE_NAME, person, config.publish_tf, config.rep155, frame_prefix=config.frame_prefix
-        )
+        self._messages = FrameMessages(backend, skeleton, NODE_NAME, person, config)
         self._description = RobotDescription(
             backend, skeleton, config.base_frame, topics.link_prefix(config.frame_prefix, NODE_NAME, person)
         )
@@ -182,6 +219,40 @@ class PersonMessages:
         if description is not None:
             yield topics.ROBOT_DESCRIPTION, description
         yield from self._messages.build(frame, lambda topic: topic not in LIVE_ONLY)
+
+
+class SceneMessages:
+    """The people of each image, and the state of tracking when it changes; in the node this is SceneOutputs."""
+
+    def __init__(self, backend: Backend, pipeline: Pipeline, types: Any) -> None:
+        """types: the typestore of rosbags."""
+        self._pipeline, self._type = pipeline, full_type_name(pipeline.config.people_type)
+        for name, definition in DEFINITIONS.items():
+            if name.split("/")[0] == self._type.split("/")[0]:
+                add_type(types, name, definition)
+        self._people = PeopleMessages(backend, self._type)
+        self._state, self._text = PresenceState(), StringBuilder(backend)
+
+    def state(self) -> tuple[str, str, Any]:
+        """Return topic, type and message of the present state."""
+        name = topics.full_name(topics.STATE, NODE_NAME)
+        return name, topics.STATE_OUTPUT.message_type, self._text.fill(self._state.value)
+
+    def outputs(self, frames: Sequence[FrameResult], time_ns: int) -> Iterator[tuple[str, str, Any]]:
+        """Yield the people in one keypoint message, and the state if it has changed."""
+        pipeline = self._pipeline
+        config = pipeline.tracker.config
+        for image, people in images_of(frames, pipeline.image, config.smoothing_lag > 0):
+            self._people.update(people, pipeline.ids)
+            message = self._people.build(image, config.lost_after, pipeline.config.forget_after)
+            yield topics.full_name(topics.PEOPLE, NODE_NAME), self._type, message
+        yield from self.look(time_ns)
+
+    def look(self, time_ns: int) -> Iterator[tuple[str, str, Any]]:
+        """Yield the state if it has changed. time_ns: recording time of the present message."""
+        limits = self._pipeline.tracker.config.lost_after, self._pipeline.config.forget_after
+        if self._state.update(self._pipeline.presence_at(time_ns), time_ns, *limits):
+            yield self.state()
 
 
 def add_type(types: Any, message_type: str, definition: str) -> None:

@@ -40,8 +40,9 @@ def _add_inputs(result: argparse.ArgumentParser) -> None:
     result.add_argument(
         "--camera-info",
         type=Path,
-        metavar="YAML",
-        help="calibration of ROS (ost.yaml), OpenCV or Kalibr, used in place of the recording's camera_info",
+        metavar="FILE",
+        help="calibration file that replaces camera_info of the recording: ost.yaml of ROS, YAML of OpenCV, or a "
+        "camchain of Kalibr (camchain.yaml:cam1 for one of several cameras)",
     )
 
 

@@ -16,14 +16,17 @@ from typing import Any
 
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.yaml_files import load_mapping, read_text
+from lassokin_ros.pipeline.calibration_file import split_camera
 from lassokin_ros.pipeline.parameter_files import offline_settings
+from lassokin_ros.replay.sqlite_journal import journals_of
+from lassokin_ros.skeleton_readers.naming import names_file
 
 KEY = "lassokin_ros"
 """Key of the record in the custom data."""
 READ_WHOLE = 64 * 2**20
 """bytes: the digest of a larger file covers its size and SAMPLES evenly spaced pieces of SAMPLE bytes."""
 SAMPLE, SAMPLES = 2**20, 16
-FILES = (".mcap", ".db3", ".zstd", ".db3-wal", ".db3-journal")
+FILES = (".mcap", ".db3", ".zstd")
 
 
 @dataclass(frozen=True)
@@ -71,11 +74,12 @@ def origin_of(options: argparse.Namespace) -> Origin:
     settings: dict[str, Any] = {name: value for config in configs for name, value in asdict(config).items()}
     for name in ("skeleton", "landmarks"):
         path = Path(settings[name])
-        settings[name] = _digest([path]) if path.is_file() else settings[name]
+        files = [path, *(file for file in [names_file(path)] if file.is_file())]
+        settings[name] = _digest(files) if path.is_file() else settings[name]
     for name in ("keypoints_topic", "camera_info_topic", "storage"):
         settings[f"--{name}"] = getattr(options, name)
-    if options.camera_info is not None:
-        settings["--camera_info"] = _digest([options.camera_info])
+    if options.camera_info is not None:  # absent without the option: earlier records stay valid
+        settings["--camera_info"] = _digest([split_camera(options.camera_info)[0]]), options.camera_info.name
     # Exports do not change the recording, so they are not part of the settings (see archive/output_files.py).
     text = json.dumps(settings, sort_keys=True)
     return Origin(_version(), _digest(_files(options.bag)), hashlib.sha256(text.encode()).hexdigest())
@@ -102,8 +106,9 @@ def _version() -> str:
 def _files(bag: Path) -> list[Path]:
     """Return the files of a recording; empty if there is no recording."""
     if not bag.is_dir():
-        return [bag] if bag.is_file() else []
-    return sorted(file for file in bag.iterdir() if file.name == "metadata.yaml" or file.suffix in FILES)
+        return [bag, *journals_of(bag)] if bag.is_file() else []
+    files = [file for file in bag.iterdir() if file.name == "metadata.yaml" or file.suffix in FILES]
+    return sorted([*files, *(journal for file in files for journal in journals_of(file))])
 
 
 def _digest(files: list[Path]) -> str:

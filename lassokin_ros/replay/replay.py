@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.replay.bags import BagReader, BagWriter, RecordedTopic
+from lassokin_ros.replay.bags import BagReader, BagWriter
 
 if TYPE_CHECKING:
     from lassokin_ros.common.atomic_files import AtomicFiles
@@ -30,20 +30,6 @@ class Replayed:
     frame_ms: float
 
 
-@dataclass(frozen=True)
-class CameraSource:
-    """Where the camera comes from: a topic of the recording, or a calibration file.
-
-    name: topic or file. title: its line in the summary. from_file: the file as CameraInfo, None for a topic.
-    """
-
-    name: str
-    title: str
-    topics: tuple[RecordedTopic, ...] = ()
-    from_file: Any = None
-    notes: tuple[str, ...] = ()
-
-
 def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Replayed:
     """Track the recording options.bag and write options.output. Raises a LassokinError.
 
@@ -54,6 +40,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
     from lassokin_ros.common.atomic_files import AtomicFiles
     from lassokin_ros.pipeline.outputs.skeleton_file import check_skeleton_file
     from lassokin_ros.pipeline.parameter_files import offline_settings
+    from lassokin_ros.replay.camera_source import camera_source
     from lassokin_ros.replay.exports.exports import is_inside_name
     from lassokin_ros.replay.offline_tracker import OfflineTracker
     from lassokin_ros.replay.output_paths import OutputError, check_output_paths
@@ -70,8 +57,11 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
     with BagReader(options.bag) as bag:
         keypoints_type = full_type_name(node_config.keypoints_type)
         keypoints = bag.find(keypoints_type, options.keypoints_topic, topics.KEYPOINTS, "--keypoints-topic")
+        camera = camera_source(bag, options, node_config.rectified)
+        depth = []
+        if node_config.depth:
+            depth = [bag.find(topics.DEPTH_IMAGE_TYPE, node_config.depth, topics.DEPTH_IMAGE, "-p depth:=")]
         tracker = OfflineTracker(tracker_config, node_config, bag.types)
-        camera = _camera(options, bag, node_config.rectified)
         report = _report(options, tracker)
         exports = _exports(options, tracker)
         output = options.output
@@ -79,8 +69,11 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
         # All or nothing: every file is complete on the disk before the recording and the files get their names.
         with AtomicFiles(options.force, OutputError) as files:
             with BagWriter(output, storage, bag.types, options.force, is_inside_name) as writer:
-                progress = Progress(sum(topic.count for topic in (keypoints, *camera.topics)), "messages", progress_on)
-                seconds = _run(bag, keypoints, camera, tracker, writer, progress)
+                inputs = {topic.name: tracker.depth_image for topic in depth}
+                inputs |= {camera.name: tracker.camera_info, keypoints.name: tracker.keypoints}
+                read = [keypoints, *camera.recorded, *depth]
+                progress = Progress(sum(topic.count for topic in read), "messages", progress_on)
+                seconds = _run(camera.messages(bag, read), inputs, tracker, writer, progress)
                 figures = _figures(tracker)
                 writer.note(KEY, Record(origin_of(options), figures).text)
                 written = _files(options, tracker, exports, writer, files)
@@ -88,42 +81,27 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
                     report.write(files, options.bag.resolve().name, (keypoints.name, camera.name))
                 files.check()
             files.placed.append(output)
-        notes = [*bag.notes([keypoints, *camera.topics]), *camera.notes]
-    title = f"{options.bag} -> {output} ({storage})"
-    summary = "\n".join([_summary(title, (str(keypoints), camera.title), tracker, seconds, written), *_warnings(notes)])
+    summary = _summary(
+        f"{options.bag} -> {output} ({storage})", (str(keypoints), camera.title), tracker, seconds, written
+    )
     return Replayed(summary, figures, 1e3 * float(np.median(tracker.frame_seconds or [np.nan])))
 
 
-def _camera(options: argparse.Namespace, bag: BagReader, rectified: bool) -> CameraSource:
-    """Return the camera of the recording, or of the file given instead. Raises a LassokinError."""
-    from lassokin_ros.pipeline.calibration_file import read_calibration
-    from msg_adapters.backends import RosbagsBackend
-
-    if options.camera_info is None:
-        instead = "give a calibration file with --camera-info"
-        name, option = options.camera_info_topic, "--camera-info-topic"
-        topic = bag.find(topics.CAMERA_INFO_TYPE, name, topics.CAMERA_INFO, option, instead)
-        return CameraSource(topic.name, str(topic), (topic,))
-    found, path = read_calibration(options.camera_info), str(options.camera_info)
-    title = f"{path} ({found.size[0]} x {found.size[1]} px)"
-    message = found.message(RosbagsBackend(bag.types), 0, rectified)
-    return CameraSource(path, title, from_file=message, notes=(f"{path}: {found.note}",) if found.note else ())
-
-
 def _run(
-    bag: BagReader, keypoints: RecordedTopic, camera: CameraSource, tracker: Any, writer: BagWriter, progress: Progress
+    messages: Iterator[tuple[str, int, Any]],
+    inputs: Mapping[str, Callable[[Any, int], Iterator[tuple[str, str, Any]]]],
+    tracker: Any,
+    writer: BagWriter,
+    progress: Progress,
 ) -> float:
-    """Process every message and return the elapsed time in s."""
+    """Process every message (topic, recording time in ns, message) and return the elapsed time in s.
+
+    inputs: by the topic's name, what processes its messages and yields the outputs.
+    """
     started = time.monotonic()
-    known = camera.from_file
     try:
-        for topic, time_ns, message in bag.messages([keypoints, *camera.topics]):
-            if known is not None:
-                for name, message_type, output in tracker.camera_info(known, time_ns):
-                    writer.write(name, message_type, time_ns, output, topics.is_latched(name))
-                known = None
-            process = tracker.keypoints if topic == keypoints.name else tracker.camera_info
-            for name, message_type, output in process(message, time_ns):
+        for topic, time_ns, message in messages:
+            for name, message_type, output in inputs[topic](message, time_ns):
                 writer.write(name, message_type, time_ns, output, topics.is_latched(name))
             progress.advance(note=tracker.pipeline.status.value)
         for name, message_type, output in tracker.finish():
@@ -181,10 +159,6 @@ def _figures(tracker: Any) -> Figures:
     counts, error = tracker.pipeline.counts, tracker.reprojection_px
     median = round(float(np.median(error)), 3) if error else None
     return Figures(counts["received"], counts["accepted"], tracker.times_lost, median)
-
-
-def _warnings(notes: Sequence[str]) -> list[str]:
-    return [f"{'warning':<15} {note}" for note in notes]
 
 
 def _summary(title: str, inputs: Sequence[str], tracker: Any, seconds: float, written: Mapping[str, str]) -> str:

@@ -58,18 +58,14 @@ class _Hierarchy:
         self._offsets: list[list[float]] = []
         self._axes: list[str] = []
         self._open: list[int] = []  # blocks' joints, the innermost last; -1 for an end site
-        self._block = -1  # whose the next block is
 
     def take(self, word: str, words: Iterator[str]) -> None:
         """One word, with those behind it that belong to it. StopIteration, IndexError or ValueError when broken."""
         if word in ("ROOT", "JOINT"):
-            self._begin_joint(" ".join(iter(lambda: next(words), "{")))  # "Bip01 L Thigh" has blanks
-            self._open.append(self._block)
+            self._begin_joint(_name(words))
         elif word == "End":
-            next(words)
-            self._block = -1
-        elif word == "{":
-            self._open.append(self._block)
+            _name(words)
+            self._open.append(-1)
         elif word == "}":
             self._open.pop()
         elif word == "OFFSET":
@@ -87,9 +83,9 @@ class _Hierarchy:
     def _begin_joint(self, name: str) -> None:
         if len(self.names) == MOST_JOINTS:
             raise SkeletonError(f"{self._source} has more than {MOST_JOINTS} joints")
-        self._block = len(self.names)
         self.names.append(name)
         self._parents.append(self._open[-1] if self._open else -1)
+        self._open.append(len(self.names) - 1)
         self._offsets.append([0.0, 0.0, 0.0])
         self._axes.append("xzy")
 
@@ -104,6 +100,16 @@ class _Hierarchy:
         if not np.isfinite(positions).all():
             raise SkeletonError(f"{self._source}: an OFFSET is not finite")
         return RestTree(tuple(self.names), tuple(self._parents), positions, tuple(self._axes))
+
+
+def _name(words: Iterator[str]) -> str:
+    """The words before the next {, which is taken too: names may have blanks ("Bip01 Neck"). Raises StopIteration."""
+    name: list[str] = []
+    for word in words:
+        if word == "{":
+            return " ".join(name)
+        name.append(word)
+    raise StopIteration
 
 
 def _order(channels: list[str], default: str) -> str:

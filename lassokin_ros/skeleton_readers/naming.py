@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -17,23 +16,23 @@ import numpy as np
 
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import SkeletonError
-from lassokin_ros.core.yaml_files import load_mapping, read_text
+from lassokin_ros.core.yaml_files import check_keys, load_mapping, read_text
 from lassokin_ros.skeleton_readers.rest_tree import RestTree
 
 OURS = "anthropometric"
 """The built-in skeleton, whose tree and names are SMPL's."""
 OWN_NAMES = "lassokin_ros"
 SIDES = ("left", "right")
-NAMES_SUFFIX = ".names.yaml"
-"""Of a file beside a skeleton, with the suffix replaced by this one, that maps our joints to the skeleton's."""
-MOST_LISTED = 40
 REQUIRED = (
     "pelvis",
     "neck",
     "head",
     *(f"{side}_{joint}" for joint in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist") for side in SIDES),
 )
-"""Without these nobody can be followed; a spine joint, collar, hand or foot that is missing is left out."""
+"""Without these nobody can be followed; neck and pelvis are derived from the others where they are missing. A missing
+spine joint, collar, hand or foot is left out."""
+MOST_LISTED, MOST_EXAMPLES = 60, 3
+"""Joints of a file that an error lists, and lines of a file of names that it shows."""
 
 
 @cache
@@ -52,114 +51,122 @@ def tables() -> dict[str, dict[str, str]]:
 
 
 def in_our_names(tree: RestTree, source: str) -> RestTree | None:
-    """The tree with our names, parents and orders of turns; None when the names are no known program's.
+    """Return the tree with our names, parents and orders of turns; None when the names are no known program's.
 
-    Raises SkeletonError when they are, but joints that are needed are missing.
+    A file beside `source` (see `names_file`) adds names. A missing pelvis is where the legs meet, a missing neck stands
+    above the middle of the shoulders. Raises SkeletonError when other joints that are needed are missing.
     """
-    programs = _own_table(source) or tables()
-    places = {name.split(":")[-1]: index for index, name in reversed(list(enumerate(tree.names)))}  # "mixamorig:Hips"
-    program, found = _best(programs, places)
-    if not found.keys() >= set(REQUIRED):
-        other, loosely = _best_loosely(programs, tree.names)
-        if _fit(loosely)[0] > _fit(found)[0]:
-            program, found = other, loosely
-    missing = [joint for joint in REQUIRED if joint not in found]
-    if len(missing) > len(REQUIRED) // 2 and programs is tables():
-        return None
-    if missing == ["neck"]:
-        tree, found = _with_neck(tree, found)
-    elif missing:
-        raise SkeletonError(
-            _missing_text(tree, source, program, [(joint, programs[program][joint]) for joint in missing])
-        )
+    exact = {program: _exact(tree, names) for program, names in tables().items()}
+    program = max(exact, key=lambda key: _score(exact[key]))
+    found, given = exact[program], _given(tree, Path(source))
+    if given or not found.keys() >= set(REQUIRED):
+        relaxed = {name: _relaxed(tree, names) for name, names in tables().items()}
+        other = max(relaxed, key=lambda key: _score(relaxed[key]))
+        if _score(relaxed[other]) > _score(found):
+            program, found = other, relaxed[other]
+        return _completed(tree, {**found, **given}, program, source, bool(given))
     if program == OWN_NAMES:
         return _with_more_joints(tree, found) or _hung_into_our_tree(tree, found, own_orders=True)
     return _hung_into_our_tree(tree, found, own_orders=False)
 
 
-def _best(programs: Mapping[str, Mapping[str, str]], places: Mapping[str, int]) -> tuple[str, dict[str, int]]:
-    """Return the program most of whose names are there, and {our joint: index}."""
-    found = {
-        program: {joint: places[name] for joint, name in names.items() if name in places}
-        for program, names in programs.items()
-    }
-    program = max(found, key=lambda key: _fit(found[key]))
-    return program, found[program]
+def names_file(path: Path) -> Path:
+    """Return the file beside a skeleton file that maps our joints to its names: `walk.names.yaml` of `walk.bvh`."""
+    return path.with_suffix(".names.yaml")
 
 
-def _best_loosely(programs: Mapping[str, Mapping[str, str]], names: tuple[str, ...]) -> tuple[str, dict[str, int]]:
-    """Return the same for names with a common prefix, in another case, or with other separators.
-
-    The prefix is what stands before the name of the pelvis: "Bip01 Pelvis", "mixamorigHips", "Character1_Hips".
-    """
-    plain = [_plain(name.split(":")[-1]) for name in names]
-    best: tuple[str, dict[str, int]] = OWN_NAMES, {}
-    for program, theirs in programs.items():
-        wanted = {joint: _plain(name) for joint, name in theirs.items()}
-        root = wanted.get("pelvis", "")
-        prefixes = {name.removesuffix(root) for name in plain[:MOST_LISTED] if name.endswith(root)}
-        for prefix in sorted(prefixes, key=len):
-            places = {name.removeprefix(prefix): index for index, name in reversed(list(enumerate(plain)))}
-            found = {joint: places[name] for joint, name in wanted.items() if name in places}
-            if _fit(found) > _fit(best[1]):
-                best = program, found
-    return best
-
-
-def _fit(found: dict[str, int]) -> tuple[int, int]:
-    """Return how many of the required joints are there, and how many joints."""
+def _score(found: Mapping[str, int]) -> tuple[int, int]:
     return len(found.keys() & set(REQUIRED)), len(found)
 
 
+def _exact(tree: RestTree, names: Mapping[str, str]) -> dict[str, int]:
+    """Return {our joint: index in the tree} of the names as they stand, but for a namespace ("mixamorig:Hips")."""
+    places = {name.split(":")[-1]: index for index, name in reversed(list(enumerate(tree.names)))}
+    return {joint: places[name] for joint, name in names.items() if name in places}
+
+
+def _relaxed(tree: RestTree, names: Mapping[str, str]) -> dict[str, int]:
+    """Return the same, regardless of case and separators, and of a prefix that the names share."""
+    plain = [_plain(name) for name in tree.names]
+    wanted = {joint: _plain(name) for joint, name in names.items()}
+    ends = [(name, end) for end in (wanted["pelvis"], wanted["head"]) for name in plain if name.endswith(end)]
+    prefixes = dict.fromkeys(["", *(name.removesuffix(end) for name, end in ends)])
+    candidates = []
+    for prefix in prefixes:
+        places = {name.removeprefix(prefix): index for index, name in reversed(list(enumerate(plain)))}
+        candidates.append({joint: places[name] for joint, name in wanted.items() if name in places})
+    return max(candidates, key=_score)
+
+
 def _plain(name: str) -> str:
-    return re.sub(r"[^a-z0-9]", "", name.lower())
+    return re.sub(r"[\s_.-]", "", re.split(r"[:|]", name)[-1]).casefold()
 
 
-def _with_neck(tree: RestTree, found: dict[str, int]) -> tuple[RestTree, dict[str, int]]:
-    """Add a neck between shoulders and head, where the built-in skeleton has it."""
-    ours = Skeleton.load(OURS, 1.0)
-    base, neck, head = (
-        ours.rest_positions[[ours.index(joint) for joint in joints]].mean(axis=0)
-        for joints in (("left_shoulder", "right_shoulder"), ("neck",), ("head",))
-    )
-    share = float((neck - base) @ (head - base) / ((head - base) @ (head - base)))
-    shoulders = 0.5 * (tree.positions[found["left_shoulder"]] + tree.positions[found["right_shoulder"]])
-    place = shoulders + share * (tree.positions[found["head"]] - shoulders)
-    added = replace(
-        tree,
-        names=(*tree.names, "neck"),
-        parents=(*tree.parents, tree.parents[found["head"]]),
-        positions=np.vstack([tree.positions, place]),
-        axes=(*tree.axes, ours.axes[ours.index("neck")]),
-    )
-    return added, {**found, "neck": len(tree.names)}
-
-
-def _own_table(source: str) -> dict[str, dict[str, str]] | None:
-    """Return the names from the file beside the skeleton, None if there is none. Raises SkeletonError."""
-    file = names_file(source)
+def _given(tree: RestTree, path: Path) -> dict[str, int]:
+    """Return {our joint: index in the tree} of the file of names; empty if there is none. Raises SkeletonError."""
+    file = names_file(path)
     if not file.is_file():
-        return None
+        return {}
     data = load_mapping(read_text(file, SkeletonError), str(file), SkeletonError)
-    ours = tables()[OWN_NAMES]
-    for joint in (*data, *(joint for joint in REQUIRED if joint not in data and joint != "neck")):
-        if joint not in ours or joint not in data:
-            raise SkeletonError(f"{file}: joint '{joint}'; expected a name for each of {', '.join(REQUIRED)}")
-    return {file.name: {str(joint): str(name) for joint, name in data.items()}}
+    check_keys(data, tuple(tables()[OWN_NAMES]), str(file), SkeletonError)
+    for joint, name in data.items():
+        if str(name) not in tree.names:
+            raise SkeletonError(f"{file}: {joint} is '{name}', which is no joint of {path}; {_listing(tree)}")
+    return {joint: tree.names.index(str(name)) for joint, name in data.items()}
 
 
-def names_file(source: str) -> Path:
-    """Return the path of the file with the names of a skeleton file's joints."""
-    return Path(source).with_suffix(NAMES_SUFFIX)
+def _listing(tree: RestTree) -> str:
+    more = ", ..." if len(tree.names) > MOST_LISTED else ""
+    return f"its joints are: {', '.join(tree.names[:MOST_LISTED])}{more}"
 
 
-def _missing_text(tree: RestTree, source: str, program: str, missing: list[tuple[str, str]]) -> str:
-    lines = ", ".join(f"{joint}: ..." for joint, _ in missing)
-    listed = ", ".join(name[:40] for name in tree.names[:MOST_LISTED])
-    return (
-        f"{source} has the joint names of {program}, but not {', '.join(name for _, name in missing)}; write our names "
-        f"and the file's to {names_file(source).name} beside it ({lines}, and the others of docs/files.md), or "
-        f"describe the skeleton in YAML; its joints are: {listed}"
+def _completed(tree: RestTree, found: dict[str, int], program: str, source: str, names_given: bool) -> RestTree | None:
+    """Return the tree in our names after adding pelvis and neck where they are missing; see `in_our_names`."""
+    if "pelvis" not in found and {"left_hip", "right_hip"} <= found.keys():
+        found["pelvis"] = _common_joint(tree, found["left_hip"], found["right_hip"])
+    if "neck" not in found and {"left_shoulder", "right_shoulder", "head"} <= found.keys():
+        tree, found["neck"] = _with_neck(tree, found), len(tree.names)
+    missing = [joint for joint in REQUIRED if joint not in found]
+    if len(missing) > len(REQUIRED) // 2 and not names_given:
+        return None
+    if missing:
+        theirs = ", ".join(tables()[program].get(joint, joint) for joint in missing)
+        lines = ", ".join(f"'{joint}: NAME'" for joint in missing[:MOST_EXAMPLES])
+        raise SkeletonError(
+            f"{source} has the joint names of {program}, but not {theirs}; write their names in the file to "
+            f"'{names_file(Path(source)).name}' beside it, in lines such as {lines}; {_listing(tree)}"
+        )
+    return _hung_into_our_tree(tree, found, own_orders=False)
+
+
+def _common_joint(tree: RestTree, one: int, other: int) -> int:
+    """Return the lowest joint above both; the root if there is none other."""
+    above = set()
+    while one >= 0:
+        one = tree.parents[one]
+        above.add(one)
+    while other > 0 and other not in above:
+        other = tree.parents[other]
+    return max(other, 0)
+
+
+def _with_neck(tree: RestTree, found: Mapping[str, int]) -> RestTree:
+    """Return the tree with a neck as its last joint, on the way from the middle of the shoulders to the head."""
+    ours = Skeleton.load(OURS, 1.0)
+
+    def middle(positions: np.ndarray, left: int, right: int) -> np.ndarray:
+        between: np.ndarray = 0.5 * (positions[left] + positions[right])
+        return between
+
+    rest = ours.rest_positions
+    start = middle(rest, ours.index("left_shoulder"), ours.index("right_shoulder"))
+    way = rest[ours.index("head")] - start
+    fraction = (rest[ours.index("neck")] - start) @ way / (way @ way)
+    base = middle(tree.positions, found["left_shoulder"], found["right_shoulder"])
+    neck = base + fraction * (tree.positions[found["head"]] - base)
+    parent = tree.parents[found["head"]]
+    return RestTree(
+        (*tree.names, "neck"), (*tree.parents, parent), np.vstack([tree.positions, neck]), (*tree.axes, "xzy")
     )
 
 

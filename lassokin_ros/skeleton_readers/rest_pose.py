@@ -17,15 +17,15 @@ from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.skeleton_readers.naming import OURS, SIDES
 from lassokin_ros.skeleton_readers.rest_tree import RestTree
 
-INCH = 0.0254
-UNITS = {1.0: "m", 0.01: "cm", 0.001: "mm", INCH: "inches"}
+UNITS = {1.0: "m", 0.01: "cm", 0.001: "mm", 0.0254: "inches", 0.3048: "feet", 0.1: "dm"}
+"""Metres -> unit."""
+METRIC = ("m", "cm", "mm")
+"""The units that are usual, so that nothing is logged."""
+NEAR = 1.55
+"""A size within this factor of that of a person of `height` is near. Inches and centimetres differ by its square."""
 PLAUSIBLE = (0.6, 2.4)
-"""m over the longest side of a skeleton of which the joints are not known."""
-NEAR = 1.75
-"""Largest ratio between a skeleton's size in its unit and that of a person of the given height."""
-TYPICAL_HEIGHT = 1.7
-"""m: if the height is unknown."""
-LOGGER = logging.getLogger(__name__)
+"""m over the longest side of a tree whose joints are not known."""
+LOG = logging.getLogger(__name__)
 LIMBS = [[f"{side}_{joint}" for joint in limb.split()] for limb in ("shoulder elbow wrist", "hip knee ankle")
          for side in SIDES]  # fmt: skip
 STRAIGHT_ENOUGH = np.radians(10)
@@ -93,33 +93,45 @@ def _is_below(tree: RestTree, joint: int, top: int) -> bool:
 
 
 def in_metres(tree: RestTree, height: float, source: str) -> RestTree:
-    """Convert a tree of a file that does not say its unit to metres.
+    """Return a tree of a file without a unit in metres: in the unit that brings it nearest to `height`, m.
 
-    The unit is the one of UNITS that comes nearest to a person of `height`, m. If none comes near (CMU's BVH has units
-    of its own), a tree with our names is scaled to `height`. A warning is logged for an uncommon unit and for scaling.
-    Raises SkeletonError for another tree of which no unit makes a person.
+    Where none brings it near (CMU's BVH has a unit of its own), a tree with our names is scaled to `height`, as a
+    skeleton in fractions of the height is. Both are logged, except m, cm and mm. Raises SkeletonError for a tree with
+    other names that is no person in any unit.
     """
-    ours = Skeleton.load(OURS, height if height > 0 else TYPICAL_HEIGHT)
-    if {"left_ankle", "right_ankle", "head"} <= set(tree.names):
+    ankles_and_head = {"left_ankle", "right_ankle", "head"} <= set(tree.names)
+    if ankles_and_head:
+        size = float(np.linalg.norm(_place(tree, "head") - _middle(tree, "ankle")))
+        ours = Skeleton.load(OURS, height)
         rest = ours.rest_positions
         ankles = 0.5 * (rest[ours.index("left_ankle")] + rest[ours.index("right_ankle")])
         expected = float(np.linalg.norm(rest[ours.index("head")] - ankles))
-        size = float(np.linalg.norm(_place(tree, "head") - _middle(tree, "ankle")))
-        plausible = (expected / NEAR, expected * NEAR)
-        scale = expected / size if size > 0 else None
     else:
-        expected, scale, plausible = ours.height, None, PLAUSIBLE
-        size = float(np.ptp(tree.positions, axis=0).max())
-    near = {unit: name for unit, name in UNITS.items() if plausible[0] <= unit * size <= plausible[1]}
-    if scale is None and len(near) > 1:
-        near.pop(INCH, None)
-    unit = min(near, key=lambda each: abs(np.log(each * size / expected)), default=scale)
-    if unit is None or scale is None and unit == INCH and abs(np.log(unit * size / expected)) > np.log(NEAR):
-        raise SkeletonError(
-            f"{source}: the skeleton is {size:g} units large, which is no person in {', '.join(UNITS.values())}"
-        )
-    if unit not in UNITS:
-        LOGGER.warning("%s is in no known unit: its skeleton is scaled to the height of %g m", source, ours.height)
-    elif unit == INCH:
-        LOGGER.warning("%s is read in inches, which come nearest to the height of %g m", source, ours.height)
+        size, expected = float(np.ptp(tree.positions, axis=0).max()), height
+    if not size > 0:
+        raise SkeletonError(f"{source}: the skeleton has no size; expected a person")
+    unit = min(UNITS, key=lambda unit: abs(np.log(unit * size / expected)))
+    if abs(np.log(unit * size / expected)) > np.log(NEAR):
+        unit = _far_from_height(ankles_and_head, size, expected, height, source)
+    elif UNITS[unit] not in METRIC:
+        LOG.warning("%s: lengths are read in %s, which is nearest to height %.2f m", source, UNITS[unit], height)
     return replace(tree, positions=tree.positions * unit)
+
+
+def _far_from_height(named: bool, size: float, expected: float, height: float, source: str) -> float:
+    """Return metres per unit of a tree that no unit brings near to the height. Raises SkeletonError."""
+    if named:
+        LOG.warning(
+            "%s: the skeleton is %g units from ankles to head; no unit makes a person of %.2f m of it, so it is scaled "
+            "to that height",
+            source,
+            size,
+            height,
+        )
+        return expected / size
+    for unit, name in UNITS.items():
+        if name in METRIC and PLAUSIBLE[0] <= unit * size <= PLAUSIBLE[1]:
+            return unit
+    raise SkeletonError(
+        f"{source}: the skeleton is {size:g} units large, which is no person in {', '.join(UNITS.values())}"
+    )

@@ -11,20 +11,40 @@ from lassokin_ros.pipeline.calibration_file import Calibration, read_calibration
 
 DEFAULT_FOV = 60.0
 """deg: field of view along the longer side of the image, assumed without a calibration."""
+Size = tuple[int, int]
 
 
-def from_fov(degrees: float, size: tuple[int, int]) -> Calibration:
-    """Return a camera without distortion. degrees: field of view along the longer side. size: (width, height) px.
+def assumed_fov_warning(remedy: str) -> str:
+    """Return the warning for an unknown camera. remedy: the names of the settings that make it known."""
+    return (
+        f"no calibration: a field of view of {DEFAULT_FOV:g} degrees is assumed. If it is wrong, distances from the "
+        f"camera are wrong by the same factor as the focal length; set {remedy}."
+    )
 
-    Raises CameraError.
+
+def choose_camera(file: Path | None, fov: float | None, size: Size, content: Size) -> Calibration:
+    """Return the camera of a file if there is one, else that of a field of view (degrees; None: DEFAULT_FOV).
+
+    size: (width, height) px of the images; content: of the part between black bars. Raises CameraError.
+    """
+    return from_file(file, size) if file is not None else from_fov(DEFAULT_FOV if fov is None else fov, size, content)
+
+
+def from_fov(degrees: float, size: Size, content: Size | None = None) -> Calibration:
+    """Return a camera without distortion. degrees: field of view along the longer side of the content (None: of size).
+
+    size, content: (width, height) px. Raises CameraError.
     """
     if not 1.0 <= degrees <= 170.0:
-        raise CameraError(f"--fov {degrees:g}; expected 1 to 170 degrees")
-    focal = max(size) / 2 / np.tan(np.radians(degrees) / 2)
+        raise CameraError(f"the field of view is {degrees:g} degrees; expected 1 to 170 degrees")
+    focal = max(content or size) / 2 / np.tan(np.radians(degrees) / 2)
     K = np.array([[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1]])
     return Calibration(K, np.zeros(5), size=size)
 
 
-def from_file(path: Path, size: tuple[int, int]) -> Calibration:
-    """Read a calibration file and scale it to the image size (width, height) px. Raises CameraError."""
-    return read_calibration(path).scaled(size)
+def from_file(path: Path, size: Size) -> Calibration:
+    """Read a calibration file (see pipeline.calibration_file) and scale it to the image size (width, height) px.
+
+    Raises CameraError for another form, and for an image with another aspect ratio.
+    """
+    return read_calibration(path).scaled_to(size, str(path))

@@ -12,6 +12,8 @@ from lassokin_ros.core.errors import LassokinError
 
 USAGE_ERROR = 2
 INTERRUPTED = 130
+WINDOW = Path()
+"""Value of --view without a file."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -49,7 +51,7 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument("--height", type=float, help="height of the person, m (same as -p height:=...)")
     result.add_argument("--fov", type=float, metavar="DEG", help="field of view along the longer side of the image")
     result.add_argument(
-        "--camera-info", type=Path, metavar="YAML", help="calibration of ROS (ost.yaml), OpenCV or Kalibr"
+        "--camera-info", type=Path, metavar="YAML", help="calibration file of ROS (ost.yaml), OpenCV or Kalibr"
     )
     result.add_argument("--detector", default="mediapipe", metavar="NAME", help="mediapipe (default), or a .onnx file")
     result.add_argument("--fps", type=float, help="frame rate of a folder of images, Hz (default: 30)")
@@ -60,6 +62,14 @@ def parser() -> argparse.ArgumentParser:
         "--export", type=Path, action="append", default=[], metavar="FILE", help=".csv, .npz, .bvh or .amass.npz"
     )
     result.add_argument("--video", type=Path, metavar="MP4", help="write the images with the skeleton as a video")
+    result.add_argument(
+        "--view",
+        nargs="?",
+        type=Path,
+        const=WINDOW,
+        metavar="RRD",
+        help="show all in the viewer Rerun, or record it for it",
+    )
     result.add_argument("--force", action="store_true", help="replace outputs that exist")
     return result
 

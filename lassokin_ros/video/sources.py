@@ -14,6 +14,10 @@ from lassokin_ros.core.errors import LassokinError
 
 IMAGES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 ASSUMED_FPS = 30.0
+BLACK, NOISE = 32, 0.02
+"""Grey value of a black bar's pixels at most (codecs have noise), and the share of pixels that may be brighter."""
+LEAST_BAR, UNEVEN_BAR = 0.02, 0.01
+"""Least width of a bar, and the largest difference of the two, as shares of the image."""
 
 
 class SourceError(LassokinError):
@@ -30,13 +34,19 @@ class Image:
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """An open source. size: (width, height) px after rotation. fps: nominal, Hz. count: images, 0 = unknown."""
+    """An open source. size: (width, height) px after rotation. fps: nominal, Hz. count: images, 0 = unknown.
+
+    content: (width, height) px between black bars, see `content_size`.
+    live: a camera, whose images are of the moment at which they are read.
+    """
 
     name: str
     size: tuple[int, int]
+    content: tuple[int, int]
     fps: float
     count: int
     images: Iterator[Image]
+    live: bool = False
 
 
 def open_source(name: str, fps: float | None = None) -> Source:
@@ -51,24 +61,57 @@ def open_source(name: str, fps: float | None = None) -> Source:
     return _video(path)
 
 
+def content_size(image: np.ndarray) -> tuple[int, int]:
+    """Return the (width, height) px between black bars of equal width on opposite sides of an image.
+
+    A letterboxed video has them. The optical axis stays in the middle, but the field of view is that of the content.
+    """
+    bright = image.max(axis=2) > BLACK
+    size = []
+    for axis in (0, 1):  # columns, rows
+        filled = np.flatnonzero(bright.mean(axis=axis) > NOISE)
+        full = image.shape[1 - axis]
+        first, last = (int(filled[0]), full - 1 - int(filled[-1])) if len(filled) else (0, 0)
+        are_bars = min(first, last) > LEAST_BAR * full and abs(first - last) <= UNEVEN_BAR * full
+        size.append(full - first - last if are_bars else full)
+    return size[0], size[1]
+
+
 def _video(path: Path) -> Source:
     cv2 = _opencv()
     capture = cv2.VideoCapture(str(path))
-    # OpenCV turns the images by the file's rotation metadata; the first image gives the size after that.
+    capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
     good, first = capture.read()
     if not good:
         raise SourceError(f"'{path}' has no video stream that OpenCV can read")
-    rate = capture.get(cv2.CAP_PROP_FPS)
-    rate = rate if 1.0 <= rate <= 1000.0 else ASSUMED_FPS
+    first = _upright(cv2, capture, first)
+    rate = _rate(cv2, capture)
     count = max(int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
-    return Source(path.name, (first.shape[1], first.shape[0]), rate, count, _frames(cv2, capture, first, rate))
+    return Source(path.name, *_sizes(first), rate, count, _frames(cv2, capture, first, rate))
+
+
+def _sizes(image: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:
+    return (image.shape[1], image.shape[0]), content_size(image)
+
+
+def _rate(cv2: Any, capture: Any) -> float:
+    rate = float(capture.get(cv2.CAP_PROP_FPS))
+    return rate if 1.0 <= rate <= 1000.0 else ASSUMED_FPS
+
+
+def _upright(cv2: Any, capture: Any, image: np.ndarray) -> np.ndarray:
+    """Rotate an image by the file's metadata. OpenCV 4.6 does it in the wrong direction, and 4.11 by default not."""
+    degrees = round(capture.get(cv2.CAP_PROP_ORIENTATION_META)) * (-1 if cv2.__version__.startswith("4.6.") else 1)
+    turns = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_COUNTERCLOCKWISE}
+    turn = turns.get(degrees % 360)
+    return image if turn is None else np.asarray(cv2.rotate(image, turn))
 
 
 def _frames(cv2: Any, capture: Any, image: np.ndarray, rate: float) -> Iterator[Image]:
-    """Yield the images with their own times, so that a variable frame rate is kept."""
-    good, last, origin = True, -1.0, None
+    """Yield the images with the container's times, so that a variable frame rate is kept."""
+    last, origin = -1.0, None
     try:
-        while good:
+        while True:
             seconds = capture.get(cv2.CAP_PROP_POS_MSEC) * 1e-3
             origin = seconds if origin is None else origin
             seconds -= origin
@@ -77,6 +120,9 @@ def _frames(cv2: Any, capture: Any, image: np.ndarray, rate: float) -> Iterator[
             last = seconds
             yield Image(seconds, cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
             good, image = capture.read()
+            if not good:
+                return
+            image = _upright(cv2, capture, image)
     finally:
         capture.release()
 
@@ -100,9 +146,7 @@ def _webcam(number: int) -> Source:
         finally:
             capture.release()
 
-    rate = capture.get(cv2.CAP_PROP_FPS)
-    rate = rate if 1.0 <= rate <= 1000.0 else ASSUMED_FPS
-    return Source(f"camera {number}", (first.shape[1], first.shape[0]), rate, 0, images())
+    return Source(f"camera {number}", *_sizes(first), _rate(cv2, capture), 0, images(), live=True)
 
 
 def _folder(path: Path, fps: float) -> Source:
@@ -122,7 +166,7 @@ def _folder(path: Path, fps: float) -> Source:
                 raise SourceError(f"'{file}' {problem}")
             yield Image(number / fps, cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
 
-    return Source(path.name, (first.shape[1], first.shape[0]), fps, len(files), images())
+    return Source(path.name, *_sizes(first), fps, len(files), images())
 
 
 def _opencv() -> Any:
@@ -130,6 +174,6 @@ def _opencv() -> Any:
         import cv2
     except ImportError:
         raise SourceError("images are read with OpenCV; install it with: pip install opencv-python-headless") from None
-    if hasattr(cv2, "setLogLevel"):
-        cv2.setLogLevel(0)  # errors are reported once, by SourceError
+    set_level: Any = getattr(cv2, "setLogLevel", None) or cv2.utils.logging.setLogLevel  # OpenCV 4 and 5
+    set_level(0)  # errors are reported once, by SourceError
     return cv2

@@ -18,7 +18,6 @@ from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.core.evidence.upright import levelling
 from lassokin_ros.detector.backend import Detector, make_detector
-from lassokin_ros.pipeline.calibration_file import FRAME, Calibration
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.replay.bags import typestore
@@ -27,7 +26,8 @@ from lassokin_ros.replay.motion import MotionRecorder
 from lassokin_ros.replay.offline_tracker import OfflineTracker
 from lassokin_ros.replay.output_paths import OutputError
 from lassokin_ros.replay.report.report import Report
-from lassokin_ros.video.camera import DEFAULT_FOV, from_file, from_fov
+from lassokin_ros.video.camera import Calibration, assumed_fov_warning, choose_camera
+from lassokin_ros.video.live_view import LiveView
 from lassokin_ros.video.output_video import OutputVideo
 from lassokin_ros.video.sources import Image, Source, SourceError, open_source
 from msg_adapters.backends import RosbagsBackend
@@ -35,6 +35,7 @@ from msg_adapters.inputs import point_cloud
 
 FIRST_STAMP_NS = 1_000_000_000
 """ns: a stamp of zero means no stamp."""
+FRAME = "camera_optical_frame"
 
 
 def track(options: argparse.Namespace) -> tuple[str, bool]:
@@ -54,14 +55,17 @@ def track(options: argparse.Namespace) -> tuple[str, bool]:
     with ExitStack() as stack, AtomicFiles(options.force, OutputError) as files:
         stack.callback(detector.close)
         camera = _camera(options, source)
-        info = camera.message(backend, FIRST_STAMP_NS, tracker.pipeline.config.rectified)
+        info = camera.message(backend, FIRST_STAMP_NS, FRAME)
         for _ in tracker.camera_info(info, FIRST_STAMP_NS):
             pass
         video = None
         if options.video is not None:
             video = OutputVideo(options.video, source.size, source.fps, options.force)
             stack.callback(video.discard)
-        run = Run(source, detector, tracker, backend, video)
+        view = _view(options, source, camera)
+        if view is not None:
+            stack.callback(view.discard)
+        run = Run(source, detector, tracker, backend, video, view)
         complete = run.all_images()
         if report is not None:
             report.write(files, source.name, ("detector", "camera"))
@@ -69,6 +73,8 @@ def track(options: argparse.Namespace) -> tuple[str, bool]:
             exports.write(Path(), files)
         if video is not None:
             video.finish()
+        if view is not None:
+            view.finish()
     return run.summary(options), complete
 
 
@@ -76,15 +82,23 @@ class Run:
     """One run over a source. Images wait in a queue until the tracker has returned their frames."""
 
     def __init__(
-        self, source: Source, detector: Detector, tracker: OfflineTracker, backend: Any, video: OutputVideo | None
+        self,
+        source: Source,
+        detector: Detector,
+        tracker: OfflineTracker,
+        backend: Any,
+        video: OutputVideo | None,
+        view: LiveView | None,
     ) -> None:
         self._source, self._detector, self._tracker, self._backend = source, detector, tracker, backend
-        self._video = video
+        self._video, self._view = video, view
         self._waiting: deque[tuple[int, Image]] = deque()
         self.detect_seconds: list[float] = []
         self.fault = ""
         if video is not None:
             tracker.listeners.append(self._draw)
+        if view is not None:
+            tracker.listeners.append(self._show)
 
     def all_images(self) -> bool:
         """Track all images until the end or until SIGINT or SIGTERM; return True at the end of the source."""
@@ -116,6 +130,8 @@ class Run:
         message = point_cloud(self._backend, stamp_ns, FRAME, found.pixels, found.confidence)
         if self._video is not None:
             self._waiting.append((stamp_ns, image))
+        if self._view is not None:
+            self._view.add_image(image)
         for _ in self._tracker.keypoints(message, stamp_ns):
             pass
 
@@ -125,6 +141,10 @@ class Run:
         while self._waiting and self._waiting[0][0] <= stamp_ns:
             own_ns, image = self._waiting.popleft()
             self._video.add(image.seconds, image.rgb, list(frames) if own_ns == stamp_ns else [])
+
+    def _show(self, frames: Sequence[FrameResult], time_ns: int, _seconds: float) -> None:
+        assert self._view is not None
+        self._view.add(((frames[0].stamp_ns if frames else time_ns) - FIRST_STAMP_NS) * 1e-9, frames)
 
     def summary(self, options: argparse.Namespace) -> str:
         """Return the summary of the run, one fact per line."""
@@ -139,8 +159,8 @@ class Run:
         }
         if self.fault:
             lines["ended early"] = self.fault
-        files = [options.report, *options.export, options.video]
-        lines["written"] = ", ".join(str(file) for file in files if file is not None) or "nothing"
+        files = [options.report, *options.export, options.video, options.view]
+        lines["written"] = ", ".join(str(file) for file in files if file is not None and file.name) or "nothing"
         return "\n".join([self._source.name, *(f"{name:<15} {text}" for name, text in lines.items())])
 
 
@@ -162,6 +182,13 @@ def _stop_flag() -> Iterator[list[int]]:
             signal.signal(number, handler)
 
 
+def _view(options: argparse.Namespace, source: Source, camera: Calibration) -> LiveView | None:
+    if options.view is None:
+        return None
+    path = options.view if options.view.name else None
+    return LiveView(path, source.name, camera, source.size, options.force)
+
+
 def _exports(options: argparse.Namespace, tracker: OfflineTracker) -> Exports | None:
     if not options.export:
         return None
@@ -173,15 +200,12 @@ def _exports(options: argparse.Namespace, tracker: OfflineTracker) -> Exports | 
 
 
 def _camera(options: argparse.Namespace, source: Source) -> Calibration:
-    if options.camera_info is not None:
-        camera = from_file(options.camera_info, source.size)
-        if camera.note:
-            print(f"track: '{camera.source}': {camera.note}", file=sys.stderr)
-        return camera
-    if options.fov is None:
+    if options.camera_info is None and options.fov is None:
+        print(f"track: {assumed_fov_warning('--fov or --camera-info')}", file=sys.stderr)
+    if options.camera_info is None and source.content != source.size:
+        width, height = source.content
         print(
-            f"track: no calibration: a field of view of {DEFAULT_FOV:g} degrees is assumed. If it is wrong, distances "
-            "from the camera are wrong by the same factor as the focal length; set --fov or --camera-info.",
+            f"track: the images have black bars; the field of view is that of the {width} x {height} px between them",
             file=sys.stderr,
         )
-    return from_fov(options.fov or DEFAULT_FOV, source.size)
+    return choose_camera(options.camera_info, options.fov, source.size, source.content)

@@ -1,10 +1,9 @@
-"""Message types of detectors that Jazzy lacks: field names, types and order, as on the wire.
+"""Message types of detectors whose packages Jazzy does not bring: field names, types and order.
 
-hri_msgs: github.com/ros4hri/hri_msgs. yolo_msgs: github.com/mgonzs13/yolo_ros. zed_msgs:
-github.com/stereolabs/zed-ros2-interfaces. They are used for recordings that do not contain the definitions.
+Recordings in sqlite3 hold no definitions, so these stand in. As in the repositories of the packages: hri_msgs of
+github.com/ros4hri/hri_msgs, yolo_msgs of github.com/mgonzs13/yolo_ros, zed_msgs of
+github.com/stereolabs/zed-ros2-interfaces.
 """
-
-from __future__ import annotations
 
 DEFINITIONS = {
     "hri_msgs/msg/NormalizedPointOfInterest2D": "float32 x\nfloat32 y\nfloat32 c",
@@ -45,21 +44,4 @@ DEFINITIONS = {
     ),
     "zed_msgs/msg/ObjectsStamped": "std_msgs/Header header\nzed_msgs/Object[] objects",
 }
-"""Message type -> its fields, in the form of a .msg file."""
-
-OLDER = {
-    "zed_msgs/msg/Object": DEFINITIONS["zed_msgs/msg/Object"].removesuffix(
-        "\nfloat32[70] skeleton_keypoint_confidence"
-    ),
-}
-"""Definitions of older releases, where they differ on the wire."""
-
-
-def versions(message_type: str) -> list[dict[str, str]]:
-    """Return the definitions of a message type's package, the newest release first; empty for an unknown type."""
-    if message_type not in DEFINITIONS:
-        return []
-    package = message_type.split("/")[0] + "/"
-    newest = {name: text for name, text in DEFINITIONS.items() if name.startswith(package)}
-    older = {name: text for name, text in OLDER.items() if name.startswith(package)}
-    return [newest, {**newest, **older}] if older else [newest]
+"""Message type -> definition. A type stands after those of its fields."""

@@ -10,12 +10,18 @@ from msg_adapters.keypoints import Keypoints, check_count
 
 
 def gather(
-    stamp_ns: int | None, frame_id: str, people: Sequence[Sequence[tuple[int, float, float, float]]], ids: Sequence[str]
+    stamp_ns: int | None,
+    frame_id: str,
+    people: Sequence[Sequence[tuple[int, float, float, float]]],
+    ids: Sequence[str],
+    depths: Sequence[Sequence[float]] | None = None,
+    depth_of_surface: bool = True,
 ) -> Keypoints:
     """Return the keypoints of people, each a list of (landmark, x px, y px, confidence).
 
     ids: the tracker's id of each person. If an id is no integer >= 0 or is repeated, the detector has no tracker. The
     people are then numbered in the order of the message, and the numbers are not persistent.
+    depths: m, of each point of each person, NaN = not measured; None if the message has no depth.
     """
     numbers = [int(text) if text.isascii() and text.isdigit() and len(text) < 19 else -1 for text in ids]
     persistent = len(set(numbers)) == len(numbers) and min(numbers, default=0) >= 0
@@ -26,4 +32,7 @@ def gather(
     values = np.array(points, dtype=float).reshape(-1, 4)
     landmarks, xy, confidence = values[:, 0].astype(np.int64), values[:, 1:3], values[:, 3]
     persons = np.repeat(np.array(numbers, dtype=np.int64), [len(person) for person in people])
-    return Keypoints(stamp_ns, frame_id, landmarks, xy, confidence, persons, persistent)
+    depth = None if depths is None else np.array([depth for person in depths for depth in person], dtype=float)
+    if depth is not None and not np.isfinite(depth).any():
+        depth = None
+    return Keypoints(stamp_ns, frame_id, landmarks, xy, confidence, persons, persistent, depth, depth_of_surface)

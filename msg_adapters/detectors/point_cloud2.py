@@ -1,4 +1,7 @@
-"""Keypoints in sensor_msgs/PointCloud2: fields x, y (or u, v), confidence, id and, optionally, person."""
+"""Keypoints in sensor_msgs/PointCloud2: fields x, y (or u, v), confidence, id and, optionally, person and depth.
+
+depth: m along the optical axis, of the surface that a depth camera sees at the keypoint; NaN or 0 = not measured.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ LONGEST_NAME = 32
 ALIASES = {"u": "x", "v": "y"}
 DATATYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}  # sensor_msgs/PointField
 INTEGERS, FLOATS = (1, 2, 3, 4, 5, 6), (7, 8)
-EXPECTED = {"x": FLOATS, "y": FLOATS, "confidence": FLOATS, "id": INTEGERS, "person": INTEGERS}
+EXPECTED = {"x": FLOATS, "y": FLOATS, "confidence": FLOATS, "id": INTEGERS, "person": INTEGERS, "depth": FLOATS}
 
 
 class PointCloud2Adapter:
@@ -40,9 +43,10 @@ class PointCloud2Adapter:
         with np.errstate(invalid="ignore"):  # a NaN may be signalling
             xy[:, 0], xy[:, 1] = points["x"], points["y"]
             confidence = points["confidence"].astype(float)
+            depth = _depth(points)
         persons = points["person"].astype(np.int64) if "person" in (points.dtype.names or ()) else None
         ids = points["id"].astype(np.int64)
-        return Keypoints(stamp, frame_name(message.header), ids, xy, confidence, persons)
+        return Keypoints(stamp, frame_name(message.header), ids, xy, confidence, persons, depth=depth)
 
 
 @lru_cache(maxsize=16)
@@ -78,6 +82,15 @@ def _dtype(fields: tuple[tuple[str, int, int, int], ...], point_step: int, big_e
             "itemsize": point_step,
         }
     )
+
+
+def _depth(points: np.ndarray) -> np.ndarray | None:
+    """Return the field depth (k,), m, NaN = not measured; None if the cloud has none."""
+    if "depth" not in (points.dtype.names or ()):
+        return None
+    depth = points["depth"].astype(float)
+    depth[~(depth > 0)] = np.nan
+    return depth if np.isfinite(depth).any() else None
 
 
 def _points(message: Any, dtype: np.dtype) -> np.ndarray:

@@ -2,6 +2,8 @@
 
 The id of a keypoint is its COCO index plus 1. Points below the detector's threshold are absent. The id of a detection
 is the tracker's number as text, and empty if yolo_ros runs without tracker.
+yolo_ros with 3D adds `keypoints3d`: sampled from the depth image, and transformed to its parameter target_frame. They
+are used if that is the optical frame of the image, in which z is the depth.
 """
 
 from __future__ import annotations
@@ -25,4 +27,16 @@ class YoloDetectionsAdapter:
         people = [[(p.id - 1, p.point.x, p.point.y, p.score) for p in d.keypoints.data] for d in seen]
         if any(point[0] < 0 for person in people for point in person):
             raise AdapterError("unknown_id", "a keypoint has an id below 1; expected COCO's index plus 1")
-        return gather(stamp, frame_name(message.header), people, [d.id for d in seen])
+        frame_id = frame_name(message.header)
+        depths = [_depths(d, frame_id) for d in seen]
+        return gather(stamp, frame_id, people, [d.id for d in seen], depths if any(depths) else None)
+
+
+def _depths(detection: Any, frame_id: str) -> list[float]:
+    """Return the depth of each keypoint of a detection, m, NaN = not measured."""
+    measured = getattr(detection, "keypoints3d", None)
+    if measured is None or not frame_id or measured.frame_id != frame_id:
+        return [float("nan")] * len(detection.keypoints.data)
+    check_count(len(measured.data))
+    by_id = {p.id: float(p.point.z) for p in measured.data}
+    return [by_id.get(p.id, float("nan")) for p in detection.keypoints.data]

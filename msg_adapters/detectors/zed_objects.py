@@ -2,7 +2,8 @@
 
 Landmark layouts: `zed38` for BODY_38, `openpose18` for BODY_18, which has OpenPose's order. Confidences are percentages
 from 1 to 99. If the wrapper leaves the confidences of the keypoints at 0, the confidence of the body is used. The
-frame_id of the message is the body frame of the camera (x forward), so the frame of camera_info is used instead.
+frame_id of the message is the body frame of the camera (x forward), so the frame of camera_info is used instead. The
+depth of a keypoint is x of the 3D skeleton, which ZED fits inside the body.
 """
 
 from __future__ import annotations
@@ -36,9 +37,11 @@ class ZedObjectsAdapter:
             if o.skeleton_available and (not o.tracking_available or o.tracking_state == TRACKED)
         ]
         check_count(sum(_count(body) for body in bodies))
-        people = [_points(body) for body in bodies]
+        found = [_points(body) for body in bodies]
+        people = [[point[:4] for point in person] for person in found]
+        depths = [[point[4] for point in person] for person in found]
         ids = [str(body.label_id) if body.tracking_available else "" for body in bodies]
-        return gather(stamp, "", people, ids)
+        return gather(stamp, "", people, ids, depths, depth_of_surface=False)
 
 
 def _count(body: Any) -> int:
@@ -47,15 +50,24 @@ def _count(body: Any) -> int:
     return COUNTS[body.body_format]
 
 
-def _points(body: Any) -> list[tuple[int, float, float, float]]:
-    """Return (landmark, x, y, confidence) of one body. Missing points have negative coordinates or NaN."""
+def _points(body: Any) -> list[tuple[int, float, float, float, float]]:
+    """Return (landmark, x, y, confidence, depth) of one body. Missing points have negative coordinates or NaN."""
     count = _count(body)
     pixels = [point.kp for point in body.skeleton_2d.keypoints[:count]]
     own = [float(value) for value in getattr(body, "skeleton_keypoint_confidence", ())[:count]]
     if not any(value > 0 for value in own):
         own = [float(body.confidence)] * count
+    depths = _depths(body, count)
     return [
-        (index, float(kp[0]), float(kp[1]), max(percent, 0.0) / FULL)
+        (index, float(kp[0]), float(kp[1]), max(percent, 0.0) / FULL, depths[index])
         for index, (kp, percent) in enumerate(zip(pixels, own))
         if kp[0] >= 0 and kp[1] >= 0 and (kp[0] > 0 or kp[1] > 0)
     ]
+
+
+def _depths(body: Any, count: int) -> list[float]:
+    """Return the depth of each keypoint, m, NaN = not measured: x of a frame with x forward."""
+    skeleton = getattr(body, "skeleton_3d", None)
+    points = [] if skeleton is None else skeleton.keypoints[:count]
+    depths = [float(point.kp[0]) for point in points]
+    return [depth if depth > 0 else float("nan") for depth in depths] + [float("nan")] * (count - len(depths))

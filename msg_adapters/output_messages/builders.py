@@ -105,25 +105,49 @@ class PoseArrayBuilder(StampedBuilder):
             p.x, p.y, p.z, q.x, q.y, q.z, q.w = values
 
 
-class TransformBuilder(StampedBuilder):
-    """tf2_msgs/TFMessage of one frame."""
+class PoseWithCovarianceBuilder(StampedBuilder):
+    """geometry_msgs/PoseWithCovarianceStamped."""
 
-    def __init__(self, backend: Backend, child_frame: str) -> None:
-        """child_frame: the name of the frame that is placed."""
-        message = backend.make("tf2_msgs/msg/TFMessage")
-        self._transform = backend.make("geometry_msgs/msg/TransformStamped")
-        self._transform.child_frame_id = child_frame
-        message.transforms = [self._transform]
-        super().__init__(message, [self._transform.header])
+    def __init__(self, backend: Backend) -> None:
+        message = backend.make("geometry_msgs/msg/PoseWithCovarianceStamped")
+        super().__init__(message, [message.header])
 
-    def numbers(self, position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
-        """position: (3,) m; quaternion: (4,), x, y, z, w; both in frame_id."""
-        return np.concatenate([position, quaternion])
+    def numbers(self, position: np.ndarray, quaternion: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+        """position: (3,) m; quaternion: (4,), x, y, z, w; covariance: (6, 6) of position and rotation, m and rad."""
+        return np.concatenate([position, quaternion, covariance.reshape(36)])
 
     def write(self, numbers: np.ndarray) -> None:
         """See StampedBuilder.write."""
-        place, turn = self._transform.transform.translation, self._transform.transform.rotation
-        place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w = numbers.tolist()
+        pose = self._message.pose.pose
+        p, q = pose.position, pose.orientation
+        p.x, p.y, p.z, q.x, q.y, q.z, q.w = numbers[:7].tolist()
+        self._message.pose.covariance = numbers[7:].copy()
+
+
+class TransformsBuilder(StampedBuilder):
+    """tf2_msgs/TFMessage of a constant set of frames."""
+
+    def __init__(self, backend: Backend, frames: Sequence[tuple[str, str]]) -> None:
+        """frames: (parent, child) names. An empty parent stands for the frame_id of the message."""
+        message = backend.make("tf2_msgs/msg/TFMessage")
+        self._parents = [parent for parent, _ in frames]
+        self._transforms = [backend.make("geometry_msgs/msg/TransformStamped") for _ in frames]
+        for transform, (_, child) in zip(self._transforms, frames):
+            transform.child_frame_id = child
+        message.transforms = self._transforms
+        super().__init__(message, [transform.header for transform in self._transforms])
+
+    def numbers(self, positions: np.ndarray, quaternions: np.ndarray) -> np.ndarray:
+        """positions: (k, 3) m; quaternions: (k, 4), x, y, z, w; of each child in its parent."""
+        return np.concatenate([positions, quaternions], axis=1).reshape(-1)
+
+    def write(self, numbers: np.ndarray) -> None:
+        """See StampedBuilder.write."""
+        for transform, parent, values in zip(self._transforms, self._parents, numbers.reshape(-1, 7).tolist()):
+            if parent:
+                transform.header.frame_id = parent
+            place, turn = transform.transform.translation, transform.transform.rotation
+            place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w = values
 
 
 class StringBuilder:

@@ -1,4 +1,4 @@
-"""A skeleton as visualization_msgs/MarkerArray: bones as lines, joints as balls."""
+"""A skeleton as visualization_msgs/MarkerArray: bones as lines, joints as spheres, names as text on demand."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 from msg_adapters.backends import Backend
 from msg_adapters.output_messages.builders import StampedBuilder
 
-SPHERE, SPHERE_LIST, LINE_LIST = 2, 7, 5  # visualization_msgs/Marker
-JOINT_SIZE, BONE_SIZE = 0.05, 0.025  # m
-JOINT_COLOUR, BONE_COLOUR = (0.10, 0.45, 0.85, 1.0), (0.95, 0.60, 0.10, 1.0)
+SPHERE, LINE_LIST, SPHERE_LIST, TEXT = 2, 5, 7, 9  # visualization_msgs/Marker
+JOINT_SIZE, BONE_SIZE, TEXT_SIZE = 0.05, 0.025, 0.05  # m
+JOINT_COLOUR, BONE_COLOUR, TEXT_COLOUR = (0.10, 0.45, 0.85, 1.0), (0.95, 0.60, 0.10, 1.0), (1.0, 1.0, 1.0, 1.0)
 LIFETIME_NS = 1_000_000_000
 """A marker that is not renewed disappears after this time: a lost person leaves no ghost in RViz, and who is
 seen twice a second does not flicker."""
@@ -20,15 +20,23 @@ seen twice a second does not flicker."""
 class SkeletonMarkersBuilder(StampedBuilder):
     """The message is made once; each frame moves its points."""
 
-    def __init__(self, backend: Backend, parents: Sequence[int], prefix: str = "") -> None:
-        """parents: (n,) index of each joint's parent, -1 for the root; prefix: of the markers' namespaces."""
+    def __init__(self, backend: Backend, parents: Sequence[int], prefix: str = "", labels: Sequence[str] = ()) -> None:
+        """parents: (n,) index of each joint's parent, -1 for the root; prefix: of the markers' namespaces.
+
+        labels: (n,) text at each joint; empty for none.
+        """
         message = backend.make("visualization_msgs/msg/MarkerArray")
         ends = [joint for child, parent in enumerate(parents) if parent >= 0 for joint in (int(parent), child)]
         bones = _marker(backend, 0, f"{prefix}bones", LINE_LIST, BONE_SIZE, BONE_COLOUR, len(ends))
         joints = _marker(backend, 1, f"{prefix}joints", SPHERE_LIST, JOINT_SIZE, JOINT_COLOUR, len(parents))
-        message.markers = [bones, joints]
-        self._order = np.array([*ends, *range(len(parents))])
-        super().__init__(message, [bones.header, joints.header])
+        texts = []
+        for joint, label in enumerate(labels):
+            texts.append(_marker(backend, joint, f"{prefix}labels", TEXT, TEXT_SIZE, TEXT_COLOUR, 0))
+            texts[-1].text = label
+        message.markers = [bones, joints, *texts]
+        self._order = np.array([*ends, *range(len(parents)), *range(len(texts))])
+        self._targets = [*bones.points, *joints.points, *(text.pose.position for text in texts)]
+        super().__init__(message, [marker.header for marker in message.markers])
 
     def numbers(self, positions: np.ndarray) -> np.ndarray:
         """positions: (n, 3) m."""
@@ -36,8 +44,7 @@ class SkeletonMarkersBuilder(StampedBuilder):
 
     def write(self, numbers: np.ndarray) -> None:
         """See StampedBuilder.write."""
-        bones, joints = self._message.markers
-        for target, place in zip([*bones.points, *joints.points], numbers.reshape(-1, 3).tolist()):
+        for target, place in zip(self._targets, numbers.reshape(-1, 3).tolist()):
             target.x, target.y, target.z = place
 
 

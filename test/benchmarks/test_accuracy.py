@@ -12,6 +12,7 @@ import pytest
 from benchmarks.accuracy import main
 from benchmarks.accuracy_run.experiment import Job, bone_scales, run, scene_of
 from benchmarks.common.report import data_folder
+from benchmarks.data.depth_sensor import DepthSensor
 from benchmarks.data.detections import height_of, measured
 from benchmarks.data.mocap import EVALUATED, WANDERS, Condition
 from benchmarks.learn_prior import TRAINING
@@ -94,11 +95,11 @@ def test_every_baseline_runs_from_the_command_line(tmp_path):
         "--views",
         "1",
     ]
-    command += ["--methods", "ridge,dls,smplify", "--fps", "30", "--jobs", "1", "--json", str(file)]
+    command += ["--methods", "ridge,dls,smplify,fresh", "--fps", "30", "--jobs", "1", "--json", str(file)]
     result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
     assert result.returncode == 0, result.stderr
     errors = {r["method"]: r["mpjpe_mm"] for r in json.loads(file.read_text(encoding="utf-8"))}
-    assert set(errors) == {"ridge", "dls", "smplify"} and all(0 < error < 300 for error in errors.values())
+    assert set(errors) == {"ridge", "dls", "smplify", "fresh"} and all(0 < error < 300 for error in errors.values())
 
 
 @needs_clips
@@ -139,6 +140,28 @@ def test_real_detections(tmp_path, capsys):
     records = json.loads(file.read_text(encoding="utf-8"))
     assert [(r["view"], r["method"]) for r in records] == [(0, "lasso"), (0, "dls"), (1, "lasso"), (1, "dls")]
     assert all(r["frames"] == 100 and 1.4 < r["height_m"] < 2.0 for r in records)
+
+
+@needs_detections
+@pytest.mark.parametrize("figure, count", [("--uncertainty", "joints"), ("--failure-probability", "frames")])
+def test_the_tracker_s_own_figures_are_checked_on_recordings_too(figure, count, tmp_path):
+    file, recording = tmp_path / "records.json", str(DETECTIONS / "openpose_balancing.npz")
+    assert main(["--detections", recording, figure, "--jobs", "1", "--json", str(file)]) == 0
+    total = json.loads(file.read_text(encoding="utf-8"))[-1]
+    assert total[count] == {"joints": 2 * 20 * 12, "frames": 2 * 100}[count]
+
+
+@needs_detections
+def test_the_detector_s_own_3d_is_scored_where_a_recording_holds_it(tmp_path):
+    files = [str(DETECTIONS / f"talking_woman_{name}.npz") for name in ("mediapipe_heavy", "movenet_lightning")]
+    file, method = tmp_path / "records.json", ["--methods", "mediapipe_world", "--jobs", "1"]
+    assert main(["--detections", *files, *method, "--json", str(file)]) == 0
+    records = json.loads(file.read_text(encoding="utf-8"))
+    assert [(r["clip"], r["view"]) for r in records] == [("talking_woman_mediapipe_heavy", view) for view in (0, 1)]
+    assert all(40 < r["pa_mpjpe_mm"] < r["mpjpe_mm"] < 100 and r["frames"] == 100 for r in records)
+    for alone in (["--detections", files[1]], ["--clips", "exp_running_1"]):
+        with pytest.raises(SystemExit, match="MediaPipe's own 3D"):
+            main([*alone, *method])
 
 
 def test_absent_data_is_said_plainly(tmp_path):
@@ -247,8 +270,7 @@ def test_an_option_that_cannot_be_meant_is_refused_by_its_name(option, capsys):
     [
         "--methods=",
         "--initialisation --methods smplify",
-        *(f"--detections any.npz --{what}" for what in ("gap=1", "initialisation", "uncertainty")),
-        "--detections any.npz --failure-probability",
+        *(f"--detections any.npz --{what}" for what in ("gap=1", "initialisation")),
     ],
 )
 def test_options_that_do_not_go_together_are_refused(options):
@@ -294,6 +316,43 @@ def test_keypoints_are_off_by_what_is_said_and_for_as_long(capsys):
     options = ["--clips", "exp_running_1", "--views", "1", "--jobs", "1", "--wander-px", "2", "--offset-px", "1.5"]
     assert main(options) == 0
     assert "off by 2 px for 0.1 s on end, and by 1.5 px all the time" in capsys.readouterr().out
+
+
+@needs_clips
+def test_depth_is_measured_with_the_errors_that_are_said():
+    job = Job(MOCAP / "gs_lambada.npz", 0, "lasso")
+
+    def scene(**errors):
+        return scene_of(replace(job, condition=Condition(depth=DepthSensor(**errors))))
+
+    assert scene_of(job).view.depth is None and scene_of(job).observations[0].depth is None
+    exact = scene().view
+    hip = Layout.load("coco17", Skeleton.load("anthropometric", 1.75)).index("left_hip")
+    assert np.allclose(exact.depth[:, hip], exact.truth[:, EVALUATED.index("l_hip"), 2])
+    assert np.array_equal(exact.pixels, scene_of(job).view.pixels)  # other draws stay as they were
+
+    def error(**errors):
+        return scene(**errors).view.depth - exact.depth
+
+    assert error(noise=0.03).std() == pytest.approx(0.03, rel=0.05)
+    assert np.allclose(error(bias=0.02), error(bias=0.02)[0]) and 0.01 < error(bias=0.02)[0].std() < 0.03
+    assert np.std(error(noise_z2=0.002) / exact.depth**2) == pytest.approx(0.002, rel=0.05)
+    occluded = error(occluded=0.1)
+    assert np.mean(occluded < -0.05) == pytest.approx(0.1, abs=0.01) and occluded.min() > -0.5 and occluded.max() < 1e-9
+    assert np.array_equal(scene(noise=0.03).observations[2].depth, scene(noise=0.03).view.depth[2])
+
+
+@needs_clips
+def test_measured_depth_is_said_and_makes_the_pose_better(capsys, tmp_path):
+    file, errors = tmp_path / "records.json", {}
+    options = ["--clips", "exp_running_1", "--views", "1", "--jobs", "1", "--offset-px", "3", "--json", str(file)]
+    for depth in ((), ("--depth-noise", "0.01")):
+        assert main([*options, *depth]) == 0
+        (record,) = json.loads(file.read_text(encoding="utf-8"))
+        errors[bool(depth)] = record["mpjpe_mm"]
+        assert record["depth_sensor"] == ({"noise": 0.01, "bias": 0, "occluded": 0, "noise_z2": 0} if depth else None)
+    assert errors[True] < 0.8 * errors[False]
+    assert "Depth of each keypoint is measured: noise 0.01 m" in capsys.readouterr().out
 
 
 @needs_clips

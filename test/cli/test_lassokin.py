@@ -1,17 +1,20 @@
 """The command `lassokin`: its sub-commands, and one line for a wrong one."""
 
+import subprocess
 import sys
+from concurrent.futures import Future
 
 import pytest
 
 from lassokin_ros.cli import lassokin
+from lassokin_ros.node import executable
 
 
 @pytest.mark.parametrize("arguments", [[], ["replya"], ["--version"]])
 def test_a_wrong_command_is_one_line_and_exit_code_2(arguments, capsys):
     assert lassokin.main(arguments) == 2
     error = capsys.readouterr().err
-    assert error.count("\n") == 1 and "track, replay, tracker, detector" in error
+    assert error.count("\n") == 1 and "track, replay, tracker, detector, camera" in error
 
 
 def test_help_names_every_command(capsys):
@@ -26,10 +29,23 @@ def test_a_command_gets_its_own_arguments(capsys, monkeypatch):
     assert "no_such_bag" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("name", ["tracker", "detector"])
+@pytest.mark.parametrize("name", ["tracker", "detector", "camera"])
 def test_without_ros_a_node_is_one_line(name, capsys, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["pytest"])
     monkeypatch.setitem(sys.modules, "rclpy", None)
+    monkeypatch.setattr(executable, "await_signal", Future)  # it would block the signals of the test's process
     assert lassokin.main([name]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1 and "rclpy" in error
+
+
+@pytest.mark.parametrize("module", ["proxsuite", "qpsolvers"])
+@pytest.mark.parametrize("arguments", [["replay", "bag"], ["tracker"]])
+def test_a_missing_solver_is_named(module, arguments, tmp_path):
+    """In a process of its own, in which the package cannot be imported."""
+    without = f"import sys; sys.modules['{module}'] = None"
+    code = f"{without}; from lassokin_ros.cli import lassokin; sys.exit(lassokin.main({arguments}))"
+    (tmp_path / "bag").mkdir()
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout) == (2, "") and done.stderr.count("\n") == 1
+    assert f"pip install --break-system-packages {module}" in done.stderr

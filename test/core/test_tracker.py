@@ -372,3 +372,18 @@ def test_a_frame_of_no_time_moves_no_time_whatever_else_is_wrong():
     estimate = tracker.track(Observation(np.inf, np.zeros((3, 2)), np.ones(3), FOCAL))
     assert (estimate.rejection, estimate.status) == (Rejection.NOT_FINITE, Status.TRACKING)
     assert tracker.published == []
+
+
+def test_another_height_is_another_person():
+    """After a live change of the height the tracker gives what a new tracker of that height gives."""
+    other = replace(CONFIG, height=1.5)
+    tracker, fresh = Tracker(CONFIG), Tracker(other)
+    seen = [observation for _, observation in observations(tracker, 0.2)]
+    for observation in seen:
+        tracker.track(observation)
+    tracker.tune(other)
+    assert tracker.state is None and tracker.skeleton.height == fresh.skeleton.height == 1.5
+    for observation in seen:
+        ours, theirs = tracker.track(observation), fresh.track(observation)
+        assert ours.initialised == theirs.initialised
+        assert np.allclose(ours.pose.positions, theirs.pose.positions, atol=1e-6), observation.stamp

@@ -7,7 +7,7 @@ import pytest
 
 from lassokin_ros.detector.backend import DetectorError, make_detector
 from lassokin_ros.detector.images import decode_image
-from lassokin_ros.detector.onnx_pose import _kind, _movenet, _rtmpose, _yolo, letterbox
+from lassokin_ros.detector.onnx_pose import letterbox
 from msg_adapters.errors import AdapterError
 
 
@@ -50,29 +50,9 @@ def test_damaged_and_unknown_images_are_refused():
         decode_image(message)
 
 
-def test_kind_of_model_is_recognised_by_shapes():
-    assert _kind([[1, 192, 192, 3]], [[1, 1, 17, 3]]) == "movenet"
-    assert _kind([["n", 3, 256, 192]], [["n", 17, 384], ["n", 17, 512]]) == "rtmpose"
-    assert _kind([[1, 3, 640, 640]], [[1, 56, 8400]]) == "yolo"
-    assert _kind([[1, 3, 224, 224]], [[1, 1000]]) is None
-
-
-def test_models_outputs_become_pixels():
-    points = np.random.default_rng(1).uniform(0.1, 0.9, (17, 2))
-    rows = np.column_stack([points[:, 1], points[:, 0], np.full(17, 0.8)])
-    assert np.allclose(_movenet([rows.reshape(1, 1, 17, 3)], (192, 256))[:, :2], points * (192, 256))
-    x, y = np.zeros((1, 17, 384)), np.zeros((1, 17, 512))
-    x[0, np.arange(17), 100 + np.arange(17)] = y[0, np.arange(17), 200] = 0.9
-    assert np.allclose(_rtmpose([x, y], (192, 256)), np.column_stack([50 + np.arange(17) / 2, [100] * 17, [0.9] * 17]))
-    boxes = np.zeros((1, 56, 3))
-    boxes[0, 4], boxes[0, 5:, 1] = (0.1, 0.9, 0.3), np.arange(51)
-    assert np.array_equal(_yolo([boxes], (640, 640)), np.arange(51).reshape(17, 3))
-    assert _yolo([np.zeros((1, 56, 3))], (640, 640)) is None
-
-
 def test_letterbox_keeps_the_aspect_ratio():
     pytest.importorskip("cv2")
-    boxed, scale, shift = letterbox(np.full((100, 200, 3), 255, np.uint8), (64, 64))
+    boxed, scale, shift = letterbox(np.full((100, 200, 3), 255, np.uint8), (64, 64), 114)
     assert boxed.shape == (64, 64, 3) and scale == 0.32 and shift.tolist() == [0, 16]
     assert (boxed[16:48] == 255).all() and (boxed[:16] == 114).all()
 

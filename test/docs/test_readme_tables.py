@@ -75,12 +75,15 @@ def rows(direction):
 
 
 def test_directions_are_known():
-    assert {row[0] for row in TOPICS} == {"in", "out", "service"}
+    assert {row[0] for row in TOPICS} == {"in", "in, optional", "out", "service"}
     assert all(len(row) == 4 and row[3] for row in TOPICS)
 
 
 def test_outputs(peer):
-    expected = rows("out")
+    expected = {
+        name: (NodeSettings().people_type if kind == "parameter `people_type`" else kind, remark)
+        for name, (kind, remark) in rows("out").items()
+    }
     found = of_node(peer, "publisher", OWN_TOPICS.__contains__, set(expected))
     assert {name: [full_type_name(kind)] for name, (kind, _) in expected.items()} == found
     for name, (_, remark) in expected.items():

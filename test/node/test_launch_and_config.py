@@ -35,7 +35,7 @@ def test_every_parameter_file_starts_a_tracker(name):
 
 
 def test_there_is_one_for_each_usual_set_up():
-    assert set(FILES) == {"tracker", "webcam_yolo", "openpose", "mediapipe", "rosbag"}
+    assert set(FILES) == {"tracker", "webcam_yolo", "openpose", "mediapipe", "rosbag", "realsense", "oak", "zed"}
 
 
 def test_urdf_from_settings():
@@ -131,9 +131,19 @@ def test_launch_sets_parameters_and_the_namespace(launch_file):
     assert frames.parameters[0]["robot_description"].args[0] == own_urdf(height=1.9, node="left/tracker")
 
 
-def test_launch_of_several_people_starts_no_state_publisher(launch_file):
+def test_launch_of_several_people_starts_no_state_publisher(launch_file, tmp_path):
+    """The tracker publishes TF of the limbs itself, unless a parameter file chooses otherwise."""
     started = start(launch_file, max_people="3")
-    assert set(started) == {"lassokin_ros"} and started["lassokin_ros"].parameters[2] == {"max_people": 3}
+    assert set(started) == {"lassokin_ros"}
+    assert started["lassokin_ros"].parameters[2] == {"max_people": 3, "publish_tf": "all"}
+    assert start(launch_file, max_people="3", frames="no")["lassokin_ros"].parameters[2] == {"max_people": 3}
+    file = tmp_path / "mine.yaml"
+    for people, chosen, set_here in ((3, "root", []), (1, "all", []), (1, "root", [FOLLOWER]), (1, "off", [FOLLOWER])):
+        file.write_text(f"/**:\n  ros__parameters:\n    max_people: {people}\n    publish_tf: {chosen}\n")
+        started = start(launch_file, params=str(file))
+        assert started["lassokin_ros"].parameters[2:] == set_here and ("robot_state_publisher" in started) == bool(
+            set_here
+        )
 
 
 @pytest.mark.parametrize("text, value", [("true", True), ("1", True), ("ON", True), ("false", False), ("No", False)])
@@ -152,7 +162,7 @@ def test_launch_reads_every_boolean_in_the_same_way(launch_file, text, value):
         ({"log_level": "loud"}, "log_level:=loud; expected one of: debug"),
         ({"heigth": "1.8"}, "no argument 'heigth'; did you mean 'height'"),
         ({"keypoint": "/a"}, "did you mean 'keypoints'"),
-        ({"height": "9"}, "0.3 to 2.6 m"),
+        ({"height": "9"}, "0 to 2.6 m"),
         ({"params": "nothing"}, "nothing.yaml"),
     ],
 )

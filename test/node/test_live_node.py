@@ -138,7 +138,7 @@ def test_the_start_the_reset_and_the_switch_are_one_line_each():
 def test_bad_values_are_refused_with_the_reason(running):
     structure, too_small, wrong_type, too_large = (
         set_parameters(running, **{name: value})[0]
-        for name, value in (("height", 1.8), ("noise_px", -5.0), ("noise_px", "much"), ("min_landmarks", 1000))
+        for name, value in (("landmarks", "body25"), ("noise_px", -5.0), ("noise_px", "much"), ("min_landmarks", 1000))
     )
     for result, word in (
         (structure, "read-only"),
@@ -147,7 +147,7 @@ def test_bad_values_are_refused_with_the_reason(running):
         (too_large, "min_landmarks"),
     ):
         assert not result.successful and word in result.reason, result
-    assert get_parameter(running, "height") == 1.75
+    assert get_parameter(running, "landmarks") == "coco17"
     assert get_parameter(running, "noise_px") == 3.0
     assert get_parameter(running, "min_landmarks") == 4
 
@@ -189,12 +189,29 @@ def test_a_live_change_of_noise_px_counts_in_the_next_frame(running):
     assert np.abs(same - other).max() > 1e-4
 
 
+def test_a_new_height_is_that_of_the_next_frame(running):
+    def distance():
+        from_the_beginning(running)
+        feed(running, 3)
+        return running.got[topics.TRANSLATION][-1].point.z
+
+    normal = distance()
+    assert set_parameters(running, height=0.2)[0].successful is False
+    assert set_parameters(running, height=1.2)[0].successful
+    feed(running)
+    assert values_of(running.got[topics.CERTIFICATE][-1])["initialised"] == "true"
+    child = distance()
+    assert np.isclose(child / normal, 1.2 / 1.75, rtol=0.02)
+    assert set_parameters(running, height=1.75)[0].successful
+    assert np.isclose(distance(), normal, rtol=1e-6)
+
+
 def test_a_read_only_value_takes_the_others_of_its_request_with_it(running):
-    values = [parameter("sparsity", 0.5), parameter("height", 1.9)]
+    values = [parameter("sparsity", 0.5), parameter("max_people", 3)]
     request = SetParametersAtomically.Request(parameters=values)
     result = running.call(SetParametersAtomically, "set_parameters_atomically", request).result
     assert not result.successful and "read-only" in result.reason
-    assert (get_parameter(running, "sparsity"), get_parameter(running, "height")) == (0.05, 1.75)
+    assert (get_parameter(running, "sparsity"), get_parameter(running, "max_people")) == (0.05, 1)
 
 
 def test_a_stamp_of_zero_is_the_time_of_arrival_if_no_message_has_a_stamp(running):
@@ -254,7 +271,7 @@ def test_diagnostics_while_tracking(running):
     status, values = message.status[0], values_of(message)
     assert (status.level, status.name, status.message, status.hardware_id) == (
         OK,
-        "running/tracker: tracking",
+        "running/tracker: person",
         "tracking",
         FRAME,
     )
@@ -278,7 +295,7 @@ def test_frozen_keypoints_are_answered_and_said(running):
         running.send(START_NS + running.frames_sent * 16_666_667, PIXELS[last % len(PIXELS)])
         running.spin_until(lambda: len(running.got[topics.JOINT_STATES]) > outputs, what="an answer")  # noqa: B023
     status = running.next_diagnostics(lambda s: "frozen" in s.message)
-    assert status.level == WARN and "the same ones for 1.5 s" in status.message
+    assert status.level == WARN and "the same ones for more than 1 s" in status.message
     assert int(values_of(status)["duplicated [messages]"]) == int(count) + 5
     running.frames_sent += 1
     feed(running)
@@ -307,7 +324,7 @@ def test_refused_keypoints_are_counted_by_reason_and_the_state_stays(running):
         return all(counts.get(f"rejected: {reason} [messages]") == str(n + 1) for reason, n in before.items())
 
     status = running.next_diagnostics(all_counted)
-    assert status.level == WARN and "unknown_id 1" in status.message
+    assert status.level == WARN and "unknown_id" in status.message
     assert len(running.got[topics.JOINT_STATES]) == outputs
     feed(running)
     assert values_of(running.got[topics.CERTIFICATE][-1])["initialised"] == "false"

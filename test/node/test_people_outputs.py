@@ -145,7 +145,7 @@ def test_numbers_that_change_from_image_to_image_are_said(person_ids):
             return numbered if person_ids == "message" else int(values_of(status)["accepted [messages]"]) > 20
 
         status = peer.next_diagnostics(seen)
-        assert ("people came" in status.message) is (person_ids == "message"), status.message
+        assert ("people come and leave" in status.message) is (person_ids == "message"), status.message
 
 
 def test_a_state_publisher_that_several_people_have_no_use_for_is_said():
@@ -192,7 +192,7 @@ def test_replay_writes_each_persons_topics(recording, tmp_path, rep155):
         for topic in topics.FRAME_OUTPUTS:
             assert found.pop(f"{folder}/{person}/{topic.name.removeprefix('~/')}") == frames
         assert found.pop(f"{folder}/{person}/{description}") == described
-    assert found == {f"{folder}/tracked": 2, "/tf": 40}
+    assert found == {f"{folder}/tracked": 2, "/tf": 40, "/tracker/people": 30, "/tracker/state": 2}
     frames = {m.transforms[0].child_frame_id for _, m in read(tmp_path / "out", "/tf")}
     assert frames == {"body_p4", "body_p9"} if rep155 else {"tracker/p4/body", "tracker/p9/body"}
     lists = [m.ids if rep155 else m.data.split(",") for _, m in read(tmp_path / "out", f"{folder}/tracked")]

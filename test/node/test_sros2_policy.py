@@ -52,7 +52,14 @@ def test_it_has_the_form_that_sros2_reads():
 def test_every_output_of_topics_py_may_be_published_and_nothing_more():
     outputs = [t.name for t in topics.PERSON_OUTPUTS]
     people = [topics.of_person(name, "*", rep155) for rep155 in (False, True) for name in outputs]
-    others = [topics.DIAGNOSTICS, topics.TF, topics.TRACKED_OUTPUT.name, topics.REP155_TRACKED_OUTPUT.name]
+    others = [
+        topics.DIAGNOSTICS,
+        topics.PEOPLE,
+        topics.STATE,
+        topics.TF,
+        topics.TRACKED_OUTPUT.name,
+        topics.REP155_TRACKED_OUTPUT.name,
+    ]
     everything = [topics.full_name(name, "tracker") for name in (*outputs, *people, *others)]
     assert sorted(allowed("publish")) == sorted([*everything, "/parameter_events", "/rosout"])
 

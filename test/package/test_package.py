@@ -75,3 +75,13 @@ def test_who_follows_one_person_loads_no_more_than_that_needs():
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout
     assert "proxsuite" in loaded.split()
     assert not {"scipy.optimize", "cv2", "matplotlib", "rosbags", "pandas"} & set(loaded.split())
+
+
+def test_make_installs_extras_that_exist():
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    targets = dict(re.findall(r"^(\w+): \$\(VENV\)/\.installed-(\w+)$", makefile, re.MULTILINE))
+    assert targets == {"demo": "demo", "test": "test", "fuzz": "test", "lint": "test"}
+    setup = (ROOT / "setup.py").read_text(encoding="utf-8")
+    assert all(f'"{extra}": ' in setup for extra in targets.values())
+    wanted = re.search(r"^DEMO = \[(.*?)\]$", setup, re.MULTILINE | re.DOTALL)[1]
+    assert set(re.findall(r"\*(\w+)", wanted)) == {"ROS", "REPORT"}  # nothing of the test tools

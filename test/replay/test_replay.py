@@ -58,9 +58,12 @@ def test_one_message_of_every_output_per_frame_with_the_inputs_stamp(recording, 
         counts = {topic.name: (topic.message_type, topic.count) for topic in bag.topics}
     assert counts.pop("/tracker/robot_description") == ("std_msgs/msg/String", 1)
     assert counts.pop("/diagnostics") == ("diagnostic_msgs/msg/DiagnosticArray", FRAMES // int(RATE) - 1)
-    assert counts == {name: (kind, FRAMES) for name, kind in FRAME_TOPICS.items()}
+    assert counts.pop("/tracker/state") == ("std_msgs/msg/String", 2)
+    assert [message.data for _, message in read(replayed, "/tracker/state")] == ["nobody", "tracking"]
+    topics = {**FRAME_TOPICS, "/tracker/people": "sensor_msgs/msg/PointCloud2"}
+    assert counts == {name: (kind, FRAMES) for name, kind in topics.items()}
     inputs = [(time_ns, stamp(message.header)) for time_ns, message in read(recording, "/keypoints")]
-    for topic in FRAME_TOPICS:
+    for topic in topics:
         outputs = read(replayed, topic)
         headers = [m.markers[0].header if topic == "/tracker/markers" else m.header for _, m in outputs]
         assert [(time_ns, stamp(h)) for (time_ns, _), h in zip(outputs, headers)] == inputs

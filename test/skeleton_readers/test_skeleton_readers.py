@@ -270,7 +270,10 @@ BAD_URDF = {
     "outside": ('<!DOCTYPE r SYSTEM "http://localhost/x"><robot name="a"/>', "has a document type"),
     "no joints": ("<robot name='a'/>", "0 root links"),
     "a loop": (f"<robot>{LINK.format('j', 'a', 'b', '')}{LINK.format('k', 'b', 'a', '')}</robot>", "0 root links"),
-    "twice": (f"<robot>{LINK.format('j', 'a', 'b', '')}{LINK.format('k', 'c', 'b', '')}</robot>", "'b' is the child of two"),  # noqa: E501
+    "twice": (
+        f"<robot>{LINK.format('j', 'a', 'b', '')}{LINK.format('k', 'c', 'b', '')}</robot>",
+        "'b' is the child of two",
+    ),  # noqa: E501
     "a robot": (f"<robot>{LINK.format('j', 'a', 'b', '')}</robot>", "has none of the known link names"),
     "numbers": (
         "<robot>" + LINK.format("j", "a", "b", '<origin xyz="1 2 x"/>') + "</robot>",

@@ -98,7 +98,9 @@ class Course:
         self._pixels = [pixels for _, pixels in chosen]
         self.settings = (
             TrackerConfig(landmarks=LAYOUTS[message_type]),
-            NodeSettings(keypoints_type=message_type, max_people=3 if several else 1, person_ids=person_ids, **settings),  # noqa: E501
+            NodeSettings(
+                keypoints_type=message_type, max_people=3 if several else 1, person_ids=person_ids, **settings
+            ),  # noqa: E501
         )
         self.camera = camera_info(BACKEND)
         self.start_anew()

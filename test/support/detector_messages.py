@@ -1,22 +1,19 @@
-"""Messages of detectors whose packages Jazzy does not bring."""
+"""Messages of detectors whose packages Jazzy does not bring, of the types that msg_adapters defines."""
 
 import numpy as np
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, get_typestore
 
+from lassokin_ros.replay.bags import register_detector_types
 from msg_adapters.backends import RosbagsBackend
-from msg_adapters.detectors.definitions import DEFINITIONS
 from msg_adapters.output_messages.builders import set_header
 
 HRI, YOLO, ZED = "hri_msgs/msg/Skeleton2D", "yolo_msgs/msg/DetectionArray", "zed_msgs/msg/ObjectsStamped"
 
 
 def detector_types():
-    """A typestore of Jazzy with the definitions of these types."""
+    """A typestore of Jazzy with the definitions of these packages."""
     types = get_typestore(Stores.ROS2_JAZZY)
-    definitions = {}
-    for name, text in DEFINITIONS.items():
-        definitions.update(get_types_from_msg(text, name))
-    types.register(definitions)
+    register_detector_types(types)
     return types
 
 

@@ -31,7 +31,8 @@ class Proportions:
         self.given = skeleton
         self._kinematics = kinematics
         self._parent = np.maximum(skeleton.parents, 0)
-        self._reach = skeleton.ancestors[kinematics.layout.joints].astype(float)
+        self._ancestors = skeleton.ancestors.astype(float)
+        self._reach = self._ancestors[kinematics.layout.joints]
         parts = _parts(skeleton)
         seen = [name for name, part in parts.items() if np.any(self._reach @ np.abs(part).sum(-1) > 1e-6)]
         self.names = tuple(seen)
@@ -58,10 +59,17 @@ class Proportions:
 
     def jacobian(self, pose: BodyPose, lengths: np.ndarray) -> np.ndarray:
         """(l, 3, p) m: derivative of the landmarks by the log-lengths, in the camera frame, root held."""
+        return self._moved(self._reach, pose, lengths)
+
+    def joint_jacobian(self, pose: BodyPose) -> np.ndarray:
+        """(n, 3, p) m: the same of the joint centres, at the given lengths."""
+        return self._moved(self._ancestors, pose, np.zeros(self.count))
+
+    def _moved(self, reach: np.ndarray, pose: BodyPose, lengths: np.ndarray) -> np.ndarray:
         scaled = np.moveaxis(np.exp(lengths)[:, None, None] * self.parts, 0, -1)
         bones = pose.orientations[self._parent] @ scaled
         n = self.given.joint_count
-        return (self._reach @ bones.reshape(n, -1)).reshape(len(self._reach), 3, self.count)
+        return (reach @ bones.reshape(n, -1)).reshape(len(reach), 3, self.count)
 
 
 def _parts(skeleton: Skeleton) -> dict[str, np.ndarray]:

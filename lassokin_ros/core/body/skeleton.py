@@ -84,6 +84,10 @@ class Skeleton:
         """The same tree with other rest offsets (n, 3) in m."""
         return replace(self, offsets=np.array(offsets, dtype=float))
 
+    def scaled(self, ratio: float) -> Skeleton:
+        """The same body, taller by a factor."""
+        return replace(self, offsets=self.offsets * ratio, height=self.height * ratio)
+
     def with_bone_scales(self, scales: np.ndarray) -> Skeleton:
         """The same tree with the bone that ends in each joint scaled by (n,) factors."""
         return self.with_offsets(self.offsets * np.asarray(scales, dtype=float)[:, None])
@@ -129,7 +133,7 @@ def skeleton_source(name_or_path: str) -> tuple[str, str]:
         file = resources.files("lassokin_ros.core.body") / "skeletons" / f"{name_or_path}.yaml"
         return f"skeleton '{name_or_path}'", file.read_text(encoding="utf-8")
     path = user_path(name_or_path)
-    if path.suffix.lower() in (".npz", ".bvh", ".urdf"):
+    if path.suffix.lower() in (".npz", ".bvh", ".urdf", ".pkl", ".xacro", ".fbx"):
         raise SkeletonError(
             f"{path}: the core reads skeletons from YAML only; read this one with "
             "lassokin_ros.skeleton_readers.load.load_skeleton, and give it to Tracker as `skeleton`"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from lassokin_ros.core.batch import BatchedCall, Steps
 from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.evidence.depth_network import (
@@ -14,8 +15,6 @@ from lassokin_ros.core.evidence.depth_network import (
     Prediction,
     Scene,
     canonical_index,
-    features,
-    interpreted,
     lengths_of,
 )
 from lassokin_ros.core.image.frame_data import JointDepths
@@ -33,30 +32,41 @@ class DepthEstimator:
         built_in = lengths_of(Skeleton.load("anthropometric", self._height))
         self._lengths_known = np.array(not np.allclose(self._lengths, built_in, atol=1e-6))
         self._history = History()
-        self.reset()
+        self._mount: np.ndarray | None = None
+        self._level = np.eye(3)
+        self._prediction: Prediction | None = None
+        self._rotation = np.eye(3)
 
     @property
     def usable(self) -> bool:
         """Whether the layout has enough points that the network uses."""
         return int(self._there.sum()) >= LEAST_SEEN
 
+    def adopt_history(self, other: DepthEstimator) -> None:
+        """Go on with the past keypoints and the newest estimate of another estimator for the same person."""
+        self._history, self._prediction, self._rotation = other._history, other._prediction, other._rotation
+
     def reset(self) -> None:
         """Forget the past keypoints."""
         self._history.reset()
-        self._prediction: Prediction | None = None
+        self._prediction = None
         self._rotation = np.eye(3)
 
     def update(
         self, stamp: float, points: np.ndarray, seen: np.ndarray, up: np.ndarray | None, mount: np.ndarray
-    ) -> JointDepths | None:
+    ) -> Steps[JointDepths | None]:
         """The joints' depths after a frame's keypoints, or None if fewer than `LEAST_SEEN` are seen.
+
+        A generator for `run_single` or `run_batched`: the network runs once for several people.
 
         stamp: s, later than the last. points: (l, 2) normalised; seen: (l,) bool. up: (3,) the vertical in the camera
         frame, None if unknown. mount: (3,) the same by the camera's mount. A rolled image is turned upright
         by it: the network was trained with cameras that are about level.
         """
         shown = seen[self._index] & self._there
-        level = _upright_image(mount)
+        if mount is not self._mount:
+            self._mount, self._level = mount, _upright_image(mount)
+        level = self._level
         self._history.add(stamp, points[self._index] @ level[:2, :2].T, shown)
         self._prediction = None
         if np.count_nonzero(shown) < LEAST_SEEN:
@@ -64,9 +74,8 @@ class DepthEstimator:
         past, known = self._history.sampled()
         vertical = np.zeros(3) if up is None else level @ up
         scene = Scene(past, known, vertical, np.array(up is not None), self._lengths, self._lengths_known)
-        inputs, rotation = features(scene)
-        self._rotation = rotation @ level
-        prediction = self._prediction = interpreted(self._network(inputs))
+        prediction = self._prediction = yield BatchedCall(self._network, "predict", (scene,))
+        self._rotation = prediction.rotation @ level
         depths = self._height * prediction.places[:, 2].astype(float)
         return JointDepths(self._rotation[2], depths, prediction.whitening.astype(float) / self._height)
 

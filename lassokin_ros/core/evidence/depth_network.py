@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from lassokin_ros.core.batch import shared
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 
@@ -80,6 +81,9 @@ DEPTHS = len(TARGETS)
 _LOWER = np.tril_indices(DEPTHS, -1)
 OUTPUTS = 3 * DEPTHS + DEPTHS + len(_LOWER[0]) + DEPTHS
 """Positions x, y, z; logarithms of the whitening's diagonal; its lower part; logarithms of the scales of x and y."""
+_FROM_OUTPUTS = np.zeros((DEPTHS, DEPTHS), dtype=int)
+_FROM_OUTPUTS[_LOWER] = np.arange(4 * DEPTHS, OUTPUTS - DEPTHS)
+_STRICTLY_LOWER, _UNIT = np.tri(DEPTHS, k=-1, dtype=np.float32), np.eye(DEPTHS, dtype=np.float32)
 LEAST_SEEN = 5
 """Canonical points that must be seen now."""
 
@@ -152,14 +156,16 @@ def features(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     places *= seen[..., None]
     present, now = places[..., 0, :, :], seen[..., 0, :]
     count = now.sum(-1)
-    size = np.sqrt((present**2).sum((-1, -2)) / np.maximum(count, 1.0)) + 1e-6
+    size = np.sqrt((present * present).sum((-1, -2)) / np.maximum(count, 1.0)) + 1e-6
     places /= size[..., None, None, None]
-    places[..., 1:, :, :] -= present[..., None, :, :] * seen[..., 1:, :, None]
-    places[..., 1:, :, :] *= _GAINS[:, None, None]
+    past = places[..., 1:, :, :]
+    past -= present[..., None, :, :] * seen[..., 1:, :, None]
+    past *= _GAINS[:, None, None]
     lead = places.shape[:-3]
     result = np.empty((*lead, INPUTS), dtype=np.float32)
     values = len(TIMES) * len(NAMES)
-    np.clip(places.reshape(*lead, -1), -6.0, 6.0, out=result[..., : 2 * values], casting="same_kind")
+    np.minimum(np.maximum(places, -6.0, out=places), 6.0, out=places)
+    result[..., : 2 * values] = places.reshape(*lead, -1)
     result[..., 2 * values : 3 * values] = seen.reshape(*lead, -1)
     rest = result[..., 3 * values :]
     rest[..., 0] = np.log(size) + 2.0
@@ -201,25 +207,28 @@ class Prediction:
     """Where the network places `TARGETS` relative to the middle of the hips, in the virtual camera, in heights.
 
     places: (..., DEPTHS, 3); whitening: (..., DEPTHS, DEPTHS) lower triangular, so that whitening @ (depths - truth)
-    has independent errors of unit scale; scale: (..., DEPTHS), of the errors of x and y.
+    has independent errors of unit scale; scale: (..., DEPTHS), of the errors of x and y. rotation: (..., 3, 3) from the
+    camera frame into the virtual camera.
     """
 
     places: np.ndarray
     whitening: np.ndarray
     scale: np.ndarray
+    rotation: np.ndarray
 
 
-def interpreted(outputs: np.ndarray) -> Prediction:
-    """The meaning of the network's outputs (..., OUTPUTS)."""
+def interpreted(outputs: np.ndarray, rotation: np.ndarray) -> Prediction:
+    """The meaning of the network's outputs (..., OUTPUTS), in the virtual camera of this rotation (..., 3, 3)."""
     lead = outputs.shape[:-1]
     d = DEPTHS
     places = outputs[..., : 3 * d].reshape(*lead, 3, d).swapaxes(-1, -2)
-    diagonal = np.exp(np.clip(outputs[..., 3 * d : 4 * d], -1.0, 5.0))
-    whitening = np.zeros((*lead, d, d), dtype=outputs.dtype)
-    whitening[..., _LOWER[0], _LOWER[1]] = outputs[..., 4 * d : -d]
-    whitening[..., np.arange(d), np.arange(d)] = 1.0
+    diagonal = np.exp(np.minimum(np.maximum(outputs[..., 3 * d : 4 * d], -1.0), 5.0))
+    whitening = outputs.take(_FROM_OUTPUTS, axis=-1)
+    whitening *= _STRICTLY_LOWER
+    whitening += _UNIT
     whitening *= diagonal[..., None]
-    return Prediction(places, whitening, np.exp(np.clip(outputs[..., -d:], -5.0, 1.0)))
+    scale = np.exp(np.minimum(np.maximum(outputs[..., -d:], -5.0), 1.0))
+    return Prediction(places, whitening, scale, rotation)
 
 
 class Network:
@@ -236,6 +245,17 @@ class Network:
         for A, a, B, b in zip(*(w[2 + i : -2 : 4] for i in range(4))):
             h += np.maximum(h @ A + a, 0) @ B + b
         return np.asarray(h @ w[-2] + w[-1])
+
+    @shared(takes=(), gives=())
+    def predict(self, scene: Scene) -> Prediction:
+        """The places of the targets in a scene, of one person or of several at once."""
+        inputs, rotation = features(scene)
+        return interpreted(self(inputs), rotation)
+
+    @staticmethod
+    def stack(several: Sequence[Network]) -> Network:
+        """One network serves all people."""
+        return several[0]
 
 
 def load_weights(file: Path | None = None) -> tuple[Network, dict[str, Any]]:
@@ -284,13 +304,13 @@ class History:
         """(points (times, canonical, 2), seen (times, canonical)) at `TIMES` before the newest frame."""
         stamps = self._stamps[: self._count]
         wanted = stamps[-1] - TIMES
-        later = np.clip(np.searchsorted(stamps, wanted - 1e-9), 1, max(self._count - 1, 1))
+        later = np.minimum(np.maximum(stamps.searchsorted(wanted - 1e-9), 1), max(self._count - 1, 1))
         if self._count == 1:
             later[:] = 0
         earlier = np.maximum(later - 1, 0)
         return interpolated(
-            wanted, stamps[earlier], stamps[later], self._points[earlier], self._points[later], self._seen[earlier],
-            self._seen[later],
+            wanted, stamps.take(earlier), stamps.take(later), self._points.take(earlier, 0),
+            self._points.take(later, 0), self._seen.take(earlier, 0), self._seen.take(later, 0),
         )  # fmt: skip
 
 
@@ -309,9 +329,12 @@ def interpolated(
     `LONGEST_GAP` apart, and the wanted time lies between them; or where the wanted time is one detection's.
     """
     gap = after - before
-    share = np.clip((wanted - before) / np.maximum(gap, 1e-6), 0.0, 1.0)
-    share = np.where(wanted >= after - 1e-6, 1.0, share)
+    share = np.minimum(np.maximum((wanted - before) / np.maximum(gap, 1e-6), 0.0), 1.0)
+    share[wanted >= after - 1e-6] = 1.0
     inside = (wanted >= before - 1e-6) & (gap <= LONGEST_GAP)
     s = share[..., None]
     seen = ((seen_before | (s >= 1 - 1e-6)) & (seen_after | (s <= 1e-6))) & (inside | (share >= 1))[..., None]
-    return points_before + (points_after - points_before) * s[..., None], seen & (wanted <= after + 1e-6)[..., None]
+    points = points_after - points_before
+    points *= s[..., None]
+    points += points_before
+    return points, seen & (wanted <= after + 1e-6)[..., None]

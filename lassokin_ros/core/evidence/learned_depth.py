@@ -69,6 +69,11 @@ class LearnedDepth(Evidence):
         z = self._whitened(self._points(states.pose), _given(frame))
         return np.asarray((TAIL + 1) / 2 * np.log1p(z * z / TAIL).sum(-1))
 
+    def disagreement(self, pose: BodyPose, given: JointDepths) -> float:
+        """How far a pose is from the estimated depths: the mean of log(1 + z^2 / TAIL) over the rows z."""
+        z = self._whitened(self._points(pose), given)
+        return float(np.log1p(z * z / TAIL).mean())
+
     @classmethod
     def stack(cls, several: Sequence[LearnedDepth]) -> LearnedDepth:
         """The estimates are part of the frames, so one object serves all people."""

@@ -10,7 +10,7 @@ wins; how clearly it wins over what ended elsewhere is the start's confidence.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -122,15 +122,22 @@ class Initialiser:
         elsewhere = norm(relative - relative[0]).mean(-1) > ELSEWHERE
         return float(1 / (1 + np.exp(costs[0] - costs[elsewhere][0]))) if elsewhere.any() else 1.0
 
-    def refine(
-        self, states: BodyState, frame: FrameData, schedule: tuple[tuple[float, int], ...]
-    ) -> Fit:
+    def refine(self, states: BodyState, frame: FrameData, schedule: tuple[tuple[float, int], ...]) -> Fit:
         """Gauss-Newton from S states at once, (S, n, 3, 3) and (S, 3)."""
         for factor, iterations in schedule:
-            for _ in range(iterations):
-                rows = self._rows.linearise(self._rows.evaluate(states), frame.annealed(factor), capped_weights)
-                states = states.retract(*self.step(rows))
-                in_front(states.translation)
+            states = self.iterate(states, frame, [factor] * iterations)
+        return self.weighed(states, frame)
+
+    def iterate(self, states: BodyState, frame: FrameData, factors: Iterable[float]) -> BodyState:
+        """A Gauss-Newton step from S states for each factor on the noise."""
+        for factor in factors:
+            rows = self._rows.linearise(self._rows.evaluate(states), frame.annealed(factor), capped_weights)
+            states = states.retract(*self.step(rows))
+            in_front(states.translation)
+        return states
+
+    def weighed(self, states: BodyState, frame: FrameData) -> Fit:
+        """S states with their costs on a frame, in the given order."""
         return Fit(states, self._rows.cost(self._rows.evaluate(states), frame))
 
     def pose(self, state: BodyState) -> BodyPose:
@@ -139,8 +146,12 @@ class Initialiser:
 
     def refine_start(self, start: BodyState, frame: FrameData) -> Fit:
         """Fit one state (n, 3, 3) whose translation is found here."""
+        return self.refine(self.placed(start, frame), frame, NEAR_SCHEDULE)
+
+    def placed(self, start: BodyState, frame: FrameData) -> BodyState:
+        """One state (n, 3, 3), with the translation that fits the frame, as a batch of one."""
         rotations = start.rotations[None]
-        return self.refine(BodyState(rotations, self._place(rotations, frame)), frame, NEAR_SCHEDULE)
+        return BodyState(rotations, self._place(rotations, frame))
 
     def start(self, side: int, stance: int, frame: FrameData) -> BodyState:
         """The mean pose turned to one of the `STARTS` sides in a stance, placed where the points are: one start."""

@@ -1,4 +1,8 @@
-"""The depth network's pose as a hypothesis: fitted to the frame, it replaces a state that explains the frame worse."""
+"""The depth network's pose as a hypothesis: fitted to the frames, it replaces a state that explains them worse.
+
+A fit begins where the network's joints lie elsewhere than the tracked ones. Its iterations are spread over the frames
+of `EVERY` seconds, each on the newest frame, so that no frame takes much longer than the others.
+"""
 
 from __future__ import annotations
 
@@ -11,15 +15,19 @@ from lassokin_ros.core.body.kinematics import BodyPose, BodyState
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
-from lassokin_ros.core.hypotheses.initialisation import ELSEWHERE, Initialiser
+from lassokin_ros.core.hypotheses.initialisation import ELSEWHERE, NEAR_SCHEDULE, Initialiser
 from lassokin_ros.core.hypotheses.network_pose import state_at
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import norm
 
 EVERY = 0.1
-"""s between two fits while a person is tracked."""
+"""s between the beginnings of two fits while a person is tracked."""
 MARGIN = 2.0
 """Difference of cost, a negative log-likelihood, by which the fit must be better than the tracked state."""
+AGREE = 0.05
+"""m: mean distance of the network's joints from the tracked ones below which no fit begins."""
+FACTORS = np.repeat([factor for factor, _ in NEAR_SCHEDULE], [count for _, count in NEAR_SCHEDULE])
+"""Factor on the noise in each iteration of a fit."""
 
 
 class NetworkHypothesis:
@@ -30,8 +38,10 @@ class NetworkHypothesis:
         self.reset()
 
     def reset(self) -> None:
-        """Fit the next frame."""
-        self._fitted_at = -math.inf
+        """Drop the fit; the next frame may begin one."""
+        self._begun_at = self._newest = -math.inf
+        self._fitted: BodyState | None = None
+        self._done = 0  # iterations
 
     def start(self, places: Mapping[str, np.ndarray], skeleton: Skeleton) -> BodyState:
         """The network's pose on a skeleton, translation 0; places: see `DepthEstimator.places`."""
@@ -46,16 +56,40 @@ class NetworkHypothesis:
         tracked: BodyPose,
         cost: float,
     ) -> BodyState | None:
-        """The fitted state, if a fit is due and it is another and better explanation than the tracked one, else None.
+        """The fitted state, if a fit ends with this frame and is another and better explanation, else None.
 
         tracked: pose of the tracked state, whose cost is `cost`.
         """
-        if stamp < self._fitted_at + EVERY - 1e-6:
+        step, self._newest = stamp - self._newest, stamp
+        if step > EVERY:
+            self._fitted = None  # too old to go on
+        if self._fitted is None:
+            if stamp < self._begun_at + EVERY - 1e-6:
+                return None
+            self._begun_at = stamp
+            if distance(places, skeleton, tracked) < AGREE:
+                return None
+            self._fitted, self._done = self._initialiser.placed(self.start(places, skeleton), frame), 0
+        begin, self._done = self._done, self._done + math.ceil(len(FACTORS) * min(step / EVERY, 1.0))
+        self._fitted = fitted = self._initialiser.iterate(self._fitted, frame, FACTORS[begin : self._done])
+        if self._done < len(FACTORS):
             return None
-        self._fitted_at = stamp
-        fit = self._initialiser.refine_start(self.start(places, skeleton), frame)
+        self._fitted = None
+        return self._chosen(fitted, frame, tracked, cost)
+
+    def _chosen(self, fitted: BodyState, frame: FrameData, tracked: BodyPose, cost: float) -> BodyState | None:
+        """The fitted state, if it is better and elsewhere."""
+        fit = self._initialiser.weighed(fitted, frame)
         if not fit.costs[0] < cost - MARGIN:
             return None
         positions = self._initialiser.pose(fit.best).positions
         apart = norm((positions - positions[0]) - (tracked.positions - tracked.positions[0])).mean()
         return fit.best if apart > ELSEWHERE else None
+
+
+def distance(places: Mapping[str, np.ndarray], skeleton: Skeleton, pose: BodyPose) -> float:
+    """Mean distance in m of a pose's joints from the network's places, both relative to the middle of the hips."""
+    names = [name for name in places if name in skeleton.joint_names]
+    joints = pose.positions.take([skeleton.index(name) for name in names], axis=0)
+    hips = 0.5 * (joints[names.index("left_hip")] + joints[names.index("right_hip")])
+    return float(norm(np.array([places[name] for name in names]) - (joints - hips)).mean())

@@ -7,7 +7,9 @@ import numpy as np
 from lassokin_ros.core.observation import Observation
 
 DEVIATION = 0.03
-"""m: standard deviation of a measured depth, if the observation does not give it."""
+"""m: standard deviation of a measured depth, if neither the observation nor the caller gives it."""
+STEREO_FROM = 3.0
+"""m: beyond this distance that deviation grows with the square of the distance, as the noise of stereo cameras does."""
 SMALLEST_DEVIATION = 0.005
 """m: a smaller standard deviation is raised to it. Surface and landmark are never that close."""
 DEPTH_RANGE = 0.05, 100.0
@@ -15,13 +17,19 @@ DEPTH_RANGE = 0.05, 100.0
 
 
 def gate_depth(
-    observation: Observation, visible: np.ndarray, surface: np.ndarray | float, expected: float | None, reach: float
+    observation: Observation,
+    visible: np.ndarray,
+    surface: np.ndarray | float,
+    expected: float | None,
+    reach: float,
+    noise: float = DEVIATION,
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """(depth, weights) of an observation, each (l,), or None if no depth can be used.
 
     visible: (l,) bool, landmarks whose keypoints are used. surface: (l,) m from the body's surface to the landmark.
     expected: m, depth of the person; None if unknown, the median of all then takes its place. reach: m, measurements
-    farther from the person than that are of something else. weights: 1/m, 1 / standard deviation, 0 = not used.
+    farther from the person than that are of something else. noise: m, standard deviation of a depth up to STEREO_FROM,
+    if the observation does not give it. weights: 1/m, 1 / standard deviation, 0 = not used.
     """
     if observation.depth is None or observation.depth.shape != visible.shape:
         return None
@@ -29,8 +37,11 @@ def gate_depth(
     if observation.depth_of_surface:
         depth = depth + surface
     given = observation.depth_deviation
-    deviation = np.full(depth.shape, DEVIATION) if given is None else np.asarray(given, dtype=float)
     with np.errstate(invalid="ignore"):
+        if given is None:
+            deviation = noise * np.maximum(1.0, (depth / STEREO_FROM) ** 2)
+        else:
+            deviation = np.asarray(given, dtype=float)
         used = visible & (depth > DEPTH_RANGE[0]) & (depth < DEPTH_RANGE[1]) & (deviation > 0) & (deviation < 10.0)
     if not used.any():
         return None

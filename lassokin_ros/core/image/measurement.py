@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose
-from lassokin_ros.core.image.depth_gating import gate_depth
+from lassokin_ros.core.image.depth_gating import DEVIATION, gate_depth
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.keypoint_filter import KeypointFilter
 from lassokin_ros.core.image.projection import project
@@ -60,6 +60,11 @@ class Measurement:
         """The filtered keypoints in the form that all pieces of evidence read."""
         return FrameData(self.points, self.weights, self.depth, self.depth_weights)
 
+    @property
+    def count(self) -> int:
+        """Number of keypoints and depths that are used."""
+        return sum(int(np.count_nonzero(w)) for w in (self.weights, self.depth_weights) if w is not None)
+
     def reprojection_px(self, pose: BodyPose) -> float:
         """Root mean square distance of the visible points from the pose's landmarks, px."""
         error = (self.detected - project(pose.landmarks)) * self.visible[:, None]
@@ -80,6 +85,10 @@ class MeasurementFilter:
         self._repeats, self._filter = RepeatedFrames(), KeypointFilter(names, limbs)
         self.reset()
 
+    def resize(self, surface: np.ndarray | float, reach: float) -> None:
+        """Use another body size; arguments as in the constructor. The tracks of the keypoints stay."""
+        self._surface, self._reach = surface, reach
+
     def reset(self) -> None:
         """Start again, as before the first frame."""
         #: s: the stamp of the last frame that was used, -inf before the first.
@@ -93,12 +102,19 @@ class MeasurementFilter:
         self._filter.reset()
 
     def filtered(
-        self, observation: Observation, weights: np.ndarray, depth: float | None, model_error: float, lost_after: float
+        self,
+        observation: Observation,
+        weights: np.ndarray,
+        depth: float | None,
+        model_error: float,
+        lost_after: float,
+        depth_noise: float = DEVIATION,
     ) -> Measurement:
         """The measurement of an observation with the weights (l,) of `gate_observation`.
 
         depth: m, of the person, None if unknown. model_error: m, standard deviation of the lasting distance between
-        keypoints and landmarks. lost_after: s without new keypoints after which the tracks are dropped.
+        keypoints and landmarks. lost_after: s without new keypoints after which the tracks are dropped. depth_noise: m,
+        see `gate_depth`.
         """
         stamp, focal, visible = observation.stamp, observation.focal, weights > 0
         repeated = self._repeats.age(stamp, observation.points, observation.confidence)
@@ -109,7 +125,8 @@ class MeasurementFilter:
         known_depth = depth
         if lost or depth is None:
             depth = TYPICAL_DEPTH
-        measured = gate_depth(observation, visible, self._surface, None if lost else known_depth, self._reach)
+        expected = None if lost else known_depth
+        measured = gate_depth(observation, visible, self._surface, expected, self._reach, depth_noise)
         detected = np.where(visible[:, None], observation.points, 0.0)
         if repeated:  # no evidence of a standstill
             points, weights = self._filter.expected(stamp)

@@ -1,31 +1,62 @@
-"""How uncertain each joint's place is: the posterior covariance of the frame's own problem, taken to the joints.
+"""How uncertain each joint's position is, from the posterior covariance of the frame's own problem.
 
-The l2 rows of a frame's lasso (image, prior, limits, uprightness, balance, each in standard deviations) make a
-Gaussian of the increment and the translation with the inverse covariance [A B]^T [A B]; of the increment alone,
-whatever the translation, it is A^T M A, which the solver has made. Through the joints' Jacobian it becomes a
-covariance of each joint's place relative to the pelvis, in the camera frame. The l1 term, which says how people move
-and not where they are, has no part in it. A Gaussian about one explanation does not know of others (a limb mirrored in
-depth), and a limb swings on a sphere, so no error grows with the linear model's for ever: `FACTOR` and `LARGEST` stand
-for both. They were fitted on the prior's training clips (first view each, 2 px, and 4 px with missing and wrong
-points) to the mean error in 20 bins; benchmarks/accuracy.py --uncertainty checks them on others.
+The l2 rows of a frame's lasso (image, prior, limits, uprightness, balance, depths, each in standard deviations) make a
+Gaussian of the increment and the translation with the inverse covariance [A B]^T [A B]. Of the increment alone,
+whatever the translation, it is A^T M A, which the solver has made. The joints' Jacobian turns it into a covariance of
+each joint's position relative to the pelvis, in the camera frame. The l1 term, which models motion and not position,
+has no part in it. The uncertainty of the bone lengths, as calibration knows it, is added to the variance. It takes the
+posterior's shape: where a length is wrong, the pose follows the image and the error is in depth.
+
+A Gaussian about one explanation does not know of others (a limb mirrored in depth), and the errors of keypoints, prior
+and network last and go together. So the posterior's deviation is multiplied by `FACTOR`, which is larger where the pose
+disagrees with the depth network, the lengths' by `LENGTHS`. These figures were fitted to the errors on the people of
+validation (training/motion.py). benchmarks/accuracy.py --uncertainty checks them on others.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.linalg import lapack
 
 from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
+from lassokin_ros.core.body.proportions import Proportions
 from lassokin_ros.core.body.rotations import hat
+from lassokin_ros.core.estimate import Estimate
+from lassokin_ros.core.evidence.learned_depth import LearnedDepth
+from lassokin_ros.core.evidence.model_error import LEAST
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
+from lassokin_ros.core.output.failure_probability import failure_probability
 
-FACTOR = 1.1
-"""On the posterior's standard deviation s."""
-LARGEST = 0.09
-"""m: s becomes FACTOR s / sqrt(1 + (s / LARGEST)^2)."""
+FACTOR = 1.4
+"""On the posterior's standard deviation s, at the usual disagreement."""
+USUAL_DISAGREEMENT = 0.1
+"""Of a pose with the network, see `LearnedDepth.disagreement`."""
+RANGE = 0.05, 5.0
+"""Limits of the disagreement, in the usual one."""
+POWER = 0.25
+"""Power of the disagreement in the factor."""
+LENGTHS = 3.0
+"""On the standard deviation of the log-lengths."""
+LASTING = 0.01
+"""Of the height: least lasting error of a keypoint, in each direction. The keypoints of real detectors are 11 to 17 mm
+off, and the pose follows them: what the frame's fit leaves does not show all of it."""
+LARGEST = 0.6
+"""m: s becomes s / sqrt(1 + (s / LARGEST)^2). A limb swings on a sphere, so no error grows with the linear model's for
+ever."""
+SCALE_DEVIATION = 0.045
+"""Standard deviation of the body's size, as a share of it: height, shoes, proportions. One camera sees no scale, so an
+error of the size moves the whole body along its line of sight by the same share. With measured depth it is an upper
+bound."""
+PLACE_DEVIATION = 0.02
+"""m, per axis: standard deviation of the place of the landmarks in the body, and of a detector's lasting errors.
+Both constants were set on every second one of 31 recorded motions, two views each, with a detector's errors and the
+height alone: the pelvis is off by 193 mm along the line of sight and by 31 mm across (root mean square, at 4.4 m).
+"""
 
 _IDENTITY = np.eye(3).reshape(9)
 #: (9, 3): a product with the axis w has in its rows, by component of p and of the result, the matrix of w x p.
@@ -33,42 +64,139 @@ _TURNS = hat(np.eye(3)).transpose(2, 1, 0).reshape(9, 3)
 
 
 @dataclass(frozen=True, eq=False)
+class AbsoluteUncertainty:
+    """Covariances of positions in the camera frame.
+
+    Attributes
+    ----------
+    joints: (n, 3, 3) m^2, of each joint's position.
+    pelvis: (6, 6), of the pelvis' position (m) and of its rotation about the camera's axes (rad).
+    """
+
+    joints: np.ndarray
+    pelvis: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class JointUncertainty:
-    """covariance: (n, 3, 3) m^2 of each joint's place relative to the pelvis, in the camera frame; the pelvis' is 0."""
+    """How far off an estimate may be.
+
+    covariance: (n, 3, 3) m^2 of each joint's position relative to the pelvis, in the camera frame; the pelvis' is 0.
+    failure_probability: 0 to 1, that the joints are off by more than 100 mm on average. place: computes `absolute`.
+    """
 
     covariance: np.ndarray
+    failure_probability: float
+    place: Callable[[], AbsoluteUncertainty]
 
     @property
     def deviation(self) -> np.ndarray:
         """(n,) m: how far each joint is off on average, relative to the pelvis; two thirds are nearer than that."""
         return np.sqrt(_trace(self.covariance))
 
+    @cached_property
+    def absolute(self) -> AbsoluteUncertainty:
+        """The uncertainty of positions in the camera frame, computed at the first access."""
+        return self.place()
+
 
 class UncertaintyModel:
-    """Computes `JointUncertainty` for one kinematics and prior."""
+    """Computes `JointUncertainty` for one kinematics, prior and set of lengths."""
 
-    def __init__(self, kinematics: Kinematics, prior: PoseDistribution) -> None:
+    def __init__(
+        self,
+        kinematics: Kinematics,
+        prior: PoseDistribution,
+        proportions: Proportions,
+        learned_depth: LearnedDepth | None = None,
+    ) -> None:
+        """learned_depth: the network's evidence, None without one."""
         live, dead = np.flatnonzero(kinematics.live), np.flatnonzero(~kinematics.live)
         self._live_count = len(live)
         #: The problem does not hold what no landmark sees; of it the prior alone is known.
         deviation = np.concatenate([np.ones(len(live)), np.sqrt(np.diagonal(prior.covariance)[dead])])
         self._jacobian = PositionJacobian(kinematics, np.concatenate([live, dead]), deviation)
+        #: Columns of the root's rotation. The root comes first and every landmark moves with it.
+        self._turns = np.eye(len(live), 3)
+        self._image_rows = 2 * kinematics.landmark_count
+        self._proportions, self._learned_depth = proportions, learned_depth
 
-    def of(self, pose: BodyPose, problem: Lasso) -> JointUncertainty:
-        """From a frame's last problem and the pose that its solution led to."""
+    def of(self, estimate: Estimate) -> JointUncertainty:
+        """Of an accepted estimate."""
+        assert estimate.pose is not None and estimate.problem is not None
+        problem = self._believable(estimate.problem, estimate.excess)
+        disagreement = USUAL_DISAGREEMENT
+        if self._learned_depth is not None and estimate.joint_depths is not None:
+            disagreement = self._learned_depth.disagreement(estimate.pose, estimate.joint_depths)
+        factor = FACTOR * min(max(disagreement / USUAL_DISAGREEMENT, RANGE[0]), RANGE[1]) ** POWER
+        covariance, place = self.covariance(estimate.pose, problem, factor, estimate.length_deviation)
+        mean, cost = float(np.sqrt(_trace(covariance))[1:].mean()), estimate.cost / max(estimate.measurements, 1)
+        return JointUncertainty(covariance, failure_probability(mean, estimate.excess, cost), place)
+
+    def _believable(self, problem: Lasso, excess: float) -> Lasso:
+        """The problem with keypoints that are off by no less than `LASTING`; excess: see `Estimate`."""
+        share = excess * LEAST / LASTING
+        if share >= 1:
+            return problem
+        A, B = problem.A.copy(), problem.B.copy()
+        A[: self._image_rows] *= share
+        B[: self._image_rows] *= share
+        return Lasso(A, B, problem.z, problem.alpha)
+
+    def covariance(
+        self, pose: BodyPose, problem: Lasso, factor: float, length_deviation: np.ndarray | float
+    ) -> tuple[np.ndarray, Callable[[], AbsoluteUncertainty]]:
+        """(n, 3, 3) m^2, from a frame's last problem and the pose that its solution led to; and what computes the rest.
+
+        factor: on the posterior's standard deviation. length_deviation: (p,) standard deviation of the log-lengths.
+        """
         spread = self._jacobian.at(pose)
         live = spread[:, :, : self._live_count]
         information = problem.reduced.H.copy()
         information.reshape(-1)[:: len(information) + 1] += WEAKEST
         # The transposed views are what LAPACK works on in place.
-        factor, _ = lapack.dpotrf(information.T, lower=1, overwrite_a=1)
+        lower, _ = lapack.dpotrf(information.T, lower=1, overwrite_a=1)
         right = live.reshape(-1, self._live_count).T
-        seen, _ = lapack.dtrtrs(factor, right, lower=1, overwrite_b=1)  # J H^-1 J^T = seen^T seen
+        seen, _ = lapack.dtrtrs(lower, right, lower=1, overwrite_b=1)  # J H^-1 J^T = seen^T seen
         live[:] = seen.T.reshape(live.shape)
-        covariance = spread @ np.swapaxes(spread, -1, -2)
-        size = _trace(covariance) / LARGEST**2
-        covariance *= (FACTOR**2 / (1 + size))[:, None, None]
-        return JointUncertainty(covariance)
+        by_length = self._proportions.joint_jacobian(pose) * (LENGTHS * length_deviation)
+        by_length *= by_length
+        added = by_length.sum((1, 2))
+        covariance = _sized(spread @ np.swapaxes(spread, -1, -2), factor, added)
+        return covariance, partial(self._absolute, spread, lower, pose, problem, factor, added)
+
+    def _absolute(
+        self,
+        spread: np.ndarray,
+        lower: np.ndarray,
+        pose: BodyPose,
+        problem: Lasso,
+        factor: float,
+        added: np.ndarray,
+    ) -> AbsoluteUncertainty:
+        """Add the pelvis' own uncertainty: x = Y (z - A Omega) by (15), and (B^T B)^-1 = Y Y^T about it.
+
+        spread: (n, 3, k), with spread @ spread^T the covariances relative to the pelvis; lower: Cholesky factor of the
+        information; factor, added: as in `_sized`.
+        """
+        Y, pelvis = problem.reduced.Y, pose.positions[0]
+        columns = np.hstack([-(Y @ problem.A).T, self._turns @ pose.orientations[0].T])
+        root, _ = lapack.dtrtrs(lower, columns, lower=1)
+        spread = spread.copy()
+        spread[:, :, : self._live_count] += root[:, :3].T
+        joints = _sized(spread @ np.swapaxes(spread, -1, -2), factor, added)
+        joints += factor**2 * Y @ Y.T + SCALE_DEVIATION**2 * np.outer(pelvis, pelvis) + PLACE_DEVIATION**2 * np.eye(3)
+        whole = factor**2 * root.T @ root
+        whole[:3, :3] = joints[0]
+        return AbsoluteUncertainty(joints, whole)
+
+
+def _sized(covariance: np.ndarray, factor: float, added: np.ndarray) -> np.ndarray:
+    """Scale covariances (n, 3, 3) by `factor` on the deviation, limited by `LARGEST`, and to `added` (n,) m^2 more."""
+    size = _trace(covariance)
+    wanted = factor**2 * size / (1 + size / LARGEST**2) + added
+    covariance *= (wanted / np.maximum(size, 1e-12))[:, None, None]
+    return covariance
 
 
 class PositionJacobian:

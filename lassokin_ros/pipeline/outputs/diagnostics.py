@@ -8,24 +8,31 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lassokin_ros.core.observation import Status
+from lassokin_ros.core.observation import Rejection, Status
 from lassokin_ros.pipeline.camera import OUTSIDE_IMAGE
+from lassokin_ros.pipeline.depth_images import COUNTS as DEPTH_COUNTS
+from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.outputs.calibration_status import calibration_figures
 from lassokin_ros.pipeline.people.presence import Presence
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.pipeline import NOBODY, Pipeline
 from lassokin_ros.pipeline.placeholders import PLACEHOLDERS
 from lassokin_ros.pipeline.settings import MESSAGE
 from msg_adapters.output_messages.builders import ERROR, OK, WARN, StatusLine
 
 SILENCE_S = 2.0
 """s: keypoints that stay away this long are worth a warning."""
+PAST_S = 3600.0
+"""s: stamps that lie further in the past are of another clock."""
+UNUSED_SHARE = 0.02
+"""Share of the messages that may be overtaken or lost without a warning."""
 FROZEN_S = 1.0
 """s: so are the same keypoints again and again for longer than this."""
 TURNOVER = 2
 """People may come, and as many leave, in one period: more are a detector that numbers people anew in each image."""
-NO_BODY = 0.08
+NOT_SEEN = Rejection.TOO_FEW_LANDMARKS.value
+NO_BODY = 0.06
 """Of the height: keypoints that are farther than this from the best body are none; detectors are off by 2 %."""
 
 
@@ -44,6 +51,7 @@ class Diagnostics:
         self._hardware_id = ""
         self._reprojection_px = float("nan")
         self._newest: list[FrameResult] = []
+        self._nobody = False
         self._repeated_s = 0.0
 
     def _begin(self, now: float) -> None:
@@ -98,7 +106,7 @@ class Diagnostics:
         level, message = self._judge(now, recent, presence.status, concern)
         values = self._figures(now, period, recent, presence)
         self._begin(now)
-        return StatusLine(level, f"{self._name}: tracking", message, self._hardware_id or "none", values)
+        return StatusLine(level, f"{self._name}: person", message, self._hardware_id or "none", values)
 
     def _judge(self, now: float, recent: Counter[str], status: Status, concern: str) -> tuple[int, str]:
         pipeline = self._pipeline
@@ -112,17 +120,38 @@ class Diagnostics:
         if self._keypoints_at is None:
             return WARN, "waiting for keypoints"
         if now - self._keypoints_at > SILENCE_S:
-            return WARN, f"no keypoints for {now - self._keypoints_at:.1f} s"
+            return WARN, f"no keypoints for more than {SILENCE_S:g} s"
         if self._repeated_s > FROZEN_S:
             return WARN, (
-                f"keypoints are frozen: the same ones for {self._repeated_s:.1f} s; does the camera's image move, and "
+                f"keypoints are frozen: the same ones for more than {FROZEN_S:g} s; does the camera's image move, and "
                 "does the detector get it?"
             )
         suspicion = "" if pipeline.camera.view is None else pipeline.camera.suspicion
-        possible = suspicion, _unused(recent), self._beyond(recent), self._no_body(), self._turnover(recent), concern
+        possible = (
+            suspicion,
+            _unused(recent),
+            self._beyond(recent),
+            self._no_body(),
+            self._turnover(recent),
+            self._depth_concern(recent),
+            self._past(),
+            concern,
+        )
         concerns = [words for words in possible if words]
-        level = OK if status is Status.TRACKING and not concerns else WARN
-        return level, "; ".join([status.value, *concerns])
+        if recent["received"]:
+            self._nobody = recent[NOBODY] == recent["received"]
+        nobody = self._nobody and status is not Status.TRACKING
+        level = OK if (nobody or status is Status.TRACKING) and not concerns else WARN
+        return level, "; ".join([NOBODY if nobody else status.value, *concerns])
+
+    def _past(self) -> str:
+        """What to look at if the stamps are of another clock than the node's; empty if they are not."""
+        if not self._delays or float(np.median(self._delays)) < PAST_S:
+            return ""
+        return (
+            "stamps lie hours in the past: synchronise the clocks of the machines, or play a recording with "
+            "`ros2 bag play --clock` and set use_sim_time"
+        )
 
     def _beyond(self, recent: Counter[str]) -> str:
         """What to look at where most of a period's keypoints left the image; empty where they did not."""
@@ -136,12 +165,12 @@ class Diagnostics:
 
     def _no_body(self) -> str:
         """What to look at where a period's keypoints are no body's; empty where they are one's."""
-        if not self._misfits or (far := float(np.median(self._misfits))) < NO_BODY:
+        if not self._misfits or float(np.median(self._misfits)) < NO_BODY:
             return ""
-        config = self._pipeline.tracker.config
+        config, height = self._pipeline.tracker.config, self._pipeline.tracker.skeleton.height
         return (
-            f"keypoints are {far * config.height:.2f} m off the best body: does the detector count its landmarks as "
-            f"`landmarks: {config.landmarks}` says, and in pixels of the raw image?"
+            f"keypoints are more than {NO_BODY * height:.2f} m off the best body: does the detector count landmarks "
+            f"as `landmarks: {config.landmarks}` says, and in pixels of the raw image?"
         )
 
     def _turnover(self, recent: Counter[str]) -> str:
@@ -150,9 +179,25 @@ class Diagnostics:
         if changed <= TURNOVER or recent["resets"] or config.topic_per_body or config.person_ids != MESSAGE:
             return ""
         return (
-            f"{recent['people come']} people came and {recent['people left']} left within a second: do the message's "
-            "person numbers change from image to image? Then set person_ids to node"
+            "people come and leave within a second: do the message's person numbers change from image to image? Then "
+            "set person_ids to node"
         )
+
+    def _depth_concern(self, recent: Counter[str]) -> str:
+        """Return why measured depth is not used in this period; empty if it is, or if none is configured."""
+        pipeline = self._pipeline
+        if pipeline.depth is None:
+            return ""
+        if not recent[RECEIVED]:
+            return f"no depth images on {pipeline.config.depth}: tracking without measured depth"
+        if pipeline.depth.fault:
+            return pipeline.depth.fault
+        if recent[UNMATCHED] > recent[MATCHED]:
+            return (
+                "most keypoint messages had no depth image of their time: do both carry the stamp of the camera, and "
+                "do depth images arrive before the keypoints?"
+            )
+        return ""
 
     def _largest_deviation(self) -> float:
         return max((float(f.uncertainty.deviation.max()) for f in self._newest), default=float("nan"))
@@ -180,7 +225,9 @@ class Diagnostics:
             gone = len(set(self._pipeline.ids or ()) - set(presence.ids))  # in a silence: the next message counts them
             values["people come"], values["people left"] = str(counts["people come"]), str(counts["people left"] + gone)
             values["people beyond max_people"] = str(counts["people beyond max_people"])
-        listed = (OUTSIDE_IMAGE, PLACEHOLDERS)
+        if self._pipeline.depth is not None:
+            values |= {f"{key} [messages]": str(counts[key]) for key in DEPTH_COUNTS}
+        listed = (OUTSIDE_IMAGE, PLACEHOLDERS, NOBODY)
         for key in sorted(key for key in counts if key.startswith("rejected: ") or key in listed):
             values[f"{key} [messages]"] = str(counts[key])
         tracker = self._pipeline.tracker
@@ -201,13 +248,13 @@ def _misfit(frame: FrameResult) -> float:
 
 
 def _unused(recent: Counter[str]) -> str:
-    """Which messages of a period were not used, and why; empty when all were."""
-    refused = {key.partition(": ")[2]: n for key, n in recent.items() if key.startswith("rejected: ") and n > 0}
-    parts = [f"{key}: {recent[key]}" for key in (OVERTAKEN, LOST) if recent[key]]
-    if refused:
-        listed = ", ".join(f"{reason} {count}" for reason, count in sorted(refused.items()))
-        parts.insert(0, f"rejected of {recent['received']}: {listed}")
-    return "; ".join(parts)
+    """Return why messages of a period were not used; empty if all were. The numbers are among the figures."""
+    refused = {key.partition(": ")[2]: n for key, n in recent.items() if key.startswith("rejected: ")}
+    if NOT_SEEN in refused:
+        refused[NOT_SEEN] -= recent[NOBODY]
+    reasons = sorted(reason for reason, count in refused.items() if count > 0)
+    parts = [f"messages {key}" for key in (OVERTAKEN, LOST) if recent[key] > UNUSED_SHARE * recent["received"]]
+    return "; ".join([*([f"keypoints rejected: {', '.join(reasons)}"] if reasons else []), *parts])
 
 
 def _age(now: float, then: float | None) -> str:

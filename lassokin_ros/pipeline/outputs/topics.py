@@ -10,11 +10,18 @@ from dataclasses import dataclass
 KEYPOINTS = "keypoints"
 CAMERA_INFO = "camera_info"
 CAMERA_INFO_TYPE = "sensor_msgs/msg/CameraInfo"
+DEPTH_IMAGE = "depth"
+DEPTH_IMAGE_TYPE = "sensor_msgs/msg/Image"
+"""The name by which documentation and errors call the topic that the parameter `depth` names."""
 CLOCK = "/clock"
 CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
 
 JOINT_STATES = "~/joint_states"
 TRANSLATION = "~/translation"
+POSE = "~/pose"
+SKELETON = "~/skeleton"
+PEOPLE = "~/people"
+STATE = "~/state"
 JOINTS = "~/joints"
 ROBOT_DESCRIPTION = "~/robot_description"
 MARKERS = "~/markers"
@@ -45,6 +52,8 @@ FRAME_OUTPUTS = (
     OutputTopic(MARKERS, "visualization_msgs/msg/MarkerArray"),
     OutputTopic(CERTIFICATE, "diagnostic_msgs/msg/DiagnosticArray"),
     OutputTopic(JOINT_UNCERTAINTY, "sensor_msgs/msg/PointCloud2"),
+    OutputTopic(POSE, "geometry_msgs/msg/PoseWithCovarianceStamped"),
+    OutputTopic(SKELETON, "sensor_msgs/msg/PointCloud2"),
 )
 """One message per accepted frame."""
 
@@ -58,8 +67,9 @@ LIVE_OUTPUTS = (
 
 DESCRIPTION_OUTPUT = OutputTopic(ROBOT_DESCRIPTION, "std_msgs/msg/String", latched=True)
 DIAGNOSTICS_OUTPUT = OutputTopic(DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray")
-OTHER_OUTPUTS = (DESCRIPTION_OUTPUT, DIAGNOSTICS_OUTPUT)
-"""robot_description when the base frame or the lengths change; diagnostics at 1 Hz."""
+STATE_OUTPUT = OutputTopic(STATE, "std_msgs/msg/String", latched=True)
+OTHER_OUTPUTS = (DESCRIPTION_OUTPUT, DIAGNOSTICS_OUTPUT, STATE_OUTPUT)
+"""robot_description when the base frame or the lengths change; diagnostics at 1 Hz; state when it changes."""
 
 TF_OUTPUT = OutputTopic(TF, "tf2_msgs/msg/TFMessage")
 """Published if the parameter publish_tf is set."""
@@ -73,6 +83,11 @@ BODIES, REP155_BODIES = "~/bodies", "/humans/bodies"
 TRACKED_OUTPUT = OutputTopic(f"{BODIES}/{TRACKED}", "std_msgs/msg/String", latched=True)
 REP155_TRACKED_OUTPUT = OutputTopic(f"{REP155_BODIES}/{TRACKED}", "hri_msgs/msg/IdsList", latched=True)
 """The ids of the people present, published at every change: separated by commas, or in REP-155's message."""
+
+
+def people_output(message_type: str) -> OutputTopic:
+    """Return the topic of all people in one message per image. message_type: the parameter people_type."""
+    return OutputTopic(PEOPLE, message_type)
 
 
 def of_person(topic: str, person: str, rep155: bool = False) -> str:
@@ -93,7 +108,7 @@ def full_name(topic: str, node: str) -> str:
 
 def is_latched(name: str) -> bool:
     """True if the topic of this full name is latched."""
-    return name.rpartition("/")[2] in ("robot_description", "urdf", TRACKED)
+    return name.rpartition("/")[2] in ("robot_description", "urdf", "state", TRACKED)
 
 
 def link_prefix(frame_prefix: str, node: str, person: str = "") -> str:

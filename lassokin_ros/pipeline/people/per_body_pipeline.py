@@ -32,7 +32,7 @@ class PerBodyPipeline(Pipeline):
         super().__init__(tracker_config, _for_one(node_config))
         self._idle = [Pipeline(tracker_config, self.config) for _ in range(node_config.max_people)]
         for pipeline in self._idle:
-            pipeline.camera, pipeline.counts = self.camera, self.counts
+            pipeline.camera, pipeline.counts, pipeline.depth = self.camera, self.counts, self.depth
         self._all = tuple(self._idle)
         self._present: dict[str, Pipeline] = {}
         self.config = node_config.checked()
@@ -85,9 +85,11 @@ class PerBodyPipeline(Pipeline):
         self.counts["resets"] += 1
 
     def tune(self, tracker_config: TrackerConfig, node_config: NodeSettings) -> None:
-        """Apply settings that can change while running, from the next message on."""
+        """Apply settings that can change while running, see Pipeline.tune."""
+        resets = self.counts["resets"]
         for pipeline in self._all:
             pipeline.tune(tracker_config, _for_one(node_config))
+        self.counts["resets"] = resets
         super().tune(tracker_config, node_config)
 
     def _reset_uncounted(self, pipelines: Sequence[Pipeline]) -> None:

@@ -33,13 +33,15 @@ class Detection:
     """One person in one image.
 
     points: (l, 2) normalised, NaN = missing; confidence: (l,); number: the person number in the message; pixels:
-    (l, 2) px from the detector, None without a detection.
+    (l, 2) px from the detector, None without a detection. depth, depth_of_surface: as in Observation.
     """
 
     points: np.ndarray
     confidence: np.ndarray
     number: int = 0
     pixels: np.ndarray | None = None
+    depth: np.ndarray | None = None
+    depth_of_surface: bool = True
 
 
 class TrackedPerson:
@@ -58,7 +60,7 @@ class TrackedPerson:
         self.status = Status.SEARCHING
         self.seen_ns: int | None = None
         self._origin_ns: int | None = None
-        self._last: tuple[int, np.ndarray] | None = None
+        self._last: tuple[int, np.ndarray, np.ndarray] | None = None
         # Results held back by smoothing_lag: stamp in ns, stamp in s of the tracker, function that makes the result.
         self._waiting: deque[tuple[int, float, Callable[..., FrameResult]]] = deque()
         self._place: np.ndarray | None = None
@@ -98,7 +100,14 @@ class TrackedPerson:
             lens=lens,
             skeleton=self.tracker.skeleton,  # calibration changes the lengths for the next frame only
         )
-        observation = Observation(seconds, seen.points, seen.confidence, lens.focal)
+        observation = Observation(
+            seconds,
+            seen.points,
+            seen.confidence,
+            lens.focal,
+            depth=seen.depth,
+            depth_of_surface=seen.depth_of_surface,
+        )
         estimate = yield from self.tracker.steps(observation)
         self.status = estimate.status
         if estimate.rejection is not None:
@@ -107,7 +116,9 @@ class TrackedPerson:
             detail = rejection_text(estimate, observation, self.tracker.config)
             return [*self._due(self.tracker.published, stamp_ns), frame(estimate, estimate.rejection.value, detail)]
         self._update_motion(stamp_ns, estimate)
-        self._waiting.append((stamp_ns, estimate.stamp, partial(frame, measure=self.tracker.uncertainty)))
+        tracker, velocity = self.tracker, self._velocity.copy()
+        made = partial(frame, velocity=velocity, measure=tracker.uncertainty, observe=tracker.observed)
+        self._waiting.append((stamp_ns, estimate.stamp, made))
         return self._due(self.tracker.published, stamp_ns)
 
     def mark_absent(self, stamp_ns: int, lens: Lens) -> list[FrameResult]:
@@ -127,9 +138,12 @@ class TrackedPerson:
             stamp_ns, stamp, frame = self._waiting.popleft()
             while stamp < estimate.stamp:  # skip results lost by an error
                 stamp_ns, stamp, frame = self._waiting.popleft()
+            earlier = None
+            if self._last is not None and not estimate.initialised:
+                earlier = (stamp_ns - self._last[0]) * 1e-9, self._last[2]
             positions, velocities = self._joint_states(stamp_ns, estimate)
             held_s = (now_ns - stamp_ns) * 1e-9
-            frames.append(frame(estimate, positions=positions, velocities=velocities, held_s=held_s))
+            frames.append(frame(estimate, positions=positions, velocities=velocities, earlier=earlier, held_s=held_s))
         return frames
 
     def _update_motion(self, stamp_ns: int, estimate: Estimate) -> None:
@@ -146,7 +160,7 @@ class TrackedPerson:
 
     def _joint_states(self, stamp_ns: int, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
         """Return positions, and velocities as differences over stamps. Velocities are 0 after initialisation."""
-        assert estimate.state is not None
+        assert estimate.state is not None and estimate.pose is not None
         if estimate.initialised:
             self._reader.reset()
             self._last = None
@@ -157,7 +171,7 @@ class TrackedPerson:
         else:
             seconds = (stamp_ns - self._last[0]) * 1e-9
             velocities = (positions - self._last[1]) / seconds
-        self._last = stamp_ns, positions
+        self._last = stamp_ns, positions, estimate.pose.positions
         return positions, velocities
 
     def unseen_s(self, stamp_ns: int) -> float:

@@ -1,7 +1,8 @@
-"""Export SMPL pose parameters as an AMASS npz file, with the keys of both generations.
+"""Export SMPL pose parameters as an AMASS npz file, with the keys of both generations of AMASS.
 
-The first (SMPL+H) has poses, trans, betas, gender, mocap_framerate; the second (SMPL-X) has root_orient, pose_body,
-pose_hand, pose_jaw, pose_eye and mocap_frame_rate in place of the first and the last.
+AMASS of SMPL+H has poses, trans, betas, dmpls, gender, mocap_framerate. AMASS of SMPL-X ("stageii") has root_orient,
+pose_body, pose_hand, pose_jaw, pose_eye, trans, betas, num_betas, gender, mocap_frame_rate, mocap_time_length and
+surface_model_type. Loaders of today ask for either.
 
 World frame: metres, z up, x to the right of the camera, y along its viewing direction, corrected for the camera's roll
 and pitch; the camera is at the origin. The rest pose of SMPL is also that of this package: T-pose, y up, x to the
@@ -10,7 +11,7 @@ person's left, z to the front.
 
 from __future__ import annotations
 
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -22,19 +23,19 @@ from lassokin_ros.replay.motion import Motion
 
 WORLD_FROM_LEVEL = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 BETAS = 16
-HAND_ANGLES = 90
-"""SMPL-X: 15 joints of 3 angles for each hand."""
+BODY = slice(3, 66)
+"""Columns of the joints between the root and the hands, which SMPL, SMPL+H and SMPL-X share."""
+NOT_TRACKED = {"pose_hand": 90, "pose_jaw": 3, "pose_eye": 6, "dmpls": 8}
+"""Arrays of zeros and their columns."""
 SMPL = "anthropometric"
 """The built-in skeleton. It has the joint tree of SMPL, with the same names and order."""
 
 
 def write_amass(motion: Motion, file: BinaryIO) -> None:
-    """Write one person: poses (f, 72) axis-angle in rad, trans (f, 3) m, betas and gender neutral.
+    """Write one person: rotation vectors in rad, trans (f, 3) m, betas zero and gender neutral.
 
-    root_orient (f, 3) and pose_body (f, 63) are the same angles without SMPL's two hand joints; pose_hand (f, 90),
-    pose_jaw (f, 3) and pose_eye (f, 6) are zero, since nothing of them is measured.
-
-
+    poses (f, 72) holds all 24 joints; root_orient (f, 3) and pose_body (f, 63) are its first 22. Fingers, jaw and eyes
+    are not tracked: pose_hand (f, 90), pose_jaw (f, 3), pose_eye (f, 6) are zero, and so are dmpls (f, 8).
     trans is the pelvis position. SMPL adds the rest position of its pelvis to trans: subtract it to pose an SMPL mesh.
     Raises ExportError for a skeleton without SMPL's root, and for stamps that cannot be resampled (see sampling).
     """
@@ -42,23 +43,23 @@ def write_amass(motion: Motion, file: BinaryIO) -> None:
     rotations = smpl_rotations(motion.skeleton, track.rotations)
     world = WORLD_FROM_LEVEL @ motion.level
     rotations[:, 0] = world @ rotations[:, 0]
-    poses = logarithm(rotations).reshape(len(rotations), -1)
-    rate = np.array(round(1 / track.period, 6))
+    count = len(rotations)
+    poses, rate = logarithm(rotations).reshape(count, -1), np.array(round(1 / track.period, 6))
+    not_tracked: dict[str, Any] = {name: np.zeros((count, width)) for name, width in NOT_TRACKED.items()}
     np.savez(
         file,
         poses=poses,
+        root_orient=poses[:, : BODY.start],
+        pose_body=poses[:, BODY],
+        **not_tracked,
         trans=track.translations @ world.T,
         betas=np.zeros(BETAS),
+        num_betas=np.array(BETAS),
         gender=np.array("neutral"),
+        surface_model_type=np.array("smpl"),
         mocap_framerate=rate,
         mocap_frame_rate=rate,
-        mocap_time_length=np.array(len(poses) / float(rate)),
-        num_betas=np.array(BETAS),
-        root_orient=poses[:, :3],
-        pose_body=poses[:, 3:66],
-        pose_hand=np.zeros((len(poses), HAND_ANGLES)),
-        pose_jaw=np.zeros((len(poses), 3)),
-        pose_eye=np.zeros((len(poses), 6)),
+        mocap_time_length=np.array(count * track.period),
     )
 
 

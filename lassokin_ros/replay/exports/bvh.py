@@ -21,22 +21,25 @@ WORLD_FROM_LEVEL = np.diag([1.0, -1.0, -1.0])
 TIP = 0.5
 """Length of an end site, as a fraction of the bone before it. BVH requires one; the skeleton has none."""
 SMALLEST_TIP = 0.02  # m
+BLOCK = 1000
+"""Frames of which the rotations are in memory at once."""
 
 
 def write_bvh(motion: Motion, file: BinaryIO) -> None:
     """Write one person. Raises ExportError for stamps that cannot be resampled (see sampling)."""
     track, skeleton = uniform(motion), motion.skeleton
-    rotations = track.rotations.copy()
     world = WORLD_FROM_LEVEL @ motion.level
-    rotations[:, 0] = world @ rotations[:, 0]
     places = track.translations @ world.T
     head = f"{hierarchy(skeleton)}MOTION\nFrames: {len(places)}\nFrame Time: {track.period:.9f}\n"
     file.write(head.encode())
     order, joints = channel_order(skeleton)
     reader = JointAngleReader(skeleton.axes)
-    for place, turns in zip(places, rotations):
-        angles = np.degrees(reader.read(turns))[joints, order]
-        file.write((" ".join(f"{value:.6f}" for value in (*place, *angles.reshape(-1))) + "\n").encode())
+    for begin in range(0, len(places), BLOCK):
+        rotations = track.rotations[begin : begin + BLOCK].copy()
+        rotations[:, 0] = world @ rotations[:, 0]
+        for place, turns in zip(places[begin:], rotations):
+            angles = np.degrees(reader.read(turns))[joints, order]
+            file.write((" ".join(f"{value:.6f}" for value in (*place, *angles.reshape(-1))) + "\n").encode())
 
 
 def hierarchy(skeleton: Skeleton) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import BinaryIO
 
 import numpy as np
@@ -12,6 +12,8 @@ import numpy as np
 from lassokin_ros.replay.motion import Motion
 
 SECOND = 1_000_000_000  # ns
+BLOCK = 1000
+"""Frames of which the values are in memory at once."""
 
 
 def header(joint_names: Sequence[str]) -> list[str]:
@@ -31,12 +33,17 @@ def write_csv(motions: Sequence[Motion], file: BinaryIO) -> None:
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(header(motions[0].skeleton.joint_names))
     for motion in motions:
-        count = motion.frame_count
-        values = np.concatenate(
-            [motion.positions.reshape(count, -1), motion.angles.reshape(count, -1), motion.reprojection_px[:, None]], 1
-        )
-        for stamp, row in zip(motion.stamps_ns.tolist(), values.tolist()):
-            time = f"{stamp // SECOND}.{stamp % SECOND:09d}"
-            rows.writerow([time, motion.person, *(f"{value:.6f}" for value in row)])
+        for begin in range(0, motion.frame_count, BLOCK):
+            rows.writerows(_block(motion, slice(begin, begin + BLOCK)))
     text.flush()
     text.detach()  # leave the file open for the caller
+
+
+def _block(motion: Motion, part: slice) -> Iterator[list[str]]:
+    """Yield the rows of some frames."""
+    positions, angles = motion.positions[part], motion.angles[part]
+    count = len(positions)
+    figures = [positions.reshape(count, -1), angles.reshape(count, -1), motion.reprojection_px[part, None]]
+    for stamp, row in zip(motion.stamps_ns[part].tolist(), np.concatenate(figures, 1).tolist()):
+        time = f"{stamp // SECOND}.{stamp % SECOND:09d}"
+        yield [time, motion.person, *(f"{value:.6f}" for value in row)]

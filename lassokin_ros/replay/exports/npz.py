@@ -19,7 +19,8 @@ def write_npz(motions: Sequence[Motion], file: BinaryIO) -> None:
     skeleton = first.skeleton
 
     def rows(name: str) -> np.ndarray:
-        return np.concatenate([getattr(motion, name) for motion in motions])
+        columns = [getattr(motion, name) for motion in motions]
+        return columns[0] if len(columns) == 1 else np.concatenate(columns)  # one person's stay in their file
 
     arrays: dict[str, Any] = {
         "stamp_ns": rows("stamps_ns"),  # (r,)

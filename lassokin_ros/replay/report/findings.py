@@ -31,6 +31,10 @@ SELDOM = 0.5
 NEAREST_M, FARTHEST_M = 0.6, 25.0
 LONG_DELAY_S = 1.0
 BONE_CHANGE = 0.02
+UNCERTAIN_MM = 60.0
+"""Mean stated deviation from which it is reported."""
+HIDDEN_MM = 200.0
+"""Stated deviation of a joint from which it is reported."""
 
 
 @dataclass(frozen=True)
@@ -279,6 +283,25 @@ def _bones(facts: Facts) -> Iterator[Finding]:
             )
 
 
+def _uncertain(facts: Facts) -> Iterator[Finding]:
+    """Report how far off the joints may be: 'The joints are off by about 80 mm ...'."""
+    rows = [row.deviations for row in facts.tracks if row.deviations is not None]
+    if not rows:
+        return
+    deviations = 1e3 * np.median(rows, axis=0)
+    mean = float(deviations[1:].mean())
+    if mean > UNCERTAIN_MM:
+        yield Finding(
+            NOTE,
+            f"The joints are off by about {mean:.0f} mm relative to the pelvis, mostly in depth (mean of the stated "
+            "deviations): measured depth or the person's bone lengths make them more exact.",
+        )
+    hidden = np.flatnonzero(deviations > HIDDEN_MM)
+    if len(hidden):
+        listed = ", ".join(f"{facts.skeleton.joint_names[i]} {deviations[i]:.0f} mm" for i in hidden)
+        yield Finding(NOTE, f"Joints that the keypoints hardly show, with their deviations: {listed}.")
+
+
 RULES: tuple[Callable[[Facts], Iterator[Finding]], ...] = (
     _nothing_tracked,
     _refused,
@@ -295,4 +318,5 @@ RULES: tuple[Callable[[Facts], Iterator[Finding]], ...] = (
     _repeated,
     _people,
     _bones,
+    _uncertain,
 )

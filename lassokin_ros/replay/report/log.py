@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from lassokin_ros.common.array_spool import ArraySpool, Record
 from lassokin_ros.core.body.rotations import logarithm
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.pipeline.frame_result import FrameResult
@@ -16,7 +17,7 @@ LONGEST_AHEAD_S = 10.0
 """s: a stamp that advances by this much more than the recording time is a jump."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class MessageRow:
     """One keypoint message.
 
@@ -31,9 +32,9 @@ class MessageRow:
     rejection: str | None = None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, slots=True)
 class PersonRow:
-    """One person in one message; arrays are None for a rejected frame.
+    """One person in one message. Its arrays are in a file; they are None for a rejected frame.
 
     time: s. rejection: key of the reason. detected: (l, 2) px, None without keypoints. reprojected: (l, 2) px.
     outline: (n, 2) px, joints in the image. positions: (n, 3) m, camera frame. angles: (n, 3) deg, as in
@@ -42,15 +43,9 @@ class PersonRow:
     """
 
     time: float
-    rejection: str | None = None
-    detected: np.ndarray | None = None
-    reprojected: np.ndarray | None = None
-    outline: np.ndarray | None = None
-    positions: np.ndarray | None = None
-    angles: np.ndarray | None = None
-    bends: np.ndarray | None = None
-    lengths: np.ndarray | None = None
-    deviations: np.ndarray | None = None
+    rejection: str | None
+    spool: ArraySpool
+    record: Record
     reprojection_px: float = np.nan
     relative_gap: float = np.nan
     kkt: float = np.nan
@@ -58,14 +53,56 @@ class PersonRow:
     initialised: bool = False
 
     @property
+    def detected(self) -> np.ndarray | None:
+        """See the class."""
+        return self.spool.read(self.record, "detected")
+
+    @property
+    def reprojected(self) -> np.ndarray | None:
+        """See the class."""
+        return self.spool.read(self.record, "reprojected")
+
+    @property
+    def outline(self) -> np.ndarray | None:
+        """See the class."""
+        return self.spool.read(self.record, "outline")
+
+    @property
+    def positions(self) -> np.ndarray | None:
+        """See the class."""
+        return self.spool.read(self.record, "positions")
+
+    @property
+    def angles(self) -> np.ndarray | None:
+        """See the class."""
+        return self.spool.read(self.record, "angles")
+
+    @property
+    def bends(self) -> np.ndarray | None:
+        """See the class."""
+        return self.spool.read(self.record, "bends")
+
+    @property
+    def lengths(self) -> np.ndarray | None:
+        """See the class."""
+        return self.spool.read(self.record, "lengths")
+
+    @property
+    def deviations(self) -> np.ndarray | None:
+        """See the class."""
+        return self.spool.read(self.record, "deviations")
+
+    @property
     def mean_deviation_mm(self) -> float:
         """Mean over the joints without the root, mm."""
-        return np.nan if self.deviations is None else 1e3 * float(self.deviations[1:].mean())
+        deviations = self.deviations
+        return np.nan if deviations is None else 1e3 * float(deviations[1:].mean())
 
     @property
     def worst_deviation_mm(self) -> float:
         """Largest deviation of a joint, mm."""
-        return np.nan if self.deviations is None else 1e3 * float(self.deviations.max())
+        deviations = self.deviations
+        return np.nan if deviations is None else 1e3 * float(deviations.max())
 
 
 @dataclass(frozen=True)
@@ -78,7 +115,7 @@ class Jump:
 
 @dataclass
 class ReplayLog:
-    """The log. It grows by about 4 kB per message and person.
+    """The log. It grows by about 0.4 kB per message and person, and a temporary file by 4 kB.
 
     people: rows by person id, "" in single-person mode. details: explanation of the first rejected message, by reason.
     late: s, the largest delay of a frame behind later messages (`smoothing_lag`).
@@ -91,6 +128,7 @@ class ReplayLog:
     first_stamp_ns: int | None = None
     late: float = 0.0
     _last: tuple[float, int, int] | None = None
+    _spool: ArraySpool = field(default_factory=ArraySpool)
 
     def add(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
         """Add the frames of one keypoint message. time_ns: recording time. seconds: tracking time."""
@@ -103,7 +141,7 @@ class ReplayLog:
             if frame.rejection is not None:
                 self.details.setdefault(frame.rejection, frame.detail)
             if frame.detected is not None or frame.accepted:
-                self.people.setdefault(frame.person, []).append(person_row(frame, time))
+                self.people.setdefault(frame.person, []).append(person_row(frame, time, self._spool))
 
     def in_order(self) -> None:
         """Sort the rows by time; with `smoothing_lag` they may arrive out of order."""
@@ -133,28 +171,27 @@ class ReplayLog:
         return time + step
 
 
-def person_row(frame: FrameResult, time: float) -> PersonRow:
-    """Return the row of a frame."""
+def person_row(frame: FrameResult, time: float, spool: ArraySpool) -> PersonRow:
+    """Return the row of a frame; its arrays go to `spool`."""
     estimate = frame.estimate
+    detected = {} if frame.detected is None else {"detected": frame.detected}
     if not frame.accepted or estimate is None or frame.lens is None or frame.positions is None:
-        return PersonRow(time, frame.rejection, frame.detected)
+        return PersonRow(time, frame.rejection, spool, spool.append(detected))
     assert estimate.pose is not None and estimate.state is not None and frame.reprojected is not None
     positions = estimate.pose.positions
-    return PersonRow(
-        time,
-        None,
-        frame.detected,
-        frame.reprojected,
-        frame.in_image(positions),
-        positions,
-        np.degrees(frame.positions[3:]).reshape(-1, 3),
-        np.degrees(np.linalg.norm(logarithm(estimate.state.rotations), axis=-1)),
-        None if frame.skeleton is None else np.linalg.norm(frame.skeleton.offsets, axis=-1),
-        frame.uncertainty.deviation,
-        estimate.reprojection_px,
-        *_certificate(estimate),
-        estimate.initialised,
-    )
+    arrays = {
+        **detected,
+        "reprojected": frame.reprojected,
+        "outline": frame.in_image(positions),
+        "positions": positions,
+        "angles": np.degrees(frame.positions[3:]).reshape(-1, 3),
+        "bends": np.degrees(np.linalg.norm(logarithm(estimate.state.rotations), axis=-1)),
+        "deviations": frame.uncertainty.deviation,
+    }
+    if frame.skeleton is not None:
+        arrays["lengths"] = np.linalg.norm(frame.skeleton.offsets, axis=-1)
+    figures = estimate.reprojection_px, *_certificate(estimate), estimate.initialised
+    return PersonRow(time, None, spool, spool.append(arrays), *figures)
 
 
 def _certificate(estimate: Estimate) -> tuple[float, float, float]:

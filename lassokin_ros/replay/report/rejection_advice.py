@@ -32,14 +32,10 @@ REASONS: dict[str, tuple[str, str]] = {
     "bad_frame_id": ("invalid frame_id", "check header.frame_id of the keypoints"),
     "no_camera_info": (
         "no camera_info received",
-        "camera_info must come before the keypoints; record it from the start, or give a calibration file with "
-        "`--camera-info`",
+        "camera_info must come before the keypoints; record it from the start, or replay with `--camera-info FILE`",
     ),
     "camera_unusable": ("unusable lens", "check camera_info: distortion_model, D, K, or P if `rectified` is set"),
-    "camera_uncalibrated": (
-        "camera not calibrated",
-        "camera_info has K[0] = 0: calibrate the camera, or give a calibration file with `--camera-info`",
-    ),
+    "camera_uncalibrated": ("camera not calibrated", "camera_info has K[0] = 0: calibrate the camera"),
     "camera_matrix": ("invalid camera matrix", "check K of camera_info"),
     "camera_distortion": ("unknown distortion model", "check D and distortion_model of camera_info"),
     "camera_not_finite": ("camera_info not finite", "check K and D of camera_info"),

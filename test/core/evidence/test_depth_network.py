@@ -17,7 +17,6 @@ from lassokin_ros.core.evidence.depth_network import (
     Scene,
     canonical_index,
     features,
-    interpreted,
     lengths_of,
     load_weights,
     shipped_network,
@@ -68,10 +67,10 @@ def scene(count):
 
 def test_a_batch_gives_what_each_person_gives():
     several = scene(3)
-    whole = interpreted(shipped_network()(features(several)[0]))
+    whole = shipped_network().predict(several)
     for person in range(3):
         alone = Scene(*(value[person] for value in vars(several).values()))
-        one = interpreted(shipped_network()(features(alone)[0]))
+        one = shipped_network().predict(alone)
         assert np.allclose(one.places, whole.places[person], atol=1e-4)
         assert np.allclose(one.whitening, whole.whitening[person], rtol=1e-3, atol=1e-3)
 

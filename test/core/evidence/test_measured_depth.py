@@ -82,11 +82,11 @@ def test_depth_that_is_none_is_not_used(depth):
 
 
 def test_background_is_not_used_and_the_surface_is_in_front_of_the_landmark():
-    depth = np.full(17, 3.0)
-    depth[5] = 6.0
+    depth = np.full(17, 2.5)
+    depth[5] = 5.0
     observation = Observation(0.0, np.zeros((17, 2)), np.ones(17), FOCAL, depth=depth, depth_of_surface=True)
     used, weights = gate_depth(observation, np.ones(17, bool), np.full(17, 0.05), None, 1.75)
-    assert weights[5] == 0 and np.isclose(weights[4], 1 / DEVIATION) and np.isclose(used[4], 3.05)
+    assert weights[5] == 0 and np.isclose(weights[4], 1 / DEVIATION) and np.isclose(used[4], 2.55)
 
 
 def followed(with_depth):

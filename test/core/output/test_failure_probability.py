@@ -1,4 +1,4 @@
-"""How likely a pose is wrong: a probability that grows with the cost, and follows keypoints that fit no person."""
+"""How likely a pose is wrong: a probability that grows with the deviation, and with keypoints that fit no person."""
 
 from dataclasses import replace
 
@@ -6,28 +6,30 @@ import numpy as np
 from sequences import CONFIG, observations
 
 from benchmarks.accuracy_run.failure_probability import area
-from lassokin_ros.core.output.failure_probability import HALF, failure_probability
+from lassokin_ros.core.output.failure_probability import failure_probability
 from lassokin_ros.core.tracker import Tracker
 
 
-def test_a_probability_that_grows_with_the_cost():
-    values = [failure_probability(cost) for cost in (0.0, 1.0, 10.0, 30.0, HALF, 1000.0, 1e12)]
-    assert values == sorted(values) and values[0] >= 0 and values[-1] <= 1 and failure_probability(HALF) == 0.5
-    assert np.isnan(failure_probability(float("nan")))
-
-
-def test_what_is_cheap_because_keypoints_are_trusted_less_is_no_less_doubtful():
-    least, more, most = (failure_probability(20.0, excess=excess) for excess in (1.0, 2.0, 10.0))
-    assert least < more < most < 1
+def test_a_probability_that_grows_with_deviation_and_learned_error():
+    values = [failure_probability(deviation, 3.0, 1.5) for deviation in (0.0, 0.03, 0.06, 0.12, 0.3, 1.0, 1e6)]
+    assert values == sorted(values) and values[0] >= 0 and values[1] < 0.02 and 0.9 < values[4] < values[-1] <= 1
+    assert np.isnan(failure_probability(float("nan"), 1.0, 1.0))
+    for figures in ([(0.08, excess, 1.5) for excess in (1, 2, 8)], [(0.08, 3.0, cost) for cost in (0, 1.0, 30.0)]):
+        least, more, most = (failure_probability(*f) for f in figures)
+        assert 0 < least < more < most < 1
 
 
 def test_a_person_is_less_doubtful_than_shuffled_keypoints():
     tracker, shuffled = Tracker(CONFIG), Tracker(CONFIG)
     order = np.random.default_rng(0).permutation(17)
     good, bad = [], []
+
+    def stated(tracker, observation):
+        return tracker.uncertainty(tracker.track(observation)).failure_probability
+
     for _, observation in observations(tracker, 1.0):
-        good.append(tracker.track(observation).failure_probability)
-        bad.append(shuffled.track(replace(observation, points=observation.points[order])).failure_probability)
+        good.append(stated(tracker, observation))
+        bad.append(stated(shuffled, replace(observation, points=observation.points[order])))
     assert np.median(good) < 0.1 and np.nanmedian(bad) > 0.5
 
 

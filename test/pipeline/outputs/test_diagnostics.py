@@ -8,6 +8,7 @@ pytest.importorskip("rosbags", reason="rosbags makes the messages")
 from messages import camera_info, cloud, pixels_of_motion, rosbags_backend  # noqa: E402
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
+from lassokin_ros.pipeline.keypoint_queue import OVERTAKEN  # noqa: E402
 from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics  # noqa: E402
 from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
@@ -73,3 +74,47 @@ def test_of_somebody_lost_there_are_no_figures():
     assert (before["state"], after["state"]) == ("tracking", "lost")
     assert float(before["reprojection error [px]"]) < 5.0
     assert after["reprojection error [px]"] == after["largest joint deviation [m]"] == "nan"
+
+
+def messages(diagnostics, pipeline, count, confidence, stamp_ns, late_ns=0):
+    """Feed messages at 30 Hz, and return the status of the period."""
+    for i in range(count):
+        stamp = stamp_ns + i * 33_333_333
+        frames = pipeline.frames(cloud(BACKEND, stamp, PIXELS[i], np.full(17, confidence)), stamp + late_ns)
+        diagnostics.saw_message(frames, stamp + late_ns, (stamp - 10**12) * 1e-9, 0.001)
+    return diagnostics.line((stamp - 10**12) * 1e-9)
+
+
+@pytest.mark.parametrize("max_people", [1, 3])
+def test_an_empty_room_is_no_warning(max_people):
+    pipeline = Pipeline(TrackerConfig(lost_after=0.5), NodeSettings(max_people=max_people))
+    pipeline.set_camera(camera_info(BACKEND))
+    diagnostics = Diagnostics(pipeline, "tracker", 0.0)
+    for start_ns in (10**12, 10**12 + 10**9):
+        status = messages(diagnostics, pipeline, 20, 0.05, start_ns)
+        assert (status.level, status.message) == (OK, "nobody in view")
+    status = messages(diagnostics, pipeline, 20, 0.9, 10**12 + 2 * 10**9)
+    assert (status.level, status.message) == (OK, "tracking")
+    status = messages(diagnostics, pipeline, 20, 0.05, 10**12 + 4 * 10**9)  # the person has left
+    assert (status.level, status.message) == (OK, "nobody in view")
+    assert status.values["nobody in view [messages]"] == "60"
+
+
+def test_stamps_hours_in_the_past_are_a_warning_with_advice():
+    pipeline = Pipeline(TrackerConfig(), NodeSettings())
+    pipeline.set_camera(camera_info(BACKEND))
+    diagnostics = Diagnostics(pipeline, "tracker", 0.0)
+    status = messages(diagnostics, pipeline, 20, 0.9, 10**12, late_ns=7200 * 10**9)
+    assert status.level == WARN and "hours in the past" in status.message and "use_sim_time" in status.message
+    assert messages(diagnostics, pipeline, 20, 0.9, 10**12 + 2 * 10**9, late_ns=10**9).message == "tracking"
+
+
+def test_a_few_overtaken_messages_are_no_warning_and_texts_have_no_counts():
+    pipeline = Pipeline(TrackerConfig(), NodeSettings())
+    pipeline.set_camera(camera_info(BACKEND))
+    diagnostics = Diagnostics(pipeline, "tracker", 0.0)
+    pipeline.counts.update({"received": 980, OVERTAKEN: 3})
+    assert messages(diagnostics, pipeline, 20, 0.9, 10**12).level == OK
+    pipeline.counts.update({OVERTAKEN: 3})
+    status = messages(diagnostics, pipeline, 20, 0.9, 10**12 + 10**9)
+    assert (status.level, status.message) == (WARN, f"tracking; messages {OVERTAKEN}")

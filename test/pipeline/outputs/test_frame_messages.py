@@ -9,7 +9,7 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
 from lassokin_ros.pipeline.pipeline import Pipeline
-from lassokin_ros.pipeline.settings import NodeSettings
+from lassokin_ros.pipeline.settings import ROOT, NodeSettings
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.output_messages.builders import set_header
 
@@ -69,7 +69,8 @@ def test_only_what_is_wanted_is_made(pipeline):
 
 def test_tf_says_where_the_pelvis_is_and_which_way_is_front(pipeline):
     tracked = frame(pipeline, 0)
-    message = dict(FrameMessages(BACKEND, pipeline.tracker.skeleton, tf=True).build(tracked))[topics.TF]
+    messages = FrameMessages(BACKEND, pipeline.tracker.skeleton, config=NodeSettings(publish_tf=ROOT))
+    message = dict(messages.build(tracked))[topics.TF]
     (transform,) = message.transforms
     assert (transform.header.frame_id, transform.child_frame_id) == (FRAME, "tracker/body")
     place, q = transform.transform.translation, transform.transform.rotation
@@ -82,7 +83,7 @@ def test_tf_says_where_the_pelvis_is_and_which_way_is_front(pipeline):
 
 def test_rep155s_body_is_midway_between_the_hips(pipeline):
     tracked = frame(pipeline, 0)
-    messages = FrameMessages(BACKEND, pipeline.tracker.skeleton, tf=True, tf_at_hips=True)
+    messages = FrameMessages(BACKEND, pipeline.tracker.skeleton, config=NodeSettings(publish_tf=ROOT, rep155=True))
     place = dict(messages.build(tracked))[topics.TF].transforms[0].transform.translation
     hips = tracked.estimate.pose.positions[[1, 2]]
     assert np.allclose([place.x, place.y, place.z], hips.mean(axis=0))

@@ -88,9 +88,15 @@ def test_it_is_computed_when_asked_and_once(tracked):
     measure = frame.measure
     object.__setattr__(frame, "measure", lambda estimate: asked.append(1) or measure(estimate))
     messages = FrameMessages(rosbags_backend(), frame.skeleton)
-    uncertain = (topics.JOINT_UNCERTAINTY, topics.UNCERTAINTY_MARKERS)
-    assert len(list(messages.build(frame, lambda t: t not in uncertain))) == 7 and not asked
-    assert len(list(messages.build(frame, lambda t: t in uncertain))) == 2 and len(asked) == 1
+    uncertain = (
+        topics.JOINT_UNCERTAINTY,
+        topics.UNCERTAINTY_MARKERS,
+        topics.POSE,
+        topics.SKELETON,
+        topics.CERTIFICATE,
+    )
+    assert len(list(messages.build(frame, lambda t: t not in uncertain))) == 6 and not asked
+    assert len(list(messages.build(frame, lambda t: t in uncertain))) == 5 and len(asked) == 1
 
 
 def test_a_rejected_frame_has_none(tracked):

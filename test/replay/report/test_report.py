@@ -84,7 +84,10 @@ def clean(tmp_path_factory):
 
 def test_a_clean_recording(clean):
     _, page = clean
-    assert said(page) == [("good", "No problem found: 100.0% of the frames were tracked and certified.")]
+    good, doubt = said(page)
+    assert good == ("good", "No problem found: 100.0% of the frames were tracked and certified.")
+    stated = re.match(r"The joints are off by about (\d+) mm relative to the pelvis, mostly in depth", doubt[1])
+    assert doubt[0] == "note" and 60 < int(stated.group(1)) < 120
     assert figure(page, "Keypoint messages") == f"{FRAMES} in 2.5 s, 30.0 Hz"
     assert figure(page, "With a skeleton") == f"{FRAMES} (100.0%)" and figure(page, "Initialised") == "once"
     assert figure(page, "Lost spans") == figure(page, "Short gaps") == "none"
@@ -173,6 +176,10 @@ def half_seen(stamps, pixels, confidence):
     confidence[::3, 3] = confidence[1::3, 3] = 0
 
 
+def without_legs(stamps, pixels, confidence):
+    confidence[:, 13:17] = 0
+
+
 def repeated(stamps, pixels, confidence):
     for values in (pixels, confidence):
         values[1::2] = values[: len(values[1::2]) * 2 : 2]
@@ -231,6 +238,10 @@ CASES = {
     "slow": (
         {"times": lambda s: s, "spoil": lambda s, p, c: s.__iadd__((s - s[0]) * 4)},
         ("note", "The keypoint rate is 6.0 Hz; "),
+    ),
+    "hidden": (
+        {"spoil": without_legs},
+        ("note", r"Joints that the keypoints hardly show, with their deviations: left_ankle \d\d\d mm, right_ankle "),
     ),
     "repeated": ({"spoil": repeated}, ("note", f"{FRAMES // 2} of {FRAMES} messages repeat the previous keypoints")),
     "late": (

@@ -1,0 +1,33 @@
+"""A simulated depth sensor: what it measures at each keypoint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+OCCLUDERS = 0.1, 0.5
+"""m: how much nearer than the landmark an occluder is, drawn evenly."""
+
+
+@dataclass(frozen=True)
+class DepthSensor:
+    """Errors of the measured depth.
+
+    noise: m, standard deviation of each measurement. noise_z2: 1/m, the same of a further error that grows with the
+    square of the depth, as with stereo cameras. bias: m, standard deviation of an error of each landmark that stays.
+    occluded: share of the measurements that are those of an occluder.
+    """
+
+    noise: float = 0.0
+    bias: float = 0.0
+    occluded: float = 0.0
+    noise_z2: float = 0.0
+
+    def measured(self, depth: np.ndarray, random: np.random.Generator) -> np.ndarray:
+        """(f, l) m: measurements of the depths (f, l) of landmarks along the optical axis."""
+        result = depth + self.noise * random.normal(size=depth.shape) + self.bias * random.normal(size=depth.shape[1])
+        result += self.noise_z2 * depth**2 * random.normal(size=depth.shape)
+        occluded = random.random(depth.shape) < self.occluded
+        result[occluded] -= random.uniform(*OCCLUDERS, occluded.sum())
+        return np.asarray(result)

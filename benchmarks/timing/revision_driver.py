@@ -1,0 +1,176 @@
+"""One revision's side of benchmarks/against.py: runs requests from standard input, and answers with processor times.
+
+The script runs with the revision's tree as import path, whichever layout of modules the tree has. It imports nothing of
+this tree. A request is a line of JSON, {"figure": NAME, "count": N}; the answer is a line with a list of seconds.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+NOISE_PX = 2.0
+FRAME_ID = "camera_optical_frame"
+
+
+def first_of(*places: str) -> Any:
+    """The first of several `module:name` that this revision has."""
+    for place in places:
+        module, _, name = place.partition(":")
+        try:
+            return getattr(import_module(module), name)
+        except (ImportError, AttributeError):
+            continue
+    raise ImportError(f"this revision has none of: {', '.join(places)}")
+
+
+Tracker = first_of("lassokin_ros.core.tracker:Tracker")
+TrackerConfig = first_of("lassokin_ros.core.config:TrackerConfig")
+Observation = first_of("lassokin_ros.core.observation:Observation", "lassokin_ros.core.estimate:Observation")
+
+
+class Side:
+    """The figures of this revision on given keypoints; each goes on where it stopped."""
+
+    def __init__(self, data: Any, body: str, layout: str) -> None:
+        """data: arrays of benchmarks/against.py. body, layout: files of the skeleton with joints55."""
+        self._focal, self._fps, self._pixels = float(data["focal"]), float(data["fps"]), data["pixels"]
+        self._points = data["points"]  # (people, f, 17, 2)
+        config = {"height": float(data["height"]), "noise_px": NOISE_PX}
+        self._one = [Tracker(TrackerConfig(**config))]
+        self._crowd = [Tracker(TrackerConfig(**config)) for _ in self._points]
+        self._hands = [Tracker(TrackerConfig(**config, skeleton=body, landmarks=layout))]
+        self._hand_points = data["hand_points"][None]
+        self._first = Tracker(TrackerConfig(**config))
+        self._places: dict[str, int] = {}
+        self._nodes: dict[str, tuple[Any, list[float]]] = {}
+        self.figures: dict[str, Callable[[int], float]] = {
+            "step": lambda frame: self._step(self._one, self._points[:1], frame),
+            "people16": lambda frame: self._step(self._crowd, self._points, frame),
+            "joints55": lambda frame: self._step(self._hands, self._hand_points, frame),
+            "first_upright": lambda frame: self._start(self._points[0], frame),
+            "first_lying": lambda frame: self._start(
+                self._points[0] @ np.array([[0.0, 1.0], [-1.0, 0.0]]), frame
+            ),
+            "callback_idle": lambda frame: self._callback("nobody", frame),
+            "callback_all": lambda frame: self._callback("all", frame),
+        }
+
+    def run(self, figure: str, count: int) -> list[float]:
+        """Seconds of the processor for each of the next frames."""
+        begin = self._places.get(figure, 0)
+        self._places[figure] = begin + count
+        return [self.figures[figure](frame) for frame in range(begin, begin + count)]
+
+    def _observation(self, points: np.ndarray, frame: int) -> Any:
+        """The frame's keypoints; at the end of the motion it begins again."""
+        at = points[frame % len(points)]
+        return Observation((frame + 1) / self._fps, at, np.ones(len(at)), self._focal)
+
+    def _step(self, trackers: list[Any], points: np.ndarray, frame: int) -> float:
+        if frame % points.shape[1] == 0:
+            for tracker in trackers:
+                tracker.reset()
+        seen = [self._observation(person, frame) for person in points]
+        batch = getattr(Tracker, "track_batch", None) or Tracker.track_together
+        begin = time.thread_time()
+        if len(trackers) == 1:
+            trackers[0].track(seen[0])
+        else:
+            batch(trackers, seen)
+        return time.thread_time() - begin
+
+    def _start(self, points: np.ndarray, frame: int) -> float:
+        seen = self._observation(points, 37 * frame)
+        self._first.reset()
+        begin = time.thread_time()
+        self._first.track(seen)
+        return time.thread_time() - begin
+
+    def _callback(self, audience: str, frame: int) -> float:
+        """Seconds of the node's callback without the tracker's step."""
+        if audience not in self._nodes:
+            self._nodes[audience] = node_with(audience == "all", float(self._focal))
+        node, steps = self._nodes[audience]
+        message = cloud(self._pixels[frame % len(self._pixels)], round((frame + 1) * 1e9 / self._fps))
+        steps.clear()
+        begin = time.thread_time()
+        node.work_on(message)
+        return time.thread_time() - begin - sum(steps)
+
+
+def node_with(listened_to: bool, focal: float) -> tuple[Any, list[float]]:
+    """A node, with a subscription on each output or on none, and the list in which its tracker's steps are noted."""
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    import rclpy
+    from rclpy.signals import SignalHandlerOptions
+    from sensor_msgs.msg import CameraInfo
+
+    make = first_of("lassokin_ros.node.node:TrackerNode", "lassokin_ros.node:TrackerNode")
+    context = rclpy.Context()
+    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+    node = make(context=context, namespace=f"/against_{os.getpid()}_{int(listened_to)}", use_global_arguments=False)
+    if listened_to:
+        listener = node.listener = rclpy.create_node("listener", context=context)
+        outputs = list(node._person._out.values())
+        for publisher in outputs:
+            listener.create_subscription(publisher.msg_type, publisher.topic_name, lambda message: None, 1)
+        end = time.monotonic() + 10.0
+        while not all(publisher.get_subscription_count() for publisher in outputs) and time.monotonic() < end:
+            time.sleep(0.01)
+        assert all(publisher.get_subscription_count() for publisher in outputs), "the listener was not discovered"
+    info = CameraInfo(width=1280, height=720)
+    info.header.frame_id = FRAME_ID
+    info.k = [focal, 0.0, 640.0, 0.0, focal, 360.0, 0.0, 0.0, 1.0]
+    info.p = [focal, 0.0, 640.0, 0.0, 0.0, focal, 360.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+    node._camera_info.take(info)
+    steps: list[float] = []
+    run_single = first_of("lassokin_ros.core.batch:run_single", "lassokin_ros.core.together:alone")
+    tracker = node._pipeline.tracker
+    original = tracker.steps
+
+    def timed(observation: Any) -> Any:
+        begin = time.thread_time()
+        estimate = run_single(original(observation))
+        steps.append(time.thread_time() - begin)
+        return estimate
+        yield
+
+    tracker.steps = timed
+    return node, steps
+
+
+def cloud(pixels: np.ndarray, stamp_ns: int) -> Any:
+    """The keypoints (17, 2) px as the node's message."""
+    from sensor_msgs.msg import PointCloud2, PointField
+
+    points = np.zeros(len(pixels), [("x", "<f4"), ("y", "<f4"), ("confidence", "<f4"), ("id", "<i4")])
+    points["x"], points["y"], points["confidence"], points["id"] = *pixels.T, 0.9, np.arange(len(pixels))
+    kinds = {"x": 7, "y": 7, "confidence": 7, "id": 5}
+    fields = [PointField(name=n, offset=4 * i, datatype=k, count=1) for i, (n, k) in enumerate(kinds.items())]
+    message = PointCloud2(height=1, width=len(pixels), fields=fields, point_step=16, row_step=16 * len(pixels))
+    message.data, message.is_dense, message.header.frame_id = points.tobytes(), True, FRAME_ID
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 1_000_000_000)
+    return message
+
+
+def main() -> None:
+    """Arguments: file of arrays, skeleton file, layout file."""
+    side = Side(np.load(sys.argv[1]), *sys.argv[2:4])
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # whatever else prints does not disturb the answers
+    print(json.dumps(sorted(side.figures)), file=answers, flush=True)
+    for line in sys.stdin:
+        request = json.loads(line)
+        print(json.dumps(side.run(request["figure"], request["count"])), file=answers, flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,95 @@
+"""Arrays in a temporary file, for data of which there is more the longer a recording is."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import NamedTuple
+
+import numpy as np
+
+from lassokin_ros.core.errors import LassokinError
+
+Layout = tuple[tuple[str, tuple[int, ...], np.dtype], ...]
+"""(name, shape, type) of each array of a record."""
+
+
+class SpoolError(LassokinError):
+    """The temporary file cannot be written."""
+
+
+class Record(NamedTuple):
+    """Where a record is in the file. layout: the number of its layout."""
+
+    offset: int
+    layout: int
+
+
+class ArraySpool:
+    """An unnamed file in the folder for temporary files, to which records of named arrays are appended.
+
+    The file vanishes with the object. Methods raise SpoolError if the file cannot be written.
+    """
+
+    def __init__(self) -> None:
+        with _clear_errors():
+            self._file = tempfile.TemporaryFile()
+        self._layouts: dict[Layout, int] = {}
+        self._known: list[Layout] = []
+        self._end = 0
+
+    def append(self, arrays: Mapping[str, np.ndarray]) -> Record:
+        """Store the arrays."""
+        layout = tuple((name, array.shape, array.dtype) for name, array in arrays.items())
+        if layout not in self._layouts:
+            self._layouts[layout] = len(self._known)
+            self._known.append(layout)
+        record = Record(self._end, self._layouts[layout])
+        with _clear_errors():
+            for array in arrays.values():
+                self._end += self._file.write(array.tobytes())
+        return record
+
+    def read(self, record: Record, name: str) -> np.ndarray | None:
+        """One array of a record, read-only; None if the record has no array of that name."""
+        offset = record.offset
+        for other, shape, kind in self._known[record.layout]:
+            size = kind.itemsize * int(np.prod(shape, dtype=int))
+            if other == name:
+                self._flush()
+                return np.frombuffer(os.pread(self._file.fileno(), size, offset), dtype=kind).reshape(shape)
+            offset += size
+        return None
+
+    def columns(self, records: Sequence[Record]) -> dict[str, np.ndarray]:
+        """The arrays of f records with one layout, by name, with a first axis (f, ...).
+
+        Records that are the whole file are mapped, not read: pages come into memory when they are used.
+        """
+        if len({record.layout for record in records}) != 1:
+            raise ValueError("the records have several layouts; expected one or more records with the same arrays")
+        kind = np.dtype([(name, dtype, shape) for name, shape, dtype in self._known[records[0].layout]])
+        if len(records) * kind.itemsize == self._end:
+            self._flush()
+            rows = np.memmap(self._file, dtype=kind, mode="r", shape=(len(records),))
+            return {name: rows[name].view(np.ndarray) for name in kind.names or ()}
+        names = kind.names or ()
+        return {name: np.array([self.read(record, name) for record in records]) for name in names}
+
+    def _flush(self) -> None:
+        with _clear_errors():
+            self._file.flush()
+
+
+@contextmanager
+def _clear_errors() -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        place = tempfile.gettempdir()
+        raise SpoolError(
+            f"a temporary file in {place} cannot be written: {error.strerror}; free space there, or set TMPDIR to "
+            "another folder"
+        ) from None

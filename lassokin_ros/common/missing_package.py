@@ -1,0 +1,16 @@
+"""What to install if a package cannot be imported."""
+
+from __future__ import annotations
+
+FROM_PIP = ("proxsuite", "qpsolvers", "numpy", "scipy", "yaml", "rosbags")
+"""Packages that pip installs, wherever ROS comes from. Only pip has the first two."""
+PIP_NAMES = {"yaml": "PyYAML"}
+
+
+def missing_package(error: ImportError) -> str:
+    """Return one line for the user: which package is missing, and how to install it."""
+    module = (error.name or "").partition(".")[0]
+    if module in FROM_PIP:
+        name = PIP_NAMES.get(module, module)
+        return f"the Python package {name} is not installed: pip install --break-system-packages {name}"
+    return f"{error}; the node needs ROS 2's rclpy and common_interfaces, see the README"

@@ -1,0 +1,134 @@
+"""The depth images of the last second: matched to keypoint messages by stamp, and sampled at the keypoints."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from lassokin_ros.pipeline.depth_sampling import sample_depth
+from msg_adapters.depth_image import DepthImage, decode_depth_image
+from msg_adapters.errors import AdapterError
+from msg_adapters.keypoints import Keypoints
+
+KEPT = 16
+"""Depth images in memory. Detectors that take longer than that many periods find no image."""
+LONGEST_PERIOD_NS = 200_000_000
+"""ns: assumed period of the depth images before two have come, and its upper limit."""
+OVERTAKEN_NS = 1_000_000_000
+"""ns: an image that is older than the newest one by less than this has been overtaken and is not kept."""
+LARGEST_ASPECT_ERROR = 0.02
+"""Largest difference of width / height between a depth image and the image of its camera_info."""
+
+RECEIVED, MATCHED, UNMATCHED = "depth: received", "depth: matched", "depth: no image of the keypoints' time"
+REFUSED, NOT_REGISTERED = "depth: refused", "depth: not registered"
+COUNTS = (RECEIVED, MATCHED, UNMATCHED, REFUSED, NOT_REGISTERED)
+"""Keys of the counts: depth images received and refused; keypoint messages with and without a depth image."""
+
+
+class DepthImages:
+    """Keeps the newest depth images. No content raises an error: see `fault`."""
+
+    def __init__(self, counts: Any) -> None:
+        """counts: a Counter that receives the numbers of messages, see COUNTS."""
+        self._counts = counts
+        self._images: deque[DepthImage] = deque(maxlen=KEPT)
+        self._period_ns = LONGEST_PERIOD_NS
+        self.fault = ""
+        """Why depth images are not used, in words; empty if they are."""
+
+    def reset(self) -> None:
+        """Forget the images, because time or camera have changed."""
+        self._images.clear()
+        self._period_ns = LONGEST_PERIOD_NS
+
+    @property
+    def newest_ns(self) -> int | None:
+        """Stamp of the newest image, ns; None before the first one."""
+        return self._images[-1].stamp_ns if self._images else None
+
+    @property
+    def tolerance_ns(self) -> int:
+        """Half a period, ns: keypoints and their depth image are at most this far apart."""
+        return self._period_ns // 2
+
+    def add(self, message: Any, arrival_ns: int) -> str | None:
+        """Keep a sensor_msgs/Image. Return the key of the reason if it is refused.
+
+        arrival_ns: ns, the stamp of an image that has none.
+        """
+        self._counts[RECEIVED] += 1
+        try:
+            image = decode_depth_image(message)
+        except AdapterError as error:
+            self._counts[REFUSED] += 1
+            self.fault = f"depth image refused: {error}"
+            return error.reason
+        if self.fault.startswith("depth image refused"):
+            self.fault = ""
+        image = replace(image, stamp_ns=image.stamp_ns or arrival_ns)
+        assert image.stamp_ns is not None
+        if (newest := self.newest_ns) is not None:
+            step = image.stamp_ns - newest
+            if -OVERTAKEN_NS < step <= 0:
+                return None
+            if step <= 0:
+                self.reset()  # a bag loop, or a seek
+            else:
+                self._period_ns = min(step, 2 * self._period_ns, LONGEST_PERIOD_NS)
+        self._images.append(image)
+        return None
+
+    def awaits(self, stamp_ns: int | None) -> bool:
+        """Return True if the depth image of keypoints with this stamp may still come."""
+        newest = self.newest_ns
+        return stamp_ns is not None and newest is not None and newest < stamp_ns - self.tolerance_ns
+
+    def with_depth(self, keypoints: Keypoints, stamp_ns: int, size: tuple[int, int], frame_id: str) -> Keypoints:
+        """Return the keypoints with the depths of the image of their time, or unchanged if there is none.
+
+        stamp_ns: ns. size: (width, height) px of the keypoints' image. frame_id: of camera_info. Depths that the
+        message brings itself take precedence.
+        """
+        if keypoints.depth is not None:
+            return keypoints
+        image = self._nearest(stamp_ns)
+        if image is None:
+            self._counts[UNMATCHED] += 1
+            return keypoints
+        if fault := _registration_fault(image, size, (keypoints.frame_id, frame_id)):
+            self.fault = fault
+            self._counts[NOT_REGISTERED] += 1
+            return keypoints
+        self._counts[MATCHED] += 1
+        self.fault = ""
+        depth = sample_depth(image, keypoints.xy, size)
+        return replace(keypoints, depth=depth, depth_of_surface=True) if np.isfinite(depth).any() else keypoints
+
+    def _nearest(self, stamp_ns: int) -> DepthImage | None:
+        """Return the image nearest to a stamp, at most half a period away; None if there is none."""
+        apart = [abs(image.stamp_ns - stamp_ns) for image in self._images if image.stamp_ns is not None]
+        if not apart or min(apart) > self.tolerance_ns:
+            return None
+        return self._images[apart.index(min(apart))]
+
+
+def _registration_fault(image: DepthImage, size: tuple[int, int], frames: tuple[str, str]) -> str:
+    """Return why a depth image cannot be registered to the colour image; empty if it can. frames: of the latter."""
+    if image.frame_id and any(frames) and image.frame_id not in frames:
+        colour = next(filter(None, frames))
+        return (
+            f"the depth image has the frame_id '{image.frame_id}', the colour image '{colour}': depth is not used; "
+            "subscribe to the depth image that is registered (aligned) to the colour image"
+        )
+    width, height = image.size
+    if min(size) <= 0:
+        return "camera_info has no image size: depth is not used"
+    if abs((width / height) / (size[0] / size[1]) - 1) > LARGEST_ASPECT_ERROR:
+        return (
+            f"the depth image has {width} x {height} px, the colour image {size[0]} x {size[1]}, a different shape: "
+            "depth is not used; subscribe to the depth image that is registered (aligned) to the colour image"
+        )
+    return ""

@@ -1,0 +1,92 @@
+"""All people in one message per image, for ~/people."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.pipeline.outputs.body_frames import body_quaternion
+from msg_adapters.backends import Backend
+from msg_adapters.output_messages.people import PersonReport, people_builder
+
+Image = tuple[int, str]
+"""Stamp in ns and frame_id of an image."""
+SINGLE_PERSON = "p1"
+"""Id in the message if one person is followed."""
+
+
+class PeopleMessages:
+    """Stores the newest result of each person, and makes the messages.
+
+    A person is `tracking` for `lost_after` s after the last accepted frame, then `lost`. A person who was not seen for
+    `forget_after` s, or is not among the people present, is left out.
+    """
+
+    def __init__(self, backend: Backend, message_type: str) -> None:
+        """message_type: parameter people_type, long form. The package of the type must be installed."""
+        self._builder = people_builder(backend, message_type)
+        self._newest: dict[str, FrameResult] = {}
+
+    def update(self, frames: Sequence[FrameResult], ids: Sequence[str] | None) -> None:
+        """Store accepted results. ids: of the people present, None if one person is followed."""
+        for frame in frames:
+            if frame.accepted:
+                self._newest[frame.person] = frame
+        if ids is not None and len(self._newest) > 0:
+            self._newest = {person: frame for person, frame in self._newest.items() if person in ids}
+
+    def forget(self) -> None:
+        """Forget all people."""
+        self._newest.clear()
+
+    def build(self, image: Image, lost_after: float, forget_after: float) -> Any:
+        """Return the message. image: stamp in ns and frame_id of the keypoints; lost_after, forget_after: s."""
+        stamp_ns, frame_id = image
+        people: list[PersonReport] = []
+        for frame in self._newest.values():
+            age_s = (stamp_ns - frame.stamp_ns) * 1e-9
+            if 0 <= age_s <= max(forget_after, lost_after) and frame.frame_id == frame_id:
+                people.append(person_report(frame, age_s <= lost_after))
+        return self._builder.fill(stamp_ns, frame_id, people)
+
+
+def images_of(frames: Sequence[FrameResult], newest: Image | None, held: bool) -> list[tuple[Image, list[FrameResult]]]:
+    """Return the images to report for the results of one message, each with its results, in order of the stamps.
+
+    newest: the newest tracked image, to be reported if nobody was in it. held: results come later than their messages
+    (`smoothing_lag`); then only images with accepted results are reported. A message that was refused as a whole has
+    none.
+    """
+    if not frames:
+        return [] if held or newest is None else [(newest, [])]
+    images: dict[Image, list[FrameResult]] = {}
+    for frame in frames:
+        if frame.accepted if held else frame.estimate is not None:
+            images.setdefault((frame.stamp_ns, frame.frame_id), []).append(frame)
+    return sorted(images.items(), key=lambda item: item[0][0])
+
+
+def person_report(frame: FrameResult, tracked: bool) -> PersonReport:
+    """Return the report on the person of an accepted frame."""
+    estimate = frame.estimate
+    assert estimate is not None and estimate.pose is not None and frame.velocity is not None
+    positions = estimate.pose.positions
+    return PersonReport(
+        id=frame.person or SINGLE_PERSON,
+        tracked=tracked,
+        confidence=confidence(frame) if tracked else 0.0,
+        position=positions[0],
+        quaternion=body_quaternion(estimate),
+        velocity=frame.velocity,
+        covariance=frame.uncertainty.absolute.pelvis,
+        corners=np.stack([positions.min(axis=0), positions.max(axis=0)]),
+    )
+
+
+def confidence(frame: FrameResult) -> float:
+    """Return how likely the pose is right, 0 to 1; 0 if the probability is unknown."""
+    wrong = frame.uncertainty.failure_probability
+    return 1.0 - wrong if np.isfinite(wrong) else 0.0

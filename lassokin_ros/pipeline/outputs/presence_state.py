@@ -1,0 +1,38 @@
+"""The state of the whole image for ~/state: tracking, lost or nobody."""
+
+from __future__ import annotations
+
+from lassokin_ros.core.observation import Status
+from lassokin_ros.pipeline.people.presence import Presence
+
+TRACKING, LOST, NOBODY = "tracking", "lost", "nobody"
+
+
+class PresenceState:
+    """Turns the presence of people into a state, and tells when it changes.
+
+    tracking: somebody was tracked less than `lost_after` ago. lost: nobody was, but somebody is remembered: for
+    `forget_after` since the last frame. nobody: otherwise.
+    """
+
+    def __init__(self) -> None:
+        self.value = NOBODY
+        """The present state."""
+        self._lost_ns = 0
+
+    def update(self, presence: Presence, now_ns: int, lost_after: float, forget_after: float) -> bool:
+        """Return True if the state has changed. now_ns: ns of the clock of arrivals; lost_after, forget_after: s."""
+        before, self.value = self.value, self._state(presence, now_ns, forget_after - lost_after)
+        return self.value != before
+
+    def _state(self, presence: Presence, now_ns: int, patience_s: float) -> str:
+        if presence.status is Status.TRACKING:
+            return TRACKING
+        if presence.status is Status.SEARCHING or presence.ids == []:
+            return NOBODY
+        if presence.ids is not None:  # several people: those present are not yet forgotten
+            return LOST
+        if self.value == TRACKING:
+            self._lost_ns = now_ns
+        remembered = self.value != NOBODY and (now_ns - self._lost_ns) * 1e-9 < patience_s
+        return LOST if remembered else NOBODY

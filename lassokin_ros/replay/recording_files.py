@@ -1,0 +1,166 @@
+"""The data files of a recording: which belong to it, whether all are there, and their readers of rosbags.
+
+A part of a recording must not pass as all of it: a missing part, a file that was cut, and a file with fewer messages
+than metadata.yaml counts are refused. Otherwise the files are trusted, not metadata.yaml.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path, PurePath
+from typing import Any
+
+from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.core.yaml_files import load_mapping, read_text
+from lassokin_ros.replay.errors import BagError
+from lassokin_ros.replay.sqlite_journal import merged
+
+METADATA = "metadata.yaml"
+SUFFIXES = (".mcap", ".db3")
+PART = re.compile(r"(?P<stem>.*)_(?P<number>\d{1,5})(?P<suffix>\.(mcap|db3)(\.zstd)?)")
+"""Name of a file of a split recording. Longer numbers are dates or times."""
+MCAP_MAGIC = b"\x89MCAP0\r\n"
+
+
+@dataclass(frozen=True)
+class DataFile:
+    """An open data file of a recording, or a whole recording that rosbags opens from metadata.yaml (if compressed)."""
+
+    path: Path
+    reader: Any
+
+
+@dataclass(frozen=True)
+class Metadata:
+    """What metadata.yaml says. files: names. topics: messages of each topic. counts: messages of each file."""
+
+    files: list[str]
+    compressed: bool
+    topics: Mapping[str, int] = field(default_factory=dict)
+    counts: Mapping[str, int] = field(default_factory=dict)
+
+    def check_topics(self, path: Path, files: Sequence[DataFile], names: Iterable[str]) -> None:
+        """Raise BagError if the files of the recording `path` hold fewer messages of these topics."""
+        found: Counter[str] = Counter()
+        for file in files:
+            for connection in file.reader.connections:
+                found[connection.topic] += connection.msgcount
+        for name in names:
+            if found[name] < self.topics.get(name, 0):
+                short = [file.path.name for file in files if file.reader.message_count < self._count(file.path.name)]
+                where = ", ".join(short or [file.path.name for file in files])
+                raise BagError(
+                    f"{path} is damaged: only {found[name]} of its {self.topics[name]} messages of {name} can be read "
+                    f"from {where}; to track what is left, replay the file itself, or run: ros2 bag reindex {path}"
+                )
+
+    def _count(self, name: str) -> int:
+        return self.counts.get(name, 0)
+
+
+def read_metadata(folder: Path) -> Metadata | None:
+    """Return what metadata.yaml of a recording says; None if it cannot be followed here."""
+    try:
+        data = load_mapping(read_text(folder / METADATA, BagError), str(folder), BagError)
+        data = data["rosbag2_bagfile_information"]
+        files = [PurePath(name).name for name in data["relative_file_paths"] or []]
+        mode = str(data.get("compression_mode") or "none").lower()
+        topics = {
+            entry["topic_metadata"]["name"]: int(entry["message_count"])
+            for entry in data.get("topics_with_message_count") or []
+        }
+        counts = {PurePath(entry["path"]).name: int(entry["message_count"]) for entry in data.get("files") or []}
+    except (BagError, KeyError, TypeError, ValueError, AttributeError):
+        return None
+    return Metadata(files, mode != "none", topics, counts)
+
+
+def open_files(path: Path, stack: ExitStack) -> tuple[list[DataFile], Metadata | None]:
+    """Open the recording `path`, a folder or a single file; `stack` closes it.
+
+    Returns its files in the order of their times, and metadata where it can be compared with them. Raises BagError.
+    """
+    if path.is_file():
+        return [_open(path, stack)], None
+    metadata = read_metadata(path)
+    if metadata is None:
+        return [_open(path, stack)], None
+    names = metadata.files or sorted(file.name for file in path.iterdir() if file.suffix in SUFFIXES)
+    _check_parts(path, names)
+    if metadata.compressed or not names or any(Path(name).suffix not in SUFFIXES for name in names):
+        return [_open(path, stack)], None
+    files = [_open(path / name, stack) for name in names]
+    return sorted(files, key=lambda file: int(file.reader.start_time)), metadata
+
+
+def _check_parts(folder: Path, names: Sequence[str]) -> None:
+    """Raise BagError if a listed file is missing, if a number between the parts is, or if a part is not listed."""
+    for name in names:
+        if not (folder / name).is_file():
+            raise BagError(f"{folder} is incomplete: its file '{name}' is missing, which {METADATA} lists")
+    listed = _numbers(names)
+    there = _numbers(file.name for file in folder.iterdir())
+    for (stem, suffix), numbers in listed.items():
+        missing = sorted(set(range(min(numbers), max(numbers))) - numbers)
+        if missing:
+            lost = f"{stem}_{missing[0]}{suffix}"
+            raise BagError(f"{folder} is incomplete: its part '{lost}' is missing; to track the others, replay each")
+        if more := sorted(there[stem, suffix] - numbers):
+            lost = f"{stem}_{more[0]}{suffix}"
+            raise BagError(
+                f"{folder} has the part '{lost}', which {METADATA} does not list; move it away, or run: "
+                f"ros2 bag reindex {folder}"
+            )
+
+
+def _numbers(names: Iterable[str]) -> dict[tuple[str, str], set[int]]:
+    """Return the numbers of the parts, by (what stands before the number, suffix)."""
+    found: dict[tuple[str, str], set[int]] = {}
+    for part in filter(None, map(PART.fullmatch, names)):
+        found.setdefault((part["stem"], part["suffix"]), set()).add(int(part["number"]))
+    return found
+
+
+def _open(path: Path, stack: ExitStack) -> DataFile:
+    from rosbags.rosbag2 import Reader
+
+    if _has_no_end(path):
+        raise BagError(
+            f"{path} cannot be read as a rosbag2 recording: it has no end, because its recorder was killed or the file "
+            f"was cut; write what it holds to another file with: mcap recover {path} -o recovered.mcap"
+        )
+    source = merged(path, stack) if path.suffix == ".db3" and path.is_file() else path
+    with clear_errors(path):
+        reader = Reader(source)
+        reader.open()
+    stack.callback(reader.close)
+    return DataFile(path, reader)
+
+
+def _has_no_end(path: Path) -> bool:
+    """Return True for an mcap file that does not end as one."""
+    if path.suffix != ".mcap" or not path.is_file():
+        return False
+    try:
+        with path.open("rb") as file:
+            begins = file.read(len(MCAP_MAGIC)) == MCAP_MAGIC
+            file.seek(max(0, path.stat().st_size - len(MCAP_MAGIC)))
+            return begins and file.read() != MCAP_MAGIC
+    except OSError:
+        return False  # the reader's error is better
+
+
+@contextmanager
+def clear_errors(path: Path) -> Iterator[None]:
+    """Convert every exception of the reading library to BagError. Broken files raise exceptions of many types."""
+    try:
+        yield
+    except LassokinError:
+        raise
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise BagError(f"{path} cannot be read as a rosbag2 recording: {reason}") from None

@@ -1,0 +1,183 @@
+"""All people in one message: vision_msgs/Detection3DArray, people_msgs/People, or sensor_msgs/PointCloud2.
+
+The first two need packages outside of common_interfaces, which are imported when the builder is made.
+"""
+
+from __future__ import annotations
+
+import re
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from msg_adapters.backends import Backend
+from msg_adapters.output_messages.builders import set_header
+from msg_adapters.output_messages.clouds import CloudBuilder
+from msg_adapters.output_messages.joint_uncertainty import COVARIANCE, UPPER
+from msg_adapters.output_messages.skeleton_cloud import MOTION
+
+CLOUD_TYPE = "sensor_msgs/msg/PointCloud2"
+DETECTIONS_TYPE, PEOPLE_TYPE = "vision_msgs/msg/Detection3DArray", "people_msgs/msg/People"
+CLASS_ID = "person"
+TRACKING, LOST = "tracking", "lost"
+POINT = np.dtype(
+    [*((name, "<f4") for name in (*MOTION, *COVARIANCE)), ("confidence", "<f4"), ("person", "<i4"), ("tracked", "<i4")]
+)
+DEFINITIONS: Mapping[str, str] = {
+    "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score",
+    "vision_msgs/msg/ObjectHypothesisWithPose": (
+        "vision_msgs/ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose"
+    ),
+    "vision_msgs/msg/BoundingBox3D": "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size",
+    "vision_msgs/msg/Detection3D": (
+        "std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\nvision_msgs/BoundingBox3D bbox\n"
+        "string id"
+    ),
+    DETECTIONS_TYPE: "std_msgs/Header header\nvision_msgs/Detection3D[] detections",
+    "people_msgs/msg/Person": (
+        "string name\ngeometry_msgs/Point position\ngeometry_msgs/Point velocity\nfloat64 reliability\n"
+        "string[] tagnames\nstring[] tags"
+    ),
+    PEOPLE_TYPE: "std_msgs/Header header\npeople_msgs/Person[] people",
+}
+"""Fields of the message types of other packages, for recordings that are written without ROS."""
+
+
+@dataclass(frozen=True, eq=False)
+class PersonReport:
+    """One person, in the frame of the message.
+
+    Attributes
+    ----------
+    id: text.
+    tracked: False for a person who is lost. All other fields are then those of the last frame with the person.
+    confidence: 0 to 1, that the pose is right; 0 for a person who is lost.
+    position: (3,) m, of the pelvis; quaternion: (4,) x, y, z, w, of the body (x front, y left, z up).
+    velocity: (3,) m/s, of the pelvis.
+    covariance: (6, 6), of position (m) and rotation about the axes of the frame (rad).
+    corners: (2, 3) m, least and greatest coordinates of the joints.
+    """
+
+    id: str
+    tracked: bool
+    confidence: float
+    position: np.ndarray
+    quaternion: np.ndarray
+    velocity: np.ndarray
+    covariance: np.ndarray
+    corners: np.ndarray
+
+    @property
+    def number(self) -> int:
+        """The number n of an id "pn"; of another id the lower 31 bits of its CRC-32."""
+        found = re.fullmatch(r"p(\d{1,9})", self.id)
+        return int(found[1]) if found else zlib.crc32(self.id.encode()) & 0x7FFFFFFF
+
+    @property
+    def state(self) -> str:
+        """tracking or lost."""
+        return TRACKING if self.tracked else LOST
+
+
+class PeopleBuilder(Protocol):
+    """Makes one message of all people."""
+
+    def fill(self, stamp_ns: int, frame_id: str, people: Sequence[PersonReport]) -> Any:
+        """Return the message. Without people it is an empty list."""
+        ...
+
+
+class DetectionsBuilder:
+    """vision_msgs/Detection3DArray. score: the confidence, 0 for a person who is lost. It has no velocity."""
+
+    def __init__(self, backend: Backend) -> None:
+        self._backend = backend
+        self._message = backend.make(DETECTIONS_TYPE)
+
+    def fill(self, stamp_ns: int, frame_id: str, people: Sequence[PersonReport]) -> Any:
+        """See PeopleBuilder.fill."""
+        set_header(self._message.header, stamp_ns, frame_id)
+        self._message.detections = [self._detection(stamp_ns, frame_id, person) for person in people]
+        return self._message
+
+    def _detection(self, stamp_ns: int, frame_id: str, person: PersonReport) -> Any:
+        detection = self._backend.make("vision_msgs/msg/Detection3D")
+        result = self._backend.make("vision_msgs/msg/ObjectHypothesisWithPose")
+        set_header(detection.header, stamp_ns, frame_id)
+        detection.id = person.id
+        result.hypothesis.class_id, result.hypothesis.score = CLASS_ID, person.confidence
+        place, turn = result.pose.pose.position, result.pose.pose.orientation
+        place.x, place.y, place.z = person.position.tolist()
+        turn.x, turn.y, turn.z, turn.w = person.quaternion.tolist()
+        result.pose.covariance = person.covariance.reshape(36)
+        detection.results = [result]
+        centre, size = detection.bbox.center, detection.bbox.size
+        least, greatest = person.corners
+        centre.position.x, centre.position.y, centre.position.z = ((least + greatest) / 2).tolist()
+        centre.orientation.w = 1.0
+        size.x, size.y, size.z = (greatest - least).tolist()
+        return detection
+
+
+class PeopleMsgsBuilder:
+    """people_msgs/People. reliability: the confidence. Tags: state, and xx to zz of the position's covariance."""
+
+    def __init__(self, backend: Backend) -> None:
+        self._backend = backend
+        self._message = backend.make(PEOPLE_TYPE)
+
+    def fill(self, stamp_ns: int, frame_id: str, people: Sequence[PersonReport]) -> Any:
+        """See PeopleBuilder.fill."""
+        set_header(self._message.header, stamp_ns, frame_id)
+        self._message.people = [self._person(person) for person in people]
+        return self._message
+
+    def _person(self, person: PersonReport) -> Any:
+        message = self._backend.make("people_msgs/msg/Person")
+        message.name, message.reliability = person.id, person.confidence
+        place, velocity = message.position, message.velocity
+        place.x, place.y, place.z = person.position.tolist()
+        velocity.x, velocity.y, velocity.z = person.velocity.tolist()
+        variances = person.covariance[:3, :3].reshape(9)[UPPER]
+        message.tagnames = ["state", *COVARIANCE]
+        message.tags = [person.state, *(f"{variance:.6g}" for variance in variances.tolist())]
+        return message
+
+
+class PeopleCloudBuilder:
+    """sensor_msgs/PointCloud2, one point per person.
+
+    x, y, z in m, vx, vy, vz in m/s, xx, xy, xz, yy, yz, zz in m^2: pelvis; confidence; person: `PersonReport.number`;
+    tracked: 1, or 0 for a person who is lost.
+    """
+
+    def __init__(self, backend: Backend) -> None:
+        self._cloud = CloudBuilder(backend, POINT)
+
+    def fill(self, stamp_ns: int, frame_id: str, people: Sequence[PersonReport]) -> Any:
+        """See PeopleBuilder.fill."""
+        points = np.zeros(len(people), POINT)
+        values = points.view("<f4").reshape(len(people), POINT.itemsize // 4)
+        for row, person in zip(values, people):
+            row[:3], row[3:6] = person.position, person.velocity
+            row[6:12] = person.covariance[:3, :3].reshape(9)[UPPER]
+            row[12] = person.confidence
+        points["person"] = [person.number for person in people]
+        points["tracked"] = [person.tracked for person in people]
+        return self._cloud.fill(stamp_ns, frame_id, points)
+
+
+BUILDERS: Mapping[str, Callable[[Backend], PeopleBuilder]] = {
+    CLOUD_TYPE: PeopleCloudBuilder,
+    DETECTIONS_TYPE: DetectionsBuilder,
+    PEOPLE_TYPE: PeopleMsgsBuilder,
+}
+"""By message type. The first one is the default."""
+
+
+def people_builder(backend: Backend, message_type: str) -> PeopleBuilder:
+    """Return the builder of a message type of BUILDERS. Its package must be installed."""
+    return BUILDERS[message_type](backend)

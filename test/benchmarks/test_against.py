@@ -1,0 +1,34 @@
+"""against.py: a revision against itself is as fast, and what cannot be compared is one line."""
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+REPOSITORY = shutil.which("git") and (ROOT / ".git").exists()
+pytestmark = pytest.mark.skipif(not REPOSITORY, reason="the revisions are those of a git repository")
+
+
+def run(*arguments):
+    command = [sys.executable, "benchmarks/against.py", *arguments]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
+
+
+def test_a_revision_against_itself(tmp_path):
+    file = tmp_path / "records.json"
+    done = run("HEAD", "--rounds", "2", "--figures", "step,first_upright", "--json", str(file))
+    assert done.returncode == 0, done.stderr
+    records = json.loads(file.read_text(encoding="utf-8"))
+    assert [record["what"] for record in records] == ["step", "first_upright"]
+    assert all(0.4 < record["ratio"] < 2.5 for record in records)
+
+
+@pytest.mark.parametrize("arguments", [["no_such_revision"], ["HEAD", "--figures", "nothing"], []])
+def test_what_cannot_be_compared_is_said(arguments):
+    done = run(*arguments)
+    assert done.returncode == 2 and done.stdout == ""
+    assert arguments == [] or arguments[-1] in done.stderr

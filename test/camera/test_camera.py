@@ -1,0 +1,148 @@
+"""The node `camera` on real DDS: a video file that the test makes, and a camera that goes away."""
+
+import sys
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+cv2 = pytest.importorskip("cv2")
+
+import rclpy  # noqa: E402
+from live import NO_HANDLERS, NodeProcess  # noqa: E402
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
+from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: E402
+from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
+
+from lassokin_ros.camera import node as camera_module  # noqa: E402
+from lassokin_ros.detector.images import decode_image  # noqa: E402
+from lassokin_ros.video.sources import Image as SourceImage  # noqa: E402
+from lassokin_ros.video.sources import Source, SourceError  # noqa: E402
+
+COMMAND = [sys.executable, "-m", "lassokin_ros.camera.command"]
+FRAMES, FPS, SIZE = 12, 20.0, (160, 120)
+SIDE = 80
+DEADLINE_S = 30.0
+
+
+class Log:
+    """Keeps the node's log lines by level."""
+
+    def __init__(self):
+        self.lines = {"info": [], "warning": [], "error": []}
+        for level, lines in self.lines.items():
+            setattr(self, level, lines.append)
+
+
+@pytest.fixture
+def ros():
+    """A context and an executor; what it makes ends with it."""
+    context = rclpy.Context()
+    rclpy.init(context=context, signal_handler_options=NO_HANDLERS)
+    executor = SingleThreadedExecutor(context=context)
+    yield context, executor
+    for node in executor.get_nodes():
+        node.destroy_node()
+    executor.shutdown()
+    context.try_shutdown()
+
+
+@pytest.fixture
+def log(monkeypatch):
+    result = Log()
+    monkeypatch.setattr(camera_module.CameraNode, "get_logger", lambda self: result)
+    return result
+
+
+def subscribe(context, executor, namespace):
+    """The images and camera_infos that arrive."""
+    images, infos = [], []
+    node = rclpy.create_node("viewer", namespace=namespace, context=context)
+    qos = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+    node.create_subscription(Image, "image_raw", images.append, qos)
+    node.create_subscription(CameraInfo, "camera_info", infos.append, qos)
+    executor.add_node(node)
+    return images, infos
+
+
+def spin_until(executor, condition, what):
+    end = time.monotonic() + DEADLINE_S
+    while not condition():
+        assert time.monotonic() < end, f"{what} did not come"
+        executor.spin_once(timeout_sec=0.05)
+
+
+def stamp_ns(message):
+    return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+
+
+def camera(context, executor, namespace, **parameters):
+    overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+    node = camera_module.CameraNode(context=context, namespace=namespace, parameter_overrides=overrides)
+    executor.add_node(node)
+    return node
+
+
+def test_a_video_file_is_published_at_its_own_times(ros, log, tmp_path):
+    file = tmp_path / "walk.avi"
+    writer = cv2.VideoWriter(str(file), cv2.VideoWriter.fourcc(*"MJPG"), FPS, SIZE)
+    for number in range(FRAMES):
+        writer.write(np.full((*SIZE[::-1], 3), (20 * number, 0, 0), np.uint8))  # BGR
+    writer.release()
+    node = camera(*ros, "/file", source=str(file), frame_id="lens", longest_side=SIDE)
+    assert node.count_publishers("image_raw") == 1 and "starts when somebody subscribes" in log.lines["info"][-1]
+    images, infos = subscribe(*ros, "/file")
+    spin_until(ros[1], lambda: images and abs(stamp_ns(images[-1]) - stamp_ns(images[0])) >= 1e9 * 10 / FPS, "images")
+    spin_until(ros[1], lambda: log.lines["info"][-1] == "walk.avi has ended", "the end")
+    steps = np.diff([stamp_ns(image) for image in images]) / (1e9 / FPS)
+    assert np.allclose(steps, np.round(steps), atol=1e-3) and steps.min() > 0.99
+    assert {image.header.frame_id for image in images} == {"lens"} and infos[-1].header.frame_id == "lens"
+    blue = decode_image(images[-1])[:, :, 2].mean()
+    assert decode_image(images[-1])[:, :, 0].max() < 30 and blue > 150
+    focal = SIDE / 2 / np.tan(np.radians(30))
+    assert np.allclose(infos[0].k, [focal, 0, 39.5, 0, focal, 29.5, 0, 0, 1]) and infos[0].distortion_model
+    assert (infos[0].width, infos[0].height) == (80, 60) and {stamp_ns(i) for i in infos} & {
+        stamp_ns(i) for i in images
+    }
+    (warning,) = log.lines["warning"]
+    assert "field of view of 60 degrees is assumed" in warning and "parameter fov or calibration" in warning
+
+
+def test_a_camera_that_goes_away_is_reported_once_and_opened_again(ros, log, monkeypatch):
+    opened = []
+
+    def images(count):
+        for number in range(count):
+            yield SourceImage(number * 0.01, np.zeros((8, 8, 3), np.uint8))
+        raise SourceError("camera 0 gives no more images")
+
+    def open_source(name):
+        opened.append(name)
+        if len(opened) in (2, 3):
+            raise SourceError("camera 0 cannot be opened")
+        return Source("camera 0", (8, 8), (8, 8), 30.0, 0, images(3), live=True)
+
+    monkeypatch.setattr(camera_module, "open_source", open_source)
+    monkeypatch.setattr(camera_module, "RETRY_S", 0.02)
+    node = camera(*ros, "/lost", fov=70.0)
+    spin_until(ros[1], lambda: "camera 0 is back" in log.lines["info"], "the camera")
+    spin_until(ros[1], lambda: len(log.lines["error"]) > 1, "the second loss")
+    node.destroy_node()
+    assert not node._thread.is_alive()
+    assert set(log.lines["error"]) == {"camera 0 gives no more images; waiting for it"} and not log.lines["warning"]
+    assert opened[:4] == ["0"] * 4
+
+
+@pytest.mark.parametrize(
+    "parameters, words",
+    [
+        (["source:=97"], "camera: camera 97 cannot be opened: it does not exist, or another program uses it"),
+        (["source:=none.mp4"], "camera: there is no file or folder 'none.mp4'"),
+    ],
+)
+def test_what_cannot_be_opened_is_one_line_and_exit_code_2(parameters, words):
+    arguments = [part for parameter in parameters for part in ("-p", parameter)]
+    code, said = NodeProcess("/none", *arguments, command=COMMAND).stop(grace_s=30)
+    assert code == 2 and said.strip() == words

@@ -1,0 +1,53 @@
+"""Observed joints: those with a keypoint, and those between two joints with one."""
+
+import numpy as np
+import pytest
+from test_uncertainty import followed, replace_points
+
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.output.observed import ObservedJoints
+
+SKELETON = Skeleton.load("anthropometric", 1.75)
+LIMB_JOINTS = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
+LIMBS = {f"{side}_{joint}" for side in ("left", "right") for joint in LIMB_JOINTS}
+
+
+def observed(visible, layout="coco17"):
+    landmarks = Layout.load(layout, SKELETON)
+    seen = np.isin(landmarks.names, list(visible))
+    assert np.count_nonzero(seen) == len(set(visible))
+    return {SKELETON.joint_names[i] for i in np.flatnonzero(ObservedJoints(SKELETON, landmarks.joints).of(seen))}
+
+
+def test_all_of_coco():
+    assert observed(Layout.load("coco17", SKELETON).names) == LIMBS | {"head", "pelvis"}
+
+
+@pytest.mark.parametrize(
+    "visible, expected",
+    [
+        ((), set()),
+        (("nose",), {"head"}),
+        (("left_shoulder", "left_wrist"), {"left_shoulder", "left_wrist", "left_elbow"}),
+        (("left_shoulder", "left_elbow"), {"left_shoulder", "left_elbow"}),
+        (("left_hip", "right_hip"), {"left_hip", "right_hip", "pelvis"}),
+        (("left_hip", "left_ankle", "right_knee"), {"left_hip", "left_ankle", "left_knee", "right_knee"}),
+    ],
+)
+def test_a_joint_between_two_visible_ones_is_observed(visible, expected):
+    assert observed(visible) == expected
+
+
+def test_landmarks_at_the_trunk_and_feet():
+    assert observed(("neck", "mid_hip"), "body25") == {"spine3", "pelvis"}
+    assert observed(("left_big_toe",), "body25") == {"left_ankle"}
+
+
+def test_a_tracked_frame():
+    tracker, estimate = followed(("left_wrist",))
+    names = [tracker.skeleton.joint_names[i] for i in np.flatnonzero(~tracker.observed(estimate))]
+    assert {"left_wrist", "left_hand", "right_hand"} <= set(names) and "right_wrist" not in names
+    refused = tracker.track(replace_points(tracker, estimate))
+    with pytest.raises(ValueError, match="rejected"):
+        tracker.observed(refused)

@@ -1,0 +1,212 @@
+"""ONNX models with the inputs and outputs of real pose models, which find the reddest pixel instead of a person.
+
+They are real models: what they return depends on the size, order, type and scale of what they are given.
+"""
+
+import numpy as np
+import pytest
+
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.detector.backend import DetectorError, make_detector
+from lassokin_ros.detector.person_region import WHOLE, region_around
+from lassokin_ros.detector.pose_models import recognise
+
+pytest.importorskip("cv2")
+
+COCO = 17
+SKELETON = Skeleton.load("anthropometric", 1.75)
+SPOT = np.array([410, 130])
+"""px: x, y of the red square's centre in the image."""
+
+
+@pytest.fixture(scope="module")
+def onnx():
+    pytest.importorskip("onnxruntime", reason="the models need onnxruntime")
+    return pytest.importorskip("onnx", reason="the models are built with the package onnx")
+
+
+@pytest.fixture
+def image():
+    """A blue landscape image with a red square."""
+    result = np.zeros((480, 640, 3), np.uint8)
+    result[:, :, 2] = 200
+    result[SPOT[1] - 12 : SPOT[1] + 12, SPOT[0] - 12 : SPOT[0] + 12] = (250, 0, 0)
+    return result
+
+
+class Graph:
+    """Adds nodes to an ONNX graph."""
+
+    def __init__(self, onnx, dtype, shape):
+        self.onnx, self.nodes, self.constants = onnx, [], []
+        self.input = onnx.helper.make_tensor_value_info("input", dtype, shape)
+
+    def constant(self, value, dtype=np.float32):
+        name = f"c{len(self.constants)}"
+        self.constants.append(self.onnx.numpy_helper.from_array(np.asarray(value, dtype), name))
+        return name
+
+    def node(self, operator, *inputs, **attributes):
+        name = f"n{len(self.nodes)}"
+        self.nodes.append(self.onnx.helper.make_node(operator, list(inputs), [name], **attributes))
+        return name
+
+    def save(self, path, outputs, dtype=None):
+        """outputs: [(name, value, declared shape)]."""
+        helper = self.onnx.helper
+        dtype = dtype or self.onnx.TensorProto.FLOAT
+        nodes = [*self.nodes, *(helper.make_node("Identity", [value], [name]) for name, value, _ in outputs)]
+        infos = [helper.make_tensor_value_info(name, dtype, shape) for name, _, shape in outputs]
+        graph = helper.make_graph(nodes, "pose", [self.input], infos, self.constants)
+        model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+        self.onnx.save(model, path)
+        return str(path)
+
+    def reddest(self, image, height, width):
+        """x and y (1, 1) of the reddest pixel; image: (1, 3, h, w)."""
+        red = self.node("Slice", image, *(self.constant(v, np.int64) for v in ([0], [1], [1])))
+        flat = self.node("Reshape", red, self.constant([1, height * width], np.int64))
+        place = self.node("ArgMax", self.node("Round", flat), axis=1, keepdims=1)
+        side = self.constant(width, np.int64)
+        x, y = self.node("Mod", place, side), self.node("Div", place, side)
+        return [self.node("Cast", value, to=self.onnx.TensorProto.FLOAT) for value in (x, y)]
+
+    def row(self, *parts):
+        """Parts (1, 1), joined and repeated to (1, 17, n)."""
+        joined = self.node("Concat", *parts, axis=1)
+        return self.node("Expand", joined, self.constant([1, COCO, len(parts)], np.int64))
+
+
+def movenet(onnx, path, dtype, side=192):
+    graph = Graph(onnx, dtype, [1, side, side, 3])
+    image = graph.node("Cast", "input", to=onnx.TensorProto.FLOAT)
+    x, y = graph.reddest(graph.node("Transpose", image, perm=[0, 3, 1, 2]), side, side)
+    scale = graph.constant(1 / side)
+    parts = graph.node("Mul", y, scale), graph.node("Mul", x, scale), graph.constant([[0.8]])
+    points = graph.node("Reshape", graph.row(*parts), graph.constant([1, 1, COCO, 3], np.int64))
+    return graph.save(path, [("output_0", points, [1, 1, COCO, 3])])
+
+
+def rtmpose(onnx, path, count=COCO, width=192, height=256):
+    """SimCC: the largest red of each column and row, two bins a pixel; normalised by the model's caller."""
+    graph = Graph(onnx, onnx.TensorProto.FLOAT, ["batch", 3, height, width])
+    red = graph.node("Slice", "input", *(graph.constant(v, np.int64) for v in ([0], [1], [1])))
+    red = graph.node("Mul", red, graph.constant(0.4))  # 2.2 standard deviations of red: a score of 0.9
+    outputs = []
+    for name, axis, bins in (("simcc_x", 2, width), ("simcc_y", 3, height)):
+        largest = graph.node("ReduceMax", red, axes=[axis], keepdims=0)  # (1, 1, bins)
+        column = graph.node("Reshape", largest, graph.constant([1, 1, bins, 1], np.int64))
+        twice = graph.node("Expand", column, graph.constant([1, count, bins, 2], np.int64))
+        outputs.append((name, graph.node("Reshape", twice, graph.constant([1, count, 2 * bins], np.int64))))
+    return graph.save(path, [(name, value, [f"{name}_0", count, f"{name}_2"]) for name, value in outputs])
+
+
+def yolo(onnx, path, end_to_end, half=False, score=0.9, side=640):
+    """Person 1 of `people` has the score; its points are the reddest pixel."""
+    dtype = onnx.TensorProto.FLOAT16 if half else onnx.TensorProto.FLOAT
+    graph = Graph(onnx, dtype, [1, 3, side, side])
+    # Colours come in 0 to 1: rounded, the square is 1, and the border 0.
+    image = graph.node("Cast", "input", to=onnx.TensorProto.FLOAT)
+    x, y = graph.reddest(image, side, side)
+    points = graph.node("Reshape", graph.row(x, y, graph.constant([[0.7]])), graph.constant([1, 3 * COCO], np.int64))
+    head = [[0, 0, 10, 10, score, 0]] if end_to_end else [[0, 0, 10, 10, score]]
+    person = graph.node("Concat", graph.constant(head), points, axis=1)
+    people, size = (300, 57) if end_to_end else (8400, 56)
+    pads = graph.constant([1, 0, people - 2, 0], np.int64)
+    rows = graph.node("Reshape", graph.node("Pad", person, pads), graph.constant([1, people, size], np.int64))
+    if not end_to_end:
+        rows = graph.node("Transpose", rows, perm=[0, 2, 1])
+    if half:
+        rows = graph.node("Cast", rows, to=dtype)
+    return graph.save(path, [("output0", rows, [1, people, size] if end_to_end else [1, size, people])], dtype)
+
+
+MODELS = {
+    "MoveNet Lightning, int32": (lambda onnx, path: movenet(onnx, path, onnx.TensorProto.INT32), "coco17", 0.8),
+    "MoveNet Thunder, uint8": (lambda onnx, path: movenet(onnx, path, onnx.TensorProto.UINT8, 256), "coco17", 0.8),
+    "MoveNet, float": (lambda onnx, path: movenet(onnx, path, onnx.TensorProto.FLOAT), "coco17", 0.8),
+    "RTMPose, COCO": (rtmpose, "coco17", 0.9),
+    "RTMPose, Halpe": (lambda onnx, path: rtmpose(onnx, path, 26, 288, 384), "halpe26", 0.9),
+    "YOLOv8, YOLO11": (lambda onnx, path: yolo(onnx, path, False), "coco17", 0.7),
+    "YOLO11, half": (lambda onnx, path: yolo(onnx, path, False, half=True), "coco17", 0.7),
+    "YOLO26": (lambda onnx, path: yolo(onnx, path, True), "coco17", 0.7),
+}
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_models_points_are_pixels_of_the_image(name, onnx, image, tmp_path):
+    build, layout, score = MODELS[name]
+    detector = make_detector(build(onnx, tmp_path / "pose.onnx"))
+    assert detector.landmarks == layout
+    for seconds in (0.0, 0.03):  # the second image may get a part of it
+        found = detector.detect(image, seconds)
+        assert found.pixels.shape == (len(Layout.load(layout, SKELETON).names), 2)
+        assert np.abs(found.pixels - SPOT).max() < 17 and np.ptp(found.pixels, axis=0).max() < 1e-6
+        assert np.allclose(found.confidence, score, atol=0.05)
+    detector.close()
+
+
+@pytest.mark.parametrize("name", ["MoveNet Lightning, int32", "RTMPose, COCO"])
+def test_points_in_a_part_of_the_image_are_pixels_of_the_image(name, onnx, image, tmp_path):
+    detector = make_detector(MODELS[name][0](onnx, tmp_path / "pose.onnx"))
+    detector._region = (slice(90, 230), slice(330, 460))
+    assert np.abs(detector.detect(image, 0.0).pixels - SPOT).max() < 15
+    detector._region = (slice(300, 400), slice(0, 100))  # without the red square
+    assert np.abs(detector.detect(image, 0.0).pixels - SPOT).max() > 100
+
+
+def test_yolo_without_a_person(onnx, image, tmp_path):
+    for end_to_end in (False, True):
+        detector = make_detector(yolo(onnx, tmp_path / "pose.onnx", end_to_end, score=0.1))
+        found = detector.detect(image, 0.0)
+        assert not found.confidence.any() and np.isnan(found.pixels).all()
+
+
+def test_what_is_no_pose_model_is_one_line(onnx, tmp_path):
+    file = tmp_path / "model.onnx"
+    graph = Graph(onnx, onnx.TensorProto.FLOAT, [1, 3, 8, 8])
+    mean = graph.node("GlobalAveragePool", "input")
+    graph.save(file, [("class", mean, [1, 3, 1, 1])])
+    with pytest.raises(DetectorError, match=r"its outputs are \(1, 3, 1, 1\); expected MoveNet") as caught:
+        make_detector(str(file))
+    assert "\n" not in str(caught.value)
+    graph = Graph(onnx, onnx.TensorProto.FLOAT, [1, 8])
+    graph.save(file, [("same", graph.node("Neg", "input"), [1, 8])])
+    with pytest.raises(DetectorError, match="expected one image"):
+        make_detector(str(file))
+    file.write_bytes(b"no model")
+    with pytest.raises(DetectorError, match="is no ONNX model"):
+        make_detector(str(file))
+    with pytest.raises(DetectorError, match="there is no file"):
+        make_detector(str(tmp_path / "none.onnx"))
+
+
+def test_kinds_are_recognised_by_shapes():
+    names = {
+        (False, ((1, 1, 17, 3),)): "MoveNet",
+        (True, ((1, 17, 384), (1, 17, 512))): "RTMPose",
+        (True, ((1, 56, 8400),)): "YOLO-pose",
+        (True, ((1, 300, 57),)): "YOLO-pose, end to end",
+        (True, ((1, 1000),)): None,
+        (True, ((1, 133, 384), (1, 133, 512))): None,
+        (False, ((1, 6, 56),)): None,
+    }
+    for (channels_first, shapes), name in names.items():
+        found = recognise(channels_first, shapes)
+        assert (found and found[0].name) == name, shapes
+
+
+def test_the_region_holds_the_person_with_a_margin():
+    points = np.zeros((17, 3))
+    points[:, 2] = 0.9
+    points[:, :2] = np.random.default_rng(0).uniform((300, 100), (340, 260), (17, 2))
+    rows, columns = region_around(points, (480, 640, 3))
+    assert columns.start < points[:, 0].min() - 10 and columns.stop > points[:, 0].max() + 10
+    assert rows.start < points[:, 1].min() - 5 and rows.stop > points[:, 1].max() + 5
+    assert (rows.stop - rows.start) * (columns.stop - columns.start) < 0.4 * 480 * 640
+    edge = points + (310, -120, 0)
+    rows, columns = region_around(edge, (480, 640, 3))
+    assert rows.start == 0 and columns.stop == 640
+    points[11:13, 2] = 0.1  # no hips: a face alone must not capture the region
+    assert region_around(points, (480, 640, 3)) == WHOLE

@@ -1,0 +1,94 @@
+"""docs/first-skeleton.md, followed literally: its commands, as far as this machine allows, and its tables."""
+
+import ast
+import importlib.util
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from benchmarks.common.report import data_folder
+from lassokin_ros.cli.lassokin import COMMANDS
+from lassokin_ros.video.command import parser
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs" / "first-skeleton.md").read_text(encoding="utf-8")
+LINES = [shlex.split(line) for line in re.findall(r"^    (\S.*)$", PAGE, re.MULTILINE)]
+TRACK = [line[2:] for line in LINES if line[:2] == ["lassokin", "track"]]
+VIDEO = data_folder() / "video" / "balancing_cam01.mp4"
+
+
+def table(header):
+    """(names, default) of each row of the table with this first column."""
+    body = PAGE.split(f"| {header} |")[1].split("\n\n")[0].splitlines()[2:]
+    return {tuple(re.findall(r"`([^`]+)`", row.split("|")[1])): row.split("|")[2].strip() for row in body}
+
+
+def commands(*first):
+    return [line for line in LINES if line[: len(first)] == list(first)]
+
+
+def test_every_command_is_of_a_kind_that_is_checked_here():
+    known = [("pip", "install"), ("lassokin",), ("ros2", "launch"), ("ros2", "run"), ("python3", "-m")]
+    assert LINES and all(any(tuple(line[: len(kind)]) == kind for kind in known) for line in LINES), LINES
+
+
+def test_options_are_those_of_the_command():
+    assert TRACK and all(parser().parse_args(line) for line in TRACK)
+    actions = [action for action in parser()._actions if action.option_strings and action.dest != "help"]
+    assert {name for names in table("option") for name in names} == {a.option_strings[0] for a in actions}
+
+
+def test_extras_exist():
+    setup = (ROOT / "setup.py").read_text(encoding="utf-8")
+    extras = ",".join(re.findall(r"'\.\[([\w,]+)\]'", PAGE)).split(",")
+    assert extras and all(f'"{extra}": ' in setup for extra in extras), extras
+
+
+def test_arguments_and_parameters_are_those_of_the_code():
+    launch = ast.parse((ROOT / "launch" / "webcam.launch.py").read_text(encoding="utf-8"))
+    assigned = {ast.unparse(node.targets[0]): node.value for node in launch.body if isinstance(node, ast.Assign)}
+    arguments = {key.value for key in assigned["ARGUMENTS"].keys}
+    assert {names[0] for names in table("argument")} | {"height", "rviz"} == arguments
+    for line in commands("ros2", "launch"):
+        assert line[2:4] == ["lassokin_ros", "webcam.launch.py"]
+        assert {item.partition(":=")[0] for item in line[4:]} <= arguments
+    for line in commands("ros2", "run"):
+        assert line[2] == "lassokin_ros" and line[3] in COMMANDS
+    assert all(importlib.util.find_spec(line[2]) for line in commands("python3", "-m"))
+
+
+def test_the_cameras_parameters_are_those_of_the_node():
+    pytest.importorskip("rclpy", reason="the node camera needs rclpy")
+    from lassokin_ros.camera.node import PARAMETERS
+
+    documented = {names[0]: default.strip("`") for names, default in table("parameter").items()}
+    assert documented == {
+        name: f'"{value}"' if isinstance(value, str) else str(value) for name, (value, _) in PARAMETERS.items()
+    }
+    (camera,) = [line for line in commands("ros2", "run") if line[3] == "camera"]
+    given = [item.partition(":=")[0] for before, item in zip(camera, camera[1:]) if before == "-p"]
+    assert given and set(given) <= set(PARAMETERS)
+
+
+@pytest.mark.skipif(not VIDEO.is_file(), reason=f"there is no video '{VIDEO}'")
+@pytest.mark.parametrize("line", [line for line in TRACK if line[-1] != "--view"], ids=" ".join)
+def test_the_tracks_of_the_page_run(line, tmp_path):
+    """A recorded video replaces the webcam; all else is as the page has it. The window of --view needs a screen."""
+    if "--view" in line:
+        pytest.importorskip("rerun", reason="--view needs rerun-sdk")
+    pytest.importorskip("mediapipe", reason="the detector of the page needs mediapipe")
+    pytest.importorskip("plotly", reason="the report needs plotly")
+    given = [str(VIDEO) if word == "0" else word for word in line]
+    command = [sys.executable, "-m", "lassokin_ros.cli.lassokin", "track", *given]
+    environment = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert "100 in, 100 tracked" in done.stdout
+    files = [word for word in line if re.search(r"\.\w+$", word) and not word[0].isdecimal()]
+    assert files and sorted(file.name for file in tmp_path.iterdir()) == sorted(files)
+    assert all((tmp_path / file).stat().st_size > 10_000 for file in files)

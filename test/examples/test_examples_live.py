@@ -1,0 +1,155 @@
+"""The three examples as processes on real DDS, with somebody there and with nobody."""
+
+import importlib.util
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip("rclpy")
+
+from geometry_msgs.msg import PointStamped, Pose, PoseArray, TransformStamped, Twist  # noqa: E402
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
+from rclpy.signals import SignalHandlerOptions  # noqa: E402
+
+from msg_adapters.backends import RclpyBackend  # noqa: E402
+from msg_adapters.output_messages.skeleton_cloud import SkeletonCloudBuilder  # noqa: E402
+
+ROOT = Path(__file__).resolve().parents[2]
+DEADLINE_S = 30.0
+
+
+class Robot:
+    """Publishes what the tracker would, and listens to an example."""
+
+    def __init__(self):
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, signal_handler_options=SignalHandlerOptions.NO)
+        self.node = rclpy.create_node("robot", context=self.context)
+        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor.add_node(self.node)
+        self.got = []
+
+    def listen(self, message_type, topic):
+        self.node.create_subscription(message_type, topic, self.got.append, 10)
+
+    def spin_until(self, condition, what, act=lambda: None):
+        """Spin, and act again and again, until the condition holds."""
+        end = time.monotonic() + DEADLINE_S
+        while not condition():
+            assert time.monotonic() < end, f"{what} did not come"
+            act()
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def close(self):
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+
+@pytest.fixture
+def robot():
+    result = Robot()
+    yield result
+    result.close()
+
+
+@contextmanager
+def example(name):
+    """The example's process; at the end it must stop at SIGINT with exit code 0."""
+    command = [sys.executable, f"examples/{name}.py"]
+    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    try:
+        yield process
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=10) == 0
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def joints(frame_id="camera", **places):
+    """A PoseArray of 24 joints; places: index=(x, y, z) by name joint_<index>."""
+    message = PoseArray(poses=[Pose() for _ in range(24)])
+    message.header.frame_id = frame_id
+    for name, (x, y, z) in places.items():
+        position = message.poses[int(name.removeprefix("joint_"))].position
+        position.x, position.y, position.z = x, y, z
+    return message
+
+
+def test_follow_person_stands_still_for_nobody_and_drives_to_somebody(robot):
+    robot.listen(Twist, "cmd_vel")
+    tracker = robot.node.create_publisher(PointStamped, "/tracker/translation", 10)
+    person = PointStamped()
+    person.point.x, person.point.z = -0.5, 3.5
+    with example("follow_person"):
+        robot.spin_until(lambda: robot.got, "a command")
+        assert (robot.got[-1].linear.x, robot.got[-1].angular.z) == (0.0, 0.0)
+        robot.spin_until(lambda: robot.got[-1].linear.x > 0, "motion", lambda: tracker.publish(person))
+        assert robot.got[-1].linear.x == pytest.approx(1.0) and robot.got[-1].angular.z == pytest.approx(
+            0.142, abs=1e-3
+        )
+        robot.spin_until(lambda: robot.got[-1].linear.x == 0, "a stop after the person has left")
+
+
+def test_a_raised_hand_is_said_once(robot):
+    tracker = robot.node.create_publisher(PoseArray, "/tracker/joints", 10)
+    up, down = joints(joint_15=(0.0, -0.6, 3.0), joint_20=(0.2, -0.9, 3.0)), joints(joint_20=(0.2, 0.5, 3.0))
+    with example("raised_hand") as process:
+        robot.spin_until(lambda: tracker.get_subscription_count(), "the example")
+        for message in (down, up, up, down):
+            tracker.publish(message)
+        robot.spin_until(lambda: tracker.wait_for_all_acked(), "the acknowledgement")
+        line = process.stdout.readline()
+        assert "left hand raised" in line
+        process.send_signal(signal.SIGINT)
+        assert "left hand raised" not in process.stdout.read()
+
+
+def test_a_hand_is_published_while_it_is_seen_and_certain(robot):
+    from sensor_msgs.msg import PointCloud2
+
+    robot.listen(PointStamped, "hand")
+    tracker = robot.node.create_publisher(PointCloud2, "/tracker/skeleton", 10)
+    cloud = SkeletonCloudBuilder(RclpyBackend(), 24)
+
+    def message(stamp_s, seen, deviation):
+        places = np.full((24, 3), 1.0) + np.arange(24)[:, None]
+        doubt = np.tile(deviation**2 * np.eye(3), (24, 1, 1))
+        return cloud.fill(stamp_s * 10**9, "camera", places, np.zeros((24, 3)), doubt, np.full(24, seen))
+
+    with example("hand_over"):
+        robot.spin_until(lambda: tracker.get_subscription_count(), "the example")
+        for stamp_s, seen, deviation in ((1, False, 0.05), (2, True, 0.2), (3, True, 0.05)):
+            tracker.publish(message(stamp_s, seen, deviation))
+        robot.spin_until(lambda: robot.got, "a hand", lambda: tracker.publish(message(3, True, 0.05)))
+    assert {point.header.stamp.sec for point in robot.got} == {3}
+    assert {(point.header.frame_id, point.point.x) for point in robot.got} == {("camera", 22.0)}
+
+
+@pytest.mark.skipif(
+    not all(importlib.util.find_spec(name) for name in ("tf2_ros", "tf2_geometry_msgs")),
+    reason="tf2_ros and tf2_geometry_msgs are not installed",
+)
+def test_the_wrist_is_in_base_link(robot):
+    from tf2_msgs.msg import TFMessage
+
+    robot.listen(PointStamped, "right_wrist")
+    tracker = robot.node.create_publisher(PoseArray, "/tracker/joints", 10)
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    tf = robot.node.create_publisher(TFMessage, "/tf_static", latched)
+    with example("wrist_in_base"):
+        robot.spin_until(lambda: tracker.get_subscription_count(), "the example")
+        tracker.publish(joints(joint_21=(0.1, 0.2, 3.0)))  # without TF: a warning, no point
+        mount = TransformStamped(child_frame_id="camera")
+        mount.header.frame_id, mount.transform.translation.z, mount.transform.rotation.w = "base_link", 1.0, 1.0
+        tf.publish(TFMessage(transforms=[mount]))
+        robot.spin_until(lambda: robot.got, "a point", lambda: tracker.publish(joints(joint_21=(0.1, 0.2, 3.0))))
+        assert robot.got[-1].header.frame_id == "base_link" and robot.got[-1].point.z == pytest.approx(4.0)

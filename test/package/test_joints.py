@@ -1,0 +1,19 @@
+"""The public indices of joints are those of the built-in skeleton, and the module costs no import."""
+
+import subprocess
+import sys
+
+from lassokin_ros import joints
+from lassokin_ros.core.body.skeleton import Skeleton
+
+
+def test_constants_and_names_are_those_of_the_skeleton():
+    skeleton = Skeleton.load("anthropometric", 1.75)
+    assert joints.NAMES == tuple(skeleton.joint_names)
+    assert [joints.INDEX[name] for name in skeleton.joint_names] == list(range(24))
+    assert [getattr(joints, name.upper()) for name in skeleton.joint_names] == list(range(24))
+
+
+def test_the_module_imports_nothing():
+    code = "import sys, lassokin_ros.joints; assert 'numpy' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=30)

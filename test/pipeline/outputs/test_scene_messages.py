@@ -1,0 +1,195 @@
+"""Messages of all people, the state of tracking, TF of the joints, and labels, without middleware."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from messages import FRAME, camera_info, cloud, pixels_of_motion, rosbags_backend
+from scipy.spatial.transform import Rotation
+
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.errors import ConfigurationError
+from lassokin_ros.core.observation import Status
+from lassokin_ros.pipeline.outputs import topics
+from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
+from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, images_of
+from lassokin_ros.pipeline.outputs.presence_state import PresenceState
+from lassokin_ros.pipeline.parameter_files import offline_settings
+from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.settings import NodeSettings
+from lassokin_ros.replay.offline_tracker import add_type
+from msg_adapters.output_messages.people import BUILDERS, CLOUD_TYPE, DEFINITIONS, DETECTIONS_TYPE, PEOPLE_TYPE, POINT
+
+pytest.importorskip("rosbags")
+START_NS, SECOND = 5_000_000_000, 1_000_000_000
+PIXELS = pixels_of_motion(8)
+BACKEND = rosbags_backend()
+for _name, _definition in DEFINITIONS.items():
+    add_type(BACKEND._typestore, _name, _definition)
+
+
+@pytest.fixture(scope="module")
+def frames():
+    pipeline = Pipeline(TrackerConfig(), NodeSettings())
+    pipeline.set_camera(camera_info(BACKEND))
+    return [pipeline.process(cloud(BACKEND, START_NS + i * 20_000_000, PIXELS[i]), 7) for i in range(8)]
+
+
+def people_at(frames, message_type, stamp_ns):
+    """The message at a time after the last frame, serialised and read again as another node would."""
+    messages = PeopleMessages(BACKEND, message_type)
+    messages.update(frames, None)
+    store = BACKEND._typestore
+    message = messages.build((stamp_ns, FRAME), lost_after=1.0, forget_after=3.0)
+    return store.deserialize_cdr(store.serialize_cdr(message, message_type), message_type)
+
+
+@pytest.mark.parametrize("message_type", BUILDERS)
+@pytest.mark.parametrize("age_s, state", [(0, "tracking"), (2, "lost"), (4, "nobody")])
+def test_each_type_of_people_has_the_person_of_the_frame(frames, message_type, age_s, state):
+    newest = frames[-1]
+    message = people_at(frames, message_type, newest.stamp_ns + age_s * SECOND)
+    assert message.header.frame_id == FRAME
+    people = {
+        CLOUD_TYPE: lambda m: np.frombuffer(m.data.tobytes(), POINT),
+        DETECTIONS_TYPE: lambda m: m.detections,
+        PEOPLE_TYPE: lambda m: m.people,
+    }[message_type](message)
+    assert len(people) == (state != "nobody")
+    if state == "nobody":
+        return
+    sure = 1 - newest.uncertainty.failure_probability if state == "tracking" else 0.0
+    place, covariance = newest.estimate.pose.positions[0], newest.uncertainty.absolute.pelvis
+    (person,) = people
+    if message_type == CLOUD_TYPE:
+        assert (person["person"], person["tracked"]) == (1, state == "tracking")
+        assert np.allclose([person[name] for name in ("vx", "vy", "vz")], newest.velocity, atol=1e-6)
+        given = [person[name] for name in "xyz"], person["confidence"], person["zz"]
+    elif message_type == DETECTIONS_TYPE:
+        (result,) = person.results
+        box, at = person.bbox, result.pose.pose.position
+        assert (person.id, result.hypothesis.class_id) == ("p1", "person")
+        assert box.size.y > 1.3 and abs(box.center.position.y - at.y) < 0.5
+        given = [at.x, at.y, at.z], result.hypothesis.score, result.pose.covariance.reshape(6, 6)[2, 2]
+    else:
+        tags, at = dict(zip(person.tagnames, person.tags)), person.position
+        assert (person.name, tags["state"]) == ("p1", state)
+        assert np.allclose([person.velocity.x, person.velocity.y, person.velocity.z], newest.velocity)
+        given = [at.x, at.y, at.z], person.reliability, float(tags["zz"])
+    assert np.allclose(given[0], place, atol=1e-6) and given[1] == pytest.approx(sure, abs=1e-6)
+    assert given[2] == pytest.approx(covariance[2, 2], rel=1e-5)
+
+
+def test_covariances_are_computed_only_for_a_message(frames):
+    messages = PeopleMessages(BACKEND, CLOUD_TYPE)
+    fresh = Pipeline(TrackerConfig(), NodeSettings())
+    fresh.set_camera(camera_info(BACKEND))
+    frame = fresh.process(cloud(BACKEND, START_NS, PIXELS[0]), 7)
+    messages.update([frame], None)
+    assert "uncertainty" not in vars(frame)
+    messages.build((frame.stamp_ns, FRAME), 1.0, 3.0)
+    assert "uncertainty" in vars(frame)
+
+
+def test_people_who_left_or_are_of_another_camera_are_left_out(frames):
+    messages = PeopleMessages(BACKEND, CLOUD_TYPE)
+    messages.update(frames, [""])
+    at = frames[-1].stamp_ns
+    assert messages.build((at, "another_camera"), 1.0, 3.0).width == 0
+    assert messages.build((at - SECOND, FRAME), 1.0, 3.0).width == 0  # the stamps have jumped back
+    assert messages.build((at, FRAME), 1.0, 3.0).width == 1
+    messages.update([], ["p2"])
+    assert messages.build((at, FRAME), 1.0, 3.0).width == 0
+
+
+def test_the_images_of_a_message():
+    def result(stamp_ns, estimate, accepted):
+        return SimpleNamespace(estimate=estimate, stamp_ns=stamp_ns, frame_id="a", accepted=accepted)
+
+    tracked, rejected, refused = result(5, "some", True), result(6, "some", False), result(7, None, False)
+    assert images_of([tracked], (9, "b"), False) == [((5, "a"), [tracked])]
+    assert images_of([rejected], (9, "b"), False) == [((6, "a"), [rejected])]
+    assert images_of([refused], (9, "b"), False) == [] == images_of([], None, False)
+    assert images_of([], (9, "b"), False) == [((9, "b"), [])]
+    late = [result(4, "some", True), tracked, rejected]
+    assert images_of(late, (9, "b"), True) == [((4, "a"), late[:1]), ((5, "a"), [tracked])]
+    assert images_of([], (9, "b"), True) == []
+
+
+def test_the_state_of_one_person_is_lost_and_then_nobody():
+    state = PresenceState()
+    course = [
+        (0, Status.SEARCHING, "nobody"),
+        (1, Status.TRACKING, "tracking"),
+        (2, Status.TRACKING, "tracking"),
+        (3, Status.LOST, "lost"),
+        (4, Status.LOST, "lost"),
+        (5, Status.LOST, "nobody"),  # forget_after - lost_after later
+        (9, Status.LOST, "nobody"),
+        (10, Status.TRACKING, "tracking"),
+        (11, Status.SEARCHING, "nobody"),  # reset
+    ]
+    for seconds, status, expected in course:
+        before = state.value
+        changed = state.update(Presence(status), seconds * SECOND, lost_after=1.0, forget_after=3.0)
+        assert state.value == expected and changed == (before != expected), seconds
+
+
+def test_the_state_of_several_people():
+    state = PresenceState()
+    for status, ids, expected in (
+        (Status.SEARCHING, [], "nobody"),
+        (Status.TRACKING, ["p1", "p2"], "tracking"),
+        (Status.LOST, ["p1"], "lost"),
+        (Status.LOST, [], "nobody"),
+    ):
+        state.update(Presence(status, ids), 0, 1.0, 3.0)
+        assert state.value == expected
+
+
+def test_tf_of_all_joints_gives_the_joints_of_the_pose(frames):
+    """Chained from the camera, each frame is where its joint is, turned as the joint is."""
+    frame = frames[-1]
+    for rep155 in (False, True):
+        config = NodeSettings(publish_tf="all", rep155=rep155)
+        person = "p4" if rep155 else ""
+        message = dict(FrameMessages(BACKEND, frame.skeleton, "tracker", person, config).build(frame))[topics.TF]
+        known = {FRAME: (np.zeros(3), Rotation.identity())}
+        for transform in message.transforms:
+            assert transform.child_frame_id not in known
+            place, turn = known[transform.header.frame_id]
+            t, q = transform.transform.translation, transform.transform.rotation
+            there = place + turn.apply([t.x, t.y, t.z])
+            known[transform.child_frame_id] = there, turn * Rotation.from_quat([q.x, q.y, q.z, q.w])
+        pose, prefix = frame.estimate.pose, "tracker/p4/" if rep155 else "tracker/"
+        assert len(known) == 26
+        for name, place, turn in zip(frame.skeleton.joint_names, pose.positions, pose.orientations):
+            assert np.allclose(known[prefix + name][0], place) and np.allclose(
+                known[prefix + name][1].as_matrix(), turn
+            )
+        assert ("body_p4" if rep155 else "tracker/body") in known
+
+
+def test_labels_stand_at_the_joints(frames):
+    frame = frames[-1]
+    config = NodeSettings(joint_labels=True)
+    markers = dict(FrameMessages(BACKEND, frame.skeleton, config=config).build(frame))[topics.MARKERS].markers
+    texts = [marker for marker in markers if marker.type == 9]
+    assert [marker.text for marker in texts] == list(frame.skeleton.joint_names) and len(markers) == 26
+    places = [[m.pose.position.x, m.pose.position.y, m.pose.position.z] for m in texts]
+    assert np.array_equal(places, frame.estimate.pose.positions)
+
+
+@pytest.mark.parametrize("text, expected", [("off", "off"), ("false", "off"), ("true", "root"), ("all", "all")])
+def test_publish_tf_takes_yamls_booleans(text, expected):
+    assert offline_settings([], [f"publish_tf:={text}"])[1].publish_tf == expected
+
+
+def test_two_publishers_of_the_joints_frames_are_refused():
+    with pytest.raises(ConfigurationError, match="state_publisher"):
+        NodeSettings(publish_tf="all", state_publisher="human_state_publisher").checked()
+    with pytest.raises(ConfigurationError, match="people_type"):
+        NodeSettings(people_type="std_msgs/String").checked()
+    with pytest.raises(ConfigurationError, match="publish_tf"):
+        offline_settings([], ["publish_tf:=limbs"])

@@ -1,0 +1,247 @@
+"""Depth images at keypoints: sampling, matching by stamp, registration, and their effect on the track."""
+
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+pytest.importorskip("rosbags", reason="rosbags makes the messages")
+
+from depth_camera import BACKGROUND, depth_message, render  # noqa: E402
+from messages import FOCAL, FRAME, HEIGHT, WIDTH, bytes_field, camera_info, cloud, rosbags_backend  # noqa: E402
+
+from lassokin_ros.core.body.kinematics import Kinematics  # noqa: E402
+from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
+from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
+from lassokin_ros.core.config import TrackerConfig  # noqa: E402
+from lassokin_ros.core.image.projection import project  # noqa: E402
+from lassokin_ros.demo.synthetic import motion  # noqa: E402
+from lassokin_ros.pipeline.depth_images import (  # noqa: E402
+    MATCHED,
+    NOT_REGISTERED,
+    REFUSED,
+    UNMATCHED,
+    DepthImages,
+)
+from lassokin_ros.pipeline.depth_sampling import sample_depth  # noqa: E402
+from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
+from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
+from msg_adapters.depth_image import decode_depth_image  # noqa: E402
+from msg_adapters.keypoints import Keypoints  # noqa: E402
+
+BACKEND = rosbags_backend()
+SIZE = WIDTH, HEIGHT
+PERIOD_NS = 33_333_333
+START_NS = 10**12
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """(skeleton, pixels (f, l, 2) with noise, joints (f, n, 3), landmarks (f, l, 3)) of two seconds at 30 Hz."""
+    skeleton = Skeleton.load("anthropometric", 1.75)
+    kinematics = Kinematics(skeleton, Layout.load("coco17", skeleton))
+    pose = kinematics.pose(motion(skeleton, 1.0 + np.arange(60) / 30))
+    noise = np.random.default_rng(0).normal(size=(*pose.landmarks.shape[:-1], 2))
+    pixels = project(pose.landmarks) * FOCAL + [WIDTH / 2, HEIGHT / 2] + 1.5 * noise
+    return skeleton, pixels, pose.positions, pose.landmarks
+
+
+@pytest.fixture(scope="module")
+def images(scene):
+    """Depth images of the scene, at half of the resolution, with 1 cm of noise and holes."""
+    random, depths = np.random.default_rng(1), []
+    for positions in scene[2]:
+        depth = render(scene[0], positions, 0.5)
+        depth += 0.01 * random.normal(size=depth.shape)
+        depth[random.random(depth.shape) < 0.1] = 0.0
+        depths.append(depth)
+    return depths
+
+
+def keypoints_of(xy, stamp_ns=START_NS, frame_id=FRAME):
+    return Keypoints(stamp_ns, frame_id, np.arange(len(xy)), xy, np.ones(len(xy)))
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.5, 0.25])
+def test_samples_are_the_surface_in_front_of_the_landmarks(scene, scale):
+    skeleton, pixels, positions, landmarks = scene
+    image = decode_depth_image(depth_message(BACKEND, 1, render(skeleton, positions[0], scale)))
+    depth = sample_depth(image, pixels[0], SIZE)
+    surface = Layout.load("coco17", skeleton).surface
+    joints = [5, 6, 11, 12, 13, 14]  # shoulders, hips, knees: nothing is in front of them in this frame
+    assert np.abs(depth + surface - landmarks[0, :, 2])[joints].max() < 0.06
+
+
+def test_a_limb_before_the_wall_has_its_own_depth():
+    depth = np.full((100, 100), 5.0)
+    depth[:, 50:] = 2.0  # the keypoint is on the edge
+    image = decode_depth_image(depth_message(BACKEND, 1, depth))
+    assert np.allclose(sample_depth(image, np.array([[50.0, 50.0]]), (100, 100)), 2.0)
+
+
+def test_holes_and_the_outside_are_missing():
+    depth = np.zeros((50, 100))
+    depth[20, 20] = 2.0
+    image = decode_depth_image(depth_message(BACKEND, 1, depth))
+    points = np.array([[20.0, 20.0], [-1.0, 5.0], [100.0, 5.0], [np.nan, 5.0], [5.0, 49.9], [1e9, 1e9]])
+    assert np.isnan(sample_depth(image, points, (100, 50))).all()
+    assert np.isfinite(sample_depth(image, points[:0], (100, 50))).all()
+
+
+def test_the_image_of_the_keypoints_time_is_used():
+    counts = Counter()
+    images = DepthImages(counts)
+    for number in range(5):
+        depth = np.full((HEIGHT // 4, WIDTH // 4), 1.0 + number)
+        assert images.add(depth_message(BACKEND, START_NS + number * PERIOD_NS, depth), 0) is None
+    xy = np.full((17, 2), 100.0)
+    for number, late in ((0, 0.0), (2, 0.4), (2, -0.4), (4, 0.49)):
+        stamp_ns = START_NS + round((number + late) * PERIOD_NS)
+        found = images.with_depth(keypoints_of(xy), stamp_ns, SIZE, FRAME)
+        assert np.allclose(found.depth, 1.0 + number) and found.depth_of_surface
+    assert images.with_depth(keypoints_of(xy), START_NS + 6 * PERIOD_NS, SIZE, FRAME).depth is None
+    assert images.awaits(START_NS + 6 * PERIOD_NS) and not images.awaits(START_NS + 4 * PERIOD_NS)
+    assert (counts[MATCHED], counts[UNMATCHED]) == (4, 1)
+    own = replace(keypoints_of(xy), depth=np.full(17, 9.0))
+    assert images.with_depth(own, START_NS, SIZE, FRAME) is own
+
+
+@pytest.mark.parametrize(
+    ("frame_id", "shape", "words"),
+    [("depth_optical_frame", (120, 160), "frame_id 'depth_optical_frame'"), (FRAME, (90, 160), "160 x 90 px")],
+)
+def test_an_image_that_is_not_registered_is_said_and_not_used(frame_id, shape, words):
+    counts = Counter()
+    images = DepthImages(counts)
+    images.add(depth_message(BACKEND, START_NS, np.ones(shape), frame_id=frame_id), 0)
+    assert images.with_depth(keypoints_of(np.full((17, 2), 50.0)), START_NS, SIZE, FRAME).depth is None
+    assert words in images.fault and counts[NOT_REGISTERED] == 1
+    images.add(depth_message(BACKEND, START_NS + PERIOD_NS, np.ones((120, 160))), 0)
+    found = images.with_depth(keypoints_of(np.full((17, 2), 50.0)), START_NS + PERIOD_NS, SIZE, FRAME)
+    assert found.depth is not None and images.fault == ""
+
+
+def test_an_unknown_encoding_is_said():
+    counts = Counter()
+    images = DepthImages(counts)
+    assert images.add(depth_message(BACKEND, 1, np.ones((4, 4)), "8UC1"), 0) == "depth_encoding"
+    assert "expected one of: 16UC1" in images.fault and counts[REFUSED] == 1
+
+
+def test_a_jump_back_in_time_forgets_the_images():
+    images = DepthImages(Counter())
+    for stamp_ns in (START_NS, START_NS - PERIOD_NS):  # the second one was overtaken
+        images.add(depth_message(BACKEND, stamp_ns, np.ones((4, 4))), 0)
+    assert images.newest_ns == START_NS
+    images.add(depth_message(BACKEND, START_NS - 10**10, np.ones((4, 4))), 0)
+    assert images.newest_ns == START_NS - 10**10
+
+
+def track(scene, images, settings=None, config=None, frames=60, change=lambda message: message):
+    """Mean joint and root errors (m) of the last second, and the pipeline; images: None for none."""
+    _, pixels, truth, _ = scene
+    pipeline = Pipeline(config or TrackerConfig(), settings or NodeSettings(depth="depth"))
+    pipeline.set_camera(camera_info(BACKEND))
+    errors = []
+    for i in range(frames):
+        stamp_ns = START_NS + i * PERIOD_NS
+        if images is not None:
+            pipeline.depth.add(change(depth_message(BACKEND, stamp_ns, images[i])), 0)
+        frame = pipeline.process(cloud(BACKEND, stamp_ns, pixels[i]), 0)
+        assert frame.accepted, frame.detail
+        positions = frame.estimate.pose.positions
+        errors.append(
+            (
+                np.linalg.norm((positions - positions[0]) - (truth[i] - truth[i, 0]), axis=-1).mean(),
+                np.linalg.norm(positions[0] - truth[i, 0]),
+            )
+        )
+    return np.mean(errors[frames // 2 :], axis=0), pipeline
+
+
+@pytest.fixture(scope="module")
+def without_depth(scene):
+    return track(scene, None)[0]
+
+
+def test_depth_images_make_the_track_better(scene, images, without_depth):
+    with_depth, pipeline = track(scene, images)
+    assert pipeline.counts[MATCHED] == 60 and pipeline.counts[UNMATCHED] == 0
+    assert with_depth[0] < 0.8 * without_depth[0] and with_depth[1] < 0.05
+
+
+def test_without_a_usable_image_the_track_is_that_without_depth(scene, without_depth):
+    errors, pipeline = track(scene, [np.zeros((24, 32))] * 60)
+    assert np.array_equal(errors, without_depth) and pipeline.counts[MATCHED] == 60
+
+
+def test_a_wall_behind_and_an_occluder_in_front_do_no_harm(scene, images, without_depth):
+    walls = [np.full_like(image, BACKGROUND) for image in images]
+    assert np.all(track(scene, walls)[0] < without_depth + 0.01)
+    hidden = []
+    for image in images:  # everything below the hips is behind a desk
+        image = image.copy()
+        image[image.shape[0] * 6 // 10 :] = 1.5
+        hidden.append(image)
+    assert np.all(track(scene, hidden)[0] < without_depth + 0.01)
+
+
+def test_the_height_is_measured(scene, images):
+    skeleton, pixels, truth, _ = scene
+    config = TrackerConfig(height=0.0)
+    errors, pipeline = track(scene, images, config=config)
+    height = pipeline.tracker.height
+    assert abs(height.height - 1.75) < 0.035 and abs(height.height - 1.75) < 3 * height.deviation < 0.2
+    assert abs(pipeline.tracker.skeleton.height - 1.75) < 0.05 and errors[1] < 0.08
+    pipeline.reset()
+    assert pipeline.tracker.skeleton.height == pytest.approx(config.assumed_height) and not height.measured
+    untold, pipeline = track(scene, None, config=config, frames=20)
+    assert pipeline.tracker.skeleton.height == config.assumed_height
+
+
+def test_the_cloud_may_bring_the_depth_itself(scene, images):
+    skeleton, pixels, _, landmarks = scene
+    message = cloud(BACKEND, START_NS, pixels[0])
+    kinds = np.dtype([("x", "<f4"), ("y", "<f4"), ("confidence", "<f4"), ("id", "<u4"), ("depth", "<f4")])
+    points = np.zeros(17, kinds)
+    points["x"], points["y"] = pixels[0].T
+    points["confidence"], points["id"], points["depth"] = 0.9, np.arange(17), landmarks[0, :, 2]
+    points["depth"][3] = np.nan
+    field = BACKEND.make("sensor_msgs/msg/PointField")
+    field.name, field.offset, field.datatype, field.count = "depth", 16, 7, 1
+    message.fields = [*message.fields, field]
+    message.point_step, message.row_step, message.data = 20, 20 * 17, bytes_field(BACKEND, points.tobytes())
+    pipeline = Pipeline(TrackerConfig(), NodeSettings())
+    pipeline.set_camera(camera_info(BACKEND))
+    keypoints, _ = pipeline._decode(message)
+    assert np.isnan(keypoints.depth[3]) and keypoints.depth_of_surface
+    assert np.allclose(np.delete(keypoints.depth, 3), np.delete(landmarks[0, :, 2], 3), atol=1e-5)
+    assert pipeline.process(message, 0).accepted
+
+
+SIZES = st.sampled_from([0, 1, 2, 3, 7, 16, 16385, 2**32 - 1])
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@settings(max_examples=300, deadline=None)
+@given(
+    st.sampled_from(["16UC1", "mono16", "32FC1", "", "8UC1", "\n" * 100]),
+    st.sampled_from([0, 1, 255]),
+    SIZES,
+    SIZES,
+    SIZES,
+    st.binary(max_size=600),
+    st.lists(st.floats(width=32), min_size=34, max_size=34),
+)
+def test_any_depth_image_is_sampled_or_refused(encoding, big_endian, height, width, step, data, points):
+    message = BACKEND.make("sensor_msgs/msg/Image")
+    message.encoding, message.is_bigendian, message.data = encoding, big_endian, np.frombuffer(data, np.uint8)
+    message.height, message.width, message.step = height, width, step
+    images = DepthImages(Counter())
+    reason = images.add(message, START_NS)
+    assert reason in (None, "depth_encoding", "depth_layout") and len(images.fault) < 500
+    found = images.with_depth(keypoints_of(np.reshape(points, (17, 2))), START_NS, SIZE, FRAME)
+    assert found.depth is None or (np.isnan(found.depth) | (found.depth > 0)).all()

@@ -1,0 +1,67 @@
+"""--view: what a recording for Rerun holds, and one line for what cannot be used."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cv2")
+
+from test_track import Standing, images  # noqa: E402, F401
+
+from lassokin_ros.core.body.rotations import exponential  # noqa: E402
+from lassokin_ros.video import track as track_module  # noqa: E402
+from lassokin_ros.video.command import WINDOW, main, parser  # noqa: E402
+from lassokin_ros.video.live_view import ellipsoids  # noqa: E402
+
+
+@pytest.fixture
+def standing(monkeypatch):
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
+
+
+def test_a_recording_holds_image_skeleton_uncertainty_and_angles(images, standing, tmp_path, capsys):  # noqa: F811
+    pytest.importorskip("rerun", reason="--view needs rerun-sdk")
+    file = tmp_path / "walk.rrd"
+    assert main([str(images), "--height", "1.8", "--view", str(file)]) == 0
+    assert "walk.rrd" in capsys.readouterr().out and [f.name for f in tmp_path.glob("*.rrd")] == ["walk.rrd"]
+    assert main([str(images), "--view", str(file)]) == 2
+    assert "exists already" in capsys.readouterr().err
+    reader = pytest.importorskip("rerun.chunk", reason="this rerun-sdk cannot read recordings").RrdReader
+    entities = {}
+    for chunk in reader(file).stream().to_chunks():
+        entities[chunk.entity_path] = entities.get(chunk.entity_path, 0) + (0 if chunk.is_static else chunk.num_rows)
+    for path in ("/camera/image", "/camera/image/keypoints", "/camera/image/skeleton", "/body/skeleton"):
+        assert entities[path] == 6, entities
+    for path in ("/body/uncertainty", "/angles/left_knee", "/errors/reprojection", "/errors/uncertainty"):
+        assert entities[path] == 6, entities
+
+
+def test_without_rerun_one_line_says_what_to_install(images, standing, tmp_path, monkeypatch, capsys):  # noqa: F811
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    assert main([str(images), "--view", str(tmp_path / "walk.rrd")]) == 2
+    assert (
+        capsys.readouterr()
+        .err.splitlines()[-1]
+        .endswith("--view needs rerun-sdk; install it with: pip install '.[view]'")
+    )
+    assert not list(tmp_path.glob("*.rrd"))
+
+
+def test_the_option_without_a_file_means_a_window():
+    assert parser().parse_args(["0"]).view is None
+    assert parser().parse_args(["0", "--view"]).view == WINDOW
+    assert parser().parse_args(["0", "--view", "w.rrd"]).view == Path("w.rrd")
+
+
+def test_an_ellipsoid_is_its_covariance():
+    rng = np.random.default_rng(0)
+    roots = rng.normal(size=(5, 3, 3))
+    covariance = roots @ roots.transpose(0, 2, 1)
+    half_sizes, quaternions = ellipsoids(covariance)
+    angle = 2 * np.arctan2(np.linalg.norm(quaternions[:, :3], axis=1), quaternions[:, 3])
+    axes = quaternions[:, :3] / np.linalg.norm(quaternions[:, :3], axis=1, keepdims=True)
+    turned = exponential(axes * angle[:, None])
+    assert np.allclose(turned @ (half_sizes[:, :, None] ** 2 * turned.transpose(0, 2, 1)), covariance)
+    assert not ellipsoids(np.zeros((1, 3, 3)))[0].any()

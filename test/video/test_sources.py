@@ -1,0 +1,151 @@
+"""Videos that the test makes: rotation metadata, variable frame rate, portrait, black bars, a camera that goes away."""
+
+import struct
+
+import numpy as np
+import pytest
+
+from lassokin_ros.video.camera import choose_camera
+from lassokin_ros.video.sources import SourceError, content_size, open_source
+
+cv2 = pytest.importorskip("cv2")
+
+SIZE, FPS, FRAMES = (160, 96), 25.0, 8
+ONE = 1 << 16
+W = 1 << 30
+
+
+def record(file, image, fps=FPS):
+    """A video of one image (BGR)."""
+    fourcc = "MJPG" if file.suffix == ".avi" else "mp4v"
+    writer = cv2.VideoWriter(str(file), cv2.VideoWriter.fourcc(*fourcc), fps, image.shape[1::-1])
+    for _ in range(FRAMES):
+        writer.write(image)
+    writer.release()
+    return file
+
+
+def corner(size=SIZE):
+    """A black image with a red upper left corner."""
+    image = np.zeros((size[1], size[0], 3), np.uint8)
+    image[:30, :40, 2] = 255
+    return image
+
+
+def write_matrix(file, matrix):
+    """Set the transformation of an MP4's track (ISO 14496-12, tkhd), from which players know the rotation."""
+    data = bytearray(file.read_bytes())
+    place = data.index(b"tkhd") + 44
+    data[place : place + 36] = struct.pack(">9i", *matrix)
+    file.write_bytes(data)
+
+
+def write_durations(file, durations):
+    """Set the durations of an MP4's images (ISO 14496-12, stts), in units of the track's own clock."""
+    data = bytearray(file.read_bytes())
+    place = data.index(b"stts") - 4
+    assert data.index(b"mdat") < place  # the images keep their offsets
+    table = b"".join(struct.pack(">2I", 1, duration) for duration in durations)
+    box = struct.pack(">I4s2I", 16 + len(table), b"stts", 0, len(durations)) + table
+    old = struct.unpack_from(">I", data, place)[0]
+    for name in (b"moov", b"trak", b"mdia", b"minf", b"stbl"):
+        parent = data.index(name) - 4
+        struct.pack_into(">I", data, parent, struct.unpack_from(">I", data, parent)[0] + len(box) - old)
+    data[place : place + old] = box
+    data = data.replace(b"edts", b"free")  # the edit list would end the video at its old duration
+    file.write_bytes(data)
+
+
+def clock_of(file):
+    """Units of the track's clock per second (mdhd)."""
+    data = file.read_bytes()
+    return struct.unpack_from(">I", data, data.index(b"mdhd") + 16)[0]
+
+
+ROTATIONS = {
+    0: ((ONE, 0, 0, 0, ONE, 0, 0, 0, W), SIZE, "upper left"),
+    90: ((0, ONE, 0, -ONE, 0, 0, SIZE[1] * ONE, 0, W), SIZE[::-1], "upper right"),
+    180: ((-ONE, 0, 0, 0, -ONE, 0, SIZE[0] * ONE, SIZE[1] * ONE, W), SIZE, "lower right"),
+    270: ((0, -ONE, 0, ONE, 0, 0, 0, SIZE[0] * ONE, W), SIZE[::-1], "lower left"),
+}
+
+
+@pytest.mark.parametrize("degrees", ROTATIONS)
+def test_images_are_turned_by_the_files_metadata(degrees, tmp_path):
+    file = record(tmp_path / "turned.mp4", corner())
+    matrix, size, where = ROTATIONS[degrees]
+    write_matrix(file, matrix)
+    source = open_source(str(file))
+    images = list(source.images)
+    assert source.size == size and len(images) == FRAMES
+    for image in (images[0].rgb, images[-1].rgb):
+        assert image.shape == (size[1], size[0], 3)
+        y, x = np.argwhere(image[:, :, 0] > 128).mean(axis=0)
+        assert ("upper" if y < size[1] / 2 else "lower") + (" left" if x < size[0] / 2 else " right") == where
+
+
+def test_a_variable_frame_rate_gives_the_containers_times(tmp_path):
+    file = record(tmp_path / "phone.mp4", corner())
+    seconds = np.array([0.04, 0.04, 0.12, 0.04, 0.04, 0.5, 0.04, 0.04])
+    write_durations(file, np.round(seconds * clock_of(file)).astype(int))
+    times = [image.seconds for image in open_source(str(file)).images]
+    assert np.allclose(times, np.concatenate([[0], np.cumsum(seconds)[:-1]]), atol=2e-3)
+
+
+@pytest.mark.parametrize("fps", [25.0, 60.0, 1000 / 33])
+def test_a_constant_frame_rate_gives_even_times(fps, tmp_path):
+    source = open_source(str(record(tmp_path / "even.avi", corner(), fps)))
+    assert np.allclose([image.seconds for image in source.images], np.arange(FRAMES) / fps, atol=2e-3)
+    assert np.isclose(source.fps, fps, rtol=1e-3) and source.count == FRAMES and not source.live
+
+
+def test_a_portrait_video_has_its_field_of_view_along_its_height(tmp_path):
+    source = open_source(str(record(tmp_path / "portrait.mp4", corner((96, 160)))))
+    assert source.size == source.content == (96, 160)
+    K = choose_camera(None, 90.0, source.size, source.content).K
+    assert np.allclose([K[0, 0], K[0, 2], K[1, 2]], [80, 47.5, 79.5])
+
+
+def test_black_bars_do_not_count_for_the_field_of_view(tmp_path):
+    image = np.random.default_rng(0).integers(0, 255, (96, 160, 3), dtype=np.uint8)
+    image[:, :53] = image[:, -53:] = 0
+    source = open_source(str(record(tmp_path / "bars.mp4", image)))
+    assert source.size == (160, 96) and abs(source.content[0] - 54) <= 4 and source.content[1] == 96
+    K = choose_camera(None, 90.0, source.size, source.content).K
+    assert np.allclose([K[0, 0], K[0, 2], K[1, 2]], [48, 79.5, 47.5])
+
+
+def test_what_is_dark_is_no_bar():
+    bright = np.full((96, 160, 3), 200, np.uint8)
+    assert content_size(bright) == content_size(np.zeros_like(bright)) == (160, 96)
+    bright[:, :60] = 0  # on one side only
+    assert content_size(bright) == (160, 96)
+
+
+class Camera:
+    """Replaces cv2.VideoCapture: a device that gives three images and goes away."""
+
+    def __init__(self, _):
+        self.left = 3
+
+    def isOpened(self):
+        return True
+
+    def read(self):
+        self.left -= 1
+        return self.left >= 0, np.zeros((4, 6, 3), np.uint8)
+
+    def get(self, _):
+        return 0.0
+
+    def release(self):
+        self.left = 0
+
+
+def test_a_camera_that_goes_away_is_one_line(monkeypatch):
+    monkeypatch.setattr(cv2, "VideoCapture", Camera)
+    source = open_source("0")
+    assert source.live and source.count == 0 and source.fps == 30.0
+    assert [next(source.images).rgb.shape for _ in range(3)] == [(4, 6, 3)] * 3
+    with pytest.raises(SourceError, match="^camera 0 gives no more images$"):
+        next(source.images)
