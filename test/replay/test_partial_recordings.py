@@ -134,6 +134,8 @@ def test_a_damaged_or_missing_log_is_refused(killed, tmp_path, capsys):
         log.write_bytes(whole[:place] + bytes(byte ^ 255 for byte in whole[place : place + 8]) + whole[place + 8 :])
         said = refusal(folder / "walk_0.db3", tmp_path, capsys)
         assert "walk_0.db3-wal' cannot be merged" in said and "damaged" in said
+    log.write_bytes(bytes(len(whole)))  # as after a loss of power
+    assert "walk_0.db3-wal' cannot be merged" in refusal(folder / "walk_0.db3", tmp_path, capsys)
     log.unlink()
     said = refusal(folder, tmp_path, capsys)  # without metadata.yaml nothing shows it
     assert f"only {FRAMES - LATE} of its {FRAMES} messages of /camera_info can be read from walk_0.db3" in said
