@@ -1,8 +1,8 @@
-"""Several people's trackers side by side, each at its own frame: what they all have to compute is computed at once.
+"""Batching: run the trackers of several people together and compute equal work at once.
 
-numpy takes hardly longer for the arrays of ten people than for one person's. So a tracker's step is a generator: where
-something heavy comes up it hands the `Work` out and goes on with what came of it. Of several people's, that of one kind
-is done in one go, by a part like theirs whose arrays have a first axis of people.
+numpy takes hardly longer for the arrays of ten people than for those of one. A tracker's step is therefore a generator:
+it yields expensive work as a `BatchedCall` and continues with the result. Calls of the same kind are executed together,
+by a stacked object whose arrays have a leading axis of people.
 """
 
 from __future__ import annotations
@@ -17,26 +17,26 @@ T = TypeVar("T")
 
 
 class BatchedCall(NamedTuple):
-    """A method of a part of a tracker, marked `shared`, to be called with these arguments, all made of arrays."""
+    """A call of a `shared` method of a tracker's part. The arguments are arrays or dataclasses of arrays."""
 
     part: Any
     method: str
     arguments: tuple[Any, ...]
 
     def done(self) -> Any:
-        """What comes of it."""
+        """Execute the call and return its result."""
         return getattr(self.part, self.method)(*self.arguments)
 
 
 Steps = Generator[BatchedCall, Any, T]
-"""What `alone` and `run_batched` run, to a T."""
+"""A generator for `run_single` and `run_batched` that returns a T."""
 
 
 def shared(takes: Sequence[str], gives: Sequence[str]) -> Callable[[T], T]:
-    """Mark a method that does several people's work at once, where arrays have one more axis in front.
+    """Mark a method that can process several people at once; arrays then have a leading axis of people.
 
-    Its class has a static method `together(several)`: a copy with what else it needs of several that are alike. takes,
-    gives: the attributes that it reads and leaves behind, which each person has.
+    Its class has a static method `stack(several)` that returns a copy for several people. takes, gives: names of the
+    per-person attributes that the method reads and sets.
     """
 
     def mark(method: T) -> T:
@@ -47,7 +47,7 @@ def shared(takes: Sequence[str], gives: Sequence[str]) -> Callable[[T], T]:
 
 
 def run_single(steps: Steps[T]) -> T:
-    """One person's, done as it comes."""
+    """Run the steps of one person. Each call is executed at once."""
     try:
         work = next(steps)
         while True:
@@ -57,15 +57,14 @@ def run_single(steps: Steps[T]) -> T:
 
 
 def run_batched(several: Sequence[Steps[T]]) -> list[T]:
-    """Everybody's, in their order: who comes to another kind of work waits for those who still have the one before.
+    """Run the steps of several people and return the results in order. People wait for those with earlier calls.
 
-    An error in one of them, the first, is raised when all the others have ended: they are left as they would be
-    without that one.
+    If some raise, the others still run to the end, as they would alone; then the first error is raised.
     """
     ended: dict[int, T] = {}
     errors: list[Exception] = []
     waiting: dict[int, BatchedCall] = {}
-    kinds: dict[tuple[Any, ...], None] = {}  # in the order in which they come up
+    kinds: dict[tuple[Any, ...], None] = {}  # in the order of their first occurrence
     answers: dict[int, Any] = dict.fromkeys(range(len(several)))
     while answers:
         for person, answer in answers.items():
@@ -86,7 +85,7 @@ def run_batched(several: Sequence[Steps[T]]) -> list[T]:
 
 
 def _kind(work: BatchedCall) -> tuple[Any, ...]:
-    """What of several can be done at once: the same method, with the same optional arrays present."""
+    """Key of calls that can be executed together: the same method, with the same optional arrays present."""
     return type(work.part), work.method, *(_absent_fields(argument) for argument in work.arguments)
 
 
@@ -98,11 +97,11 @@ def _absent_fields(argument: Any) -> tuple[str, ...]:
 
 
 def _done(works: Sequence[BatchedCall]) -> list[Any]:
-    """What comes of works of one kind, each person's answer or error."""
+    """Results of calls of one kind: each person's answer or error."""
     if len(works) > 1:
         try:
             return _done_at_once(works)
-        except Exception:  # somebody's; nobody has got anything of it yet
+        except Exception:  # one person's call failed; no attribute has been set yet
             pass
     answers = []
     for work in works:
@@ -127,14 +126,14 @@ def _done_at_once(works: Sequence[BatchedCall]) -> list[Any]:
 
 
 def stack_attribute(several: Sequence[T], attribute: str) -> T:
-    """A copy of the first of several with this array of all: people, an axis of length 1 for their states, and on."""
+    """A copy of the first object with the stacked attribute (people, 1, ...); the second axis is for states."""
     whole = copy(several[0])
     setattr(whole, attribute, np.array([getattr(one, attribute) for one in several])[:, None])
     return whole
 
 
 def stack_values(values: Sequence[Any]) -> Any:
-    """Arrays with a new first axis; dataclasses of arrays by their fields."""
+    """Stack arrays along a new first axis; dataclasses of arrays field by field."""
     first = values[0]
     if isinstance(first, np.ndarray):
         return np.array(values)
@@ -144,7 +143,7 @@ def stack_values(values: Sequence[Any]) -> Any:
 
 
 def select_person(value: Any, person: int) -> Any:
-    """One person's of what `stacked` gave, or of what was made of it."""
+    """Select one person from a value with a leading axis of people, such as those of `stack_values`."""
     if value is None or isinstance(value, np.ndarray):
         return None if value is None else value[person]
     return type(value)(*(select_person(field, person) for field in vars(value).values()))

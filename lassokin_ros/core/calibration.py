@@ -1,11 +1,11 @@
-"""Bone proportions learned while the person is followed; the height stays what it was given as.
+"""Calibration: learn the bone proportions during tracking. The height stays as given.
 
-The unknowns are about a dozen log-lengths, the same left and right (see `symmetry`). Some tracked frames, spread over
-time, are kept. For each the image's and the prior's rows are linearised in (pose, translation, log-lengths) and the
-first two are eliminated (Schur complement), which leaves normal equations in the lengths alone. Their sum, a log-normal
-prior about the given skeleton and a row that holds the stature are solved for the lengths. Kept frames are linearised
-again in turn, one a call, at the lengths known by then: Gauss-Newton on all of them, spread over time (Triggs et al.,
-Bundle adjustment: a modern synthesis, 2000, sec. 6).
+The unknowns are about a dozen log-lengths, the same left and right (see `proportions`). Some tracked frames, spread
+over time, are kept. For each, the rows of image and prior are linearised in (pose, translation, log-lengths), and pose
+and translation are eliminated (Schur complement), which leaves normal equations for the lengths. Their sum, a
+log-normal prior about the given skeleton and a row that fixes the stature are solved for the lengths. Kept frames are
+relinearised in turn, one per call, at the present lengths. This is Gauss-Newton on all kept frames, distributed over
+time (Triggs et al., Bundle adjustment: a modern synthesis, 2000, sec. 6).
 """
 
 from __future__ import annotations
@@ -27,56 +27,56 @@ from lassokin_ros.core.image.robust_loss import huber_cost, huber_weights, norm
 from lassokin_ros.core.schedule import Schedule
 
 MODELS = (0.003, 0.05, 0.12)
-"""What the given lengths may be: measured, good guesses, or somebody else's; standard deviation of a log-length about
-them. A measured skeleton is thereby left alone until the images clearly contradict it."""
+"""Standard deviation of a log-length about the given one if the given lengths are measured, good guesses, or those of
+another person. A measured skeleton thus stays unchanged until the images clearly contradict it."""
 ODDS = (0.3, 0.6, 0.1)
-"""How likely each is at first: a guess that passes for measured costs more than measured lengths that pass for one."""
+"""Prior probability of each case. Treating a guess as measured costs more than the opposite error."""
 STATURE_SPREAD = 0.005
-"""The same of the stature at rest: held, but as a row of a linear system."""
+"""Standard deviation of the logarithm of the stature at rest."""
 LARGEST_STEP = 0.1
-"""Largest change of a log-length in one update: the kept frames' poses have to follow."""
+"""Largest change of a log-length in one update, so that the poses of the kept frames can follow."""
 FARTHEST = 0.3
 """Largest log-length."""
 INFORMATION = 0.6
-"""Share of a kept frame's information that is counted: neither the prior's errors nor the tracks' are independent. Of
-frames kept more densely than in the end it is less, as their interval is: a detector's errors last."""
+"""Factor on a kept frame's information, because the errors of the prior and of the tracks are not independent. For
+frames at shorter intervals than the last one of `KEEP`, it is reduced in proportion to the interval."""
 KEEP = Schedule(0.04, 0.05, 0.25)
-"""s between kept frames, by the s that they span: whoever comes has the wrong lengths in every frame until enough are
-kept. All are kept to the end: with every other one half of the evidence would go, and wrong lengths would pass for
-measured ones."""
+"""s between kept frames, by the duration that they cover. It is short at first, because the lengths are wrong until
+enough frames are kept. All kept frames stay: dropping every other one would halve the evidence, and wrong lengths would
+count as measured."""
 WORK = Schedule(0.02, 0.02, 0.13)
-"""s between two pieces of work: one frame kept, or one linearised again."""
+"""s between two pieces of work: keep one frame, or relinearise one."""
 UPDATE = Schedule(0.2, 0.25, 1.0)
 """s between two updates of the skeleton."""
 SETTLED = 0.5
-"""s after a start before frames count; the first is kept an interval later."""
+"""s after an initialisation before frames are kept."""
 DAMPING = 1e-3
-"""1/rad^2, keeps what nothing observes where it is."""
+"""1/rad^2, fixes unobservable degrees of freedom."""
 TYPICAL_COST = 12.0
-"""Robust cost of a frame (image and prior) at which its weight is halved: a wrong pose explains the image badly. Where
-the kept frames' median is larger, as it is while the lengths are wrong, the median counts."""
+"""Robust cost of a frame (image and prior) at which its weight is halved: a wrong pose explains the image badly. If the
+median over the kept frames is larger, as it is while the lengths are wrong, the median is used instead."""
 VOLUME = 0.4
-"""Share of the pose's volume that is counted. Lengths that are likely leave many poses likely (a limb across the view),
-the best pose alone favours limbs that are too long and lean in depth. This and INFORMATION were chosen on the
-training clips of the prior."""
+"""Factor on the pose's volume, the log determinant of its information. The best pose alone favours limbs that are too
+long and lean in depth; the volume accounts for the many poses that are likely for correct lengths. VOLUME and
+INFORMATION were chosen on the training clips of the prior."""
 VOLUME_STEP = 0.05
-"""Step of the log-length over which the volume's change is taken, about what noise does to a limb in the image."""
+"""Step of the log-length for the finite difference of the volume, about the effect of noise on a limb in the image."""
 STEEPEST = 50.0
-"""Largest change of the volume's logarithm per log-length: near a limb across the view it is no longer meaningful."""
+"""Limit of the derivative of the log volume. For a limb across the view, larger values are not meaningful."""
 CERTAIN = 0.012
-"""Standard deviation of the least certain log-length below which it ends."""
+"""Standard deviation of the least certain log-length below which the calibration ends."""
 SHORTEST = 8.0
-"""s of kept motion before which it does not end."""
+"""s: minimum duration of kept motion."""
 LONGEST = 20.0
-"""s of kept motion after which it ends in any case."""
+"""s of kept motion after which the calibration ends in any case."""
 
 
 @dataclass(eq=False)
 class KeptFrame:
-    """A frame that speaks about the lengths: what was seen, its pose, and its normal equations in the lengths.
+    """A kept frame: its measurements, its pose, and its normal equations in the lengths.
 
-    share: of INFORMATION; information (p, p) and pull (p,), the gradient's negative, hold about `lengths`, where it was
-    linearised last.
+    share: factor on INFORMATION. information: (p, p), and pull: (p,), the negative gradient, both about `lengths`, the
+    lengths of the last linearisation.
     """
 
     state: BodyState
@@ -89,7 +89,7 @@ class KeptFrame:
 
 
 class Calibration:
-    """Learns the lengths of one person; `advance` with every tracked frame, then take `skeleton`."""
+    """Learns the lengths of one person. Call `advance` with every tracked frame; `skeleton` is the result."""
 
     def __init__(self, rows: FrameModel) -> None:
         self._kinematics = kinematics = rows.kinematics
@@ -99,7 +99,7 @@ class Calibration:
         self.reset()
 
     def reset(self) -> None:
-        """Back to the given lengths."""
+        """Return to the given lengths."""
         count = self.proportions.count
         self.lengths = np.zeros(count)
         self.spread = np.full(count, MODELS[1])
@@ -113,20 +113,20 @@ class Calibration:
 
     @property
     def skeleton(self) -> Skeleton:
-        """The skeleton as it is known by now."""
+        """The skeleton with the present lengths."""
         return self.proportions.skeleton(self.lengths)
 
     @property
     def progress(self) -> float:
-        """0 at the start, 1 when the lengths stay."""
+        """Progress from 0 to 1; at 1 the lengths no longer change."""
         return 1.0 if self.frozen else min(self.moved / LONGEST, 0.99)
 
     def restart_clock(self, stamp: float) -> None:
-        """The state was found anew: wait until it has settled before frames are kept."""
+        """After an initialisation: keep no frames until the state has settled."""
         self._kept_at = stamp + SETTLED
 
     def advance(self, stamp: float, state: BodyState, data: FrameData) -> bool:
-        """Use a tracked frame (arguments as in `Tracker`); True when the lengths have changed."""
+        """Use a tracked frame. stamp: s. Returns True if the lengths have changed."""
         if self.frozen or stamp - self._worked_at < WORK.interval(self.moved):
             return False
         self._worked_at = stamp
@@ -153,11 +153,11 @@ class Calibration:
         data = replace(data, joint_depths=None)
         frame = KeptFrame(state, data, share, self.lengths, np.zeros((count, count)), np.zeros(count))
         self._linearise(frame)
-        if math.isfinite(frame.cost):  # else nothing is known of it
+        if math.isfinite(frame.cost):  # otherwise the linearisation failed
             self._frames.append(frame)
 
     def _linearise(self, frame: KeptFrame) -> None:
-        """Renew a frame's normal equations at the present lengths, and take one Gauss-Newton step of its pose."""
+        """Recompute a frame's normal equations at the present lengths, and do one Gauss-Newton step of its pose."""
         J, C, z, cost = self._frame_rows(frame)
         H = J.T @ J
         H.flat[:: len(H) + 1] += DAMPING
@@ -174,7 +174,7 @@ class Calibration:
         frame.state = self._moved(frame.state, step, 0.5)
 
     def _moved(self, state: BodyState, steps: np.ndarray, largest: float = np.inf) -> BodyState:
-        """The state after steps (..., live + 3), their turns cut to `largest` rad."""
+        """The state after steps (..., live + 3), with rotations limited to `largest` rad."""
         omega = np.zeros(steps.shape[:-1] + (3 * self._kinematics.joint_count,))
         omega[..., self._live] = steps[..., :-3]
         size = np.maximum(np.max(np.abs(omega), axis=-1, keepdims=True), 1e-12)
@@ -182,9 +182,9 @@ class Calibration:
         return BodyState(state.rotations @ exponential(omega), state.translation + steps[..., -3:])
 
     def _volume(self, frame: KeptFrame, prior: np.ndarray, coupling: np.ndarray, at_present: float) -> np.ndarray:
-        """(p,) change of log det H, H of the pose, with each log-length when the pose follows it.
+        """(p,) derivative of log det H with respect to each log-length, with H of the pose; the pose follows.
 
-        prior: what H has beside the images; coupling: (live + 3, p), by how much the pose follows, with the other sign.
+        prior: H without the image's part. coupling: (live + 3, p), the negative derivative of the pose.
         """
         count = self.proportions.count
         states = self._moved(frame.state, -VOLUME_STEP * coupling.T)
@@ -214,14 +214,14 @@ class Calibration:
         return rows.columns.T, C, rows.z, float(huber_cost(size).sum() + 0.5 * prior @ prior)
 
     def _update(self) -> None:
-        """Solve for the lengths by all kept frames, and end when they are certain."""
+        """Solve for the lengths with all kept frames, and end the calibration if they are certain."""
         shares = self.proportions.stature_shares * np.exp(self.lengths)
         excess = float(self.proportions.stature_shares @ np.expm1(self.lengths))
         stature = np.outer(shares, shares) / STATURE_SPREAD**2
         H, g = self._normal_equations()
         g += shares * (shares @ self.lengths - excess) / STATURE_SPREAD**2
         self.odds, means, covariances = _averaged(H, stature, g)
-        # As long as they are likely measured they stay to the bit: even a trifle would make the track another one.
+        # While the lengths are probably measured, they stay bitwise equal, so that the track does not change at all.
         guessed = self.odds[1:] / max(float(self.odds[1:].sum()), 1e-300)
         best = 0 * g if self.odds[0] > 0.5 else guessed @ means[1:]
         step = np.clip(best - self.lengths, -LARGEST_STEP, LARGEST_STEP)
@@ -234,7 +234,7 @@ class Calibration:
             self._frames = []
 
     def _normal_equations(self) -> tuple[np.ndarray, np.ndarray]:
-        """(H (p, p), g (p,)) of all kept frames, about no change of the lengths; frames that cost much count less."""
+        """(H (p, p), g (p,)) of all kept frames, about the given lengths. Frames of high cost get a lower weight."""
         costs = np.array([frame.cost for frame in self._frames])
         shares = np.array([frame.share for frame in self._frames])
         weights = INFORMATION * shares / (1 + (costs / max(TYPICAL_COST, float(np.median(costs)))) ** 2)
@@ -245,9 +245,9 @@ class Calibration:
 
 
 def _log_determinant(columns: np.ndarray, prior: np.ndarray) -> float:
-    """Of the symmetric columns (k, m) columns^T + prior (k, k); NaN where it is not positive definite.
+    """log det of columns (k, m) columns^T + prior (k, k); NaN if it is not positive definite.
 
-    One triangle is enough: half of the products, and a third of the time, of numpy's for all matrices at once.
+    Only one triangle is computed. This takes a third of the time of numpy's batched functions.
     """
     product = blas.dsyrk(1.0, columns.T, beta=1.0, c=prior.T, trans=1, lower=1)
     factor, failed = lapack.dpotrf(product, lower=1, clean=0, overwrite_a=1)
@@ -255,7 +255,7 @@ def _log_determinant(columns: np.ndarray, prior: np.ndarray) -> float:
 
 
 def _averaged(H: np.ndarray, stature: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(odds (m,), means (m, p), covariances (m, p, p)) of the models: each Gaussian, its odds by its evidence."""
+    """(odds (m,), means (m, p), covariances (m, p, p)) of the Gaussian models; odds from their marginal likelihoods."""
     evidence, means, covariances = [], [], []
     for spread, odds in zip(MODELS, ODDS):
         prior = stature + np.eye(len(g)) / spread**2

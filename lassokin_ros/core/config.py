@@ -1,6 +1,6 @@
-"""Every setting of the tracker, once: default, meaning, unit and range.
+"""All settings of the tracker: default, description, unit and range.
 
-The node declares its parameters from these fields, config/*.yaml and the README's table are held to them by tests.
+The node declares its parameters from these fields. Tests compare config/*.yaml and docs/reference.md with them.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ TYPICAL_HEIGHT = 1.70
 SHORTEST = 0.3
 """m: least height."""
 PI = round(math.pi, 4)
-"""rad: just over half a turn, for ranges that people read."""
+"""rad: pi rounded up, for readable ranges."""
 
 
 def setting(
@@ -28,7 +28,7 @@ def setting(
     choices: tuple[str, ...] = (),
     live: bool = False,
 ) -> Any:
-    """A dataclass field with its description, unit, range or choices, and whether it may change while running."""
+    """A dataclass field with description, unit, range or choices. live: the value may change while running."""
     metadata = {"description": description, "unit": unit, "low": low, "high": high, "choices": choices, "live": live}
     return field(default=default, metadata=metadata)
 
@@ -39,7 +39,8 @@ class TrackerConfig:
 
     height: float = setting(
         1.75,
-        "the person's height; sets the scale, which one camera cannot see; 0 = measured, with depth (else 0.3 or more)",
+        "height of the person; sets the scale, which one camera cannot observe; 0 = measured, with depth "
+        "(else 0.3 or more)",
         "m",
         0.0,
         2.6,
@@ -47,15 +48,23 @@ class TrackerConfig:
     )
     skeleton: str = setting("anthropometric", "built-in skeleton, or path of a YAML, SMPL npz, BVH or URDF file")
     landmarks: str = setting("coco17", "landmark layout of the detector, or path of a YAML file")
-    depth_prior: bool = setting(
-        True, "use the depth that a small network, shipped with the package, estimates from the keypoints"
-    )
-    solver: str = setting("proxqp", "QP solver of the lasso's dual: proxqp, or any that qpsolvers has")
+    depth_prior: bool = setting(True, "use the joint depths that the shipped network estimates from the keypoints")
+    solver: str = setting("proxqp", "QP solver for the lasso's dual: proxqp, or any solver of qpsolvers")
     camera_roll: float = setting(
-        0.0, "the camera's mount, as in a URDF's rpy: its right side is this much down", "rad", -PI, PI, live=True
+        0.0,
+        "roll of the camera's mount, as in a URDF's rpy: positive if its right side is down",
+        "rad",
+        -PI,
+        PI,
+        live=True,
     )
     camera_pitch: float = setting(
-        0.0, "the camera's mount, as in a URDF's rpy: it looks down by this much", "rad", -PI / 2, PI / 2, live=True
+        0.0,
+        "pitch of the camera's mount, as in a URDF's rpy: positive if it looks down",
+        "rad",
+        -PI / 2,
+        PI / 2,
+        live=True,
     )
     noise_px: float = setting(
         3.0, "standard deviation of a confident keypoint in the image", "px", 0.1, 100.0, live=True
@@ -70,35 +79,37 @@ class TrackerConfig:
     )
     min_confidence: float = setting(0.2, "keypoints below this confidence count as missing", "", 0.0, 1.0, live=True)
     sparsity: float = setting(
-        0.05, "weight of the l1 term: larger moves fewer joints a frame", "", 1e-4, 100.0, live=True
+        0.05, "weight of the l1 term; a larger value moves fewer joints per frame", "", 1e-4, 100.0, live=True
     )
-    min_landmarks: int = setting(4, "fewest visible landmarks in a frame that is used", "", 2, 100, live=True)
+    min_landmarks: int = setting(
+        4, "smallest number of visible landmarks for a frame to be used", "", 2, 100, live=True
+    )
     relinearisations: int = setting(
-        1, "lassos solved per frame, each about the last one's answer", "", 1, 10, live=True
+        1, "lassos solved per frame, each linearised about the previous answer", "", 1, 10, live=True
     )
     lost_after: float = setting(
-        1.0, "time without a usable frame after which the state is found anew", "s", 0.05, 3600.0, live=True
+        1.0, "time without a usable frame after which the tracker initialises again", "s", 0.05, 3600.0, live=True
     )
     smoothing: float = setting(
         0.02,
-        "time over which the published pose is steadied, without lag in steady motion; longer at rest",
+        "time constant of the output filter; it has no lag in steady motion, and smooths longer at rest",
         "s",
         0.0,
         1.0,
         live=True,
     )
     smoothing_lag: float = setting(
-        0.0, "the pose is published this much later, smoothed with the frames since", "s", 0.0, 0.25, live=True
+        0.0, "publish the pose this much later, smoothed with the later frames", "s", 0.0, 0.25, live=True
     )
     warm_start: bool = setting(
         True,
-        "try the support that the last answer suggests before the solver is asked; kept only when KKT holds exactly",
+        "try the support predicted from the last answer before the QP solver; used only if KKT holds exactly",
         live=True,
     )
-    calibrate: bool = setting(True, "learn the bones' proportions while tracking; robot_description follows", live=True)
+    calibrate: bool = setting(True, "learn the bone lengths while tracking; robot_description is updated", live=True)
 
     def checked(self) -> TrackerConfig:
-        """Itself, when every value has the right type and range."""
+        """Return self if every value has the right type and range; raise ConfigurationError otherwise."""
         for item in fields(self):
             check_setting(item.name, getattr(self, item.name), item.metadata, type(item.default))
         if 0 < self.height < SHORTEST:
@@ -124,7 +135,7 @@ def without_bool(value: Any, metadata: Mapping[str, Any]) -> Any:
 
 
 def check_setting(name: str, value: Any, metadata: Mapping[str, Any], kind: type) -> None:
-    """Raise ConfigurationError, saying what was expected, when a value has the wrong type or is out of range."""
+    """Raise ConfigurationError if a value has the wrong type or is out of range."""
     right_kind = isinstance(value, (int, float)) if kind is float else isinstance(value, kind)
     if not right_kind or (isinstance(value, bool) and kind is not bool):
         raise ConfigurationError(f"{name} is {value!r}; expected a value of type {kind.__name__}")

@@ -1,8 +1,8 @@
-"""What the core raises. Each message says what was wrong, what was expected and what to do."""
+"""Exceptions of the core. Each message contains what was wrong, what was expected and what to do."""
 
 
 class LassokinError(Exception):
-    """Base of every error that this package raises on purpose."""
+    """Base class of all exceptions of this package."""
 
 
 class SkeletonError(LassokinError, ValueError):

@@ -18,13 +18,14 @@ from lassokin_ros.core.observation import Rejection, Status
 class Estimate:
     """The tracker's answer to one observation. Fields below `status` are None when the frame was rejected.
 
-    state, pose: what is to be published; solved: the state that the certificate is about, to which omega (3 n,) and
-    translation_step (3,) led from the last frame's, before it was steadied; cost: its negative log-likelihood (with the
-    camera's tilt's, where it was found anew), where keypoints were taken to be off by `excess` times the least (see
-    `failure_probability`); confidence: of an initialised frame, how likely the start is beside the next best, else NaN;
-    visible: (l,) bool, the keypoints that were detected in this frame and have a weight; measurements: number of
-    keypoints and measured depths that were used; length_deviation: (p,) standard deviation of the log-lengths;
-    joint_depths: what the depth network estimated.
+    state, pose: the smoothed state to publish. omega: (3 n,) rad and translation_step: (3,) m, the frame's increment.
+    solved: the state after the increment, before smoothing; the certificate refers to it. cost: negative log-likelihood
+    of that state (in an initialised frame including the cost of the vertical). excess: the keypoints' model error in
+    units of its lower limit, see `failure_probability`. confidence: probability of the chosen start relative to the
+    second best in an initialised frame, NaN otherwise. repeated: s since the keypoints last changed.
+    visible: (l,) bool, keypoints that were detected in this frame and have a weight. measurements: number of keypoints
+    and measured depths that were used. length_deviation: (p,) standard deviation of the log-lengths. joint_depths:
+    estimate of the depth network.
     """
 
     stamp: float

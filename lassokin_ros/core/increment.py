@@ -1,6 +1,6 @@
-"""A frame's increment: the paper's lasso about the state that the frame starts from, linearised anew about its answer.
+"""A frame's increment: the paper's lasso about the frame's start state, optionally relinearised about its answer.
 
-The l1 penalty is on the frame's total increment, whatever it was linearised about.
+The l1 penalty is always on the frame's total increment.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from lassokin_ros.core.lasso.solver import LassoSolution, LassoSolver
 
 @dataclass(frozen=True, eq=False)
 class Increment:
-    """Where a frame leads: omega (3 n,) rad of all joints and x (3,) m of the root, by the last problem's solution.
+    """Increment of one frame: omega (3 n,) rad for all joints and x (3,) m for the root, from the last solution.
 
-    problem: as it was solved, with the alpha that the solver raised, where it had to (see `lasso.SMALLEST_ALPHA`).
+    problem: the lasso as solved; if the solver raised alpha (see `solver.SMALLEST_ALPHA`), with the raised alpha.
     """
 
     omega: np.ndarray
@@ -31,15 +31,15 @@ class Increment:
 
     @property
     def x(self) -> np.ndarray:
-        """(3,) m: the translation's."""
+        """(3,) m: increment of the translation."""
         return self.solution.x
 
 
 class IncrementSolver:
-    """Solves the lassos of one frame after the other; it keeps nothing but the last answer, to begin the next from."""
+    """Solves the lassos of each frame. Its only state is the last answer, the initial guess for the next lasso."""
 
     def __init__(self, rows: FrameModel, solver: LassoSolver, motion: np.ndarray) -> None:
-        """motion: (live,) rad, how far each degree of freedom typically turns; a larger one is penalised less."""
+        """motion: (live,) rad, typical increment of each degree of freedom. A larger motion is penalised less."""
         self.lasso = solver
         self._rows, self._motion = rows, motion
         self._guess: np.ndarray | None = None
@@ -49,7 +49,7 @@ class IncrementSolver:
         self._guess = None
 
     def about(self, state: BodyState, frame: FrameData) -> LinearisedFrame:
-        """A frame's rows about a state."""
+        """Linearise a frame about a state."""
         return self._rows.linearise(self._rows.evaluate(state), frame, huber_weights)
 
     def solve(
@@ -63,8 +63,9 @@ class IncrementSolver:
     ) -> Increment:
         """The increment from `start` by one frame's measurements.
 
-        rows: the frame's about `start`; sparsity: alpha_k = sparsity / motion_k; relinearisations: lassos in all; warm:
-        begin each from the last one's answer. An answer without a certificate ends it: see `Increment.solution`.
+        rows: the frame's rows about `start`. sparsity: alpha_k = sparsity / motion_k. relinearisations: total number of
+        lassos. warm: use the last answer as initial guess. An answer without a certificate ends the iteration; it is
+        `Increment.solution`.
         """
         omega = np.zeros(3 * start.rotations.shape[-3])
         x = np.zeros(3)
@@ -73,23 +74,23 @@ class IncrementSolver:
                 rows = self._moved(start.retract(omega, x), omega, frame)
             problem = self._problem(rows, omega, x, sparsity)
             solution = self.lasso.solve(problem, self._guess if warm else None)
-            if not (solution.exact or solution.certified):  # the last one, which is published, is certified below
+            if not (solution.exact or solution.certified):  # the tracker checks the certificate of the last one
                 break
-            self._guess = solution.omega  # of the next problem, or of the next frame's first
+            self._guess = solution.omega  # for the next problem, or the first problem of the next frame
             omega[self._rows.live], x = solution.omega, solution.x
         if solution.alpha is not problem.alpha:
             problem = replace(problem, alpha=solution.alpha)
         return Increment(omega, problem, solution)
 
     def _moved(self, state: BodyState, omega: np.ndarray, frame: FrameData) -> LinearisedFrame:
-        """The frame's rows about start * exp(omega), in the total increment.
+        """The frame's rows about start * exp(omega), in terms of the total increment.
 
-        With exp(omega + d) = exp(omega) exp(J_r(omega) d), the axes of all columns are turned by J_r.
+        Since exp(omega + d) = exp(omega) exp(J_r(omega) d), J_r is applied to the axes of all columns.
         """
         turn = right_jacobian(omega.reshape(-1, 3))
         return self._rows.linearise(self._rows.evaluate(state), frame, huber_weights, turn)
 
     def _problem(self, rows: LinearisedFrame, omega: np.ndarray, x: np.ndarray, sparsity: float) -> Lasso:
-        """The lasso in the frame's total increment: what has been moved already, (omega, x), is added back to z."""
+        """The lasso in terms of the total increment: the increment already applied, (omega, x), is added back to z."""
         A, B = rows.columns[:-3].T, rows.columns[-3:].T
         return Lasso(A, B, rows.z + A.dot(omega[self._rows.live]) + B.dot(x), sparsity / self._motion)

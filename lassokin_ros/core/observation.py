@@ -1,4 +1,4 @@
-"""The tracker's input: the keypoints of one person in one frame, and why a frame may be rejected."""
+"""The tracker's input: the keypoints of one person in one frame; and the reasons to reject a frame."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How often work is done that teaches much at first and less and less later."""
+"""Schedule of work that is frequent at first and less frequent as more is known."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Schedule:
-    """Intervals that grow with what is known, s: `first` at the start, then `share` of it, in the end `last`."""
+    """Growing intervals in s: at least `first`, then `share` of the evidence collected so far, at most `last`."""
 
     first: float
     share: float
     last: float
 
     def interval(self, known: float) -> float:
-        """s between two pieces of work; known: s of evidence by now."""
+        """Time in s until the next piece of work. known: s of evidence collected so far."""
         return min(max(self.first, self.share * known), self.last)

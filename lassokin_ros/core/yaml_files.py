@@ -1,4 +1,4 @@
-"""YAML read safely: no object construction, no aliases, a bounded size, no unknown keys, one clear error."""
+"""Safe reading of YAML: no object construction, no aliases, limited size, no unknown keys, one clear error."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from lassokin_ros.core.errors import LassokinError
 
 MAX_CHARACTERS = 1_000_000
 SUFFIXES = (".yaml", ".yml")
-"""Of files that we write: a skeleton of another suffix would be taken for another format when it is read."""
+"""Allowed suffixes of files that are written. A skeleton with another suffix would be read as another format."""
 
 
 def read_text(path: Path, error: type[LassokinError]) -> str:
-    """The text of a file; `error` is raised, with the reason, when it is too long, no UTF-8 or cannot be read."""
+    """The text of a file. Raises `error` if it is too long, not UTF-8 or cannot be read."""
     try:
-        with path.open(encoding="utf-8-sig") as file:  # some editors put a byte order mark before it
+        with path.open(encoding="utf-8-sig") as file:  # some editors write a byte order mark
             return file.read(MAX_CHARACTERS + 1)
     except UnicodeDecodeError as problem:
         raise error(f"{path} is no UTF-8 text: {problem.reason} at byte {problem.start}") from None
@@ -29,7 +29,7 @@ def read_text(path: Path, error: type[LassokinError]) -> str:
 
 
 class _Loader(yaml.SafeLoader):
-    """PyYAML's safe one, without aliases: a few lines of them stand for more than any memory holds."""
+    """PyYAML's safe loader without aliases: a few lines with aliases can expand to more than the memory."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         if self.check_event(yaml.AliasEvent):
@@ -37,26 +37,26 @@ class _Loader(yaml.SafeLoader):
         return super().compose_node(parent, index)
 
     def construct_scalar(self, node: Any) -> Any:
-        """JSON writes a character beyond 16 bits as two halves, which PyYAML leaves so; half a one alone is no text."""
+        """Join surrogate pairs: JSON escapes a character beyond 16 bits as two surrogates; a single one is invalid."""
         value = super().construct_scalar(node)
         return value if value.isascii() else value.encode("utf-16", "surrogatepass").decode("utf-16")
 
 
 def load_value(text: str, source: str, error: type[LassokinError]) -> Any:
-    """Parse YAML text of any kind; `error` is raised, with `source` and the place, when it is none."""
+    """Parse YAML text of any kind. Raises `error`, with `source` and the position, if it is not valid."""
     if len(text) > MAX_CHARACTERS:
         raise error(f"{source} is too long; expected at most {MAX_CHARACTERS} characters")
     try:
-        return yaml.load(text, Loader=_Loader)  # a safe one
+        return yaml.load(text, Loader=_Loader)  # a subclass of SafeLoader
     except RecursionError:
         raise error(f"{source} is nested too deeply") from None
-    except Exception as problem:  # besides YAMLError, whatever !!int, !!timestamp and the like make of their text
+    except Exception as problem:  # YAMLError, or an error of a constructor (!!int, !!timestamp, ...)
         reason = " ".join(str(problem).split())[:300]
         raise error(f"{source} is no valid YAML: {reason}") from None
 
 
 def load_mapping(text: str, source: str, error: type[LassokinError]) -> dict[str, Any]:
-    """Parse YAML text that must be a mapping; `error` is raised, with `source` and the place, when it is not."""
+    """Parse YAML text that must be a mapping. Raises `error`, with `source` and the position, if it is not."""
     data = load_value(text, source, error)
     if not isinstance(data, dict):
         raise error(f"{source} holds {type(data).__name__}; expected a mapping at the top level")
@@ -64,7 +64,7 @@ def load_mapping(text: str, source: str, error: type[LassokinError]) -> dict[str
 
 
 def user_path(name: str) -> Path:
-    """A path as somebody writes it: with `~` for the home, where there is one."""
+    """The path for a name given by the user, with `~` expanded if there is a home directory."""
     try:
         return Path(name).expanduser()
     except RuntimeError:
@@ -72,7 +72,7 @@ def user_path(name: str) -> Path:
 
 
 def check_keys(data: Mapping[Any, Any], known: Collection[str], where: str, error: type[LassokinError]) -> None:
-    """`error` is raised, with the keys that are read, for one that nobody reads: it was meant to say something."""
+    """Raise `error`, with the list of known keys, for a key that is not known."""
     for key in data:
         if key not in known:
             near = get_close_matches(str(key), known, 1)
@@ -81,11 +81,11 @@ def check_keys(data: Mapping[Any, Any], known: Collection[str], where: str, erro
 
 
 def finite_numbers(value: Any, count: int) -> list[float] | None:
-    """A list of so many finite numbers as floats; None for anything else."""
+    """A list of `count` finite numbers as floats; None for anything else."""
     if not (isinstance(value, list) and len(value) == count and all(isinstance(v, (int, float)) for v in value)):
         return None
     try:
         numbers = [float(v) for v in value]
-    except OverflowError:  # of an integer of some hundred digits
+    except OverflowError:  # an integer with hundreds of digits
         return None
     return numbers if all(map(math.isfinite, numbers)) else None

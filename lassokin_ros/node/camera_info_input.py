@@ -1,6 +1,7 @@
-"""camera_info as it comes with every image, nearly always the same.
+"""The camera_info subscription. One message comes with every image, nearly always with the same content.
 
-The executor waits for it until there is a camera. From then on what has come is read when it is needed, see `polled`.
+The executor waits for messages until a camera is known. After that they are polled when needed, see
+`polled_subscription`.
 """
 
 from __future__ import annotations
@@ -18,14 +19,14 @@ from lassokin_ros.node.qos import overrides, sensor_data
 from lassokin_ros.pipeline.outputs import topics
 
 DEPTH = 100
-"""Messages that are kept between two looks: nearly half a second of a 240 Hz camera. A change must not be missed, nor
-its stamp, which says whose images are still on their way."""
+"""Queue depth: nearly half a second of a 240 Hz camera. A change and its stamp must not be missed; the stamp decides
+which images belong to the previous camera."""
 AFTER_STAMP = 12
-"""bytes of a serialised message up to the end of its stamp: four of CDR's own, seconds, nanoseconds."""
+"""bytes of a serialised message up to the end of its stamp: four bytes of CDR header, seconds, nanoseconds."""
 
 
 class CameraInfoInput:
-    """The node's subscription to camera_info. Call `poll` before its content matters, and from time to time."""
+    """The node's subscription to camera_info. Call `poll` before the camera is used, and periodically."""
 
     def __init__(
         self,
@@ -35,8 +36,8 @@ class CameraInfoInput:
         on_new: Callable[[Any], bool],
         on_error: Callable[[Exception], None],
     ) -> None:
-        """known: whether there is a camera; on_any: called for each message; on_new: takes a CameraInfo that does not
-        say what the last one said, False when it refuses it; on_error: told of what it raises.
+        """known: returns whether a camera is known. on_any: called for each message. on_new: called with a CameraInfo
+        of changed content; returns False to reject it. on_error: called with exceptions of on_new.
         """
         self._known, self._on_any, self._on_new, self._on_error = known, on_any, on_new, on_error
         self._type = message_class(topics.CAMERA_INFO_TYPE)
@@ -52,15 +53,15 @@ class CameraInfoInput:
         self._may_wait = self._subscription.qos_profile == sensor_data(DEPTH)
 
     def poll(self) -> None:
-        """Take what has come, in its order, once there is a camera.
+        """Process the messages received so far, in order, if a camera is known.
 
-        With another QoS the executor goes on waiting: less depth would miss messages, and not all publishers match.
+        With an overridden QoS the executor keeps waiting: polling with less depth would miss messages.
         """
         if self._may_wait and self._known():
             poll(self._subscription, DEPTH)
 
     def take(self, message: Any) -> None:
-        """Take over a message that came by another way."""
+        """Process a message from another subscription."""
         self._is_accepted(lambda: message)
 
     def _on_serialised(self, serialised: bytes) -> None:
@@ -75,6 +76,6 @@ class CameraInfoInput:
         self._known_content = b""
         try:
             return self._on_new(make())
-        except Exception as error:  # no message, however strange, ends the node
+        except Exception as error:  # no message may end the node
             self._on_error(error)
             return False

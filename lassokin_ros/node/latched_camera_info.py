@@ -1,8 +1,8 @@
-"""A camera_info that was sent once, and is kept by its publisher for whoever comes later ("latched").
+"""Latched camera_info: a message that was published once and is kept by its publisher (transient local).
 
-The node's subscription is volatile, which any publisher meets, and gets nothing of what was sent before it. One that is
-transient local would get it, but nothing from the usual, volatile publishers. So one is only made where it helps: for a
-while whenever such a publisher has come, and for as long as no camera_info has.
+The node's subscription is volatile. It matches every publisher, but does not receive earlier messages. A transient
+local subscription receives them, but does not match the usual volatile publishers. Therefore one is created only for
+some time after a transient local publisher appears, and as long as no camera_info has been received.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from lassokin_ros.node.person_outputs import message_class
 from lassokin_ros.pipeline.outputs import topics
 
 LISTENS_S = 3.0
-"""s for which a new publisher is listened to: until then what it has kept is there, and the node's own subscription
-has found it too."""
+"""s: lifetime of the transient local subscription. By then the kept message has arrived, and the node's volatile
+subscription is connected too."""
 
 
 class LatchedCameraInfo:
-    """Asks publishers of camera_info that keep their last message for it; `look` from time to time."""
+    """Requests camera_info from publishers that keep their last message. Call `look` periodically."""
 
     def __init__(self, node: Node, on_camera_info: Callable[[Any], None]) -> None:
         self._node, self._on_camera_info = node, on_camera_info
@@ -34,7 +34,7 @@ class LatchedCameraInfo:
         self._until = 0.0
 
     def look(self, now: float, came: bool) -> None:
-        """now: s; came: a camera_info has come by now, so that none but a new publisher's is asked for."""
+        """now: s. came: whether a camera_info has been received; then only new publishers are considered."""
         keepers = self._keepers()
         if keepers - self._asked:
             self._close()
@@ -44,7 +44,7 @@ class LatchedCameraInfo:
         self._asked = keepers
 
     def _keepers(self) -> frozenset[bytes]:
-        """The publishers that keep their last message for those who come later, which takes a reliable one."""
+        """GIDs of the publishers that keep their last message for late subscribers (transient local and reliable)."""
         return frozenset(
             bytes(publisher.endpoint_gid)
             for publisher in self._node.get_publishers_info_by_topic(self._topic)
@@ -54,14 +54,14 @@ class LatchedCameraInfo:
         )
 
     def _ask(self) -> Subscription:
-        """A subscription is given what was kept as soon as it is there."""
+        """Create the subscription. It receives the kept message as soon as it is connected."""
         kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL, reliability=ReliabilityPolicy.RELIABLE)
         return self._node.create_subscription(
             message_class(topics.CAMERA_INFO_TYPE),
             topics.CAMERA_INFO,
             self._on_camera_info,
             kept,
-            # others on the topic that keep nothing do not match, which is no fault of theirs
+            # no warning about volatile publishers, which do not match
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         )
 

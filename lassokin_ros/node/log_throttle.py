@@ -1,4 +1,4 @@
-"""Says a thing once in a while: a camera sends thirty bad frames a second, a log should not."""
+"""Log throttling, because a camera can send thirty bad frames per second."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ PERIOD_S = 5.0
 
 
 class LogThrottle:
-    """Passes a line on when its key has not been heard of for `PERIOD_S`."""
+    """Logs a line if no line with the same key was logged for `PERIOD_S`."""
 
     def __init__(self, say: Callable[[str], object], clock: Callable[[], float]) -> None:
-        """say: where lines go; clock: seconds."""
+        """say: log function; clock: returns seconds."""
         self._say, self._clock = say, clock
         self._said: dict[str, float] = {}
 
     def say(self, key: str, line: str) -> None:
-        """Say `line`, unless one with the same key has just been said."""
+        """Log `line`, unless a line with the same key was logged less than `PERIOD_S` ago."""
         now = self._clock()
         if now - self._said.get(key, -PERIOD_S) >= PERIOD_S:
             self._said[key] = now

@@ -1,4 +1,4 @@
-"""What the log says of an input that has never come: which topic is waited for, and what there is instead."""
+"""Log messages about an input that was never received: the expected topic, and the topics that exist instead."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from rclpy.node import Node
 from lassokin_ros.pipeline.outputs.topics import FRAME_OUTPUTS
 
 PATIENCE_S = 3.0
-"""s from the start before an absence is worth a line."""
+"""s from the start until the first message."""
 AGAIN_S = 30.0
 """s after which the same is said again."""
 GENERAL_TYPES = ("sensor_msgs/msg/PointCloud2", "std_msgs/msg/Float32MultiArray", "geometry_msgs/msg/PolygonStamped")
@@ -17,21 +17,21 @@ GENERAL_TYPES = ("sensor_msgs/msg/PointCloud2", "std_msgs/msg/Float32MultiArray"
 NAMES_OF_KEYPOINTS = ("keypoint", "pose", "person", "people", "body", "bodies", "human", "landmark", "skeleton2d")
 """Parts of the names of topics that may carry keypoints, for GENERAL_TYPES."""
 LISTED = 4
-"""Topics that a line names at most."""
+"""Largest number of topics in a message."""
 
 
 class MissingInput:
-    """One topic that the node listens to; `look` once in a while until something has come."""
+    """Watches one input topic of the node. Call `look` periodically until a message has been received."""
 
     def __init__(self, node: Node, name: str, message_type: str, others: Collection[str], now: float) -> None:
-        """name: the topic's before remapping; others: further types that `keypoints_type` may name; now: s."""
+        """name: topic before remapping. others: further types that `keypoints_type` may have. now: s."""
         self._node, self._name, self._type, self._others = node, name, message_type, set(others) - {message_type}
         self._topic = node.resolve_topic_name(name)
         self._came = False
         self._said, self._next_at = "", now + PATIENCE_S
 
     def look(self, now: float, came: bool) -> None:
-        """Say what there is to say; now: s, of the clock of the start; came: a message has come by now."""
+        """Log a message if it is due. now: s, same clock as at the start. came: whether a message has been received."""
         if self._came:
             return
         self._came = came
@@ -45,26 +45,26 @@ class MissingInput:
             self._node.get_logger().warning(words)
 
     def excuse(self, now: float) -> None:
-        """In place of `look` while nothing is waited for: as at the start, now: s."""
+        """Call this instead of `look` while the input is not needed. It restarts the waiting time. now: s."""
         self._came, self._said, self._next_at = False, "", now + PATIENCE_S
 
     def _cause(self) -> str:
-        """Why nothing comes, as far as the graph tells."""
+        """Reason for the missing input, derived from the ROS graph."""
         types = [publisher.topic_type for publisher in self._node.get_publishers_info_by_topic(self._topic)]
         if self._type in types:
             return "its publisher is silent"
         if types:
             kind = sorted(types)[0]
             remedy = "set keypoints_type to that, or " if kind in self._others else ""
-            return f"what is published there is {kind}; {remedy}remap {self._name} to another topic"
+            return f"the type published there is {kind}; {remedy}remap {self._name} to another topic"
         candidates = self._candidates()
         if not candidates:
-            return f"nobody publishes there, nor anywhere what could be read; remap {self._name} to your topic"
+            return f"nobody publishes there, and no topic has a suitable type; remap {self._name} to your topic"
         listed = ", ".join(candidates[:LISTED]) + (", ..." if len(candidates) > LISTED else "")
-        return f"nobody publishes there; remap {self._name} to your topic. What could be read: {listed}"
+        return f"nobody publishes there; remap {self._name} to your topic. Topics of a suitable type: {listed}"
 
     def _candidates(self) -> list[str]:
-        """The topics of other nodes that have a type which can be read, with the type where it is another one."""
+        """Topics of other nodes with a readable type; the type is added if `keypoints_type` must be changed."""
         node, found = self._node, []
         own = {name for name, _ in node.get_publisher_names_and_types_by_node(node.get_name(), node.get_namespace())}
         for name, types in node.get_topic_names_and_types():

@@ -1,4 +1,4 @@
-"""The node: a callback converts, tracks and publishes; what it does stands in pipeline.py and the core."""
+"""The ROS 2 node. A callback converts a message, tracks and publishes; the work is done by `pipeline` and `core`."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ from msg_adapters.output_messages.builders import DiagnosticArrayBuilder
 
 DIAGNOSTICS_PERIOD_S = 1.0
 LOOK_PERIOD_S = 0.25
-"""s: an absence that no message tells is noticed within twice this."""
+"""s: period of the check for people and cameras that have left. A departure is noticed within twice this time."""
 
 
 class TrackerNode(Node):
-    """Keypoints and camera_info in; joint states, joints, translation, markers, certificate and diagnostics out."""
+    """Subscribes to keypoints and camera_info; publishes joint states, joints, translation, markers and diagnostics."""
 
     def __init__(self, node_name: str = "tracker", **options: Any) -> None:
-        """options: rclpy's (context, namespace, parameter_overrides, ...). Raises a LassokinError for a bad setting."""
+        """options: those of rclpy.node.Node (context, namespace, ...). Raises a LassokinError for a bad setting."""
         super().__init__(node_name, **options)
         settings = declare(self)
         self._live_parameters = LiveParameters(self, settings, self._tune)
@@ -65,7 +65,7 @@ class TrackerNode(Node):
         self._queue = KeypointQueue(settings[1].queue_depth, self._pipeline.counts)
         self._listen(settings[1])
         self._await_inputs(settings[1], time.monotonic())
-        for publisher in self.publishers:  # rclpy's own; see `advertise`
+        for publisher in self.publishers:  # also those of rclpy; see `advertise`
             ignore_events(publisher)
         for line in unknown_parameters(self):
             self.get_logger().warning(line)
@@ -85,7 +85,7 @@ class TrackerNode(Node):
         )
 
     def _open_outputs(self, config: NodeSettings, name: str) -> None:
-        """One person's topics, or those that several people's begin with."""
+        """Create the publishers of one person, or the common ones of several people."""
         skeleton = self._pipeline.tracker.skeleton
         self._scene = SceneOutputs(self, self._pipeline)
         self._person = self._people = None
@@ -93,14 +93,14 @@ class TrackerNode(Node):
             self._people = PeopleOutputs(self, skeleton, config, name)
             if config.state_publisher:
                 self.get_logger().warning(
-                    f"state_publisher is '{config.state_publisher}', which is left alone: it has the URDF of one "
+                    f"state_publisher is '{config.state_publisher}', which is not used: it has the URDF of one "
                     "person, and several are followed (max_people, rep155)"
                 )
         else:
             self._person = PersonOutputs(self, skeleton, config, name)
 
     def _listen(self, config: NodeSettings) -> None:
-        """Subscriptions, services, timer and the watch on the clock."""
+        """Create subscriptions, services, timers and the callback for clock jumps."""
         self._simulated_time = SimulatedTime(self)
         self._camera_info = CameraInfoInput(
             self,
@@ -118,7 +118,7 @@ class TrackerNode(Node):
             qos = sensor_data(config.queue_depth)
             self._bodies = Rep155Inputs(self, config.keypoints_type, qos, self._on_bodies, self._on_body)
         else:
-            on_keypoints: Any = self._on_keypoints  # with message_info, which rclpy's type hints do not know
+            on_keypoints: Any = self._on_keypoints  # rclpy's type hints do not include message_info
             kind, qos = message_class(config.keypoints_type), sensor_data(self._queue.reserve)
             self._keypoints = self.create_subscription(
                 kind,
@@ -130,7 +130,7 @@ class TrackerNode(Node):
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/set_enabled", self._on_set_enabled)
         self.create_service(Trigger, "~/save_skeleton", self._on_save_skeleton)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)  # diagnostics go on while simulated time stands still
+        steady = Clock(clock_type=ClockType.STEADY_TIME)  # diagnostics continue while simulated time is paused
         self._as_of_ns = self._looked_ns = 0
         self.create_timer(LOOK_PERIOD_S, self._look_who_is_there, clock=steady)
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics, clock=steady)
@@ -138,7 +138,7 @@ class TrackerNode(Node):
         self._jump_watch = self.get_clock().create_jump_callback(jump, post_callback=self._on_clock_jump)
 
     def _await_inputs(self, config: NodeSettings, now: float) -> None:
-        """Begin to watch for inputs that never come; now: s."""
+        """Start to watch for missing inputs. now: s."""
         self._absent_clock = MissingInput(self, topics.CLOCK, topics.CLOCK_TYPE, (), now)
         self._absent_camera = MissingInput(self, topics.CAMERA_INFO, topics.CAMERA_INFO_TYPE, (), now)
         self._absent_keypoints = None
@@ -147,11 +147,11 @@ class TrackerNode(Node):
             self._absent_keypoints = MissingInput(self, topics.KEYPOINTS, kind, ADAPTERS, now)
 
     def _catch_up(self) -> None:
-        """Read what wakes nobody: the time, where it is simulated, and the camera."""
+        """Poll the simulated time and camera_info."""
         for what, poll in (("a time", self._simulated_time.poll), ("a camera_info message", self._camera_info.poll)):
             try:
                 poll()
-            except Exception as error:  # in the way of nothing else
+            except Exception as error:  # the other input must still be polled
                 self._count_internal_error(what, error)
 
     def _on_camera_info(self, message: Any) -> bool:
@@ -174,7 +174,7 @@ class TrackerNode(Node):
         self._queue.done(time.time_ns())
 
     def _waiting(self) -> Iterator[tuple[Any, Mapping[str, Any]]]:
-        """The keypoint messages that wait behind the one that the executor has taken."""
+        """Take the keypoint messages that wait after the one that the executor has taken."""
         for _ in range(self._queue.reserve):
             with self._keypoints.handle:
                 taken = self._keypoints.handle.take_message(self._keypoints.msg_type, self._keypoints.raw)
@@ -196,13 +196,13 @@ class TrackerNode(Node):
     def work_on(
         self, message: Any, frames_in: Callable[[Any, int], list[FrameResult]] | None = None, received_ns: int = 0
     ) -> None:
-        """Track who is in one keypoint message, and publish; never raises.
+        """Process one keypoint message and publish the results. Never raises.
 
-        frames_in: instead of the pipeline's; received_ns: ns of the system's clock, 0 where the middleware has none.
+        frames_in: used instead of `Pipeline.frames`. received_ns: ns, system clock, 0 if the middleware gives none.
         """
         started = time.monotonic()
-        clock: Any = self.get_clock()  # a ROSClock, which rclpy's type hints do not know
-        # Messages that have waited did not come all at once.
+        clock: Any = self.get_clock()  # a ROSClock, contrary to rclpy's type hints
+        # Messages that waited in the queue have different arrival times.
         waited = received_ns and not clock.ros_time_is_active
         arrival_ns = received_ns if waited else clock.now().nanoseconds
         try:
@@ -210,7 +210,7 @@ class TrackerNode(Node):
             self._publish(frames)
             self._scene.publish(frames, arrival_ns)
             self._comment(frames)
-        except Exception as error:  # the promise: no message, however strange, ends the node
+        except Exception as error:  # no message may end the node
             self._count_internal_error("a keypoint message", error)
             return
         ended = time.monotonic()
@@ -225,7 +225,7 @@ class TrackerNode(Node):
         accepted = [frame for frame in frames if frame.accepted]
         outputs: list[Callable[[], None]] = []
         if self._people is not None and self._pipeline.ids is not None:
-            if not frames or accepted:  # what is refused says nothing of who is there
+            if not frames or accepted:  # a rejected message does not change the list of people
                 outputs = [partial(self._people.publish, accepted, self._pipeline.ids)]
         elif self._person is not None:
             outputs = [partial(self._person.publish, frame) for frame in accepted]
@@ -236,11 +236,11 @@ class TrackerNode(Node):
                 self._warning.say("base_frame", str(error))
 
     def _comment(self, frames: list[FrameResult]) -> None:
-        """What is said in the log."""
+        """Log rejections and, once, missing stamps and unexpected frames."""
         for frame in frames:
             if not frame.accepted and not self._pipeline.nobody_in_view:
                 self._warning.say(str(frame.rejection), f"keypoints rejected ({frame.rejection}): {frame.detail}")
-        if self._pipeline.counts["unstamped"] and not self._said_unstamped:  # once, however many follow
+        if self._pipeline.counts["unstamped"] and not self._said_unstamped:  # only once
             self._said_unstamped = True
             self.get_logger().warning("keypoints without a stamp: outputs carry the time of their arrival")
         if not self._said_misplaced and frames and frames[0].accepted:
@@ -250,9 +250,9 @@ class TrackerNode(Node):
                 self.get_logger().warning(words)
 
     def _look_who_is_there(self) -> None:
-        """A camera_info comes though no keypoints do, people leave though no message says so: see presence_at.
+        """Poll the inputs, and update the list of people while no keypoints arrive (see `presence_at`).
 
-        They are missed as of the last look: while the node itself is held up, messages wait that it has not read.
+        The time of the previous call is used: after a delay of the node itself, unread messages may be waiting.
         """
         self._catch_up()
         self._as_of_ns, self._looked_ns = self._looked_ns, self.get_clock().now().nanoseconds
@@ -293,7 +293,7 @@ class TrackerNode(Node):
         return response
 
     def _on_set_enabled(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        """Disabled, the node keeps its topics and its camera, and costs next to nothing; nobody is remembered."""
+        """A disabled node keeps its topics and its camera, forgets all people, and needs almost no time."""
         changed = self._pipeline.enabled is not request.data
         self._pipeline.enabled = request.data
         if changed:
@@ -340,17 +340,17 @@ def version() -> str:
     """Return the version of the installed package."""
     try:
         return metadata.version("lassokin_ros")
-    except metadata.PackageNotFoundError:  # run from its folder, not installed
+    except metadata.PackageNotFoundError:  # run from the source folder
         return "(not installed)"
 
 
 def _misplaced(frame_id: str, camera: str) -> str:
-    """What to say of outputs that will not be found where the camera is; camera: the frame_id of camera_info."""
+    """Warning if frame_ids are missing or differ, else empty. camera: the frame_id of camera_info."""
     if not frame_id:
         return "neither keypoints nor camera_info have a frame_id: outputs have none, and RViz and TF cannot place them"
     if not camera or frame_id == camera:
         return ""
     return (
-        f"keypoints have the frame_id '{frame_id}', camera_info '{camera}': outputs carry the keypoints', which is "
-        "taken for the camera's optical frame (z forward, x right, y down)"
+        f"keypoints have the frame_id '{frame_id}', camera_info '{camera}': outputs have that of the keypoints, which "
+        "must be the camera's optical frame (z forward, x right, y down)"
     )

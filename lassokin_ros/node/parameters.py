@@ -1,8 +1,8 @@
-"""ROS parameters from the settings' dataclasses: declared, described, checked, and written down as YAML and a table.
+"""ROS parameters from the dataclasses of settings: declaration, checks, and output as YAML and as a table.
 
-Nothing here names a parameter: names, defaults, descriptions, units and ranges stand in core/config.py and
-pipeline/settings.py alone. `python3 -m lassokin_ros.node.parameters` prints config/tracker.yaml, with `--table` the
-table of docs/reference.md.
+Names, defaults, descriptions, units and ranges are defined only in core/config.py and pipeline/settings.py.
+`python3 -m lassokin_ros.node.parameters` prints config/tracker.yaml; with `--table` it prints the table of
+docs/reference.md.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ ROS_TYPES = {float: "double", int: "integer", bool: "bool", str: "string"}
 
 
 def describe(item: Field) -> ParameterDescriptor:
-    """The descriptor of one setting: description with its unit, range, choices, and read-only unless live."""
+    """The parameter descriptor of one setting: description, unit, range, choices; read-only unless live."""
     from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 
     facts = item.metadata
@@ -46,7 +46,7 @@ def describe(item: Field) -> ParameterDescriptor:
 
 
 def declare(node: Node) -> Settings:
-    """Declare every setting on the node and return the settings with the values given at start.
+    """Declare all settings on the node and return them with the values given at start.
 
     Raises ConfigurationError for a value of the wrong type or out of its range.
     """
@@ -76,7 +76,7 @@ def _declared(node: Node, config: Any) -> Any:
 
 
 def unknown_parameters(node: Node) -> list[str]:
-    """One line for each parameter given at start that the node does not have: most likely misspelt."""
+    """One line for each parameter given at start that the node does not have."""
     known = [item.name for config in (TrackerConfig, NodeSettings) for item in fields(config)]
     lines = []
     for name in getattr(node, "_parameter_overrides", {}):
@@ -87,13 +87,13 @@ def unknown_parameters(node: Node) -> list[str]:
 
 
 def _overrides_another_topic(node: Node, name: str) -> bool:
-    """True for a QoS override of a topic that is not the node's: files for several nodes have them."""
+    """True for a QoS override of another node's topic, as in a file for several nodes."""
     topic, _, _ = name.rpartition(".")
     return name.startswith("qos_overrides.") and not node.get_parameters_by_prefix(topic)
 
 
 class LiveParameters:
-    """Lets live settings be changed while the node runs: all of one request, or none of it."""
+    """Applies changes of live settings. A request is applied completely or not at all."""
 
     def __init__(self, node: Node, settings: Settings, on_change: Callable[[Settings], None]) -> None:
         """on_change: called with the new settings after each change that was accepted."""
@@ -128,12 +128,12 @@ def _with_values(config: Any, parameters: Sequence[Parameter]) -> Any:
 
 
 def all_settings() -> list[Field]:
-    """Every setting that is a parameter, in the order of the file and the table."""
+    """All settings that are parameters, in the order of the file and the table."""
     return [*fields(TrackerConfig), *fields(NodeSettings)]
 
 
 def parameter_file() -> str:
-    """The text of config/tracker.yaml: every parameter at its default, with its comment."""
+    """The text of config/tracker.yaml: all parameters with defaults and comments."""
     lines = [
         "# Every parameter of the tracker with its default. Made by `python3 -m lassokin_ros.node.parameters`.",
         "# (live) may be changed while the node runs, the others are read-only.",

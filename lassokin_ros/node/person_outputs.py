@@ -1,4 +1,4 @@
-"""What is published of people: one set of topics for each, made when the person comes and ended when they leave."""
+"""Publishers of people: one set of topics per person, created when the person appears and destroyed afterwards."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SOURCES = {"yolo_msgs": "build it from github.com/mgonzs13/yolo_ros"}
 
 
 def message_class(message_type: str) -> Any:
-    """The class of a message type, imported now. Raises ConfigurationError when its package is not installed."""
+    """Import the class of a message type. Raises ConfigurationError if its package is not installed."""
     package, _, name = full_type_name(message_type).split("/")
     try:
         return getattr(import_module(f"{package}.msg"), name)
@@ -44,15 +44,15 @@ def message_class(message_type: str) -> Any:
 
 
 def advertise(node: Node, topic: topics.OutputTopic, name: str = "", overridable: bool = True) -> Publisher:
-    """A publisher of a topic, under another name if one is given.
+    """Create the publisher of an output topic. name: replaces the topic's name if given.
 
-    overridable: its QoS has parameters; people's topics come and go, parameters would stay.
+    overridable: QoS can be set by parameters. False for topics of one of several people: parameters would stay.
     """
     durability = DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE
     qos = QoSProfile(depth=1 if topic.latched else OUTPUT_DEPTH, durability=durability)
     kind = message_class(topic.message_type)
-    # A subscriber whose QoS does not match is told so on its own side. Here, two events for each publisher would be
-    # waited for with every message: half of the executor's work for one person, most of it for several.
+    # No events about incompatible QoS; the subscriber reports them too. The executor would wait for two events per
+    # publisher with each message: half of its work for one person, most of it for several.
     events = PublisherEventCallbacks(use_default_callbacks=False)
     name = name or topic.name
     override = overrides(node, name, "publisher") if overridable else None
@@ -60,10 +60,10 @@ def advertise(node: Node, topic: topics.OutputTopic, name: str = "", overridable
 
 
 class PersonOutputs:
-    """One person's publishers; person: the id, empty when one person is followed."""
+    """The publishers of one person."""
 
     def __init__(self, node: Node, skeleton: Skeleton, config: NodeSettings, title: str, person: str = "") -> None:
-        """title: the node's name, in the certificate. Raises SkeletonError when config.base_frame cannot be a frame."""
+        """title: name of the node. person: id, empty if one person is followed. Raises SkeletonError for base_frame."""
         backend = RclpyBackend()
         self._node = node
         prefix = topics.link_prefix(config.frame_prefix, title, person)
@@ -80,10 +80,10 @@ class PersonOutputs:
             self._describe(self._description.first())
 
     def publish(self, frame: FrameResult, copy_markers: Callable[[Any], None] | None = None) -> None:
-        """Publish what somebody listens to of an accepted frame.
+        """Publish the topics of an accepted frame that have subscribers.
 
-        copy_markers: takes the person's markers too. Raises SkeletonError for a frame_id that is a link's name, after
-        everything else has been published.
+        copy_markers: also called with the person's markers. Raises SkeletonError if the frame_id is the name of a link,
+        after all other topics have been published.
         """
         try:
             description = self._description.follow(frame)
@@ -109,13 +109,13 @@ class PersonOutputs:
         return self._out[topic].get_subscription_count() > 0
 
     def close(self) -> None:
-        """End the topics."""
+        """Destroy the publishers."""
         for publisher in self._out.values():
             self._node.destroy_publisher(publisher)
 
 
 class PeopleOutputs:
-    """A PersonOutputs for each of several people, the list of their ids, and everybody's markers in one topic."""
+    """The publishers of several people: one `PersonOutputs` each, the list of ids, and the markers of all people."""
 
     def __init__(self, node: Node, skeleton: Skeleton, config: NodeSettings, title: str) -> None:
         """Raises ConfigurationError when a message type that is asked for is not installed."""
@@ -125,7 +125,7 @@ class PeopleOutputs:
         self._people: dict[str, PersonOutputs] = {}
         self._ids: list[str] = []
         self._node, backend = node, RclpyBackend()
-        self._tracked = None  # the list of bodies that come on topics of their own is the detector's
+        self._tracked = None  # with one input topic per body, the detector publishes the list
         if not config.topic_per_body:
             self._tracked = advertise(node, topics.REP155_TRACKED_OUTPUT if config.rep155 else topics.TRACKED_OUTPUT)
         self._list = id_list(backend, config.rep155)
@@ -134,7 +134,7 @@ class PeopleOutputs:
         self._publish_list()
 
     def publish(self, frames: list[FrameResult], ids: list[str]) -> None:
-        """Publish everybody's frame; ids: of all who are there, with a frame or without."""
+        """Publish the frames of all people. ids: ids of all present people, also those without a frame."""
         copy_markers = self._markers.publish if self._markers.get_subscription_count() else None
         for frame in frames:
             if frame.person not in self._people:
@@ -143,7 +143,7 @@ class PeopleOutputs:
         self.keep(ids)
 
     def keep(self, ids: list[str]) -> None:
-        """End the topics of who has left, and publish the list when it has changed."""
+        """Destroy the publishers of people who have left, and publish the list of ids if it has changed."""
         gone = [person for person in self._people if person not in ids]
         for person in gone:
             self._people.pop(person).close()

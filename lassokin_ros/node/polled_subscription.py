@@ -1,7 +1,7 @@
-"""Topics of which many messages come and few matter: they are read when their content is needed.
+"""Polled subscriptions, for topics with many messages of which few are needed. No executor waits for them.
 
-To wake rclpy's executor for one message takes it 0.2 ms and more, a quarter of what the tracker needs for a frame.
-camera_info comes with every image and hardly ever changes; a simulation's /clock comes up to 1000 times a second.
+Waking rclpy's executor for one message takes 0.2 ms or more, a quarter of the tracker's time for a frame. camera_info
+is published with every image and hardly ever changes. A simulation publishes /clock up to 1000 times per second.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from rosgraph_msgs.msg import Clock
 
 
 class PolledCallbackGroup(CallbackGroup):
-    """What no executor waits for."""
+    """A callback group for which no executor waits."""
 
     def can_execute(self, entity: Any) -> bool:
         """See CallbackGroup."""
@@ -33,21 +33,21 @@ UNATTENDED = PolledCallbackGroup()
 
 
 def ignore_events(endpoint: Any) -> None:
-    """Wait no longer for the events of a publisher or subscription, which say that another endpoint does not match.
+    """Stop waiting for the events of a publisher or subscription, such as incompatible QoS.
 
-    Each is waited for with every message, and takes as long as a subscription does.
+    The executor waits for each event together with each message; an event costs as much as a subscription.
     """
     for event in endpoint.event_handlers:
         event.callback_group = UNATTENDED
 
 
 def poll(subscription: Subscription, most: int) -> None:
-    """Call a subscription's callback with what has come, in its order, `most` messages of it.
+    """Call a subscription's callback with the messages received so far, in order, at most `most`.
 
-    From now on no executor waits for it. To be called from another callback of its callback group.
+    From then on no executor waits for the subscription. Call this from another callback of its callback group.
     """
     subscription.callback_group = UNATTENDED
-    ignore_events(subscription)  # what waits for them is woken by its messages too
+    ignore_events(subscription)  # waiting for its events would also wake the executor for its messages
     handle = subscription.handle
     for _ in range(most):
         with handle:
@@ -58,16 +58,16 @@ def poll(subscription: Subscription, most: int) -> None:
 
 
 class SimulatedTime:
-    """Lets a node's clock follow /clock when it is asked to, not with every message.
+    """Polls /clock, so that the node does not wake up for every message.
 
-    The subscription is rclpy's own, and comes and goes with the parameter use_sim_time.
+    The subscription belongs to rclpy. It exists while the parameter use_sim_time is true.
     """
 
     def __init__(self, node: Node) -> None:
         self._node = node
 
     def poll(self) -> None:
-        """Set the clock to the last time that has come."""
+        """Set the clock to the last time received."""
         for subscription in self._node.subscriptions:
             if subscription.msg_type is Clock:
                 poll(subscription, 1)

@@ -1,4 +1,4 @@
-"""The topics of bodies as REP-155 has them: /humans/bodies/<id>/skeleton2d of everybody in /humans/bodies/tracked."""
+"""Input topics of REP-155: /humans/bodies/<id>/skeleton2d for each id in /humans/bodies/tracked."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from lassokin_ros.pipeline.outputs import topics
 
 LIST_DEPTH = 10
 ID = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,99}")
-"""An id that can be a part of a topic's name, which has a largest length."""
+"""An id that can be part of a topic name, whose length is limited."""
 OF_A_BODY = re.compile(rf"{topics.REP155_BODIES}/({ID.pattern})/{topics.SKELETON2D}")
 
 
 class Rep155Inputs:
-    """Subscriptions that come and go with the list. As long as there has been no list, the topics that exist count."""
+    """Creates and destroys subscriptions by the list of ids. Before the first list, existing topics are used."""
 
     def __init__(
         self,
@@ -32,9 +32,9 @@ class Rep155Inputs:
         on_ids: Callable[[Sequence[str]], Sequence[str]],
         on_keypoints: Callable[[str, Any], None],
     ) -> None:
-        """on_ids: told of everybody who is there, it returns who is to be followed; on_keypoints: of one of them.
+        """on_ids: called with the ids of all bodies; returns those to follow. on_keypoints: called with (id, message).
 
-        Raises ConfigurationError when hri_msgs is not installed.
+        Raises ConfigurationError if hri_msgs is not installed.
         """
         self._node, self._qos = node, qos
         self._type = message_class(keypoints_type)
@@ -45,7 +45,7 @@ class Rep155Inputs:
         node.create_subscription(message_class(tracked.message_type), tracked.name, self._on_list, LIST_DEPTH)
 
     def look_around(self) -> None:
-        """Find bodies by their topics until a list comes; call it from time to time."""
+        """Find bodies by their topics until a list is received. Call this periodically."""
         if not self._listed:
             found = [OF_A_BODY.fullmatch(name) for name, _ in self._node.get_topic_names_and_types()]
             names = [match for match in found if match and self._node.count_publishers(match[0])]
@@ -63,4 +63,4 @@ class Rep155Inputs:
             topic = f"{topics.REP155_BODIES}/{person}/{topics.SKELETON2D}"
             take = partial(self._on_keypoints, person)
             self._subscriptions[person] = self._node.create_subscription(self._type, topic, take, self._qos)
-            ignore_events(self._subscriptions[person])  # its QoS matches every publisher's
+            ignore_events(self._subscriptions[person])  # the QoS matches every publisher

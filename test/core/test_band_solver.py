@@ -16,7 +16,7 @@ def test_each_system_has_its_own_solution(h, n):
         assert np.allclose(systems.solve(H, g), [np.linalg.solve(*each) for each in zip(H, g)], rtol=1e-6)
 
 
-def test_one_that_is_not_positive_definite_does_not_spoil_the_others():
+def test_one_indefinite_system_does_not_affect_the_others():
     H, g = np.tile(np.eye(3), (4, 1, 1)), np.ones((4, 3))
     H[2, 0, 0] = -1.0
     solution = BandSolver(4, 3).solve(H, g)

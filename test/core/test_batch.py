@@ -60,7 +60,7 @@ def kept(tracker):
                     yield name, array
 
 
-def test_each_is_answered_as_if_alone_and_goes_on_as_if_alone():
+def test_each_person_gets_the_result_and_state_of_a_single_run():
     trackers, frames = people()
     others, _ = people()
     accepted, exchanged = 0, 0
@@ -103,7 +103,7 @@ def test_what_all_have_to_compute_is_computed_at_once(monkeypatch):
     assert sorted(calls) == ["_posed", "other_cost"]
 
 
-def test_nothing_is_shared_that_only_one_has():
+def test_calls_with_different_optional_arrays_are_not_batched():
     """One frame after another with others, or in another order, does not matter."""
     trackers, frames = people()
     others, _ = people()
@@ -118,7 +118,7 @@ def test_nothing_is_shared_that_only_one_has():
 
 
 @pytest.mark.parametrize("method", ["linearise", "advance", "weigh"])
-def test_an_error_in_one_leaves_the_others_as_they_would_be(monkeypatch, method):
+def test_an_error_for_one_person_does_not_affect_the_others(monkeypatch, method):
     trackers, frames = people()
     others, _ = people()
     original = getattr(BodyHypotheses, method)
@@ -147,7 +147,7 @@ def test_nobody_at_all():
     assert Tracker.track_batch([], []) == []
 
 
-def test_who_cannot_go_together_is_said():
+def test_incompatible_trackers_of_a_batch_raise():
     trackers, frames = people(4)
     with pytest.raises(ValueError, match="argument 2 is shorter"):
         Tracker.track_batch(trackers, frames[0][:2])
@@ -191,7 +191,7 @@ def steps(part, times):
     return total
 
 
-def test_the_works_of_one_kind_are_done_at_once_and_everybody_gets_their_own():
+def test_calls_of_one_kind_are_batched_and_each_person_gets_the_own_result():
     parts = [Part(value) for value in (1.0, 2.0, 3.0)]
     Part.asked = []
     assert run_batched([steps(part, times) for part, times in zip(parts, (2, 0, 1))]) == [8.0, 0.0, 10.0]

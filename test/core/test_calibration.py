@@ -70,7 +70,7 @@ def test_any_tree_has_lengths():
     assert np.all(np.isclose(ratio, 1.1) | np.isclose(ratio, 1.0))
 
 
-def test_lengths_are_symmetric_and_the_unseen_is_none_of_them():
+def test_lengths_are_symmetric_and_include_only_visible_bones():
     proportions = Proportions(body("coco17"))
     assert {"thigh", "shank", "upper arm", "forearm", "trunk", "hip width"} <= set(proportions.names)
     assert not {"hand", "foot"} & set(proportions.names)
@@ -164,7 +164,7 @@ def test_what_was_seen_is_not_forgotten(seed):
     assert len(seen) > 8 and np.all(seen[1:] < 1.06 * seen[:-1]) and seen[-1] < 0.7 * seen[0], seen
 
 
-def test_frames_that_cannot_be_solved_say_nothing(monkeypatch):
+def test_frames_that_cannot_be_solved_have_no_influence(monkeypatch):
     monkeypatch.setattr(calibration_module, "lapack", SimpleNamespace(dposv=lambda H, right: (H, right, 1)))
     kinematics = body()
     prior = PosePrior(PoseDistribution.load(kinematics.skeleton), kinematics)
@@ -191,7 +191,7 @@ def test_tracking_a_wrong_skeleton_becomes_better():
     assert np.abs(tracker.calibration.lengths).max() > 0.02 and tracker.calibration.progress > 0.3
 
 
-def test_a_right_skeleton_is_left_alone():
+def test_a_correct_skeleton_is_not_changed():
     tracker = Tracker(TrackerConfig(noise_px=2.0, calibrate=True))
     offsets = tracker.skeleton.offsets
     for o in observed(Tracker(TrackerConfig()), 14.0, 2.0):

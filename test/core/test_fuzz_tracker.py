@@ -109,7 +109,7 @@ FAULTS = st.tuples(
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
-def test_after_any_observation_a_good_one_tracks_as_ever():
+def test_no_observation_prevents_tracking_of_the_next_good_one():
     twins = Twins()
 
     @fuzz(0.12)
@@ -151,7 +151,7 @@ def throw(twins, ways, seed, before):
     count("tracker", "taken" if estimate.accepted else "taken by the point filter alone")
 
 
-def test_an_absurd_first_frame_is_left_soon():
+def test_the_tracker_recovers_soon_from_an_absurd_first_frame():
     """Nonsense before anybody is known may be taken for a start; within 0.8 s the true person is tracked."""
     twins, seconds = Twins(), 0.8
     frames = observations(twins.tracker, seconds)

@@ -121,7 +121,7 @@ def bad_observations(good):
 
 
 @pytest.mark.parametrize("case", range(len(bad_observations(Observation(0.0, np.zeros((17, 2)), np.ones(17), 1.0)))))
-def test_a_refused_frame_says_why_and_leaves_no_trace(case):
+def test_a_rejected_frame_has_a_reason_and_does_not_change_the_state(case):
     """The frames after it are the same, bit by bit, as if it had never come."""
     disturbed, undisturbed = Tracker(CONFIG), Tracker(CONFIG)
     sequence = [o for _, o in observations(disturbed, 0.4)]
@@ -169,7 +169,7 @@ def test_what_is_missing_has_no_say():
         assert same(first.state, second.state)
 
 
-def test_lost_after_a_while_and_found_again():
+def test_the_tracker_is_lost_after_a_gap_and_initialises_again():
     tracker = Tracker(replace(CONFIG, lost_after=0.5))
     assert tracker.track(frame(tracker)).status is Status.TRACKING
     nothing = replace(frame(tracker), confidence=np.zeros(17))
@@ -181,7 +181,7 @@ def test_lost_after_a_while_and_found_again():
     assert again.accepted and not again.initialised
 
 
-def test_a_gap_without_any_message_initialises_anew_too():
+def test_a_gap_without_messages_causes_initialisation():
     tracker = Tracker(replace(CONFIG, lost_after=0.5))
     assert tracker.track(frame(tracker, 0.0)).initialised
     assert not tracker.track(frame(tracker, 0.4)).initialised
@@ -320,7 +320,7 @@ def test_initialisation_finds_the_way_a_person_faces(yaw):
     assert np.linalg.norm(fit.best.translation - [0.2, 0.1, 3.5]) < 0.15
 
 
-def test_without_warm_start_every_lasso_goes_to_the_solver_and_the_answer_is_the_same():
+def test_without_warm_start_the_qp_solver_gives_the_same_answers():
     warm, cold = Tracker(CONFIG), Tracker(replace(CONFIG, warm_start=False))
     for _, observation in observations(warm, 1.0):
         a, b = warm.track(observation), cold.track(observation)
@@ -353,7 +353,7 @@ def test_the_certificate_is_of_the_problem_that_is_given():
 
 
 @pytest.mark.parametrize(("smoothing", "lag"), [(1e-90, 0.0), (3e-7, 0.1), (1e-77, 0.2), (9e-4, 0.1), (1.1e-3, 0.1)])
-def test_the_shortest_steadying_is_none(smoothing, lag):
+def test_the_shortest_smoothing_time_switches_the_filter_off(smoothing, lag):
     tracker = Tracker(replace(CONFIG, smoothing=smoothing, smoothing_lag=lag))
     published = []
     for _, observation in observations(tracker, 1.5):
@@ -365,7 +365,7 @@ def test_the_shortest_steadying_is_none(smoothing, lag):
     assert max(off) <= (0.02 if smoothing > 1e-3 else 0.0)
 
 
-def test_a_frame_of_no_time_moves_no_time_whatever_else_is_wrong():
+def test_a_frame_without_a_finite_stamp_does_not_change_the_time():
     tracker = Tracker(replace(CONFIG, smoothing_lag=0.2))
     for _, observation in observations(tracker, 1.0):
         tracker.track(observation)

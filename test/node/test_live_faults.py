@@ -184,7 +184,7 @@ def test_a_camera_info_that_vanishes_stays_in_use(running):
     peer.camera = peer.node.create_publisher(type(camera_info(BACKEND)), topics.CAMERA_INFO, 10)
 
 
-def test_a_subscriber_that_stands_still_holds_nobody_up(running):
+def test_a_stopped_subscriber_does_not_block_the_node(running):
     _, peer = running
 
     def probe():
@@ -205,7 +205,7 @@ def test_a_subscriber_that_stands_still_holds_nobody_up(running):
     assert np.percentile(waits, 90) < 0.1  # a busy machine may hold up single ones
 
 
-def test_a_publisher_that_is_killed_and_comes_back():
+def test_a_publisher_is_killed_and_restarts():
     namespace = "/publisher_killed"
     with NodeProcess(namespace) as node, Peer(namespace) as peer:
         for _ in range(2):
@@ -330,7 +330,7 @@ def test_what_waits_for_the_node_is_stamped_with_the_time_at_which_it_came():
         assert stamps()[-1] < held_up_until
 
 
-def test_keypoints_without_a_stamp_are_said_once(monkeypatch, capfd):
+def test_keypoints_without_a_stamp_are_reported_once(monkeypatch, capfd):
     monkeypatch.setattr("lassokin_ros.node.log_throttle.PERIOD_S", 0.0)
     with node_in_this_process("/unstamped_once") as (node, _):
         node._camera_info.take(camera_info(BACKEND))

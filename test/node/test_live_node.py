@@ -152,7 +152,7 @@ def test_bad_values_are_refused_with_the_reason(running):
     assert get_parameter(running, "min_landmarks") == 4
 
 
-def test_several_values_are_taken_all_or_none(running):
+def test_several_values_are_applied_together_or_not_at_all(running):
     values = [parameter("sparsity", 0.5), parameter("noise_px", 1e9)]
     request = SetParametersAtomically.Request(parameters=values)
     result = running.call(SetParametersAtomically, "set_parameters_atomically", request).result
@@ -245,7 +245,7 @@ def test_reset_forgets_the_state(running):
     assert not np.any(running.got[topics.JOINT_STATES][-1].velocity)
 
 
-def test_disabled_it_says_so_and_publishes_nothing(running):
+def test_a_disabled_node_reports_this_and_publishes_nothing(running):
     feed(running, 2)
     outputs = len(running.got[topics.JOINT_STATES])
     response = running.call(SetBool, "set_enabled", SetBool.Request(data=False))
@@ -286,7 +286,7 @@ def test_diagnostics_while_tracking(running):
     assert stamp_of(message) > 1e18  # the wall clock's time
 
 
-def test_frozen_keypoints_are_answered_and_said(running):
+def test_frozen_keypoints_get_outputs_and_are_reported(running):
     feed(running, 2)
     count, last = values_of(running.next_diagnostics())["duplicated [messages]"], running.frames_sent - 1
     for _ in range(5):
@@ -330,7 +330,7 @@ def test_refused_keypoints_are_counted_by_reason_and_the_state_stays(running):
     assert values_of(running.got[topics.CERTIFICATE][-1])["initialised"] == "false"
 
 
-def test_a_stamp_that_jumps_back_starts_anew(running):
+def test_a_stamp_that_jumps_back_resets_the_state(running):
     from_the_beginning(running)
     feed(running, 40)  # more than jump_back
     before = int(values_of(running.next_diagnostics())["resets"])

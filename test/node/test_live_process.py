@@ -29,7 +29,7 @@ def test_a_signal_ends_it_with_exit_code_0(signals):
 @pytest.mark.parametrize(
     "arguments, word",
     [
-        (["--ros-args", "-p", "height:=5.0"], "0.3 to 2.6 m"),
+        (["--ros-args", "-p", "height:=5.0"], "0 to 2.6 m"),
         (["--ros-args", "-p", "height:=2"], "decimal point"),
         (["--ros-args", "-p", "skeleton:=nobody"], "anthropometric"),
         (["--ros-args", "-p", "landmarks:=nothing"], "coco17"),
@@ -43,7 +43,7 @@ def test_a_signal_ends_it_with_exit_code_0(signals):
         (["--ros-args", "--params-file", "README.md"], "README.md"),
     ],
 )
-def test_a_bad_start_says_why_in_one_line(arguments, word):
+def test_a_failed_start_is_explained_in_one_line(arguments, word):
     done = subprocess.run([*TRACKER, *arguments], capture_output=True, text=True, cwd=ROOT, timeout=30)
     lines = done.stderr.strip().splitlines()
     assert done.returncode == 2, done.stderr

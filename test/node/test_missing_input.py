@@ -36,7 +36,7 @@ class Reader(Peer):
         self.spin_until(lambda: any(all(w in line for w in words) for line in self.said), what=f"a line with {words}")
 
 
-def test_a_topic_of_another_name_is_named_and_what_comes_ends_the_complaint():
+def test_topics_of_other_names_are_listed_until_a_message_arrives():
     namespace, pixels = "/absent_name", pixels_of_motion(1)[0]
     remap = "-r", "keypoints:=wrong", "-r", "camera_info:=front/camera_info"
     with NodeProcess(namespace, *remap), Reader(namespace) as peer:
@@ -124,7 +124,7 @@ def test_what_a_later_publisher_keeps_is_asked_for_too():
         peer.spin_until(lambda: values_of(said[-1])["resets"] == "1", what="the third camera, another one")
 
 
-def test_a_simulation_without_a_clock_is_said():
+def test_a_simulation_without_a_clock_is_reported():
     """/clock is remapped, as in test_live_time: another test's would be this node's too."""
     namespace = "/absent_clock"
     with NodeProcess(namespace, "-p", "use_sim_time:=true", "-r", "/clock:=clock"), Reader(namespace) as peer:
@@ -150,7 +150,7 @@ def test_a_clock_is_waited_for_since_use_sim_time_was_set():
         peer.hears("waiting for /clock on /later_clock/clock", "nobody publishes there")
 
 
-def test_a_clock_that_is_no_longer_waited_for_has_not_come():
+def test_a_clock_no_longer_needed_is_not_reported_as_received():
     said = []
 
     class Listener:
@@ -198,7 +198,7 @@ def test_a_clock_that_is_no_longer_waited_for_has_not_come():
     ],
     ids=["another", "none"],
 )
-def test_a_frame_that_is_not_the_cameras_is_said_once(ours, camera, words):
+def test_a_frame_id_other_than_the_cameras_is_reported_once(ours, camera, words):
     namespace, pixels, sent, next_at = f"/misplaced_{ours}", pixels_of_motion(1)[0], 0, 0.0
     with NodeProcess(namespace), Reader(namespace) as peer:
 
@@ -219,7 +219,7 @@ def test_a_frame_that_is_not_the_cameras_is_said_once(ours, camera, words):
         assert len([line for line in peer.said if words in line]) == 1
 
 
-def test_nothing_is_said_where_all_comes():
+def test_nothing_is_logged_if_all_inputs_arrive():
     namespace, pixels, began = "/absent_nothing", pixels_of_motion(1)[0], time.monotonic()
     with NodeProcess(namespace), Reader(namespace) as peer:
         peer.listen(topics.FRAME_OUTPUTS[0])

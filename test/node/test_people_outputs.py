@@ -129,7 +129,7 @@ def test_when_the_detector_falls_silent_people_leave():
 
 
 @pytest.mark.parametrize("person_ids", ["message", "node"])
-def test_numbers_that_change_from_image_to_image_are_said(person_ids):
+def test_person_numbers_that_change_in_each_image_are_reported(person_ids):
     """Else somebody new comes with every other message, all is well by the level, and most messages go unused."""
     namespace, sent = f"/numbers_{person_ids}", 0
     settings = ("-p", "max_people:=3", "-p", f"person_ids:={person_ids}")
@@ -148,7 +148,7 @@ def test_numbers_that_change_from_image_to_image_are_said(person_ids):
         assert ("people come and leave" in status.message) is (person_ids == "message"), status.message
 
 
-def test_a_state_publisher_that_several_people_have_no_use_for_is_said():
+def test_a_state_publisher_with_several_people_is_reported_as_unused():
     namespace = "/no_use"
     settings = "-p", "max_people:=2", "-p", "state_publisher:=human_state_publisher"
     with NodeProcess(namespace, *settings) as node, Peer(namespace, outputs=False) as peer:
@@ -159,7 +159,7 @@ def test_a_state_publisher_that_several_people_have_no_use_for_is_said():
 
 @pytest.mark.parametrize("parameter, package", [("rep155", "hri_msgs"), ("publish_tf", "tf2_msgs")])
 @pytest.mark.parametrize("people", [1, 2])
-def test_what_needs_another_package_says_so_at_the_start(parameter, package, people):
+def test_a_missing_package_is_reported_at_the_start(parameter, package, people):
     if find_spec(package) is not None:
         pytest.skip(f"{package} is installed")
     command = [*TRACKER, "--ros-args", "-p", f"{parameter}:=true", "-p", f"max_people:={people}"]

@@ -71,7 +71,7 @@ def test_what_a_camera_was_before_is_not_missed():
         assert node._pipeline.camera.at(100_900_000_000).intrinsics.K[0, 0] == 600.0
 
 
-def test_the_same_again_is_not_looked_at_but_what_is_refused_is_counted_each_time():
+def test_repeated_camera_info_is_not_decoded_but_each_rejection_is_counted():
     with node_in_this_process("/same_again") as (node, _):
         come, taken = node._camera_info, []
         original = come._on_new
@@ -92,7 +92,7 @@ def test_the_same_again_is_not_looked_at_but_what_is_refused_is_counted_each_tim
 
 
 @pytest.mark.parametrize("policy", [{"depth": 1}, {"reliability": "reliable"}])
-def test_with_a_qos_of_ones_own_the_executor_goes_on_waiting(policy):
+def test_with_an_overridden_qos_the_executor_keeps_waiting(policy):
     """Of one message alone a change's stamp would be missed, and a publisher that does not match is to be said."""
     settings = {
         f"qos_overrides./own_qos/{topic}.subscription.{name}": value
@@ -152,7 +152,7 @@ def test_a_clock_is_read_when_the_time_is_needed(simulated):
         assert node._pipeline.counts["resets"] == resets + 1
 
 
-def test_a_time_that_is_none_costs_nothing_else():
+def test_an_invalid_time_has_no_other_effect():
     with node_in_this_process("/no_time", use_sim_time=True) as (node, _), Peer("/no_time", outputs=False) as peer:
         without_timers(node)
         clock, message = peer.node.create_publisher(Clock, "/clock", 10), Clock()

@@ -64,7 +64,7 @@ def test_it_follows_the_frame_and_a_restart():
     assert not complaints(node.said)
 
 
-def test_one_that_is_not_there_is_said_once_and_served_when_it_comes():
+def test_a_missing_state_publisher_is_reported_once_and_served_when_it_starts():
     namespace, pixels, sent = "/absent", pixels_of_motion(400, hz=10.0), 0
     settings = "-p", "state_publisher:=human_state_publisher", "-p", "calibrate:=false"
     with NodeProcess(namespace, *settings) as node, Peer(namespace) as peer:
@@ -92,7 +92,7 @@ def test_one_that_is_not_there_is_said_once_and_served_when_it_comes():
     assert len(complaints(node.said)) == 1
 
 
-def test_a_refusal_is_said_once_and_harms_nothing():
+def test_a_refusal_is_logged_once_and_has_no_other_effect():
     namespace, pixels = "/refused", pixels_of_motion(2)
     with NodeProcess(namespace, "-p", "state_publisher:=human_state_publisher") as node, Peer(namespace) as peer:
         other = StandIn(peer, bad=FRAME)

@@ -86,7 +86,7 @@ def after(name, course, frames):
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 @pytest.mark.parametrize("name", list(COURSES))
-def test_after_any_message_a_good_frame_tracks_as_ever(name):
+def test_no_message_prevents_tracking_of_the_next_good_frame(name):
     message_type, several, person_ids, share = COURSES[name]
     course = Course(message_type, several, person_ids)
 
@@ -111,7 +111,7 @@ def test_after_any_message_a_good_frame_tracks_as_ever(name):
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 @pytest.mark.parametrize("rectified", [False, True], ids=["raw", "rectified"])
-def test_after_any_camera_info_a_good_frame_tracks_as_ever(rectified):
+def test_no_camera_info_prevents_tracking_of_the_next_good_frame(rectified):
     course = Course(CLOUD, rectified=rectified)
     name = "camera_info in the pipeline" + ", rectified" * rectified
 
@@ -138,7 +138,7 @@ def test_after_any_camera_info_a_good_frame_tracks_as_ever(rectified):
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
-def test_whatever_comes_in_what_goes_out_can_be_serialised():
+def test_outputs_can_be_serialised_for_any_input():
     """Messages and camera_info as they come, one after another, through the replay's tracker: outputs are messages."""
     course = Course(CLOUD)
     tracker = OfflineTracker(*course.settings, TYPES)

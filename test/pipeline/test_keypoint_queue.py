@@ -16,7 +16,7 @@ def test_as_many_as_may_wait_are_all_used():
     assert not +counts
 
 
-def test_of_more_the_newest_is_used_until_nothing_waits():
+def test_with_too_many_messages_the_newest_is_used_until_none_waits():
     counts = Counter()
     keypoint_queue = KeypointQueue(5, counts)
     assert keypoint_queue.choose(waiting(1, 6, received=10), 1) == [6]

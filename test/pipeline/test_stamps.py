@@ -45,14 +45,14 @@ def test_a_recording_that_is_stopped_for_a_while_costs_no_frame(time):
     assert all(time.take(START_S + 1 + i / 30, 601 + i / 30) for i in range(30)) and time.refused == []
 
 
-def test_minutes_in_which_nobody_was_tracked_cost_no_frame(time):
+def test_no_frame_is_lost_after_minutes_without_a_person(time):
     assert all(time.take(START_S + 1 + i / 30, 1 + i / 30, tracked=False) for i in range(9000))
     assert time.take(START_S + 301, 301) and time.refused == []
 
 
 @pytest.mark.parametrize("away_s", [-900.0, -60.0, 3.0, 3600.0])
 @pytest.mark.parametrize("tracked", [True, False])
-def test_one_stamp_from_another_time_changes_nothing(time, away_s, tracked):
+def test_one_wrong_stamp_has_no_effect(time, away_s, tracked):
     for second in range(1, 5):  # whether somebody is tracked in the steady messages or not
         assert not time.take(START_S + second + away_s, second)
         assert all(time.take(START_S + second + i / 30, second + i / 30, tracked) for i in range(1, 30))
@@ -70,5 +70,5 @@ def test_a_clock_of_arrival_that_is_set_back_opens_no_door(time):
     assert not time.take(START_S + 100, -1000) and time.take(START_S + 1, -1000)
 
 
-def test_a_time_that_was_seen_is_believed_at_once(time):
+def test_a_jump_to_a_known_time_is_accepted_at_once(time):
     assert time.take(START_S, 1) and time.forgotten == 1 and time.refused == []

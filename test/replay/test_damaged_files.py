@@ -96,7 +96,7 @@ def assert_refused(done, left, expected):
 
 @pytest.mark.parametrize("storage", STORAGES)
 @pytest.mark.parametrize("kilobytes", [1, 40, 200])
-def test_a_limit_on_the_size_of_files_is_said_and_leaves_nothing(recording, tmp_path, storage, kilobytes):
+def test_a_limit_on_the_size_of_files_is_reported_and_leaves_no_files(recording, tmp_path, storage, kilobytes):
     """RLIMIT_FSIZE fails as a full disk does: in the middle of a write, at the end, or when the file is closed."""
     limit = kilobytes * 1024
 
@@ -121,7 +121,7 @@ def small_disk(tmp_path):
 
 
 @pytest.mark.parametrize("storage", STORAGES)
-def test_a_disk_that_is_really_full_is_said_and_leaves_nothing(recording, small_disk, storage):
+def test_a_really_full_disk_is_reported_and_leaves_no_files(recording, small_disk, storage):
     done = replay_in_a_process(recording[0], small_disk / "out", storage)
     assert_refused(done, small_disk, [])
 
@@ -163,7 +163,7 @@ def test_an_output_that_cannot_be_completed_leaves_no_files_either(recording, tm
     assert "No space left on device" in capsys.readouterr().err and os.listdir(tmp_path) == []
 
 
-def test_what_has_its_name_when_a_file_cannot_have_its_own_is_said(recording, tmp_path, monkeypatch, capsys):
+def test_a_name_used_by_something_else_is_reported(recording, tmp_path, monkeypatch, capsys):
     """Such as another user's file in a folder like /tmp, which one may write to but not replace."""
     real = Path.replace
 
@@ -196,13 +196,13 @@ def test_a_clean_up_that_fails_hides_no_error(tmp_path, monkeypatch):
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
-def test_a_folder_that_may_not_be_written_to_is_said(recording, tmp_path, capsys):
+def test_a_folder_without_write_permission_is_reported(recording, tmp_path, capsys):
     tmp_path.chmod(0o555)
     assert main([str(recording[0]), "--output", str(tmp_path / "out")]) == 2
     assert "cannot be written: Permission denied" in capsys.readouterr().err
 
 
-def test_a_folder_that_may_not_be_searched_is_said(recording, tmp_path, monkeypatch, capsys):
+def test_a_folder_without_search_permission_is_reported(recording, tmp_path, monkeypatch, capsys):
     """By a stand-in: tests may run as one who may do everything."""
     asked = Path.is_dir
 

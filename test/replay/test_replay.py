@@ -158,7 +158,7 @@ def test_refused_frames_have_no_output_and_are_counted(tmp_path, capsys):
     assert len(read(tmp_path / "out", "/tracker/joint_states")) == 36
 
 
-def test_a_gap_and_a_jump_back_initialise_anew(tmp_path, capsys):
+def test_a_gap_and_a_jump_back_cause_initialisation(tmp_path, capsys):
     """A pause of the camera costs no frame; a time that was not seen must be confirmed by a second frame."""
     stamps, pixels, confidence = synthetic_pixels(60)
     recorded = stamps + np.repeat([0, 5_000_000_000, 6_000_000_000], 20)
@@ -239,7 +239,7 @@ def test_topics_of_other_names_are_found_or_named(tmp_path):
     assert main([str(recording), "-o", str(tmp_path / "c")]) == 0
 
 
-def test_the_default_output_stands_here_and_says_so(recording, tmp_path, monkeypatch, capsys):
+def test_the_default_output_is_in_the_current_folder_and_is_printed(recording, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main([str(recording)]) == 0
     assert os.listdir(tmp_path) == ["walk_tracked"] and "-> walk_tracked (mcap)" in capsys.readouterr().out
@@ -282,7 +282,7 @@ def test_force_replaces_no_folder_in_which_the_user_has_something(recording, tmp
     assert contents(output) == before and os.listdir(tmp_path) == ["out"]
 
 
-def test_what_comes_into_an_old_output_meanwhile_stays(recording, tmp_path):
+def test_files_added_to_an_old_output_meanwhile_stay(recording, tmp_path):
     output = tmp_path / "out"
     assert main([str(recording), "-o", str(output)]) == 0
     expected = "contains 'notes.txt', which is not part"
@@ -309,7 +309,7 @@ def test_a_failed_force_leaves_the_old_output(tmp_path, recording):
     assert contents(output) == before and os.listdir(tmp_path) == ["out"]
 
 
-def test_a_recording_that_breaks_off_leaves_nothing(tmp_path, capsys):
+def test_a_truncated_recording_leaves_no_files(tmp_path, capsys):
     recording = write_recording(tmp_path / "walk", 40)
     file = next(recording.glob("*.mcap"))
     whole = file.read_bytes()
@@ -335,7 +335,7 @@ def test_a_damaged_database_leaves_nothing(tmp_path, capsys):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
-def test_a_full_disk_is_said_and_leaves_nothing(tmp_path, recording, capsys, monkeypatch):
+def test_a_full_disk_is_reported_and_leaves_no_files(tmp_path, recording, capsys, monkeypatch):
     import rosbags.rosbag2.writer as writer
 
     real = writer.McapWriter.write
@@ -353,7 +353,7 @@ def test_a_full_disk_is_said_and_leaves_nothing(tmp_path, recording, capsys, mon
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_leaves_nothing(tmp_path, number):
+def test_a_signal_leaves_no_files(tmp_path, number):
     recording = write_recording(tmp_path / "long", 3000)
     command = [sys.executable, "-m", "lassokin_ros.cli.replay", str(recording), "--output", str(tmp_path / "out")]
     process = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True)

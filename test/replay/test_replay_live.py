@@ -81,7 +81,7 @@ def test_what_was_rejected_before_the_recording_is_not_counted(tmp_path):
     assert live.rejected() == 0 and len(live.latencies_ms()) == 10
 
 
-def test_a_node_that_cannot_start_is_said():
+def test_a_node_that_cannot_start_is_reported():
     with pytest.raises(LassokinError, match="the node has exited: tracker: skeleton 'nobody' is neither built in"):
         with LiveNode({"skeleton": "nobody"}, "/broken") as live:
             live._spin_while(lambda: True, "an answer")

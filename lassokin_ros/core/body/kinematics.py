@@ -1,9 +1,9 @@
 """Forward kinematics (1)-(2) and differential kinematics (3)-(6) of a tree of ball joints.
 
-Everything is in the camera optical frame (x right, y down, z forward), metres and radians. A joint's frame is
-the root's at rest; joint j turns by R_j about its own centre, in its parent's frame. An increment omega_j is
-applied on the right, R_j <- R_j exp(hat(omega_j)), so its three angular degrees of freedom are turns about the
-axes of the joint's own frame.
+All quantities are in the camera optical frame (x right, y down, z forward), in metres and radians. At rest, every
+joint frame is parallel to the root's frame. Joint j rotates by R_j about its own centre, in its parent's frame. An
+increment omega_j is applied on the right, R_j <- R_j exp(hat(omega_j)): the three angular degrees of freedom are
+rotations about the axes of the joint's own frame.
 
 Functions take leading batch axes (hypotheses, people) where shapes are written with `...`.
 """
@@ -26,7 +26,7 @@ _IDENTITY = np.eye(3)
 
 @dataclass(frozen=True, eq=False)
 class BodyState:
-    """What moves: local rotations (..., n, 3, 3) and the root's position (..., 3) in the camera frame, m."""
+    """The moving state: local rotations (..., n, 3, 3), root position (..., 3) in the camera frame, m."""
 
     rotations: np.ndarray
     translation: np.ndarray
@@ -42,7 +42,10 @@ class BodyState:
 
 @dataclass(frozen=True, eq=False)
 class BodyPose:
-    """Where everything is: joint orientations (..., n, 3, 3), centres (..., n, 3) and landmarks q (..., l, 3)."""
+    """The result of forward kinematics, in the camera frame.
+
+    orientations: (..., n, 3, 3). positions: (..., n, 3) m, joint centres. landmarks: (..., l, 3) m, q.
+    """
 
     orientations: np.ndarray
     positions: np.ndarray
@@ -50,7 +53,7 @@ class BodyPose:
 
 
 class Kinematics:
-    """The kinematics of one skeleton with one landmark layout; holds tables that depend on nothing else."""
+    """Kinematics of one skeleton with one landmark layout, and the tables that depend only on these two."""
 
     def __init__(self, skeleton: Skeleton, layout: Layout) -> None:
         self.skeleton = skeleton
@@ -59,26 +62,26 @@ class Kinematics:
         ancestors = skeleton.ancestors.astype(float)
         reach = ancestors[layout.joints]
         self._jumps = _pointer_doubling(skeleton.parents)
-        # Centres and landmarks alike are sums of vectors fixed to joints: bones to their parents, levers to joints.
+        # Centres and landmarks are sums of vectors: bones are fixed to the parent joint, landmark offsets to the joint.
         self._carriers = np.concatenate([np.maximum(skeleton.parents, 0), layout.joints])
         self._sums = np.block([[ancestors, np.zeros(reach.T.shape)], [reach, np.eye(len(reach))]])
         self._vectors = np.concatenate([skeleton.offsets, layout.offsets])[:, :, None]
-        #: (l, 3 n): 1 where an angular degree of freedom moves a landmark (the joint is its ancestor or its own).
+        #: (l, 3 n): 1 where a degree of freedom moves a landmark (its joint is the landmark's joint or an ancestor).
         self.reach = np.repeat(reach, 3, axis=1)
         self._row_reach = np.repeat(self.reach, 2, axis=0)
         self.joint_count, self.landmark_count = n, len(layout.names)
         self._live = np.flatnonzero(self.live)
-        #: Indices of the root's live degrees of freedom, which are the first of all live ones.
+        #: Indices of the root's live degrees of freedom; they are the first ones of all live degrees of freedom.
         self.live_root = self._live[skeleton.parents[self._live // 3] < 0]
         self._live_reach = np.ascontiguousarray(self._row_reach[:, self._live].T)
 
     @staticmethod
     def stack(several: Sequence[Kinematics]) -> Kinematics:
-        """Of several people, whose skeletons differ in lengths alone: for states (people, k, ...)."""
+        """Stack the kinematics of several people, for states (people, k, ...). Skeletons may differ in lengths only."""
         return stack_attribute(several, "_vectors")
 
     def reshape(self, skeleton: Skeleton) -> None:
-        """Take over the lengths of a skeleton that is otherwise the same (same tree, same landmarks)."""
+        """Replace the skeleton by one with other lengths. The tree and the landmarks must be the same."""
         self.skeleton = skeleton
         self._vectors = np.concatenate([skeleton.offsets, self.layout.offsets])[:, :, None]
 
@@ -86,8 +89,9 @@ class Kinematics:
     def live(self) -> np.ndarray:
         """(3 n,) bool: degrees of freedom that can move a landmark; the other columns of P L are zero in every pose.
 
-        Dead are the joints below the last landmark, and turns about a bone whose far end is all that is seen (the
-        forearm's twist, when of the hand only the wrist is). Found at random poses, where no other column vanishes.
+        A degree of freedom is not live if its joint is below the last landmark, or if it rotates about a bone of
+        which only the far end is seen (for example the twist of the forearm if the wrist is the only landmark of the
+        hand). The test uses random poses, in which no other column is zero.
         """
         vectors = np.random.default_rng(0).normal(size=(4, self.joint_count, 3))
         L = self.jacobian(self.pose(BodyState(exponential(vectors), np.zeros((4, 3)))))
@@ -96,8 +100,9 @@ class Kinematics:
     def pose(self, state: BodyState, offsets: np.ndarray | None = None) -> BodyPose:
         """Forward kinematics, (1)-(2): orientations, joint centres and landmarks of a state.
 
-        T_i is the product of the joints' transforms from the root down; a landmark is q_i = T_i q_i^0.
-        offsets: (..., n, 3) m, those of other skeletons on the same tree, one per state; this skeleton's by default.
+        T_i is the product of the joints' transforms from the root to joint i; a landmark is q_i = T_i q_i^0.
+        offsets: (..., n, 3) m, rest offsets of another skeleton with the same tree for each state; default: this
+        skeleton's.
         """
         orientations = self._orientations(state.rotations)
         local = self._vectors if offsets is None else self._with_levers(offsets)
@@ -112,10 +117,10 @@ class Kinematics:
         return np.concatenate([offsets, levers], axis=-2)[..., None]
 
     def _orientations(self, rotations: np.ndarray) -> np.ndarray:
-        """(..., n, 3, 3): products of the rotations from the root down, in log2(depth) batched steps.
+        """(..., n, 3, 3): products of the rotations from the root to each joint, in log2(depth) batched steps.
 
-        Pointer doubling: after step k each joint holds the product over its last 2^k ancestors. Above the root stands
-        one more joint that does not turn, so that all joints are treated alike.
+        Pointer doubling: after step k, each joint has the product over its last 2^k ancestors. An extra joint with
+        the identity rotation is the parent of the root, so that the root needs no special case.
         """
         product = np.empty(rotations.shape[:-3] + (self.joint_count + 1, 3, 3))
         product[..., :-1, :, :] = rotations
@@ -126,10 +131,10 @@ class Kinematics:
         return product[..., :-1, :, :]
 
     def jacobian(self, pose: BodyPose) -> np.ndarray:
-        """L of (11), (..., 3 l, 3 n): block (i, j) is J_j(q_i) of (3)-(4), zero where j does not carry q_i (5).
+        """L of (11), (..., 3 l, 3 n): block (i, j) is J_j(q_i) of (3)-(4), zero where joint j does not move q_i (5).
 
-        Column c of J_j(q_i) is the spatial twist of that degree of freedom applied to q_i: w x (q_i - p_j), with w
-        its unit axis and p_j the joint's centre, both in the camera frame.
+        Column c of J_j(q_i) is the spatial twist of degree of freedom c applied to q_i: w x (q_i - p_j), with its
+        unit axis w and the joint's centre p_j, both in the camera frame.
         """
         levers = pose.landmarks[..., :, None, :] - pose.positions[..., None, :, :]
         axes = pose.orientations.swapaxes(-1, -2)
@@ -142,18 +147,19 @@ class Kinematics:
         """P L of (9)-(12), (..., 2 l, 3 n), without forming L.
 
         rows: (..., 2 l, 3), the rows f of P's blocks F(q_i) of (8), possibly weighted. Since
-        f . (w x (q - p)) = w . (q x f) - (w x p) . f, all entries are one product of the landmarks' (q x f, f) with
-        the degrees of freedom's (w, p x w), and a mask. Lengths are taken from the root, which keeps them small.
+        f . (w x (q - p)) = w . (q x f) - (w x p) . f, all entries are one product of the wrenches (q x f, f) of the
+        landmarks with the twists (w, p x w) of the degrees of freedom, and a mask. Positions are relative to the
+        root, which keeps the numbers small.
         """
         columns = twists(pose, pose.orientations) @ wrenches(pose, pose.landmarks, rows).swapaxes(-1, -2)
         return columns.swapaxes(-1, -2) * self._row_reach
 
     def live_twists(self, pose: BodyPose, axes: np.ndarray) -> np.ndarray:
-        """(..., live, 6): `twists` of the live degrees of freedom; axes: (..., n, 3, 3), see there."""
+        """(..., live, 6): `twists` of the live degrees of freedom; axes: (..., n, 3, 3), see `twists`."""
         return twists(pose, axes).take(self._live, axis=-2)
 
     def landmark_columns(self, moving: np.ndarray, pose: BodyPose, rows: np.ndarray, out: np.ndarray) -> None:
-        """Fill `out` (..., live, m l) with the live columns of `image_jacobian`, as rows.
+        """Fill `out` (..., live, m l) with the live columns of `image_jacobian`, transposed.
 
         moving: (..., live, 6), from `live_twists`; rows: (..., m l, 3), m rows per landmark, in the landmarks' order.
         """
@@ -165,7 +171,7 @@ class Kinematics:
     def joint_columns(
         self, moving: np.ndarray, pose: BodyPose, joints: np.ndarray, rows: np.ndarray, out: np.ndarray
     ) -> None:
-        """Fill `out` (..., live, m k) with the derivatives of f . p_j for rows f on the centres of k joints.
+        """Fill `out` (..., live, m k) with the derivatives of f . p_j, for rows f that act on the centres of k joints.
 
         moving: (..., live, 6), from `live_twists`; joints: (k,); rows: (..., m k, 3), m rows per joint.
         """
@@ -176,7 +182,7 @@ class Kinematics:
 
 
 def twists(pose: BodyPose, axes: np.ndarray) -> np.ndarray:
-    """(..., 3 n, 6): of each degree of freedom w, and p x w; axes: (..., n, 3, 3), w in each matrix's columns."""
+    """(..., 3 n, 6): w and p x w of each degree of freedom; axes: (..., n, 3, 3), w in the columns of each matrix."""
     axes = axes.swapaxes(-2, -1)
     result = np.empty(axes.shape[:-1] + (6,))
     result[..., :3] = axes
@@ -185,9 +191,9 @@ def twists(pose: BodyPose, axes: np.ndarray) -> np.ndarray:
 
 
 def wrenches(pose: BodyPose, points: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """(..., m k, 6): q x f = f^T hat(-q), and f, for the rows f of rows (..., m k, 3) on points q (..., k, 3), m each.
+    """(..., m k, 6): q x f = f^T hat(-q), and f. rows: (..., m k, 3), m rows f per point; points: (..., k, 3), q.
 
-    Lengths are taken from the root.
+    Positions are relative to the root.
     """
     by_point = rows.reshape(*points.shape[:-1], -1, 3)
     result = np.empty(by_point.shape[:-1] + (6,))
@@ -197,9 +203,9 @@ def wrenches(pose: BodyPose, points: np.ndarray, rows: np.ndarray) -> np.ndarray
 
 
 def _pointer_doubling(parents: np.ndarray) -> list[tuple[int, np.ndarray]]:
-    """For every doubling step the first joint with one 2^k levels above it, and from there on those above; n for none.
+    """(first, above) for each doubling step: above holds the ancestor 2^k levels up of joints first..n-1; n if none.
 
-    Joints before the first are done; in the usual order, from the root outwards, so are few of the others.
+    Joints before `first` have no such ancestor and need no more work.
     """
     top = len(parents)
     above = np.append(np.where(parents < 0, top, parents), top)

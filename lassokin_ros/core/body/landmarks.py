@@ -1,4 +1,4 @@
-"""Landmark layouts: which body point each index of a detector's output is."""
+"""Landmark layouts: the body point of each index in a detector's output."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from lassokin_ros.core.errors import LayoutError
 from lassokin_ros.core.yaml_files import check_keys, finite_numbers, load_mapping, read_text, user_path
 
 MOST_LANDMARKS = 1000
-"""What is made of them grows with their number's square; a body with both hands and a face mesh has about 550."""
+"""Memory grows with the square of the number. A body with both hands and a face mesh has about 550 landmarks."""
 
 SURFACE = {
     "hip": 0.055,
@@ -32,10 +32,10 @@ SURFACE = {
     "spine2": 0.060,
     "spine3": 0.060,
 }
-"""Half of the body's thickness at a joint, by the height: the default `surface` of a landmark at a joint's centre.
+"""Half of the body's thickness at a joint / height: the default `surface` of a landmark at a joint's centre.
 
 Typical values of adults in light clothing: circumference / (2 pi) for limbs and neck, half of the depth for the trunk.
-A landmark with an offset from its joint (nose, ear, toe) is on the surface: 0. A layout may state its own.
+A landmark with an offset from its joint (nose, ear, toe) is on the surface: 0. A layout may set other values.
 """
 
 
@@ -47,8 +47,8 @@ class Layout:
     ----------
     name: of the layout.
     names: l landmark names; a keypoint's id is its index here.
-    joints: (l,) index of the joint on which each landmark rides.
-    offsets: (l, 3) m, q_i^0 of (1): constant place in that joint's frame (body axes at rest: x left, y up, z front).
+    joints: (l,) index of the joint that each landmark is fixed to.
+    offsets: (l, 3) m, q_i^0 of (1): position in that joint's frame (body axes at rest: x left, y up, z front).
     surface: (l,) m from the body's surface to the landmark, along the line of sight of a depth camera.
     noise: (l,) factor on the detector's noise, above 1 for an unsteady landmark or one off its joint's centre.
     """
@@ -93,10 +93,10 @@ class Layout:
             where = f"{source}: landmark '{entry['name']}'"
             check_keys(entry, ("name", "joint", "offset", "noise", "surface"), where, LayoutError)
             if entry["name"] in names:
-                raise LayoutError(f"{where} stands twice; names must be unique")
+                raise LayoutError(f"{where} is listed twice; names must be unique")
             if entry.get("joint") not in skeleton.joint_names:
                 raise LayoutError(
-                    f"{where} rides on joint '{entry.get('joint')}', which is not in skeleton '{skeleton.name}'; "
+                    f"{where} has joint '{entry.get('joint')}', which is not in skeleton '{skeleton.name}'; "
                     f"its joints are: {', '.join(skeleton.joint_names)}"
                 )
             names.append(entry["name"])
@@ -127,7 +127,7 @@ class Layout:
 
 
 def built_in_layouts() -> list[str]:
-    """Names that `Layout.load` knows without a file."""
+    """Names of the built-in layouts, for `Layout.load`."""
     folder = resources.files("lassokin_ros.core.body") / "layouts"
     return sorted(Path(entry.name).stem for entry in folder.iterdir() if entry.name.endswith(".yaml"))
 

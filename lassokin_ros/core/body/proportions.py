@@ -1,4 +1,4 @@
-"""A skeleton's proportions: about a dozen log-lengths, the same left and right, and how the body changes with them."""
+"""Proportions of a skeleton: about a dozen log-lengths, the same left and right, and their effect on the body."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ PAIRS = {
     "forearm": ("wrist", "xyz"),
     "hand": ("hand", "xyz"),
 }
-"""Lengths of SMPL's tree that stand left and right: the joints at whose offsets' components they are."""
+"""Paired lengths of SMPL's tree: name -> (joints, components of their offsets)."""
 MIDDLE = {"trunk": "spine1 spine2 spine3", "neck": "neck", "head": "head"}
 
 
 class Proportions:
-    """The log-lengths (p,) of one skeleton, 0 = as given, and what they do to offsets and landmarks."""
+    """The log-lengths (p,) of one skeleton, 0 = as given, and the offsets and landmark Jacobian that follow."""
 
     def __init__(self, kinematics: Kinematics) -> None:
         skeleton = kinematics.skeleton
@@ -41,7 +41,7 @@ class Proportions:
         height = skeleton.rest_positions[:, 1]
         top, bottom = int(np.argmax(height)), int(np.argmin(height))
         path = skeleton.ancestors[top].astype(float) - skeleton.ancestors[bottom]
-        #: (p,) share of the stature at rest that each length makes.
+        #: (p,) share of each length in the stature at rest.
         self.stature_shares = self.parts[:, :, 1] @ path / max(height[top] - height[bottom], 1e-9)
 
     @property
@@ -54,11 +54,11 @@ class Proportions:
         return self.given.with_offsets(self.offsets(lengths))
 
     def offsets(self, lengths: np.ndarray) -> np.ndarray:
-        """(..., n, 3) m of lengths (..., p)."""
+        """Rest offsets (..., n, 3) m for log-lengths (..., p)."""
         return self.given.offsets + np.tensordot(np.expm1(lengths), self.parts, 1)
 
     def jacobian(self, pose: BodyPose, lengths: np.ndarray) -> np.ndarray:
-        """(l, 3, p) m: derivative of the landmarks by the log-lengths, in the camera frame, root held."""
+        """(l, 3, p) m: derivative of the landmarks with respect to the log-lengths, camera frame, root fixed."""
         return self._moved(self._reach, pose, lengths)
 
     def joint_jacobian(self, pose: BodyPose) -> np.ndarray:
@@ -73,7 +73,7 @@ class Proportions:
 
 
 def _parts(skeleton: Skeleton) -> dict[str, np.ndarray]:
-    """(n, 3) m of each length: its share of the offsets. Joints that the tables do not name stand for themselves."""
+    """(n, 3) m: the offsets that belong to each length. A joint that is in no table gets a length of its own."""
     names = skeleton.joint_names
     groups: dict[str, tuple[list[str], str]] = {}
     for length, (kinds, axes) in PAIRS.items():

@@ -1,9 +1,9 @@
 """Exponential and logarithm of SO(3), batched.
 
-scipy's Rotation does the same and is the reference in the tests; in the per-frame path its object costs more
-than the arithmetic, and it takes no arrays with more than one leading axis. Inside, components come first and the
-batch last: numpy goes through one long axis several times as fast as through many of three. And here as elsewhere in
-the core, products of small vectors and matrices are written `dot`, which takes less than half the time of `@`.
+scipy's Rotation does the same and is the reference in the tests. It is not used per frame: creating the object takes
+longer than the arithmetic, and it accepts one leading axis only. Internally, components are the first axis and the
+batch is the last one: numpy processes one long axis several times faster than many axes of length 3. In the core,
+products of small vectors and matrices use `dot`, which takes less than half the time of `@`.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ import numpy as np
 Array = np.ndarray
 
 
-#: (3, 9): v @ _HAT is hat(v), flattened. One product costs less than nine small assignments.
+#: (3, 9): v @ _HAT is hat(v), flattened. One product is faster than nine small assignments.
 _HAT = np.array([
     [0, 0, 0, 0, 0, -1, 0, 1, 0],
     [0, 0, 1, 0, 0, 0, -1, 0, 0],
     [0, -1, 0, 1, 0, 0, 0, 0, 0],
 ], dtype=float)  # fmt: skip
-#: (4, 9): the same for vectors and a multiple of the identity.
+#: (4, 9): the same for a vector plus a multiple of the identity.
 _HAT_AND_IDENTITY = np.vstack([_HAT, np.eye(3).reshape(1, 9)])
-#: (9, 10): of a flattened rotation matrix, 4 q q^T of its quaternion less `_UNIT`: xx yy zz ww, xy yz zx, wz wx wy.
+#: (9, 10): flattened R @ _PRODUCTS + _UNIT is 4 q q^T of its quaternion, ordered xx yy zz ww, xy yz zx, wz wx wy.
 _PRODUCTS = np.array([
     [1, 0, 0, 0, -1, 0, 0, 0, -1],
     [-1, 0, 0, 0, 1, 0, 0, 0, -1],
@@ -35,32 +35,32 @@ _PRODUCTS = np.array([
     [0, 0, 1, 0, 0, 0, -1, 0, 0],
 ], dtype=float).T.copy()  # fmt: skip
 _UNIT = np.array([1.0, 1, 1, 1, 0, 0, 0, 0, 0, 0])
-#: (4, 4): where the rows of q q^T, q = x y z w, stand among those products.
+#: (4, 4): indices of the entries of q q^T, q = x y z w, in those products.
 _ROWS = np.array([[0, 4, 6, 8], [4, 1, 5, 9], [6, 5, 2, 7], [8, 9, 7, 3]])
-#: Which components of a vector (3) or of a quaternion (4, its own three more last) make each different product of two.
+#: Components of each distinct product of two: of a vector (the first 6) or of a quaternion (all 10).
 _FIRST, _SECOND = np.array([0, 1, 2, 0, 1, 2, 0, 1, 2, 3]), np.array([0, 1, 2, 1, 2, 0, 3, 3, 3, 3])
-#: (6, 9): where the products of a vector v stand in v v^T.
+#: (6, 9): maps the products of a vector v to v v^T, flattened.
 _OUTER = np.zeros((6, 9))
 _OUTER[np.arange(6), 3 * _FIRST[:6] + _SECOND[:6]] = _OUTER[np.arange(6), 3 * _SECOND[:6] + _FIRST[:6]] = 1.0
-#: (10, 9): of a unit quaternion's products the matrix (w^2 - v^2) I + 2 v v^T + 2 w hat(v).
+#: (10, 9): maps the products of a unit quaternion to the matrix (w^2 - v^2) I + 2 v v^T + 2 w hat(v).
 _MATRIX_OF_PRODUCTS = np.vstack([2 * _OUTER, 2 * _HAT, np.eye(3).reshape(1, 9)])
 _MATRIX_OF_PRODUCTS[:3] -= np.eye(3).reshape(1, 9)
-#: (10, 9): of a vector, a multiple of the identity and another vector's products the matrix of `_combined`.
+#: (10, 9): maps a vector, a factor of the identity and the products of another vector to the matrix of `_combined`.
 _COMBINATION = np.vstack([_HAT_AND_IDENTITY, _OUTER])
-_ONES = np.ones(3)  # a product with it costs half of sum(axis=-1) on arrays this small
+_ONES = np.ones(3)  # a product with it takes half the time of sum(axis=-1) on arrays this small
 _ONE_AND_A_HALF = 1.5 * np.eye(3)
 
 
 def hat(vectors: Array) -> Array:
-    """Matrices of the cross product, so that the one of a times b is a x b: (..., 3) -> (..., 3, 3)."""
+    """Cross-product matrices, (..., 3) -> (..., 3, 3): the matrix of a times b is a x b."""
     return vectors.reshape(-1, 3).dot(_HAT).reshape(vectors.shape + (3,))
 
 
 def _angles(vectors: Array) -> tuple[Array, Array]:
     """t and t^2 of rotation vectors (3, ...), at least 1e-15 and its square.
 
-    The functions below divide by them. Their quotients then lose digits near zero, (t - sin t)/t^3 for one; but those
-    are multiplied by t^2 again, so what is returned is exact to rounding at every t.
+    The functions below divide by them. Near zero the quotients lose digits, for example (t - sin t)/t^3. They are
+    multiplied by t^2 again, so the results are exact to rounding for every t.
     """
     squared = np.maximum(_ONES.dot(vectors * vectors), 1e-30)
     return np.sqrt(squared), squared
@@ -106,7 +106,7 @@ def right_jacobian_inverse(vectors: Array) -> Array:
 def logarithm(matrices: Array) -> Array:
     """Rotation vectors of rotation matrices: (..., 3, 3) -> (..., 3) in rad, |v| <= pi.
 
-    From the skew part, sin(t) times the axis; near pi, where that vanishes, by way of the quaternion.
+    The skew part gives sin(t) times the axis. Near pi the skew part vanishes, and the quaternion is used instead.
     """
     parts = _HAT_AND_IDENTITY.dot(matrices.reshape(-1, 9).T)  # twice the skew part's vector, and the trace
     axis, double_cosine = parts[:3], parts[3] - 1
@@ -114,7 +114,7 @@ def logarithm(matrices: Array) -> Array:
     result = np.empty((len(double_sine), 3))
     np.multiply(axis, np.arctan2(double_sine, double_cosine) / double_sine, out=result.T)
     far = double_cosine < -1.9  # beyond 162 degrees
-    if np.count_nonzero(far):  # a tenth of what any() costs
+    if np.count_nonzero(far):  # ten times faster than any() here
         result[far] = _logarithm_of_quaternion(to_quaternion(matrices.reshape(-1, 3, 3)[far]))
     return result.reshape(matrices.shape[:-1])
 
@@ -139,23 +139,23 @@ def to_quaternion(matrices: Array) -> Array:
 
 
 def orthonormalised(matrices: Array) -> Array:
-    """One Newton step towards the nearest rotation, R (3 I - R^T R) / 2: enough for rounding drift, (..., 3, 3)."""
+    """One Newton step towards the nearest rotation, R (3 I - R^T R) / 2, (..., 3, 3): removes rounding drift."""
     gram = matrices.swapaxes(-1, -2) @ matrices
     return matrices @ (_ONE_AND_A_HALF - 0.5 * gram)
 
 
 def least_turn(a: Array, b: Array) -> Array:
-    """The least rotation (3, 3) that takes the direction of a (3,) to b's; half a turn where they are opposite.
+    """The smallest rotation (3, 3) from the direction of a (3,) to that of b; half a turn if they are opposite.
 
-    Its quaternion is (a - b) x (a + b) / (2 |a + b|) and |a + b| / 2: near the opposite, a + b has digits that a . b
-    and a x b have lost.
+    Its quaternion is (a - b) x (a + b) / (2 |a + b|) and |a + b| / 2. For nearly opposite directions, a + b keeps
+    digits that a . b and a x b lose.
     """
     a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
     together = a + b
     size = float(np.linalg.norm(together))
     if size > 1e-10:
-        vector = hat(a - b) @ together / (2 * size)  # np.cross takes as long as all the rest
-    else:  # about any axis across
+        vector = hat(a - b) @ together / (2 * size)  # np.cross takes as long as the rest of this function
+    else:  # any axis perpendicular to a
         vector = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
         vector = vector / np.linalg.norm(vector)
     skew = hat(vector)

@@ -1,7 +1,7 @@
-"""The body: a tree of ball joints at rest, as data.
+"""The skeleton: a tree of ball joints at rest.
 
-The tree is SMPL's as far as numbers and parents go (24 joints, gamma in the seed); any other tree comes from a
-YAML file in the same form as `skeletons/anthropometric.yaml`.
+The built-in tree has SMPL's joint numbers and parents (24 joints, gamma in the seed). Any other tree is read from a
+YAML file of the same form as `skeletons/anthropometric.yaml`.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from lassokin_ros.core.yaml_files import check_keys, finite_numbers, load_mappin
 AXIS_ORDERS = ("xyz", "xzy", "yxz", "yzx", "zxy", "zyx")
 HEIGHT_RANGE = (0.3, 2.6)  # m: an infant to the tallest person measured
 MOST_JOINTS = 300
-"""What is made of them grows with their number's square; a body with both hands has 55."""
+"""Memory grows with the square of the number. A body with both hands has 55 joints."""
 FARTHEST = 10.0
-"""m, or heights: largest coordinate of a joint at rest."""
+"""Largest coordinate of a joint at rest, in m or in heights."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,13 +31,13 @@ class Skeleton:
 
     Attributes
     ----------
-    name: of the skeleton.
+    name: name of the skeleton.
     joint_names: n names; joint 0 is the root (SMPL: the pelvis).
-    parents: (n,) index of each joint's parent, -1 for the root; a parent stands before its children.
+    parents: (n,) index of each joint's parent, -1 for the root; a parent comes before its children.
     offsets: (n, 3) m, from the parent's centre to the joint's, in the body frame at rest (x left, y up, z front);
         zero for the root.
-    axes: n orders such as "xzy": the three revolute joints that stand for each ball joint in URDF and JointState.
-    height: m, the person's.
+    axes: n orders such as "xzy": the three revolute joints that represent each ball joint in URDF and JointState.
+    height: m, height of the person.
     """
 
     name: str
@@ -72,7 +72,7 @@ class Skeleton:
         return self.ancestors @ self.offsets
 
     def index(self, joint: str) -> int:
-        """Index of a joint by name; SkeletonError with the names that exist if there is none."""
+        """Index of a joint by name. Raises SkeletonError with the existing names if there is none."""
         try:
             return self.joint_names.index(joint)
         except ValueError:
@@ -94,9 +94,9 @@ class Skeleton:
 
     @classmethod
     def load(cls, name_or_path: str, height: float) -> Skeleton:
-        """Read a built-in skeleton by name, or any from a YAML file, for a person of `height` m.
+        """Read a built-in skeleton by name, or a YAML file, for a person of `height` m.
 
-        Raises SkeletonError when the name or file does not exist, the tree is no tree, or the height is out of range.
+        Raises SkeletonError if the name or file does not exist, the tree is not valid, or the height is out of range.
         """
         if not (np.isfinite(height) and HEIGHT_RANGE[0] <= height <= HEIGHT_RANGE[1]):
             raise SkeletonError(f"height is {height}; expected {HEIGHT_RANGE[0]} to {HEIGHT_RANGE[1]} m")
@@ -122,13 +122,13 @@ class Skeleton:
 
 
 def built_in_skeletons() -> list[str]:
-    """Names that `Skeleton.load` knows without a file."""
+    """Names of the built-in skeletons, for `Skeleton.load`."""
     folder = resources.files("lassokin_ros.core.body") / "skeletons"
     return sorted(Path(entry.name).stem for entry in folder.iterdir() if entry.name.endswith(".yaml"))
 
 
 def skeleton_source(name_or_path: str) -> tuple[str, str]:
-    """(what to call it in messages, YAML text) of a built-in skeleton or of a file; SkeletonError if neither exists."""
+    """(name for messages, YAML text) of a built-in skeleton or a file. Raises SkeletonError if neither exists."""
     if name_or_path in built_in_skeletons():
         file = resources.files("lassokin_ros.core.body") / "skeletons" / f"{name_or_path}.yaml"
         return f"skeleton '{name_or_path}'", file.read_text(encoding="utf-8")
@@ -161,11 +161,11 @@ def _parse_joints(
         where = f"{source}: joint '{name}'"
         check_keys(entry, ("name", "parent", "position", "axes"), where, SkeletonError)
         if name in names:
-            raise SkeletonError(f"{where} stands twice; names must be unique")
+            raise SkeletonError(f"{where} is listed twice; names must be unique")
         if (parent is None) != (not names):
             raise SkeletonError(f"{where} has parent {parent!r}; the first joint, and no other, is the root (null)")
         if parent is not None and parent not in names:
-            raise SkeletonError(f"{where} has parent '{parent}', which does not stand before it: {', '.join(names)}")
+            raise SkeletonError(f"{where} has parent '{parent}', which is not listed before it: {', '.join(names)}")
         order = entry.get("axes", "xzy")
         if order not in AXIS_ORDERS:
             raise SkeletonError(f"{where} has axes {order!r}; expected one of {', '.join(AXIS_ORDERS)} in quotes")

@@ -1,6 +1,6 @@
-"""A body's left and right: which is which, and that they are about as long.
+"""Left and right of a body: pairs of names, and the symmetry of their lengths.
 
-Where a given skeleton's are not, they were guessed, not measured.
+If the lengths of a given skeleton are not symmetric, they were probably guessed and not measured.
 """
 
 from __future__ import annotations
@@ -10,12 +10,12 @@ import numpy as np
 from lassokin_ros.core.body.skeleton import Skeleton
 
 LARGEST_ASYMMETRY = 0.045
-"""Asymmetry above which a skeleton's lengths are taken for guesses. Skeletons that were fitted to motion capture have
-up to 0.043; lengths that are 5 % off, each at random, have about 0.07."""
+"""Asymmetry above which a skeleton's lengths count as guesses. Skeletons fitted to motion capture have up to 0.043;
+lengths with independent random errors of 5 % have about 0.07."""
 
 
 def other_side(name: str) -> str:
-    """left_knee for right_knee, mouth_left for mouth_right, and the other way round; a name without a side as it is."""
+    """Swap left and right: left_knee for right_knee, mouth_right for mouth_left. Names without a side do not change."""
     for side, other in (("left", "right"), ("right", "left")):
         if name.startswith(f"{side}_"):
             return other + name.removeprefix(side)
@@ -25,7 +25,7 @@ def other_side(name: str) -> str:
 
 
 def limb_groups(skeleton: Skeleton) -> np.ndarray:
-    """(n,) of each joint a number that both arms' joints share, both legs', and all joints of the trunk (-1)."""
+    """(n,) group number of each joint: one for both arms, one for both legs, -1 for the trunk."""
     names = skeleton.joint_names
     limbs = np.full(len(names), -1)
     for joint, (name, parent) in enumerate(zip(names, skeleton.parents)):
@@ -38,19 +38,19 @@ def limb_groups(skeleton: Skeleton) -> np.ndarray:
 
 
 def asymmetry(skeleton: Skeleton) -> float:
-    """Root mean square over the pairs of bones of log(left / right); 0 without pairs."""
+    """Root mean square of log(left / right) over the pairs of bones; 0 if there are no pairs."""
     paired, ratios = _ratios(skeleton)
     return float(np.sqrt(np.mean(ratios[paired] ** 2))) if paired.any() else 0.0
 
 
 def symmetrised(skeleton: Skeleton) -> Skeleton:
-    """The skeleton with both bones of each pair as long as their geometric mean; directions stay as given."""
+    """The skeleton with both bones of each pair at their geometric mean length; directions do not change."""
     _, ratios = _ratios(skeleton)
     return skeleton.with_bone_scales(np.exp(-0.5 * ratios))
 
 
 def _ratios(skeleton: Skeleton) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) of the bone that ends in each joint: is it one of a pair, and the log of its length over the other one's."""
+    """For the bone that ends in each joint, (n,) each: whether it has a partner, and log(length / partner's length)."""
     names, lengths = skeleton.joint_names, np.linalg.norm(skeleton.offsets, axis=1)
     places = {name: joint for joint, name in enumerate(names)}
     others = np.array([places.get(other_side(name), joint) for joint, name in enumerate(names)])

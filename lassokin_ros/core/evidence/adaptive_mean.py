@@ -1,16 +1,16 @@
-"""How this person tends to hold themselves: the mean that the pose prior is about, learned while they are followed.
+"""The adaptive mean: the person's own mean posture, learned during tracking and used as the mean of the pose prior.
 
-Of what the prior takes for a spread of postures a part differs from one person, and one occupation, to the next, and
-lasts. So its mean m is a state of its own, an Ornstein-Uhlenbeck process about the shipped mean, with `SHARE` of the
-shipped covariance Sigma and a memory of `MEMORY`. A frame's posture departs from it by the rest,
+A part of the spread of postures is constant for a person and an activity. The mean m is therefore a state of its own:
+an Ornstein-Uhlenbeck process about the shipped mean, with `SHARE` of the shipped covariance Sigma and the time constant
+`MEMORY`. The rest of the covariance is the deviation d of a frame's posture theta from m,
 
     m ~ N(mean, SHARE Sigma),    theta = m + d,    d ~ N(0, (1 - SHARE) Sigma).
 
-Some frames a second measure it (a Kalman filter): their rows of image, uprightness and balance, linear in theta, in
-the root's turn and in the translation, of which the last two may be anything. What is learned through limbs that one
-sees sideways then holds for those that point at the camera. Only the mean is handed on. The prior stays as wide as it
-was shipped, and the search for limbs mirrored in depth goes by the shipped mean: else a limb on the wrong side would
-soon be taken for this person's way of holding it.
+A Kalman filter updates m by a few frames per second. The measurement is the frame's rows of image, uprightness and
+balance. They are linear in theta, the root's rotation and the translation; the last two have no prior here. Limbs seen
+from the side thus improve the estimate for limbs that point at the camera. Only the mean is passed to the prior. The
+prior keeps its shipped covariance, and the search for limbs mirrored in depth uses the shipped mean. Otherwise the
+filter would soon learn a limb on the wrong side as the person's posture.
 """
 
 from __future__ import annotations
@@ -26,20 +26,21 @@ from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.lasso.problem import Lasso
 
 SHARE = 0.3
-"""Share of the prior's covariance that is the person's own and lasts. Half of the covariance differs between clips of
-motion capture; a smaller share gains as much, and a wrong pose does less harm."""
+"""Share of the prior's covariance that is constant for a person. Half of the covariance differs between clips of
+motion capture. A smaller share gains as much, and a wrong pose does less harm."""
 MEMORY = 30.0
-"""s."""
+"""s: time constant of the process."""
 EVERY = 0.25
 """s between measurements."""
 INDEPENDENT_AFTER = 1.0
-"""s: postures nearer in time depart from the mean alike, so that measurements a step apart count step / this each."""
+"""s: deviations of postures closer in time are correlated. A measurement a step after the last one has the weight
+step / INDEPENDENT_AFTER."""
 FREE = 1e3
-"""rad^2, m^2: variance of the root's turn and translation, of which nothing is known here."""
+"""rad^2, m^2: variance of the root's rotation and translation, which are unknown here."""
 
 
 class AdaptiveMean:
-    """The learned mean of one tracker's prior, which it moves; `advance` with every tracked frame."""
+    """The learned mean of one tracker's prior. Call `advance` with every tracked frame."""
 
     def __init__(self, rows: FrameModel) -> None:
         self._rows = rows
@@ -49,14 +50,14 @@ class AdaptiveMean:
         self.reset()
 
     def reset(self) -> None:
-        """Back to the shipped mean."""
-        #: (k,) rad rotation vectors of the prior's joints, and (k, k) rad^2 their covariance.
+        """Return to the shipped mean."""
+        #: (k,) rad, rotation vectors of the prior's joints, and (k, k) rad^2, their covariance.
         self.mean, self.covariance = self._shipped, self._lasting
         self._measured_at = -np.inf
         self._rows.prior.move(self.mean)
 
     def advance(self, stamp: float, start: BodyState, problem: Lasso) -> bool:
-        """Use a tracked frame: its lasso about the state that it started from. True when the prior's mean has moved."""
+        """Use a tracked frame: its lasso about the state `start`. Returns True if the prior's mean has changed."""
         step = stamp - self._measured_at
         if step < EVERY:
             return False
@@ -67,13 +68,13 @@ class AdaptiveMean:
         return True
 
     def _wait(self, step: float) -> None:
-        """What is known of the mean a step, s, later."""
+        """Predict the mean by step, s."""
         kept = math.exp(-step / MEMORY)
         self.mean = self._shipped + kept * (self.mean - self._shipped)
         self.covariance = self._lasting + kept**2 * (self.covariance - self._lasting)
 
     def _measure(self, start: BodyState, problem: Lasso, tempering: float) -> None:
-        """Take a frame's z = A theta + N (root's turn, x) + e as a measurement of the mean.
+        """Use a frame's z = A theta + N (root's rotation, x) + e as a measurement of the mean.
 
         tempering: factor on the variance of A d + e.
         """

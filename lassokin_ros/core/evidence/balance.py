@@ -1,9 +1,9 @@
-"""A weak belief that a body is above its feet: one camera hardly sees how far it leans towards it, or its legs away.
+"""Balance: a weak prior that the centre of mass is above the feet.
 
-Who stands, walks or squats has the centre of mass above the support, nearly; a leaning body with straight legs, which
-looks like one that squats, has not. The belief is about the horizontal distance between the centre of mass and the
-middle of the feet, horizontal as `Upright` has learned it. Its weight falls off for large distances, in the manner of
-Cauchy's loss: whoever sits or lies has no need of balance.
+One camera hardly observes a lean towards it. A person who stands, walks or squats has the centre of mass nearly above
+the feet. A leaning body with straight legs, which looks the same as a squatting one, does not. The residual is the
+horizontal distance between the centre of mass and the middle of the feet; `Upright` gives the vertical. The loss is
+Cauchy's, so that the weight decreases for large distances: a person who sits or lies is not balanced.
 """
 
 from __future__ import annotations
@@ -31,34 +31,34 @@ LIMBS = (
     ("knee", "ankle", 0.0465, 0.433),
     ("ankle", "foot", 0.0145, 0.5),
 )
-"""Segments: from and to which joint, share of the body's mass, and where its centre is between them (Winter,
-Biomechanics and motor control of human movement, 2009, table 4.1; the trunk's half way: its joints are others here)."""
+"""Segments: first and last joint, share of the body's mass, position of the segment's centre between them (Winter,
+Biomechanics and motor control of human movement, 2009, table 4.1; for the trunk, which has other joints here, 0.5)."""
 
 _IDENTITY = np.eye(3)
 
 
 class Balance(Evidence):
-    """Rows for the increment of all live degrees of freedom; none pulls at a skeleton without these joints' names."""
+    """Rows for the increment of all live degrees of freedom. They are 0 for a skeleton without these joint names."""
 
     count = 3
 
     def __init__(self, kinematics: Kinematics, upright: Upright) -> None:
         self.upright, self._live = upright, np.flatnonzero(kinematics.live)
-        #: (n,) of the joints' places, the centre of mass less the middle of the feet; they add up to 0.
+        #: (n,) weights of the joint centres in (centre of mass - middle of the feet); their sum is 0.
         self.shares = _shares(kinematics.skeleton.joint_names)
-        carried = kinematics.skeleton.ancestors.T * self.shares  # (n, n): by each joint, itself included
-        #: (n, n): of the joints' places, the arms.
+        carried = kinematics.skeleton.ancestors.T * self.shares  # (n, n): weights of what each joint moves
+        #: (n, n): weights of the joint centres in the arms.
         self._arms = carried - np.diag(carried.sum(axis=1))
         self._vertical, self._level = np.empty(0), np.empty((3, 3))
 
     def with_vertical(self, upright: Upright) -> Balance:
-        """The same by another vertical, or by several people's, of `Upright.together`."""
+        """A copy with another vertical, or with those of several people from `Upright.stack`."""
         other = copy(self)
         other.upright = upright
         return other
 
     def offset(self, positions: np.ndarray) -> np.ndarray:
-        """(..., 3) m: from the middle of the feet to the centre of mass, horizontally; positions (..., n, 3)."""
+        """(..., 3) m: horizontal vector from the middle of the feet to the centre of mass; positions (..., n, 3)."""
         return self.horizontal(self.shares.dot(positions))
 
     def horizontal(self, vectors: np.ndarray) -> np.ndarray:
@@ -70,35 +70,35 @@ class Balance(Evidence):
 
     @property
     def level(self) -> np.ndarray:
-        """(..., 3, 3), what projects on the horizontal plane."""
-        if self._vertical is not self.upright.vertical:  # which is another array when it has learned
+        """(..., 3, 3) projection onto the horizontal plane."""
+        if self._vertical is not self.upright.vertical:  # learning replaces the array
             self._vertical = self.upright.vertical
             self._level = _IDENTITY - self._vertical[..., :, None] * self._vertical[..., None, :]
         return self._level
 
     def arms(self, positions: np.ndarray) -> np.ndarray:
-        """(..., n, 3) m: what each joint turns of the offset, as seen from that joint; positions (..., n, 3)."""
+        """(..., n, 3) m: part of the offset that each joint rotates, relative to the joint; positions (..., n, 3)."""
         return np.asarray(self._arms @ positions)
 
     @classmethod
     def stack(cls, several: Sequence[Balance]) -> Balance:
-        """The balance of several people, each about the vertical that was learned from that person."""
+        """Stack the balance of several people, each with the vertical learned from that person."""
         return several[0].with_vertical(Upright.stack([balance.upright for balance in several]))
 
     def linearise(self, about: LinearisationPoint, columns: np.ndarray, z: np.ndarray) -> None:
-        """Fill the rows, which the translation does not change."""
+        """Fill the rows. They do not depend on the translation."""
         columns[..., :-3, :], z[...] = self.rows(about.states.pose, about.axes)
         columns[..., -3:, :] = 0.0
 
     def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
-        """(...,) cost of the states' offsets."""
+        """(...,) cost of each state's offset."""
         return self.offset_cost(self.offset(states.pose.positions))
 
     def rows(self, pose: BodyPose, axes: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """(columns, z): rows (..., live, 3) and right sides (..., 3), in standard deviations.
 
-        axes: (..., n, 3, 3) of the joints' increments where they are not the orientations. A turn w of joint k moves
-        the offset by w x a_k, a_k the arm of all that it carries, along h by w^T hat(a_k) h.
+        axes: (..., n, 3, 3) axes of the joints' increments; default: the orientations. A rotation w of joint k changes
+        the offset by w x a_k, with the arm a_k of all that the joint moves; along h by w^T hat(a_k) h.
         """
         offset = self.offset(pose.positions)
         weight = 1 / np.sqrt(SPREAD**2 + 0.25 * squared_norm(offset))[..., None]
@@ -108,12 +108,12 @@ class Balance(Evidence):
         return torques @ (weight[..., None] * self.level), -weight * offset
 
     def offset_cost(self, offset: np.ndarray) -> np.ndarray:
-        """(...,) what the rows' weights are the derivative of: 2 log(1 + offset^2 / (2 SPREAD)^2); offset (..., 3)."""
+        """(...,) Cauchy's loss, 2 log(1 + offset^2 / (2 SPREAD)^2), which gives the rows' weights; offset (..., 3)."""
         return np.asarray(2 * np.log1p(squared_norm(offset) / (4 * SPREAD**2)))
 
 
 def _shares(names: tuple[str, ...]) -> np.ndarray:
-    """(n,) by the joints' names; zeros where one is not there."""
+    """(n,) weights of the joint centres in (centre of mass - middle of the feet); zeros if a joint is missing."""
     shares = np.zeros(len(names))
     sides = [(f"{s}_{a}", f"{s}_{b}", mass, at) for s in ("left", "right") for a, b, mass, at in LIMBS]
     segments = (*TRUNK, *sides)

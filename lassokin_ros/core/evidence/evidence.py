@@ -1,4 +1,4 @@
-"""What a frame's lasso is made of: pieces of evidence, each with its rows and its cost.
+"""The base class of the pieces of evidence that make up a frame's lasso, each with its rows and its cost.
 
 A frame's problem is || z - J [Omega; x] ||^2 plus the l1 term, with Omega the live degrees of freedom and x the
 translation (the paper's lasso, rebuilt in docs/method.md). Each `Evidence` gives some rows of J and z, in units of its
@@ -36,7 +36,7 @@ class Posture:
 
 @dataclass(frozen=True, eq=False)
 class EvaluatedState:
-    """One or several states, with pose and posture. Both are needed twice: for the cost, and for the next frame."""
+    """One or several states with pose and posture, which both the cost and the next linearisation use."""
 
     state: BodyState
     pose: BodyPose
@@ -60,11 +60,11 @@ class EvaluatedState:
 
 @dataclass(frozen=True, eq=False)
 class LinearisationPoint:
-    """Where a frame is linearised, and how errors are weighted.
+    """The states about which a frame is linearised, its measurements, and the robust weights.
 
     states: one state or several, shape (...). frame: the measurements, with axes that broadcast to (...).
     robust: factors (..., l) on the landmarks' squared errors, given their sizes in standard deviations.
-    turn: (..., n, 3, 3) right Jacobian of an increment that has been made already; Omega then is the total increment.
+    turn: (..., n, 3, 3) right Jacobian of an increment already applied; Omega is then the total increment.
     """
 
     kinematics: Kinematics
@@ -75,7 +75,7 @@ class LinearisationPoint:
 
     @cached_property
     def axes(self) -> np.ndarray:
-        """(..., n, 3, 3): in each matrix's columns the axes of the joint's three turns, in the camera frame."""
+        """(..., n, 3, 3): axes of each joint's three rotations in the matrix columns, camera frame."""
         orientations = self.states.pose.orientations
         return orientations if self.turn is None else orientations @ self.turn
 
@@ -106,15 +106,15 @@ class Evidence(ABC):
     count: int
 
     def present(self, frame: FrameData) -> bool:
-        """Whether the frame holds what this evidence needs. Without, it has no rows and costs nothing."""
+        """Whether the frame has the data that this evidence needs. If not, it has no rows and no cost."""
         return True
 
     @abstractmethod
     def linearise(self, about: LinearisationPoint, columns: np.ndarray, z: np.ndarray) -> None:
         """Write the rows about a state, in standard deviations.
 
-        columns: (..., live + 3, count), to be filled with J transposed, the translation's columns last.
-        z: (..., count), to be filled with the right sides, so that the rows read || z - J [Omega; x] ||^2.
+        columns: (..., live + 3, count), output: J transposed, with the translation last.
+        z: (..., count), output: the right sides of || z - J [Omega; x] ||^2.
         """
 
     @abstractmethod
@@ -123,8 +123,8 @@ class Evidence(ABC):
 
     @classmethod
     def stack(cls: type[E], several: Sequence[E]) -> E:
-        """The evidence of several people at once, for states (people, k, ...).
+        """Stack the evidence of several people, for states (people, k, ...).
 
-        Needed for `Tracker.track_batch` alone, which works on one person at a time without it.
+        Only `Tracker.track_batch` needs it; without it, people are processed one at a time.
         """
         raise NotImplementedError(f"{cls.__name__} has no stack() for several people")

@@ -1,4 +1,4 @@
-"""The rows of one frame: all pieces of evidence side by side, about one state or several.
+"""The frame model: the rows of all pieces of evidence for one frame, about one state or several.
 
 Tracker, hypotheses, initialisation and calibration linearise the same problem
 
@@ -25,7 +25,7 @@ from lassokin_ros.core.image.frame_data import FrameData
 
 @dataclass(frozen=True, eq=False)
 class LinearisedFrame:
-    """columns: (..., live + 3, r), J with its columns as rows; z: (..., r); the image's 2 l rows come first."""
+    """columns: (..., live + 3, r), J transposed; z: (..., r). The image's 2 l rows come first."""
 
     columns: np.ndarray
     z: np.ndarray
@@ -42,7 +42,7 @@ class FrameModel:
         image, balance = ImagePoints(kinematics.landmark_count), Balance(kinematics, upright)
         depth = MeasuredDepth(kinematics.landmark_count)
         self.evidence: list[Evidence] = [image, prior, upright, balance, depth, *more]
-        #: Indices of the degrees of freedom that are asked for. The root's come first; the prior has no rows for them.
+        #: Indices of the estimated degrees of freedom. The root's come first; the prior has no rows for them.
         self.live = np.flatnonzero(kinematics.live)
 
     @property
@@ -72,7 +72,7 @@ class FrameModel:
 
     @staticmethod
     def stack(several: Sequence[FrameModel]) -> FrameModel:
-        """The models of several people at once, for k states of each: arrays have leading axes (people, k)."""
+        """Stack the models of several people, for k states each: arrays have leading axes (people, k)."""
         whole = copy(several[0])
         whole.kinematics = Kinematics.stack([model.kinematics for model in several])
         whole.evidence = [type(pieces[0]).stack(pieces) for pieces in zip(*(model.evidence for model in several))]
@@ -101,13 +101,13 @@ class FrameModel:
         return LinearisedFrame(columns, z)
 
     def rows_of(self, piece: Evidence, frame: FrameData) -> slice:
-        """Which of a frame's rows are those of one piece of evidence that is present."""
+        """The rows of one piece of evidence, which must be present in the frame."""
         before = self.evidence[: self.evidence.index(piece)]
         begin = sum(evidence.count for evidence in before if evidence.present(frame))
         return slice(begin, begin + piece.count)
 
     def rows_besides_prior(self, count: int) -> np.ndarray:
-        """Indices of those of all `count` rows that are neither the prior's nor its limits'."""
+        """Indices of all `count` rows except those of the pose prior and the joint limits."""
         return np.delete(np.arange(count), slice(self.image.count, self.image.count + self.prior.count))
 
     def image_costs(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
@@ -119,5 +119,5 @@ class FrameModel:
         return np.asarray(sum(piece.cost(states, frame) for piece in self.evidence[1:] if piece.present(frame)))
 
     def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
-        """(...,) negative log-likelihood of each state by all evidence."""
+        """(...,) negative log-likelihood of each state, all evidence together."""
         return np.asarray(self.image.cost(states, frame) + self.other_cost(states, frame))

@@ -19,7 +19,7 @@ class ImagePoints(Evidence):
         self.count = 2 * landmark_count
 
     def linearise(self, about: LinearisationPoint, columns: np.ndarray, z: np.ndarray) -> None:
-        """Fill the rows: the observation less the projection of the present state, and its derivatives."""
+        """Fill the rows: observation minus projection of the present state, and the derivatives."""
         frame = about.frame
         places, F = project_with_jacobian(about.states.pose.landmarks)
         error = frame.points - places

@@ -1,8 +1,8 @@
-"""Learned depth: where joints are in depth relative to the hips, as a network estimates it from the keypoints.
+"""Learned depth: depths of joints relative to the hips, estimated by a network from the keypoints.
 
 The network (`depth_network`) gives depths along the line of sight to the body's middle, relative to the middle of the
 hips, and a matrix that whitens their errors. The whitened errors follow Student's t distribution, so the weight of a
-row falls off where the state disagrees with the network. All depths are relative: the translation does not enter.
+row decreases where the state disagrees with the network. All depths are relative and do not depend on the translation.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class LearnedDepth(Evidence):
         self._levers = np.array([offset for _, offset in chosen])[..., None]
         live = np.flatnonzero(kinematics.live)
         self._reach = np.repeat(skeleton.ancestors[self._joints], 3, axis=1)[:, live].T.astype(float)
-        #: (DEPTHS, DEPTHS + 1): places relative to the middle of the hips, from those of the targets and the right hip.
+        #: (DEPTHS, DEPTHS + 1): maps positions of the targets and the right hip to positions relative to the mid-hip.
         self._relative = np.eye(DEPTHS, DEPTHS + 1)
         self._relative[:, [0, DEPTHS]] -= 0.5
 
@@ -50,7 +50,7 @@ class LearnedDepth(Evidence):
         return frame.joint_depths is not None
 
     def linearise(self, about: LinearisationPoint, columns: np.ndarray, z: np.ndarray) -> None:
-        """Fill the rows. A turn w of a joint at p moves the depth of a point q by (w x (q - p)) . sight."""
+        """Fill the rows. A rotation w of a joint at p changes the depth of a point q by (w x (q - p)) . sight."""
         given, pose = _given(about.frame), about.states.pose
         points = self._points(pose)
         whitened = self._whitened(points, given)
@@ -65,7 +65,7 @@ class LearnedDepth(Evidence):
         z[...] = weight * whitened
 
     def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
-        """(...,) negative log-likelihood of Student's t distribution; the rows' weights are its derivative."""
+        """(...,) negative log-likelihood of Student's t distribution, which gives the rows' weights."""
         z = self._whitened(self._points(states.pose), _given(frame))
         return np.asarray((TAIL + 1) / 2 * np.log1p(z * z / TAIL).sum(-1))
 
@@ -85,7 +85,7 @@ class LearnedDepth(Evidence):
         return np.asarray(pose.positions.take(self._joints, axis=-2) + turned[..., 0])
 
     def _whitened(self, points: np.ndarray, given: JointDepths) -> np.ndarray:
-        """(..., DEPTHS): estimated less actual depths, in units of their errors."""
+        """(..., DEPTHS): whitened difference of estimated and actual depths."""
         depths = (points @ given.sight[..., None])[..., 0] @ self._relative.T
         return np.asarray((given.whitening @ (given.depths - depths)[..., None])[..., 0])
 

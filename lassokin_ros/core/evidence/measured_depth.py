@@ -1,8 +1,8 @@
 """Measured depth: the depth of landmarks along the optical axis, from an RGB-D or stereo camera.
 
-One row per landmark compares the measurement with z of q_i, the third coordinate that the projection (7) discards. A
-camera may measure an occluder in front of the body or the background behind it, so the loss is bounded (Geman and
-McClure's, 1/2 e^2 / (1 + (e / SCALE)^2)): a measurement far from the body does not count.
+One row per landmark compares the measurement with z of q_i, the coordinate that the projection (7) discards. A camera
+may measure an occluder in front of the body or the background behind it. The loss is therefore bounded (Geman and
+McClure's, 1/2 e^2 / (1 + (e / SCALE)^2)): a measurement far from the body has no influence.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, Linear
 from lassokin_ros.core.image.frame_data import FrameData
 
 SCALE = 2.5
-"""Scale of the loss, in standard deviations. The value was chosen while looking at the nine clips on which the gain of
-measured depth was reported: smaller values are safer with occluders, larger ones more exact without."""
+"""Scale of the loss, in standard deviations. The value was chosen on the same nine clips on which the gain of measured
+depth is reported. Smaller values are safer with occluders, larger values more exact without."""
 
 
 class MeasuredDepth(Evidence):

@@ -1,15 +1,16 @@
-"""How far from the landmarks a detector's keypoints are, however still they stand; by what the fit leaves.
+"""The model error: constant offsets between a detector's keypoints and the landmarks, estimated from residuals.
 
-A detector has its own idea of a hip, clothes hide another, and the skeleton is not quite the person's: such errors
-last, so no filter of the tracks averages them out. With s_i the standard deviation of landmark i's noise that is left
-on its track and lambda that of its lasting error, a keypoint's is v_i = lambda^2 + s_i^2. The solved frame tells
-lambda: its residuals r_i, in units of sqrt(v_i), have as many degrees of freedom as the image's rows have left,
+The detector's definition of a hip differs from the skeleton's, clothes hide the body, and the lengths are not exact.
+Such errors are constant, so a filter of the tracks cannot remove them. With the standard deviation s_i of the noise
+that is left on landmark i's track and the standard deviation lambda of its constant error, a keypoint has the variance
+v_i = lambda^2 + s_i^2. The residuals r_i of the solved frame, in units of sqrt(v_i), determine lambda:
 
     E sum_i |r_i|^2 / 2 = sum_i f_i,    f_i = 1 - a_i^T H^-1 a_i,
 
-with a_i a row of [A B] and H = [A B]^T [A B] with the prior's rows (MacKay, Bayesian interpolation, 1992, sec. 4;
-the l1 term holds the frame's motion only, and a lasting error has been followed). One number is learned for all
-landmarks: numbers of their own were no better, as most residuals lie where two landmarks disagree.
+with a row a_i of [A B] and H = [A B]^T [A B] with the prior's rows (MacKay, Bayesian interpolation, 1992, sec. 4).
+The l1 term is not in H: it acts on the frame's motion only, and the state has already followed a constant error. One
+number is learned for all landmarks. One number per landmark was not better, because most residuals are caused by two
+landmarks that disagree.
 """
 
 from __future__ import annotations
@@ -23,55 +24,55 @@ from lassokin_ros.core.image.robust_loss import squared_norm
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
 
 FIRST = 0.004
-"""Of the height: standard deviation that is assumed of somebody's first frame."""
+"""Initial standard deviation / height."""
 LEAST, LARGEST = 0.002, 0.02
-"""Of the height: what is learned stays between them."""
+"""Limits of the standard deviation / height."""
 WORTH = 0.3
-"""s of frames that the first value is worth."""
+"""s: weight of the initial value, as a duration of frames."""
 MEMORY = 10.0
-"""s of frames that what was learned is worth in the end."""
+"""s: largest weight of the learned value, as a duration of frames."""
 SOONEST = 0.1
-"""s between two measurements at first; later a tenth of what is known by then."""
+"""s: shortest time between two measurements."""
 SHARE = 0.1
-"""Of what is known, s, that a measurement adds."""
+"""Time between two measurements as a share of the present weight."""
 CAP = 3.0
-"""Times what is expected of a landmark's squared residual, beyond which it counts no more: it is a wrong point, or a
-limb on the wrong side."""
+"""Upper limit of a landmark's squared residual, in units of its expectation. Beyond it the point is an outlier, or a
+limb is on the wrong side."""
 CAPPED = 1 - math.exp(-CAP)
-"""What the cap leaves of the expectation of Gaussian residuals."""
+"""Ratio of the expectations with and without the cap, for Gaussian residuals."""
 
 
 class ModelError:
-    """The lasting error of one person's keypoints; `advance` with every tracked frame that tells something new."""
+    """The constant error of one person's keypoints. Call `advance` with every tracked frame with new keypoints."""
 
     def __init__(self, height: float) -> None:
-        """height: m, the person's."""
+        """height: m, height of the person."""
         self._height = height
         self.reset()
 
     def reset(self) -> None:
-        """Back to what is assumed of a detector."""
-        #: m: lambda, in each of two directions.
+        """Return to the initial value."""
+        #: m: lambda, in each of the two image directions.
         self.deviation = FIRST * self._height
         self._known = WORTH
         self._measured_at = -math.inf
 
     @property
     def excess(self) -> float:
-        """How many times the least that is ever learned, 1 or more."""
+        """The standard deviation in units of its lower limit, 1 or more."""
         return self.deviation / (LEAST * self._height)
 
     @property
     def _every(self) -> float:
-        """s from one measurement to the next."""
+        """Time in s between two measurements."""
         return max(SOONEST, SHARE * self._known)
 
     def due(self, stamp: float) -> bool:
-        """Whether the frame of this stamp, s, is to be used."""
+        """Whether the frame with this stamp, s, must be used for a measurement."""
         return stamp - self._measured_at >= self._every
 
     def advance(self, stamp: float, problem: Lasso, omega: np.ndarray, weights: np.ndarray, depth: float) -> None:
-        """Use a tracked frame that is due: its lasso, whose first rows are the image's, and the Omega that solves it.
+        """Use a tracked frame that is due. problem: its lasso, with the image's rows first; omega: its solution.
 
         stamp: s; omega: (n,) rad; weights: (l,), 1 / standard deviation in normalised units, 0 = missing; depth: m.
         """
@@ -93,9 +94,9 @@ class ModelError:
 
 
 def _free(problem: Lasso, count: int) -> np.ndarray:
-    """(l,) f_i of the first `count` landmarks' rows, the mean of two: how much of each the fit leaves free, 0 to 1.
+    """(l,) f_i, the mean of each landmark's two rows: share of the row that the fit leaves free, 0 to 1.
 
-    a_i^T H^-1 a_i is what the translation takes of a row, and what the other unknowns take of that row of M A.
+    a_i^T H^-1 a_i is the sum of the share of the translation and the share of the other unknowns (in the row of M A).
     """
     reduced, rows = problem.reduced, 2 * count
     information = reduced.H.copy()

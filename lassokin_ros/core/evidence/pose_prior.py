@@ -1,12 +1,12 @@
-"""A prior on body posture: how likely a set of joint rotations is, as rows of a linear model.
+"""The pose prior and the joint limits, as rows of the frame's lasso.
 
-A Gaussian on the rotation vectors of all joints but the root, learned from motion capture (see
-benchmarks/learn_prior.py, which wrote the shipped file and says from which clips). Its rows join those of the image,
+The prior is a Gaussian on the rotation vectors of all joints except the root, learned from motion capture
+(benchmarks/learn_prior.py wrote the shipped file and lists the clips). Its rows
 
     || W (theta(R exp(Omega)) - mean) ||^2,   W^T W = Sigma^-1,
 
-so that each frame's problem stays the lasso. Beside them stands one row for every limit in
-priors/joint_limits.yaml: zero inside the range of motion, a spring of `LIMIT_SPREAD` outside.
+are linearised like the image's, so that each frame's problem remains a lasso. Each limit in priors/joint_limits.yaml
+adds one row: zero inside the range of motion, a spring with standard deviation `LIMIT_SPREAD` outside.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from lassokin_ros.core.image.robust_loss import squared_norm
 from lassokin_ros.core.yaml_files import load_mapping
 
 LIMIT_SPREAD = 0.05
-"""rad: standard deviation with which a joint beyond its range of motion is pushed back."""
+"""rad: standard deviation of a joint angle beyond its range of motion."""
 
 
 @dataclass(frozen=True)
 class JointLimit:
-    """The part of a joint's rotation vector along a unit axis stays within low..high, rad."""
+    """Range low..high, rad, of the component of a joint's rotation vector along a unit axis."""
 
     joint: str
     axis: tuple[float, float, float]
@@ -60,7 +60,7 @@ class PoseDistribution:
     """mean: (n, 3) rad rotation vectors; covariance: (3 n, 3 n) rad^2, both in the skeleton's joint order.
 
     motion: (3 n,) rad per frame at 60 Hz: the mean size of each degree of freedom's increment in human motion.
-    Joints that the file does not know have mean 0 and a spread of 0.5 rad; the root is free.
+    Joints that are not in the file have mean 0 and standard deviation 0.5 rad. The root has no prior.
     """
 
     mean: np.ndarray
@@ -69,7 +69,7 @@ class PoseDistribution:
 
     @classmethod
     def load(cls, skeleton: Skeleton) -> PoseDistribution:
-        """The shipped prior, for the joints of `skeleton` that it knows by name."""
+        """Load the shipped prior for the joints of `skeleton`, matched by name."""
         file = resources.files("lassokin_ros.core.evidence") / "priors" / "cmu.yaml"
         return cls.from_mapping(load_mapping(file.read_text(encoding="utf-8"), "pose prior", SkeletonError), skeleton)
 
@@ -98,10 +98,10 @@ def _components(joints: list[int]) -> np.ndarray:
 
 
 class PosePrior(Evidence):
-    """The prior's rows for one kinematics: of the joints that can move a landmark, root excepted."""
+    """Rows of the pose prior and the joint limits for the joints that can move a landmark, without the root."""
 
     def __init__(self, prior: PoseDistribution, kinematics: Kinematics) -> None:
-        """Raises LayoutError when there are no such joints."""
+        """Raises LayoutError if there are no such joints."""
         live = kinematics.live.reshape(-1, 3)
         root = kinematics.skeleton.parents < 0
         self.joints = np.flatnonzero(np.any(live, axis=1) & ~root)
@@ -114,7 +114,7 @@ class PosePrior(Evidence):
         self._n = kinematics.joint_count
         #: (k,) rad and (k, k) rad^2, as shipped.
         self.mean, self.covariance = prior.mean[self.joints].reshape(-1), prior.covariance[np.ix_(chosen, chosen)]
-        #: (k, k) upper triangular, W of the module's text.
+        #: (k, k) upper triangular, W of the module's docstring.
         self.W = np.linalg.cholesky(np.linalg.inv(self.covariance)).T
         self._take_limits(kinematics)
         self.count = len(self.W) + len(self.low)
@@ -122,12 +122,12 @@ class PosePrior(Evidence):
         self._rows_transposed = np.ascontiguousarray(rows.T)
         self.move(self.mean)
         self._columns_by_joint = self._rows_transposed.reshape(len(self.joints), 3, len(rows))
-        #: Its degrees of freedom are the live ones from this on: those before are the root's.
+        #: Index of the prior's first live degree of freedom. Those before are the root's.
         self.first = int(np.count_nonzero(live[root]))
         self._live = np.flatnonzero(live[self.joints].reshape(-1))
 
     def linearise(self, about: LinearisationPoint, columns: np.ndarray, z: np.ndarray) -> None:
-        """Fill the rows W (mean - theta) and those of the limits that are exceeded."""
+        """Fill the rows W (mean - theta) and the rows of exceeded limits."""
         columns[..., : self.first, :] = columns[..., -3:, :] = 0.0
         columns[..., self.first : -3, :] = self.live_columns(about.states.posture, about.turn)
         z[...] = about.states.posture.residual
@@ -138,16 +138,16 @@ class PosePrior(Evidence):
 
     @classmethod
     def stack(cls, several: Sequence[PosePrior]) -> PosePrior:
-        """The priors of several people, each about the person's own mean: for rotations (people, k, ...)."""
+        """Stack the priors of several people, each with the person's own mean, for rotations (people, k, ...)."""
         return stack_attribute(several, "whitened_mean")
 
     def move(self, mean: np.ndarray) -> None:
-        """Be about another mean (k,) from now on; what was made of postures before is no longer right."""
+        """Set another mean (k,). Postures computed before are no longer valid."""
         #: (k,), W mean.
         self.whitened_mean = self.W @ mean
 
     def _take_limits(self, kinematics: Kinematics) -> None:
-        """Rows `limits` (m, 3 joints) and ranges `low`, `high` (m,), in `LIMIT_SPREAD`, of those that count here."""
+        """Set `limits` (m, 3 joints) and `low`, `high` (m,), in units of `LIMIT_SPREAD`, for the prior's joints."""
         names = [kinematics.skeleton.joint_names[joint] for joint in self.joints]
         limits = [limit for limit in joint_limits() if limit.joint in names]
         self.limits = np.zeros((len(limits), 3 * len(names)))
@@ -159,16 +159,16 @@ class PosePrior(Evidence):
         self.high = np.array([limit.high for limit in limits]) / LIMIT_SPREAD
 
     def posture(self, rotations: np.ndarray) -> Posture:
-        """What rows and cost of a posture are made of; rotations: (..., n, 3, 3)."""
+        """The posture of local rotations (..., n, 3, 3), from which rows and cost are computed."""
         theta = logarithm(rotations.take(self.joints, axis=-3))
         return Posture(theta, self._right_side(theta))
 
     def residual(self, rotations: np.ndarray) -> np.ndarray:
-        """Right sides (..., k + m): W (mean - theta), then how far each limit is passed, in standard deviations."""
+        """Right sides (..., k + m): W (mean - theta), then the excess over each limit, in standard deviations."""
         return self.posture(rotations).residual
 
     def rows(self, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(A, z): rows (..., k + m, 3 n) and right sides (..., k + m) so that they read ||z - A Omega||^2."""
+        """(A, z): rows (..., k + m, 3 n) and right sides (..., k + m) of ||z - A Omega||^2."""
         posture = self.posture(rotations)
         columns, z = self._columns(posture, None), posture.residual
         A = np.zeros((*z.shape, self._n, 3))
@@ -176,22 +176,21 @@ class PosePrior(Evidence):
         return A.reshape(*z.shape, 3 * self._n), z
 
     def live_columns(self, posture: Posture, turn: np.ndarray | None = None) -> np.ndarray:
-        """A's columns of the live degrees of freedom after the root's, as rows: (..., live - first, k + m).
+        """A transposed, for the live degrees of freedom after the root's: (..., live - first, k + m).
 
-        turn: (..., n, 3, 3), a further factor on the right of each joint's block (the right Jacobian of an increment
-        already made).
+        turn: (..., n, 3, 3), right Jacobian of an increment already applied, a right factor of each joint's block.
         """
         return self._columns(posture, turn).take(self._live, axis=-2)
 
     def by_theta(self, A: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """Rows A (r, live - first) of the increment as rows (r, 3 joints) of theta: Omega = J_r(theta) d theta."""
+        """Convert rows A (r, live - first) for Omega to rows (r, 3 joints) for theta: Omega = J_r(theta) d theta."""
         rows = np.zeros((len(A), 3 * len(self.joints)))
         rows[:, self._live] = A
         turned = rows.reshape(len(A), len(self.joints), 1, 3) @ right_jacobian(theta)
         return np.asarray(turned.reshape(rows.shape))
 
     def _columns(self, posture: Posture, turn: np.ndarray | None) -> np.ndarray:
-        """(..., 3 joints, k + m), the columns of A as rows, in which order no product needs a copy.
+        """(..., 3 joints, k + m), A transposed; in this order no product needs a copy.
 
         d theta / d Omega is the inverse right Jacobian of SO(3) at theta.
         """

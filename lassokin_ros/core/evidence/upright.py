@@ -1,9 +1,9 @@
-"""A weak belief that people stand, walk and sit upright: one camera hardly sees how far a body leans towards it.
+"""Uprightness: a weak prior that people stand, walk and sit upright.
 
-The belief is about the pelvis' own vertical, compared with the vertical as the camera sees it. That one begins as the
-camera's -y axis (a camera held level), or where its mount has it, and is learned from the tracked person, so a camera
-that looks up or down is no lasting error. Its weight falls off for large leans, in the manner of Cauchy's loss: whoever
-lies down, lies down.
+One camera hardly observes a lean towards it. The residual compares the pelvis' y axis with the vertical in the camera
+frame. The vertical is at first the camera's -y axis (a level camera) or follows from the camera's mount; then it is
+learned from the tracked person, so that an unknown tilt of the camera causes no constant error. The loss is Cauchy's,
+so that the weight decreases for large leans: a person may lie down.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ SPREAD = 0.12
 LEARNED_IN = 5.0
 """s: time constant with which the vertical follows the tracked person's."""
 FIRST_LEARNED_IN = 0.5
-"""s: the same at first; it grows with the time that a person has been seen. What is known at first, the camera's mount,
-is often off by more than a person leans."""
+"""s: the time constant at first. It grows with the time for which a person has been seen. The error of the camera's
+mount is often larger than the lean of a person."""
 
 TILT = 0.45
-"""rad: how far up or down a camera may look of which nobody has said so. With flatter and steeper ones beside it, first
-frames of cameras tilted by 30 degrees were worse, of those tilted by 15 or 45 hardly better."""
+"""rad: pitch of the alternative verticals, for a camera whose tilt is not configured. With further, smaller and larger
+ones, first frames were worse for cameras tilted by 30 degrees and hardly better for 15 or 45 degrees."""
 TILT_COST = 4.0
-"""Negative log-likelihood of that beside the mount as it was said. With less, people who lean before a level camera are
-taken for upright ones; with more, upright ones before a tilted camera for people who lean."""
+"""Negative log-likelihood of an alternative vertical relative to the configured mount. With a smaller value, people who
+lean before a level camera are estimated as upright; with a larger one, upright people before a tilted camera lean."""
 
 LONGEST_STEP = 0.2
-"""s: the most that one frame counts for, however long nobody was seen before it."""
+"""s: largest weight of one frame, also after a gap."""
 
 _RIGHT, _SIGHT = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
-_ACROSS = np.array([1.0, 0.0, -1.0])  # of [e_z, e_y, e_x], what turns the vertical
+_ACROSS = np.array([1.0, 0.0, -1.0])  # signs of [e_z, e_y, e_x] in the derivative of the vertical
 
 
 class Upright(Evidence):
@@ -51,22 +51,22 @@ class Upright(Evidence):
 
     @classmethod
     def stack(cls, several: Sequence[Upright]) -> Upright:
-        """Of several people, each with the vertical that was learned from them: for roots (people, k, 3, 3)."""
+        """Stack the verticals of several people, each learned from that person, for roots (people, k, 3, 3)."""
         return stack_attribute(several, "vertical")
 
     def mounted(self, roll: float, pitch: float) -> None:
-        """Believe in a camera mounted like that, see `vertical_of`, and forget what was learned."""
+        """Set the camera's mount, see `vertical_of`, and forget the learned vertical."""
         self._first = vertical_of(roll, pitch)
         self.reset()
 
     def reset(self) -> None:
-        """Believe in the camera's mount again."""
+        """Return to the vertical of the camera's mount."""
         self.vertical = self._first
         self._seen = 0.0  # s
 
     @property
     def mount(self) -> np.ndarray:
-        """(3,) the vertical by the camera's mount."""
+        """(3,) the vertical that follows from the camera's mount."""
         return self._first
 
     @property
@@ -75,26 +75,26 @@ class Upright(Evidence):
         return self._seen
 
     def adopt(self, others: Iterable[Upright]) -> None:
-        """Take over what was learned by that one of others, behind the same camera, who saw people the longest."""
+        """Copy the vertical from the one of `others`, for the same camera, that has learned it for the longest time."""
         longest = max(others, key=lambda other: other._seen, default=self)
         if longest._seen > 0:
             self.vertical, self._seen = longest.vertical, longest._seen
 
     def candidates(self) -> list[tuple[np.ndarray, float]]:
-        """The verticals (3,) by which a first state may be sought, and what each costs, a negative log-likelihood.
+        """The verticals (3,) to try in the first frame, each with its cost (negative log-likelihood).
 
-        They are the mount's and those of cameras that look up or down from there; the learned one, when there is one.
+        They are the mount's vertical and those of cameras pitched up and down from it, or only the learned vertical.
         """
         if self._seen > 0:
             return [(self.vertical, 0.0)]
         across = hat(self._first) @ _SIGHT
         size = math.sqrt(across.dot(across))
-        axis = across / size if size > 1e-3 else _RIGHT  # a camera that looks straight down has no other
+        axis = across / size if size > 1e-3 else _RIGHT  # the camera looks straight up or down
         tilts = exponential(np.outer((TILT, -TILT), axis))
         return [(self._first, 0.0), *((tilt @ self._first, TILT_COST) for tilt in tilts)]
 
     def learn(self, root: np.ndarray, step: float) -> None:
-        """Let the vertical follow the pelvis' orientation (3, 3), held for `step` s, unless upside down."""
+        """Move the vertical towards the pelvis' y axis; root: (3, 3), held for `step` s. Ignored beyond 60 degrees."""
         up, step = root[:, 1], min(step, LONGEST_STEP)
         if up.dot(self.vertical) > 0.5:
             self._seen += step
@@ -103,7 +103,7 @@ class Upright(Evidence):
             self.vertical = moved / math.sqrt(moved.dot(moved))
 
     def linearise(self, about: LinearisationPoint, columns: np.ndarray, z: np.ndarray) -> None:
-        """Fill the rows, which move with the root alone."""
+        """Fill the rows. They depend on the root's rotation only."""
         rows, z[...] = self.rows(about.states.state.rotations[..., 0, :, :])
         if about.turn is not None:
             rows = rows @ about.turn[..., 0, :, :]
@@ -112,7 +112,7 @@ class Upright(Evidence):
         columns[..., len(root) :, :] = 0.0
 
     def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
-        """(...,) cost of the states' leans."""
+        """(...,) cost of each state's lean."""
         return self.lean_cost(states.state.rotations[..., 0, :, :])
 
     def rows(self, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -125,22 +125,23 @@ class Upright(Evidence):
         return root[..., ::-1] * (weight * _ACROSS)[..., None, :], -weight * lean
 
     def lean_cost(self, root: np.ndarray) -> np.ndarray:
-        """(...,) what the rows' weights are the derivative of: 2 log(1 + lean^2 / (2 SPREAD)^2); root (..., 3, 3)."""
+        """(...,) Cauchy's loss, 2 log(1 + lean^2 / (2 SPREAD)^2), which gives the rows' weights; root (..., 3, 3)."""
         lean = root[..., :, 1] - self.vertical
         return np.asarray(2 * np.log1p(squared_norm(lean) / (4 * SPREAD**2)))
 
 
 def levelling(roll: float, pitch: float) -> np.ndarray:
-    """(3, 3) from the optical frame of a camera mounted with these angles, rad, to that of a level one in its place.
+    """Rotation (3, 3) from the optical frame of a camera with this mount, rad, to the optical frame of a level camera.
 
-    They are those of the camera's body frame (x forward, y left, z up) by fixed axes, as in a URDF's rpy: positive roll
-    has its right side down, positive pitch looks down. Yaw stays. It is Ry(pitch) Rx(roll) there; the body frame's x is
-    the optical frame's z, its y the other one's -x (REP 103).
+    The angles are fixed-axis angles of the camera's body frame (x forward, y left, z up), as in a URDF's rpy: with
+    positive roll the camera's right side is down, with positive pitch the camera looks down. Yaw does not change. In
+    the body frame the rotation is Ry(pitch) Rx(roll); its x is the optical frame's z, its y is the optical frame's -x
+    (REP 103).
     """
     about_right, about_sight = exponential(np.array([[-pitch, 0.0, 0.0], [0.0, 0.0, roll]]))
     return np.asarray(about_right @ about_sight)
 
 
 def vertical_of(roll: float, pitch: float) -> np.ndarray:
-    """(3,) up, in the optical frame of a camera mounted with these angles, rad, see `levelling`."""
+    """(3,) the up direction in the optical frame of a camera with this mount, rad; see `levelling`."""
     return -levelling(roll, pitch)[1]

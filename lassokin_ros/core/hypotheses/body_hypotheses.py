@@ -1,12 +1,12 @@
-"""Other explanations of the same images, tracked beside the published state until one is clearly better.
+"""Body hypotheses: alternative states, tracked together with the published state until one is clearly better.
 
-From one camera a body fits almost as well when it is turned round; a tracker that started on the wrong side, or slipped
-to it, stays there. So does one that takes somebody who squats for somebody who leans. So a few states are fitted along
-with the frames, begun in turn from the mean pose turned to one side after another and from the present state with both
-legs mirrored in depth, and refined by one Gauss-Newton step a frame, coarse to fine. One whose cost, averaged over its
-last frames, is lower than the present state's by a margin takes its place in the next frame. Motion is part of that
-cost. The lasso's l1 term keeps the published state from following the noise; a ridge of the same spread holds a
-challenger once it has found its place. Single limbs are `limb_hypotheses`'s.
+From one camera, a body that faces away fits almost as well as one that faces the camera. A tracker that starts on the
+wrong side, or slips to it, stays there; the same holds for a squatting person estimated as a leaning one. Therefore a
+few alternative states are fitted to each frame. They start in turn from the mean pose, turned to one side after
+another, and from the present state with both legs mirrored in depth. Each gets one Gauss-Newton step per frame, coarse
+to fine. If the mean cost of a hypothesis over its last frames is lower than that of the published state by a margin, it
+replaces the published state in the next frame. The cost includes motion: the published state pays the lasso's l1 term,
+and a ridge of the same spread holds a hypothesis that has converged. `limb_hypotheses` treats single limbs.
 """
 
 from __future__ import annotations
@@ -27,52 +27,52 @@ from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import CAP, huber_weights, norm
 
 COARSE = np.array([8.0, 8.0, 8.0, 8.0, 2.0, 2.0, 2.0, 1.0])
-"""Factor on the noise while a challenger is young, by its age in frames."""
+"""Factor on the noise for a young hypothesis, by age in frames."""
 COUNTED_FROM = 10
-"""Frames of age after which its cost counts."""
+"""Age in frames after which the cost of a hypothesis is averaged."""
 OLD_ENOUGH = 14
-"""Frames of age from which it may win, or be given up."""
+"""Age in frames from which a hypothesis may win or be replaced."""
 GIVEN_UP_AT = 30
-"""Frames of age at which one that has not won is replaced."""
+"""Age in frames after which a hypothesis that has not won is replaced."""
 MEMORY = 20
 """Frames over which costs are averaged."""
 SHARES = np.append(np.zeros(COUNTED_FROM + 1), 1 / np.arange(1.0, MEMORY + 1))
-"""What a frame's cost is of the average, by age in frames, the last from then on."""
+"""Weight of a frame's cost in the running mean, by age in frames; the last value holds for older hypotheses."""
 STEADY_FROM = 10
-"""Frames of age from which its motion is held as the published state's is."""
+"""Age in frames from which motion is penalised as for the published state."""
 MARGIN = 2.0
-"""By how much (in units of a variance-weighted cost, the negative log-likelihood) a challenger must be better."""
+"""Difference in cost (negative log-likelihood) by which a hypothesis must be better."""
 HOPELESS = -2.0
-"""One that is worse by this is given up early."""
+"""A hypothesis worse by this difference is replaced early."""
 SIDES = 4, 2, 6, 3, 5, 1, 7
-"""Eighths of a turn from where the published state faces, in this order: it is the back that is taken for the front."""
+"""Start directions in eighths of a turn from the published state's, in this order: front/back confusion first."""
 MIRRORED_AGE = 5
-"""Frames of age with which a mirrored one begins: it need not find the whole body first."""
+"""Initial age in frames of a mirrored hypothesis, which does not have to converge from the mean pose."""
 ALIKE = 0.02
-"""m: mean distance of joints below which a challenger has become the published state."""
+"""m: mean distance of joints below which a hypothesis equals the published state."""
 
 
 class BodyHypotheses:
-    """A pool of states that run beside the published one, with it: what a frame asks of one, it asks of all at once.
+    """The alternative states together with the published state. Each operation is applied to all of them at once.
 
-    Of several people's pools at once (see `together`) all arrays have a first axis of people.
+    In the stacked hypotheses of several people (see `stack`) all arrays have a leading axis of people.
     """
 
     def __init__(self, initialiser: Initialiser, rows: FrameModel, count: int) -> None:
         self._initialiser = initialiser
         self._rows = rows
         self._count = count
-        #: The challengers and, last, the published state.
+        #: The hypotheses and, last, the published state.
         self._everyone: EvaluatedState | None = None
-        #: Standard deviations beyond which a point does not count: for the published state it always does.
+        #: Standard deviations beyond which a point is ignored; no limit for the published state.
         self._caps = np.append(np.full(count, CAP), np.inf)[:, None]
         self.cost = float("nan")
-        """The published state's cost by image, prior, uprightness and balance: a negative log-likelihood."""
+        """Cost of the published state, a negative log-likelihood."""
         self.image_costs = np.empty(0)
-        """(l,) what each landmark has of it."""
+        """(l,) part of each landmark in the cost."""
 
     def start(self, state: BodyState, frame: FrameData) -> None:
-        """Begin with a pool of new hypotheses for this frame, beside `state`."""
+        """Start new hypotheses for this frame. state: the published state."""
         self._age = np.zeros(self._count, dtype=int)
         self._advantage = np.zeros(self._count)
         self._turns = self._renewals = 0
@@ -80,36 +80,36 @@ class BodyHypotheses:
         self._everyone = self._rows.evaluate(stack_values([*turned, state]))
 
     def stop(self) -> None:
-        """Drop the pool."""
+        """Drop all hypotheses."""
         self._everyone = None
 
     def refresh(self) -> None:
-        """The skeleton has changed: what follows from the states is no longer right."""
+        """Recompute poses and postures after a change of the skeleton or the prior."""
         if self._everyone is not None:
             self._everyone = self._rows.evaluate(self._everyone.state)
 
     @property
     def published(self) -> EvaluatedState:
-        """The published state, with what follows from it."""
+        """The published state with pose and posture."""
         assert self._everyone is not None
         return self._everyone[-1]
 
     @staticmethod
     def stack(several: Sequence[BodyHypotheses]) -> BodyHypotheses:
-        """Of several people, by the rows of each; what a method `takes` is put in their place, see `together`."""
+        """Stack the hypotheses of several people, each with its own rows. See `batch.shared` for the attributes."""
         whole = copy(several[0])
         whole._rows = FrameModel.stack([one._rows for one in several])
         return whole
 
     @shared(takes=("_everyone", "_age"), gives=("_linearised",))
     def linearise(self, frame: FrameData) -> LinearisedFrame:
-        """The rows of a frame about the published state; those about the others stay here for `advance`."""
+        """The rows of a frame about the published state. The rows about the hypotheses are kept for `advance`."""
         assert self._everyone is not None
         factor = np.ones((*self._age.shape[:-1], self._count + 1, 1))
         factor[..., :-1, 0] = COARSE.take(self._age, mode="clip")
         rows = self._rows.linearise(self._everyone, frame.per_state().annealed(factor), self._robust)
         self._linearised = LinearisedFrame(rows.columns[..., :-1, :, :], rows.z[..., :-1, :])
-        # A copy: who keeps these does not keep the challengers'.
+        # A copy, so that the caller does not keep the whole array alive.
         return LinearisedFrame(rows.columns[..., -1, :, :].copy(), rows.z[..., -1, :].copy())
 
     def _robust(self, size: np.ndarray) -> np.ndarray:
@@ -117,10 +117,10 @@ class BodyHypotheses:
 
     @shared(takes=("_everyone", "_age", "_linearised"), gives=("_everyone", "_increments"))
     def advance(self, omega: np.ndarray, x: np.ndarray, alpha: np.ndarray) -> BodyState:
-        """The published state after a frame's increment; the challengers take a Gauss-Newton step each.
+        """Apply a frame's increment to the published state and return it. Each hypothesis does a Gauss-Newton step.
 
-        omega: (3 n,) rad, x: (3,) m: the increment, from where `linearise` found the published state; alpha: (live,)
-        the cost per rad of each degree of freedom that it paid, a Laplace density's, of variance 2 / alpha^2.
+        omega: (3 n,) rad and x: (3,) m, increment from the state about which `linearise` was called. alpha: (live,)
+        1/rad, l1 weights of the increment: a Laplace density of variance 2 / alpha^2.
         """
         assert self._everyone is not None
         steady = (self._age >= STEADY_FROM)[..., None]
@@ -140,7 +140,7 @@ class BodyHypotheses:
 
     @shared(takes=("_everyone",), gives=("image_costs", "_costs"))
     def weigh(self, frame: FrameData) -> None:
-        """What all cost on the frame's points, for `compete`."""
+        """Compute the costs of all states on a frame, for `compete`."""
         assert self._everyone is not None
         frame = frame.per_state()
         images = self._rows.image_costs(self._everyone, frame)
@@ -148,33 +148,33 @@ class BodyHypotheses:
         self._costs = images.sum(axis=-1) + self._rows.other_cost(self._everyone, frame)
 
     def compete(self, frame: FrameData, alpha: np.ndarray) -> BodyState | None:
-        """Compare all, as they were weighed on the frame's points: the state that should replace the published one.
+        """Compare the costs from `weigh`. Returns the state that must replace the published one, or None.
 
-        alpha: (live,) cost per rad of each degree of freedom's increment, which all pay. Of a frame that is no further
-        evidence nothing is compared: they come nearer to the same image, and are none the older.
+        alpha: (live,) 1/rad, l1 weights of the increments of all states. Do not call this for repeated keypoints: the
+        same image is no further evidence.
         """
         self._age += 1
         self.cost = float(self._costs[-1])
         cost = self._costs + np.abs(self._increments.take(self._rows.live, axis=-1)).dot(alpha)
         self._advantage += SHARES.take(self._age, mode="clip") * (cost[-1] - cost[:-1] - self._advantage)
         ripe = self._age >= OLD_ENOUGH
-        if not np.count_nonzero(ripe):  # a tenth of what any() costs
+        if not np.count_nonzero(ripe):  # ten times faster than any() here
             return None
         winner = self._exchange(ripe)
         self._recycle(ripe, frame)
         return winner
 
     def replace_published(self, state: BodyState) -> None:
-        """Let another state take the published one's place from the next frame on."""
+        """Replace the published state from the next frame on."""
         assert self._everyone is not None
-        self._everyone = self._everyone[np.arange(self._count + 1)]  # a copy: this frame's answer stays as it is
+        self._everyone = self._everyone[np.arange(self._count + 1)]  # a copy: this frame's answer must not change
         self._everyone[-1] = self._rows.evaluate(state)
 
     def _exchange(self, ripe: np.ndarray) -> BodyState | None:
-        """Let the winner, if there is one, change places with the published state."""
+        """Exchange the winner, if there is one, with the published state."""
         assert self._everyone is not None
         best = int(np.argmax(np.where(ripe, self._advantage, -np.inf)))
-        if not self._advantage[best] > MARGIN:  # nor NaN
+        if not self._advantage[best] > MARGIN:  # also for NaN
             return None
         order = np.arange(self._count + 1)
         order[[best, -1]] = order[[-1, best]]
@@ -184,7 +184,7 @@ class BodyHypotheses:
         return self._everyone[-1].state
 
     def _recycle(self, ripe: np.ndarray, frame: FrameData) -> None:
-        """Renew at most one challenger a frame: one that is too old, hopeless, or has become the published state."""
+        """Restart at most one hypothesis per frame: one that is too old, much worse, or equals the published state."""
         assert self._everyone is not None
         positions = self._everyone.pose.positions
         relative = positions - positions[:, :1]

@@ -1,11 +1,11 @@
-"""The first state from a single frame, person's height known, in any orientation towards the camera.
+"""Initialisation: the first state from a single frame and the person's height, for any orientation of the body.
 
-Several starts (the mean pose, turned about the vertical) are fitted at once by damped Gauss-Newton on the same rows
-as the tracker's, coarse to fine, without the l1 term (there is no earlier state from which motion could be sparse).
-Where none of them fits, neither does an upright body: then others begin in the other `stances`, lying or upside down.
-The best one's limbs are then mirrored in depth, one by one, and fitted too. Somebody who leans may be somebody upright
-before a camera that looks up or down: until people were seen, all this is done for such cameras too. The lowest cost
-wins; how clearly it wins over what ended elsewhere is the start's confidence.
+Several start states (the mean pose, turned about the vertical) are fitted at once by damped Gauss-Newton on the
+tracker's rows, coarse to fine, without the l1 term (there is no earlier state). If none of them fits, further starts
+use the other start orientations (`start_orientations`): lying or upside down. The limbs of the best fit are then
+mirrored in depth, one by one, and fitted too. A leaning person looks like an upright one before a tilted camera.
+Therefore, until the vertical has been learned, all this is repeated for tilted cameras. The fit of the lowest cost is
+used. Its confidence follows from the difference in cost to the best fit that converged to another pose.
 """
 
 from __future__ import annotations
@@ -27,28 +27,28 @@ from lassokin_ros.core.image.robust_loss import capped_weights, norm
 
 STARTS = 8
 UNLIKELY = 1.5
-"""Cost per visible landmark of the best start above which other stances are tried. With 2 px of noise 19 of 20 first
-frames of upright people cost less, and hardly one that is fitted in a wrong stance."""
+"""Cost per visible landmark of the best fit above which other start orientations are tried. With 2 px of noise, 19 of
+20 first frames of upright people cost less, and hardly any fit with a wrong orientation does."""
 FEWER_SIDES = np.arange(0, STARTS, 2)
-"""From which starts begin in those, and before a tilted camera: with all eight no more were found."""
+"""Sides used for other start orientations and for tilted cameras. All eight sides find no more."""
 SCHEDULE = ((8.0, 8), (2.0, 6), (1.0, 6))  # (factor on the noise, iterations)
 MIRRORED_SCHEDULE = ((2.0, 4), (1.0, 6))
 NEAR_SCHEDULE = ((4.0, 3), (1.0, 5))
-"""The same for a start near the solution."""
+"""Schedule for a start near the solution."""
 ELSEWHERE = 0.05
-"""m: mean distance of joints, relative to the pelvis, from which a fit is another explanation than the best."""
-DAMPING = 1e-3  # 1/rad^2, keeps what nothing observes where it is
+"""m: mean distance of joints, relative to the pelvis, from which a fit is another explanation than the best one."""
+DAMPING = 1e-3  # 1/rad^2, fixes unobservable degrees of freedom
 LARGEST_TURN = 0.7
-"""rad: of any degree of freedom in one step."""
+"""rad: largest rotation of a degree of freedom in one step."""
 NEAREST = 0.3
-"""m: depth at which a fit that would come nearer to the camera, or behind it, is held."""
+"""m: smallest depth of a fitted state."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """States of S starts with their costs (S,), best first.
+    """Fitted states of S starts with their costs (S,), best first.
 
-    confidence: 0 to 1, how likely the best is beside the best of those that ended elsewhere, by their costs alone.
+    confidence: 0 to 1, probability of the best one relative to the best fit of another pose, from their costs.
     """
 
     states: BodyState
@@ -57,7 +57,7 @@ class Fit:
 
     @property
     def best(self) -> BodyState:
-        """The state of the lowest cost."""
+        """The state with the lowest cost."""
         return BodyState(self.states.rotations[0], self.states.translation[0])
 
 
@@ -65,7 +65,7 @@ class Initialiser:
     """Finds a first state for one kinematics and prior."""
 
     def __init__(self, kinematics: Kinematics, prior: PoseDistribution, rows: FrameModel) -> None:
-        """The tracker's own rows: what it learns of the vertical holds here too."""
+        """rows: those of the tracker, so that the learned vertical is used here too."""
         self._kinematics = kinematics
         self._rows = rows
         self._mean = exponential(prior.mean)
@@ -74,10 +74,10 @@ class Initialiser:
         self._damping = np.append(np.full(len(self._live), DAMPING), np.full(3, 1e-6))
 
     def fit(self, frame: FrameData, start: BodyState | None = None) -> Fit:
-        """Fit all starts to one frame; the vertical that the best one was fitted by is believed from now on.
+        """Fit all starts to one frame. Sets the vertical to the one with which the best fit was found.
 
-        start: fit this state alone, with its translation found here; by default the mean pose turned to all sides.
-        At least two landmarks must be visible.
+        start: fit this state only, with its translation computed here; default: the mean pose turned to all sides. At
+        least two landmarks must be visible.
         """
         upright = self._rows.upright
         candidates, fits = upright.candidates(), list[Fit]()
@@ -87,7 +87,7 @@ class Initialiser:
             fit = self._fit(frame, first) if start is None else self.refine_start(start, frame)
             if first is None:
                 first = float(fit.costs.min())
-                # Where even the best fits badly, as with wrong bones, differences of costs mean as much less.
+                # If even the best fits badly, for example with wrong bone lengths, differences of costs mean less.
                 unlike = max(1.0, first / np.count_nonzero(frame.weights))
             fits.append(Fit(fit.states, fit.costs + unlike * rarity))
         upright.vertical, _ = candidates[int(np.argmin([fit.costs.min() for fit in fits]))]
@@ -97,10 +97,10 @@ class Initialiser:
         return Fit(states, costs, self._confidence(states, costs))
 
     def _fit(self, frame: FrameData, first: float | None) -> Fit:
-        """All starts, mirrored too, by the vertical as it is now.
+        """Fit all starts and the mirrored limbs, with the present vertical.
 
-        first: the cost by another vertical, beside which this one is a possibility: fewer starts, upright ones alone,
-        and what does not fit better than that by itself is not mirrored.
+        first: best cost with another vertical, None for the first one. If given, fewer starts are used, only upright
+        ones, and limbs are mirrored only if the fit is better than that cost.
         """
         thorough = first is None
         stance = nearest(self._rows.upright.vertical)
@@ -116,14 +116,14 @@ class Initialiser:
         return _joined(fits)
 
     def _confidence(self, states: BodyState, costs: np.ndarray) -> float:
-        """1 / (1 + exp(c1 - c2)): c1 the lowest cost, a negative log-likelihood, c2 the lowest of those elsewhere."""
+        """1 / (1 + exp(c1 - c2)), with the lowest cost c1 and the lowest cost c2 of another pose."""
         positions = self._kinematics.pose(states).positions
         relative = positions - positions[:, :1]
         elsewhere = norm(relative - relative[0]).mean(-1) > ELSEWHERE
         return float(1 / (1 + np.exp(costs[0] - costs[elsewhere][0]))) if elsewhere.any() else 1.0
 
     def refine(self, states: BodyState, frame: FrameData, schedule: tuple[tuple[float, int], ...]) -> Fit:
-        """Gauss-Newton from S states at once, (S, n, 3, 3) and (S, 3)."""
+        """Fit S states at once, (S, n, 3, 3) and (S, 3), by Gauss-Newton."""
         for factor, iterations in schedule:
             states = self.iterate(states, frame, [factor] * iterations)
         return self.weighed(states, frame)
@@ -141,11 +141,11 @@ class Initialiser:
         return Fit(states, self._rows.cost(self._rows.evaluate(states), frame))
 
     def pose(self, state: BodyState) -> BodyPose:
-        """Forward kinematics for the skeleton as it is now."""
+        """Forward kinematics with the present skeleton."""
         return self._kinematics.pose(state)
 
     def refine_start(self, start: BodyState, frame: FrameData) -> Fit:
-        """Fit one state (n, 3, 3) whose translation is found here."""
+        """Fit one state (n, 3, 3). Its translation is computed here."""
         return self.refine(self.placed(start, frame), frame, NEAR_SCHEDULE)
 
     def placed(self, start: BodyState, frame: FrameData) -> BodyState:
@@ -154,12 +154,12 @@ class Initialiser:
         return BodyState(rotations, self._place(rotations, frame))
 
     def start(self, side: int, stance: int, frame: FrameData) -> BodyState:
-        """The mean pose turned to one of the `STARTS` sides in a stance, placed where the points are: one start."""
+        """One start state: the mean pose with a start orientation, turned to one of the `STARTS` sides, and placed."""
         states = self._starts(np.array([side]), [stance], frame)
         return BodyState(states.rotations[0], states.translation[0])
 
     def _turned(self, sides: np.ndarray, stances: Sequence[int], frame: FrameData) -> Fit:
-        """All starts turned to all sides in all stances, fitted."""
+        """Fit the starts of all given sides and start orientations."""
         return self.refine(self._starts(sides, stances, frame), frame, SCHEDULE)
 
     def _starts(self, sides: np.ndarray, stances: Sequence[int], frame: FrameData) -> BodyState:
@@ -171,7 +171,7 @@ class Initialiser:
         return BodyState(rotations, self._place(rotations, frame))
 
     def _place(self, rotations: np.ndarray, frame: FrameData) -> np.ndarray:
-        """(S, 3) translations by linear least squares: p_x + t_x = u (p_z + t_z), and the same for y."""
+        """(S, 3) translations by linear least squares on p_x + t_x = u (p_z + t_z), and the same for y."""
         at_origin = self._kinematics.pose(BodyState(rotations, np.zeros(rotations.shape[:1] + (3,)))).landmarks
         points, weights = frame.points, frame.weights
         rows = np.zeros(points.shape + (3,))
@@ -187,9 +187,9 @@ class Initialiser:
         return translation
 
     def step(self, rows: LinearisedFrame, ridge: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """One damped Gauss-Newton step by the rows about S states: increments Omega (S, 3 n) and x (S, 3).
+        """One damped Gauss-Newton step from the rows about S states: increments Omega (S, 3 n) and x (S, 3).
 
-        ridge: (S, live) 1/rad^2, what holds each degree of freedom beyond that. S may be several axes.
+        ridge: (S, live) 1/rad^2, additional damping of each degree of freedom. S may be several axes.
         """
         count = len(self._live)
         H = rows.columns @ rows.columns.swapaxes(-1, -2)
@@ -205,31 +205,31 @@ class Initialiser:
 
 
 def within(turns: np.ndarray) -> np.ndarray:
-    """Turns (..., k) rad, which are changed: of those with one beyond `LARGEST_TURN` all are made smaller alike."""
+    """Scale rotations (..., k) rad in place so that none exceeds `LARGEST_TURN`; return them."""
     size = np.abs(turns)
-    if np.count_nonzero(size > LARGEST_TURN):  # seldom
+    if np.count_nonzero(size > LARGEST_TURN):  # rare
         turns *= LARGEST_TURN / np.maximum(size.max(axis=-1, keepdims=True), LARGEST_TURN)
     return turns
 
 
 def _joined(fits: Sequence[Fit]) -> Fit:
-    """All of several fits, one after another."""
+    """Concatenate several fits."""
     rotations = np.concatenate([fit.states.rotations for fit in fits])
     translation = np.concatenate([fit.states.translation for fit in fits])
     return Fit(BodyState(rotations, translation), np.concatenate([fit.costs for fit in fits]))
 
 
 def in_front(translation: np.ndarray) -> None:
-    """Change translations (..., 3) m: all depths are at least `NEAREST` from now on."""
+    """Limit translations (..., 3) m in place to depths of at least `NEAREST`."""
     np.maximum(translation[..., 2], NEAREST, out=translation[..., 2])
 
 
 def _solved(H: np.ndarray, g: np.ndarray) -> np.ndarray:
-    """(S, n) solutions of positive definite systems; by Cholesky in place, half the time of numpy's batched solve."""
+    """(S, n) solutions of positive definite systems. Cholesky in place takes half the time of numpy's batched solve."""
     n = g.shape[-1]
-    step = np.zeros(g.shape)  # zeros_like takes ten times as long
+    step = np.zeros(g.shape)  # ten times faster than zeros_like
     for matrix, right, result in zip(H.reshape(-1, n, n), g.reshape(-1, n), step.reshape(-1, n)):
         _, solution, failed = lapack.dposv(matrix.T, right, overwrite_a=1)
-        if not failed:  # else it stays where it is
+        if not failed:  # otherwise the step is 0
             result[:] = solution
     return step

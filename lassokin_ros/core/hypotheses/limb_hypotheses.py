@@ -1,9 +1,9 @@
-"""Limbs on the other side: each limb's mirror images in depth are followed beside the limb as it is published.
+"""Limb hypotheses: the mirror images in depth of each limb, tracked together with the published limb.
 
-What one camera takes for something else is nearly always one bone of one limb, leaning away where it leans towards the
-camera (see `mirroring`). So of every limb all such explanations are kept: both bones mirrored, the outer one, the inner
-one. They turn the limb's own joints alone, with the rest of the body as published, by one Gauss-Newton step a frame for
-all of them at once. One whose cost, averaged over some frames, is lower takes the limb's place in the next frame.
+The commonest error with one camera is one bone of one limb that leans away from the camera instead of towards it (see
+`mirroring`). Therefore three hypotheses of each limb are kept: both bones mirrored, the outer one, the inner one. A
+hypothesis changes only the joints of its limb; the rest of the body is as published. All get one Gauss-Newton step per
+frame. A hypothesis with a lower mean cost over some frames replaces the limb in the next frame.
 """
 
 from __future__ import annotations
@@ -29,31 +29,31 @@ from lassokin_ros.core.image.projection import project_with_jacobian
 from lassokin_ros.core.image.robust_loss import capped_cost, capped_weights, norm, squared_norm
 
 COUNTED_FROM = 2
-"""Frames of age after which an explanation's cost counts: by then it has found its place."""
+"""Age in frames after which the cost of a hypothesis is averaged; it has converged by then."""
 OLD_ENOUGH = 4
-"""Frames of age from which it may win."""
+"""Age in frames from which a hypothesis may win."""
 GIVEN_UP_FROM = 10
-"""Frames of age from which it may be mirrored anew."""
+"""Age in frames from which a hypothesis may be restarted from the mirrored limb."""
 MEMORY = 6
 """Frames over which costs are averaged."""
 SHARES = np.append(np.zeros(COUNTED_FROM + 1), 1 / np.arange(1.0, MEMORY + 1))
-"""What a frame's cost is of the average, by age in frames, the last from then on."""
+"""Weight of a frame's cost in the running mean, by age in frames; the last value holds for older hypotheses."""
 MARGIN = 0.6
-"""By how much (a negative log-likelihood) it must be better; less than for another body, of which more may change."""
+"""Difference in cost (negative log-likelihood) by which a hypothesis must be better; less than for a whole body."""
 HOPELESS = -6.0
-"""One that is worse by this is mirrored anew."""
+"""A hypothesis worse by this difference is restarted."""
 ALIKE = 0.01
-"""m: distance of the limb's joints below which it has become the published one."""
+"""m: distance of the limb's joints below which a hypothesis equals the published limb."""
 DAMPING = 1e-3
-"""1/rad^2, keeps turns that nothing observes where they are."""
+"""1/rad^2, fixes unobservable rotations."""
 
 
 class LimbHypotheses:
-    """The h other explanations of one skeleton's limbs, three of each limb.
+    """The h hypotheses of one skeleton's limbs, three for each limb.
 
-    A limb is a chain of joints from the trunk out. What is fixed to its last joint, a foot or a hand, stays as it is
-    published relative to that; the last joint itself turns only where landmarks show it. Of several people at once (see
-    `together`) all arrays have a first axis of people.
+    A limb is a chain of joints from the trunk outwards. The part after its last joint, a foot or a hand, stays fixed to
+    it as published. The last joint itself rotates only if landmarks show its rotation. In the stacked hypotheses of
+    several people (see `stack`) all arrays have a leading axis of people.
     """
 
     def __init__(self, kinematics: Kinematics, prior: PosePrior, mirroring: Mirroring, balance: Balance) -> None:
@@ -66,11 +66,11 @@ class LimbHypotheses:
             self._find_turns(prior)
 
     def _find_landmarks(self) -> None:
-        """(h, c) of each limb its landmarks, padded, and which of its joints, 0 to 2, carries each."""
+        """Find the landmarks (h, c) of each limb, padded, and which of its joints, 0 to 2, each is fixed to."""
         skeleton, joints = self._kinematics.skeleton, self._kinematics.layout.joints
         carries = skeleton.ancestors[joints][:, self._chains[:, 0]].T
-        #: (l, h): 1 where a landmark is carried by the limb.
-        self._carries = carries.T.astype(float)  # for products
+        #: (l, h): 1 where a landmark is moved by the limb.
+        self._carries = carries.T.astype(float)  # float for products
         most = carries.sum(axis=1).max()
         self._landmarks = np.argsort(~carries, axis=1, kind="stable")[:, :most]
         self._real = np.take_along_axis(carries, self._landmarks, axis=1)
@@ -78,22 +78,22 @@ class LimbHypotheses:
         carrier = np.maximum(carried.sum(axis=-1) - 1, 0)
         explanation = np.arange(self.count)[:, None]
         self._carriers = self._chains[explanation, carrier]
-        #: (h, 2 + c) of the two bones and the ways to the landmarks, the joint of all h x 3 that turns each.
+        #: (h, 2 + c): index among all h x 3 joints of the joint that rotates each vector (two bones, c landmarks).
         self._turned_by = 3 * explanation + np.insert(carrier, 0, [[0], [1]], axis=1)
-        #: (h, 3 + c, 2 + c): joints and landmarks are sums of those.
+        #: (h, 3 + c, 2 + c): joints and landmarks as sums of those vectors.
         self._sums = np.zeros((self.count, 3 + most, 2 + most))
         self._sums[:, 1:3, 0] = self._sums[:, 2, 1] = 1.0
         self._sums[:, 3:, :2] = carrier[:, :, None] > np.arange(2)
         self._sums[:, 3 + np.arange(most), 2 + np.arange(most)] = 1.0
         self._ones = np.ones(most)
-        #: (h, 1, 3): how far the balance follows each joint of a chain, the last with all that is fixed to it.
+        #: (h, 1, 3): weights of the chain's joints in the balance; the last includes all that is fixed to it.
         self._shares = self._balance.shares[self._chains][:, None]
         self._shares[:, 0, 2] = self._balance.shares @ skeleton.ancestors[:, self._chains[:, 2]]
-        #: (h, 9, 2 c): which of the chain's turns moves which row.
+        #: (h, 9, 2 c): 1 where a rotation of the chain moves a row.
         self._reach = np.kron(carried.swapaxes(1, 2), np.ones((3, 2)))
 
     def _find_turns(self, prior: PosePrior) -> None:
-        """How many joints from the trunk out turn (t), and their places among the prior's; 0 for those it has not."""
+        """Find how many joints of a chain rotate (t), and their indices among the prior's joints (0 if missing)."""
         joints = list(prior.joints)
         known = np.isin(self._chains, joints)
         self._turning = turning = int(np.flatnonzero(known.any(axis=0))[-1]) + 1
@@ -105,14 +105,14 @@ class LimbHypotheses:
         self._systems = BandSolver(self.count, 3 * turning)
 
     def start(self, state: BodyState) -> None:
-        """Mirror all limbs of a state anew."""
+        """Start all hypotheses from the mirrored limbs of a state."""
         self._age, self._advantage = np.zeros(self.count, dtype=int), np.zeros(self.count)
-        #: (h, 3, 3, 3) of each explanation the local rotations of its chain.
+        #: (h, 3, 3, 3): local rotations of the chain of each hypothesis.
         self._rotations = self._mirroring.all(state).rotations[np.arange(self.count)[:, None], self._chains]
 
     @staticmethod
     def stack(several: Sequence[LimbHypotheses]) -> LimbHypotheses:
-        """Of several people, by the vertical of each; what `advance` takes is put in their place, see `together`."""
+        """Stack the hypotheses of several people, each with the person's vertical. See `batch.shared`."""
         whole, first = copy(several[0]), several[0]
         whole._balance = first._balance.with_vertical(Upright.stack([one._balance.upright for one in several]))
         whole._systems = BandSolver.of(len(several) * first.count, 3 * first._turning)
@@ -120,9 +120,9 @@ class LimbHypotheses:
 
     @shared(takes=("_rotations", "_age", "_advantage"), gives=("_rotations", "_age", "_advantage", "_apart"))
     def advance(self, published: EvaluatedState, frame: FrameData, image_costs: np.ndarray) -> None:
-        """One Gauss-Newton step of every explanation on a frame, and its cost beside the published limb's.
+        """Do one Gauss-Newton step of each hypothesis on a frame, and compare its cost with the published limb's.
 
-        image_costs: (l,) the published state's, per landmark.
+        image_costs: (l,) cost of each landmark for the published state.
         """
         pose = self._posed(published)
         image, image_z, image_cost = self._image_rows(pose, frame)
@@ -133,7 +133,7 @@ class LimbHypotheses:
         g = (columns @ np.concatenate([image_z, prior_z[0]], axis=-1)[..., None])[..., 0]
         step = self._systems.solve(H, g)
         prior_cost, published_prior_cost = 0.5 * squared_norm(prior_z)
-        # What it costs after the step, by its own model.
+        # Cost after the step, predicted by the linearisation.
         cost = image_cost + prior_cost - 0.5 * (g[..., None, :] @ step[..., None])[..., 0, 0]
         gain = image_costs.dot(self._carries) + published_prior_cost - cost
         self._compare(gain + self._steadier(pose, published.pose))
@@ -141,12 +141,12 @@ class LimbHypotheses:
         self._apart = norm(pose.positions - published.pose.positions.take(self._chains, axis=-2)).max(axis=-1)
 
     def _steadier(self, pose: BodyPose, published: BodyPose) -> np.ndarray:
-        """(h,) how much less each explanation costs than the published pose by the body's balance."""
+        """(h,) cost of the balance for the published pose minus that for each hypothesis."""
         balance, last = self._balance, self._chains[:, 2]
-        arms = balance.arms(published.positions).take(last, axis=-2)[..., None]  # of what is fixed to the last joint
+        arms = balance.arms(published.positions).take(last, axis=-2)[..., None]  # of the part after the last joint
         turned = pose.orientations[..., 2, :, :] @ (published.orientations.take(last, -3).swapaxes(-1, -2) @ arms)
         apart = pose.positions - published.positions.take(self._chains, axis=-2)
-        moved = np.zeros((*apart.shape[:-3], self.count + 1, 3))  # that of the published pose, last, is 0
+        moved = np.zeros((*apart.shape[:-3], self.count + 1, 3))  # the last entry, 0, is the published pose
         np.matmul(self._shares, apart, out=moved[..., :-1, None, :])
         moved[..., :-1, :] += (turned - arms)[..., 0]
         costs = balance.offset_cost(balance.offset(published.positions[..., None, :, :]) + balance.horizontal(moved))
@@ -157,9 +157,9 @@ class LimbHypotheses:
         self._advantage += SHARES.take(self._age, mode="clip") * (gain - self._advantage)
 
     def exchange(self, published: EvaluatedState) -> BodyState | None:
-        """The published state with a limb that explains more, or None.
+        """The published state with a better limb, or None.
 
-        Without one, at most one explanation is mirrored anew: one that is hopeless, or has become the published limb.
+        If there is none, at most one hypothesis is restarted: one that is much worse, or equals the published limb.
         """
         if not self.count:
             return None
@@ -168,19 +168,19 @@ class LimbHypotheses:
         if ripe[best] and other[best] and self._advantage[best] > MARGIN:
             return self._exchanged(best, published.state)
         done = (self._age >= GIVEN_UP_FROM) & (~other | (self._advantage < HOPELESS))
-        if np.count_nonzero(done):  # a tenth of what any() costs
+        if np.count_nonzero(done):  # ten times faster than any() here
             self._renew(int((done * self._age).argmax()), published)
         return None
 
     def _exchanged(self, best: int, state: BodyState) -> BodyState:
-        """The state with one explanation's limb, which the state's own replaces here.
+        """Exchange the limb of the state with the hypothesis `best`, and return the new state.
 
-        Of the limb's other two explanations each is now, seen from the published limb, what the other one was.
+        Relative to the new published limb, the limb's two other hypotheses change their roles.
         """
         chain, rotations = self._chains[best], state.rotations.copy()
         rotations[chain] = self._rotations[best]
         self._rotations[best] = state.rotations[chain]
-        self._age[best] = COUNTED_FROM + MEMORY  # one frame is not enough to change back
+        self._age[best] = COUNTED_FROM + MEMORY  # so that one frame cannot change it back
         limb = np.arange(3) + best - best % 3
         self._advantage[limb] -= self._advantage[best]
         self._advantage[best] = -MARGIN
@@ -194,7 +194,7 @@ class LimbHypotheses:
         self._age[explanation], self._advantage[explanation] = 0, 0.0
 
     def _posed(self, published: EvaluatedState) -> BodyPose:
-        """Orientations (h, 3, 3, 3) and positions (h, 3, 3) of the chains' joints, landmarks (h, c, 3)."""
+        """Forward kinematics: orientations (h, 3, 3, 3) and positions (h, 3, 3) of the chains, landmarks (h, c, 3)."""
         pose, rotations = published.pose, self._rotations
         there, centres = pose.orientations.take(self._chains, axis=-3), pose.positions.take(self._chains, axis=-2)
         first = published.state.rotations.take(self._chains[:, 0], axis=-3)
@@ -202,7 +202,7 @@ class LimbHypotheses:
         orientations = np.empty(rotations.shape)
         for joint in range(3):
             orientation = orientations[..., joint, :, :] = orientation @ rotations[..., joint, :, :]
-        # What is fixed to a joint turns with it: the bone to the next one, the way to a landmark.
+        # The vectors fixed to a joint rotate with it: the bone to the next joint, the vectors to landmarks.
         people = rotations.shape[:-4]
         vectors = np.empty((*people, *self._turned_by.shape, 3, 1))
         np.subtract(centres[..., 1:, :], centres[..., :-1, :], out=vectors[..., :2, :, 0])
@@ -214,7 +214,7 @@ class LimbHypotheses:
         return BodyPose(orientations, places[..., :3, :], places[..., 3:, :])
 
     def _image_rows(self, pose: BodyPose, frame: FrameData) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The image's columns (h, 3 t, 2 c) as rows, right sides (h, 2 c), and robust cost (h,)."""
+        """The image's transposed rows (h, 3 t, 2 c), right sides (h, 2 c) and robust cost (h,)."""
         places, F = project_with_jacobian(pose.landmarks)
         error = frame.points.take(self._landmarks, axis=-2) - places
         weight = frame.weights.take(self._landmarks, axis=-1) * self._real

@@ -1,9 +1,9 @@
-"""The prior of a limb's angles, given the rest of the body: a few rows in place of the whole body's.
+"""The prior of a limb's angles, conditional on the rest of the body: a few rows instead of those of the whole body.
 
-While a limb of t joints turns and all else stays, W (mean - theta) moves in 3 t directions only. With the limb's
-columns of W decomposed, W_limb = Q C, its squared length is || C (m - theta_limb) ||^2 and what the limb can't change.
-C^T C is the precision of the limb's conditional distribution, and its mean m is linear in the other joints' theta.
-The limb's own limits stand beside these rows as they stand in `prior`.
+If only a limb of t joints rotates, W (mean - theta) changes in 3 t directions only. With the QR decomposition of the
+limb's columns, W_limb = Q C, its squared length is || C (m - theta_limb) ||^2 plus a constant. C^T C is the precision
+of the limb's conditional distribution; its mean m is linear in theta of the other joints. The rows of the limb's limits
+are those of `pose_prior`.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from lassokin_ros.core.evidence.pose_prior import PosePrior
 
 
 class LimbPrior:
-    """Rows of h limbs of up to t joints each; all have r rows, the last of them 0 where a limb has fewer limits."""
+    """Rows of h limbs of up to t joints. Each limb has r rows; the last ones are 0 if a limb has fewer limits."""
 
     def __init__(self, prior: PosePrior, places: np.ndarray, known: np.ndarray) -> None:
-        """places: (h, t) which of the prior's joints; known: (h, t) bool, False where the prior has no such joint."""
+        """places: (h, t) indices among the prior's joints. known: (h, t) bool, False if the prior has no such joint."""
         h, t = places.shape
         self._places, self._angles = places, 3 * t
         gaussian = np.zeros((h, 3 * t, 3 * t))
-        #: C m = fixed - linear theta, theta of all the prior's joints.
+        #: C m = fixed - linear theta, with theta of all the prior's joints.
         self._fixed, linear = np.zeros((h, 3 * t)), np.zeros((h, 3 * t, prior.W.shape[1]))
         limits = []
         for limb in range(h):
@@ -42,7 +42,7 @@ class LimbPrior:
     def _stack(
         self, prior: PosePrior, gaussian: np.ndarray, limits: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
     ) -> None:
-        """The rows, and between which values the limits' cost nothing; the Gaussian's value follows the body."""
+        """Set the rows, and the ranges of the limits' values without cost."""
         h, angles, _ = gaussian.shape
         most = max(len(rows) for rows, *_ in limits)
         count = angles + most
@@ -56,9 +56,9 @@ class LimbPrior:
         self._columns = self._rows.swapaxes(-1, -2).reshape(h, -1, 3, count).copy()
 
     def linearise(self, published: Posture, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Columns (..., h, 3 t, r) as rows, and right sides (2, ..., h, r), the limbs' and as published.
+        """Transposed rows (..., h, 3 t, r), and right sides (2, ..., h, r): of the limbs, and of the published limbs.
 
-        published: the whole body's; rotations: (..., h, t, 3, 3), the limbs'.
+        published: posture of the whole body. rotations: (..., h, t, 3, 3), local rotations of the limbs.
         """
         limbs, angles = rotations.shape[:-4] + self._fixed.shape, self._angles
         theta = np.empty((2, *rotations.shape[:-1]))

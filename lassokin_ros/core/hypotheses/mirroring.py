@@ -1,7 +1,7 @@
-"""Limbs mirrored in depth: the other explanation that an image nearly always has of a limb.
+"""Mirroring of limbs in depth.
 
-A bone that leans towards the camera looks like one that leans away. Mirrored, each bone of a limb keeps its place in
-the image (weak perspective) and its component along the line of sight changes sign.
+A bone that leans towards the camera looks the same as one that leans away. Mirroring a bone changes the sign of its
+component along the line of sight and keeps its image (weak perspective).
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ LIMBS = (
     ("left_hip", "left_knee", "left_ankle"),
     ("right_hip", "right_knee", "right_ankle"),
 )
-"""Chains of joints: a turn at each but the last moves the bone to the next."""
+"""Chains of joints. Each joint except the last one moves the bone to the next joint."""
 
 SHORTEST = 1e-3
-"""m: a bone shorter than that has no direction to be mirrored."""
+"""m: a shorter bone has no direction and cannot be mirrored."""
 
 
 class Mirroring:
-    """Mirrors the limbs that a skeleton has and landmarks show: two bones, one on the other, with no joint between.
+    """Mirrors the visible limbs of a skeleton. A limb is two successive bones without a joint between.
 
-    A joint that turns nothing that is seen is left as it is: no keypoint and no prior would ever bring it back.
+    A joint that moves no landmark is not changed, because neither keypoints nor the prior could correct it later.
     """
 
     def __init__(self, kinematics: Kinematics) -> None:
@@ -39,8 +39,8 @@ class Mirroring:
         self._shown = np.any(kinematics.live.reshape(-1, 3), axis=1)
         chains = [chain for chain in chains if self._shown[chain[0]] and _two_bones(kinematics.skeleton, chain)]
         self.variants = [(chain, bones) for chain in chains for bones in ((True, True), (False, True), (True, False))]
-        """Of each such limb three, one after another: its joints from the trunk out, and which of its two bones are
-        mirrored. Where its second joint turns nothing that is seen, the outer bone follows the inner one."""
+        """Three successive entries per limb: its joints from the trunk outwards, and which of its two bones are
+        mirrored. If the second joint moves no landmark, the outer bone follows the inner one."""
 
         self.pairs = [
             (one, other)
@@ -48,13 +48,13 @@ class Mirroring:
             for other, (its_chain, its_bones) in enumerate(self.variants)
             if one < other and bones == its_bones and "hip" in names[chain[0]] and "hip" in names[its_chain[0]]
         ]
-        """Both legs mirrored alike, in each of the ways: two of `variants`. Somebody who squats bends both."""
+        """Pairs of `variants` that mirror both legs in the same way; a squatting person bends both."""
 
     def both(self, state: BodyState, pair: tuple[int, int], pose: BodyPose | None = None) -> BodyState:
-        """The state with one of `pairs` mirrored; pose: the state's, where it is known."""
+        """The state with one of `pairs` mirrored. pose: pose of the state, computed if not given."""
         one, other = pair
         pose = pose or self._kinematics.pose(state)
-        return self.mirrored(self.mirrored(state, one, pose), other, pose)  # neither leg carries the other
+        return self.mirrored(self.mirrored(state, one, pose), other, pose)  # the legs do not move each other
 
     def all(self, state: BodyState) -> BodyState:
         """The state with each of `variants` mirrored, (v, n, 3, 3) and (v, 3)."""
@@ -65,19 +65,19 @@ class Mirroring:
         return BodyState(rotations, np.array([mirrored.translation for mirrored in states]).reshape(-1, 3))
 
     def mirrored(self, state: BodyState, variant: int, pose: BodyPose | None = None) -> BodyState:
-        """The state with one of `variants` mirrored; pose: the state's, where it is known."""
+        """The state with one of `variants` mirrored. pose: pose of the state, computed if not given."""
         chain, _ = self.variants[variant]
         rotations = state.rotations.copy()
         rotations[chain] = self.limb(state, variant, pose or self._kinematics.pose(state))
         return BodyState(rotations, state.translation)
 
     def limb(self, state: BodyState, variant: int, pose: BodyPose) -> np.ndarray:
-        """(3, 3, 3) local rotations of the chain of one of `variants`, mirrored; pose: the state's."""
+        """(3, 3, 3) local rotations of the chain of one of `variants`, mirrored. pose: pose of the state."""
         chain, (inner, outer) = self.variants[variant]
         rotations, offsets = state.rotations.take(chain, axis=0), self._kinematics.skeleton.offsets
         first, second, _ = rotations
         bone, next_bone = offsets[chain[1]], offsets[chain[2]]
-        # All in the frame of the limb's parent, in which its first joint turns.
+        # All vectors are in the frame of the limb's parent.
         root = pose.positions[chain[0]]
         sight = first.dot(root.dot(pose.orientations[chain[0]])) / math.sqrt(root.dot(root))
         there, next_there = first.dot(bone), first.dot(second.dot(next_bone))
@@ -91,21 +91,21 @@ class Mirroring:
 
 
 def _two_bones(skeleton: Skeleton, chain: list[int]) -> bool:
-    """Whether each joint of a chain but the first is the child of the one before, at the end of a bone."""
+    """Whether each joint of a chain is the child of the one before, and no bone is too short."""
     linked = bool(np.all(skeleton.parents[chain[1:]] == chain[:-1]))
     return linked and bool(np.all(norm(skeleton.offsets[chain[1:]]) > SHORTEST))
 
 
 def mirrored_along(vector: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """A vector (3,) with its component along a unit vector (3,) turned round."""
+    """A vector (3,) with the sign of its component along a unit vector (3,) changed."""
     return vector - (2 * vector.dot(direction)) * direction
 
 
 def redirected(rotation: np.ndarray, bone: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """T R, T the least turn from a = R bone to b; rotation R (3, 3), the others (3,) and of one length.
+    """T R with the smallest rotation T from a = R bone to b. rotation: R (3, 3); bone, a, b: (3,), of equal length.
 
-    T is the half turn about a, then that about a + b; a half turn about v is 2 v v^T / v^2 - I. Where b is opposite to
-    a, any axis across will do for the second one.
+    T is the half turn about a followed by the half turn about a + b; a half turn about v is 2 v v^T / v^2 - I. If b is
+    opposite to a, the second axis is any vector perpendicular to a.
     """
     squared, axis = bone.dot(bone), a + b
     if axis.dot(axis) <= 1e-20 * squared:

@@ -1,7 +1,7 @@
-"""A body state from the depth network's places of joints: the start of a fit.
+"""A body state from the joint positions of the depth network, as the start of a fit.
 
-The pelvis turns so that hips and shoulders lie as they should, and each limb's bones along the network's directions;
-all else is as in the prior's mean pose.
+The pelvis is oriented by hips and shoulders, the bones of the limbs by the directions between the network's positions.
+All other joints are as in the prior's mean pose.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ BONES = tuple(
     for side in ("left", "right")
     for start, end in (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
 )
-"""Bones from the trunk outwards: the first joint turns so that the bone points to the second."""
+"""Bones from the trunk outwards: the first joint is rotated so that the bone points to the second."""
 
 
 def state_at(places: Mapping[str, np.ndarray], skeleton: Skeleton, mean: np.ndarray) -> BodyState:
-    """places: (3,) m camera frame by name, relative to the middle of the hips; mean: (n, 3, 3) local rotations.
+    """The state, with translation 0, whose bones point along the given positions.
 
-    The translation is 0.
+    places: (3,) m by joint name, camera frame, relative to the middle of the hips. mean: (n, 3, 3) local rotations.
     """
     rotations, names = mean.copy(), skeleton.joint_names
     rotations[0] = trunk_orientation(places)

@@ -1,10 +1,9 @@
-"""A second look: a state that has cost too much for a while is sought anew from the image alone.
+"""Re-initialisation: if the cost of the state stays high, initialise again from one frame, and compare.
 
-BodyHypotheses and limb search look near by, a limb or a side at a time; a body that turned over faster than the tracker
-could follow is too far from the truth for them. Its cost tells: where a state found anew costs less than half, the
-tracked one was nearly always the wrong one. Where it does not, what is seen is unlikely itself (a rare pose, a wrong
-skeleton, a detector worse than it is said to be), and the next look comes later, so that a frame seldom pays for one:
-also where the cost hovers about the limit, for which a cheap frame now and then is no reason to begin anew.
+Body and limb hypotheses change one limb or one side at a time. If a body turns over faster than the tracker can follow,
+they do not find it. If a newly initialised state costs less than half, the tracked one is nearly always wrong. If not,
+the observation itself is unlikely (a rare pose, a wrong skeleton, a detector with larger errors than configured). The
+next attempt then comes later, because an attempt is expensive. Single frames of low cost do not reset this delay.
 """
 
 from __future__ import annotations
@@ -12,32 +11,32 @@ from __future__ import annotations
 import math
 
 COSTLY = 2.4
-"""Cost per landmark of the layout, a negative log-likelihood, from which a state is doubted: 1 frame in 100 of
-motion capture has more."""
+"""Cost per landmark of the layout (negative log-likelihood) above which a state is doubtful: 1 frame in 100 of motion
+capture has a higher one."""
 COSTLY_FOR = 0.06
-"""s for which it must have been."""
+"""s for which the cost must be higher."""
 CHEAPER = 0.5
-"""Share of the tracked state's cost below which the other one's must be."""
+"""Share of the tracked state's cost below which the cost of the new state must be."""
 SOONEST, LATEST = 0.15, 2.4
-"""s from one look to the next, at first; twice as long each time, up to the latest. After `LATEST` without a
-costly frame it begins with the soonest again."""
+"""s between two attempts: first and longest time. The time doubles with each attempt. After `LATEST` without a frame of
+high cost it returns to `SOONEST`."""
 
 
 class Reinitialisation:
-    """When to look anew, and what to make of it."""
+    """Decides when to initialise again, and whether the new state replaces the tracked one."""
 
     def __init__(self, landmark_count: int) -> None:
         self._limit = COSTLY * landmark_count
         self.reset()
 
     def reset(self) -> None:
-        """Forget past looks."""
+        """Forget past attempts."""
         self._costly_since = math.inf
         self._costly_at = self._next = -math.inf
         self._wait = SOONEST
 
     def due(self, stamp: float, cost: float) -> bool:
-        """Whether to seek the state anew in the frame of this stamp, s, where the last one's cost was `cost`."""
+        """Whether to initialise again in the frame with this stamp, s. cost: cost of the last frame."""
         if not cost > self._limit:
             self._costly_since = math.inf
             return False
@@ -52,5 +51,5 @@ class Reinitialisation:
         return True
 
     def convinces(self, cost: float, found: float) -> bool:
-        """Whether a state that was found anew at this cost should replace the one that is tracked."""
+        """Whether a new state with the cost `found` must replace the tracked one with `cost`."""
         return found < CHEAPER * cost

@@ -1,8 +1,8 @@
-"""Stances: which way a body's up points in the camera frame, roughly.
+"""Start orientations: the six directions in the camera frame along which a body's up axis points in a start state.
 
-People stand upright before a level camera, mostly. They also lie, or the camera hangs from the ceiling, is mounted on
-its side or upside down. A fit that begins upright does not find such a body, so others begin with its up along another
-of the camera's six directions; from the nearest of them every body is at most 55 degrees away.
+Most people are upright before a level camera. Others lie, or the camera hangs from the ceiling, or is mounted on its
+side or upside down. A fit from an upright start does not find such a body. The up axis of every body is at most 55
+degrees from the nearest of the six directions.
 """
 
 from __future__ import annotations
@@ -22,5 +22,5 @@ right, to the left, and upside down; of one that looks down with its head to the
 
 
 def nearest(up: np.ndarray) -> int:
-    """The stance whose up, the root's y, is nearest to a body's up (3,) in the camera frame."""
+    """Index of the start orientation whose up axis, the root's y, is nearest to a body's up (3,), camera frame."""
     return int(np.argmax(ROOTS[:, :, 1].dot(up)))

@@ -1,4 +1,4 @@
-"""Measurement gating of depth: which measured depths can be those of the body."""
+"""Gating of measured depths: select those that can belong to the body."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ DEVIATION = 0.03
 STEREO_FROM = 3.0
 """m: beyond this distance that deviation grows with the square of the distance, as the noise of stereo cameras does."""
 SMALLEST_DEVIATION = 0.005
-"""m: a smaller standard deviation is raised to it. Surface and landmark are never that close."""
+"""m: lower limit of the standard deviation. The distance of surface and landmark is not known better."""
 DEPTH_RANGE = 0.05, 100.0
-"""m: a depth outside is none."""
+"""m: a depth outside this range is ignored."""
 
 
 def gate_depth(
@@ -27,9 +27,9 @@ def gate_depth(
     """(depth, weights) of an observation, each (l,), or None if no depth can be used.
 
     visible: (l,) bool, landmarks whose keypoints are used. surface: (l,) m from the body's surface to the landmark.
-    expected: m, depth of the person; None if unknown, the median of all then takes its place. reach: m, measurements
-    farther from the person than that are of something else. noise: m, standard deviation of a depth up to STEREO_FROM,
-    if the observation does not give it. weights: 1/m, 1 / standard deviation, 0 = not used.
+    expected: m, depth of the person; None if unknown: the median of the measurements is used. reach: m, measurements
+    farther from the person are ignored. noise: m, standard deviation of a depth up to STEREO_FROM, if the observation
+    does not give it. weights: 1/m, 1 / standard deviation, 0 = not used.
     """
     if observation.depth is None or observation.depth.shape != visible.shape:
         return None

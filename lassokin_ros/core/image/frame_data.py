@@ -1,4 +1,4 @@
-"""What was measured in one frame, in the form that all pieces of evidence read."""
+"""The measurements of one frame, in the form that all pieces of evidence read."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 WITHOUT_DEPTH = 4.0
-"""Factor on the noise from which measured depth does not count, see `FrameData.annealed`."""
+"""Factor on the noise from which measured depth is not used, see `FrameData.annealed`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,14 +25,14 @@ class JointDepths:
 
 @dataclass(frozen=True, eq=False)
 class FrameData:
-    """What was measured in one frame, as arrays.
+    """The measurements of one frame, as arrays.
 
     points: (..., l, 2) normalised image coordinates, any finite value where the weight is 0.
     weights: (..., l) 1 / standard deviation in that unit, 0 = missing.
     depth: (..., l) m, depth of each landmark along the optical axis; None in a frame without any measured depth.
     depth_weights: (..., l) 1/m, 1 / standard deviation of `depth`, 0 = not measured.
     joint_depths: the network's estimate; None without one.
-    Leading axes are those of people, or of hypotheses that see the frame with different weights.
+    Leading axes are people, or hypotheses with different weights.
     """
 
     points: np.ndarray
@@ -44,8 +44,8 @@ class FrameData:
     def annealed(self, factor: float | np.ndarray) -> FrameData:
         """The frame with the keypoints' noise made larger by a factor, (..., 1) if it differs between states.
 
-        Depth does not count while the factor is `WITHOUT_DEPTH` or more: the image places the body first, and then only
-        depths near that place count. Otherwise a body could settle between an occluder and the person.
+        Depth is not used while the factor is `WITHOUT_DEPTH` or more. The image places the body first; after that,
+        only depths near the body have influence. Otherwise the body could settle between an occluder and the person.
         """
         depth_weights = self.depth_weights
         if depth_weights is not None:
@@ -53,7 +53,7 @@ class FrameData:
         return replace(self, weights=self.weights / factor, depth_weights=depth_weights)
 
     def per_state(self) -> FrameData:
-        """The frame for k states per person: each array gains an axis of length 1 behind those of people."""
+        """The frame for k states per person: each array gains an axis of length 1 after the axis of people."""
         depth, depth_weights, learned = self.depth, self.depth_weights, self.joint_depths
         if depth is not None and depth_weights is not None:
             depth, depth_weights = depth[..., None, :], depth_weights[..., None, :]

@@ -1,4 +1,4 @@
-"""Measurement gating: whether an observation can be used, and with which weight each landmark."""
+"""Measurement gating: decide whether an observation can be used, and compute the weight of each landmark."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Observation, Rejection
 
 FOCAL_RANGE = 1e-3, 1e9
-"""px: a focal length outside is rejected; the weights would lose digits."""
+"""px: a focal length outside this range is rejected, because the weights would lose digits."""
 
 WIDEST = 10.0
 """Largest normalised image coordinate of a usable point: 84 degrees off the optical axis."""

@@ -1,9 +1,9 @@
-"""A filter on the keypoints' tracks in the image, without lag: less noise, and no single wrong point.
+"""A filter on the keypoints' tracks in the image: it reduces noise and removes outliers, without lag.
 
-Each landmark follows a track of its own (`keypoint_tracks`). In the image both position and velocity are seen, so
-predicting there is safe; predicting joint angles is not, since their depth is not seen. A point too far from its
-prediction is left out; when it stays there, the track starts anew from it. Points that a detector has taken for each
-other, left for right, are changed back (see `side_swaps`).
+Each landmark has a track (`keypoint_tracks`). Position and velocity are both observable in the image, so prediction is
+safe there; it is not safe for joint angles, whose depth is not observable. A point too far from its prediction is left
+out. If it stays there, the track restarts at the point. Points for which the detector confused left and right are
+swapped back (see `side_swaps`).
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ from lassokin_ros.core.image.robust_loss import norm, squared_norm
 from lassokin_ros.core.image.side_swaps import SWAPPED, SideSwaps
 
 GATE = 2 * 5.0**2
-"""A point is taken for wrong whose squared distance from its prediction is more than this times the variance along
-each axis: 5 standard deviations of both."""
+"""Largest squared distance of a point from its prediction, in units of the variance along each axis: 5 standard
+deviations of both. Points beyond are outliers."""
 CONVINCED_AFTER = 3
-"""Frames in a row that a point must be off before its track starts anew there."""
+"""Consecutive frames for which a point must be an outlier before its track restarts there."""
 FORGOTTEN_AFTER = 0.3
-"""s without a good point after which a track starts anew."""
+"""s without a good point after which a track restarts."""
 LONGEST_COURSE = 0.05
-"""s for which points are expected to go on with their velocities; longer, more is lost than won."""
+"""s of extrapolation with constant velocity. Longer extrapolation increases the error."""
 TRUST = 0.5
-"""Factor on the weights of points that are expected, not seen."""
+"""Factor on the weights of points that are predicted and not measured."""
 
 
 class KeypointFilter:
     """Tracks of l landmarks; all landmarks are updated at once."""
 
     def __init__(self, names: Sequence[str], limbs: Sequence[int]) -> None:
-        """names: of the landmarks; limbs: which of them are of the same pair of limbs, see `limb_groups`."""
+        """names: landmark names; limbs: group number of each landmark, see `limb_groups`."""
         self._count = len(names)
         self._tracks, self._swaps = KeypointTracks(self._count), SideSwaps(names, limbs)
         self.reset()
@@ -48,7 +48,7 @@ class KeypointFilter:
         self._off = np.zeros(count)
         self._unseen = np.zeros(count)
         self._weights = np.zeros(count)
-        #: (l,) the landmark whose point each had in the last update, its own or the other side's; None: all their own.
+        #: (l,) index of the landmark whose point each one used in the last update; None: no sides were swapped.
         self.order: np.ndarray | None = None
 
     def update(
@@ -56,17 +56,17 @@ class KeypointFilter:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Filtered points (l, 2) and weights (l,) of a frame; the weight is 0 where there is no good point.
 
-        A landmark that is missing, or wrong for the first time, is extrapolated with growing variance.
+        A landmark that is missing, or an outlier for the first time, is extrapolated with growing variance.
 
         stamp: s, later than the last; points: (l, 2) normalised; weights: (l,) 1 / standard deviation, 0 = missing;
         acceleration: standard deviation of a typical landmark's acceleration, normalised units / s^2. model_error:
-        standard deviation of the lasting distance between keypoint and landmark, normalised units; the filtered points
-        are never more certain than that.
+        standard deviation of the constant offset between keypoint and landmark, normalised units; it is a lower limit
+        for the standard deviation of the filtered points.
         """
         gap = stamp - self._stamp
-        if gap >= FORGOTTEN_AFTER:  # a gap in which no frame came at all is counted by nothing else
+        if gap >= FORGOTTEN_AFTER:  # `_unseen` does not count a gap without any frame
             self._known[:] = False
-        step = min(max(gap, 0.0), FORGOTTEN_AFTER)  # 0: one before it was filtered, then refused
+        step = min(max(gap, 0.0), FORGOTTEN_AFTER)  # 0 after an earlier frame was filtered and then rejected
         self._stamp = stamp
         seen = weights > 0
         variance = 1 / np.where(seen, weights, 1.0) ** 2
@@ -74,7 +74,7 @@ class KeypointFilter:
         innovation, distance = self._compared(points, variance)
         used = seen & self._known
         anew = seen & ~self._known
-        strange = np.count_nonzero(used & (distance > SWAPPED / 2))  # a tenth of what any() costs
+        strange = np.count_nonzero(used & (distance > SWAPPED / 2))  # ten times faster than any() here
         if strange or self._swaps.pending:
             order, given_up = self._sides(points, variance, seen, distance, step)
             points, variance, seen = points[order], variance[order], seen[order]
@@ -102,27 +102,27 @@ class KeypointFilter:
         return self._tracks.position.copy(), self._weights
 
     def speed(self) -> float:
-        """Normalised units / s: how fast the known tracks move, on average; 0 where none is known."""
+        """Mean speed of the known tracks, normalised units / s; 0 if none is known."""
         speeds = norm(self._tracks.velocity)
         return float(speeds.dot(self._known) / max(np.count_nonzero(self._known), 1))
 
     def expected(self, stamp: float) -> tuple[np.ndarray, np.ndarray]:
-        """Points (l, 2) and weights (l,) of a frame that tells nothing new, by the tracks, which stay as they are.
+        """Points (l, 2) and weights (l,) predicted for a frame without new keypoints. The tracks do not change.
 
-        The weights do not fall with time: where nothing new comes for long, the last points are still the best known.
+        The weights do not decrease with time: without new keypoints, the last points remain the best estimate.
         """
         step = min(max(stamp - self._stamp, 0.0), LONGEST_COURSE)
         return self._tracks.position + step * self._tracks.velocity, TRUST * self._weights
 
     def _compared(self, points: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(innovation (l, 2), its square over its variance along both axes (l,)) of points."""
+        """(innovation (l, 2), squared innovation / variance (l,)) of points."""
         innovation = points - self._tracks.position
         return innovation, squared_norm(innovation) / (self._tracks.variance + variance)
 
     def _sides(
         self, points: np.ndarray, variance: np.ndarray, seen: np.ndarray, distance: np.ndarray, step: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The landmark whose point each is to have, and which are given up (l,), as `SideSwaps.order` says."""
+        """Result of `SideSwaps.order`: the landmark whose point each one uses, and the tracks to restart, (l,) each."""
         other = self._swaps.other
         _, crossed = self._compared(points[other], variance[other])
         straight = np.where(self._known & seen, distance, np.nan)

@@ -1,15 +1,15 @@
-"""Tracks of points in the image, each followed at several degrees of liveliness at once.
+"""Tracks of points in the image, by interacting multiple models (IMM).
 
-Whoever stands still deserves a filter that believes in standing still, whoever throws a ball another. So each landmark
-has constant-velocity Kalman filters of several white accelerations, which exchange what they know: the interacting
-multiple models of Blom and Bar-Shalom (The interacting multiple model algorithm for systems with Markovian switching
-coefficients, 1988; Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, sec.
-11.6.6). How probable a liveliness is, each point tells by how well that one has predicted it.
+A slow motion needs a filter with a small process noise, a fast motion one with a large process noise. Each landmark
+therefore has several constant-velocity Kalman filters ("models") with different white-noise accelerations, combined by
+the interacting multiple model algorithm (Blom, Bar-Shalom, The interacting multiple model algorithm for systems with
+Markovian switching coefficients, 1988; Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and
+Navigation, 2001, sec. 11.6.6). The probability of a model follows from the likelihood of the measured points.
 
-Between frames what a model believes is eight numbers: its chance, and multiplied with that, about the track's merged
-position and velocity, the means of x, y, v_x, v_y and the second moments pp, pv, vv, of both coordinates together. In
-these, models are mixed and predicted by products with one small matrix each. In all arrays landmarks come last, which
-numpy goes through quickest.
+Between frames the state of a model is eight numbers: its probability and, multiplied by the probability and relative
+to the track's merged position and velocity, the means of x, y, v_x, v_y and the second moments pp, pv, vv, each summed
+over both coordinates. In this form, mixing and prediction are one product with a small matrix each. Landmarks are the
+last axis of all arrays, which is fastest in numpy.
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ import math
 import numpy as np
 
 LIVELINESS = np.array([0.15, 0.5, 1.5, 4.0])
-"""The models' accelerations, as multiples of the typical one."""
+"""Accelerations of the models, as multiples of the typical one."""
 STEADFAST = 0.8
-"""s for which a track keeps its liveliness: the mean time until another model holds."""
+"""s: mean time until a track switches to another model."""
 FIRST_VELOCITY = 1.0
 """1/s: standard deviation of a new track's velocity, normalised image coordinates."""
 BOUNDLESS = 1e30
-"""Variance of a point that is not used, which then tells nothing."""
+"""Variance of a point that is not used; it then has no influence."""
 IMPOSSIBLE = 100.0
-"""Negative log-likelihood from which on points are alike: the chances of all models must not vanish at once."""
+"""Upper limit of the negative log-likelihood, so that not all probabilities become 0 at once."""
 
 LEAST_CHANCE = 1e-6
-"""Of another model from one frame to the next, so that none vanishes, however short the step."""
+"""Smallest switching probability per frame, so that no probability becomes 0 for short steps."""
 
 _MODELS = len(LIVELINESS)
 _SAME = np.eye(_MODELS)
 _ONES, _HALVES = np.ones(_MODELS), np.full(_MODELS, 0.5)
-#: Of p and v, the products pp, pv, vv; also the gain and the entry whose product a correction takes off each of those.
+#: Factors of the products pp, pv, vv of p and v; also of gain * covariance, which a correction subtracts from each.
 _LEFT, _RIGHT = np.array([0, 0, 1]), np.array([0, 1, 1])
 
 
 class KeypointTracks:
-    """Tracks of l points; all are predicted and corrected at once."""
+    """Tracks of l points. All are predicted and corrected at once."""
 
     def __init__(self, count: int) -> None:
         self._count = count
@@ -50,17 +50,17 @@ class KeypointTracks:
         self.reset()
 
     def reset(self) -> None:
-        """Tracks that know nothing; see `start`."""
-        self._merged = np.zeros((2, 2, self._count))  # of position and velocity x and y
+        """Clear all tracks; `start` begins them again."""
+        self._merged = np.zeros((2, 2, self._count))  # (position, velocity), (x, y), landmark
         self.position, self.velocity = self._merged.swapaxes(1, 2)
-        """(l, 2) each; views that follow."""
+        """(l, 2) each; views of `_merged`."""
         self.variance = np.zeros(self._count)
-        """Of each coordinate of the position."""
+        """(l,) variance of each coordinate of the position."""
         self._beliefs = np.zeros((8, _MODELS, self._count))
         self._beliefs[0] = 1 / _MODELS
 
     def start(self, which: np.ndarray, points: np.ndarray, variance: np.ndarray) -> None:
-        """Begin tracks anew, which (l,) bool, at points (l, 2) of variance (l,), with no velocity known."""
+        """Restart the tracks `which` (l,) bool at points (l, 2) of variance (l,), with unknown velocity."""
         self.position[which], self.velocity[which], self.variance[which] = points[which], 0.0, variance[which]
         self._beliefs[..., which] = 0.0
         self._beliefs[0][:, which] = 1 / _MODELS
@@ -68,7 +68,7 @@ class KeypointTracks:
         self._beliefs[7][:, which] = 2 / _MODELS * FIRST_VELOCITY**2
 
     def predict(self, step: float, acceleration: float) -> None:
-        """Go on by step, s; acceleration: standard deviation of a typical track's, normalised units / s^2."""
+        """Predict by step, s. acceleration: standard deviation of a typical track's, normalised units / s^2."""
         switching = max(1 - math.exp(-step / STEADFAST), LEAST_CHANCE) / (_MODELS - 1)
         stays = switching + (1 - _MODELS * switching) * _SAME
         mixed = self._mixed
@@ -79,7 +79,7 @@ class KeypointTracks:
         self.variance = _HALVES.dot(self._beliefs[5])
 
     def correct(self, used: np.ndarray, innovation: np.ndarray, variance: np.ndarray) -> None:
-        """Correct the tracks used (l,) bool by points of variance (l,); innovation (l, 2): point less position."""
+        """Correct the tracks `used` (l,) bool by points of variance (l,). innovation: (l, 2), point - position."""
         beliefs = self._beliefs
         chances, rows = beliefs[0], beliefs[1:] / beliefs[0]
         means, covariance = rows[:4].reshape(2, 2, _MODELS, -1), rows[4:]  # (pv, xy, model, l); (pp pv vv, model, l)
@@ -101,9 +101,9 @@ class KeypointTracks:
         self.variance = _HALVES.dot(beliefs[5])
 
     def _over(self, step: float, acceleration: float) -> np.ndarray:
-        """(8, 9), for what a model believes, and last its chance with its acceleration squared, in typical ones.
+        """(8, 9) prediction matrix for the eight numbers of a model and probability * relative acceleration^2.
 
-        Positions go on with their velocities for step, s, to which the acceleration adds, in both coordinates.
+        Positions move with constant velocity for step, s; the acceleration adds noise in both coordinates.
         """
         transition, noise = self._transition, 2 * (acceleration * step) ** 2
         transition[1, 3] = transition[2, 4] = transition[6, 7] = step
@@ -113,7 +113,7 @@ class KeypointTracks:
 
 
 def _moments(means: np.ndarray) -> np.ndarray:
-    """(3, ...): what means (2, 2, ...) of position and velocity, x and y, contribute to pp, pv, vv."""
+    """(3, ...): contribution of the means (2, 2, ...), (position, velocity) x (x, y), to pp, pv, vv."""
     products = means.take(_LEFT, axis=0) * means.take(_RIGHT, axis=0)
     result: np.ndarray = products[:, 0] + products[:, 1]
     return result

@@ -1,7 +1,8 @@
-"""The measurement of one frame: keypoints after gating and filtering, and what is new in them.
+"""The measurement of one frame: keypoints after gating and filtering.
 
 Keypoints that repeat the last ones are no new evidence (see `repeated_frames`). Each keypoint's track in the image is
-filtered (see `keypoint_filter`). The filter keeps the stamps of the last used frame and of the last new one.
+filtered (see `keypoint_filter`). The filter keeps the stamps of the last used frame and of the last frame with new
+keypoints.
 """
 
 from __future__ import annotations
@@ -36,8 +37,8 @@ class Measurement:
     focal: px per normalised unit.
     points: (l, 2) filtered points; weights: (l,) 1 / standard deviation, 0 = missing.
     speed: m/s, mean speed of the keypoints' tracks. repeated: s since the keypoints last changed, 0 for new ones.
-    step: s since the last used frame. news: s since the last frame with new keypoints, 0 if this one has none. lost:
-    whether that is too long ago.
+    step: s since the last used frame. news: s since the last frame with new keypoints, 0 if this one has none.
+    lost: whether the last new keypoints are too old, so that the tracks were dropped.
     depth: (l,) m and depth_weights: (l,) 1/m, see `gate_depth`; None without a measured depth.
     """
 
@@ -112,9 +113,9 @@ class MeasurementFilter:
     ) -> Measurement:
         """The measurement of an observation with the weights (l,) of `gate_observation`.
 
-        depth: m, of the person, None if unknown. model_error: m, standard deviation of the lasting distance between
-        keypoints and landmarks. lost_after: s without new keypoints after which the tracks are dropped. depth_noise: m,
-        see `gate_depth`.
+        depth: m, depth of the person, None if unknown. model_error: m, standard deviation of the constant offset
+        between keypoints and landmarks. lost_after: s without new keypoints after which the tracks are dropped.
+        depth_noise: m, see `gate_depth`.
         """
         stamp, focal, visible = observation.stamp, observation.focal, weights > 0
         repeated = self._repeats.age(stamp, observation.points, observation.confidence)

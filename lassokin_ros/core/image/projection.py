@@ -1,11 +1,11 @@
-"""Projection (7)-(8) in normalised image coordinates; pixels never come this far."""
+"""Projection (7)-(8) in normalised image coordinates. The core uses no pixel coordinates."""
 
 from __future__ import annotations
 
 import numpy as np
 
 NEAREST_DEPTH = 1e-3
-"""m: points nearer to the camera's plane than this, or behind it, are projected as if they lay here."""
+"""m: smallest depth. Points nearer to the camera's plane, or behind it, are projected with this depth."""
 
 
 def project(points: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Keypoints that come again under a new stamp: a detector slower than the camera, or a camera that has frozen."""
+"""Detect keypoints repeated with a new stamp: the detector is slower than the camera, or the image is frozen."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ import numpy as np
 
 
 class RepeatedFrames:
-    """Knows the last frame's keypoints and when they came first."""
+    """Remembers the keypoints of the last frame and the stamp of their first occurrence."""
 
     def __init__(self) -> None:
         self.reset()
 
     def reset(self) -> None:
-        """The next keypoints are new, whatever they are."""
+        """Forget the keypoints. The next ones count as new."""
         self._last = b""
         self._since = 0.0
 
     def age(self, stamp: float, points: np.ndarray, confidence: np.ndarray) -> float:
-        """s for which the same keypoints have come; 0 when they are new.
+        """Time in s since the same keypoints came first; 0 if they are new.
 
-        The same is to the bit: what is detected in another image never has all its digits again.
+        The comparison is bitwise: keypoints detected in another image never agree in all digits.
 
-        stamp: s; points: (l, 2) and confidence: (l,), as they came.
+        stamp: s; points: (l, 2) and confidence: (l,), as received.
         """
         these = points.tobytes() + confidence.tobytes()
         if these != self._last:

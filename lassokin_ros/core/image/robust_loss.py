@@ -17,7 +17,7 @@ def squared_norm(errors: np.ndarray) -> np.ndarray:
 
 @cache
 def _ones(count: int) -> np.ndarray:
-    """A product with them takes half the time of a sum here, and making them as long as the product."""
+    """Cached ones. A product with them takes half the time of a sum here; creating them would take the other half."""
     return np.ones(count)
 
 
@@ -27,25 +27,25 @@ def norm(errors: np.ndarray) -> np.ndarray:
 
 
 def huber_weights(size: np.ndarray, threshold: float = THRESHOLD) -> np.ndarray:
-    """Factor on the squared error that makes least squares minimise Huber's loss, in (0, 1]."""
+    """Weights in (0, 1] on the squared errors with which least squares minimises Huber's loss (IRLS)."""
     return threshold / np.maximum(size, threshold)
 
 
 def huber_cost(size: np.ndarray, threshold: float = THRESHOLD) -> np.ndarray:
-    """1/2 e^2 up to the threshold t, t (e - t/2) beyond."""
+    """Huber's loss: 1/2 e^2 up to the threshold t, t (e - t/2) beyond."""
     inside = np.minimum(size, threshold)
     return inside * (size - 0.5 * inside)
 
 
 CAP = 8.0
-"""Standard deviations beyond which, when a state is first looked for, an error counts no more: the point is wrong."""
+"""Standard deviations beyond which a point is an outlier without influence; used during initialisation."""
 
 
 def capped_weights(size: np.ndarray) -> np.ndarray:
-    """Huber's weights, 0 beyond the cap."""
+    """Huber's weights, 0 beyond `CAP`."""
     return np.where(size > CAP, 0.0, huber_weights(size))
 
 
 def capped_cost(size: np.ndarray) -> np.ndarray:
-    """Huber's cost, constant beyond the cap."""
+    """Huber's loss, constant beyond `CAP`."""
     return huber_cost(np.minimum(size, CAP))

@@ -1,6 +1,6 @@
-"""KKT-1..3 (13)-(15) and the duality gap of a frame's solution: what is published with every answer.
+"""The certificate of a frame's solution: KKT-1..3 (13)-(15) and the duality gap. It is published with every answer.
 
-A certificate is computed from the problem and the answer alone; it does not ask which solver said so, or how.
+A certificate is computed from the problem and the answer only. It is independent of the solver.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Certificate:
-    """How far an answer is from optimal; all residuals 0 at the exact minimiser.
+    """Distance of an answer from the optimum. All residuals are 0 at the exact minimiser.
 
     Attributes
     ----------
@@ -21,7 +21,7 @@ class Certificate:
     kkt2: max over k outside V of (|A_k^T r| - alpha_k)_+ / alpha_k                                          (14)
     kkt3: max |B^T r| / min alpha                                                                            (15)
     objective: 1/2 ||r||^2 + sum alpha |Omega|, r = z - B x - A Omega.
-    duality_gap: objective minus the dual's value at the feasible point nearest to r (>= 0 up to rounding).
+    duality_gap: objective minus the dual's value at a feasible point, the scaled r (>= 0 up to rounding).
     relative_gap: duality_gap / max(objective, 1/2 ||z||^2): in units of the objective's scale.
     support_size: number of non-zero degrees of freedom.
     """
@@ -38,17 +38,17 @@ class Certificate:
     def kkt_residual(self) -> float:
         """The largest of the three, in units of alpha."""
         largest = max(self.kkt1, self.kkt2, self.kkt3)
-        return largest if math.isfinite(self.kkt1 + self.kkt2 + self.kkt3) else math.inf  # max() can pass over a NaN
+        return largest if math.isfinite(self.kkt1 + self.kkt2 + self.kkt3) else math.inf  # max() can ignore a NaN
 
 
-@np.errstate(over="ignore", invalid="ignore")  # of a wrong answer's huge numbers; they certify nothing
+@np.errstate(over="ignore", invalid="ignore")  # a wrong answer may hold huge numbers; it is not certified
 def certify(
     A: np.ndarray, B: np.ndarray, z: np.ndarray, alpha: np.ndarray, omega: np.ndarray, x: np.ndarray
 ) -> Certificate:
     """KKT residuals and duality gap of (omega, x) for the lasso (A, B, z, alpha).
 
     The dual is max over u of 1/2 ||z||^2 - 1/2 ||u - z||^2 with B^T u = 0, |A_k^T u| <= alpha_k; r itself is feasible
-    at the optimum. Elsewhere r is scaled down until the bounds hold, which keeps B^T u where KKT-3 put it.
+    at the optimum. Elsewhere r is scaled down until the bounds hold; B^T u then stays as small as KKT-3 makes it.
     """
     r = z - B.dot(x) - A.dot(omega)
     correlation = r.dot(A) / alpha
@@ -66,5 +66,5 @@ def certify(
 
 
 def _largest(values: np.ndarray) -> float:
-    """A quarter of what max() costs on arrays this small; NaN when there is one."""
+    """The maximum, NaN if there is one. Four times faster than max() on arrays this small."""
     return float(values[values.argmax()])

@@ -1,13 +1,13 @@
-"""The two duals of the frame's lasso, by ProxQP or by any solver that qpsolvers has.
+"""The two duals of the frame's lasso, solved by ProxQP or by any solver of qpsolvers.
 
 Projected dual, u in R^m (the residual r): the seed's problem with x eliminated,
     min 1/2 ||u - z||^2   s.t.  |A_k^T u| <= alpha_k          Omega = the constraints' multipliers
 
-Condensed dual, c in R^n (the correlations A^T r), when H = A^T A is well conditioned (a prior's rows make it so):
+Condensed dual, c in R^n (the correlations A^T r), if H = A^T A is well conditioned (with the prior's rows it is):
     min 1/2 (c - g)^T H^-1 (c - g)   s.t.  |c_k| <= alpha_k    Omega = H^-1 (g - c)
-which has no general constraints, only a box, and is the smaller one as soon as m > n.
+It has box constraints only, and is smaller than the projected dual if m > n.
 
-Both are solved in units of alpha (bounds of +-1), which makes them well scaled whatever alpha is.
+Both are solved in units of alpha (bounds of +-1), so that they are well scaled for every alpha.
 """
 
 from __future__ import annotations
@@ -24,28 +24,28 @@ from lassokin_ros.core.errors import SolverError
 _proxqp = proxsuite.proxqp
 _SOLVED = _proxqp.QPSolverOutput.PROXQP_SOLVED
 TOLERANCE = {"condensed": 1e-4, "projected": 1e-7}
-"""Of ProxQP at first, absolute and relative: what the signs of Omega take, for `active_set.mend` solves exactly on
-them. With less, both forms leave signs that it does not mend, and are asked again."""
+"""Absolute and relative tolerance of ProxQP in the first try. It only has to determine the signs of Omega, because
+`active_set.mend` then solves exactly. With larger tolerances, more signs are wrong than `mend` can correct."""
 TOLERANCE_AGAIN, GAP_AGAIN = 1e-9, 1e-7
-"""The same, and the duality gap's, when it is asked again."""
+"""Tolerances of the solution and of the duality gap in further tries."""
 LARGEST_CONDITION = 1e10
-"""Of H, above which the condensed dual is not used."""
+"""Condition number of H above which the condensed dual is not used."""
 
 ITERATIONS = ((40, 25), (50, 30), (50, 30))
-"""Of ProxQP, outer and inner, by effort. A frame's problem takes about 10 and 60 in all; with these caps a solve that
-goes nowhere ends after 10 ms."""
+"""Limits of ProxQP's outer and inner iterations, by effort. A frame's problem takes about 10 and 60 in total. With
+these limits a solve that does not converge ends after 10 ms."""
 
 
 def available_solvers() -> list[str]:
-    """Values that the parameter `solver` may take here: ProxQP by its own interface, the others through qpsolvers."""
+    """Allowed values of the parameter `solver`: ProxQP with its own interface, the others through qpsolvers."""
     return ["proxqp"] + sorted(set(qpsolvers.available_solvers) - {"proxqp"})
 
 
 class DualSolver:
-    """Gives Omega of lassos of recurring sizes; one QP object per size and form, re-used."""
+    """Computes Omega from the dual. Keeps one QP object per size and form."""
 
     def __init__(self, name: str) -> None:
-        """Raises SolverError when `name` is not installed."""
+        """Raises SolverError if the solver `name` is not installed."""
         if name not in available_solvers():
             raise SolverError(f"solver '{name}' is not available; expected one of: {', '.join(available_solvers())}")
         self.name = name
@@ -56,8 +56,8 @@ class DualSolver:
     ) -> np.ndarray:
         """Omega (n,) of the lasso with x eliminated; A (m, n), z (m,), H = A^T A, g = A^T z, alpha (n,).
 
-        effort: 0 at first; 1 and 2 ask again with more iterations, another step size, and in the projected form, which
-        holds for every A.
+        effort: 0 in the first try; 1 and 2 use more iterations, another step size, and the projected form, which is
+        valid for every A.
         """
         m, n = A.shape
         if m > n and effort == 0:
@@ -95,9 +95,9 @@ class DualSolver:
     ) -> np.ndarray:
         """Multipliers (positive at the upper bound) by ProxQP; dense, from a zero start."""
         key = (form, len(g), len(bound))
-        # A re-used object carries something of earlier problems: rarely, after a hard one, it calls a wrong answer
-        # solved or iterates without end. The second and third try start from a new one, and so does whatever comes
-        # after a solve that did not end well.
+        # A reused object keeps some state of earlier problems. Rarely, after a hard problem, it reports a wrong answer
+        # as solved or does not converge. The second and third try therefore use a new object, and so does the next
+        # problem after a failed solve.
         qp: Any = self._objects.get(key) if effort == 0 else None
         fresh = qp is None
         if fresh:
@@ -122,9 +122,10 @@ class DualSolver:
 def _new_proxqp(form: str, variables: int, constraints: int, effort: int) -> Any:
     """A ProxQP object with the settings under which this problem is solved reliably.
 
-    The dual is always feasible (u = 0), so the infeasibility tests are off: at their defaults they call 5-18 % of
-    small-alpha problems infeasible. The gap check is on: it is off by default, and SOLVED then means little. Starts
-    from zero: a warm start keeps the last, tiny step size and goes wrong. Iterations are capped: no frame may hang.
+    The dual is always feasible (u = 0), so the infeasibility tests are off: with their defaults they report 5-18 % of
+    small-alpha problems as infeasible. The check of the duality gap is on; without it (the default) the status SOLVED
+    is not reliable. Each solve starts from zero: a warm start keeps the last, tiny step size and fails. Iterations are
+    limited, so that no frame takes too long.
     """
     box = form == "condensed"
     qp = _proxqp.dense.QP(
@@ -149,7 +150,7 @@ def _new_proxqp(form: str, variables: int, constraints: int, effort: int) -> Any
 
 
 def _by_qpsolvers(name: str, H: np.ndarray, g: np.ndarray, C: np.ndarray | None, bound: np.ndarray) -> np.ndarray:
-    """Multipliers (positive at the upper bound) by a solver of qpsolvers; zeros when it finds nothing."""
+    """Multipliers (positive at the upper bound) by a solver of qpsolvers; zeros if it finds no solution."""
     if C is None:
         C = np.eye(len(bound))
     problem = qpsolvers.Problem(H, g, np.vstack([C, -C]), np.concatenate([bound, bound]))
@@ -160,7 +161,7 @@ def _by_qpsolvers(name: str, H: np.ndarray, g: np.ndarray, C: np.ndarray | None,
 
 
 def _inverse(H: np.ndarray) -> np.ndarray | None:
-    """H^-1 by Cholesky, or None when H is not safely positive definite."""
+    """H^-1 by Cholesky, or None if H is not safely positive definite."""
     factor, failed = lapack.dpotrf(H, lower=1)
     if failed:
         return None

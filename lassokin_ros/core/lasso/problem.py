@@ -2,7 +2,7 @@
 
     minimise over x in R^3, Omega in R^n:   1/2 || z - B x - A Omega ||^2  +  sum_k alpha_k | Omega_k |
 
-with A = P L and B = P Gamma of (12), and the rows of further evidence below them. x is not penalised.
+with A = P L and B = P Gamma of (12), followed by the rows of further evidence. x is not penalised.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ class Lasso:
         """The problem with the translation eliminated, computed once."""
         return eliminate_translation(self)
 
-    @np.errstate(over="ignore", invalid="ignore")  # values that overflow are refused below
+    @np.errstate(over="ignore", invalid="ignore")  # values that overflow are rejected below
     def check(self) -> None:
-        """Raise SolverError when shapes do not fit, a value is not finite, or an alpha is not positive.
+        """Raise SolverError if shapes do not fit, a value is not finite, or an alpha is not positive.
 
-        A QP solver that gets a NaN may run for seconds, or report any answer as solved.
+        With a NaN in its input, a QP solver may run for seconds or report any answer as solved.
         """
         m, n = self.A.shape
         if self.B.shape != (m, 3) or self.z.shape != (m,) or self.alpha.shape != (n,):
@@ -46,7 +46,7 @@ class Lasso:
                 f"A is {self.A.shape}, B {self.B.shape}, z {self.z.shape}, alpha {self.alpha.shape}; "
                 f"expected ({m}, {n}), ({m}, 3), ({m},), ({n},)"
             )
-        # A value that is not finite makes the product or the sum not finite. This costs less than half of four sums.
+        # A value that is not finite makes the product or the sum not finite. This is twice as fast as four sums.
         if not math.isfinite(self.z.dot(self.A.dot(self.alpha)) + self.B.sum()):
             raise SolverError("A, B, z or alpha holds a value that is not finite (or overflows)")
         smallest = self.alpha[self.alpha.argmin()]
@@ -68,11 +68,11 @@ class Reduced:
     g: np.ndarray
 
 
-@np.errstate(over="ignore", invalid="ignore")  # `LassoSolver.solve` refuses values that overflow
+@np.errstate(over="ignore", invalid="ignore")  # `LassoSolver.solve` rejects values that overflow
 def eliminate_translation(problem: Lasso) -> Reduced:
-    """Eliminate x by KKT-3 (15). Along directions that no row sees (one landmark or none) x stays 0."""
+    """Eliminate x by KKT-3 (15). In unobservable directions (one landmark or none) x is 0."""
     A, B, z = problem.A, problem.B, problem.z
-    # A pseudo-inverse instead of a ridge: even a ridge of 1e-12 shows in KKT-3 when alpha is small.
+    # A pseudo-inverse instead of a ridge: with a small alpha, even a ridge of 1e-12 is visible in KKT-3.
     values, vectors, _ = lapack.dsyev(B.T.dot(B))
     smallest = 1e-10 * float(values[2])
     inverse = [1 / value if value > smallest else 0.0 for value in values.tolist()]

@@ -1,9 +1,9 @@
-"""Poses smoothed with the frames after them, for those who can wait: fixed-lag smoothing of the steadying's own model.
+"""Fixed-lag smoothing of the published poses, with the model of the output filter.
 
-`OutputFilter` goes forwards. Here a frame waits until one has come that is a lag younger, and its state is corrected by
-what has been seen since, in the backward pass of Rauch, Tung and Striebel (Bar-Shalom, Li, Kirubarajan, Estimation with
-Applications to Tracking and Navigation, 2001, sec. 8.6). Nothing is carried over a start anew of the filter: behind it
-is another explanation, or a motion that nobody saw.
+`OutputFilter` is the forward pass. Here a frame is held back until a frame has arrived that is later by the lag. Its
+state is then corrected with the later frames by the backward pass of Rauch, Tung and Striebel (Bar-Shalom, Li,
+Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, sec. 8.6). The backward pass stops where the
+filter was restarted: there the state was replaced, or the motion was not observed.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.output.output_filter import Forward, strays
 
 TOLERANCE = 0.003
-"""s by which a lag may be short: of 0.067 s four frames at 60 Hz lack 0.3 ms, and cameras are not more exact."""
+"""s: tolerance of the lag. Four frames at 60 Hz are 0.3 ms shorter than 0.067 s, and stamps of cameras jitter."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Waiting:
-    """A frame that waits: its filtering, the offsets (n, 3) m of its skeleton, and the measure of its reprojection."""
+    """A frame that waits: estimate, forward pass, offsets (n, 3) m of its skeleton, and its reprojection error."""
 
     estimate: Estimate
     forward: Forward
@@ -33,14 +33,14 @@ class _Waiting:
 
 
 class FixedLag:
-    """Holds accepted estimates, and gives them back in their order."""
+    """Holds accepted estimates back and releases them in order."""
 
     def __init__(self, kinematics: Kinematics) -> None:
         self._kinematics = kinematics
         self.reset()
 
     def reset(self) -> None:
-        """Drop who waits."""
+        """Drop the waiting estimates."""
         self._waiting: deque[_Waiting] = deque()
 
     def add(
@@ -50,23 +50,23 @@ class FixedLag:
         offsets: np.ndarray,
         reprojection_px: Callable[[BodyPose], float],
     ) -> None:
-        """Let the newest frame's accepted estimate wait; see `_Waiting`."""
+        """Add the accepted estimate of the newest frame. Arguments: see `_Waiting`."""
         self._waiting.append(_Waiting(estimate, forward, offsets, reprojection_px))
 
     def due(self, now: float, lag: float) -> list[Estimate]:
-        """Those who have waited for the lag, s, at the stamp `now`, s: with a lag of 0 all, as they came."""
+        """Release the estimates that are older than the lag, s, at the stamp `now`, s; all with a lag of 0."""
         latest = now - max(lag - TOLERANCE, 0.0)
         return self._released(sum(waiting.estimate.stamp <= latest for waiting in self._waiting))
 
     def flush(self) -> list[Estimate]:
-        """All who wait: nothing comes after them."""
+        """Release all waiting estimates, at the end of the input."""
         return self._released(len(self._waiting))
 
     def _released(self, count: int) -> list[Estimate]:
-        """The oldest `count`, each smoothed with all that came after it; they wait no longer."""
+        """Release the oldest `count` estimates, each smoothed with all later ones."""
         if count == 0:
             return []
-        if len(self._waiting) == 1:  # with no lag it always is
+        if len(self._waiting) == 1:  # always so without a lag
             return [self._waiting.popleft().estimate]
         waiting, released = list(self._waiting), []
         for _ in range(count):
@@ -84,7 +84,7 @@ class FixedLag:
         return released[::-1]
 
     def _smoothed(self, waiting: _Waiting, departure: np.ndarray) -> Estimate:
-        """A frame's estimate moved by its departure (2, n + 1, 3); as it was, where that strays too far in depth."""
+        """A frame's estimate moved by its departure (2, n + 1, 3); unchanged if the result is too far off in depth."""
         estimate = waiting.estimate
         assert estimate.solved is not None
         state = waiting.forward.published(estimate.solved, departure[0] + departure[1])
@@ -97,11 +97,11 @@ class FixedLag:
 def _corrected(
     this: Forward, after: Forward, departure: np.ndarray, velocity: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Departure and velocity of a frame by those, smoothed already, of the frame after it; (2, n + 1, 3) each.
+    """Smoothed departure and velocity of a frame from those of the next frame, (2, n + 1, 3) each.
 
-    What moves in the image and what moves in depth have a gain each, P F^T P'^-1: P is this frame's covariance, P' the
-    one predicted from it, F = [1, step; 0, 1]. What came of a prediction is told by parts as the later frame sees them:
-    the rays turn with the joints, and a turn of the rays is no news.
+    Motion in the image and in depth have a gain each, P F^T P'^-1, with this frame's covariance P, the covariance P'
+    predicted from it, and F = [1, step; 0, 1]. Differences to the prediction are split into the two parts with the rays
+    of the later frame, because the rays rotate with the joints.
     """
     off, faster = departure - after.parts(after.predicted), velocity - after.parts(this.velocity)
     departure, velocity = this.parts(this.departure), this.parts(this.velocity)

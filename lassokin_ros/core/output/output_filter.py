@@ -1,13 +1,13 @@
-"""The published pose, steadied over the last few frames without lag in steady motion.
+"""The output filter: smooths the published pose over the last few frames, without lag in steady motion.
 
-The tracker answers every frame nearly from that frame's image alone, which lets it leave a wrong explanation at once,
-but passes on the image's noise, most of all in depth. What is published follows it through one constant-velocity
-Kalman filter for each degree of freedom (white acceleration; Bar-Shalom, Li, Kirubarajan, Estimation with Applications
-to Tracking and Navigation, 2001, sec. 6.3), of two gains: one for what the image shows, turns about the viewing ray and
-steps across it, and a lower one for what moves the body in depth. Both rise with the keypoints' speed: in who keeps
-still one sees jitter, in who moves lag (Casiez, Roussel, Vogel, 1 Euro Filter, CHI 2012). When a limb's other
-explanation takes over, what is published goes there within a few frames, not in one. The tracker's own state, from
-which the next frame is linearised, stays as solved: fed back, a prediction in depth would hold on to what was wrong.
+The solved state depends nearly on one frame's image only. It can thus leave a wrong explanation at once, but it has the
+noise of the image, mainly in depth. The published state follows it through one constant-velocity Kalman filter per
+degree of freedom (white acceleration; Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and
+Navigation, 2001, sec. 6.3). There are two gains: one for motion that the image shows (rotations about the viewing ray,
+translation across it), and a lower one for motion in depth. Both increase with the keypoints' speed, because jitter is
+visible at rest and lag in motion (Casiez, Roussel, Vogel, 1 Euro Filter, CHI 2012). If a limb is replaced by another
+hypothesis, the published limb moves there within a few frames. The next frame is linearised about the solved state, not
+about the published one: a fed-back prediction in depth would preserve errors.
 """
 
 from __future__ import annotations
@@ -21,37 +21,37 @@ from lassokin_ros.core.body.kinematics import BodyPose, BodyState
 from lassokin_ros.core.body.rotations import logarithm
 
 DEPTH = 1.9
-"""How much longer motion in depth is steadied than motion in the image: one camera sees it that much worse."""
+"""Ratio of the time constants in depth and in the image. One camera observes depth worse by about this factor."""
 
 TYPICAL_SPEED = 0.5
-"""m/s of the keypoints on average, at which motion is steadied over the time that was set."""
+"""m/s: mean speed of the keypoints at which the time constant is the configured one."""
 
 STILL = 0.05
-"""m/s: slower, somebody is steadied hardly longer."""
+"""m/s: below this speed the time constant hardly increases."""
 
 LONGEST_STEP = 0.2
-"""s between frames beyond which the filter starts anew: nothing is known of the motion between."""
+"""s between frames above which the filter restarts, because the motion between them is unknown."""
 
 SHORTEST = 1e-3
-"""s: over a shorter time nothing is steadied that one would see, and covariances lose their digits."""
+"""s: lower limit of the time constant. Below it the smoothing is not visible, and covariances lose digits."""
 
 FARTHEST = 0.25
-"""Of its distance to the camera, how far in depth the published body may be from the solved one. A state that jumps to
-and fro in depth would carry the filter on through the camera; it begins anew instead."""
+"""Largest difference in depth between the published and the solved body, as a share of the distance to the camera.
+Beyond it the filter restarts; otherwise a solved state that jumps in depth could move it through the camera."""
 
 Covariance = tuple[float, float, float]
-"""(value, both, velocity), in the variance of a value as solved."""
+"""(variance of the value, covariance, variance of the velocity), in units of the variance of a solved value."""
 
-_ONES = np.ones(3)  # a product with it costs half of sum(axis=-1) on arrays this small
+_ONES = np.ones(3)  # a product with it takes half the time of sum(axis=-1) on arrays this small
 
 
 class Forward(NamedTuple):
-    """One frame's filtering, for whoever smooths backwards (see `fixed_lag`).
+    """The forward pass of one frame, for the backward pass in `fixed_lag`.
 
-    begins: the filter began with this frame; step: s since the last frame; rays: see `parts`; predicted: departure
-    predicted from the last frame, predicted_covariance: with the predicted velocity's; departure, velocity and
-    covariance: after this frame; settling: what is left of another explanation. Covariances are two, in the image and
-    in depth; all else is (n + 1, 3).
+    begins: the filter started with this frame. step: s since the last frame. rays: see `OutputFilter._rays`. predicted,
+    predicted_covariance: departure predicted from the last frame. departure, velocity, covariance: after this frame.
+    settling: remaining difference to the replaced hypothesis. Covariances are pairs (in the image, in depth); all other
+    arrays are (n + 1, 3).
     """
 
     begins: bool
@@ -65,42 +65,43 @@ class Forward(NamedTuple):
     settling: np.ndarray
 
     def parts(self, vectors: np.ndarray) -> np.ndarray:
-        """(2, n + 1, 3): turns and, last, a step (n + 1, 3) of this frame, in the image and in depth."""
+        """(2, n + 1, 3): split vectors (n rotations and one translation) into parts in the image and in depth."""
         depth = _in_depth(vectors, self.rays)
         return np.array([vectors - depth, depth])
 
     def published(self, solved: BodyState, departure: np.ndarray) -> BodyState:
-        """The state as solved, moved by its departure (n + 1, 3) and by what has not settled yet."""
+        """The solved state moved by its departure (n + 1, 3) and the remaining difference to a replaced hypothesis."""
         moved = departure + self.settling
         return solved.retract(moved[:-1].reshape(-1), moved[-1])
 
 
 class OutputFilter:
-    """Filters rotations (n, 3, 3) and translation (3,), as small departures from the state as solved.
+    """Filters rotations (n, 3, 3) and translation (3,), as small departures d from the solved state.
 
-    With state R and published R exp(hat(d)), the next state R exp(hat(omega)) has the prediction d + v dt - omega, to
-    first order in angles of one frame's size. What is left out does not add up: d is about the solved state each time.
+    With the solved state R and the published state R exp(hat(d)), the prediction for the next solved state
+    R exp(hat(omega)) is d + v dt - omega, to first order in the angles of one frame. The error does not accumulate,
+    because d always refers to the latest solved state.
     """
 
     def __init__(self, joint_count: int) -> None:
-        self._shape = joint_count + 1, 3  # the joints' turns in rad and, last, the translation in m
+        self._shape = joint_count + 1, 3  # rotations of the joints in rad and, last, the translation in m
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew from the next state."""
+        """Restart from the next state."""
         self._departure = np.zeros(self._shape)
         self._velocity = np.zeros(self._shape)
         self._settling = np.zeros(self._shape)
         self._covariance: tuple[Covariance, Covariance] | None = None
         self.forward: Forward | None = None
-        """Of the last frame."""
+        """The forward pass of the last frame."""
 
     def exchange(self, last: BodyState, start: BodyState) -> None:
-        """The next frame starts from another explanation, `start`, not from the last state.
+        """Note that the next frame starts from another hypothesis, `start`, instead of the `last` state.
 
-        What is published goes on from where it is, and settles to it.
+        The published state moves to it gradually.
         """
-        self._settling = self._settling.copy()  # the last frame's `forward` has the other
+        self._settling = self._settling.copy()  # the last frame's `forward` refers to the old array
         self._settling[:-1] += logarithm(np.swapaxes(start.rotations, -1, -2) @ last.rotations)
         self._settling[-1] += last.translation - start.translation
 
@@ -116,9 +117,9 @@ class OutputFilter:
     ) -> BodyState:
         """The state to publish.
 
-        state: as solved, pose: its own; omega (3 n,) rad and translation_step (3,) m: the increment that led to it;
-        step: s since the last frame; speed: m/s, the keypoints'; time: s over which motion in the image is steadied at
-        a typical speed, and in which another explanation settles; below `SHORTEST`: not at all.
+        state, pose: solved state and its pose. omega: (3 n,) rad and translation_step: (3,) m, the frame's increment.
+        step: s since the last frame. speed: m/s, mean speed of the keypoints. time: s, time constant in the image at
+        the typical speed, and for the transition to another hypothesis; below `SHORTEST` the filter is off.
         """
         steady_over = max(time_at(speed, time), SHORTEST)
         if self._covariance is None or time < SHORTEST or step > LONGEST_STEP:
@@ -148,7 +149,7 @@ class OutputFilter:
         return state
 
     def _rays(self, pose: BodyPose, translation: np.ndarray) -> np.ndarray:
-        """(n + 1, 3): the body's viewing ray, of length 1, as each joint's frame and, last, the camera's has it."""
+        """(n + 1, 3): unit vector of the body's viewing ray in each joint's frame and, last, in the camera frame."""
         rays = np.empty(self._shape)
         rays[-1] = ray = translation / math.sqrt(translation.dot(translation))
         np.matmul(ray, pose.orientations, out=rays[:-1])
@@ -156,38 +157,38 @@ class OutputFilter:
 
 
 def strays(published: BodyState, solved: BodyState) -> bool:
-    """Whether a published state is farther in depth from the solved one than it may be, see `FARTHEST`."""
+    """Whether a published state is too far from the solved one in depth, see `FARTHEST`."""
     place = solved.translation
     return bool(abs((published.translation - place).dot(place)) > FARTHEST * place.dot(place))
 
 
 def time_at(speed: float, time: float) -> float:
-    """s over which motion in the image is steadied at a speed, m/s, by the time, s, at a typical one.
+    """Time constant in s in the image at a speed, m/s. time: s, time constant at the typical speed.
 
-    That of the filter is the root of its noise over the acceleration, which goes with the speed.
+    It is the square root of noise / acceleration, and the acceleration is taken as proportional to the speed.
     """
     return time * math.sqrt((TYPICAL_SPEED + STILL) / (speed + STILL))
 
 
 def _ahead(covariance: Covariance, step: float, time: float) -> Covariance:
-    """The covariance predicted for the next frame after step, s, of what is steadied over time, s."""
+    """The covariance predicted over step, s, for the time constant `time`, s."""
     value, both, velocity = covariance
-    noise = step * step / time**4  # of the acceleration 1 / time^2 over a step, squared
+    noise = step * step / time**4  # squared velocity change by the acceleration 1 / time^2 in one step
     value += 2 * step * both + step * step * velocity + noise * step * step / 4
     return value, both + step * velocity + noise * step / 2, velocity + noise
 
 
 def _corrected(ahead: Covariance) -> tuple[float, float, Covariance]:
-    """The Kalman gains of value and velocity, and the covariance after the frame for which it was `ahead`."""
+    """The Kalman gains of value and velocity, and the updated covariance. ahead: predicted covariance."""
     value, both, velocity = ahead
     gain, velocity_gain = value / (value + 1), both / (value + 1)
     return gain, velocity_gain, (value - gain * value, both - gain * both, velocity - velocity_gain * both)
 
 
 def _in_depth(vectors: np.ndarray, rays: np.ndarray) -> np.ndarray:
-    """Of turns and, last, a step (n + 1, 3), the part that moves the body in depth; what is left moves it in the image.
+    """The part in depth of n rotations and, last, a translation (n + 1, 3); the rest moves the body in the image.
 
-    A turn about the ray moves the body in the image, and a step along it in depth.
+    A rotation about the ray moves the body in the image. A translation along the ray moves it in depth.
     """
     along = (vectors * rays).dot(_ONES)[:, None] * rays
     depth: np.ndarray = vectors - along

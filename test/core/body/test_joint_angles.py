@@ -72,7 +72,7 @@ def test_at_gimbal_lock_the_first_angle_is_kept():
         assert last == pytest.approx(-0.3 + (0.5 if even else -0.5))
 
 
-def test_smooth_angles_come_back_as_they_are_over_many_turns():
+def test_smooth_angles_are_reproduced_over_many_turns():
     """Away from lock: no jump, no lost turn, whatever the order."""
     reader = JointAngleReader(ORDERS)
     for t in np.linspace(0, 10, 2001):

@@ -204,7 +204,7 @@ def kept(kinematics, rows):
     return [kinematics.skeleton.joint_names[joint] for joint in rows.joints]
 
 
-def test_a_joint_beyond_its_limit_is_pushed_back_and_one_within_is_left_alone():
+def test_a_limit_acts_only_beyond_the_range_of_motion():
     kinematics = body()
     rows = PosePrior(PoseDistribution.load(kinematics.skeleton), kinematics)
     knee = kinematics.skeleton.index("left_knee")
@@ -254,7 +254,7 @@ def test_the_vertical_is_learned_quickly_at_first_and_slowly_later():
     assert np.linalg.norm(upright.vertical - there[:, 1]) < 0.6 * 2 * np.sin(0.2)  # quickly anew
 
 
-def test_a_gap_is_no_time_in_which_somebody_was_seen():
+def test_a_gap_does_not_count_as_time_with_a_visible_person():
     upright, there = Upright(), np.diag([1.0, -1.0, -1.0])
     for _ in range(900):
         upright.learn(there, 1 / 30)

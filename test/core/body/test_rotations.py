@@ -111,7 +111,7 @@ def test_rotations_stay_rotations_over_many_steps():
 @pytest.mark.parametrize(
     "angle", [0.0, 1e-16, 1e-9, 1e-3, 1.0, 3.0, *(np.pi - np.array([1e-2, 1e-4, 1e-7, 1e-9, 0.0]))]
 )
-def test_the_least_turn_takes_one_direction_to_the_other_and_no_farther(angle):
+def test_least_turn_rotates_one_direction_to_the_other(angle):
     for a in directions(10):
         across = np.cross(a, np.roll(a, 1) + [0.1, 0.0, 0.0])
         b = Rotation.from_rotvec(angle * across / np.linalg.norm(across)).apply(a)

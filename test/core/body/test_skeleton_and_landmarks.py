@@ -100,10 +100,10 @@ BAD_SKELETONS = {
     "no joints": ({}, "'joints' must be a list"),
     "joints a mapping": ({"joints": {"a": 1}}, "'joints' must be a list"),
     "no name": (tree({"parent": None}), "joint 0 is .*expected a mapping with name, parent and position"),
-    "twice": (tree(joint("a", None), joint("a", "a")), "joint 'a' stands twice"),
+    "twice": (tree(joint("a", None), joint("a", "a")), "joint 'a' is listed twice"),
     "no root": (tree(joint("a", "b")), "joint 'a' has parent 'b'; the first joint, and no other, is the root"),
     "two roots": (tree(joint("a", None), joint("b", None)), "joint 'b' has parent None"),
-    "child first": (tree(joint("a", None), joint("b", "c"), joint("c", "a")), "'c', which does not stand before it: a"),
+    "child first": (tree(joint("a", None), joint("b", "c"), joint("c", "a")), "'c', which is not listed before it: a"),
     "bad axes": (tree(joint("a", None, axes="xyx")), "joint 'a' has axes 'xyx'; expected one of xyz, xzy"),
     "axes a bool": (tree(joint("a", None, axes=True)), "expected one of .* in quotes"),
     "two numbers": (tree(joint("a", None, (1, 2))), r"joint 'a' has position \[1, 2\]; expected three finite numbers"),
@@ -165,10 +165,10 @@ BAD_LAYOUTS = {
     "none": ({}, "'landmarks' must be a list"),
     "unknown joint": (
         {"landmarks": [{"name": "nose", "joint": "nose"}]},
-        "landmark 'nose' rides on joint 'nose', which is not in skeleton 'anthropometric'; its joints are: pelvis",
+        "landmark 'nose' has joint 'nose', which is not in skeleton 'anthropometric'; its joints are: pelvis",
     ),
     "no name": ({"landmarks": [{"joint": "head"}]}, "landmark 0 is .*expected a mapping with name, joint and offset"),
-    "twice": ({"landmarks": [{"name": "a", "joint": "head"}] * 2}, "landmark 'a' stands twice"),
+    "twice": ({"landmarks": [{"name": "a", "joint": "head"}] * 2}, "landmark 'a' is listed twice"),
     "offset": ({"landmarks": [{"name": "a", "joint": "head", "offset": [1]}]}, r"has offset \[1\]; expected 3 finite"),
     "noise": ({"landmarks": [{"name": "a", "joint": "head", "noise": 0}]}, "has noise 0.0; expected a factor from 0.1"),
     "noise text": ({"landmarks": [{"name": "a", "joint": "head", "noise": "x"}]}, "expected 1 finite"),
@@ -199,7 +199,7 @@ def test_bad_layouts_are_refused(case):
         Layout.from_mapping(data, Skeleton.load("anthropometric", 1.75))
 
 
-def test_unknown_names_are_answered_with_those_that_exist():
+def test_errors_for_unknown_names_list_the_existing_ones():
     skeleton = Skeleton.load("anthropometric", 1.75)
     with pytest.raises(SkeletonError, match="joint 'tail' is not in skeleton 'anthropometric'; its joints are: pelvis"):
         skeleton.index("tail")
@@ -227,7 +227,7 @@ def test_bad_settings_are_refused(change, text):
         Tracker(TrackerConfig(**change))
 
 
-def test_every_setting_says_what_it_is():
+def test_every_setting_has_a_description():
     for field in dataclasses.fields(TrackerConfig):
         metadata = field.metadata
         assert len(metadata["description"]) > 10, field.name

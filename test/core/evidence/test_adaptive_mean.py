@@ -98,7 +98,7 @@ def test_rows_by_rotation_vectors_undo_the_increments_jacobian():
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_who_turns_round_is_known_after_a_while(seed):
+def test_a_person_who_turns_round_is_estimated_correctly_after_a_while(seed):
     person = Person(seed)
     adaptive_mean = AdaptiveMean(person.rows)
     for second in np.arange(0.0, 20.0, EVERY):
@@ -107,7 +107,7 @@ def test_who_turns_round_is_known_after_a_while(seed):
     assert person.strangeness(adaptive_mean.mean) < 0.5 * person.strangeness(person.rows.prior.mean)
 
 
-def test_without_an_image_the_shipped_mean_comes_back():
+def test_without_an_image_the_mean_returns_to_the_shipped_mean():
     person = Person()
     adaptive_mean, shipped = AdaptiveMean(person.rows), person.rows.prior.mean
     state = person.state()
@@ -163,7 +163,7 @@ def test_limbs_mirrored_in_depth_are_judged_by_the_shipped_mean():
     assert all(np.array_equal(a, b) for a, b in zip(*searches))
 
 
-def test_a_layout_that_shows_the_trunk_alone_teaches_nothing_wrong():
+def test_a_layout_of_the_trunk_only_does_not_spoil_the_mean():
     tracker = Tracker(TrackerConfig(landmarks="coco17", min_landmarks=3))
     whole = frame(tracker)
     trunk = np.isin(tracker.layout.names, ["left_shoulder", "right_shoulder", "left_hip", "right_hip"])

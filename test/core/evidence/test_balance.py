@@ -70,7 +70,7 @@ def test_it_is_horizontal_and_does_not_care_where_the_body_is_or_faces():
     assert np.allclose(there, elsewhere)
 
 
-def test_who_stands_is_above_the_feet_and_who_leans_is_not():
+def test_balance_is_zero_for_a_standing_body_and_not_for_a_leaning_one():
     kinematics = body()
     balance, state = balance_of(kinematics), standing(kinematics)
     upright = np.linalg.norm(offset_of(balance, kinematics, state))
@@ -78,7 +78,7 @@ def test_who_stands_is_above_the_feet_and_who_leans_is_not():
     assert upright < 0.1 and np.linalg.norm(offset_of(balance, kinematics, leaning)) > 0.25
 
 
-def test_a_skeleton_of_other_names_is_not_pulled():
+def test_balance_has_no_effect_on_a_skeleton_of_other_names():
     kinematics = random_body(np.random.default_rng(0))
     balance = balance_of(kinematics)
     state = BodyState(np.tile(np.eye(3), (kinematics.joint_count, 1, 1)), np.array([0.0, 0.0, 3.0]))
@@ -87,7 +87,7 @@ def test_a_skeleton_of_other_names_is_not_pulled():
 
 
 @pytest.mark.parametrize("seed", [13, 17, 20])
-def test_a_squat_is_not_taken_for_a_lean(seed):
+def test_a_squat_is_not_estimated_as_a_lean(seed):
     """From the front both look alike. Without the balance each of these draws of noise ends in a lean of 3 s."""
     tracker, sequence = detected(10.0, seed)
     truth = tracker.kinematics.pose(motion(tracker.skeleton, np.arange(len(sequence)) / RATE)).positions

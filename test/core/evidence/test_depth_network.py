@@ -65,7 +65,7 @@ def scene(count):
     return Scene(points, seen, up, np.ones(count, bool), lengths, np.zeros(count, bool))
 
 
-def test_a_batch_gives_what_each_person_gives():
+def test_a_batch_gives_the_same_results_as_single_people():
     several = scene(3)
     whole = shipped_network().predict(several)
     for person in range(3):
@@ -75,7 +75,7 @@ def test_a_batch_gives_what_each_person_gives():
         assert np.allclose(one.whitening, whole.whitening[person], rtol=1e-3, atol=1e-3)
 
 
-def test_a_point_that_is_not_seen_does_not_count():
+def test_a_missing_point_has_no_influence():
     given = scene(1)
     moved = replace(given, points=np.where(given.seen[..., None], given.points, 99.0))
     assert np.array_equal(features(given)[0], features(moved)[0])

@@ -73,7 +73,7 @@ def test_they_are_the_parts_rows_of_each_state(rows, frame, robust):
         assert np.abs(together.z[i] - z).max() < 1e-12 * np.abs(z).max()
 
 
-def test_a_turn_turns_the_columns_of_each_joint(rows, frame):
+def test_a_right_jacobian_is_applied_to_the_columns_of_each_joint(rows, frame):
     states, points, weights = frame
     about = rows.evaluate(BodyState(states.rotations[0], states.translation[0]))
     turn = right_jacobian(0.3 * np.random.default_rng(4).normal(size=(24, 3)))
@@ -86,7 +86,7 @@ def test_a_turn_turns_the_columns_of_each_joint(rows, frame):
     assert np.allclose(turned.z, z)
 
 
-def test_hypotheses_are_exchanged_and_renewed_with_all_that_follows_from_them(rows, frame):
+def test_hypotheses_are_replaced_with_pose_and_posture(rows, frame):
     states, points, weights = frame
     everyone = rows.evaluate(states)
     before = rows.linearise(everyone, FrameData(points, weights), huber_weights)

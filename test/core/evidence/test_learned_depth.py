@@ -74,7 +74,7 @@ def test_the_pull_of_the_rows_is_the_gradient_of_the_cost(scene):
     assert np.allclose(rows.columns[:, which] @ rows.z[which], -gradient, atol=1e-3 * np.abs(gradient).max())
 
 
-def test_several_states_at_once_give_what_each_gives(scene):
+def test_several_states_at_once_give_the_same_as_each_alone(scene):
     model, learned, state, frame = scene
     random = np.random.default_rng(3)
     other = random_state(random, model.kinematics, 0.4)
@@ -106,7 +106,7 @@ def test_switched_off_there_are_no_rows():
     assert tracker._joint_depths is None and len(tracker._rows.evidence) == 5
 
 
-def test_a_camera_on_its_side_sees_what_a_level_one_sees():
+def test_a_camera_on_its_side_gives_the_same_motion_as_a_level_one():
     def rolled(observation):
         return replace(observation, points=np.stack([observation.points[:, 1], -observation.points[:, 0]], axis=-1))
 
@@ -119,7 +119,7 @@ def test_a_camera_on_its_side_sees_what_a_level_one_sees():
 
 
 @pytest.mark.parametrize("landmarks", ["body25", "mediapipe33", "h36m17"])
-def test_it_serves_other_layouts(landmarks):
+def test_other_layouts_are_supported(landmarks):
     error, tracker = followed(replace(WITH_NETWORK, landmarks=landmarks))
     assert error < 0.12 and tracker._joint_depths is not None
 

@@ -36,7 +36,7 @@ def learned(true, seed=0, frames=200, wrong=0, missing=0):
     return model_error.deviation
 
 
-def test_what_a_fit_leaves_free_is_one_less_the_rows_leverage():
+def test_the_free_share_of_a_row_is_one_minus_its_leverage():
     problem, _ = drawn(np.random.default_rng(1), np.zeros((LANDMARKS, 2)))
     J = np.concatenate([problem.A, problem.B], axis=1)
     information = J.T @ J
@@ -48,16 +48,16 @@ def test_what_a_fit_leaves_free_is_one_less_the_rows_leverage():
 
 
 @pytest.mark.parametrize("true", [0.005, 0.01, 0.02])
-def test_the_error_is_learned_whatever_was_assumed(true):
+def test_the_model_error_is_learned_from_any_initial_value(true):
     assert learned(true) == pytest.approx(true, rel=0.1)
 
 
-def test_a_few_wrong_points_hardly_count_and_those_that_coast_do_not():
+def test_outliers_have_little_influence_and_extrapolated_points_none():
     assert learned(0.01, wrong=2) < 0.014  # without a cap 0.0165
     assert learned(0.01, wrong=2, missing=2) < learned(0.01, wrong=2)
 
 
-def test_what_is_learned_keeps_its_limits_and_begins_anew():
+def test_the_learned_value_is_limited_and_can_be_reset():
     assert learned(1e-5) == LEAST * HEIGHT and learned(0.2) == LARGEST * HEIGHT
     model_error = ModelError(HEIGHT)
     assert model_error.deviation == FIRST * HEIGHT
@@ -83,7 +83,7 @@ def test_the_tracker_learns_what_its_detector_is_off_by():
     assert tracker.model_error.deviation == FIRST * tracker.skeleton.height
 
 
-def test_frames_that_repeat_and_points_that_coast_teach_the_tracker_nothing(monkeypatch):
+def test_repeated_frames_and_extrapolated_points_are_not_used_for_learning(monkeypatch):
     tracker, taught = Tracker(TrackerConfig(noise_px=2.0)), []
     monkeypatch.setattr(tracker.model_error, "advance", lambda stamp, *frame: taught.append((stamp, frame[2])))
     frames = [observation for _, observation in observations(tracker, seconds=1.0)]

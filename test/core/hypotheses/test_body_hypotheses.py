@@ -50,7 +50,7 @@ def turned_round(state):
 
 
 @pytest.mark.parametrize("seed", range(1, 5))
-def test_a_body_turned_round_is_found_back_by_the_first_challenger(seed):
+def test_the_first_hypothesis_corrects_a_body_that_faces_the_wrong_way(seed):
     scene = Wrong(seed, turned_round)
     assert scene.distance(scene.pool.published.state) > 0.15
     frame, winner = scene.winner(body_hypotheses.GIVEN_UP_AT)
@@ -68,7 +68,7 @@ def test_both_legs_are_mirrored_every_other_time_and_in_every_way(monkeypatch):
     assert len(begun) >= scene.pool._renewals // 2
 
 
-def test_one_that_has_found_its_place_is_held_as_the_l1_term_holds_the_published(monkeypatch):
+def test_a_converged_hypothesis_is_damped_like_the_published_state(monkeypatch):
     scene = Wrong(1, lambda state: state)
     initialiser, ridges = scene.pool._initialiser, []
     step = initialiser.step

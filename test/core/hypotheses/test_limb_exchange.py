@@ -8,7 +8,7 @@ from lassokin_ros.core.config import TrackerConfig
 
 
 @pytest.mark.parametrize("smoothing", [0.0, 0.02])
-def test_a_limb_is_exchanged_in_the_next_frame_and_leaves_this_ones_answer(smoothing):
+def test_a_limb_is_replaced_in_the_next_frame_and_not_in_the_present_estimate(smoothing):
     tracker, observations = detected(10.0)
     tracker.tune(TrackerConfig(smoothing=smoothing))
     exchanges, before, waiting = 0, None, []

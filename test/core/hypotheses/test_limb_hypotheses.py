@@ -89,7 +89,7 @@ def test_a_limb_is_posed_as_in_the_whole_body(layout):
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_a_limb_costs_more_or_less_by_what_the_whole_body_does(layout):
+def test_the_cost_difference_of_a_limb_equals_that_of_the_whole_body(layout):
     scene = Scene(layout, 2)
     published = scene.rows.evaluate(scene.state)
     scene.search.start(scene.state)
@@ -107,7 +107,7 @@ def test_a_limb_costs_more_or_less_by_what_the_whole_body_does(layout):
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_the_limbs_own_rows_of_the_prior_say_the_same_as_the_whole_bodys(layout):
+def test_the_limb_prior_equals_the_prior_of_the_whole_body(layout):
     scene = Scene(layout, 5)
     scene.state.rotations[1:] = exponential(1.5 * np.random.default_rng(5).normal(size=(23, 3)))  # beyond some limits
     published, search = scene.rows.evaluate(scene.state), scene.search
@@ -125,7 +125,7 @@ def test_the_limbs_own_rows_of_the_prior_say_the_same_as_the_whole_bodys(layout)
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_rows_are_the_derivative_of_what_they_stand_for(layout):
+def test_rows_equal_numerical_derivatives(layout):
     scene = Scene(layout, 3)
     published, search = scene.rows.evaluate(scene.state), scene.search
     search.start(scene.state)
@@ -150,7 +150,7 @@ def test_rows_are_the_derivative_of_what_they_stand_for(layout):
 
 # Not 0, where from so wrong an arm no mirroring leads back, nor 4, where the first exchange is not the last.
 @pytest.mark.parametrize("seed", [1, 2, 3, 5])
-def test_a_limb_on_the_wrong_side_is_exchanged_soon_and_alone(seed):
+def test_a_limb_on_the_wrong_side_is_replaced_soon_and_nothing_else(seed):
     scene = Scene(seed=seed)
     right = scene.initialiser.fit(FrameData(scene.points, scene.weights)).best
     wrongs = [scene.settled(scene.mirroring.mirrored(right, variant)) for variant in range(scene.search.count)]
@@ -183,7 +183,7 @@ def test_a_limb_on_the_right_side_stays_there(seed):
     assert np.isfinite(scene.search._rotations).all()
 
 
-def test_without_points_nothing_but_the_prior_counts():
+def test_without_points_only_the_prior_has_influence():
     scene = Scene()
     published = scene.rows.evaluate(scene.state)
     scene.search.start(scene.state)
@@ -194,7 +194,7 @@ def test_without_points_nothing_but_the_prior_counts():
     assert np.abs(products - np.eye(3)).max() < 1e-9
 
 
-def test_a_skeleton_without_limbs_is_left_alone():
+def test_a_skeleton_without_limbs_is_not_changed():
     kinematics = random_body(np.random.default_rng(0))
     prior = PoseDistribution.load(kinematics.skeleton)
     rows = FrameModel(kinematics, PosePrior(prior, kinematics), Upright())
@@ -219,7 +219,7 @@ ELBOW = "  - {name: left_elbow, joint: left_elbow, offset: [0.0, 0.0, 0.0]}\n"
 
 
 @pytest.mark.parametrize(("arm", "searched"), [("", 0), (ELBOW, 3)])
-def test_limbs_that_no_landmark_shows_are_left_alone(tmp_path, arm, searched):
+def test_limbs_without_landmarks_are_not_mirrored(tmp_path, arm, searched):
     layout = tmp_path / "torso.yaml"
     layout.write_text(TORSO + arm)
     tracker = Tracker(replace(CONFIG, landmarks=str(layout)))
@@ -230,7 +230,7 @@ def test_limbs_that_no_landmark_shows_are_left_alone(tmp_path, arm, searched):
 
 @pytest.mark.parametrize("hidden", [("knee", "ankle"), ("ankle",)], ids="-".join)
 @pytest.mark.parametrize("seed", [0, 1])
-def test_what_no_landmark_shows_stays_at_the_mean(tmp_path, hidden, seed):
+def test_joints_without_landmarks_stay_at_the_mean(tmp_path, hidden, seed):
     """Else the body's balance alone would bend it, with nothing to bring it back."""
     skeleton = Skeleton.load("anthropometric", 1.75)
     coco = Layout.load("coco17", skeleton)
@@ -249,7 +249,7 @@ def test_what_no_landmark_shows_stays_at_the_mean(tmp_path, hidden, seed):
         assert np.allclose(tracker.track(observation).solved.rotations[dead], mean, atol=1e-9)
 
 
-def test_a_turn_that_is_too_large_is_made_smaller_as_a_whole():
+def test_too_large_a_rotation_is_scaled_with_all_others():
     turns = np.array([[[0.1, -0.2, 0.3]], [[1.4, -0.7, 0.0]]])
     held = within(turns.copy())
     assert np.array_equal(held[0], turns[0]) and np.allclose(held[1], 0.5 * turns[1])

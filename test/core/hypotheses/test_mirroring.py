@@ -25,7 +25,7 @@ def state(seed):
 
 
 @pytest.mark.parametrize("variant", range(3 * len(LIMBS)))
-def test_each_mirrored_bone_turns_round_along_the_line_of_sight(variant):
+def test_each_mirrored_bone_changes_its_sign_along_the_line_of_sight(variant):
     kinematics = body()
     mirroring = Mirroring(kinematics)
     chain, bones = mirroring.variants[variant]
@@ -53,7 +53,7 @@ def test_twice_mirrored_is_where_it_was():
         assert np.allclose(kinematics.pose(back).positions, kinematics.pose(before).positions)
 
 
-def test_a_limb_has_each_choice_of_its_bones_once():
+def test_each_limb_has_each_choice_of_mirrored_bones_once():
     mirroring = Mirroring(body())
     choices = {(tuple(chain), bones) for chain, bones in mirroring.variants}
     assert len(choices) == len(mirroring.variants) == 3 * len(LIMBS) and all(any(bones) for _, bones in choices)
@@ -75,14 +75,14 @@ def test_pairs_are_both_legs_in_each_way():
         assert np.allclose(both[chain], alone[chain])
 
 
-def test_all_is_every_variant():
+def test_all_returns_every_variant():
     mirroring = Mirroring(body())
     together = mirroring.all(state(5))
     assert together.rotations.shape == (12, 24, 3, 3) and together.translation.shape == (12, 3)
     assert np.array_equal(together.rotations[6], mirroring.mirrored(state(5), 6).rotations)
 
 
-def test_a_bone_along_the_line_of_sight_is_turned_right_round():
+def test_mirroring_reverses_a_bone_along_the_line_of_sight():
     kinematics = body()
     mirroring = Mirroring(kinematics)
     (shoulder, elbow, _), _ = mirroring.variants[0]
@@ -100,7 +100,7 @@ def test_a_bone_along_the_line_of_sight_is_turned_right_round():
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 0.3, 2.0, np.pi - 1e-4, np.pi - 1e-8])
-def test_a_bone_is_redirected_by_the_least_turn(angle):
+def test_a_bone_is_redirected_by_the_smallest_rotation(angle):
     for seed in range(20):
         rotation, about = Rotation.random(2, random_state=seed)
         bone = 0.3 * about.apply([0.0, 1.0, 0.0])

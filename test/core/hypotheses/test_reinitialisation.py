@@ -23,7 +23,7 @@ def looks(costs, step=0.01):
     return np.array([step * i for i, cost in enumerate(costs) if reinitialisation.due(step * i, cost)])
 
 
-def test_a_look_is_due_after_a_while_and_then_ever_more_seldom():
+def test_reinitialisation_is_due_after_a_delay_that_grows():
     due = looks([DEAR] * 2000)
     assert due[0] == pytest.approx(COSTLY_FOR, abs=0.011)
     between = np.diff(due)
@@ -32,16 +32,16 @@ def test_a_look_is_due_after_a_while_and_then_ever_more_seldom():
     assert between[-1] == pytest.approx(LATEST, abs=0.011)
 
 
-def test_a_cheap_frame_is_no_lasting_need():
+def test_one_frame_of_low_cost_does_not_reset_the_delay():
     assert len(looks([DEAR] * 5 + [CHEAP] + [DEAR] * 5 + [float("nan")] + [DEAR] * 5)) == 0
 
 
-def test_a_cost_that_hovers_about_the_limit_is_looked_at_no_oftener_than_one_above_it():
+def test_a_cost_near_the_limit_causes_no_more_attempts_than_one_above_it():
     always, hovering = looks([DEAR] * 2000), looks(([DEAR] * 9 + [CHEAP]) * 200)
     assert 5 < len(hovering) <= len(always)
 
 
-def test_after_a_good_while_a_look_comes_soon_again():
+def test_the_delay_is_short_again_after_a_long_time_of_low_cost():
     good = round(1.1 * LATEST / 0.01)
     due = looks([DEAR] * 500 + [CHEAP] * good + [DEAR] * 30)
     begins = 0.01 * (500 + good)
@@ -55,7 +55,7 @@ def test_less_than_half_the_cost_convinces():
 
 
 @pytest.mark.parametrize("stance", [3, 4, 5])
-def test_a_body_that_turned_over_unseen_is_found_in_a_tenth_of_a_second(stance):
+def test_a_body_that_turned_over_in_a_gap_is_found_within_100_ms(stance):
     tracker = Tracker(CONFIG)
     whole = motion(tracker.skeleton, np.arange(60) / RATE)
     errors, found_anew = [], []
@@ -71,7 +71,7 @@ def test_a_body_that_turned_over_unseen_is_found_in_a_tenth_of_a_second(stance):
     assert sum(found_anew) == 2  # at the start, and once more
 
 
-def test_who_is_followed_well_is_not_looked_at_twice(monkeypatch):
+def test_no_reinitialisation_while_tracking_is_good(monkeypatch):
     tracker, looked = Tracker(CONFIG), []
     fit = tracker._initialiser.fit
     monkeypatch.setattr(tracker._initialiser, "fit", lambda *of: looked.append(of) or fit(*of))
@@ -86,7 +86,7 @@ def test_who_is_followed_well_is_not_looked_at_twice(monkeypatch):
     assert 2 <= len(looked) <= 7
 
 
-def test_keypoints_that_come_again_are_no_reason_to_look_anew(monkeypatch):
+def test_repeated_keypoints_do_not_cause_reinitialisation(monkeypatch):
     tracker, looked = Tracker(CONFIG), []
     for _, observation in observations(tracker, 0.5):
         tracker.track(observation)
@@ -99,7 +99,7 @@ def test_keypoints_that_come_again_are_no_reason_to_look_anew(monkeypatch):
     assert len(looked) == 1
 
 
-def test_a_look_in_vain_changes_nothing(monkeypatch):
+def test_a_rejected_reinitialisation_changes_nothing(monkeypatch):
     """Not even which way is up, which each look tries anew."""
     plain, looking = Tracker(CONFIG), Tracker(CONFIG)
     fit = looking._initialiser.fit

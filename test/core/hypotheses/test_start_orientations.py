@@ -58,7 +58,7 @@ def test_the_stances_are_turns_to_the_six_directions():
 
 @pytest.mark.parametrize("side", [0, 120, 240])
 @pytest.mark.parametrize("stance", range(6))
-def test_a_body_in_any_stance_is_found_from_one_frame(stance, side):
+def test_initialisation_finds_a_body_of_any_orientation_from_one_frame(stance, side):
     """The prior's mean pose, within 40 degrees of the stance, noise of 2 px; before a camera held level."""
     tracker = Tracker(CONFIG)
     kinematics, prior = tracker.kinematics, PoseDistribution.load(tracker.skeleton)
@@ -72,7 +72,7 @@ def test_a_body_in_any_stance_is_found_from_one_frame(stance, side):
     assert error(kinematics, fit.best, truth) < 0.08
 
 
-def test_an_upright_body_costs_no_start_in_other_stances(monkeypatch):
+def test_an_upright_body_needs_no_other_start_orientations(monkeypatch):
     tracker = Tracker(CONFIG)
     stances = []
     starts = Initialiser._starts
@@ -100,7 +100,7 @@ def test_an_upright_body_costs_no_start_in_other_stances(monkeypatch):
 
 
 @pytest.mark.parametrize("stance", [1, 2, 4])
-def test_challengers_of_a_lying_body_lie_too(stance):
+def test_hypotheses_of_a_lying_body_also_lie(stance):
     """Turned to its other sides about its own long axis: one that is taken for its back is found back."""
     tracker = Tracker(CONFIG)
     state = motion(tracker.skeleton, np.array([0.3]))
@@ -148,7 +148,7 @@ def test_roll_and_pitch_are_a_urdfs_rpy():
 
 
 @pytest.mark.parametrize("roll", [np.pi, HALF, -HALF])
-def test_a_camera_told_to_be_rolled_sees_what_a_level_one_sees(roll):
+def test_a_camera_with_configured_roll_gives_the_same_motion_as_a_level_one(roll):
     """Its image is the level one's, turned; so is every pose."""
     level, rolled = Tracker(CONFIG), Tracker(replace(CONFIG, camera_roll=roll))
     turn = exponential(np.array([0.0, 0.0, -roll]))
@@ -163,7 +163,7 @@ def test_a_camera_told_to_be_rolled_sees_what_a_level_one_sees(roll):
 
 
 @pytest.mark.parametrize("pitch", [0.8, -0.7])
-def test_who_stands_before_a_camera_told_to_be_tilted_does_not_lean(pitch):
+def test_a_standing_person_before_a_configured_tilted_camera_does_not_lean(pitch):
     tracker = Tracker(replace(CONFIG, camera_pitch=pitch))
     root = exponential(np.array([pitch, 0.0, 0.0])) @ FACING
     assert np.abs(tracker._upright.rows(root)[1]).max() < 1e-9
@@ -171,7 +171,7 @@ def test_who_stands_before_a_camera_told_to_be_tilted_does_not_lean(pitch):
 
 
 @pytest.mark.parametrize("roll, pitch", [(0.0, 0.0), (0.0, 0.6), (HALF, 0.0), (2.5, -0.4), (0.0, HALF)])
-def test_a_first_state_is_sought_by_the_mount_and_further_up_and_down(roll, pitch):
+def test_the_first_state_is_fitted_with_the_mount_and_with_tilted_verticals(roll, pitch):
     upright = Upright(roll, pitch)
     (mounted, free), *tilted = upright.candidates()
     assert np.array_equal(mounted, vertical_of(roll, pitch)) and free == 0.0
@@ -195,7 +195,7 @@ def test_once_people_were_seen_a_state_is_sought_by_what_was_learned_from_them()
 
 @pytest.mark.parametrize("side", [0, 120, 240])
 @pytest.mark.parametrize("pitch", [0.52, 0.0, -0.52])
-def test_a_camera_that_looks_up_or_down_is_found_out_from_one_frame(pitch, side):
+def test_the_tilt_of_a_camera_is_found_from_one_frame(pitch, side):
     """The prior's mean pose, upright, noise of 2 px: neither does it lean in the end, nor does the camera if level."""
     tracker = Tracker(CONFIG)
     rotations = exponential(PoseDistribution.load(tracker.skeleton).mean)
@@ -224,7 +224,7 @@ def test_a_tilted_camera_must_explain_a_frame_much_better(monkeypatch, level, ti
     assert fit.costs[0] == pytest.approx(tilted + cost * max(1.0, level / 17) if tilt else level)
 
 
-def test_a_mount_told_while_running_is_believed_from_then_on_and_again_after_a_reset():
+def test_a_mount_set_at_runtime_is_used_at_once_and_after_a_reset():
     tracker = Tracker(CONFIG)
     root = FACING @ exponential(np.array([0.2, 0.0, 0.0]))
     tracker._upright.learn(root, 1.0)

@@ -20,7 +20,7 @@ def places(frame):
     return np.array([[0.0, -0.3], [-0.05 + course, 0.2], [0.05 + course, 0.2], [-0.05 + course, 0.4]])
 
 
-def test_a_point_without_another_side_is_left_out_as_ever():
+def test_an_unpaired_outlier_is_left_out():
     keypoint_filter = KeypointFilter(NAMES, LIMBS)
     weights = np.full(4, 1 / NOISE)
     for frame in range(20):
@@ -32,7 +32,7 @@ def test_a_point_without_another_side_is_left_out_as_ever():
 
 
 @pytest.mark.parametrize("gap", [FORGOTTEN_AFTER + 0.01, 0.5, 0.9, 100.0])
-def test_after_a_gap_without_any_frame_tracks_begin_anew(gap):
+def test_tracks_restart_after_a_gap_without_frames(gap):
     """The time in which no frame came is one without a good point, too: nothing is held against the first after it."""
     keypoint_filter = KeypointFilter(NAMES, LIMBS)
     weights = np.full(4, 1 / NOISE)
@@ -44,7 +44,7 @@ def test_after_a_gap_without_any_frame_tracks_begin_anew(gap):
     assert answer[3] == 0  # where it was before the gap says nothing of it
 
 
-def test_the_tracker_follows_who_has_walked_on_in_a_gap():
+def test_the_tracker_follows_a_person_who_moved_in_a_gap():
     """0.9 s without a frame, less than `lost_after`: the state is kept, and each frame after it is used."""
     tracker = Tracker(CONFIG)
     frames = observations(tracker, 2.0)
@@ -58,7 +58,7 @@ def test_the_tracker_follows_who_has_walked_on_in_a_gap():
         assert index == 0 or estimate.reprojection_px < 15
 
 
-def test_what_is_expected_goes_on_for_a_while_and_teaches_nothing():
+def test_predicted_points_are_extrapolated_briefly_and_do_not_update_tracks():
     plain, asked = KeypointFilter(NAMES, LIMBS), KeypointFilter(NAMES, LIMBS)
     weights = np.full(4, 1 / NOISE)
     random = np.random.default_rng(0)

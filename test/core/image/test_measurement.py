@@ -30,7 +30,7 @@ def moved(step):
     return POINTS + 1e-4 * step
 
 
-def test_the_first_frame_is_news_of_somebody_lost():
+def test_the_first_frame_after_a_loss_counts_as_new():
     measurement = seen(MeasurementFilter(NAMES, LIMBS), 5.0, POINTS)
     assert measurement.lost and measurement.repeated == 0 and measurement.step == measurement.news == np.inf
     assert np.array_equal(measurement.points, POINTS)
@@ -45,7 +45,7 @@ def test_time_is_counted_from_frames_that_were_used():
     assert (later.step, later.news) == pytest.approx((0.3, 0.3)) and not later.lost
 
 
-def test_a_repeated_frame_tells_nothing_and_those_after_it_know_since_when():
+def test_repeated_keypoints_are_not_news_and_the_next_frame_counts_from_the_last_news():
     measurements = MeasurementFilter(NAMES, LIMBS)
     seen(measurements, 5.0, moved(0))
     again = seen(measurements, 5.1, moved(0))
@@ -55,7 +55,7 @@ def test_a_repeated_frame_tells_nothing_and_those_after_it_know_since_when():
     assert after.repeated == 0 and (after.step, after.news) == pytest.approx((0.1, 0.2))
 
 
-def test_after_too_long_the_tracks_are_of_no_use():
+def test_tracks_are_dropped_after_too_long_a_gap():
     measurements = MeasurementFilter(NAMES, LIMBS)
     seen(measurements, 5.0, moved(0))
     elsewhere = moved(0) + 0.4
@@ -73,7 +73,7 @@ def test_forgetting_keeps_the_time():
 
 
 @pytest.mark.parametrize("depth", [1.5, 4.0])
-def test_speed_is_the_bodys_own_whatever_its_distance(depth):
+def test_speed_does_not_depend_on_the_distance(depth):
     measurements, course = MeasurementFilter(NAMES, LIMBS), np.array([0.6, -0.8, 0.0])
     landmarks = depth * np.concatenate([POINTS, np.ones((3, 1))], axis=1)
     for frame in range(60):
@@ -84,7 +84,7 @@ def test_speed_is_the_bodys_own_whatever_its_distance(depth):
     assert measurement.speed == pytest.approx(0.5, rel=0.02)
 
 
-def test_no_keypoint_is_better_evidence_than_what_it_shows_is_like_the_landmark():
+def test_the_model_error_limits_the_weight_of_a_keypoint():
     """However long it stands still, and however exact the detector is."""
     for depth, model_error in ((3.0, 0.0035), (3.0, 0.01), (6.0, 0.0035)):
         measurements = MeasurementFilter(NAMES, LIMBS)
@@ -95,7 +95,7 @@ def test_no_keypoint_is_better_evidence_than_what_it_shows_is_like_the_landmark(
         assert measurement.weights == pytest.approx(depth / model_error, rel=1e-3)
 
 
-def test_the_tracker_goes_by_the_height_that_it_was_told():
+def test_the_scale_follows_the_configured_height():
     weights = []
     for height in (1.0, 2.0):
         tracker = Tracker(TrackerConfig(height=height, noise_px=0.1))

@@ -38,7 +38,7 @@ def test_the_age_is_that_of_keypoints_that_are_the_same_to_the_bit():
 
 
 @pytest.mark.parametrize("times", [2, 4])
-def test_a_detector_slower_than_the_camera_is_followed_better_when_its_repeats_are_known(times):
+def test_detecting_repeated_keypoints_improves_tracking_with_a_slow_detector(times):
     """In the image, against where the points are at each frame's own stamp."""
     errors = []
     for trifle in (0.0, 1e-12):  # which makes them new
@@ -56,7 +56,7 @@ def test_a_detector_slower_than_the_camera_is_followed_better_when_its_repeats_a
     assert errors[0] < 0.9 * errors[1]
 
 
-def test_a_repeated_frame_teaches_nothing():
+def test_a_repeated_frame_is_not_used_for_learning():
     (once, last), (twice, _) = tracked(config=NOW), tracked(config=NOW)
     vertical, moved = twice._upright.vertical.copy(), twice.calibration.moved
     for i in range(30):
@@ -67,7 +67,7 @@ def test_a_repeated_frame_teaches_nothing():
     assert np.array_equal(twice._measurements._filter._tracks.velocity, once._measurements._filter._tracks.velocity)
 
 
-def test_the_next_new_frame_sees_no_standstill():
+def test_repeated_keypoints_are_no_evidence_of_a_standstill():
     """Half of the frames repeated: the state is about where it is when those are left out."""
     with_repeats, without = Tracker(NOW), Tracker(NOW)
     sequence = [observation for _, observation in observations(without, 4.0)]
@@ -80,7 +80,7 @@ def test_the_next_new_frame_sees_no_standstill():
         with_repeats.track(later(observation, 1 / RATE))
 
 
-def test_frozen_keypoints_hold_the_pose_and_say_since_when():
+def test_frozen_keypoints_keep_the_pose_and_report_their_age():
     tracker, last = tracked()
     answers = [tracker.track(later(last, 0.1 * (i + 1))) for i in range(100)]
     assert all(a.accepted and a.status is Status.TRACKING and not a.initialised for a in answers)

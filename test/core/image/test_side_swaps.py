@@ -76,7 +76,7 @@ def assert_same(plain, mended):
 
 
 @pytest.mark.parametrize("length", [1, 2, 5, 25, 90, 115])
-def test_a_body_is_changed_back_as_a_whole(length):
+def test_a_swap_of_the_whole_body_is_corrected(length):
     """Hips are closer to each other than their noise, wrists and legs pass: they follow the others."""
     assert_same(filtered(520), filtered(520, range(400, 400 + length)))
 
@@ -103,7 +103,7 @@ def test_weights_go_with_their_points():
 
 
 @pytest.mark.parametrize("before", [60, 600])
-def test_what_stays_swapped_is_believed_in_the_end(before):
+def test_a_lasting_swap_is_accepted_in_the_end(before):
     """Else a start with left for right, which the detector then corrects, would be held for ever."""
     swapped = range(before, before + 240)
     answers = filtered(before + 240, swapped)
@@ -128,7 +128,7 @@ def test_of_what_was_believed_nothing_is_surer_than_the_rest():
 
 @pytest.mark.parametrize("parts", [LEGS, ("ankle",)], ids="-".join)
 @pytest.mark.parametrize("first", [0, 370, 398])
-def test_a_limb_that_is_seen_without_the_other_stays_where_it_is(parts, first):
+def test_a_limb_without_its_visible_partner_is_not_swapped(parts, first):
     """From the side the far arm is hidden: nothing is there to be exchanged with, though the legs are swapped."""
     weights = without({"right_wrist", "right_shoulder"}, first)
     plain, mended = (filtered(430, swapped, parts, weights, hands_together) for swapped in ((), range(400, 425)))
@@ -138,7 +138,7 @@ def test_a_limb_that_is_seen_without_the_other_stays_where_it_is(parts, first):
 
 
 @pytest.mark.parametrize("first", [0, 330, 395])
-def test_a_limb_that_is_seen_without_the_other_goes_with_the_body(first):
+def test_a_limb_without_its_visible_partner_follows_the_body(first):
     """Of a body that is swapped as a whole its one wrist comes as the other one."""
     weights = without({"right_wrist"}, first)
     assert_same(*(filtered(430, swapped, ALL, weights, hands_together) for swapped in ((), range(400, 425))))
@@ -151,7 +151,7 @@ def test_what_is_not_seen_has_no_say():
     assert_same(filtered(420, (), ALL, weights), filtered(420, range(400, 410), ALL, weights))
 
 
-def test_a_wrist_that_is_taken_for_the_other_one_too_is_left_out():
+def test_a_wrist_detected_at_the_other_wrist_is_left_out():
     """Both are at one place, where one of them is: nothing is exchanged, and the other coasts."""
     random = np.random.default_rng(0)
     keypoint_filter, weights = KeypointFilter(NAMES, LIMBS), np.full(len(NAMES), 1 / NOISE)
@@ -173,7 +173,7 @@ def evidence(swaps, stamp, straight, crossed, step=0.1):
 
 
 @pytest.mark.parametrize("crossed, swapped", [((3.0, 9.0), True), ((3.0, 39.0), False), ((np.nan, np.nan), False)])
-def test_points_that_fit_nowhere_are_not_taken_for_swapped(crossed, swapped):
+def test_outliers_are_not_treated_as_swaps(crossed, swapped):
     """Where hands meet, both jump: each may be nearer to the other's track, and yet not where that goes on."""
     swaps = SideSwaps(("left_wrist", "right_wrist"), (0, 0))
     order, given_up = evidence(swaps, 1.0, (58.0, 60.0), crossed)
@@ -181,7 +181,7 @@ def test_points_that_fit_nowhere_are_not_taken_for_swapped(crossed, swapped):
     assert swaps.pending is swapped
 
 
-def test_time_that_was_spent_comes_back_where_nothing_shows_a_swap():
+def test_the_time_limit_of_a_swap_recovers_without_a_swap():
     """Pairs that stand side by side are led by others, and may never show that they are straight again."""
     swaps = SideSwaps(("left_wrist", "right_wrist", "left_knee", "right_knee"), (0, 0, 1, 1))
     swaps.begin(np.full(4, True), 90.0)
@@ -196,7 +196,7 @@ def test_time_that_was_spent_comes_back_where_nothing_shows_a_swap():
         assert evidence(swaps, 104 + frame / 10, apart + apart, beside + beside) == ([1, 0, 3, 2], 4 * [False])
 
 
-def test_a_pair_is_changed_back_and_given_up_together():
+def test_both_points_of_a_pair_are_corrected_and_restarted_together():
     """Whatever they are like: no point may be given to both."""
     random = np.random.default_rng(0)
     for _ in range(20):
@@ -213,7 +213,7 @@ def test_a_pair_is_changed_back_and_given_up_together():
             swaps.begin(anew | given_up, stamp)
 
 
-def test_tracks_that_begin_anew_know_nothing_of_what_was_before():
+def test_restarted_tracks_do_not_depend_on_earlier_points():
     swaps, apart, beside = SideSwaps(("left_wrist", "right_wrist"), (0, 0)), (60.0, 60.0), (1.0, 1.0)
     swaps.begin(np.full(2, True), 90.0)
     assert evidence(swaps, 100.0, apart, beside) == ([1, 0], [False, False])
@@ -265,7 +265,7 @@ def test_the_tracker_is_not_moved_by_a_body_swapped_for_half_a_second():
         assert np.array_equal(a.state.rotations, b.state.rotations)
 
 
-def test_limbs_are_told_by_the_skeleton():
+def test_limbs_follow_from_the_skeleton():
     skeleton = Skeleton.load("anthropometric", 1.75)
     limbs = limb_groups(skeleton)
     of = {name: limbs[joint] for joint, name in enumerate(skeleton.joint_names)}

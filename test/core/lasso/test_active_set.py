@@ -32,7 +32,7 @@ def test_the_predicted_support_is_nearer_than_the_last_frames():
     assert wrong < 0.7 * wrong_before and steps < 0.8 * steps_before
 
 
-def test_whatever_is_predicted_is_mended_to_the_same_answer():
+def test_mend_reaches_the_same_answer_from_any_prediction():
     random = np.random.default_rng(0)
     for H, g, alpha, omega, last in frames(0.3):
         for guess in (last, -last, random.normal(size=len(g)), np.eye(len(g))[3]):
@@ -40,7 +40,7 @@ def test_whatever_is_predicted_is_mended_to_the_same_answer():
             assert np.allclose(mended, omega, atol=1e-12)
 
 
-def test_from_nothing_or_nonsense_nothing_is_predicted():
+def test_no_prediction_from_a_zero_or_invalid_guess():
     for H, g, alpha, omega, _ in frames(0.1):
         for guess in (np.zeros_like(omega), np.full_like(omega, np.nan), np.full_like(omega, np.inf)):
             assert predicted(H, g, alpha, guess) is guess

@@ -163,7 +163,7 @@ def test_a_guess_never_changes_the_answer():
     assert taken > 100  # the guess is really used where it is right
 
 
-def test_a_used_solver_answers_as_a_new_one():
+def test_a_reused_solver_gives_the_answers_of_a_new_one():
     used = LassoSolver()
     for draw, problem in problems(150, seed=10):
         again, new = used.solve(problem), LassoSolver().solve(problem)
@@ -186,7 +186,7 @@ def test_no_landmark_or_one_is_solvable():
         assert not solution.omega.any()  # three free components of x explain two numbers
 
 
-def test_alpha_below_the_floor_is_raised_and_said():
+def test_alpha_below_the_limit_is_raised_and_returned():
     problem = LASSOS.draw(np.random.default_rng(2), Draw(fraction=1e-9))
     solution = LassoSolver().solve(problem)
     assert solution.certified
@@ -222,7 +222,7 @@ def test_refuses_a_solver_that_does_not_exist():
         LassoSolver("simplex")
 
 
-def test_a_wrong_answer_is_seen_by_the_certificate(solved):
+def test_the_certificate_detects_a_wrong_answer(solved):
     """Perturbed solutions: the residual grows with the perturbation, and the gap bounds what they lose."""
     random = np.random.default_rng(12)
     for draw, problem, solution in solved[::5]:
@@ -274,7 +274,7 @@ def test_uncertified_when_the_solver_gives_nonsense(monkeypatch):
     assert wrong.certificate.duality_gap > right.certificate.duality_gap
 
 
-def test_a_certificate_with_a_nan_certifies_nothing():
+def test_an_answer_with_a_nan_is_not_certified():
     problem = LASSOS.draw(np.random.default_rng(0), Draw(fraction=0.1))
     n = problem.A.shape[1]
     for omega, x in ((np.zeros(n), np.full(3, np.nan)), (np.full(n, np.nan), np.zeros(3))):

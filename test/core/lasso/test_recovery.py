@@ -74,7 +74,7 @@ def test_both_forms_are_the_theorem_as_it_is_written(order, dependent):
                 assert conditions.condition3 == pytest.approx(across, rel=1e-9, abs=1e-9)
 
 
-def test_what_can_hardly_be_told_from_a_translation_spoils_no_digits_of_the_literal_form():
+def test_columns_close_to_a_translation_lose_no_digits_in_the_literal_form():
     """Its first two conditions know B by z* alone, and dependent columns are told by the last digits."""
     random = np.random.default_rng(3)
     A, z, alpha, support = random.normal(size=(20, 9)), random.normal(size=20), np.full(9, 0.1), np.array([2, 4, 7])

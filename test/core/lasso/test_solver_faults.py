@@ -72,7 +72,7 @@ def with_solver(answer, mended, monkeypatch, **settings):
 
 @pytest.mark.parametrize("mended", [True, False], ids=["mended", "as it is"])
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_faulty_solver_moves_no_state_uncertified(fault, mended, monkeypatch):
+def test_an_uncertified_answer_of_a_faulty_solver_does_not_change_the_state(fault, mended, monkeypatch):
     good = Tracker(replace(CONFIG, warm_start=False))
     frames = observations(good, 14 / RATE)
     with monkeypatch.context() as patch:
@@ -99,7 +99,7 @@ def test_a_faulty_solver_moves_no_state_uncertified(fault, mended, monkeypatch):
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_faulty_solver_in_the_first_frames_is_no_start_either(fault, monkeypatch):
+def test_a_faulty_solver_in_the_first_frames_does_not_start_tracking(fault, monkeypatch):
     """Unless Omega is 0, which needs no solver to be certified."""
     with monkeypatch.context() as patch:
         tracker, faulty = with_solver(FAULTS[fault], False, patch)
@@ -114,7 +114,7 @@ def test_a_faulty_solver_in_the_first_frames_is_no_start_either(fault, monkeypat
         assert estimate.accepted and aligned_error(estimate, truth) < TRACKED_WITHIN
 
 
-def test_an_answer_without_the_solver_says_so():
+def test_an_answer_without_the_qp_solver_names_its_method():
     """Where the active set alone finds the exact solution, the frame is solved; its method tells."""
     solver = LassoSolver()
     problem = LASSOS.draw(np.random.default_rng(5), Draw(fraction=0.1, with_prior=True, live_columns=True))
@@ -213,7 +213,7 @@ def test_iteration_caps_end_in_a_refusal_not_in_a_wrong_answer(monkeypatch):
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_no_frame_takes_long_whatever_the_solver_answers(fault, monkeypatch):
+def test_the_time_of_a_frame_is_bounded_for_any_answer_of_the_solver(fault, monkeypatch):
     tracker, _ = with_solver(FAULTS[fault], True, monkeypatch)
     costs = []
     for _, observation in observations(tracker, 12 / RATE):

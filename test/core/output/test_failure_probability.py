@@ -33,7 +33,7 @@ def test_a_person_is_less_doubtful_than_shuffled_keypoints():
     assert np.median(good) < 0.1 and np.nanmedian(bad) > 0.5
 
 
-def test_a_start_has_a_confidence_and_a_later_frame_none():
+def test_only_an_initialised_frame_has_a_confidence():
     tracker = Tracker(CONFIG)
     estimates = [tracker.track(observation) for _, observation in observations(tracker, 0.2)]
     assert 0.5 <= estimates[0].confidence <= 1 and all(np.isnan(e.confidence) for e in estimates[1:])

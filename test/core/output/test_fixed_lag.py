@@ -56,7 +56,7 @@ def lagging(values, steps, offsets=None, speeds=None):
     return lag
 
 
-def test_it_is_the_textbooks_smoother():
+def test_the_backward_pass_equals_the_textbook_smoother():
     random = np.random.default_rng(0)
     steps = random.uniform(0.01, 0.05, 40)
     nearer = np.cumsum(0.01 * random.normal(size=(40, 1)), axis=0) * [0.0, 0.0, 1.0] + [0.0, 0.0, 3.0]
@@ -74,7 +74,7 @@ def test_it_is_the_textbooks_smoother():
     assert [e.stamp for e in due + lag.flush()] == list(stamps) and lag.flush() == []
 
 
-def test_a_frame_that_brings_no_news_changes_none_before_it():
+def test_a_frame_without_new_keypoints_does_not_change_earlier_frames():
     """In a steady turn all is as predicted, but for the viewing ray, which turns as the joints see it."""
     kinematics = body()
     output_filter, lag = OutputFilter(kinematics.joint_count), FixedLag(kinematics)
@@ -135,7 +135,7 @@ def test_each_frame_once_in_order_after_its_lag_and_the_tracking_is_the_same():
     assert [e.initialised for e in published] == [i == 0 for i in range(len(sequence))]
 
 
-def test_it_is_smoother_and_nearer():
+def test_smoothing_reduces_noise_and_error():
     figures = []
     for lag in (0.0, 0.034, 0.1):
         tracker = Tracker(replace(CONFIG, smoothing_lag=lag))
@@ -168,7 +168,7 @@ def test_refused_frames_are_time_too():
         assert tracker.published == []
 
 
-def test_nothing_is_mixed_across_a_state_that_was_found_anew():
+def test_smoothing_stops_at_an_initialisation():
     """What waits when the person is lost is published as if nothing had come after it."""
     ended, went_on = Tracker(LAGGED), Tracker(LAGGED)
     sequence = [observation for _, observation in observations(ended, 1.0)]

@@ -56,7 +56,7 @@ def test_steady_turns_are_published_without_lag(step):
     assert np.abs(states[-1].translation - published[-1].translation).max() < 1e-4
 
 
-def test_jitter_is_taken_away():
+def test_jitter_is_removed():
     random = np.random.default_rng(0)
     noise = 0.02 * random.normal(size=(400, JOINTS, 3))
     published = followed([turned(vectors) for vectors in noise])
@@ -76,7 +76,7 @@ def test_longer_time_is_steadier():
     assert all(a is b for a, b in zip(states, followed(states, time=0.0)))
 
 
-def test_who_keeps_still_is_steadied_longer_and_who_moves_lags_less():
+def test_smoothing_is_longer_at_rest_and_lag_smaller_in_motion():
     random = np.random.default_rng(4)
     jitter = [turned(0.02 * random.normal(size=(JOINTS, 3))) for _ in range(400)]
     starting = [turned(np.full((JOINTS, 3), 0.05 * max(i - 20, 0))) for i in range(24)]
@@ -90,7 +90,7 @@ def test_who_keeps_still_is_steadied_longer_and_who_moves_lags_less():
     assert time_at(TYPICAL_SPEED, TIME) == TIME
 
 
-def test_motion_in_depth_is_steadied_more():
+def test_motion_in_depth_is_smoothed_more():
     random = np.random.default_rng(2)
     states = [turned(0.02 * random.normal(size=(JOINTS, 3)), AHEAD + 0.02 * random.normal(size=3)) for _ in range(1500)]
     published = followed(states)[50:]
@@ -114,7 +114,7 @@ def test_what_counts_as_depth_is_seen_from_the_camera_not_from_the_joint():
         assert np.allclose(other @ a.rotations, b.rotations) and np.allclose(other @ a.translation, b.translation)
 
 
-def test_another_explanation_is_settled_to_not_jumped_to():
+def test_the_output_moves_gradually_to_another_hypothesis():
     states = [turned(np.full((JOINTS, 3), 0.01 * i)) for i in range(20)]
     output_filter = OutputFilter(JOINTS)
     for last, state in zip(states, states[1:]):
@@ -172,7 +172,7 @@ def test_the_tracker_steadies_by_the_speed_that_the_keypoints_have():
 
 
 @pytest.mark.parametrize("another_body", [False, True])
-def test_the_tracker_settles_to_another_limb_and_goes_at_once_to_another_body(another_body):
+def test_the_output_moves_gradually_to_another_limb_and_at_once_to_another_body(another_body):
     tracker = Tracker(replace(CONFIG, smoothing=0.1))
     sequence = [observation for _, observation in observations(tracker, 1.0)]
     for observation in sequence[:-1]:

@@ -64,7 +64,7 @@ def test_the_keypoints_delay_is_without_the_lag():
     assert diagnostics.line(1.0).values["keypoints delay median [s]"] == "0.040"
 
 
-def test_everybody_has_their_own_lag_and_who_is_away_is_published_too():
+def test_each_person_has_an_own_lag_and_absent_people_are_published_too():
     pipeline, got = pipeline_for(max_people=2), {}
     for i in range(30):
         people = [PIXELS[i] - [300, 0], PIXELS[i] + [300, 0]][: 2 if i < 20 else 1]
@@ -83,7 +83,7 @@ def loop(pipeline):
 
 
 @pytest.mark.parametrize("forget", [Pipeline.reset, loop])
-def test_what_waits_is_dropped_when_everything_is_forgotten(forget):
+def test_a_reset_drops_waiting_frames(forget):
     pipeline = pipeline_for()
     for i in range(10):
         pipeline.frames(cloud(BACKEND, stamp(i), PIXELS[i]), 0)

@@ -146,7 +146,7 @@ def test_noise_makes_it_larger_and_tips_are_less_certain_than_hips():
     assert min(a[index("left_ankle")], a[index("left_knee")]) > 2 * a[index("left_hip")]
 
 
-def test_a_rejected_estimate_has_none():
+def test_a_rejected_estimate_has_no_uncertainty():
     tracker, estimate = followed()
     refused = tracker.track(replace_points(tracker, estimate))
     assert not refused.accepted

@@ -83,7 +83,7 @@ def test_a_name_in_any_script_comes_back(tmp_path):
         Skeleton.load(str(path), 1.75)
 
 
-def test_everybody_who_has_been_calibrated_has_a_file(tmp_path):
+def test_each_calibrated_person_has_a_file(tmp_path):
     people = {"p1": learned(), "p4": learned(0.0), "p9": learned(seed=4)}
     written = save_all(people, tmp_path / "they.yaml", NOW_NS)
     assert [path.name for path in written] == ["they_p1.yaml", "they_p9.yaml"]
@@ -207,7 +207,7 @@ UNFIT = {
 
 
 @pytest.mark.parametrize("case", sorted(UNFIT))
-def test_a_place_that_is_unfit_for_the_skeleton_is_said_before_the_work(tmp_path, monkeypatch, capsys, case):
+def test_an_invalid_skeleton_path_is_reported_before_processing(tmp_path, monkeypatch, capsys, case):
     pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
     from recordings import write_recording
 
@@ -225,7 +225,7 @@ def test_a_place_that_is_unfit_for_the_skeleton_is_said_before_the_work(tmp_path
     assert sorted(os.listdir()) == before and (tmp_path / "me.yaml").read_text() == "mine"
 
 
-def test_replay_says_that_it_took_an_uneven_skeletons_mean(tmp_path, capsys):
+def test_replay_reports_that_it_averaged_an_asymmetric_skeleton(tmp_path, capsys):
     pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
     from recordings import read, write_recording
 
@@ -242,7 +242,7 @@ def test_replay_says_that_it_took_an_uneven_skeletons_mean(tmp_path, capsys):
         assert shanks[0] / shanks[1] == pytest.approx(1.0 if calibrate else 1.1)
 
 
-def test_the_node_says_that_it_took_an_uneven_skeletons_mean(tmp_path):
+def test_the_node_reports_that_it_averaged_an_asymmetric_skeleton(tmp_path):
     pytest.importorskip("rclpy")
     from live import NodeProcess, Peer, values_of
 

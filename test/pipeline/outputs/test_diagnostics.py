@@ -41,7 +41,7 @@ def test_landmarks_counted_otherwise_than_said_are_a_warning(layout):
 
 
 @pytest.mark.parametrize("noise_px", [0.0, 8.0])
-def test_a_good_and_a_bad_detector_are_none(noise_px):
+def test_a_good_and_a_bad_detector_do_not_cause_warnings(noise_px):
     noise = noise_px * np.random.default_rng(1).normal(size=PIXELS.shape)
     wrong = np.random.default_rng(2).random(PIXELS.shape[:2]) < 0.05
     status = status_of(PIXELS + noise + 60.0 * wrong[:, :, None])
@@ -69,7 +69,7 @@ def test_pixels_from_another_origin_are_a_warning():
     assert status.level == WARN and "of 640 x 480 px" in status.message
 
 
-def test_of_somebody_lost_there_are_no_figures():
+def test_no_figures_for_a_lost_person():
     before, after = status_of(PIXELS).values, status_of(PIXELS, silence_s=30.0).values
     assert (before["state"], after["state"]) == ("tracking", "lost")
     assert float(before["reprojection error [px]"]) < 5.0

@@ -49,7 +49,7 @@ def as_plain(message):
     )
 
 
-def test_both_backends_say_the_same(pipeline):
+def test_both_backends_give_equal_messages(pipeline):
     pytest.importorskip("rclpy")
     tracked = [frame(pipeline, i) for i in range(3)][-1]
     skeleton = pipeline.tracker.skeleton
@@ -67,7 +67,7 @@ def test_only_what_is_wanted_is_made(pipeline):
     assert list(messages.build(frame(pipeline, 0))) == []  # a repeated stamp: rejected
 
 
-def test_tf_says_where_the_pelvis_is_and_which_way_is_front(pipeline):
+def test_tf_gives_position_and_front_of_the_pelvis(pipeline):
     tracked = frame(pipeline, 0)
     messages = FrameMessages(BACKEND, pipeline.tracker.skeleton, config=NodeSettings(publish_tf=ROOT))
     message = dict(messages.build(tracked))[topics.TF]
@@ -190,7 +190,7 @@ def test_another_cameras_info_forgets_the_state(pipeline):
     assert frame(pipeline, 1, frame_id="").estimate.initialised and pipeline.counts["resets"] == 1
 
 
-def test_images_of_the_camera_before_that_come_late_are_forgotten_too(pipeline):
+def test_late_images_of_the_previous_camera_are_forgotten_too(pipeline):
     info = camera_info(BACKEND, frame_id="another_camera")
     set_header(info.header, START_NS + 3 * PERIOD_NS, "another_camera")
     assert frame(pipeline, 0, frame_id="").accepted

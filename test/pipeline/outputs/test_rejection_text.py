@@ -41,7 +41,7 @@ def spoilt(rejection, used):
 
 
 @pytest.mark.parametrize("rejection", Rejection)
-def test_every_refusal_is_said_in_words_with_what_was_expected(rejection, monkeypatch):
+def test_every_refusal_is_described_with_what_was_expected(rejection, monkeypatch):
     tracker = Tracker(CONFIG)
     assert tracker.track(frame(tracker)).accepted
     observation, words = spoilt(rejection, frame(tracker))

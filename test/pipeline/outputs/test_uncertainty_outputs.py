@@ -49,7 +49,7 @@ BACKENDS = [rosbags_backend(), *([RclpyBackend()] if find_spec("rclpy") else [])
 
 
 @pytest.mark.parametrize("backend", BACKENDS, ids=lambda b: type(b).__name__)
-def test_the_cloud_holds_what_the_core_says(tracked, backend):
+def test_the_cloud_holds_the_values_of_the_core(tracked, backend):
     pipeline, frame = tracked
     expected = pipeline.tracker.uncertainty(frame.estimate)
     (message,) = (m for t, m in FrameMessages(backend, frame.skeleton).build(frame) if t == topics.JOINT_UNCERTAINTY)

@@ -132,7 +132,7 @@ def test_births_absences_and_deaths():
 
 
 @pytest.mark.parametrize("people", [1, 3])
-def test_silence_is_an_absence_that_is_said_and_forgets_nobody(people):
+def test_silence_is_reported_and_does_not_reset_the_state(people):
     """By the clock of arrivals, however far from the stamps it is, and only while that goes on."""
     pixels = walk(30, 0.8, 3.5, 0.0, 1)[1], walk(30, -0.8, 3.5, 3.0, 2)[1]
     config = TrackerConfig(lost_after=0.5), NodeSettings(max_people=people, person_ids="node", forget_after=1.0)
@@ -158,7 +158,7 @@ def test_silence_is_an_absence_that_is_said_and_forgets_nobody(people):
     assert asked.presence_at(arrival_ns).status is Status.SEARCHING
 
 
-def test_messages_that_are_refused_tell_nothing_of_who_is_there():
+def test_rejected_messages_do_not_change_the_list_of_people():
     pixels, pipeline = walk(5, 0.0, 3.5, 0.0, 1)[1], pipeline_for(max_people=1)
     for i in range(5):
         assert pipeline.process(crowd(BACKEND, stamp(i), [(pixels[i], np.full(17, 0.9))]), stamp(i)).accepted
@@ -173,7 +173,7 @@ def test_what_came_before_a_simulated_clock_has_no_age():
     assert pipeline.presence_at(10**18).status is Status.TRACKING
 
 
-def test_who_comes_is_told_how_the_camera_is_held(monkeypatch):
+def test_new_people_start_with_the_learned_vertical(monkeypatch):
     """By who is there; in an empty room by who was there the longest; after a reset by nobody."""
     pixels = walk(100, -0.8, 3.5, 0.0, 1)[1], walk(100, 0.8, 4.0, 1.0, 2)[1]
     pipeline, verticals = pipeline_for(person_ids="message", forget_after=0.2), []
@@ -219,7 +219,7 @@ def test_more_people_than_allowed():
 
 
 @pytest.mark.parametrize("lasting", [True, False], ids=["message", "node"])
-def test_a_crowd_that_was_lost_is_found_anew_a_few_at_a_time(lasting):
+def test_lost_people_are_initialised_a_few_at_a_time(lasting):
     """All at once would take a slow machine so long that they are lost again by the next message."""
     pixels = [walk(12, x, 6.0, x, 1)[1] for x in np.linspace(-2.5, 2.5, 7)]
     pipeline = pipeline_for(max_people=7, person_ids="message" if lasting else "node")
@@ -231,7 +231,7 @@ def test_a_crowd_that_was_lost_is_found_anew_a_few_at_a_time(lasting):
     assert sorted(sum(found, [])) == sorted(ids) and not found[2]
 
 
-def test_a_jump_back_in_time_forgets_everybody():
+def test_a_jump_back_in_time_forgets_all_people():
     pixels = walk(60, 0.0, 3.5, 0.0, 1)[1]
     pipeline = pipeline_for(person_ids="node")
     rounds = []
@@ -253,7 +253,7 @@ def test_a_message_that_cannot_be_read_is_refused_as_a_whole():
     assert frame.rejection == "confidence_range" and pipeline.people.ids == []
 
 
-def test_a_refused_frame_says_what_it_held():
+def test_a_rejected_frame_reports_its_content():
     pipeline, xy = pipeline_for(max_people=1), walk(1, 0.0, 3.5, 0.0, 1)[1][0]
     frame = pipeline.process(crowd(BACKEND, stamp(0), [(xy, np.where(np.arange(17) < 3, 0.9, 0.1))]), 0)
     assert frame.detail == "3 landmarks at or above min_confidence 0.2; expected 4 or more (min_landmarks)"
@@ -331,7 +331,7 @@ def test_one_followed_among_several_whose_order_changes():
 
 
 @pytest.mark.parametrize("lasting", [True, False], ids=["message", "node"])
-def test_after_a_silence_the_first_message_is_used_whoever_is_in_it(lasting):
+def test_after_a_silence_the_first_message_is_used_for_any_person(lasting):
     """A detector that starts anew numbers people anew, and they have gone elsewhere."""
     before, after = walk(10, -0.8, 3.5, 0.0, 1)[1], walk(10, 3.2, 6.0, 0.0, 2)[1]
     pipeline = pipeline_for(max_people=1, person_ids="message" if lasting else "node")
@@ -342,7 +342,7 @@ def test_after_a_silence_the_first_message_is_used_whoever_is_in_it(lasting):
         assert frame.estimate.initialised is (i == 0) and abs(frame.positions[2] - 6.0) < 1.0
 
 
-def test_who_is_followed_stays_the_same_over_a_silence_while_they_are_seen():
+def test_the_followed_person_stays_the_same_over_a_silence():
     followed, other = walk(10, -0.8, 3.5, 0.0, 1)[1], walk(10, 0.8, 3.5, 0.0, 2)[1]
     pipeline = pipeline_for(max_people=1)
     for i in range(10):
@@ -353,7 +353,7 @@ def test_who_is_followed_stays_the_same_over_a_silence_while_they_are_seen():
 
 
 @pytest.mark.parametrize("hidden", ["no place", "low confidence"])
-def test_one_who_cannot_be_tracked_keeps_nobody_from_being_followed(hidden):
+def test_a_person_who_cannot_be_tracked_does_not_block_others(hidden):
     """Confidences count for nothing where the points are not there, or are all too low."""
     xy, pipeline = walk(5, 0.0, 3.5, 0.0, 1)[1], pipeline_for(max_people=1)
     seen = np.arange(17) % 3 == 0

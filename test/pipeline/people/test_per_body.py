@@ -78,7 +78,7 @@ def test_each_body_is_followed_by_itself_at_the_same_stamps(pipeline):
     assert set(pipeline.calibrations()) == {"abc", "xyz"} and pipeline.status.value == "tracking"
 
 
-def test_bodies_come_and_go(pipeline):
+def test_bodies_appear_and_leave(pipeline):
     assert pipeline.ids == [] and feed(pipeline, "abc", 0) == []
     pipeline.keep(["abc", "xyz", "third"])
     assert pipeline.ids == ["abc", "xyz"] and pipeline.counts["people beyond max_people"] == 1
@@ -91,7 +91,7 @@ def test_bodies_come_and_go(pipeline):
     assert (counts["people come"], counts["people left"], counts["resets"]) == (3, 1, 0)
 
 
-def test_who_comes_is_told_how_the_camera_is_held_by_who_is_there(pipeline):
+def test_new_people_start_with_the_vertical_of_present_people(pipeline):
     pipeline.keep(["abc"])
     for i in range(10):
         feed(pipeline, "abc", i)
@@ -110,7 +110,7 @@ def test_in_silence_bodies_stay_that_the_detector_lists_and_are_lost(pipeline):
     assert not feed(pipeline, "abc", 1)[0].estimate.initialised
 
 
-def test_settings_camera_and_reset_are_everybodys(pipeline):
+def test_settings_camera_and_reset_apply_to_all_people(pipeline):
     pipeline.keep(["abc", "xyz"])
     feed(pipeline, "abc", 0), feed(pipeline, "xyz", 0)
     pipeline.reset()
@@ -169,7 +169,7 @@ def started(namespace, **settings):
     return NodeProcess(namespace, *(word for item in settings.items() for word in ("-p", "{}:={}".format(*item))))
 
 
-def test_ids_that_are_taken_make_names_of_topics():
+def test_accepted_ids_are_valid_in_topic_names():
     rclpy = pytest.importorskip("rclpy.validate_full_topic_name")
     from lassokin_ros.node.rep155_inputs import ID
 
@@ -222,7 +222,7 @@ def test_the_node_follows_the_bodies_of_the_list():
 
 
 @live
-def test_without_a_list_the_topics_that_exist_are_found():
+def test_without_a_list_existing_topics_are_found():
     from live import Peer
     from sensor_msgs.msg import JointState
 

@@ -283,7 +283,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("name", sorted(BAD))
-def test_what_cannot_be_written_is_said_at_once(recording, tmp_path, monkeypatch, capsys, name):
+def test_an_output_that_cannot_be_written_is_reported_at_once(recording, tmp_path, monkeypatch, capsys, name):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder.csv").mkdir()
     assert main([str(recording), "--output", "out", "--export", name]) == 2
@@ -293,7 +293,7 @@ def test_what_cannot_be_written_is_said_at_once(recording, tmp_path, monkeypatch
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="/dev/full is Linux's")
-def test_a_full_disk_leaves_nothing(recording, tmp_path, monkeypatch, capsys):
+def test_a_full_disk_leaves_no_files(recording, tmp_path, monkeypatch, capsys):
     import lassokin_ros.replay.exports.exports as command
 
     def on_a_full_disk(motions, file):

@@ -260,7 +260,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", sorted(CASES))
-def test_what_went_wrong_is_said(case, tmp_path):
+def test_errors_are_reported(case, tmp_path):
     how, *expected = CASES[case]
     page = report(recording(tmp_path / "bag", **how))
     sentences = said(page)
@@ -273,7 +273,7 @@ def test_what_went_wrong_is_said(case, tmp_path):
     assert time == sorted(time) and drawn(page)["duration"] <= 12.6  # one wrong stamp does not stretch the axis
 
 
-def test_every_reason_has_words():
+def test_every_reason_has_a_description():
     keys = {rejection.value for rejection in Rejection}
     for file in [*(ROOT / "msg_adapters").glob("*.py"), *(ROOT / "lassokin_ros").glob("*.py")]:
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
