@@ -89,6 +89,8 @@ def read_calibration(path: Path) -> Calibration:
     values = {re.sub(r"[\s_-]", "", str(key)).lower(): value for key, value in cameras[chosen].items()}
     try:
         calibration = _from_kalibr(values, file) if "intrinsics" in values else _from_opencv(values)
+    except CameraError:
+        raise
     except (KeyError, TypeError, ValueError) as error:
         raise CameraError(f"'{file}' is no camera calibration: {_what(error)}; {FORMS}") from None
     if calibration.size != (0, 0) and min(calibration.size) < 1:
@@ -97,7 +99,7 @@ def read_calibration(path: Path) -> Calibration:
 
 
 def _what(error: Exception) -> str:
-    return f"it has no {error.args[0]}" if isinstance(error, KeyError) else f"{type(error).__name__} {error}"
+    return f"it has no {error.args[0]}" if isinstance(error, KeyError) else str(error)
 
 
 def split_camera(path: Path) -> tuple[Path, str]:
@@ -178,7 +180,7 @@ def _numbers(value: Any, count: int | None = None) -> np.ndarray:
     """Return the numbers of a list, of nested lists, or of an OpenCV matrix. Raises ValueError, KeyError, TypeError."""
     numbers = np.array(value["data"] if isinstance(value, dict) else value, dtype=float).ravel()
     if count is not None and len(numbers) != count:
-        raise ValueError(f"with {len(numbers)} values in place of {count}")
+        raise ValueError(f"a list has {len(numbers)} values in place of {count}")
     if not np.isfinite(numbers).all():
-        raise ValueError("with a value that is not finite")
+        raise ValueError("a value is not finite")
     return numbers

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +15,7 @@ from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.yaml_files import load_mapping, read_text
 from lassokin_ros.replay.errors import BagError as BagError
 from lassokin_ros.replay.recording_files import METADATA, DataFile, clear_errors, open_files
-from msg_adapters.detectors.definitions import DEFINITIONS
+from msg_adapters.detectors.definitions import DEFINITIONS, OLDER
 
 STORAGES = ("sqlite3", "mcap")
 FILE_NAME = "recording"
@@ -54,6 +54,8 @@ class BagReader:
         """Open the recording at `path`. Raises BagError if there is none, or if it cannot be read."""
         self.path = path
         self.types = typestore()
+        self._older: Any = None  # types of older releases of detectors' packages
+        self._undefined: set[str] = set()  # message types that the recording does not define
         if not path.exists():
             raise BagError(f"there is no recording '{path}'; expected a rosbag2 folder, or a .mcap or .db3 file")
         if path.is_dir() and not (path / METADATA).is_file():
@@ -124,11 +126,17 @@ class BagReader:
             if any(topic.name == connection.topic for topic in topics):
                 self._register(connection)
         for connection, time_ns, data in self._items(topics):
+            yield connection.topic, time_ns, self._message(data, connection.msgtype)
+
+    def _message(self, data: bytes, message_type: str) -> Any:
+        """Return a message, None if it fits no definition."""
+        older = [self._older] if message_type in self._undefined and self._older is not None else []
+        for types in (self.types, *older):
             try:
-                message = self.types.deserialize_cdr(data, connection.msgtype)
+                return types.deserialize_cdr(data, message_type)
             except Exception:  # rosbags raises whatever the wrong bytes lead to
-                message = None
-            yield connection.topic, time_ns, message
+                continue
+        return None
 
     def raw(self, topics: Sequence[RecordedTopic]) -> Iterator[tuple[str, int, bytes]]:
         """Yield the same as `messages`, with the serialised messages."""
@@ -160,13 +168,24 @@ class BagReader:
             except Exception as error:  # rosbags raises errors of many types
                 reason = " ".join(str(error).split())[:200]
         if connection.msgtype not in self.types.types:
-            register_detector_types(self.types)
+            self._use_own_definitions(connection.msgtype)
         if connection.msgtype not in self.types.types:
             packages = ", ".join(sorted({name.partition("/")[0] for name in DEFINITIONS}))
+            as_mcap = "" if self.storage == "mcap" else "as mcap "
             raise BagError(
                 f"{self.path} has no usable definition of {connection.msgtype} ({reason}); expected one in the "
-                f"recording, or a message of {packages}; record as mcap where the message's package is installed"
+                f"recording, or a message of {packages}; record {as_mcap}where the message's package is installed"
             )
+
+    def _use_own_definitions(self, message_type: str) -> None:
+        """Register the definitions of msg_adapters; for types with older definitions, prepare those too."""
+        register_detector_types(self.types)
+        package = message_type.partition("/")[0]
+        if any(name.startswith(f"{package}/") for name in OLDER):
+            self._undefined.add(message_type)
+            if self._older is None:
+                self._older = typestore()
+                register_detector_types(self._older, {**DEFINITIONS, **OLDER})
 
 
 def _items_of(file: DataFile, connections: list[Any]) -> Iterator[Any]:
@@ -186,11 +205,11 @@ def _items_of(file: DataFile, connections: list[Any]) -> Iterator[Any]:
         raise BagError(f"{file.path} is damaged: only {read} of its {expected} messages can be read")
 
 
-def register_detector_types(types: Any) -> None:
+def register_detector_types(types: Any, definitions: Mapping[str, str] = DEFINITIONS) -> None:
     """Register the messages of detectors that Jazzy lacks. types: the typestore of rosbags, changed in place."""
     from rosbags.typesys import get_types_from_msg
 
-    for name, text in DEFINITIONS.items():
+    for name, text in definitions.items():
         if name not in types.types:
             types.register(get_types_from_msg(text, name))
 

@@ -80,8 +80,8 @@ def _is_damaged(wal: Path, frames: int) -> bool:
     with wal.open("rb") as file:
         if not (header := file.read(WAL_HEADER.size)):
             return False
-        _, _, page_size, _, *salts, _, _ = WAL_HEADER.unpack(header)
-        if _checksum(header) != header[24:]:
+        kind, _, page_size, _, *salts, _, _ = WAL_HEADER.unpack(header)
+        if kind & ~1 != LITTLE_ENDIAN_LOG or _checksum(header) != header[24:]:  # zeros have a valid checksum
             return True
         frame = FRAME_HEADER.size + page_size
         place = WAL_HEADER.size + frames * frame

@@ -45,3 +45,10 @@ DEFINITIONS = {
     "zed_msgs/msg/ObjectsStamped": "std_msgs/Header header\nzed_msgs/Object[] objects",
 }
 """Message type -> definition. A type stands after those of its fields."""
+
+OLDER = {
+    "zed_msgs/msg/Object": DEFINITIONS["zed_msgs/msg/Object"].removesuffix(
+        "\nfloat32[70] skeleton_keypoint_confidence"
+    ),
+}
+"""Definitions of older releases that differ on the wire. Recordings without definitions may have either."""

@@ -15,7 +15,10 @@ from recordings import webcam_info, write_messages, write_recording  # noqa: E40
 from ruamel.yaml import YAML  # noqa: E402
 
 from lassokin_ros.cli.replay import main  # noqa: E402
-from lassokin_ros.replay.bags import BagReader  # noqa: E402
+from lassokin_ros.replay.bags import BagReader, register_detector_types, typestore  # noqa: E402
+from lassokin_ros.replay.errors import BagError  # noqa: E402
+from msg_adapters.detectors.definitions import DEFINITIONS, OLDER  # noqa: E402
+from msg_adapters.detectors.registry import keypoint_adapter  # noqa: E402
 
 FRAMES, LATE = 18, 6
 STORAGES = {"mcap": ".mcap", "sqlite3": ".db3"}
@@ -139,6 +142,8 @@ def test_a_damaged_or_missing_log_is_refused(killed, tmp_path, capsys):
         log.write_bytes(whole[:place] + bytes(byte ^ 255 for byte in whole[place : place + 8]) + whole[place + 8 :])
         said = refusal(folder / "walk_0.db3", tmp_path, capsys)
         assert "walk_0.db3-wal' cannot be merged" in said and "damaged" in said
+    log.write_bytes(bytes(len(whole)))  # as after a loss of power
+    assert "walk_0.db3-wal' cannot be merged" in refusal(folder / "walk_0.db3", tmp_path, capsys)
     log.unlink()
     said = refusal(folder, tmp_path, capsys)  # without metadata.yaml nothing shows it
     assert f"only {FRAMES - LATE} of its {FRAMES} messages of /camera_info can be read from walk_0.db3" in said
@@ -266,6 +271,50 @@ def without_definitions(folder):
     connection.close()
 
 
+def without_schemas(monkeypatch):
+    """Recordings in mcap are then written as by a recorder that does not find the definitions."""
+    from rosbags.rosbag2 import storage_mcap
+
+    real = storage_mcap.write_schema
+    monkeypatch.setattr(storage_mcap, "write_schema", lambda bio, schema: real(bio, schema._replace(data="")))
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_messages_of_an_older_zed_msgs_need_no_definition_either(storage, tmp_path, monkeypatch):
+    """Its bodies have no confidence of each keypoint, which the present definition expects."""
+    older = typestore()
+    register_detector_types(older, {**DEFINITIONS, **OLDER})
+    _, (pixels, _) = people(LAYOUTS[ZED])
+    sent = [message_of(ZED, [pixels[1][n]] * (1 + n % 2), stamp_of(n), [3, 4][: 1 + n % 2]) for n in range(4)]
+    messages = [("/keypoints", ZED, stamp_of(n), bytes(older.serialize_cdr(m, ZED))) for n, m in enumerate(sent)]
+    without_schemas(monkeypatch)
+    folder = write_messages(tmp_path / "walk", messages, storage, TYPES)
+    if storage == "sqlite3":
+        without_definitions(folder)
+    with BagReader(folder) as bag:
+        got = [message for *_, message in bag.messages(bag.topics)]
+    assert [older.serialize_cdr(m, ZED) for m in got] == [older.serialize_cdr(m, ZED) for m in sent]
+    decode = keypoint_adapter(ZED).decode
+    assert [decode(m, None).xy.tolist() for m in got] == [decode(m, None).xy.tolist() for m in sent]
+
+
+@pytest.mark.parametrize("storage, advice", [("mcap", "record where"), ("sqlite3", "record as mcap where")])
+def test_an_unknown_type_without_definition_has_advice_that_fits_the_storage(storage, advice, tmp_path, monkeypatch):
+    from rosbags.typesys import get_types_from_msg
+
+    types = typestore()
+    types.register(get_types_from_msg("int32 a", "some_msgs/msg/A"))
+    without_schemas(monkeypatch)
+    folder = write_messages(
+        tmp_path / "walk", [("/a", "some_msgs/msg/A", 1, types.types["some_msgs/msg/A"](1))], storage, types
+    )
+    if storage == "sqlite3":
+        without_definitions(folder)
+    with pytest.raises(BagError, match=f"no usable definition of some_msgs/msg/A .*; {advice} the message's"):
+        with BagReader(folder) as bag:
+            list(bag.messages(bag.topics))
+
+
 @pytest.mark.parametrize("message_type", [HRI, YOLO, ZED])
 @pytest.mark.parametrize("storage", STORAGES)
 def test_detectors_messages_need_no_definition_in_the_recording(message_type, storage, tmp_path, capsys, monkeypatch):
@@ -273,11 +322,7 @@ def test_detectors_messages_need_no_definition_in_the_recording(message_type, st
     _, (pixels, _) = people(LAYOUTS[message_type])
     frames = [message_of(message_type, [pixels[1][n]], stamp_of(n), [3]) for n in range(6)]
     messages = [("/keypoints", message_type, stamp_of(n), message) for n, message in enumerate(frames)]
-    if storage == "mcap":
-        from rosbags.rosbag2 import storage_mcap
-
-        real = storage_mcap.write_schema
-        monkeypatch.setattr(storage_mcap, "write_schema", lambda bio, schema: real(bio, schema._replace(data="")))
+    without_schemas(monkeypatch)
     folder = write_messages(tmp_path / "walk", [info, *messages], storage, TYPES)
     if storage == "sqlite3":
         without_definitions(folder)
