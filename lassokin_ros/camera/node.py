@@ -34,7 +34,7 @@ LAST_READ_S = 1.0
 PARAMETERS: dict[str, tuple[Any, str]] = {
     "source": ("0", "number of a webcam, a video file, or a folder of images"),
     "fov": (0.0, "field of view along the longer side of the image, degrees; 0: a default is assumed, with a warning"),
-    "calibration": ("", "calibration file of ROS (ost.yaml), scaled to the image; empty: none"),
+    "calibration": ("", "calibration file of ROS (ost.yaml), OpenCV or Kalibr, scaled to the image; empty: none"),
     "longest_side": (1280, "longer side of the published images, px; larger images are scaled down, smaller ones kept"),
     "frame_id": (NodeSettings().base_frame, "optical frame of the camera, in the headers"),
 }

@@ -29,7 +29,7 @@ def test_a_signal_ends_it_with_exit_code_0(signals):
 @pytest.mark.parametrize(
     "arguments, word",
     [
-        (["--ros-args", "-p", "height:=5.0"], "0.3 to 2.6 m"),
+        (["--ros-args", "-p", "height:=5.0"], "0 to 2.6 m"),
         (["--ros-args", "-p", "height:=2"], "decimal point"),
         (["--ros-args", "-p", "skeleton:=nobody"], "anthropometric"),
         (["--ros-args", "-p", "landmarks:=nothing"], "coco17"),

@@ -1,7 +1,11 @@
 """The public indices of joints are those of the built-in skeleton, and the module costs no import."""
 
+import re
 import subprocess
 import sys
+from pathlib import Path
+
+import pytest
 
 from lassokin_ros import joints
 from lassokin_ros.core.body.skeleton import Skeleton
@@ -12,6 +16,14 @@ def test_constants_and_names_are_those_of_the_skeleton():
     assert joints.NAMES == tuple(skeleton.joint_names)
     assert [joints.INDEX[name] for name in skeleton.joint_names] == list(range(24))
     assert [getattr(joints, name.upper()) for name in skeleton.joint_names] == list(range(24))
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/reference.md"])
+def test_the_tables_of_joints_are_those_of_the_module(page):
+    text = (Path(__file__).resolve().parents[2] / page).read_text(encoding="utf-8")
+    (table,) = re.findall(r"(?m)^\| index \| [^|]+ \| index .*\n\|[-|]+\n((?:\|.*\n)+)", text)
+    pairs = re.findall(r"\| (\d+) \| `?(\w+)`? (?=\|)", table)
+    assert len(pairs) == 24 and {name: int(index) for index, name in pairs} == joints.INDEX
 
 
 def test_the_module_imports_nothing():

@@ -51,6 +51,8 @@ REASONS: dict[str, tuple[str, str]] = {
     "wrong_layout": ("inconsistent cloud layout", "point_step, row_step and data of the cloud do not match"),
     "too_many_points": ("too many keypoints", "check that this topic does not carry another kind of point cloud"),
     "too_many_people": ("too many people", "the message contains more people than can be tracked"),
+    "depth_encoding": ("unknown encoding of a depth image", "depth images must be 16UC1 (mm) or 32FC1 (m)"),
+    "depth_layout": ("inconsistent depth image", "height, width, step and data of the depth image do not match"),
     "not_deserialised": ("malformed message", "the recording is damaged, or has another message definition"),
 }
 """Key of a rejection reason -> (plain text, advice)."""
