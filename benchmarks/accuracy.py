@@ -157,14 +157,14 @@ def clip_files(options: argparse.Namespace) -> list[Path]:
 
 
 def _other_rates(options: argparse.Namespace) -> str:
-    """A line that names the clips whose frames do not come at --fps, with the rate they are run at; or nothing."""
+    """A line with the clips whose frame rate differs from --fps, and the rate used; empty if there are none."""
     rates = {file.stem: rate_of(file, options.fps) for file in clip_files(options)}
     others = [f"{name} {fps:.3g}" for name, fps in rates.items() if abs(fps - options.fps) > 0.01 * options.fps]
     return f"Not at {options.fps:g} Hz, but at: {', '.join(others)}.\n" if others else ""
 
 
 def _marked(options: argparse.Namespace, records: list[Record]) -> list[Record]:
-    """Each record says whether its prior was learned from its clip."""
+    """Mark each record whose prior was learned from its clip."""
     files = {file.stem: file for file in clip_files(options)}
     return [{**record, "training": _training(options, files[record["clip"]])} for record in records]
 

@@ -1,4 +1,4 @@
-"""Draw the README's moving picture: keypoints in the image beside the tracked skeleton, turning slowly.
+"""Draw the README's animation: keypoints in the image and, next to it, the slowly rotating tracked skeleton.
 
 .venv/bin/python benchmarks/docs_animation.py [--output docs/demo.gif]
 """

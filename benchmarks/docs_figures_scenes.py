@@ -80,7 +80,7 @@ def run(seen: Scene, **settings: Any) -> Run:
 
 
 def with_poor_points(clean: Scene, seed: int = 3) -> Scene:
-    """A detector that guesses an arm and a leg which it does not see: 2 s of each 4 s, far off, and it says so.
+    """A detector that guesses a hidden arm and leg for 2 s of each 4 s, with large errors and low confidence.
 
     Their confidence is 0.05 to 0.35; that of the others 0.5 and more.
     """
@@ -102,7 +102,7 @@ def with_gap(clean: Scene, start: float, end: float) -> Scene:
 
 
 def people_crossing(seconds: float = 4.0, rate: float = 30.0) -> tuple[Sequence[Scene], np.ndarray]:
-    """Two people who walk past each other, and (f, 2) the detector's numbers for them, which it mixes up on the way."""
+    """Two people who walk past each other, and (f, 2) the detector's numbers for them, which change on the way."""
     tracker = Tracker(TrackerConfig(height=HEIGHT))
     times = np.arange(round(seconds * rate)) / rate
     course = np.linspace(-1.0, 1.0, len(times))
@@ -120,7 +120,7 @@ def people_crossing(seconds: float = 4.0, rate: float = 30.0) -> tuple[Sequence[
 
 
 def follow_people(scenes: Sequence[Scene], numbers: np.ndarray, lasting: bool) -> dict[str, np.ndarray]:
-    """Id -> (f,) m, the pelvis' x; lasting: the detector's numbers are believed (`person_ids: message`)."""
+    """Id -> (f,) m, x of the pelvis. lasting: use the detector's numbers (`person_ids: message`)."""
     from collections import Counter
 
     from lassokin_ros.pipeline.people.multi_person import MultiPersonTracker

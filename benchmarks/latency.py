@@ -92,12 +92,12 @@ class Run:
         self.starts = motion.starts
 
     def step(self, frame: int) -> bool:
-        """Track one frame; a clip's first frame starts anew and does not count."""
+        """Track one frame. A clip's first frame resets the tracker and is not counted."""
         return step_together([self], frame)
 
 
 def step_together(runs: Sequence[Run], frame: int) -> bool:
-    """Track one frame of several people's at once; False when somebody's starts anew."""
+    """Track one frame of several people at once; False if one of the clips restarts."""
     for run in runs:
         if frame in run.starts:
             run.tracker.reset()
@@ -137,7 +137,7 @@ def core(motion: Motion) -> tuple[str, list[Record]]:
 
 
 def initialisations(run: Run) -> dict[str, list[float]]:
-    """s of first frames, and of those that find somebody anew, upright and lying (the image a quarter turned)."""
+    """Time in s of first frames and of re-initialisations, upright and lying (image rotated by 90 degrees)."""
     tracker = run.tracker
     times: dict[str, list[float]] = {}
     for frame in range(0, len(run.observations) - 1, max(1, len(run.observations) // 20)):

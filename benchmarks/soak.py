@@ -1,4 +1,4 @@
-"""Does it stay what it was? Hours of motion through the core, or minutes of the real node on real DDS.
+"""Soak test: hours of motion through the core, or minutes of the real node on real DDS.
 
     python benchmarks/soak.py [--hours 1]                                   # of motion at 60 Hz, as fast as the machine
     python benchmarks/soak.py --live [--minutes 10] [--people 4] [--hz 120] # the process `tracker`, fed over DDS

@@ -58,7 +58,7 @@ class Job:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A job's clip, what the camera saw of it, and what the method is told: skeleton and settings."""
+    """A job's clip, the camera's view of it, and the inputs of the method: skeleton and settings."""
 
     clip: Clip
     view: View
@@ -91,7 +91,7 @@ class Scene:
 
 
 def scene_of(job: Job) -> Scene:
-    """Load the clip and render the job's view of it. The camera sees the clip's own body, whatever is told of it."""
+    """Load the clip and render the job's view of it, always with the clip's own body."""
     clip = load_clip(job.file)
     own = clip_skeleton(clip, generic=False)
     told = clip_skeleton(clip, generic=job.generic_skeleton)

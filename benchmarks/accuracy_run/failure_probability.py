@@ -26,7 +26,7 @@ def failure_probabilities_of(job: Job | DetectionJob) -> np.ndarray:
 
 
 def binned(frames: Sequence[np.ndarray]) -> list[Record]:
-    """One record per bin of the failure probability, and one of all frames; it says the ranking too."""
+    """One record per bin of the failure probability, and one for all frames with the ranking."""
     said, _, error = np.concatenate(frames).T
     bins = [(low, high, (said >= low) & (said <= high)) for low, high in (*zip(EDGES, EDGES[1:]), (0.0, 1.0))]
     records: list[Record] = [

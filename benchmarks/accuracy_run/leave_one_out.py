@@ -1,4 +1,4 @@
-"""Runs whose pose prior has never seen their clip: learned anew from all the other takes of its folder.
+"""Leave-one-out runs: the pose prior is learned from all other takes of the folder, without the clip.
 
 Only the prior is learned anew. The tracker's constants stay as they are, and another clip of the same person may be
 among those that the prior is learned from.

@@ -14,7 +14,7 @@ from lassokin_ros.core.config import TrackerConfig
 
 SWITCH = {**dict.fromkeys(("true", "1", "yes", "on"), True), **dict.fromkeys(("false", "0", "no", "off"), False)}
 GIVEN = {"height": "by each clip", "skeleton": "by each clip", "landmarks": "by --landmarks"}
-"""Settings that --set does not take, and what says them."""
+"""Settings that --set does not accept, and the option to use instead."""
 OF_DETECTIONS = (
     "detections methods measured_bones tracker_noise_px set uncertainty failure_probability jobs json".split()
 )
@@ -88,7 +88,7 @@ def depth_sensor(options: argparse.Namespace) -> DepthSensor | None:
 
 
 def unheeded(options: argparse.Namespace) -> list[str]:
-    """The options given beside --detections that change nothing there."""
+    """The given options that have no effect together with --detections."""
     defaults = vars(parser().parse_args([]))
     given = [name for name, value in vars(options).items() if value != defaults[name] and name not in OF_DETECTIONS]
     return [f"--{name.replace('_', '-')}" for name in given]

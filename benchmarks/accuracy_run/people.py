@@ -28,7 +28,7 @@ def seen_by_network(file: Path) -> bool:
 
 
 def test_clips(folder: Path) -> list[Path]:
-    """The clips of the test people, of whom neither network nor pose prior has seen a take."""
+    """The clips of the test people. No take of them was used to train the network or the pose prior."""
     return [
         source.file
         for source in sources(folder)

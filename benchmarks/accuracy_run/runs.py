@@ -14,7 +14,7 @@ from lassokin_ros.core.tracker import Tracker
 
 
 class Follower(Protocol):
-    """Whatever turns observations into estimates, one by one: the tracker, and the baselines."""
+    """Interface of a method that turns observations into estimates: the tracker and the baselines."""
 
     def track(self, observation: Observation) -> Estimate:
         """Use one observation."""
@@ -44,7 +44,7 @@ class Track:
 
 
 def follow(follower: Follower, observations: Sequence[Observation], joints: int, landmarks: int) -> Track:
-    """Feed the observations in order; an estimate belongs to the frame whose stamp it carries."""
+    """Process the observations in order. An estimate belongs to the frame with its stamp."""
     count = len(observations)
     frame_of = {observation.stamp: frame for frame, observation in enumerate(observations)}
     positions, points = np.full((count, joints, 3), np.nan), np.full((count, landmarks, 3), np.nan)

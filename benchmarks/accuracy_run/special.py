@@ -1,4 +1,4 @@
-"""Two measurements beside whole clips: first frames alone, and a stretch without any landmark."""
+"""Two special measurements: first frames only, and a gap without any landmark."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What benchmarks/accuracy.py prints: a head that says what was run and what was given, rows, and a summary."""
+"""Output of benchmarks/accuracy.py: a head with runs and inputs, rows, and a summary."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def detections_head(options: argparse.Namespace) -> str:
 
 
 def initialisation_rows(records: Sequence[Record]) -> list[Record]:
-    """One row per method; figures are of the frames in which somebody was found."""
+    """One row per method. Figures are for the frames with an estimate."""
     rows = []
     for method in dict.fromkeys(r["method"] for r in records):
         group = [r for r in records if r["method"] == method]

@@ -1,4 +1,4 @@
-"""What ends a benchmark's command with one line: what its user asked for, or gave it, cannot be used."""
+"""Errors of usage and input, which end a benchmark with one line."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lassokin_ros.core.errors import LassokinError
 
 
 def exit_code(command: Callable[[], int | None]) -> int:
-    """What a script ends with: what `command` returns, or 2 after one line that says what was refused."""
+    """Exit code of a script: that of `command`, or 2 after one line with the reason."""
     try:
         return command() or 0
     except LassokinError as error:

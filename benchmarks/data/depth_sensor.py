@@ -1,4 +1,4 @@
-"""A simulated depth sensor: what it measures at each keypoint."""
+"""A simulated depth sensor: the measurement at each keypoint."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ class ImageOnly:
         )
 
     def _nowhere(self, state: BodyState, focal: float) -> bool:
-        """Whether the state is where no image leads back from, as the shipped tracker has it: it begins anew too."""
+        """Whether the state cannot recover, by the criterion of the shipped tracker; the baseline then restarts too."""
         depth, height = state.translation[2], self._starter.skeleton.height
         return not (depth > 0 and height * focal >= SMALLEST * self._config.noise_px * depth)
 

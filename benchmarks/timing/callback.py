@@ -45,7 +45,7 @@ AUDIENCES = {
 
 
 def measure_callback(observations: Sequence[Observation], distorted: bool = False) -> tuple[str, list[Record]]:
-    """(what carried the messages, one record per stage and whole)."""
+    """(transport of the messages, one record per stage and for the whole callback)."""
     if find_spec("rclpy") is None:
         from rosbags.typesys import Stores, get_typestore
 
@@ -99,7 +99,7 @@ def _clock(node: Any) -> Clock:
     track = clock.around(lambda observation: run_single(original(observation)))
 
     def steps(observation: Observation) -> Steps[Any]:
-        """All of it at once: there is nobody beside whom to go."""
+        """Process all at once."""
         return track(observation)
         yield
 
@@ -114,7 +114,7 @@ def _stages(
     publish: Callable[[str, Any], Any],
     callbacks: dict[str, tuple[Callable[[Any], None], Callable[[Any], None], Clock]],
 ) -> list[Record]:
-    """Every stage, and every whole callback, on each frame in turn."""
+    """Measure every stage, and the whole callback, on each frame in turn."""
     info = camera_info(backend, 0, FRAME_ID, K, DISTORTION if distorted else np.zeros(0), SIZE)
     pipeline = Pipeline(TrackerConfig(height=HEIGHT), NodeSettings())
     pipeline.set_camera(info)

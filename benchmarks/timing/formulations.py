@@ -178,7 +178,7 @@ def _options(name: str) -> dict[str, Any]:
 
 
 def dual_by_qpsolvers(name: str) -> Method:
-    """The default's dual by a solver of qpsolvers, whose form doubles the two-sided rows; without mending."""
+    """The default dual by a solver of qpsolvers, whose form doubles the two-sided rows; without the active-set step."""
 
     def solve(recorded: Recorded) -> Answer:
         dual = dual_of(recorded.problem)

@@ -244,7 +244,7 @@ class Load:
         return Usage.of(self._process.pid)
 
     def end(self) -> tuple[int, list[str]]:
-        """Stop the node as a user would; its exit code and what it said on stderr."""
+        """Stop the node as a user would. Returns its exit code and stderr."""
         self._process.send_signal(signal.SIGINT)
         said = self._process.communicate(timeout=DEADLINE_S)[1]
         return self._process.returncode, said.splitlines()

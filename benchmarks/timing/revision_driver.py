@@ -56,9 +56,7 @@ class Side:
             "people16": lambda frame: self._step(self._crowd, self._points, frame),
             "joints55": lambda frame: self._step(self._hands, self._hand_points, frame),
             "first_upright": lambda frame: self._start(self._points[0], frame),
-            "first_lying": lambda frame: self._start(
-                self._points[0] @ np.array([[0.0, 1.0], [-1.0, 0.0]]), frame
-            ),
+            "first_lying": lambda frame: self._start(self._points[0] @ np.array([[0.0, 1.0], [-1.0, 0.0]]), frame),
             "callback_idle": lambda frame: self._callback("nobody", frame),
             "callback_all": lambda frame: self._callback("all", frame),
         }

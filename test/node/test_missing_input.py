@@ -55,7 +55,7 @@ def test_topics_of_other_names_are_listed_until_a_message_arrives():
             return "tracking" in peer.said
 
         peer.spin_until(tracking, what="the word that it tracks")
-        assert "the first message on /absent_name/wrong has come" in peer.said
+        peer.hears("the first message on /absent_name/wrong has come")
 
 
 def test_a_topic_of_another_type_is_named():

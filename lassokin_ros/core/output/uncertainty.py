@@ -1,14 +1,14 @@
 """How uncertain each joint's position is, from the posterior covariance of the frame's own problem.
 
 The l2 rows of a frame's lasso (image, prior, limits, uprightness, balance, depths, each in standard deviations) make a
-Gaussian of the increment and the translation with the inverse covariance [A B]^T [A B]. Of the increment alone,
-whatever the translation, it is A^T M A, which the solver has made. The joints' Jacobian turns it into a covariance of
+Gaussian of the increment and the translation with the inverse covariance [A B]^T [A B]. The marginal of the increment
+has the inverse covariance A^T M A, which the solver has computed. The joints' Jacobian turns it into a covariance of
 each joint's position relative to the pelvis, in the camera frame. The l1 term, which models motion and not position,
-has no part in it. The uncertainty of the bone lengths, as calibration knows it, is added to the variance. It takes the
-posterior's shape: where a length is wrong, the pose follows the image and the error is in depth.
+is not included. The variance of the bone lengths, from calibration, is added. It is given the shape of the
+posterior: with a wrong length the pose follows the image, and the error is in depth.
 
-A Gaussian about one explanation does not know of others (a limb mirrored in depth), and the errors of keypoints, prior
-and network last and go together. So the posterior's deviation is multiplied by `FACTOR`, which is larger where the pose
+A Gaussian about one hypothesis does not include others (a limb mirrored in depth), and the errors of keypoints, prior
+and network are correlated. The posterior's deviation is thus multiplied by `FACTOR`, which is larger where the pose
 disagrees with the depth network, the lengths' by `LENGTHS`. These figures were fitted to the errors on the people of
 validation (training/motion.py). benchmarks/accuracy.py --uncertainty checks them on others.
 """

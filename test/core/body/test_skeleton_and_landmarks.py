@@ -215,7 +215,7 @@ BAD_SETTINGS = [
     ({"min_landmarks": 4.5}, "min_landmarks is 4.5; expected a value of type int"),
     ({"relinearisations": True}, "relinearisations is True; expected a value of type int"),
     ({"skeleton": 3}, "skeleton is 3; expected a value of type str"),
-    ({"height": 3.0}, "height is 3.0; expected 0.3 to 2.6 m"),
+    ({"height": 3.0}, "height is 3.0; expected 0 to 2.6 m"),
 ]
 
 
