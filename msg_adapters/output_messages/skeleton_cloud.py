@@ -16,7 +16,7 @@ class SkeletonCloudBuilder(Cloud):
     """One point per joint.
 
     x, y, z in m, vx, vy, vz in m/s, xx, xy, xz, yy, yz, zz in m^2: the absolute covariance, all in the frame of the
-    header. index: of the joint; observed: 1 if keypoints of this image observe the joint, 0 if the prior alone places it.
+    header. index: of the joint. observed: 1 if keypoints of this image observe the joint, 0 if only the prior does.
     """
 
     def __init__(self, backend: Backend, count: int) -> None:
