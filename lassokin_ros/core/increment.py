@@ -17,6 +17,11 @@ from lassokin_ros.core.image.robust_loss import huber_weights
 from lassokin_ros.core.lasso.problem import Lasso
 from lassokin_ros.core.lasso.solver import LassoSolution, LassoSolver
 
+SHORT_STEP, LONG_STEP = 1 / 30, 0.06
+"""s between frames, see `for_step`."""
+MORE_LINEARISATIONS = 2
+"""Further linearisations after a long step."""
+
 
 @dataclass(frozen=True, eq=False)
 class Increment:
@@ -94,3 +99,14 @@ class IncrementSolver:
         """The lasso in terms of the total increment: the increment already applied, (omega, x), is added back to z."""
         A, B = rows.columns[:-3].T, rows.columns[-3:].T
         return Lasso(A, B, rows.z + A.dot(omega[self._rows.live]) + B.dot(x), sparsity / self._motion)
+
+
+def for_step(step: float, linearisations: int, sparsity: float) -> tuple[int, float]:
+    """Linearisations and sparsity for a frame `step` s after the last one.
+
+    Both settings are for frames at 60 Hz or more. In a longer step people move farther: the l1 weight falls with the
+    step, and one linearisation more is used from `LONG_STEP` on.
+    """
+    if not np.isfinite(step) or step <= SHORT_STEP:
+        return linearisations, sparsity
+    return linearisations + (step > LONG_STEP) * MORE_LINEARISATIONS, sparsity * SHORT_STEP / step
