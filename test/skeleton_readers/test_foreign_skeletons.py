@@ -102,7 +102,7 @@ def test_a_file_of_names_beside_the_skeleton(tmp_path):
 
 def test_names_of_no_program_work_with_a_file_of_names(tmp_path):
     path = written(tmp_path, bvh({joint: f"j{number}" for number, joint in enumerate(OURS.joint_names)}, 100.0))
-    with pytest.raises(LayoutError, match="rides on joint .*; none of the known programs .* 'theirs.names.yaml'"):
+    with pytest.raises(LayoutError, match="has joint .*; none of the known programs .* 'theirs.names.yaml'"):
         Pipeline(TrackerConfig(skeleton=path), NodeSettings())
     lines = [f"{joint}: j{OURS.index(joint)}\n" for joint in REQUIRED]
     (tmp_path / "theirs.names.yaml").write_text("".join(lines))
