@@ -98,7 +98,9 @@ def scene_of(job: Job) -> Scene:
     if job.bone_error > 0:
         told = told.with_bone_scales(bone_scales(told, job))
     settings = {"noise_px": max(1.0, job.condition.noise_px), **(job.settings or {})}
-    config = TrackerConfig(height=clip_height(clip), landmarks=job.landmarks, **settings).checked()
+    config = TrackerConfig(**{"height": clip_height(clip), "landmarks": job.landmarks, **settings}).checked()
+    if config.height == 0:
+        told = Skeleton.load(config.skeleton, config.assumed_height)
     view = view_of(clip, Layout.load(job.landmarks, own), own, job.condition, job.view, job.seed)
     return Scene(clip, view, told, config)
 
@@ -141,7 +143,7 @@ def described(job: Job, scene: Scene) -> Record:
         "skeleton": "height" if job.generic_skeleton else "bones",
         "bone_error": job.bone_error,
         "prior": "other clips" if job.left_out else "shipped",
-        "height_m": scene.config.height,
+        "height_m": clip_height(scene.clip),
     }
 
 

@@ -54,6 +54,7 @@ def parser(description: str | None = None) -> argparse.ArgumentParser:
     add("--realistic", action="store_true", help="what a user has: a detector's errors, and the height alone")
     add("--leave-one-out", action="store_true", help="all clips, each with a prior learned from the folder's others")
     add("--generic-skeleton", action="store_true", help="give the person's height alone")
+    add("--unknown-height", action="store_true", help="give nothing of the person: height 0, measured with depth")
     add("--measured-bones", action="store_true", help="with --detections: bones as the reference has them")
     add("--bone-error", type=size, default=0.0, help="standard deviation of the given bones' relative error (0)")
     add("--symmetric", action=switch, default=True, help="the same bone error on both sides (default)")
@@ -78,6 +79,8 @@ def apply_presets(options: argparse.Namespace) -> None:
     """Set what --realistic stands for, in place."""
     if options.realistic:
         vars(options).update(REALISTIC)
+    if options.unknown_height:
+        options.generic_skeleton = True
 
 
 def depth_sensor(options: argparse.Namespace) -> DepthSensor | None:

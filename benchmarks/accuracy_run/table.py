@@ -68,6 +68,8 @@ def report(options: argparse.Namespace, records: Sequence[Record]) -> None:
 def head(options: argparse.Namespace) -> str:
     """What was run on clips, in words."""
     given = "the height alone" if options.generic_skeleton else "bone lengths and trunk at rest"
+    if options.unknown_height:
+        given = "nothing (height 0)"
     if options.bone_error:
         kind = "the same left and right" if options.symmetric else "each by itself"
         given += f" wrong by {options.bone_error:.1%} at random ({kind})"
@@ -141,4 +143,5 @@ def initialisation_rows(records: Sequence[Record]) -> list[Record]:
 def told(options: argparse.Namespace) -> dict[str, Any]:
     """Settings of the tracker that the command line gives."""
     noise = {} if options.tracker_noise_px is None else {"noise_px": options.tracker_noise_px}
-    return {**noise, **dict(options.set)}
+    height = {"height": 0.0} if options.unknown_height else {}
+    return {**noise, **height, **dict(options.set)}
