@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -64,7 +65,7 @@ class Keypoints:
         """
         present = self.present
         if person is not None and self.persons is not None:
-            present &= self.persons == person
+            present = present & (self.persons == person)
         return self._placed(self.ids, present, count, count)
 
     def by_person(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -88,7 +89,7 @@ class Keypoints:
         result[self.ids[chosen]] = self.depth[chosen]
         return result
 
-    @property
+    @cached_property
     def present(self) -> np.ndarray:
         """(k,) bool: True where a point is not missing, see `as_landmarks`."""
         with np.errstate(invalid="ignore"):

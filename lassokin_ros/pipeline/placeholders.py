@@ -7,6 +7,7 @@ the image (clamped coordinates), (-1, -1), the centre of the image, or one posit
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -41,27 +42,35 @@ def without_placeholders(keypoints: Keypoints, size: tuple[int, int]) -> Keypoin
 
 def _sentinel(xy: np.ndarray) -> np.ndarray:
     """(k,) bool: -1 in a coordinate, or the same negative number in both."""
-    minus_one = (xy == -1.0).any(axis=1)
-    result: np.ndarray = minus_one | ((xy[:, 0] < 0) & (xy[:, 0] == xy[:, 1]))
+    x, y = xy[:, 0], xy[:, 1]
+    result: np.ndarray = (x == -1.0) | (y == -1.0) | ((x < 0) & (x == y))
     return result
+
+
+@lru_cache(maxsize=16)
+def _fixed_places(size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the borders (b, 1, 2) and the centres (c, 1, 2) of an image of this size, px; size 0 = unknown."""
+    if min(size) <= 0:
+        return np.zeros((1, 1, 2)), np.full((1, 1, 2), np.inf)
+    far = np.array(size, dtype=float)
+    borders = np.stack([0 * far, far - 1, far])
+    return borders[:, None], np.stack([0.5 * (far - 1), 0.5 * far, np.floor(0.5 * far)])[:, None]
 
 
 def _at_fixed_place(xy: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     """(k,) bool: on the border (0, size - 1 or size), or exactly in the centre of the image."""
-    result: np.ndarray = (np.abs(xy) < BORDER_PX).any(axis=1)
-    if min(size) <= 0:
-        return result
-    far = np.array(size, dtype=float)
-    for edge in (far - 1, far):
-        result = result | (np.abs(xy - edge) < BORDER_PX).any(axis=1) | (xy == 0.5 * edge).all(axis=1)
-    return result | (xy == np.floor(0.5 * far)).all(axis=1)
+    borders, centres = _fixed_places(size)
+    on_border = (np.abs(xy - borders) < BORDER_PX).any(axis=(0, 2))
+    result: np.ndarray = on_border | (xy == centres).all(axis=2).any(axis=0)
+    return result
 
 
 def _repeated(keypoints: Keypoints, present: np.ndarray) -> np.ndarray:
     """(k,) bool: at least REPEATED keypoints of one person have the same position."""
     result = np.zeros(len(present), dtype=bool)
     rows = np.flatnonzero(present)
-    if len(rows) < REPEATED or len(np.unique(keypoints.xy[rows, 0])) > len(rows) - REPEATED + 1:
+    x = np.sort(keypoints.xy[rows, 0])
+    if np.count_nonzero(x[1:] == x[:-1]) < REPEATED - 1:
         return result
     people = np.zeros(len(present)) if keypoints.persons is None else keypoints.persons
     for person in np.unique(people[rows]):
