@@ -54,6 +54,11 @@ def _add_outputs(result: argparse.ArgumentParser) -> None:
         help="recording to write (default: <bag>_tracked in the current folder); for an archive: the folder of all "
         "<bag>_tracked",
     )
+    result.add_argument(
+        "--two-pass",
+        action="store_true",
+        help="learn the person's lengths over the whole recording, then track with them",
+    )
     result.add_argument("--storage", choices=STORAGES, help="storage of the output (default: that of the input)")
     result.add_argument(
         "--report",

@@ -78,6 +78,8 @@ def origin_of(options: argparse.Namespace) -> Origin:
         settings[name] = _digest(files) if path.is_file() else settings[name]
     for name in ("keypoints_topic", "camera_info_topic", "storage"):
         settings[f"--{name}"] = getattr(options, name)
+    if options.two_pass:
+        settings["--two_pass"] = True
     if options.camera_info is not None:  # absent without the option: earlier records stay valid
         settings["--camera_info"] = _digest([split_camera(options.camera_info)[0]]), options.camera_info.name
     # Exports do not change the recording, so they are not part of the settings (see archive/output_files.py).

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, TextIO
 
 from lassokin_ros.common.progress import Progress
@@ -17,6 +18,7 @@ from lassokin_ros.replay.bags import BagReader, BagWriter
 if TYPE_CHECKING:
     from lassokin_ros.common.atomic_files import AtomicFiles
     from lassokin_ros.replay.exports.exports import Exports
+    from lassokin_ros.replay.first_pass import Inputs
     from lassokin_ros.replay.record import Figures
     from lassokin_ros.replay.report.report import Report
 
@@ -42,6 +44,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
     from lassokin_ros.pipeline.parameter_files import offline_settings
     from lassokin_ros.replay.camera_source import camera_source
     from lassokin_ros.replay.exports.exports import is_inside_name
+    from lassokin_ros.replay.first_pass import check_two_passes, learn_lengths
     from lassokin_ros.replay.offline_tracker import OfflineTracker
     from lassokin_ros.replay.output_paths import OutputError, check_output_paths
     from lassokin_ros.replay.record import KEY, Record, origin_of
@@ -54,13 +57,25 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
         if not tracker_config.calibrate:
             raise ConfigurationError("--save-skeleton needs calibration; add -p calibrate:=true")
         check_skeleton_file(options.save_skeleton, node_config.several_people, options.force)
-    with BagReader(options.bag) as bag:
+    if options.two_pass:
+        check_two_passes(tracker_config, node_config)
+    with BagReader(options.bag) as bag, TemporaryDirectory(prefix="lassokin_") as folder:
         keypoints_type = full_type_name(node_config.keypoints_type)
         keypoints = bag.find(keypoints_type, options.keypoints_topic, topics.KEYPOINTS, "--keypoints-topic")
         camera = camera_source(bag, options, node_config.rectified)
         depth = []
         if node_config.depth:
             depth = [bag.find(topics.DEPTH_IMAGE_TYPE, node_config.depth, topics.DEPTH_IMAGE, "-p depth:=")]
+        read = [keypoints, *camera.recorded, *depth]
+
+        def inputs_of(tracker: OfflineTracker) -> Inputs:
+            images = {topic.name: tracker.depth_image for topic in depth}
+            return {**images, camera.name: tracker.camera_info, keypoints.name: tracker.keypoints}
+
+        if options.two_pass:
+            first = OfflineTracker(tracker_config, node_config, bag.types)
+            messages = camera.messages(bag, read)
+            tracker_config = learn_lengths(messages, inputs_of(first), first, tracker_config, Path(folder))
         tracker = OfflineTracker(tracker_config, node_config, bag.types)
         report = _report(options, tracker)
         exports = _exports(options, tracker)
@@ -69,11 +84,8 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
         # All or nothing: every file is complete on the disk before the recording and the files get their names.
         with AtomicFiles(options.force, OutputError) as files:
             with BagWriter(output, storage, bag.types, options.force, is_inside_name) as writer:
-                inputs = {topic.name: tracker.depth_image for topic in depth}
-                inputs |= {camera.name: tracker.camera_info, keypoints.name: tracker.keypoints}
-                read = [keypoints, *camera.recorded, *depth]
                 progress = Progress(sum(topic.count for topic in read), "messages", progress_on)
-                seconds = _run(camera.messages(bag, read), inputs, tracker, writer, progress)
+                seconds = _run(camera.messages(bag, read), inputs_of(tracker), tracker, writer, progress)
                 figures = _figures(tracker)
                 writer.note(KEY, Record(origin_of(options), figures).text)
                 written = _files(options, tracker, exports, writer, files)
@@ -89,15 +101,12 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
 
 def _run(
     messages: Iterator[tuple[str, int, Any]],
-    inputs: Mapping[str, Callable[[Any, int], Iterator[tuple[str, str, Any]]]],
+    inputs: Inputs,
     tracker: Any,
     writer: BagWriter,
     progress: Progress,
 ) -> float:
-    """Process every message (topic, recording time in ns, message) and return the elapsed time in s.
-
-    inputs: by the topic's name, what processes its messages and yields the outputs.
-    """
+    """Process every message (topic, recording time in ns, message) and return the elapsed time in s."""
     started = time.monotonic()
     try:
         for topic, time_ns, message in messages:
