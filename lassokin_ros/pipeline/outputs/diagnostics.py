@@ -120,7 +120,7 @@ class Diagnostics:
         if self._keypoints_at is None:
             return WARN, "waiting for keypoints"
         if now - self._keypoints_at > SILENCE_S:
-            return WARN, f"no keypoints for more than {SILENCE_S:g} s"
+            return WARN, "; ".join(filter(None, [f"no keypoints for more than {SILENCE_S:g} s", concern]))
         if self._repeated_s > FROZEN_S:
             return WARN, (
                 f"keypoints are frozen: the same ones for more than {FROZEN_S:g} s; does the camera's image move, and "
