@@ -13,12 +13,15 @@ from typing import TYPE_CHECKING, Any, TextIO
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.replay.bags import BagReader, BagWriter
+from lassokin_ros.replay.bags import BagReader, BagWriter, RecordedTopic
 
 if TYPE_CHECKING:
     from lassokin_ros.common.atomic_files import AtomicFiles
+    from lassokin_ros.core.config import TrackerConfig
+    from lassokin_ros.pipeline.settings import NodeSettings
     from lassokin_ros.replay.exports.exports import Exports
     from lassokin_ros.replay.first_pass import Inputs
+    from lassokin_ros.replay.offline_tracker import OfflineTracker
     from lassokin_ros.replay.record import Figures
     from lassokin_ros.replay.report.report import Report
 
@@ -40,11 +43,10 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
     import numpy as np
 
     from lassokin_ros.common.atomic_files import AtomicFiles
-    from lassokin_ros.pipeline.outputs.skeleton_file import check_skeleton_file
     from lassokin_ros.pipeline.parameter_files import offline_settings
     from lassokin_ros.replay.camera_source import camera_source
     from lassokin_ros.replay.exports.exports import is_inside_name
-    from lassokin_ros.replay.first_pass import check_two_passes, learn_lengths
+    from lassokin_ros.replay.first_pass import learn_lengths
     from lassokin_ros.replay.offline_tracker import OfflineTracker
     from lassokin_ros.replay.output_paths import OutputError, check_output_paths
     from lassokin_ros.replay.record import KEY, Record, origin_of
@@ -53,12 +55,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
     options.output = options.output or Path(f"{options.bag.resolve().stem}_tracked")
     check_output_paths([options])
     tracker_config, node_config = offline_settings(options.params_file, options.p)
-    if options.save_skeleton is not None:
-        if not tracker_config.calibrate:
-            raise ConfigurationError("--save-skeleton needs calibration; add -p calibrate:=true")
-        check_skeleton_file(options.save_skeleton, node_config.several_people, options.force)
-    if options.two_pass:
-        check_two_passes(tracker_config, node_config)
+    _check_learning(options, tracker_config, node_config)
     with BagReader(options.bag) as bag, TemporaryDirectory(prefix="lassokin_") as folder:
         keypoints_type = full_type_name(node_config.keypoints_type)
         keypoints = bag.find(keypoints_type, options.keypoints_topic, topics.KEYPOINTS, "--keypoints-topic")
@@ -67,15 +64,12 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
         if node_config.depth:
             depth = [bag.find(topics.DEPTH_IMAGE_TYPE, node_config.depth, topics.DEPTH_IMAGE, "-p depth:=")]
         read = [keypoints, *camera.recorded, *depth]
-
-        def inputs_of(tracker: OfflineTracker) -> Inputs:
-            images = {topic.name: tracker.depth_image for topic in depth}
-            return {**images, camera.name: tracker.camera_info, keypoints.name: tracker.keypoints}
-
         if options.two_pass:
             first = OfflineTracker(tracker_config, node_config, bag.types)
             messages = camera.messages(bag, read)
-            tracker_config = learn_lengths(messages, inputs_of(first), first, tracker_config, Path(folder))
+            tracker_config = learn_lengths(
+                messages, _inputs(first, keypoints, camera, depth), first, tracker_config, Path(folder)
+            )
         tracker = OfflineTracker(tracker_config, node_config, bag.types)
         report = _report(options, tracker)
         exports = _exports(options, tracker)
@@ -85,7 +79,9 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
         with AtomicFiles(options.force, OutputError) as files:
             with BagWriter(output, storage, bag.types, options.force, is_inside_name) as writer:
                 progress = Progress(sum(topic.count for topic in read), "messages", progress_on)
-                seconds = _run(camera.messages(bag, read), inputs_of(tracker), tracker, writer, progress)
+                seconds = _run(
+                    camera.messages(bag, read), _inputs(tracker, keypoints, camera, depth), tracker, writer, progress
+                )
                 figures = _figures(tracker)
                 writer.note(KEY, Record(origin_of(options), figures).text)
                 written = _files(options, tracker, exports, writer, files)
@@ -97,6 +93,25 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
         f"{options.bag} -> {output} ({storage})", (str(keypoints), camera.title), tracker, seconds, written
     )
     return Replayed(summary, figures, 1e3 * float(np.median(tracker.frame_seconds or [np.nan])))
+
+
+def _check_learning(options: argparse.Namespace, tracker: TrackerConfig, node: NodeSettings) -> None:
+    """Raise a LassokinError if --save-skeleton or --two-pass cannot be done with these settings."""
+    from lassokin_ros.pipeline.outputs.skeleton_file import check_skeleton_file
+    from lassokin_ros.replay.first_pass import check_two_passes
+
+    if options.save_skeleton is not None:
+        if not tracker.calibrate:
+            raise ConfigurationError("--save-skeleton needs calibration; add -p calibrate:=true")
+        check_skeleton_file(options.save_skeleton, node.several_people, options.force)
+    if options.two_pass:
+        check_two_passes(tracker, node)
+
+
+def _inputs(tracker: OfflineTracker, keypoints: RecordedTopic, camera: Any, depth: Sequence[RecordedTopic]) -> Inputs:
+    """Return what processes the messages of each topic."""
+    images = {topic.name: tracker.depth_image for topic in depth}
+    return {**images, camera.name: tracker.camera_info, keypoints.name: tracker.keypoints}
 
 
 def _run(

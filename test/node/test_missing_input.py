@@ -15,7 +15,7 @@ from rcl_interfaces.srv import SetParameters  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 
-from lassokin_ros.node.missing_input import PATIENCE_S, MissingInput  # noqa: E402
+from lassokin_ros.node.missing_input import PATIENCE_S, MissingInput, _may_be_keypoints  # noqa: E402
 from lassokin_ros.node.person_outputs import message_class  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 
@@ -230,3 +230,20 @@ def test_nothing_is_logged_if_all_inputs_arrive():
         for _ in range(4):
             peer.next_diagnostics()
         assert not [line for line in peer.said if "waiting" in line or "has come" in line]
+
+
+CLOUD = "sensor_msgs/msg/PointCloud2"
+
+
+@pytest.mark.parametrize("name", ["/pose/keypoints", "/detector/people", "/Human_Pose/points", "/body_tracking"])
+def test_topics_that_may_be_keypoints(name):
+    assert _may_be_keypoints(name, CLOUD)
+
+
+@pytest.mark.parametrize("name", ["/velodyne_points", "/camera/depth/color/points", "/tracker/joint_uncertainty"])
+def test_lidars_and_outputs_of_trackers_are_not_offered(name):
+    assert not _may_be_keypoints(name, CLOUD)
+
+
+def test_a_type_that_only_detectors_have_is_always_offered():
+    assert _may_be_keypoints("/yolo/detections", "yolo_msgs/msg/DetectionArray")
