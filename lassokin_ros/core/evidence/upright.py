@@ -47,14 +47,14 @@ class Upright(Evidence):
     count = 3
 
     def __init__(self, roll: float = 0.0, pitch: float = 0.0) -> None:
-        self.mounted(roll, pitch)
+        self.set_mount(roll, pitch)
 
     @classmethod
     def stack(cls, several: Sequence[Upright]) -> Upright:
         """Stack the verticals of several people, each learned from that person, for roots (people, k, 3, 3)."""
         return stack_attribute(several, "vertical")
 
-    def mounted(self, roll: float, pitch: float) -> None:
+    def set_mount(self, roll: float, pitch: float) -> None:
         """Set the camera's mount, see `vertical_of`, and forget the learned vertical."""
         self._first = vertical_of(roll, pitch)
         self.reset()

@@ -90,7 +90,7 @@ def test_an_upright_body_needs_no_other_start_orientations(monkeypatch):
     tracker._initialiser.fit(FrameData(seen(tracker.kinematics, turned(upright, TURNS[1])), weights))
     assert stances == [[0], [1, 2, 3, 4, 5], [0], [0]]
     del stances[:]
-    tracker._upright.mounted(np.pi, 0.0)  # the camera is known to be upside down
+    tracker._upright.set_mount(np.pi, 0.0)  # the camera is known to be upside down
     tracker._initialiser.fit(FrameData(seen(tracker.kinematics, turned(upright, TURNS[3])), weights))
     assert stances == [[3]] * 3
     del stances[:]
