@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sequences import CONFIG, observations
 
-from lassokin_ros.core.image.keypoint_filter import FORGOTTEN_AFTER, LONGEST_COURSE, TRUST, KeypointFilter
+from lassokin_ros.core.image.keypoint_filter import MAX_EXTRAPOLATION, MAX_GAP, PREDICTED_WEIGHT, KeypointFilter
 from lassokin_ros.core.tracker import Tracker
 
 NAMES = ("nose", "left_knee", "right_knee", "left_ankle")
@@ -31,7 +31,7 @@ def test_an_unpaired_outlier_is_left_out():
     assert np.abs(points - places(20)).max() < 0.01
 
 
-@pytest.mark.parametrize("gap", [FORGOTTEN_AFTER + 0.01, 0.5, 0.9, 100.0])
+@pytest.mark.parametrize("gap", [MAX_GAP + 0.01, 0.5, 0.9, 100.0])
 def test_tracks_restart_after_a_gap_without_frames(gap):
     """The time in which no frame came is one without a good point, too: nothing is held against the first after it."""
     keypoint_filter = KeypointFilter(NAMES, LIMBS)
@@ -68,8 +68,8 @@ def test_predicted_points_are_extrapolated_briefly_and_do_not_update_tracks():
         b, v = asked.update(frame / RATE, points, weights, 1.0, LIKENESS)
         assert np.array_equal(a, b) and np.array_equal(u, v)
         soon, less = asked.expected((frame + 0.5) / RATE)
-        assert np.array_equal(less, TRUST * v)
+        assert np.array_equal(less, PREDICTED_WEIGHT * v)
     assert np.allclose(soon - b, 0.5 / RATE * asked._tracks.velocity) and np.abs(soon - places(59.5)).max() < 5 * NOISE
-    latest = asked.expected(59 / RATE + LONGEST_COURSE)[0]
-    assert np.allclose(latest - b, LONGEST_COURSE * asked._tracks.velocity)
+    latest = asked.expected(59 / RATE + MAX_EXTRAPOLATION)[0]
+    assert np.allclose(latest - b, MAX_EXTRAPOLATION * asked._tracks.velocity)
     assert np.allclose(asked.expected(1e9)[0], latest, rtol=0, atol=1e-12)

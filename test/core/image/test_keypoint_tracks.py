@@ -1,4 +1,4 @@
-"""Tracks of points at several degrees of liveliness: against one textbook filter, and better than any one of them."""
+"""Tracks of points at several models: against one textbook filter, and better than any one of them."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def textbook(points, used, steps, acceleration):
 
 
 def test_models_that_agree_are_the_textbooks_filter(monkeypatch):
-    monkeypatch.setattr(keypoint_tracks, "LIVELINESS", np.full(4, 1.5))
+    monkeypatch.setattr(keypoint_tracks, "ACCELERATION_FACTORS", np.full(4, 1.5))
     random = np.random.default_rng(0)
     points = np.cumsum(0.01 * random.normal(size=(80, 3, 2)), axis=0)
     steps, used = random.uniform(0.005, 0.05, 80), random.random((80, 3)) < 0.8
@@ -68,9 +68,9 @@ def test_it_follows_rest_and_liveliness_better_than_one_filter(monkeypatch):
         return np.sqrt(np.mean((positions - truth)[10:] ** 2))
 
     together, alone = error(), []
-    for liveliness in keypoint_tracks.LIVELINESS:
+    for factor in keypoint_tracks.ACCELERATION_FACTORS:
         with monkeypatch.context() as patch:
-            patch.setattr(keypoint_tracks, "LIVELINESS", np.full(4, liveliness))
+            patch.setattr(keypoint_tracks, "ACCELERATION_FACTORS", np.full(4, factor))
             alone.append(error())
     assert together < 0.95 * min(alone) and together < 0.8 * NOISE
 

@@ -10,7 +10,7 @@ from lassokin_ros.core.body.landmarks import Layout, built_in_layouts
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.body.symmetry import limb_groups, other_side
 from lassokin_ros.core.image.keypoint_filter import KeypointFilter
-from lassokin_ros.core.image.side_swaps import LONGEST, SHARE, SideSwaps
+from lassokin_ros.core.image.side_swaps import MAX_DURATION, MAX_SHARE, SideSwaps
 from lassokin_ros.core.tracker import Tracker
 
 PARTS = ("eye", "shoulder", "wrist", "hip", "knee", "ankle")
@@ -108,7 +108,7 @@ def test_a_lasting_swap_is_accepted_in_the_end(before):
     swapped = range(before, before + 240)
     answers = filtered(before + 240, swapped)
     believed = [np.abs(answers[frame][0] - places(frame)[crossed(ALL)]).max() < 0.02 for frame in swapped]
-    first, hold = believed.index(True), min(LONGEST, SHARE / (1 - SHARE) * before / RATE)
+    first, hold = believed.index(True), min(MAX_DURATION, MAX_SHARE / (1 - MAX_SHARE) * before / RATE)
     assert hold - 0.02 < first / RATE < hold + 0.05 and all(believed[first + 2 :])
 
 
@@ -120,7 +120,7 @@ def test_of_what_was_believed_nothing_is_surer_than_the_rest():
         points[[NAMES.index("left_eye"), NAMES.index("right_eye")], 0] += 0.02 * (frame < 1940) * np.array([-1, 1])
         return points
 
-    swapped = range(1800, 1950)  # for longer than LONGEST, after half a minute
+    swapped = range(1800, 1950)  # for longer than MAX_DURATION, after half a minute
     answers = filtered(1980, swapped, at=at)
     assert all(np.abs(answers[frame][0] - at(frame)).max() < 0.02 for frame in (1850, *range(1965, 1980)))
     assert np.abs(answers[1948][0] - at(1948)[crossed(ALL)]).max() < 0.02
@@ -163,12 +163,12 @@ def test_a_wrist_detected_at_the_other_wrist_is_left_out():
         answer, _ = keypoint_filter.update(EPOCH + frame / RATE, points, weights, 1.0, LIKENESS)
     assert np.linalg.norm(places(435)[left] - places(435)[right]) > 0.15
     assert np.abs(answer - places(435)).max() < 6 * NOISE
-    assert keypoint_filter.order is not None and np.array_equal(keypoint_filter.order, np.arange(len(NAMES)))
+    assert keypoint_filter.assignment is not None and np.array_equal(keypoint_filter.assignment, np.arange(len(NAMES)))
 
 
 def evidence(swaps, stamp, straight, crossed, step=0.1):
     """The answer to distances of ("left_wrist", "right_wrist", "left_knee", "right_knee") with tracks alike."""
-    order, given_up = swaps.order(stamp, step, np.array(straight), np.array(crossed), np.ones(len(straight)))
+    order, given_up = swaps.assign(stamp, step, np.array(straight), np.array(crossed), np.ones(len(straight)))
     return list(order), list(given_up)
 
 
@@ -184,7 +184,7 @@ def test_outliers_are_not_treated_as_swaps(crossed, swapped):
 def test_the_time_limit_of_a_swap_recovers_without_a_swap():
     """Pairs that stand side by side are led by others, and may never show that they are straight again."""
     swaps = SideSwaps(("left_wrist", "right_wrist", "left_knee", "right_knee"), (0, 0, 1, 1))
-    swaps.begin(np.full(4, True), 90.0)
+    swaps.start_tracks(np.full(4, True), 90.0)
     beside, apart = (1.0, 1.0), (60.0, 60.0)
     for frame in range(15):
         assert evidence(swaps, 100 + frame / 10, beside + apart, beside + beside)[0] == [1, 0, 3, 2]
@@ -207,17 +207,17 @@ def test_both_points_of_a_pair_are_corrected_and_restarted_together():
             straight, across = random.exponential(random.choice([1.0, 60.0], size=(2, len(NAMES))))
             across = np.where(missing | missing[swaps.other], np.nan, across)
             variance = random.exponential(size=len(NAMES))
-            order, given_up = swaps.order(stamp, step, np.where(missing, np.nan, straight), across, variance)
+            order, given_up = swaps.assign(stamp, step, np.where(missing, np.nan, straight), across, variance)
             assert np.array_equal(order[order], np.arange(len(NAMES)))
             assert np.array_equal(given_up, given_up[swaps.other])
-            swaps.begin(anew | given_up, stamp)
+            swaps.start_tracks(anew | given_up, stamp)
 
 
 def test_restarted_tracks_do_not_depend_on_earlier_points():
     swaps, apart, beside = SideSwaps(("left_wrist", "right_wrist"), (0, 0)), (60.0, 60.0), (1.0, 1.0)
-    swaps.begin(np.full(2, True), 90.0)
+    swaps.start_tracks(np.full(2, True), 90.0)
     assert evidence(swaps, 100.0, apart, beside) == ([1, 0], [False, False])
-    swaps.begin(np.full(2, True), 100.1)
+    swaps.start_tracks(np.full(2, True), 100.1)
     assert evidence(swaps, 100.2, apart, beside) == ([1, 0], [False, False])
     assert evidence(swaps, 100.3, apart, beside) == ([0, 1], [True, True])  # a quarter of 0.2 s is over
     swaps.reset()
