@@ -216,7 +216,7 @@ class Tracker(TrackerParts):
         self._state = yield BatchedCall(self._body_hypotheses, "advance", (increment.omega, increment.x, alpha))
         solved = self._body_hypotheses.published
         if measurement.news > 0:
-            yield BatchedCall(self._body_hypotheses, "weigh", (frame,))
+            yield BatchedCall(self._body_hypotheses, "compute_costs", (frame,))
             yield from self._compare_hypotheses(frame, alpha, measurement.stamp)
             self._cost = self._body_hypotheses.cost
             self._upright.learn(self._state.rotations[0], measurement.news)
@@ -234,7 +234,7 @@ class Tracker(TrackerParts):
 
     def _compare_hypotheses(self, frame: FrameData, alpha: np.ndarray, stamp: float) -> Steps[None]:
         """Choose the state from which the next frame starts, if another hypothesis explains this frame better."""
-        winner = self._body_hypotheses.compete(frame, alpha)
+        winner = self._body_hypotheses.select(frame, alpha)
         if self._depth is None:
             if winner is None:
                 yield from self._compare_limbs(frame)

@@ -38,7 +38,7 @@ def without_points(observation):
 
 
 KEPT = {
-    "_body_hypotheses": ("_everyone", "_age", "_advantage", "_costs", "image_costs", "_increments", "_linearised"),
+    "_body_hypotheses": ("_states", "_age", "_advantage", "_costs", "image_costs", "_increments", "_linearised"),
     "_limbs": ("_rotations", "_age", "_advantage", "_apart"),
     "_upright": ("vertical",),
 }
@@ -117,14 +117,14 @@ def test_calls_with_different_optional_arrays_are_not_batched():
             assert not a.accepted or np.allclose(a.pose.positions, b.pose.positions, rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("method", ["linearise", "advance", "weigh"])
+@pytest.mark.parametrize("method", ["linearise", "advance", "compute_costs"])
 def test_an_error_for_one_person_does_not_affect_the_others(monkeypatch, method):
     trackers, frames = people()
     others, _ = people()
     original = getattr(BodyHypotheses, method)
 
     def failing(self, *arguments):
-        if self._everyone.state.translation.ndim > 2 or self is trackers[0]._body_hypotheses:
+        if self._states.state.translation.ndim > 2 or self is trackers[0]._body_hypotheses:
             raise RuntimeError("on purpose")
         return original(self, *arguments)
 

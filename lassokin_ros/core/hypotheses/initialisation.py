@@ -126,7 +126,7 @@ class Initialiser:
         """Fit S states at once, (S, n, 3, 3) and (S, 3), by Gauss-Newton."""
         for factor, iterations in schedule:
             states = self.iterate(states, frame, [factor] * iterations)
-        return self.weighed(states, frame)
+        return self.evaluate(states, frame)
 
     def iterate(self, states: BodyState, frame: FrameData, factors: Iterable[float]) -> BodyState:
         """A Gauss-Newton step from S states for each factor on the noise."""
@@ -136,7 +136,7 @@ class Initialiser:
             in_front(states.translation)
         return states
 
-    def weighed(self, states: BodyState, frame: FrameData) -> Fit:
+    def evaluate(self, states: BodyState, frame: FrameData) -> Fit:
         """S states with their costs on a frame, in the given order."""
         return Fit(states, self._rows.cost(self._rows.evaluate(states), frame))
 

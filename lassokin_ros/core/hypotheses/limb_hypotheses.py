@@ -30,7 +30,7 @@ from lassokin_ros.core.image.robust_loss import capped_cost, capped_weights, nor
 
 COUNTED_FROM = 2
 """Age in frames after which the cost of a hypothesis is averaged; it has converged by then."""
-OLD_ENOUGH = 4
+MATURE_FROM = 4
 """Age in frames from which a hypothesis may win."""
 GIVEN_UP_FROM = 10
 """Age in frames from which a hypothesis may be restarted from the mirrored limb."""
@@ -163,9 +163,9 @@ class LimbHypotheses:
         """
         if not self.count:
             return None
-        ripe, other = self._age >= OLD_ENOUGH, self._apart > ALIKE
-        best = int(np.where(ripe & other, self._advantage, -np.inf).argmax())
-        if ripe[best] and other[best] and self._advantage[best] > MARGIN:
+        mature, other = self._age >= MATURE_FROM, self._apart > ALIKE
+        best = int(np.where(mature & other, self._advantage, -np.inf).argmax())
+        if mature[best] and other[best] and self._advantage[best] > MARGIN:
             return self._exchanged(best, published.state)
         done = (self._age >= GIVEN_UP_FROM) & (~other | (self._advantage < HOPELESS))
         if np.count_nonzero(done):  # ten times faster than any() here

@@ -79,7 +79,7 @@ class NetworkHypothesis:
 
     def _chosen(self, fitted: BodyState, frame: FrameData, tracked: BodyPose, cost: float) -> BodyState | None:
         """The fitted state, if it is better and elsewhere."""
-        fit = self._initialiser.weighed(fitted, frame)
+        fit = self._initialiser.evaluate(fitted, frame)
         if not fit.costs[0] < cost - MARGIN:
             return None
         positions = self._initialiser.pose(fit.best).positions

@@ -36,8 +36,8 @@ class Wrong:
         for frame in range(frames):
             self.pool.linearise(FrameData(self.points, self.weights))
             self.pool.advance(np.zeros(72), np.zeros(3), np.full(len(self.live), alpha))
-            self.pool.weigh(FrameData(self.points, self.weights))
-            state = self.pool.compete(FrameData(self.points, self.weights), np.full(len(self.live), alpha))
+            self.pool.compute_costs(FrameData(self.points, self.weights))
+            state = self.pool.select(FrameData(self.points, self.weights), np.full(len(self.live), alpha))
             if state is not None:
                 return frame, state
         return frames, None
@@ -54,7 +54,7 @@ def test_the_first_hypothesis_corrects_a_body_that_faces_the_wrong_way(seed):
     scene = Wrong(seed, turned_round)
     assert scene.distance(scene.pool.published.state) > 0.15
     frame, winner = scene.winner(body_hypotheses.GIVEN_UP_AT)
-    assert frame < body_hypotheses.OLD_ENOUGH + 5 and scene.distance(winner) < 0.06
+    assert frame < body_hypotheses.MATURE_FROM + 5 and scene.distance(winner) < 0.06
 
 
 def test_both_legs_are_mirrored_every_other_time_and_in_every_way(monkeypatch):
@@ -73,7 +73,7 @@ def test_a_converged_hypothesis_is_damped_like_the_published_state(monkeypatch):
     initialiser, ridges = scene.pool._initialiser, []
     step = initialiser.step
     monkeypatch.setattr(initialiser, "step", lambda rows, ridge: ridges.append(ridge.copy()) or step(rows, ridge))
-    scene.winner(body_hypotheses.OLD_ENOUGH, alpha=4.0)
+    scene.winner(body_hypotheses.MATURE_FROM, alpha=4.0)
     assert not any(ridge.any() for ridge in ridges[: body_hypotheses.STEADY_FROM])
     assert all((ridge == 8.0).all() for ridge in ridges[body_hypotheses.STEADY_FROM :])  # 1 / variance = alpha^2 / 2
     assert len(ridges) > body_hypotheses.STEADY_FROM

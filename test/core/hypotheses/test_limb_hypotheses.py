@@ -16,7 +16,7 @@ from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.evidence.upright import Upright
 from lassokin_ros.core.hypotheses.initialisation import Initialiser, within
-from lassokin_ros.core.hypotheses.limb_hypotheses import MARGIN, OLD_ENOUGH, LimbHypotheses
+from lassokin_ros.core.hypotheses.limb_hypotheses import MARGIN, MATURE_FROM, LimbHypotheses
 from lassokin_ros.core.hypotheses.mirroring import Mirroring
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project
@@ -160,12 +160,12 @@ def test_a_limb_on_the_wrong_side_is_replaced_soon_and_nothing_else(seed):
     assert gain > 2 * MARGIN, "a scene in which image and prior tell"
     published = scene.rows.evaluate(wrong)
     scene.search.start(wrong)
-    for frame in range(1, 4 * OLD_ENOUGH):
+    for frame in range(1, 4 * MATURE_FROM):
         scene.advance(published)
         winner = scene.search.exchange(published)
         if winner is not None:
             break
-    assert winner is not None and frame >= OLD_ENOUGH
+    assert winner is not None and frame >= MATURE_FROM
     rest = np.setdiff1d(np.arange(24), chain)
     assert np.array_equal(winner.rotations[rest], wrong.rotations[rest])
     assert np.array_equal(winner.translation, wrong.translation)

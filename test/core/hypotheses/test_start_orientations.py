@@ -110,14 +110,14 @@ def test_hypotheses_of_a_lying_body_also_lie(stance):
     back[0] = back[0] @ np.diag([-1.0, 1.0, -1.0])
     pool, live = tracker._body_hypotheses, tracker._rows.live
     pool.start(BodyState(back, PLACE), FrameData(points, weights))
-    challenger, published = pool._everyone.state.rotations[:, 0]
+    challenger, published = pool._states.state.rotations[:, 0]
     assert nearest(challenger[:, 1]) == stance
     assert challenger[:, 2] @ published[:, 2] < -0.8  # the opposite side first
     for _ in range(30):
         pool.linearise(FrameData(points, weights))
         pool.advance(np.zeros(72), np.zeros(3), np.full(len(live), 1e-3))
-        pool.weigh(FrameData(points, weights))
-        winner = pool.compete(FrameData(points, weights), np.full(len(live), 1e-3))
+        pool.compute_costs(FrameData(points, weights))
+        winner = pool.select(FrameData(points, weights), np.full(len(live), 1e-3))
         if winner is not None:
             break
     assert winner is not None and error(tracker.kinematics, winner, lying) < 0.1

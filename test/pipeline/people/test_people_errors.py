@@ -31,7 +31,7 @@ def test_an_error_in_one_persons_step_costs_the_others_that_message_and_no_more(
         with monkeypatch.context() as patch:
             if index == 20:
                 one = pipeline.people.tracked["p1"].tracker._body_hypotheses
-                patch.setattr(one, "compete", lambda *arguments: 1 / 0)
+                patch.setattr(one, "select", lambda *arguments: 1 / 0)
                 with pytest.raises(ZeroDivisionError):
                     pipeline.frames(message(index), 0)
                 continue
