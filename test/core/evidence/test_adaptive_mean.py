@@ -61,7 +61,7 @@ def test_a_measurement_is_the_least_squares_fit_of_mean_departure_root_and_trans
     assert adaptive_mean.advance(0.0, state, problem)
     k, first, tempering = len(prior.mean), prior.first, INDEPENDENT_AFTER / (2 * EVERY)
     others = np.r_[0 : 2 * person.kinematics.landmark_count, -6:0]  # images; uprightness and balance
-    A = prior.by_theta(problem.A[others, first:], person.mean.reshape(-1, 3))
+    A = prior.in_theta(problem.A[others, first:], person.mean.reshape(-1, 3))
     N = np.concatenate([problem.A[others, :first], problem.B[others]], axis=1)
     z = problem.z[others] + A @ person.mean
 
@@ -90,7 +90,7 @@ def test_rows_by_rotation_vectors_undo_the_increments_jacobian():
     person = Person(1, "smpl24")
     prior, state = person.rows.prior, person.state()
     posture = prior.posture(state.rotations)
-    rows = prior.by_theta(prior.live_columns(posture).T, posture.theta)
+    rows = prior.in_theta(prior.live_columns(posture).T, posture.theta)
     turning = person.kinematics.live.reshape(-1, 3)[prior.joints].all(axis=1)  # not about their own bone alone
     assert turning.sum() > 15
     columns = np.repeat(turning, 3)
@@ -155,7 +155,7 @@ def test_limbs_mirrored_in_depth_are_judged_by_the_shipped_mean():
         state = person.state()
         search.start(state)
         if moved:
-            person.rows.prior.move(person.mean)
+            person.rows.prior.set_mean(person.mean)
         count = person.kinematics.landmark_count
         points, weights = project(person.kinematics.pose(state).landmarks), np.full(count, 1 / NOISE)
         search.advance(person.rows.evaluate(state), FrameData(points, weights), np.zeros(count))
