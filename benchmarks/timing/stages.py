@@ -23,7 +23,7 @@ STAGES = {
     "solve: eliminate the translation": "lasso.problem:eliminate_translation",
     "solve: QP": "lasso.dual:DualSolver.solve",
     "solve: predict the support": "lasso.solver:predicted",
-    "solve: mend on the support": "lasso.solver:mend",
+    "solve: active set": "lasso.solver:solve_active_set",
     "solve: certify": "lasso.solver:certify",
     "body hypotheses: a step": "hypotheses.body_hypotheses:BodyHypotheses.advance",
     "body hypotheses: costs": "hypotheses.body_hypotheses:BodyHypotheses.compute_costs",

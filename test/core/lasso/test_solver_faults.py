@@ -66,7 +66,7 @@ def with_solver(answer, mended, monkeypatch, **settings):
     tracker = Tracker(replace(CONFIG, warm_start=False, **settings))
     faulty = tracker._increments.lasso._dual = FaultySolver(answer)
     if not mended:
-        monkeypatch.setattr("lassokin_ros.core.lasso.solver.mend", lambda *_: None)
+        monkeypatch.setattr("lassokin_ros.core.lasso.solver.solve_active_set", lambda *_: None)
     return tracker, faulty
 
 
@@ -199,7 +199,7 @@ def test_a_problem_whose_squares_overflow_is_refused():
 
 def test_iteration_caps_end_in_a_refusal_not_in_a_wrong_answer(monkeypatch):
     monkeypatch.setattr("lassokin_ros.core.lasso.dual.ITERATIONS", ((1, 1),) * 3)
-    monkeypatch.setattr("lassokin_ros.core.lasso.solver.mend", lambda *_: None)
+    monkeypatch.setattr("lassokin_ros.core.lasso.solver.solve_active_set", lambda *_: None)
     tracker = Tracker(replace(CONFIG, warm_start=False))
     refused = 0
     for _, observation in observations(tracker, 8 / RATE):
