@@ -176,5 +176,5 @@ class TrackerParts:
 
     def _adopt_lengths(self) -> None:
         self.skeleton = self.calibration.skeleton
-        self.kinematics.reshape(self.skeleton)
+        self.kinematics.set_skeleton(self.skeleton)
         self._body_hypotheses.refresh()

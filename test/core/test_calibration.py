@@ -95,7 +95,7 @@ def recovered(right, prior, seed):
     """(true changes, calibration, its spread at each update) after exact images of a body of other lengths."""
     given, changes = wrong_skeleton(seed=seed)
     kinematics = body()
-    kinematics.reshape(given)
+    kinematics.set_skeleton(given)
     calibration = Calibration(FrameModel(kinematics, PosePrior(prior, kinematics), Upright()))
     states = postures(prior, 150, seed)
     points = project(right.pose(states).landmarks)
@@ -103,7 +103,7 @@ def recovered(right, prior, seed):
     for i, seen in enumerate(points):
         state = BodyState(states.rotations[i], states.translation[i])
         if calibration.advance(i * 0.14, state, FrameData(seen, np.full(17, FOCAL / 2))):
-            kinematics.reshape(calibration.skeleton)
+            kinematics.set_skeleton(calibration.skeleton)
             spreads.append(calibration.spread)
     return changes, calibration, np.array(spreads)
 
