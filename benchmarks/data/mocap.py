@@ -300,7 +300,7 @@ def view_of(clip: Clip, layout: Layout, skeleton: Skeleton, condition: Condition
     R = Rotation.from_euler("y", yaw).as_matrix()
     flip = np.diag([1.0, -1.0, -1.0])
     pitch = Rotation.from_euler("x", condition.camera_pitch + random.uniform(-0.15, 0.15)).as_matrix()
-    # By scipy's angles, not the tracker's `levelling`, which this is to measure.
+    # By scipy's angles, not the tracker's `level_from_camera`, which this is to measure.
     mount = Rotation.from_euler("z", -condition.camera_roll).as_matrix() @ pitch
     spread = np.linalg.norm((clip.position("pelvis") - centre)[:, [0, 2]], axis=1).max()
     camera = np.array([0, 0, distance + spread])
