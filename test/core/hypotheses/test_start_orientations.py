@@ -14,15 +14,15 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.evidence.upright import TILT, TILT_COST, Upright, vertical_of
 from lassokin_ros.core.hypotheses.initialisation import Fit, Initialiser
-from lassokin_ros.core.hypotheses.start_orientations import ROOTS, nearest
+from lassokin_ros.core.hypotheses.start_orientations import START_ROTATIONS, nearest
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion
 
-TURNS = ROOTS @ FACING
-"""From upright before a level camera to each stance."""
+TURNS = START_ROTATIONS @ FACING
+"""From upright before a level camera to each orientation."""
 PLACE = np.array([0.1, 0.0, 3.5])
 HALF = np.pi / 2
 
@@ -50,23 +50,23 @@ def test_the_stances_are_turns_to_the_six_directions():
     assert np.array_equal(np.linalg.det(TURNS), np.ones(6)) and np.array_equal(TURNS[0], np.eye(3))
     assert np.array_equal(TURNS @ TURNS.swapaxes(1, 2), np.broadcast_to(np.eye(3), (6, 3, 3)))
     assert sorted(map(tuple, ups)) == sorted(map(tuple, [*np.eye(3), *-np.eye(3)]))
-    for stance, up in enumerate(ups):
-        assert nearest(up) == nearest(up + [0.4, -0.5, 0.3]) == stance
+    for orientation, up in enumerate(ups):
+        assert nearest(up) == nearest(up + [0.4, -0.5, 0.3]) == orientation
     corner = np.array([1.0, -1.0, 1.0]) / np.sqrt(3)  # where no direction is near
     assert np.degrees(np.arccos((ups @ corner).max())) < 55
 
 
 @pytest.mark.parametrize("side", [0, 120, 240])
-@pytest.mark.parametrize("stance", range(6))
-def test_initialisation_finds_a_body_of_any_orientation_from_one_frame(stance, side):
-    """The prior's mean pose, within 40 degrees of the stance, noise of 2 px; before a camera held level."""
+@pytest.mark.parametrize("orientation", range(6))
+def test_initialisation_finds_a_body_of_any_orientation_from_one_frame(orientation, side):
+    """The prior's mean pose, within 40 degrees of the orientation, noise of 2 px; before a camera held level."""
     tracker = Tracker(CONFIG)
     kinematics, prior = tracker.kinematics, PoseDistribution.load(tracker.skeleton)
-    random = np.random.default_rng([stance, side])
+    random = np.random.default_rng([orientation, side])
     axis = random.normal(size=3)
     lean = exponential(np.radians(random.uniform(0, 40)) * axis / np.linalg.norm(axis))
     rotations = exponential(prior.mean)
-    rotations[0] = lean @ ROOTS[stance] @ exponential(np.array([0, np.radians(side), 0]))
+    rotations[0] = lean @ START_ROTATIONS[orientation] @ exponential(np.array([0, np.radians(side), 0]))
     truth = BodyState(rotations, PLACE)
     fit = tracker._initialiser.fit(FrameData(seen(kinematics, truth, side), np.full(17, FOCAL / NOISE_PX)))
     assert error(kinematics, fit.best, truth) < 0.08
@@ -74,9 +74,14 @@ def test_initialisation_finds_a_body_of_any_orientation_from_one_frame(stance, s
 
 def test_an_upright_body_needs_no_other_start_orientations(monkeypatch):
     tracker = Tracker(CONFIG)
-    stances = []
+    orientations = []
     starts = Initialiser._starts
-    monkeypatch.setattr(Initialiser, "_starts", lambda self, *given: stances.append(given[1]) or starts(self, *given))
+
+    def recorded_starts(self, sides, chosen, frame):
+        orientations.append(chosen)
+        return starts(self, sides, chosen, frame)
+
+    monkeypatch.setattr(Initialiser, "_starts", recorded_starts)
     state = motion(tracker.skeleton, np.array([0.3]))
     upright = BodyState(state.rotations[0], PLACE)
     points, weights = seen(tracker.kinematics, upright), np.full(17, FOCAL / NOISE_PX)
@@ -85,34 +90,34 @@ def test_an_upright_body_needs_no_other_start_orientations(monkeypatch):
     monkeypatch.setattr(mirroring, "all", lambda state: mirrored.append(state) or all_limbs(state))
     tracker._initialiser.fit(FrameData(points, weights))
     assert len(mirrored) == 1  # what fits worse before a tilted camera is not gone into
-    assert stances == [[0]] * 3  # for a level camera, and for one that looks up, one that looks down
-    del stances[:]
+    assert orientations == [[0]] * 3  # for a level camera, and for one that looks up, one that looks down
+    del orientations[:]
     tracker._initialiser.fit(FrameData(seen(tracker.kinematics, turned(upright, TURNS[1])), weights))
-    assert stances == [[0], [1, 2, 3, 4, 5], [0], [0]]
-    del stances[:]
+    assert orientations == [[0], [1, 2, 3, 4, 5], [0], [0]]
+    del orientations[:]
     tracker._upright.set_mount(np.pi, 0.0)  # the camera is known to be upside down
     tracker._initialiser.fit(FrameData(seen(tracker.kinematics, turned(upright, TURNS[3])), weights))
-    assert stances == [[3]] * 3
-    del stances[:]
+    assert orientations == [[3]] * 3
+    del orientations[:]
     tracker._upright.learn(TURNS[3] @ FACING, 0.1)  # and has seen somebody
     tracker._initialiser.fit(FrameData(seen(tracker.kinematics, turned(upright, TURNS[3])), weights))
-    assert stances == [[3]]
+    assert orientations == [[3]]
 
 
-@pytest.mark.parametrize("stance", [1, 2, 4])
-def test_hypotheses_of_a_lying_body_also_lie(stance):
+@pytest.mark.parametrize("orientation", [1, 2, 4])
+def test_hypotheses_of_a_lying_body_also_lie(orientation):
     """Turned to its other sides about its own long axis: one that is taken for its back is found back."""
     tracker = Tracker(CONFIG)
     state = motion(tracker.skeleton, np.array([0.3]))
-    lying = turned(BodyState(state.rotations[0], PLACE), TURNS[stance])
+    lying = turned(BodyState(state.rotations[0], PLACE), TURNS[orientation])
     points, weights = seen(tracker.kinematics, lying), np.full(17, FOCAL / NOISE_PX)
     back = lying.rotations.copy()
     back[0] = back[0] @ np.diag([-1.0, 1.0, -1.0])
     pool, live = tracker._body_hypotheses, tracker._rows.live
     pool.start(BodyState(back, PLACE), FrameData(points, weights))
-    challenger, published = pool._states.state.rotations[:, 0]
-    assert nearest(challenger[:, 1]) == stance
-    assert challenger[:, 2] @ published[:, 2] < -0.8  # the opposite side first
+    hypothesis, published = pool._states.state.rotations[:, 0]
+    assert nearest(hypothesis[:, 1]) == orientation
+    assert hypothesis[:, 2] @ published[:, 2] < -0.8  # the opposite side first
     for _ in range(30):
         pool.linearise(FrameData(points, weights))
         pool.advance(np.zeros(72), np.zeros(3), np.full(len(live), 1e-3))
