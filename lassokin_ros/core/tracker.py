@@ -27,6 +27,7 @@ from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.height import HeightEstimator
 from lassokin_ros.core.hypotheses.initialisation import Fit
+from lassokin_ros.core.hypotheses.replacement import reinitialisation_replaces
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.gating import gate_observation
 from lassokin_ros.core.image.measurement import Measurement
@@ -147,7 +148,7 @@ class Tracker(TrackerParts):
             return None
         vertical = self._upright.vertical
         fit = self._fit_frame(frame)
-        if self._reinitialisation.convinces(self._cost, float(fit.costs[0])):
+        if reinitialisation_replaces(self._cost, float(fit.costs[0])):
             return fit
         self._upright.vertical = vertical  # the rejected fit may have set another one
         return None

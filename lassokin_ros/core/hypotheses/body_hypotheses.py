@@ -4,9 +4,10 @@ From one camera, a body that faces away fits almost as well as one that faces th
 wrong side, or slips to it, stays there; the same holds for a squatting person estimated as a leaning one. Therefore a
 few alternative states are fitted to each frame. They start in turn from the mean pose, turned to one side after
 another, and from the present state with both legs mirrored in depth. Each gets one Gauss-Newton step per frame, coarse
-to fine. If the mean cost of a hypothesis over its last frames is lower than that of the published state by a margin, it
-replaces the published state in the next frame. The cost includes motion: the published state pays the lasso's l1 term,
-and a ridge of the same spread holds a hypothesis that has converged. `limb_hypotheses` treats single limbs.
+to fine. If the mean cost of a hypothesis over its last frames is lower than that of the published state by a margin
+(see `replacement`), it replaces the published state in the next frame. The cost includes motion: the published state
+pays the lasso's l1 term, and a ridge of the same spread holds a hypothesis that has converged. `limb_hypotheses` treats
+single limbs.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from lassokin_ros.core.body.rotations import orthonormalised
 from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.evidence.frame_model import FrameModel, LinearisedFrame
 from lassokin_ros.core.hypotheses.initialisation import STARTS, Initialiser, in_front
-from lassokin_ros.core.hypotheses.start_orientations import ROOTS, nearest
+from lassokin_ros.core.hypotheses.replacement import BODY_MARGIN, body_replaces
+from lassokin_ros.core.hypotheses.start_orientations import START_ROTATIONS, nearest
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import CAP, huber_weights, norm
 
@@ -40,8 +42,6 @@ SHARES = np.append(np.zeros(COUNTED_FROM + 1), 1 / np.arange(1.0, MEMORY + 1))
 """Weight of a frame's cost in the running mean, by age in frames; the last value holds for older hypotheses."""
 STEADY_FROM = 10
 """Age in frames from which motion is penalised as for the published state."""
-MARGIN = 2.0
-"""Difference in cost (negative log-likelihood) by which a hypothesis must be better."""
 HOPELESS = -2.0
 """A hypothesis worse by this difference is replaced early."""
 SIDES = 4, 2, 6, 3, 5, 1, 7
@@ -174,13 +174,13 @@ class BodyHypotheses:
         """Exchange the winner, if there is one, with the published state."""
         assert self._states is not None
         best = int(np.argmax(np.where(mature, self._advantage, -np.inf)))
-        if not self._advantage[best] > MARGIN:  # also for NaN
+        if not body_replaces(self._advantage[best]):
             return None
         order = np.arange(self._count + 1)
         order[[best, -1]] = order[[-1, best]]
         self._states = self._states[order]
         self._advantage -= self._advantage[best]
-        self._advantage[best] = -0.5 * MARGIN
+        self._advantage[best] = -0.5 * BODY_MARGIN
         return self._states[-1].state
 
     def _recycle(self, mature: np.ndarray, frame: FrameData) -> None:
@@ -207,9 +207,9 @@ class BodyHypotheses:
 
     def _turned(self, published: BodyState, frame: FrameData) -> BodyState:
         root = published.rotations[0]
-        stance = nearest(root[:, 1])
-        turn = ROOTS[stance].T @ root  # as `Initialiser.start` counts the sides
+        orientation = nearest(root[:, 1])
+        turn = START_ROTATIONS[orientation].T @ root  # as `Initialiser.start` counts the sides
         facing = np.arctan2(turn[0, 2], turn[2, 2]) * STARTS / (2 * np.pi)
         side = round(facing + SIDES[self._turns % len(SIDES)]) % STARTS
         self._turns += 1
-        return self._initialiser.start(side, stance, frame)
+        return self._initialiser.start(side, orientation, frame)

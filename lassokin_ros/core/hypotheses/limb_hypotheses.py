@@ -24,6 +24,7 @@ from lassokin_ros.core.evidence.upright import Upright
 from lassokin_ros.core.hypotheses.initialisation import within
 from lassokin_ros.core.hypotheses.limb_prior import LimbPrior
 from lassokin_ros.core.hypotheses.mirroring import Mirroring
+from lassokin_ros.core.hypotheses.replacement import LIMB_MARGIN, limb_replaces
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project_with_jacobian
 from lassokin_ros.core.image.robust_loss import capped_cost, capped_weights, norm, squared_norm
@@ -38,8 +39,6 @@ MEMORY = 6
 """Frames over which costs are averaged."""
 SHARES = np.append(np.zeros(COUNTED_FROM + 1), 1 / np.arange(1.0, MEMORY + 1))
 """Weight of a frame's cost in the running mean, by age in frames; the last value holds for older hypotheses."""
-MARGIN = 0.6
-"""Difference in cost (negative log-likelihood) by which a hypothesis must be better; less than for a whole body."""
 HOPELESS = -6.0
 """A hypothesis worse by this difference is restarted."""
 ALIKE = 0.01
@@ -165,7 +164,7 @@ class LimbHypotheses:
             return None
         mature, other = self._age >= MATURE_FROM, self._apart > ALIKE
         best = int(np.where(mature & other, self._advantage, -np.inf).argmax())
-        if mature[best] and other[best] and self._advantage[best] > MARGIN:
+        if mature[best] and other[best] and limb_replaces(self._advantage[best]):
             return self._exchanged(best, published.state)
         done = (self._age >= GIVEN_UP_FROM) & (~other | (self._advantage < HOPELESS))
         if np.count_nonzero(done):  # ten times faster than any() here
@@ -183,7 +182,7 @@ class LimbHypotheses:
         self._age[best] = COUNTED_FROM + MEMORY  # so that one frame cannot change it back
         limb = np.arange(3) + best - best % 3
         self._advantage[limb] -= self._advantage[best]
-        self._advantage[best] = -MARGIN
+        self._advantage[best] = -LIMB_MARGIN
         one, two = (slot for slot in limb if slot != best)
         for values in (self._rotations, self._advantage, self._age):
             values[[one, two]] = values[[two, one]]

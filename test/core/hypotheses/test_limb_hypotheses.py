@@ -16,8 +16,9 @@ from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.evidence.upright import Upright
 from lassokin_ros.core.hypotheses.initialisation import Initialiser, within
-from lassokin_ros.core.hypotheses.limb_hypotheses import MARGIN, MATURE_FROM, LimbHypotheses
+from lassokin_ros.core.hypotheses.limb_hypotheses import MATURE_FROM, LimbHypotheses
 from lassokin_ros.core.hypotheses.mirroring import Mirroring
+from lassokin_ros.core.hypotheses.replacement import LIMB_MARGIN
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.tracker import Tracker
@@ -157,7 +158,7 @@ def test_a_limb_on_the_wrong_side_is_replaced_soon_and_nothing_else(seed):
     variant = int(np.argmax([scene.cost(wrong) for wrong in wrongs]))
     (chain, _), wrong = scene.mirroring.variants[variant], wrongs[variant]
     gain = scene.cost(wrong) - scene.cost(right)
-    assert gain > 2 * MARGIN, "a scene in which image and prior tell"
+    assert gain > 2 * LIMB_MARGIN, "a scene in which image and prior tell"
     published = scene.rows.evaluate(wrong)
     scene.search.start(wrong)
     for frame in range(1, 4 * MATURE_FROM):
