@@ -7,7 +7,7 @@ import pytest
 from sequences import CONFIG, observations
 
 from lassokin_ros.core import batch as together
-from lassokin_ros.core.batch import BatchedCall, run_batched, run_single, shared
+from lassokin_ros.core.batch import BatchedCall, batched, run_batched, run_single
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.evidence.frame_model import FrameModel
@@ -128,7 +128,7 @@ def test_an_error_for_one_person_does_not_affect_the_others(monkeypatch, method)
             raise RuntimeError("on purpose")
         return original(self, *arguments)
 
-    failing.takes, failing.gives = original.takes, original.gives
+    failing.reads, failing.writes = original.reads, original.writes
     for number, frame in enumerate(frames[:45]):
         with monkeypatch.context() as patch:
             if number == 30:
@@ -176,7 +176,7 @@ class Part:
     def stack(several):
         return Part(0.0)
 
-    @shared(takes=("value",), gives=("seen",))
+    @batched(reads=("value",), writes=("seen",))
     def double(self, pair):
         Part.asked.append(self.value.shape[:-1])
         self.seen = pair.a + self.value

@@ -17,7 +17,7 @@ from copy import copy
 
 import numpy as np
 
-from lassokin_ros.core.batch import shared, stack_values
+from lassokin_ros.core.batch import batched, stack_values
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import orthonormalised
 from lassokin_ros.core.evidence.evidence import EvaluatedState
@@ -96,12 +96,12 @@ class BodyHypotheses:
 
     @staticmethod
     def stack(several: Sequence[BodyHypotheses]) -> BodyHypotheses:
-        """Stack the hypotheses of several people, each with its own rows. See `batch.shared` for the attributes."""
+        """Stack the hypotheses of several people, each with its own rows. See `batch.batched` for the attributes."""
         whole = copy(several[0])
         whole._rows = FrameModel.stack([one._rows for one in several])
         return whole
 
-    @shared(takes=("_states", "_age"), gives=("_linearised",))
+    @batched(reads=("_states", "_age"), writes=("_linearised",))
     def linearise(self, frame: FrameData) -> LinearisedFrame:
         """The rows of a frame about the published state. The rows about the hypotheses are kept for `advance`."""
         assert self._states is not None
@@ -115,7 +115,7 @@ class BodyHypotheses:
     def _robust(self, size: np.ndarray) -> np.ndarray:
         return np.where(size > self._caps, 0.0, huber_weights(size))
 
-    @shared(takes=("_states", "_age", "_linearised"), gives=("_states", "_increments"))
+    @batched(reads=("_states", "_age", "_linearised"), writes=("_states", "_increments"))
     def advance(self, omega: np.ndarray, x: np.ndarray, alpha: np.ndarray) -> BodyState:
         """Apply a frame's increment to the published state and return it. Each hypothesis does a Gauss-Newton step.
 
@@ -138,7 +138,7 @@ class BodyHypotheses:
         self._states = self._rows.evaluate(moved)
         return BodyState(moved.rotations[..., -1, :, :, :], moved.translation[..., -1, :])
 
-    @shared(takes=("_states",), gives=("image_costs", "_costs"))
+    @batched(reads=("_states",), writes=("image_costs", "_costs"))
     def compute_costs(self, frame: FrameData) -> None:
         """Compute the costs of all states on a frame, for `select`."""
         assert self._states is not None

@@ -14,7 +14,7 @@ from copy import copy
 import numpy as np
 
 from lassokin_ros.core.band_solver import BandSolver
-from lassokin_ros.core.batch import shared
+from lassokin_ros.core.batch import batched
 from lassokin_ros.core.body.kinematics import BodyPose, BodyState, Kinematics, twists, wrenches
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.evidence.balance import Balance
@@ -111,13 +111,13 @@ class LimbHypotheses:
 
     @staticmethod
     def stack(several: Sequence[LimbHypotheses]) -> LimbHypotheses:
-        """Stack the hypotheses of several people, each with the person's vertical. See `batch.shared`."""
+        """Stack the hypotheses of several people, each with the person's vertical. See `batch.batched`."""
         whole, first = copy(several[0]), several[0]
         whole._balance = first._balance.with_vertical(Upright.stack([one._balance.upright for one in several]))
         whole._systems = BandSolver.of(len(several) * first.count, 3 * first._turning)
         return whole
 
-    @shared(takes=("_rotations", "_age", "_advantage"), gives=("_rotations", "_age", "_advantage", "_apart"))
+    @batched(reads=("_rotations", "_age", "_advantage"), writes=("_rotations", "_age", "_advantage", "_apart"))
     def advance(self, published: EvaluatedState, frame: FrameData, image_costs: np.ndarray) -> None:
         """Do one Gauss-Newton step of each hypothesis on a frame, and compare its cost with the published limb's.
 
