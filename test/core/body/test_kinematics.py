@@ -10,8 +10,8 @@ from lassokin_ros.core.body.rotations import exponential, to_quaternion
 from lassokin_ros.core.errors import LayoutError
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior, joint_limits
 from lassokin_ros.core.evidence.upright import Upright
-from lassokin_ros.core.image.observation_model import linearise, stacked_matrices
 from lassokin_ros.core.image.projection import project, projection_jacobian
+from lassokin_ros.core.image.stacked_model import linearise, stacked_matrices
 
 
 def bodies():

@@ -12,9 +12,9 @@ from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.evidence.upright import Upright
 from lassokin_ros.core.image.frame_data import FrameData
-from lassokin_ros.core.image.observation_model import linearise
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.robust_loss import capped_weights, huber_weights
+from lassokin_ros.core.image.stacked_model import linearise
 
 STATES = 3
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from cases import body, random_state
 
-from lassokin_ros.core.image.observation_model import linearise
 from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.image.stacked_model import linearise
 from lassokin_ros.core.lasso.problem import Lasso, eliminate_translation
 from lassokin_ros.core.lasso.recovery import theorem1_literal, theorem1_projected
 from lassokin_ros.core.lasso.solver import LassoSolver
