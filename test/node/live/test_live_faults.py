@@ -98,7 +98,7 @@ def standing_still(process, probe):
 @contextmanager
 def endpoint(role, namespace, **options):
     """test/endpoint.py as a process, killed at the end."""
-    command = [sys.executable, str(Path(__file__).parents[1] / "support" / "endpoint.py"), role, namespace]
+    command = [sys.executable, str(Path(__file__).parents[2] / "support" / "endpoint.py"), role, namespace]
     process = subprocess.Popen(command, **options)
     try:
         yield process

@@ -8,13 +8,20 @@ import pytest
 pytest.importorskip("rclpy")
 
 from live import BACKEND, START_NS, NodeProcess, Peer, stamp_of, values_of  # noqa: E402
-from messages import FOCAL, FRAME, HEIGHT, WIDTH, camera_info, pixels_of_motion  # noqa: E402
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue  # noqa: E402
+from live_session import (  # noqa: E402
+    PIXELS,
+    feed,
+    get_parameter,
+    parameter,
+    restart,
+    send_next,
+    send_until_rejected,
+    set_parameters,
+)
+from messages import FOCAL, FRAME, HEIGHT, WIDTH, camera_info  # noqa: E402
 from rcl_interfaces.srv import (  # noqa: E402
     DescribeParameters,
-    GetParameters,
     ListParameters,
-    SetParameters,
     SetParametersAtomically,
 )
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
@@ -22,7 +29,6 @@ from std_srvs.srv import SetBool, Trigger  # noqa: E402
 from lassokin_ros.node.parameters import all_settings  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 
-PIXELS = pixels_of_motion(200)
 OK, WARN, ERROR = b"\x00", b"\x01", b"\x02"
 
 
@@ -34,65 +40,6 @@ def running():
         peer.start(PIXELS[0])
         peer.frames_sent = 0
         yield peer
-
-
-def feed(peer, count=1, **options):
-    """Send the next frames, each one's outputs awaited (topics overtake one another); return their stamps."""
-    outputs = [
-        peer.got[topic] for topic in (topics.CERTIFICATE, topics.JOINT_STATES, topics.TRANSLATION, topics.JOINTS)
-    ]
-    stamps = []
-    for _ in range(count):
-        answers = [len(messages) for messages in outputs]
-        stamps.append(send_next(peer, **options))
-        peer.spin_until(lambda: all(len(m) > n for m, n in zip(outputs, answers)), what="the outputs")  # noqa: B023
-    return stamps
-
-
-def from_the_beginning(peer):
-    """Nothing has been seen, not even a time."""
-    assert peer.call(Trigger, "reset", Trigger.Request()).success
-    peer.frames_sent = 0
-
-
-def send_next(peer, **options):
-    stamp = START_NS + peer.frames_sent * 16_666_667
-    peer.send(stamp, PIXELS[peer.frames_sent % len(PIXELS)], **options)
-    peer.frames_sent += 1
-    return stamp
-
-
-def rejected(peer, reason):
-    """How many messages the node has refused for this reason so far."""
-    return int(values_of(peer.next_diagnostics()).get(f"rejected: {reason} [messages]", 0))
-
-
-def send_until_rejected(peer, reason, send):
-    """`send` once, and wait for its refusal in the diagnostics; nothing may be published for it."""
-    before, outputs = rejected(peer, reason), len(peer.got[topics.JOINT_STATES])
-    send()
-    peer.next_diagnostics(lambda s: int(values_of(s).get(f"rejected: {reason} [messages]", 0)) == before + 1)
-    assert len(peer.got[topics.JOINT_STATES]) == outputs
-
-
-def parameter(name, value):
-    kinds = {bool: "bool", int: "integer", float: "double", str: "string"}
-    kind = kinds[type(value)]
-    message = ParameterValue(type=getattr(ParameterType, f"PARAMETER_{kind.upper()}"))
-    setattr(message, f"{kind}_value", value)
-    return Parameter(name=name, value=message)
-
-
-def set_parameters(peer, **values):
-    request = SetParameters.Request(parameters=[parameter(*item) for item in values.items()])
-    return peer.call(SetParameters, "set_parameters", request).results
-
-
-def get_parameter(peer, name):
-    value = peer.call(GetParameters, "get_parameters", GetParameters.Request(names=[name])).values[0]
-    kinds = {ParameterType.PARAMETER_DOUBLE: "double", ParameterType.PARAMETER_INTEGER: "integer"}
-    kinds |= {ParameterType.PARAMETER_BOOL: "bool", ParameterType.PARAMETER_STRING: "string"}
-    return getattr(value, f"{kinds[value.type]}_value")
 
 
 def test_every_setting_is_a_described_parameter(running):
@@ -179,7 +126,7 @@ def test_a_live_change_of_noise_px_counts_in_the_next_frame(running):
 
     rounds = []
     for noise_px in (3.0, 30.0):
-        from_the_beginning(running)
+        restart(running)
         before = joints(8)
         assert set_parameters(running, noise_px=noise_px)[0].successful
         rounds.append((before, joints(1)))
@@ -191,7 +138,7 @@ def test_a_live_change_of_noise_px_counts_in_the_next_frame(running):
 
 def test_a_new_height_is_that_of_the_next_frame(running):
     def distance():
-        from_the_beginning(running)
+        restart(running)
         feed(running, 3)
         return running.got[topics.TRANSLATION][-1].point.z
 
@@ -215,24 +162,24 @@ def test_a_read_only_value_takes_the_others_of_its_request_with_it(running):
 
 
 def test_a_stamp_of_zero_is_the_time_of_arrival_if_no_message_has_a_stamp(running):
-    from_the_beginning(running)
+    restart(running)
     before, states = running.node.get_clock().now().nanoseconds, running.got[topics.JOINT_STATES]
     running.spin_until(
         lambda: [running.send(0, PIXELS[0])] and stamp_of(states[-1]) > before, what="an output stamped on arrival"
     )
     running.settle()
     assert stamp_of(states[-1]) < running.node.get_clock().now().nanoseconds
-    from_the_beginning(running)
+    restart(running)
 
 
 def test_a_stamp_of_zero_among_others_continues_them(running):
-    from_the_beginning(running)
+    restart(running)
     previous, last = feed(running, 2)
     states = running.got[topics.JOINT_STATES]
     running.send(0, PIXELS[2])
     running.spin_until(lambda: stamp_of(states[-1]) != last, what="the output of the message without a stamp")
     assert last < stamp_of(states[-1]) <= last + (last - previous)
-    from_the_beginning(running)
+    restart(running)
 
 
 def test_reset_forgets_the_state(running):
@@ -331,7 +278,7 @@ def test_refused_keypoints_are_counted_by_reason_and_the_state_stays(running):
 
 
 def test_a_stamp_that_jumps_back_resets_the_state(running):
-    from_the_beginning(running)
+    restart(running)
     feed(running, 40)  # more than jump_back
     before = int(values_of(running.next_diagnostics())["resets"])
     running.frames_sent = 0  # the bag loops
@@ -342,7 +289,7 @@ def test_a_stamp_that_jumps_back_resets_the_state(running):
 
 
 def test_a_bag_looped_three_times_gives_the_same_joints_each_time(running):
-    from_the_beginning(running)
+    restart(running)
     feed(running, 40)
     rounds = []
     for _ in range(3):
