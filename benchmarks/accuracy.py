@@ -34,7 +34,7 @@ from benchmarks.accuracy_run.uncertainty import binned, uncertainty_of
 from benchmarks.common.refusals import exit_code
 from benchmarks.common.report import Record, data_folder, table, write_json
 from benchmarks.data.detections import detection_jobs, run_detections
-from benchmarks.data.mocap import Condition, rate_of
+from benchmarks.data.simulated_camera import Condition, rate_of
 from benchmarks.learn_prior import SEEN
 from lassokin_ros.core.errors import LassokinError
 

@@ -11,17 +11,8 @@ import numpy as np
 from benchmarks.accuracy_run.metrics import acceleration_error, flipped_frames, mpjpe, pa_mpjpe
 from benchmarks.accuracy_run.runs import Follower, Track, follow
 from benchmarks.common.report import Record
-from benchmarks.data.mocap import (
-    EVALUATED,
-    SMPL_NAME,
-    Clip,
-    Condition,
-    View,
-    clip_height,
-    clip_skeleton,
-    load_clip,
-    view_of,
-)
+from benchmarks.data.mocap import EVALUATED, SMPL_NAME, Clip, clip_height, clip_skeleton, load_clip
+from benchmarks.data.simulated_camera import Condition, View, view_of
 from benchmarks.methods.baselines import FOLLOWERS
 from benchmarks.methods.smplify import fit_clip
 from lassokin_ros.core.body.landmarks import Layout

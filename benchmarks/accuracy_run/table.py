@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.accuracy_run.options import depth_sensor
 from benchmarks.common.report import Record, summarise, table
-from benchmarks.data.mocap import WANDERS
+from benchmarks.data.simulated_camera import WANDERS
 from benchmarks.learn_prior import SEEN, TRAINING
 
 COLUMNS = {

@@ -14,7 +14,8 @@ from benchmarks.accuracy_run.experiment import Job, bone_scales, run, scene_of
 from benchmarks.common.report import data_folder
 from benchmarks.data.depth_sensor import DepthSensor
 from benchmarks.data.detections import height_of, measured
-from benchmarks.data.mocap import EVALUATED, WANDERS, Condition
+from benchmarks.data.mocap import EVALUATED
+from benchmarks.data.simulated_camera import WANDERS, Condition
 from benchmarks.learn_prior import TRAINING
 from benchmarks.methods import smplify
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics

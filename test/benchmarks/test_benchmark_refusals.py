@@ -11,7 +11,8 @@ from benchmarks import accuracy, latency, soak, solvers
 from benchmarks.common.refusals import exit_code
 from benchmarks.common.report import write_json
 from benchmarks.data.detections import detection_jobs, height_of, load_recording, run_detections
-from benchmarks.data.mocap import load_clip, rate_of
+from benchmarks.data.mocap import load_clip
+from benchmarks.data.simulated_camera import rate_of
 from lassokin_ros.core.body.landmarks import Layout, built_in_layouts
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import LassokinError
@@ -111,7 +112,7 @@ def test_a_clip_needs_no_more_than_the_form_that_is_described(tmp_path):
         ("joints", lambda joints: joints.astype(object), "is no npz file of plain arrays;"),
         ("local_rot_wxyz", lambda turns: 0 * turns, "has rotations of length 0;"),
         ("local_rot_wxyz", lambda turns: turns[..., :3], "has local_rot_wxyz of shape"),
-        ("std_index", lambda index: index + 9, "has parents that come after their children, or std_index"),
+        ("std_index", lambda index: index + 9, "has parents after their children, or std_index"),
         ("std_names", lambda names: np.array(["nose", *names[1:]]), "has no joint pelvis in std_names;"),
     ],
 )
