@@ -137,7 +137,7 @@ def test_real_detections(tmp_path, capsys):
     file = tmp_path / "records.json"
     beside = ["--methods", "lasso,dls", "--jobs", "1", "--json", str(file), "--fps", "30", "--noise-px", "4"]
     assert main(["--detections", str(DETECTIONS / "openpose_balancing.npz"), *beside]) == 0
-    assert "Without effect on --detections, which are taken as they are: --noise-px, --fps." in capsys.readouterr().out
+    assert "No effect with --detections: --noise-px, --fps." in capsys.readouterr().out
     records = json.loads(file.read_text(encoding="utf-8"))
     assert [(r["view"], r["method"]) for r in records] == [(0, "lasso"), (0, "dls"), (1, "lasso"), (1, "dls")]
     assert all(r["frames"] == 100 and 1.4 < r["height_m"] < 2.0 for r in records)

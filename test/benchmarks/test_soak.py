@@ -50,4 +50,4 @@ def test_the_real_node_for_two_seconds(monkeypatch, clock_hz):
     assert rows["messages sent"]["end"] == rows["messages received"]["end"] == "60"
     assert rows["messages neither received nor counted"]["end"] == "0"
     assert int(rows["messages answered for everybody"]["end"]) >= 50
-    assert rows["exit code at SIGINT, lines said"]["end"].startswith("0,")
+    assert rows["exit code at SIGINT, lines on stderr"]["end"].startswith("0,")
