@@ -1,4 +1,4 @@
-"""A state that has cost too much is sought anew: when that is due, what it needs to convince, what it mends."""
+"""Re-initialisation of a state with a high cost: when it is due, and what it corrects."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ DEAR, CHEAP = 1.01 * COSTLY * LANDMARKS, 0.99 * COSTLY * LANDMARKS
 
 
 def looks(costs, step=0.01):
-    """Stamps, s, of the frames in which a look was due."""
+    """Stamps, s, of the frames in which a re-initialisation was due."""
     reinitialisation = Reinitialisation(LANDMARKS)
     return np.array([step * i for i, cost in enumerate(costs) if reinitialisation.due(step * i, cost)])
 
@@ -62,7 +62,7 @@ def test_a_body_that_turned_over_in_a_gap_is_found_within_100_ms(orientation):
         found_anew.append(estimate.initialised)
     assert max(errors[:20]) < TRACKED_WITHIN < max(errors[20:23])
     assert max(errors[23:]) < TRACKED_WITHIN
-    assert sum(found_anew) == 2  # at the start, and once more
+    assert sum(found_anew) == 2  # at the start, and once again
 
 
 def test_no_reinitialisation_while_tracking_is_good(monkeypatch):
@@ -72,7 +72,7 @@ def test_no_reinitialisation_while_tracking_is_good(monkeypatch):
     for _, observation in observations(tracker, 4.0):
         tracker.track(observation)
     assert len(looked) == 1
-    # What nobody can look like is looked at again, in vain, and ever more seldom.
+    # A pose that cannot be explained causes attempts, at growing intervals.
     shuffled = np.random.default_rng(0).permutation(LANDMARKS)
     frames = observations(tracker, 3.0, start=4.0)
     for _, observation in frames:

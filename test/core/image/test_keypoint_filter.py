@@ -1,4 +1,4 @@
-"""The keypoints' tracks: single wrong points, gaps, and what is expected where nothing new comes."""
+"""The keypoint filter: single outliers, gaps, and predictions for frames without new keypoints."""
 
 from dataclasses import replace
 
@@ -33,7 +33,7 @@ def test_an_unpaired_outlier_is_left_out():
 
 @pytest.mark.parametrize("gap", [MAX_GAP + 0.01, 0.5, 0.9, 100.0])
 def test_tracks_restart_after_a_gap_without_frames(gap):
-    """The time in which no frame came is one without a good point, too: nothing is held against the first after it."""
+    """A gap without frames counts as time without a good point: the first point after it is accepted."""
     keypoint_filter = KeypointFilter(NAMES, LIMBS)
     weights = np.full(4, 1 / NOISE)
     for frame in range(20):
@@ -41,11 +41,11 @@ def test_tracks_restart_after_a_gap_without_frames(gap):
     moved, seen = places(20) + 0.3, np.array([1, 1, 1, 0]) * weights
     points, answer = keypoint_filter.update(19 / RATE + gap, moved, seen, 1.0, LIKENESS)
     assert np.array_equal(points[:3], moved[:3]) and np.all(answer[:3] > 0)
-    assert answer[3] == 0  # where it was before the gap says nothing of it
+    assert answer[3] == 0  # the position before the gap is no evidence
 
 
 def test_the_tracker_follows_a_person_who_moved_in_a_gap():
-    """0.9 s without a frame, less than `lost_after`: the state is kept, and each frame after it is used."""
+    """0.9 s without a frame, less than `lost_after`: the state is kept, and each frame after the gap is used."""
     tracker = Tracker(CONFIG)
     frames = observations(tracker, 2.0)
     before, after = frames[:30], frames[30:40]

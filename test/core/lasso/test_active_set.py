@@ -1,4 +1,4 @@
-"""A frame's support predicted from the last frame's answer: nearer than that one, and never the answer itself."""
+"""The predicted support of a frame: nearer to the solution than the last frame's support."""
 
 import numpy as np
 from sequences import observations
@@ -8,7 +8,7 @@ from lassokin_ros.core.tracker import Tracker
 
 
 def frames(seconds=2.0):
-    """(H, g, alpha, Omega, the last frame's Omega) of frames in a row."""
+    """(H, g, alpha, Omega, the last frame's Omega) of consecutive frames."""
     tracker, last = Tracker(), None
     for _, observation in observations(tracker, seconds):
         estimate = tracker.track(observation)
@@ -32,7 +32,7 @@ def test_the_predicted_support_is_nearer_than_the_last_frames():
     assert wrong < 0.7 * wrong_before and steps < 0.8 * steps_before
 
 
-def test_mend_reaches_the_same_answer_from_any_prediction():
+def test_the_active_set_finds_the_same_answer_from_any_prediction():
     random = np.random.default_rng(0)
     for H, g, alpha, omega, last in frames(0.3):
         for guess in (last, -last, random.normal(size=len(g)), np.eye(len(g))[3]):
@@ -44,4 +44,4 @@ def test_no_prediction_from_a_zero_or_invalid_guess():
     for H, g, alpha, omega, _ in frames(0.1):
         for guess in (np.zeros_like(omega), np.full_like(omega, np.nan), np.full_like(omega, np.inf)):
             assert predict_solution(H, g, alpha, guess) is guess
-        assert predict_solution(-H, g, alpha, omega) is omega  # no factor
+        assert predict_solution(-H, g, alpha, omega) is omega  # the factorisation fails
