@@ -1,6 +1,6 @@
 """ONNX models with the inputs and outputs of real pose models, which find the reddest pixel instead of a person.
 
-They are real models: what they return depends on the size, order, type and scale of what they are given.
+They run as real models: the result depends on the size, order, type and scale of the input.
 """
 
 import numpy as np
@@ -17,7 +17,7 @@ pytest.importorskip("cv2")
 COCO = 17
 SKELETON = Skeleton.load("anthropometric", 1.75)
 SPOT = np.array([410, 130])
-"""px: x, y of the red square's centre in the image."""
+"""px: x, y of the centre of the red square in the image."""
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,7 @@ def movenet(onnx, path, dtype, side=192):
 
 
 def rtmpose(onnx, path, count=COCO, width=192, height=256):
-    """SimCC: the largest red of each column and row, two bins a pixel; normalised by the model's caller."""
+    """SimCC: the largest red value of each column and row, two bins per pixel; the caller normalises."""
     graph = Graph(onnx, onnx.TensorProto.FLOAT, ["batch", 3, height, width])
     red = graph.node("Slice", "input", *(graph.constant(v, np.int64) for v in ([0], [1], [1])))
     red = graph.node("Mul", red, graph.constant(0.4))  # 2.2 standard deviations of red: a score of 0.9

@@ -1,4 +1,4 @@
-"""The running node: parameters, reset, diagnostics, refused inputs, stamps that jump."""
+"""The running node: parameters, reset, diagnostics, rejected inputs, stamps that jump."""
 
 import signal
 
@@ -34,7 +34,7 @@ OK, WARN, ERROR = b"\x00", b"\x01", b"\x02"
 
 @pytest.fixture(scope="module")
 def running():
-    """One node that tracks, and its peer; `feed` sends the next frames of one motion."""
+    """A node that tracks, and its peer; `feed` sends the next frames of one motion."""
     namespace = "/running"
     with NodeProcess(namespace), Peer(namespace) as peer:
         peer.start(PIXELS[0])
@@ -63,12 +63,12 @@ def test_every_setting_is_a_described_parameter(running):
         assert get_parameter(running, item.name) == item.default
 
 
-def test_there_are_no_qos_parameters_that_nobody_asked_for(running):
+def test_there_are_no_unrequested_qos_parameters(running):
     listed = running.call(ListParameters, "list_parameters", ListParameters.Request()).result.names
     assert not [name for name in listed if name.startswith("qos_overrides./running/")]
 
 
-def test_the_start_the_reset_and_the_switch_are_one_line_each():
+def test_start_reset_and_switch_log_one_line_each():
     with NodeProcess("/spoken", "-r", "keypoints:=/detector/points", "-p", "height:=1.6") as node:
         with Peer("/spoken", outputs=False) as peer:
             peer.next_diagnostics()
@@ -108,7 +108,7 @@ def test_several_values_are_applied_together_or_not_at_all(running):
     feed(running)
 
 
-def test_a_live_change_holds_from_the_next_frame_on(running):
+def test_a_live_change_takes_effect_on_the_next_frame(running):
     feed(running, confidence=0.5)
     assert set_parameters(running, min_confidence=0.6)[0].successful
     send_until_rejected(running, "too_few_landmarks", lambda: send_next(running, confidence=0.5))
@@ -116,8 +116,8 @@ def test_a_live_change_holds_from_the_next_frame_on(running):
     feed(running, confidence=0.5)
 
 
-def test_a_live_change_of_noise_px_counts_in_the_next_frame(running):
-    """The same frames twice; up to the change they give the same to the bit, and from the next one on they do not."""
+def test_a_live_change_of_noise_px_takes_effect_on_the_next_frame(running):
+    """The same frames twice. The results are bitwise equal up to the change, and differ from the next frame on."""
 
     def joints(count):
         feed(running, count)
@@ -136,7 +136,7 @@ def test_a_live_change_of_noise_px_counts_in_the_next_frame(running):
     assert np.abs(same - other).max() > 1e-4
 
 
-def test_a_new_height_is_that_of_the_next_frame(running):
+def test_a_new_height_takes_effect_on_the_next_frame(running):
     def distance():
         restart(running)
         feed(running, 3)
@@ -153,7 +153,7 @@ def test_a_new_height_is_that_of_the_next_frame(running):
     assert np.isclose(distance(), normal, rtol=1e-6)
 
 
-def test_a_read_only_value_takes_the_others_of_its_request_with_it(running):
+def test_a_read_only_value_makes_the_whole_request_fail(running):
     values = [parameter("sparsity", 0.5), parameter("max_people", 3)]
     request = SetParametersAtomically.Request(parameters=values)
     result = running.call(SetParametersAtomically, "set_parameters_atomically", request).result
@@ -209,7 +209,7 @@ def test_a_disabled_node_reports_this_and_publishes_nothing(running):
     assert values_of(running.got[topics.CERTIFICATE][-1])["initialised"] == "true"
 
 
-def test_diagnostics_while_tracking(running):
+def test_diagnostics_while_tracking_are_complete(running):
     running.settle()
     running.got[topics.DIAGNOSTICS].clear()
     while len(running.got[topics.DIAGNOSTICS]) < 2:
@@ -230,7 +230,7 @@ def test_diagnostics_while_tracking(running):
     assert 0 < float(values["callback time median [ms]"]) <= float(values["callback time maximum [ms]"])
     assert 0 < float(values["reprojection error [px]"]) < 20
     assert int(values["accepted [messages]"]) <= int(values["received [messages]"])
-    assert stamp_of(message) > 1e18  # the wall clock's time
+    assert stamp_of(message) > 1e18  # the time of the wall clock
 
 
 def test_frozen_keypoints_get_outputs_and_are_reported(running):
@@ -247,10 +247,10 @@ def test_frozen_keypoints_get_outputs_and_are_reported(running):
     running.frames_sent += 1
     feed(running)
     running.next_diagnostics(lambda s: s.message == "tracking")
-    assert values_of(running.got[topics.CERTIFICATE][-1])["initialised"] == "true"  # nobody knows what was between
+    assert values_of(running.got[topics.CERTIFICATE][-1])["initialised"] == "true"  # the motion in between is unknown
 
 
-def test_refused_keypoints_are_counted_by_reason_and_the_state_stays(running):
+def test_rejected_keypoints_are_counted_by_reason_and_keep_the_state(running):
     feed(running, 3)
     old = START_NS + (running.frames_sent - 1) * 16_666_667
     wrong = {
@@ -301,8 +301,8 @@ def test_a_bag_looped_three_times_gives_the_same_joints_each_time(running):
     assert rounds[0] == rounds[1] == rounds[2]
 
 
-def test_another_resolution_while_running_leaves_the_person_where_they_are(running):
-    """Twice as many pixels, and a camera_info that says so."""
+def test_another_resolution_does_not_move_the_person(running):
+    """Twice as many pixels, with a matching camera_info."""
     feed(running, 5)
     before = running.got[topics.TRANSLATION][-1].point.z
     changed, outputs = len(running.got[topics.CERTIFICATE]), running.got[topics.TRANSLATION]
@@ -342,7 +342,7 @@ def test_no_output_before_a_usable_camera_info():
         assert int(values_of(status)["rejected: camera_uncalibrated [messages]"]) > 0
         assert not any(peer.got[topic.name] for topic in topics.FRAME_OUTPUTS)
         peer.spin_until(lambda: [peer.send_camera(), send_next(peer)] and peer.got[topics.JOINT_STATES])
-        # A camera_info that is none, later, does not take the good one away.
+        # A later invalid camera_info does not replace the good one.
         peer.send_camera(k=np.zeros(9))
         status = peer.next_diagnostics(lambda s: s.level == ERROR)
         assert "stays in use" in status.message

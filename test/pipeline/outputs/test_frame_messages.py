@@ -144,7 +144,7 @@ def send(pipeline, index, pixels):
     return pipeline.process(cloud(BACKEND, START_NS + index * PERIOD_NS, pixels), 7)
 
 
-def test_another_resolution_while_running_leaves_the_person_where_they_are(pipeline):
+def test_another_resolution_does_not_move_the_person(pipeline):
     other = Pipeline(TrackerConfig(), NodeSettings())
     other.set_camera(camera_info(BACKEND))
     for i in range(20):
