@@ -64,6 +64,12 @@ def test_mend_of_separable_problems_is_soft_thresholding():
             assert np.array_equal(mended != 0, solution != 0)
 
 
+def test_mend_finds_that_nothing_moves():
+    H, alpha = np.eye(3), np.array([1.0, 2.0, 3.0])
+    for start in (np.zeros(3), np.array([1.0, 0, -1])):
+        assert mend(H, 0.5 * alpha, alpha, start, 4).tolist() == [0, 0, 0]
+
+
 def test_mend_counts_its_steps():
     H, g, alpha, solution = separable(np.random.default_rng(2))
     assert mend(H, g, alpha, solution, 1) is not None and mend(H, g, alpha, solution, 0) is None
