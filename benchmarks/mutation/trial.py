@@ -91,16 +91,16 @@ def _run(root: str, tests: list[str], limit: float | None, sender: multiprocessi
 
 
 def tests_of(path: Path, repository: Path) -> list[str]:
-    """The tests of a module, in the folder that mirrors its own: its own file, the folder's files, the folders below.
+    """The tests of a module: the files of the folder that mirrors its own, or of the nearest one above that exists.
 
-    lassokin_ros/core/body/skeleton.py is tested by test/core/body/; a file called test_skeleton.py there comes first.
+    lassokin_ros/core/body/rotations.py is tested by test/core/body/test_*.py; test_rotations.py comes first.
     """
-    relative = path.relative_to(repository)
-    parts = relative.parent.parts
+    parts = path.relative_to(repository).parent.parts
     folder = repository.joinpath("test", *parts[1:] if parts[0] == "lassokin_ros" else parts)
+    while not folder.is_dir():
+        folder = folder.parent
     files = sorted(folder.glob("test_*.py"), key=lambda file: (file.stem != f"test_{path.stem}", file.name))
-    below = sorted(folder.glob("*/**/test_*.py"))
-    return [str(file.relative_to(repository)) for file in (*files, *below)]
+    return [str(file.relative_to(repository)) for file in files]
 
 
 def difference(original: str, mutated: str) -> str:
