@@ -38,7 +38,7 @@ def read(tmp_path):
         (f"mtx: {K}\ndist: [{D5}]\nsize: [640, 480]\n", "plumb_bob", D5, (640, 480)),
         (f"cameraMatrix: {K}\ndistCoeffs: {D5[:4]}\nfisheye_model: 1\n", "equidistant", D5[:4], (0, 0)),
         (f"cameraMatrix: {K}\ndistCoeffs: {D5[:4]}\nfisheye_model: 0\n", "plumb_bob", D5[:4], (0, 0)),
-        (f"%YAML:1.0\n---\nk: !!opencv-matrix\n  {{data: {FLAT}}}\nd: {D8}\nsize: [9, 7]\n", "rational_polynomial", D8, (9, 7)),
+        (f"%YAML:1.0\n---\nk: !!opencv-matrix\n  {{data: {FLAT}}}\nd: {D5}\nsize: [9, 7]\n", "plumb_bob", D5, (9, 7)),
         (f"Intrinsic Matrix: {K}\nDistortion-Coeffs: {D5}\n---\n", "plumb_bob", D5, (0, 0)),
     ],
 )  # fmt: skip
