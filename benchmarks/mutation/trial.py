@@ -8,6 +8,7 @@ import multiprocessing
 import os
 import resource
 import shutil
+import signal
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -25,7 +26,7 @@ GRACE_S = 20.0
 
 @dataclass(frozen=True)
 class Trial:
-    """How the tests of a module ended: pytest's exit code (negative: a signal), None after a time-out; seconds."""
+    """How the tests of a module ended: pytest's exit code (negative: a signal), None after a time-out. Times in s."""
 
     code: int | None
     cpu_s: float
@@ -35,12 +36,12 @@ class Trial:
 class Copy:
     """A copy of the repository in `folder`, in which files are changed."""
 
-    def __init__(self, repository: Path, folder: Path) -> None:
+    def __init__(self, repository: Path, folder: Path, preloaded: Sequence[str] = PRELOADED) -> None:
         self.repository, self.root = repository, folder / "copy"
         shutil.copytree(repository, self.root, ignore=LEFT_OUT, symlinks=True)
         os.environ["PYTHONPATH"] = str(self.root)
         self._context = multiprocessing.get_context("forkserver")
-        self._context.set_forkserver_preload(list(PRELOADED))
+        self._context.set_forkserver_preload(list(preloaded))
         self._changes = 0
 
     @contextlib.contextmanager
@@ -65,8 +66,8 @@ class Copy:
         start = time.monotonic()
         process.start()
         process.join(None if usual is None else GRACE_S + 3 * PATIENCE * max(usual.wall_s, usual.cpu_s))
-        timed_out = process.exitcode is None
-        if timed_out:
+        timed_out = process.exitcode in (None, -signal.SIGXCPU)
+        if process.exitcode is None:
             process.kill()
             process.join()
         cpu = receiver.recv() if receiver.poll() else 0.0
@@ -78,7 +79,7 @@ def _run(root: str, tests: list[str], limit: float | None, sender: multiprocessi
     import pytest
 
     if limit is not None:
-        resource.setrlimit(resource.RLIMIT_CPU, (int(limit) + 1, int(limit) + 2))
+        resource.setrlimit(resource.RLIMIT_CPU, (int(limit) + 1, int(limit) + 3))
     sys.dont_write_bytecode = False  # what is compiled once serves all the trials
     os.chdir(root)
     sys.path[:] = [root, *(entry for entry in sys.path if entry != "")]
