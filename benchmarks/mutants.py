@@ -38,15 +38,14 @@ def try_room(copy: Copy, room: str, mutants: Any) -> Iterator[Record]:
     usual: dict[tuple[str, ...], Trial] = {}
     for mutant in mutants:
         tests = tuple(tests_of(mutant.path, copy.repository))
-        key = tuple(sorted(tests))
-        if key not in usual:
-            usual[key] = copy.test(tests)
-            if usual[key].code != 0:
-                raise SystemExit(
-                    f"{' '.join(tests)} fail without a mutant (exit code {usual[key].code}); mend them first"
-                )
+        if tests not in usual:
+            usual[tests] = copy.test(tests)
+            if usual[tests].code != 0:
+                code = usual[tests].code
+                raise SystemExit(f"{' '.join(tests)} fail without a mutant (exit code {code}); mend them first")
+        fast_first = sorted(tests, key=lambda file: usual[tests].seconds.get(file, 0.0))
         with copy.changed(mutant.path, mutant.code):
-            trial = copy.test(tests, usual[key])
+            trial = copy.test(fast_first, usual[tests])
         outcome = {0: "survived", None: "timed out"}.get(trial.code, "killed")
         original = mutant.path.read_text(encoding="utf-8")
         yield {

@@ -11,9 +11,11 @@ import shutil
 import signal
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 LEFT_OUT = shutil.ignore_patterns(".git", ".venv", "build", "install", "log", "demo_output", "*.egg-info", "*_cache")
 PRELOADED = ("pytest", "hypothesis", "numpy", "scipy.optimize", "scipy.sparse", "scipy.spatial.transform", "yaml",
@@ -26,11 +28,15 @@ GRACE_S = 20.0
 
 @dataclass(frozen=True)
 class Trial:
-    """How the tests of a module ended: pytest's exit code (negative: a signal), None after a time-out. Times in s."""
+    """How the tests of a module ended: pytest's exit code (negative: a signal), None after a time-out. Times in s.
+
+    seconds: of each test file, as far as it was run.
+    """
 
     code: int | None
     cpu_s: float
     wall_s: float
+    seconds: Mapping[str, float]
 
 
 class Copy:
@@ -70,8 +76,19 @@ class Copy:
         if process.exitcode is None:
             process.kill()
             process.join()
-        cpu = receiver.recv() if receiver.poll() else 0.0
-        return Trial(None if timed_out else process.exitcode, cpu, time.monotonic() - start)
+        cpu, seconds = receiver.recv() if receiver.poll() else (0.0, {})
+        return Trial(None if timed_out else process.exitcode, cpu, time.monotonic() - start, seconds)
+
+
+class FileTimes:
+    """A plugin of pytest that measures the time of each test file."""
+
+    def __init__(self) -> None:
+        self.seconds: Counter[str] = Counter()
+
+    def pytest_runtest_logreport(self, report: Any) -> None:
+        """Add the time of a test's set-up, call or tear-down."""
+        self.seconds[report.nodeid.partition("::")[0]] += report.duration
 
 
 def _run(root: str, tests: list[str], limit: float | None, sender: multiprocessing.connection.Connection) -> None:
@@ -86,22 +103,23 @@ def _run(root: str, tests: list[str], limit: float | None, sender: multiprocessi
     silence = os.open(os.devnull, os.O_WRONLY)
     os.dup2(silence, 1)
     os.dup2(silence, 2)
-    code = pytest.main(["-x", "-q", "--rootdir", root, "-p", "no:cacheprovider", "-p", "no:xdist", *tests])
-    sender.send(time.process_time())
+    times = FileTimes()
+    options = ["-x", "-q", "--rootdir", root, "-p", "no:cacheprovider", "-p", "no:xdist"]
+    code = pytest.main([*options, *tests], plugins=[times])
+    sender.send((time.process_time(), dict(times.seconds)))
     os._exit(int(code))
 
 
 def tests_of(path: Path, repository: Path) -> list[str]:
     """The tests of a module: the files of the folder that mirrors its own, or of the nearest one above that exists.
 
-    lassokin_ros/core/body/rotations.py is tested by test/core/body/test_*.py; test_rotations.py comes first.
+    lassokin_ros/core/body/rotations.py is tested by test/core/body/test_*.py.
     """
     parts = path.relative_to(repository).parent.parts
     folder = repository.joinpath("test", *parts[1:] if parts[0] == "lassokin_ros" else parts)
     while not folder.is_dir():
         folder = folder.parent
-    files = sorted(folder.glob("test_*.py"), key=lambda file: (file.stem != f"test_{path.stem}", file.name))
-    return [str(file.relative_to(repository)) for file in files]
+    return [str(file.relative_to(repository)) for file in sorted(folder.glob("test_*.py"))]
 
 
 def difference(original: str, mutated: str) -> str:
