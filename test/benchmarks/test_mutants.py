@@ -66,7 +66,7 @@ def test_mutants_are_killed_time_out_or_survive(repository, tmp_path):
 def test_tests_that_fail_by_themselves_are_told(repository, tmp_path):
     (repository / "test/msg_adapters/test_a.py").write_text("assert False\n")
     copy = trial.Copy(repository, tmp_path, preloaded=("pytest",))
-    with pytest.raises(SystemExit, match="test_a.py fail without a mutant .exit code"):
+    with pytest.raises(SystemExit, match="test_tiny.py fail without a mutant .exit code 1"):
         list(try_room(copy, "tiny", mutants(repository, (">", "<"))))
 
 
