@@ -73,9 +73,11 @@ class Copy:
         process.start()
         process.join(None if usual is None else GRACE_S + 3 * PATIENCE * max(usual.wall_s, usual.cpu_s))
         timed_out = process.exitcode in (None, -signal.SIGXCPU)
-        if process.exitcode is None:
-            process.kill()
-            process.join()
+        assert process.pid is not None
+        process.kill()
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)  # what the tests have started
+        process.join()
         cpu, seconds = receiver.recv() if receiver.poll() else (0.0, {})
         return Trial(None if timed_out else process.exitcode, cpu, time.monotonic() - start, seconds)
 
@@ -95,6 +97,7 @@ def _run(root: str, tests: list[str], limit: float | None, sender: multiprocessi
     """In the process of a trial: pytest on the copy, without a word."""
     import pytest
 
+    os.setsid()
     if limit is not None:
         resource.setrlimit(resource.RLIMIT_CPU, (int(limit) + 1, int(limit) + 3))
     sys.dont_write_bytecode = False  # what is compiled once serves all the trials
