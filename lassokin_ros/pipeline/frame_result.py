@@ -27,7 +27,6 @@ class FrameResult:
     frame_id: the message's frame, or the camera's frame if the message has none.
     estimate: the tracker's result. None if the message was refused before tracking.
     rejection: None for an accepted result, else a short key for counting. `detail` gives the reason in words.
-    positions, velocities: (3 + 3 n,) in the order of urdf.joint_names, m and rad, m/s and rad/s. None if rejected.
     person: the id of the person. Empty if one person is followed.
     detected: (l, 2) px, the landmarks from the detector, NaN = missing. None without landmarks.
     points: (l, 2) normalised image coordinates of `detected`. None if the message was refused before tracking.
@@ -38,6 +37,7 @@ class FrameResult:
     velocity: (3,) m/s, velocity of the pelvis, averaged over 0.2 s. None if rejected.
     measure: computes the joint uncertainty, see `uncertainty`.
     observe: computes which joints are observed, see `observed`.
+    joint_states: computes `positions` and `velocities`.
     held_s: s, by stamps, how long the result waited for later messages (`smoothing_lag`).
     """
 
@@ -46,8 +46,6 @@ class FrameResult:
     estimate: Estimate | None = None
     rejection: str | None = None
     detail: str = ""
-    positions: np.ndarray | None = None
-    velocities: np.ndarray | None = None
     person: str = ""
     detected: np.ndarray | None = None
     points: np.ndarray | None = None
@@ -57,12 +55,28 @@ class FrameResult:
     velocity: np.ndarray | None = None
     measure: Callable[[Estimate], JointUncertainty] | None = None
     observe: Callable[[Estimate], np.ndarray] | None = None
+    joint_states: Callable[[], tuple[np.ndarray, np.ndarray]] | None = None
     held_s: float = 0.0
 
     @property
     def accepted(self) -> bool:
         """True if the result has outputs to publish."""
         return self.rejection is None
+
+    @property
+    def positions(self) -> np.ndarray | None:
+        """(3 + 3 n,) in the order of urdf.joint_names, m and rad. None if rejected."""
+        return self._joint_state[0]
+
+    @property
+    def velocities(self) -> np.ndarray | None:
+        """(3 + 3 n,) in the same order, m/s and rad/s. None if rejected."""
+        return self._joint_state[1]
+
+    @cached_property
+    def _joint_state(self) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """Computed at the first access. The angles are continuous to the frame that was read last."""
+        return (None, None) if self.joint_states is None else self.joint_states()
 
     @cached_property
     def uncertainty(self) -> JointUncertainty:
