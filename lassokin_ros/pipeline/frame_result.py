@@ -8,11 +8,16 @@ from functools import cached_property
 
 import numpy as np
 
+from lassokin_ros.core.body.rotations import to_quaternion
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.output.uncertainty import JointUncertainty
 from lassokin_ros.pipeline.lens import Lens
+
+BODY_FROM_ROOT = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+"""Axes of the frame `body` (REP-103: x front, y left, z up), as columns in the root joint's frame (x left, y up,
+z front)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +89,17 @@ class FrameResult:
         if self.measure is None or self.estimate is None:
             raise ValueError("this result was rejected; only an accepted result has an uncertainty")
         return self.measure(self.estimate)
+
+    @cached_property
+    def quaternions(self) -> np.ndarray:
+        """(n + 1, 4), x, y, z, w: orientations of the joints and, last, of the body (x front, y left, z up).
+
+        The camera frame is the reference. Needs an accepted result.
+        """
+        assert self.estimate is not None and self.estimate.pose is not None
+        orientations = self.estimate.pose.orientations
+        body = orientations[:1] @ BODY_FROM_ROOT
+        return to_quaternion(np.concatenate([orientations, body]))
 
     @property
     def joint_velocities(self) -> np.ndarray:
