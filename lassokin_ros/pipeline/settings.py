@@ -75,6 +75,13 @@ class NodeSettings:
         PEOPLE_TYPES[0],
         f"message type of ~/people, one of: {', '.join(PEOPLE_TYPES)}; the last two need their packages",
     )
+    detail_rate: float = setting(
+        0.0,
+        "largest rate of ~/certificate, ~/joint_uncertainty and ~/uncertainty_markers, by stamps; 0: with every frame",
+        "Hz",
+        0.0,
+        1000.0,
+    )
     joint_labels: bool = setting(False, "names of the joints as text in ~/markers")
     state_publisher: str = setting(
         "", "name of the robot_state_publisher that follows ~/robot_description (one person); empty for none"
