@@ -26,7 +26,7 @@ from lassokin_ros.replay.motion import MotionRecorder
 from lassokin_ros.replay.offline_tracker import OfflineTracker
 from lassokin_ros.replay.output_paths import OutputError
 from lassokin_ros.replay.report.report import Report
-from lassokin_ros.video.camera import Calibration, assumed_fov_warning, choose_camera
+from lassokin_ros.video.camera import DEFAULT_FOV, Calibration, assumed_fov_warning, choose_camera
 from lassokin_ros.video.live_view import LiveView
 from lassokin_ros.video.output_video import OutputVideo
 from lassokin_ros.video.sources import Image, Source, SourceError, open_source
@@ -65,10 +65,10 @@ def track(options: argparse.Namespace) -> tuple[str, bool]:
         view = _view(options, source, camera)
         if view is not None:
             stack.callback(view.discard)
-        run = Run(source, detector, tracker, backend, video, view)
+        run = Run(source, detector, tracker, backend, report, video, view)
         complete = run.all_images()
         if report is not None:
-            report.write(files, source.name, ("detector", "camera"))
+            report.write(files, source.name, (f"of {detector_name(options)}", camera_name(options)))
         if exports is not None:
             exports.write(Path(), files)
         if video is not None:
@@ -87,11 +87,12 @@ class Run:
         detector: Detector,
         tracker: OfflineTracker,
         backend: Any,
+        report: Report | None,
         video: OutputVideo | None,
         view: LiveView | None,
     ) -> None:
         self._source, self._detector, self._tracker, self._backend = source, detector, tracker, backend
-        self._video, self._view = video, view
+        self._report, self._video, self._view = report, video, view
         self._waiting: deque[tuple[int, Image]] = deque()
         self.detect_seconds: list[float] = []
         self.fault = ""
@@ -128,6 +129,8 @@ class Run:
         found = self._detector.detect(image.rgb, image.seconds)
         self.detect_seconds.append(time.monotonic() - began)
         message = point_cloud(self._backend, stamp_ns, FRAME, found.pixels, found.confidence)
+        if self._report is not None:
+            self._report.add_image(stamp_ns, lambda: image.rgb)
         if self._video is not None:
             self._waiting.append((stamp_ns, image))
         if self._view is not None:
@@ -162,6 +165,18 @@ class Run:
         files = [options.report, *options.export, options.video, options.view]
         lines["written"] = ", ".join(str(file) for file in files if file is not None and file.name) or "nothing"
         return "\n".join([self._source.name, *(f"{name:<15} {text}" for name, text in lines.items())])
+
+
+def detector_name(options: argparse.Namespace) -> str:
+    """Return the detector for the report's title line."""
+    return Path(options.detector).name
+
+
+def camera_name(options: argparse.Namespace) -> str:
+    """Return the camera for the report's title line."""
+    if options.camera_info is not None:
+        return f"of {options.camera_info.name}"
+    return f"with a field of view of {DEFAULT_FOV if options.fov is None else options.fov:g} degrees"
 
 
 @contextmanager

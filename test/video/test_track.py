@@ -1,5 +1,8 @@
 """The command `track` on videos that the test makes, with a detector of known output."""
 
+import json
+import re
+
 import numpy as np
 import pytest
 
@@ -38,12 +41,20 @@ def images(tmp_path):
 
 def test_images_become_motion_and_video(images, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
-    motion, video = tmp_path / "motion.npz", tmp_path / "out.mp4"
-    assert main([str(images), "--height", "1.8", "--export", str(motion), "--video", str(video)]) == 0
+    pytest.importorskip("plotly", reason="the report needs plotly")
+    motion, video, page = (tmp_path / name for name in ("motion.npz", "out.mp4", "page.html"))
+    files = ["--export", str(motion), "--video", str(video), "--report", str(page)]
+    assert main([str(images), "--height", "1.8", *files]) == 0
     output = capsys.readouterr()
     assert "6 in, 6 tracked" in output.out and "field of view of 60 degrees is assumed" in output.err
     assert motion.is_file() and open_source(str(video)).count == 6
     assert not list(tmp_path.glob(".*part*"))
+    text = page.read_text(encoding="utf-8")
+    held = json.loads(re.search(r'<script type="application/json" id="images">(.*?)</script>', text).group(1))
+    assert np.allclose(held["time"], np.arange(6) / 30, atol=1e-4) and len(held["jpeg"]) == 6
+    assert (
+        "<p>0.2 s · keypoints of mediapipe (coco17) · camera with a field of view of 60 degrees, 320 x 240 px" in text
+    )
 
 
 def test_what_cannot_be_used_is_one_line_and_writes_nothing(images, tmp_path, monkeypatch, capsys):
