@@ -79,7 +79,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(table(records, COLUMNS))
     others = {record["video"] for record in records if record["apart_px"] > SAME_PERSON_PX}
     if others:
-        print(f"In {', '.join(sorted(others))} the detector took another person than the shared keypoints show.")
+        print(f"In {', '.join(sorted(others))} the detector found another person than the shared keypoints show.")
     write_json(options.json, records)
 
 
