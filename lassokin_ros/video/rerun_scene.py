@@ -121,12 +121,13 @@ class RerunScene:
             self._log(path, self._rerun.Clear(recursive=False))
 
     def finish(self) -> None:
-        """End the recording and give it its name. Raises ViewError."""
+        """End the recording and give it its name. A second call does nothing. Raises ViewError."""
         self._stream.flush()
         self._stream.disconnect()
-        if self._part is not None and self._path is not None:
+        part, self._part = self._part, None
+        if part is not None and self._path is not None:
             try:
-                self._part.replace(self._path)
+                part.replace(self._path)
             except OSError as error:
                 raise ViewError(f"'{self._path}' cannot be written: {error.strerror}") from None
 
