@@ -9,6 +9,7 @@ import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -38,8 +39,20 @@ FIRST_STAMP_NS = 1_000_000_000
 FRAME = "camera_optical_frame"
 
 
-def track(options: argparse.Namespace) -> tuple[str, bool]:
-    """Track a source. Returns the summary, and whether the source was read to its end. Raises a LassokinError."""
+@dataclass(frozen=True)
+class Tracked:
+    """The end of a run. summary: to be printed. complete: the source was read to its end, or a camera was stopped.
+
+    fault: why the source ended early, in words; empty if it did not. The files hold what was tracked until then.
+    """
+
+    summary: str
+    complete: bool
+    fault: str
+
+
+def track(options: argparse.Namespace) -> Tracked:
+    """Track a source and write the requested files. Raises a LassokinError."""
     detector = make_detector(options.detector)
     height = [] if options.height is None else [f"height:={options.height}"]
     layout = f"landmarks:={detector.landmarks}"
@@ -75,7 +88,7 @@ def track(options: argparse.Namespace) -> tuple[str, bool]:
             video.finish()
         if view is not None:
             view.finish()
-    return run.summary(options), complete
+    return Tracked(run.summary(options), complete, run.fault)
 
 
 class Run:
@@ -121,7 +134,7 @@ class Run:
             for _ in self._tracker.finish():
                 pass
         self.seconds = time.monotonic() - started
-        return (not stopped or self._source.count == 0) and not self.fault
+        return not stopped or self._source.count == 0
 
     def _one(self, image: Image) -> None:
         stamp_ns = FIRST_STAMP_NS + round(image.seconds * 1e9)
@@ -160,8 +173,6 @@ class Run:
             "tracker": f"{1e3 * float(np.median(times)):.2f} ms median",
             "total": f"{self.seconds:.1f} s",
         }
-        if self.fault:
-            lines["ended early"] = self.fault
         files = [options.report, *options.export, options.video, options.view]
         lines["written"] = ", ".join(str(file) for file in files if file is not None and file.name) or "nothing"
         return "\n".join([self._source.name, *(f"{name:<15} {text}" for name, text in lines.items())])

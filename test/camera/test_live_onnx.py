@@ -20,6 +20,7 @@ from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 from msg_adapters.backends import RclpyBackend  # noqa: E402
 from msg_adapters.inputs import camera_info, rgb_image  # noqa: E402
 
+DETECTOR = [sys.executable, "-m", "lassokin_ros.detector.command"]
 SIDE = 64
 """px: of the images and of the model's input."""
 STANDING = np.array(
@@ -46,9 +47,7 @@ def model(path):
 def test_images_become_joints_with_their_stamps(tmp_path):
     file = model(tmp_path / "person.onnx")
     backend, sent, next_at = RclpyBackend(), {}, 0.0
-    detector = NodeProcess(
-        "/onnx", "-p", f"detector:={file}", command=[sys.executable, "-m", "lassokin_ros.detector.command"]
-    )
+    detector = NodeProcess("/onnx", "-p", f"detector:={file}", command=DETECTOR)
     tracker = NodeProcess("/onnx", "-p", "height:=1.8", "-p", "landmarks:=coco17")
     K = np.array([[FOCAL, 0, SIDE / 2], [0, FOCAL, SIDE / 2], [0, 0, 1]])
     with detector, tracker, Peer("/onnx") as peer:
@@ -72,3 +71,8 @@ def test_images_become_joints_with_their_stamps(tmp_path):
     across = [FOCAL * m.poses[0].position.x / m.poses[0].position.z for m in joints[4:]]
     expected = [PX * sent[stamp] / 255 for stamp in stamps[4:]]
     assert np.ptp(expected) > 3 and np.corrcoef(across, expected)[0, 1] > 0.9, (across, expected)
+
+
+def test_a_model_that_does_not_exist_is_one_line_and_exit_code_2():
+    code, said = NodeProcess("/none", "-p", "detector:=none.onnx", command=DETECTOR).stop(grace_s=60)
+    assert code == 2 and said.strip() == "detector: there is no file 'none.onnx'"
