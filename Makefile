@@ -3,11 +3,12 @@
 # make fuzz   run the fuzz tests alone, with 100,000 new cases and more; takes half an hour
 # make mutants   put faults into the code, one at a time, and count those that the tests notice; see CONTRIBUTING.md
 # Each target creates .venv on first use and installs what it needs (the extra `demo`, `test` or `mutants` of setup.py);
-# ROS is not needed. PYTHON=python3.12 make test selects another Python.
+# ROS is not needed. PYTHON=python3.12 make test selects another Python. Bytecode is made of the modules that are used,
+# in .venv.
 
 PYTHON ?= python3
 VENV := .venv
-RUN := OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=1
+RUN := OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= PYTHONPYCACHEPREFIX=$(CURDIR)/$(VENV)/bytecode
 
 .PHONY: demo test fuzz mutants lint clean
 .NOTPARALLEL:
@@ -37,5 +38,5 @@ $(VENV)/.installed-%: setup.py setup.cfg package.xml
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || \
 	    { echo "Python's venv module is incomplete; install it with: sudo apt install python3-venv"; exit 1; }
 	test -x $(VENV)/bin/python || $(PYTHON) -m venv $(VENV)
-	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[$*]'
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --no-compile --editable '.[$*]'
 	touch $@

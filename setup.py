@@ -97,6 +97,7 @@ setup(
             "tracker = lassokin_ros.node.command:tracker",
             "detector = lassokin_ros.detector.command:main",
             "camera = lassokin_ros.camera.command:main",
+            "viewer = lassokin_ros.viewer.command:main",
             "replay = lassokin_ros.cli.replay:main",
         ]
     },

@@ -50,6 +50,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
     from lassokin_ros.replay.offline_tracker import OfflineTracker
     from lassokin_ros.replay.output_paths import OutputError, check_output_paths
     from lassokin_ros.replay.record import KEY, Record, origin_of
+    from lassokin_ros.replay.recorded_images import recorded_images
     from msg_adapters.detectors.registry import full_type_name
 
     options.output = options.output or Path(f"{options.bag.resolve().stem}_tracked")
@@ -73,15 +74,16 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
         tracker = OfflineTracker(tracker_config, node_config, bag.types)
         report = _report(options, tracker)
         exports = _exports(options, tracker)
+        images = recorded_images(bag, options, report)
+        inputs = {**_inputs(tracker, keypoints, camera, depth), **{shown.topic.name: shown.take for shown in images}}
+        read += [shown.topic for shown in images]
         output = options.output
         storage = options.storage or bag.storage
         # All or nothing: every file is complete on the disk before the recording and the files get their names.
         with AtomicFiles(options.force, OutputError) as files:
             with BagWriter(output, storage, bag.types, options.force, is_inside_name) as writer:
                 progress = Progress(sum(topic.count for topic in read), "messages", progress_on)
-                seconds = _run(
-                    camera.messages(bag, read), _inputs(tracker, keypoints, camera, depth), tracker, writer, progress
-                )
+                seconds = _run(camera.messages(bag, read), inputs, tracker, writer, progress)
                 figures = _figures(tracker)
                 writer.note(KEY, Record(origin_of(options), figures).text)
                 written = _files(options, tracker, exports, writer, files)
@@ -89,6 +91,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
                     report.write(files, options.bag.resolve().name, (keypoints.name, camera.name))
                 files.check()
             files.placed.append(output)
+    written.update({"images": str(shown) for shown in images})
     summary = _summary(
         f"{options.bag} -> {output} ({storage})", (str(keypoints), camera.title), tracker, seconds, written
     )
