@@ -15,16 +15,16 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from lassokin_ros.core.errors import LassokinError
-from lassokin_ros.node.camera_info_input import CameraInfoInput
-from lassokin_ros.node.depth_input import DepthInput
-from lassokin_ros.node.latched_camera_info import LatchedCameraInfo
+from lassokin_ros.node.inputs.camera_info_input import CameraInfoInput
+from lassokin_ros.node.inputs.depth_input import DepthInput
+from lassokin_ros.node.inputs.latched_camera_info import LatchedCameraInfo
+from lassokin_ros.node.inputs.missing_input import MissingInput
+from lassokin_ros.node.inputs.polled_subscription import SimulatedTime, ignore_events
+from lassokin_ros.node.inputs.rep155_inputs import Rep155Inputs
 from lassokin_ros.node.log_throttle import LogThrottle
-from lassokin_ros.node.missing_input import MissingInput
 from lassokin_ros.node.parameters import LiveParameters, Settings, declare, unknown_parameters
 from lassokin_ros.node.person_outputs import PeopleOutputs, PersonOutputs, advertise, message_class
-from lassokin_ros.node.polled_subscription import SimulatedTime, ignore_events
 from lassokin_ros.node.qos import matches_every_publisher, overrides, sensor_data
-from lassokin_ros.node.rep155_inputs import Rep155Inputs
 from lassokin_ros.node.scene_outputs import SceneOutputs
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.keypoint_queue import KeypointQueue

@@ -171,7 +171,7 @@ def started(namespace, **settings):
 
 def test_accepted_ids_are_valid_in_topic_names():
     rclpy = pytest.importorskip("rclpy.validate_full_topic_name")
-    from lassokin_ros.node.rep155_inputs import ID
+    from lassokin_ros.node.inputs.rep155_inputs import ID
 
     for person in ("abc", "_", "a" * 100):
         assert ID.fullmatch(person)
