@@ -110,6 +110,18 @@ class OfflineTracker:
             self.pipeline.depth.add(message, time_ns)
         yield from self._track_held(time_ns)
 
+    def transforms(self, message: Any, time_ns: int) -> Iterator[tuple[str, str, Any]]:
+        """Process a message of /tf, None for one that could not be deserialised; see `keypoints`."""
+        yield from self._tick(time_ns)
+        if message is not None and self.pipeline.mount is not None:
+            self.pipeline.mount.transforms.add(message, static=False)
+
+    def static_transforms(self, message: Any, time_ns: int) -> Iterator[tuple[str, str, Any]]:
+        """Process a message of /tf_static, as `transforms`."""
+        yield from self._tick(time_ns)
+        if message is not None and self.pipeline.mount is not None:
+            self.pipeline.mount.transforms.add(message, static=True)
+
     def _track_held(self, now_ns: int) -> Iterator[tuple[str, str, Any]]:
         """Track the keypoint messages whose depth image has come or is not expected any more."""
         while self._held:

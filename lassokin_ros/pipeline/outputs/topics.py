@@ -34,6 +34,7 @@ DIAGNOSTICS = "/diagnostics"
 TRACKED = "tracked"
 SKELETON2D = "skeleton2d"
 TF = "/tf"
+TF_STATIC = "/tf_static"
 
 
 @dataclass(frozen=True)
