@@ -195,7 +195,7 @@ def test_the_node_follows_the_bodies_of_the_list():
             humans.listen(f"/humans/bodies/{person}/joint_states", JointState)
             humans.listen(f"/humans/bodies/{person}/urdf", String)
         humans.listen("/tf", TFMessage)
-        humans.listen("markers", MarkerArray)
+        humans.listen("tracker/markers", MarkerArray)
 
         def until(condition, what, ids, **aside):
             peer.spin_until(lambda: [humans.say(*ids), humans.send(**aside)] and condition(), what=what)
