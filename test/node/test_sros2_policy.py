@@ -51,7 +51,7 @@ def test_it_has_the_form_that_sros2_reads():
 
 def test_every_output_of_topics_py_may_be_published_and_nothing_more():
     outputs = [t.name for t in topics.PERSON_OUTPUTS]
-    people = [topics.of_person(name, "*", rep155) for rep155 in (False, True) for name in outputs]
+    people = [topics.of_person(t.name, "*", rep155) for rep155 in (False, True) for t in topics.person_outputs(rep155)]
     others = [
         topics.DIAGNOSTICS,
         topics.PEOPLE,

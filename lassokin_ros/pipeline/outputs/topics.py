@@ -58,6 +58,10 @@ FRAME_OUTPUTS = (
 )
 """One message per accepted frame."""
 
+ROI = "~/roi"
+ROI_OUTPUT = OutputTopic(ROI, "hri_msgs/msg/NormalizedRegionOfInterest2D")
+"""Only with rep155."""
+
 UNCERTAINTY_MARKERS_OUTPUT = OutputTopic(UNCERTAINTY_MARKERS, "visualization_msgs/msg/MarkerArray")
 LIVE_OUTPUTS = (
     UNCERTAINTY_MARKERS_OUTPUT,
@@ -77,6 +81,12 @@ TF_OUTPUT = OutputTopic(TF, "tf2_msgs/msg/TFMessage")
 
 PERSON_OUTPUTS = (*FRAME_OUTPUTS, *LIVE_OUTPUTS, DESCRIPTION_OUTPUT)
 """The topics of one person."""
+
+
+def person_outputs(rep155: bool) -> tuple[OutputTopic, ...]:
+    """Return the topics of one person. rep155: the parameter."""
+    return (*PERSON_OUTPUTS, ROI_OUTPUT) if rep155 else PERSON_OUTPUTS
+
 
 BODIES, REP155_BODIES = "~/bodies", "/humans/bodies"
 """Namespaces of the topics of several people: <namespace>/<id>/joint_states and so on, and <namespace>/tracked."""
