@@ -70,7 +70,9 @@ class PersonOutputs:
         naming = Naming.of(config, title, person)
         self._description = RobotDescription(backend, skeleton, config.base_frame, naming)
         name = partial(topics.of_person, person=person, rep155=config.rep155)
-        self._out = {t.name: advertise(node, t, name(t.name), not person) for t in topics.person_outputs(config.rep155)}
+        self._out = {
+            t.name: advertise(node, t, name(t.name), not person) for t in topics.person_outputs(config.detects_bodies)
+        }
         if config.publish_tf != OFF:
             self._out[topics.TF] = advertise(node, topics.TF_OUTPUT, overridable=not person)
         self._messages = FrameMessages(backend, skeleton, title, person, config, ready_made=True)

@@ -67,7 +67,7 @@ class NodeSettings:
     )
     forget_after: float = setting(3.0, "a person who is not seen for this long has left", "s", 0.1, 3600.0, live=True)
     rep155: bool = setting(
-        False, "several people's topics as in REP-155: /humans/bodies/<id>/, the list as hri_msgs/IdsList"
+        False, "several people's topics and frames as in REP-155: /humans/bodies/<id>/, the list as hri_msgs/IdsList"
     )
 
     publish_tf: str = setting(
@@ -99,6 +99,11 @@ class NodeSettings:
     def topic_per_body(self) -> bool:
         """True when each person's keypoints come on a topic of their own."""
         return self.rep155 and full_type_name(self.keypoints_type) == PER_BODY_TYPE
+
+    @property
+    def detects_bodies(self) -> bool:
+        """True when this node has the part of REP-155's body detector: it publishes the list of ids and the regions."""
+        return self.rep155 and not self.topic_per_body
 
     def checked(self) -> NodeSettings:
         """Itself, when every value has the right type and range."""

@@ -61,7 +61,8 @@ class OfflineTracker:
         self._backend = RosbagsBackend(types)
         self._status = DiagnosticArrayBuilder(self._backend)
         self._types = {
-            topic.name: topic.message_type for topic in (*topics.person_outputs(True), topics.DIAGNOSTICS_OUTPUT)
+            topic.name: topic.message_type
+            for topic in (*topics.person_outputs(regions=True), topics.DIAGNOSTICS_OUTPUT)
         }
         self._types[topics.TF] = topics.TF_OUTPUT.message_type
         self._people: dict[str, PersonMessages] = {}

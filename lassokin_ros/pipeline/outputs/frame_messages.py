@@ -64,7 +64,7 @@ class FrameMessages:
         self._add_image_outputs(skeleton, prefix)
         if self._config.publish_tf != OFF:
             self._add_tf(BodyFrames(skeleton, self._config, name, person))
-        if self._config.rep155:
+        if self._config.detects_bodies:
             roi = RegionBuilder(self._backend).fill
             self._builders[topics.ROI] = lambda t, f, frame, _: roi(t, f, keypoint_region(frame))
 

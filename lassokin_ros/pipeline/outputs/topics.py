@@ -60,7 +60,7 @@ FRAME_OUTPUTS = (
 
 ROI = "~/roi"
 ROI_OUTPUT = OutputTopic(ROI, "hri_msgs/msg/NormalizedRegionOfInterest2D")
-"""Only with rep155."""
+"""Only with rep155, and if no other node detects the bodies."""
 
 UNCERTAINTY_MARKERS_OUTPUT = OutputTopic(UNCERTAINTY_MARKERS, "visualization_msgs/msg/MarkerArray")
 LIVE_OUTPUTS = (
@@ -83,9 +83,9 @@ PERSON_OUTPUTS = (*FRAME_OUTPUTS, *LIVE_OUTPUTS, DESCRIPTION_OUTPUT)
 """The topics of one person."""
 
 
-def person_outputs(rep155: bool) -> tuple[OutputTopic, ...]:
-    """Return the topics of one person. rep155: the parameter."""
-    return (*PERSON_OUTPUTS, ROI_OUTPUT) if rep155 else PERSON_OUTPUTS
+def person_outputs(regions: bool) -> tuple[OutputTopic, ...]:
+    """Return the topics of one person. regions: with that of REP-155's body detector."""
+    return (*PERSON_OUTPUTS, ROI_OUTPUT) if regions else PERSON_OUTPUTS
 
 
 BODIES, REP155_BODIES = "~/bodies", "/humans/bodies"

@@ -4,7 +4,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from messages import HEIGHT, WIDTH, camera_info, crowd, pixels_of_motion, rosbags_backend
+from detector_messages import detector_types
+from messages import HEIGHT, WIDTH, camera_info, crowd, pixels_of_motion
 from scipy.spatial.transform import Rotation
 
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
@@ -17,12 +18,10 @@ from lassokin_ros.pipeline.outputs.rep155 import JOINTS, LINKS, MappedJoints
 from lassokin_ros.pipeline.outputs.urdf import joint_names, urdf
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
-from lassokin_ros.replay.offline_tracker import add_type
-from msg_adapters.detectors.definitions import DEFINITIONS
+from msg_adapters.backends import RosbagsBackend
 
 pytest.importorskip("rosbags")
-BACKEND = rosbags_backend()
-add_type(BACKEND._typestore, topics.ROI_OUTPUT.message_type, DEFINITIONS[topics.ROI_OUTPUT.message_type])
+BACKEND = RosbagsBackend(detector_types())
 SKELETON = Skeleton.load("anthropometric", 1.75)
 CONFIG = NodeSettings(rep155=True, max_people=2, publish_tf="all")
 PIXELS = pixels_of_motion(6)
