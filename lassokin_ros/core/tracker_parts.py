@@ -154,7 +154,7 @@ class TrackerParts:
 
         The state stays: the camera may be on a head that moves.
         """
-        self._upright.moved(roll, pitch)
+        self._upright.move_mount(roll, pitch)
 
     def tune(self, config: TrackerConfig, skeleton: Skeleton | None = None) -> None:
         """Use new live settings. Structural settings (skeleton, landmarks, solver) are not changed.
@@ -165,7 +165,7 @@ class TrackerParts:
         if config.height != before.height:
             self._use_height(skeleton or Skeleton.load(config.skeleton, config.assumed_height))
         if (config.camera_roll, config.camera_pitch) != (before.camera_roll, before.camera_pitch):
-            self._upright.mounted(config.camera_roll, config.camera_pitch)
+            self._upright.set_mount(config.camera_roll, config.camera_pitch)
 
     def _use_height(self, given: Skeleton) -> None:
         """Forget the person and use another body, for a new setting of the height."""
@@ -183,5 +183,5 @@ class TrackerParts:
 
     def _adopt_lengths(self) -> None:
         self.skeleton = self.calibration.skeleton
-        self.kinematics.reshape(self.skeleton)
+        self.kinematics.set_skeleton(self.skeleton)
         self._body_hypotheses.refresh()

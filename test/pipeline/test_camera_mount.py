@@ -122,7 +122,7 @@ def test_the_learned_vertical_moves_with_the_camera():
     learned, seen = upright.vertical, upright.learned_for
     angle = np.arccos(learned @ upright.mount)
     assert angle > 0.01
-    upright.moved(0.2, 0.6)
+    upright.move_mount(0.2, 0.6)
     assert np.allclose(upright.mount, vertical_of(0.2, 0.6)) and upright.learned_for == seen
     assert np.arccos(upright.vertical @ upright.mount) == pytest.approx(angle)
     upright.reset()
