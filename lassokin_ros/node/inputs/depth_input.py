@@ -16,10 +16,10 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
+from lassokin_ros.node.inputs.missing_input import MissingInput
+from lassokin_ros.node.inputs.polled_subscription import ignore_events
 from lassokin_ros.node.log_throttle import LogThrottle
-from lassokin_ros.node.missing_input import MissingInput
 from lassokin_ros.node.person_outputs import message_class
-from lassokin_ros.node.polled_subscription import ignore_events
 from lassokin_ros.node.qos import overrides
 from lassokin_ros.pipeline.depth_images import RECEIVED, DepthImages
 from lassokin_ros.pipeline.outputs.topics import DEPTH_IMAGE_TYPE
