@@ -1,6 +1,6 @@
 """Coverage-guided fuzzing of one target with atheris; `run.py` starts one process of this for each.
 
-    python test/fuzz/guided.py "file bvh" CORPUS [options of libFuzzer]
+python test/fuzz/guided.py "file bvh" CORPUS [options of libFuzzer]
 """
 
 import sys

@@ -299,16 +299,22 @@ FILES = {
     "file urdf": file_target("body.urdf", urdf_files, use_skeleton),
     "file smpl": file_target("body.npz", lambda: [npz_of(smpl_arrays()[0])], use_skeleton),
     "file smpl arrays": file_target("arrays.npz", smpl_arrays, use_smpl_arrays),
-    "file skeleton": file_target("body.yaml", lambda: [*package_files("skeletons"), skeleton_text(BODY).encode()], use_skeleton),
+    "file skeleton": file_target(
+        "body.yaml", lambda: [*package_files("skeletons"), skeleton_text(BODY).encode()], use_skeleton
+    ),
     "file names": file_target("named.names.yaml", names_file_text, use_names),
-    "file layout": file_target("layout.yaml", lambda: package_files("layouts"), lambda path: Layout.load(str(path), BODY)),
+    "file layout": file_target(
+        "layout.yaml", lambda: package_files("layouts"), lambda path: Layout.load(str(path), BODY)
+    ),
     "file calibration": file_target("c.yaml", lambda: [text.encode() for text in CALIBRATIONS], use_calibration),
     "file parameters": file_target("p.yaml", config_files, lambda path: offline_settings([path], [])),
 }
 BAGS = {
     "bag sqlite3": file_target("a.db3", lambda: [data_file("sqlite3").read_bytes()], use_recording),
     "bag mcap": file_target("a.mcap", lambda: [data_file("mcap").read_bytes()], use_recording),
-    "bag metadata": file_target("m.yaml", lambda: [(recording("sqlite3") / "metadata.yaml").read_bytes()], use_metadata),
+    "bag metadata": file_target(
+        "m.yaml", lambda: [(recording("sqlite3") / "metadata.yaml").read_bytes()], use_metadata
+    ),
     "bag log": file_target("b.db3-wal", lambda: [database_and_log()[1]], use_log),
 }
 TARGETS = {**MESSAGES, **FILES, **BAGS}
