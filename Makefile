@@ -1,6 +1,7 @@
 # make demo   play a bag of keypoints into the node and show the result
 # make test   run the whole test suite
-# make fuzz   run the fuzz tests alone, with 100,000 new cases and more; takes half an hour
+# make fuzz   run the fuzz tests alone, with 100,000 new cases and more, then fuzz every decoder and file reader guided by
+#             coverage (atheris), each for SECONDS; takes an hour
 # Each target creates .venv on first use and installs what it needs (the extra `demo` or `test` of setup.py); ROS is not
 # needed. PYTHON=python3.12 make test selects another Python.
 
@@ -17,8 +18,9 @@ demo: $(VENV)/.installed-demo
 test: $(VENV)/.installed-test
 	$(RUN) $(VENV)/bin/python -m pytest --numprocesses 2 --dist loadgroup
 
-fuzz: $(VENV)/.installed-test
+fuzz: $(VENV)/.installed-fuzz
 	$(RUN) LASSOKIN_FUZZ_CASES=$(or $(CASES),90000) $(VENV)/bin/python -m pytest test/msg_adapters/test_fuzz_adapters.py test/pipeline/test_fuzz_pipeline.py test/core/test_fuzz_tracker.py
+	$(RUN) $(VENV)/bin/python test/fuzz/run.py --seconds $(or $(SECONDS),60)
 
 lint: $(VENV)/.installed-test
 	$(VENV)/bin/ruff check .

@@ -53,6 +53,7 @@ TEST = [
     *DEMO,
     *CLUSTER,
 ]
+FUZZ = ["atheris>=2.3; sys_platform == 'linux' and platform_machine == 'x86_64'", *TEST]  # has wheels for these alone
 
 setup(
     name=NAME,
@@ -87,6 +88,7 @@ setup(
         "cluster": CLUSTER,
         "demo": DEMO,
         "test": TEST,
+        "fuzz": FUZZ,
     },
     zip_safe=False,
     entry_points={
