@@ -62,7 +62,8 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
         camera = camera_source(bag, options, node_config.rectified)
         depth = []
         if node_config.depth:
-            depth = [bag.find(topics.DEPTH_IMAGE_TYPE, node_config.depth, topics.DEPTH_IMAGE, "-p depth:=")]
+            kind = topics.depth_type(node_config.depth)
+            depth = [bag.find(kind, node_config.depth, topics.DEPTH_IMAGE, "-p depth:=")]
         read = [keypoints, *camera.recorded, *depth]
         if options.two_pass:
             first = OfflineTracker(tracker_config, node_config, bag.types)
@@ -189,6 +190,7 @@ def _summary(title: str, inputs: Sequence[str], tracker: Any, seconds: float, wr
     import numpy as np
 
     from lassokin_ros.pipeline.outputs.calibration_status import averaged_sides
+    from lassokin_ros.pipeline.depth_images import MATCHED, UNMATCHED
     from lassokin_ros.replay.offline_tracker import LINK_AS_FRAME
 
     counts, error = tracker.pipeline.counts, tracker.reprojection_px
@@ -205,6 +207,10 @@ def _summary(title: str, inputs: Sequence[str], tracker: Any, seconds: float, wr
     averaged = tracker.pipeline.tracker.averaged
     if averaged:
         lines["left and right"] = averaged_sides(averaged)
+    if (depth := tracker.pipeline.depth) is not None:
+        lines["depth images"] = f"for {counts[MATCHED]} of {counts[MATCHED] + counts[UNMATCHED]} keypoint messages"
+        if remark := depth.fault or depth.note:
+            lines["depth images"] += f"; {remark}"
     if counts[LINK_AS_FRAME]:
         lines["base frame"] = "frame_id is the name of a link of the body; robot_description has another base"
     lines.update(written)
