@@ -62,7 +62,8 @@ class Pipeline:
         self.people = _people_tracker(self._trackable, self.counts, self.config.several_people)
         self._adapter = keypoint_adapter(self.config.keypoints_type)
         self.camera = Camera(self.config.rectified)
-        self.depth = DepthImages(self.counts) if self.config.depth else None
+        depth, registered = self.config.depth, self.config.depth_registered
+        self.depth = DepthImages(self.counts, depth, registered) if depth else None
         """The depth images, None if the setting `depth` names no topic."""
         self.mount = CameraMount(self.config.camera_mount_frame) if self.config.camera_mount_frame else None
         """The camera's mount from TF, None if the setting `camera_mount_frame` names no frame."""

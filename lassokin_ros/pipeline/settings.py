@@ -27,7 +27,11 @@ class NodeSettings:
     )
     depth: str = setting(
         "",
-        "topic of depth images (sensor_msgs/Image) that are registered to the colour image; empty for none",
+        "topic of depth images (sensor_msgs/Image, or CompressedImage if it ends in /compressedDepth) that are "
+        "registered to the colour image; empty for none",
+    )
+    depth_registered: bool = setting(
+        False, "depth images with another frame_id than the colour image's are registered to it nevertheless"
     )
     rectified: bool = setting(
         False, "keypoints are pixels of the rectified image: camera_info's P is used in place of K and D"

@@ -113,7 +113,7 @@ def _other_topics(bag: BagReader, config: NodeSettings) -> list[RecordedTopic]:
     """Return the topics of depth images and of TF, if the settings need them."""
     found = []
     if config.depth:
-        found.append(bag.find(topics.DEPTH_IMAGE_TYPE, config.depth, topics.DEPTH_IMAGE, "-p depth:="))
+        found.append(bag.find(topics.depth_type(config.depth), config.depth, topics.DEPTH_IMAGE, "-p depth:="))
     if config.camera_mount_frame:
         found += [topic for topic in bag.topics if topic.name in (topics.TF, topics.TF_STATIC)]
     return found
@@ -201,6 +201,7 @@ def _summary(title: str, inputs: Sequence[str], tracker: Any, seconds: float, wr
     import numpy as np
 
     from lassokin_ros.pipeline.outputs.calibration_status import averaged_sides
+    from lassokin_ros.pipeline.depth_images import MATCHED, UNMATCHED
     from lassokin_ros.replay.offline_tracker import LINK_AS_FRAME
 
     counts, error = tracker.pipeline.counts, tracker.reprojection_px
@@ -219,6 +220,10 @@ def _summary(title: str, inputs: Sequence[str], tracker: Any, seconds: float, wr
     averaged = tracker.pipeline.tracker.averaged
     if averaged:
         lines["left and right"] = averaged_sides(averaged)
+    if (depth := tracker.pipeline.depth) is not None:
+        lines["depth images"] = f"for {counts[MATCHED]} of {counts[MATCHED] + counts[UNMATCHED]} keypoint messages"
+        if remark := depth.fault or depth.note:
+            lines["depth images"] += f"; {remark}"
     if counts[LINK_AS_FRAME]:
         lines["base frame"] = "frame_id is the name of a link of the body; robot_description has another base"
     lines.update(written)
