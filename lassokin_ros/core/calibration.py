@@ -1,9 +1,9 @@
 """Calibration: learn the bone proportions during tracking. The height stays as given.
 
 The unknowns are about a dozen log-lengths, the same left and right (see `proportions`). Some tracked frames, spread
-over time, are kept. For each, the rows of image and prior are linearised in (pose, translation, log-lengths), and pose
+over time, are kept. For each, the rows of all evidence are linearised in (pose, translation, log-lengths), and pose
 and translation are eliminated (Schur complement), which leaves normal equations for the lengths. Their sum, a
-log-normal prior about the given skeleton and a row that fixes the stature are solved for the lengths. Kept frames are
+prior (`length_prior`) and a row that fixes the stature are solved for the lengths. Kept frames are
 relinearised in turn, one per call, at the present lengths. This is Gauss-Newton on all kept frames, distributed over
 time (Triggs et al., Bundle adjustment: a modern synthesis, 2000, sec. 6). One piece of work is itself divided into
 steps, which are distributed over the frames until the next piece, so that no frame takes much longer than the others.
@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Generator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import blas, lapack
@@ -26,19 +26,15 @@ from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project, projection_jacobian
 from lassokin_ros.core.image.robust_loss import huber_cost, huber_weights, norm
+from lassokin_ros.core.length_prior import LengthPosterior, initial_spread, length_models, posterior
 from lassokin_ros.core.schedule import Schedule
 
-MODELS = (0.003, 0.05, 0.12)
-"""Standard deviation of a log-length about the given one if the given lengths are measured, good guesses, or those of
-another person. A measured skeleton thus stays unchanged until the images clearly contradict it."""
-ODDS = (0.3, 0.6, 0.1)
-"""Prior probability of each case. Treating a guess as measured costs more than the opposite error."""
 STATURE_SPREAD = 0.005
 """Standard deviation of the logarithm of the stature at rest."""
 LARGEST_STEP = 0.1
 """Largest change of a log-length in one update, so that the poses of the kept frames can follow."""
 FARTHEST = 0.3
-"""Largest log-length."""
+"""Largest difference of a log-length from the mean of its prior."""
 INFORMATION = 0.6
 """Factor on a kept frame's information, because the errors of the prior and of the tracks are not independent. For
 frames at shorter intervals than the last one of `KEEP`, it is reduced in proportion to the interval."""
@@ -52,7 +48,7 @@ STEPS = 4
 """Steps of one piece of work: linearise and eliminate; rows of the volume; its determinants; update."""
 UPDATE = Schedule(0.2, 0.25, 1.0)
 """s between two updates of the skeleton."""
-SETTLED = 0.5
+SETTLED = 0.05
 """s after an initialisation before frames are kept."""
 DAMPING = 1e-3
 """1/rad^2, fixes unobservable degrees of freedom."""
@@ -98,6 +94,7 @@ class Calibration:
     def __init__(self, rows: FrameModel) -> None:
         self._kinematics = kinematics = rows.kinematics
         self.proportions = Proportions(kinematics)
+        self._models = length_models(self.proportions)
         self._rows = rows
         self._live = np.flatnonzero(kinematics.live)
         self.reset()
@@ -106,10 +103,10 @@ class Calibration:
         """Return to the given lengths."""
         count = self.proportions.count
         self.lengths = np.zeros(count)
-        self.spread = np.full(count, MODELS[1])
+        self.spread = initial_spread(self._models)
         self.frozen = count == 0
         self.moved = 0.0
-        self.odds = np.array(ODDS)
+        self.odds = np.array([model.odds for model in self._models])
         self._frames: list[KeptFrame] = []
         self._turn = 0
         self._worked_at = self._newest = -math.inf
@@ -173,7 +170,6 @@ class Calibration:
 
     def _keep(self, state: BodyState, data: FrameData, share: float) -> Generator[None, None, None]:
         count = self.proportions.count
-        data = replace(data, joint_depths=None)
         frame = KeptFrame(state, data, share, self.lengths, np.zeros((count, count)), np.zeros(count))
         yield from self._linearise(frame)
         if math.isfinite(frame.cost):  # otherwise the linearisation failed
@@ -227,13 +223,7 @@ class Calibration:
         """(J, C, z, cost): rows ||z - J [Omega, x] - C dlengths||^2 of a frame, and its robust cost."""
         about = self._rows.evaluate(frame.state)
         rows = self._rows.linearise(about, frame.data, huber_weights)
-        images = 2 * len(frame.data.points)
-        by_length = self.proportions.jacobian(about.pose, self.lengths)
-        C = np.zeros((len(rows.z), self.proportions.count))
-        C[:images] = (rows.columns[-3:, :images].T.reshape(-1, 2, 3) @ by_length).reshape(images, -1)
-        if frame.data.depth is not None:
-            depths = self._rows.rows_of(self._rows.measured_depth, frame.data)
-            C[depths] = (rows.columns[-3:, depths].T[:, None] @ by_length)[:, 0]
+        C = self._rows.length_rows(rows, about, frame.data, self.proportions.motion(about.pose, self.lengths))
         size = norm(frame.data.points - project(about.pose.landmarks)) * frame.data.weights
         prior = about.posture.residual
         return rows.columns.T, C, rows.z, float(huber_cost(size).sum() + 0.5 * prior @ prior)
@@ -245,18 +235,27 @@ class Calibration:
         stature = np.outer(shares, shares) / STATURE_SPREAD**2
         H, g = self._normal_equations()
         g += shares * (shares @ self.lengths - excess) / STATURE_SPREAD**2
-        self.odds, means, covariances = _averaged(H, stature, g)
-        # While the lengths are probably measured, they stay bitwise equal, so that the track does not change at all.
-        guessed = self.odds[1:] / max(float(self.odds[1:].sum()), 1e-300)
-        best = 0 * g if self.odds[0] > 0.5 else guessed @ means[1:]
-        step = np.clip(best - self.lengths, -LARGEST_STEP, LARGEST_STEP)
-        self.lengths = np.clip(self.lengths + step, -FARTHEST, FARTHEST)
-        within, between = np.diagonal(covariances, axis1=1, axis2=2), (means - best) ** 2
-        self.spread = np.sqrt(self.odds @ (within + between))
+        found = posterior(self._models, H, g, stature)
+        self.odds = found.odds
+        best = self._best(found)
+        self.lengths = self.lengths + np.clip(best - self.lengths, -LARGEST_STEP, LARGEST_STEP)
+        self.spread = found.spread(best)
         certain = self.moved >= SHORTEST and bool(self.spread.max() < CERTAIN)
         self.frozen = certain or self.moved >= LONGEST
         if self.frozen:
             self._frames = []
+
+    def _best(self, found: LengthPosterior) -> np.ndarray:
+        """The mean log-lengths, without the case that the given ones are measured.
+
+        While that case is probable the lengths stay bitwise equal, so that the track does not change at all.
+        """
+        guessed = np.array([not model.measured for model in self._models])
+        if found.odds[guessed].sum() < 0.5:
+            return np.zeros(self.proportions.count)
+        odds = found.odds * guessed
+        prior = np.array([model.mean for model in self._models])
+        return np.asarray(odds / odds.sum() @ np.clip(found.means, prior - FARTHEST, prior + FARTHEST))
 
     def _normal_equations(self) -> tuple[np.ndarray, np.ndarray]:
         """(H (p, p), g (p,)) of all kept frames, about the given lengths. Frames of high cost get a lower weight."""
@@ -286,18 +285,3 @@ def _log_determinant(columns: np.ndarray, prior: np.ndarray) -> float:
     product = blas.dsyrk(1.0, columns.T, beta=1.0, c=prior.T, trans=1, lower=1)
     factor, failed = lapack.dpotrf(product, lower=1, clean=0, overwrite_a=1)
     return math.nan if failed else 2 * float(np.log(factor.diagonal()).sum())
-
-
-def _averaged(H: np.ndarray, stature: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(odds (m,), means (m, p), covariances (m, p, p)) of the Gaussian models; odds from their marginal likelihoods."""
-    evidence, means, covariances = [], [], []
-    for spread, odds in zip(MODELS, ODDS):
-        prior = stature + np.eye(len(g)) / spread**2
-        covariance = np.linalg.inv(H + prior)
-        mean = covariance @ g
-        volume = np.linalg.slogdet(prior)[1] + np.linalg.slogdet(covariance)[1]
-        evidence.append(0.5 * (g @ mean + volume) + np.log(odds))
-        means.append(mean)
-        covariances.append(covariance)
-    likely = np.exp(np.array(evidence) - max(evidence))
-    return likely / likely.sum(), np.array(means), np.array(covariances)
