@@ -1,4 +1,4 @@
-"""Set before anything imports rclpy or numpy: strict messages, one thread, a DDS domain of this process's own."""
+"""Settings before rclpy or numpy are imported: strict messages, one thread, a DDS domain for this process."""
 
 import os
 import re
@@ -12,19 +12,19 @@ os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 REAL = re.compile(r'^\s*from (live|archives) import|importorskip\("rclpy', re.MULTILINE)
-"""In the text of tests that run nodes, or commands that work on all cores."""
+"""Found in the text of tests that run nodes, or commands that work on all cores."""
 
 
 def pytest_configure(config):
-    """The mark is pytest-xdist's, without which all tests run as well."""
+    """Register the mark of pytest-xdist, so that the tests also run without it."""
     config.addinivalue_line("markers", "xdist_group(name): tests that run one after the other")
 
 
-@pytest.hookimpl(tryfirst=True)  # pytest-xdist's own reads the marks
+@pytest.hookimpl(tryfirst=True)  # before the hook of pytest-xdist, which reads the marks
 def pytest_collection_modifyitems(items):
-    """Where two processes share the tests, one of them does all that run nodes: two at once would wait for a core.
+    """If two processes share the tests, one of them runs all tests with nodes: two at once would compete for a core.
 
-    A file's tests stay together in any case: some use what the one before has made.
+    The tests of a file stay together, because some use results of the previous ones.
     """
     real = {path: REAL.search(path.read_text(encoding="utf-8")) for path in {item.path for item in items}}
     for item in items:
@@ -32,11 +32,11 @@ def pytest_collection_modifyitems(items):
 
 
 def pytest_terminal_summary(terminalreporter, config):
-    """How many cases the fuzz tests have run, where they ran in this process; and whether groups were kept together."""
+    """Print the number of fuzz cases, if they ran in this process, and whether groups were kept together."""
     fuzzing = sys.modules.get("fuzzing")
     for line in fuzzing.report() if fuzzing else ():
         terminalreporter.write_line(line)
-    # pytest-xdist writes a test's group behind its id, where pytest lets it; without a word it may group nothing.
+    # pytest-xdist appends the group to a test's id. Without it, tests may not have been grouped.
     passed = terminalreporter.stats.get("passed", ())
     if config.getoption("dist", "no") == "loadgroup" and not all("@" in report.nodeid for report in passed):
         terminalreporter.write_line("pytest-xdist groups no tests under this pytest: nodes ran two at once", red=True)

@@ -158,7 +158,7 @@ class TrackerParts:
         if config.height != before.height:
             self._use_height(skeleton or Skeleton.load(config.skeleton, config.assumed_height))
         if (config.camera_roll, config.camera_pitch) != (before.camera_roll, before.camera_pitch):
-            self._upright.mounted(config.camera_roll, config.camera_pitch)
+            self._upright.set_mount(config.camera_roll, config.camera_pitch)
 
     def _use_height(self, given: Skeleton) -> None:
         """Forget the person and use another body, for a new setting of the height."""
@@ -176,5 +176,5 @@ class TrackerParts:
 
     def _adopt_lengths(self) -> None:
         self.skeleton = self.calibration.skeleton
-        self.kinematics.reshape(self.skeleton)
+        self.kinematics.set_skeleton(self.skeleton)
         self._body_hypotheses.refresh()

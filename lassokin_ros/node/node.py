@@ -56,7 +56,7 @@ class TrackerNode(Node):
         self._pipeline = (PerBodyPipeline if settings[1].topic_per_body else Pipeline)(*settings)
         self._camera_warning = LogThrottle(self.get_logger().warning, time.monotonic)
         self._warning = LogThrottle(self.get_logger().warning, time.monotonic)
-        self._said_unstamped = self._said_misplaced = False
+        self._reported_unstamped = self._reported_misplaced = False
         name = self.get_fully_qualified_name().lstrip("/")  # /diagnostics is shared by the trackers of all namespaces
         self._status = DiagnosticArrayBuilder(RclpyBackend())
         self._diagnostics = Diagnostics(self._pipeline, name, time.monotonic())
@@ -240,13 +240,13 @@ class TrackerNode(Node):
         for frame in frames:
             if not frame.accepted and not self._pipeline.nobody_in_view:
                 self._warning.say(str(frame.rejection), f"keypoints rejected ({frame.rejection}): {frame.detail}")
-        if self._pipeline.counts["unstamped"] and not self._said_unstamped:  # only once
-            self._said_unstamped = True
+        if self._pipeline.counts["unstamped"] and not self._reported_unstamped:  # only once
+            self._reported_unstamped = True
             self.get_logger().warning("keypoints without a stamp: outputs carry the time of their arrival")
-        if not self._said_misplaced and frames and frames[0].accepted:
+        if not self._reported_misplaced and frames and frames[0].accepted:
             camera = self._pipeline.camera.at(frames[0].stamp_ns).intrinsics.frame_id
             if words := _misplaced(frames[0].frame_id, camera):
-                self._said_misplaced = True
+                self._reported_misplaced = True
                 self.get_logger().warning(words)
 
     def _look_who_is_there(self) -> None:

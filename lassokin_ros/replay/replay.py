@@ -164,13 +164,13 @@ def _exports(options: argparse.Namespace, tracker: Any) -> Exports | None:
     """Return the collector of the exports, None without --export. Raises a LassokinError for an unusable path."""
     if not options.export:
         return None
-    from lassokin_ros.core.evidence.upright import levelling
+    from lassokin_ros.core.evidence.upright import level_from_camera
     from lassokin_ros.replay.exports.exports import Exports
     from lassokin_ros.replay.motion import MotionRecorder
 
     pipeline = tracker.pipeline
     mount = pipeline.tracker.config
-    recorder = MotionRecorder(pipeline.tracker.layout.names, levelling(mount.camera_roll, mount.camera_pitch))
+    recorder = MotionRecorder(pipeline.tracker.layout.names, level_from_camera(mount.camera_roll, mount.camera_pitch))
     tracker.listeners.append(recorder.add)
     return Exports(options.export, recorder, pipeline.config.several_people, options.force)
 

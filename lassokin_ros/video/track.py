@@ -16,7 +16,7 @@ import numpy as np
 
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.progress import Progress
-from lassokin_ros.core.evidence.upright import levelling
+from lassokin_ros.core.evidence.upright import level_from_camera
 from lassokin_ros.detector.backend import Detector, make_detector
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.parameter_files import offline_settings
@@ -193,7 +193,8 @@ def _exports(options: argparse.Namespace, tracker: OfflineTracker) -> Exports | 
     if not options.export:
         return None
     mount = tracker.pipeline.tracker.config
-    recorder = MotionRecorder(tracker.pipeline.tracker.layout.names, levelling(mount.camera_roll, mount.camera_pitch))
+    level = level_from_camera(mount.camera_roll, mount.camera_pitch)
+    recorder = MotionRecorder(tracker.pipeline.tracker.layout.names, level)
     exports = Exports(options.export, recorder, tracker.pipeline.config.several_people, options.force)
     tracker.listeners.append(recorder.add)
     return exports

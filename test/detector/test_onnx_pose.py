@@ -1,6 +1,6 @@
 """ONNX models with the inputs and outputs of real pose models, which find the reddest pixel instead of a person.
 
-They are real models: what they return depends on the size, order, type and scale of what they are given.
+They run as real models: the result depends on the size, order, type and scale of the input.
 """
 
 import numpy as np
@@ -17,7 +17,7 @@ pytest.importorskip("cv2")
 COCO = 17
 SKELETON = Skeleton.load("anthropometric", 1.75)
 SPOT = np.array([410, 130])
-"""px: x, y of the red square's centre in the image."""
+"""px: x, y of the centre of the red square in the image."""
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,7 @@ def movenet(onnx, path, dtype, side=192):
 
 
 def rtmpose(onnx, path, count=COCO, width=192, height=256):
-    """SimCC: the largest red of each column and row, two bins a pixel; normalised by the model's caller."""
+    """SimCC: the largest red value of each column and row, two bins per pixel; the caller normalises."""
     graph = Graph(onnx, onnx.TensorProto.FLOAT, ["batch", 3, height, width])
     red = graph.node("Slice", "input", *(graph.constant(v, np.int64) for v in ([0], [1], [1])))
     red = graph.node("Mul", red, graph.constant(0.4))  # 2.2 standard deviations of red: a score of 0.9
@@ -148,7 +148,7 @@ def test_a_models_points_are_pixels_of_the_image(name, onnx, image, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["MoveNet Lightning, int32", "RTMPose, COCO"])
-def test_points_in_a_part_of_the_image_are_pixels_of_the_image(name, onnx, image, tmp_path):
+def test_points_of_a_cropped_region_are_pixels_of_the_image(name, onnx, image, tmp_path):
     detector = make_detector(MODELS[name][0](onnx, tmp_path / "pose.onnx"))
     detector._region = (slice(90, 230), slice(330, 460))
     assert np.abs(detector.detect(image, 0.0).pixels - SPOT).max() < 15
@@ -156,14 +156,14 @@ def test_points_in_a_part_of_the_image_are_pixels_of_the_image(name, onnx, image
     assert np.abs(detector.detect(image, 0.0).pixels - SPOT).max() > 100
 
 
-def test_yolo_without_a_person(onnx, image, tmp_path):
+def test_yolo_without_a_person_gives_no_points(onnx, image, tmp_path):
     for end_to_end in (False, True):
         detector = make_detector(yolo(onnx, tmp_path / "pose.onnx", end_to_end, score=0.1))
         found = detector.detect(image, 0.0)
         assert not found.confidence.any() and np.isnan(found.pixels).all()
 
 
-def test_what_is_no_pose_model_is_one_line(onnx, tmp_path):
+def test_a_model_that_is_no_pose_model_is_one_line(onnx, tmp_path):
     file = tmp_path / "model.onnx"
     graph = Graph(onnx, onnx.TensorProto.FLOAT, [1, 3, 8, 8])
     mean = graph.node("GlobalAveragePool", "input")
@@ -197,7 +197,7 @@ def test_kinds_are_recognised_by_shapes():
         assert (found and found[0].name) == name, shapes
 
 
-def test_the_region_holds_the_person_with_a_margin():
+def test_the_region_contains_the_person_with_a_margin():
     points = np.zeros((17, 3))
     points[:, 2] = 0.9
     points[:, :2] = np.random.default_rng(0).uniform((300, 100), (340, 260), (17, 2))

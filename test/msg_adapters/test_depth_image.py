@@ -1,4 +1,4 @@
-"""Depth images: both encodings and byte orders, row padding, missing values, and what is refused."""
+"""Depth images: both encodings and byte orders, row padding, missing values, and refusals."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ ROWS, COLUMNS = np.indices(DEPTH.shape)
 @pytest.mark.parametrize("encoding", ["16UC1", "mono16", "32FC1"])
 @pytest.mark.parametrize("big_endian", [False, True])
 @pytest.mark.parametrize("padding", [0, 5])
-def test_every_form_gives_metres(encoding, big_endian, padding):
+def test_every_encoding_gives_metres(encoding, big_endian, padding):
     image = decode_depth_image(depth_message(BACKEND, 7, DEPTH, encoding, big_endian=big_endian, padding=padding))
     assert (image.stamp_ns, image.frame_id, image.size) == (7, FRAME, (4, 3))
     depth = image.metres(ROWS, COLUMNS)

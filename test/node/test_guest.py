@@ -1,4 +1,4 @@
-"""Two trackers beside a robot that has its own URDF, joint states and TF change none of them."""
+"""Two trackers beside a robot with its own URDF, joint states and TF change none of them."""
 
 import pytest
 
@@ -19,7 +19,7 @@ SHARED = ("/diagnostics", "/parameter_events", "/rosout", "/tf")
 """Topics that every node may publish."""
 
 
-def test_nothing_of_the_robots_is_changed():
+def test_the_robots_topics_are_not_changed():
     pixels = pixels_of_motion(1)[0]
     with Peer("/one") as one, Peer("/two") as two:
         robot = Node("robot_state_publisher", context=one.context)

@@ -47,14 +47,14 @@ class Upright(Evidence):
     count = 3
 
     def __init__(self, roll: float = 0.0, pitch: float = 0.0) -> None:
-        self.mounted(roll, pitch)
+        self.set_mount(roll, pitch)
 
     @classmethod
     def stack(cls, several: Sequence[Upright]) -> Upright:
         """Stack the verticals of several people, each learned from that person, for roots (people, k, 3, 3)."""
         return stack_attribute(several, "vertical")
 
-    def mounted(self, roll: float, pitch: float) -> None:
+    def set_mount(self, roll: float, pitch: float) -> None:
         """Set the camera's mount, see `vertical_of`, and forget the learned vertical."""
         self._first = vertical_of(roll, pitch)
         self.reset()
@@ -130,7 +130,7 @@ class Upright(Evidence):
         return np.asarray(2 * np.log1p(squared_norm(lean) / (4 * SPREAD**2)))
 
 
-def levelling(roll: float, pitch: float) -> np.ndarray:
+def level_from_camera(roll: float, pitch: float) -> np.ndarray:
     """Rotation (3, 3) from the optical frame of a camera with this mount, rad, to the optical frame of a level camera.
 
     The angles are fixed-axis angles of the camera's body frame (x forward, y left, z up), as in a URDF's rpy: with
@@ -143,5 +143,5 @@ def levelling(roll: float, pitch: float) -> np.ndarray:
 
 
 def vertical_of(roll: float, pitch: float) -> np.ndarray:
-    """(3,) the up direction in the optical frame of a camera with this mount, rad; see `levelling`."""
-    return -levelling(roll, pitch)[1]
+    """(3,) the up direction in the optical frame of a camera with this mount, rad; see `level_from_camera`."""
+    return -level_from_camera(roll, pitch)[1]

@@ -1,4 +1,4 @@
-"""Skeletons, layouts and settings: the built-in ones are sound, and bad ones are refused with a useful line."""
+"""Skeletons, layouts and settings: the built-in ones are valid, and bad ones are refused with a useful error."""
 
 import dataclasses
 import re
@@ -35,7 +35,7 @@ def tree(*joints, **more):
     return {"name": "test", "height_unit": "metre", "joints": list(joints), **more}
 
 
-def test_the_built_in_tree_is_smpls():
+def test_the_built_in_tree_is_that_of_smpl():
     skeleton = Skeleton.load("anthropometric", 1.75)
     assert skeleton.parents.tolist() == SMPL_PARENTS
     assert skeleton.joint_count == 24
@@ -43,7 +43,7 @@ def test_the_built_in_tree_is_smpls():
     assert built_in_skeletons() == ["anthropometric"]
 
 
-def test_the_built_in_body_is_a_body():
+def test_the_built_in_body_has_human_proportions():
     skeleton = Skeleton.load("anthropometric", 2.0)
     place = dict(zip(skeleton.joint_names, skeleton.rest_positions))
     assert place["head"][1] > place["neck"][1] > place["spine3"][1] > 0 > place["left_hip"][1] > place["left_knee"][1]
@@ -56,7 +56,7 @@ def test_the_built_in_body_is_a_body():
     assert np.allclose(Skeleton.load("anthropometric", 1.0).offsets * 2, skeleton.offsets)
 
 
-def test_offsets_cannot_be_written_by_accident():
+def test_offsets_are_read_only():
     skeleton = Skeleton.load("anthropometric", 1.75)
     with pytest.raises(ValueError):
         skeleton.offsets[3] = 0
@@ -64,7 +64,7 @@ def test_offsets_cannot_be_written_by_accident():
     assert np.allclose(longer.offsets, skeleton.offsets * 1.1) and longer.joint_names == skeleton.joint_names
 
 
-def test_a_skeleton_from_a_file(tmp_path):
+def test_a_skeleton_is_loaded_from_a_file(tmp_path):
     file = tmp_path / "stick.yaml"
     file.write_text(
         "height_unit: metre\njoints:\n  - {name: a, parent: null, position: [1, 1, 1]}\n"
@@ -76,7 +76,7 @@ def test_a_skeleton_from_a_file(tmp_path):
 
 
 @pytest.mark.parametrize("name", sorted(LANDMARKS))
-def test_built_in_layouts(name):
+def test_built_in_layouts_are_valid(name):
     assert built_in_layouts() == sorted(LANDMARKS)
     skeleton = Skeleton.load("anthropometric", 1.75)
     layout = Layout.load(name, skeleton)
@@ -134,7 +134,7 @@ def test_a_height_out_of_range_is_refused(height):
         Skeleton.load("anthropometric", height)
 
 
-def test_a_missing_file_is_named_with_what_there_is():
+def test_a_missing_file_is_named_with_the_existing_names():
     with pytest.raises(SkeletonError, match="'nobody.yaml' is neither built in .anthropometric. nor a file; expected"):
         Skeleton.load("nobody.yaml", 1.75)
     with pytest.raises(LayoutError, match="'nothing' is neither built in .body25, .*coco17.* nor a YAML file"):
@@ -191,7 +191,7 @@ BAD_LAYOUTS = {
 }
 
 
-def test_a_file_in_the_home_is_found(tmp_path, monkeypatch):
+def test_a_file_in_the_home_directory_is_found(tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     (tmp_path / "body.yaml").write_text(
         "height_unit: metre\njoints:\n  - {name: a, parent: null, position: [0, 0, 0]}\n"
@@ -283,10 +283,10 @@ def test_every_setting_has_a_description():
             assert metadata["low"] < metadata["high"], field.name
             assert metadata["low"] <= field.default <= metadata["high"], field.name
     assert TrackerConfig().checked() == TrackerConfig()
-    assert TrackerConfig(noise_px=3).checked().noise_px == 3  # an integer is a fine float
+    assert TrackerConfig(noise_px=3).checked().noise_px == 3  # an integer is a valid float
 
 
-def test_all_errors_have_one_base():
+def test_all_errors_have_a_common_base_class():
     for error in (ConfigurationError, LayoutError, SkeletonError, SolverError):
         assert issubclass(error, LassokinError)
     with pytest.raises(SolverError, match="'gurobi2' is not available"):

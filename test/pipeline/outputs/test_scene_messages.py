@@ -1,4 +1,4 @@
-"""Messages of all people, the state of tracking, TF of the joints, and labels, without middleware."""
+"""Messages about all people, the state of tracking, TF of the joints, and labels, without middleware."""
 
 from types import SimpleNamespace
 
@@ -37,7 +37,7 @@ def frames():
 
 
 def people_at(frames, message_type, stamp_ns):
-    """The message at a time after the last frame, serialised and read again as another node would."""
+    """The message at a time after the last frame, serialised and deserialised."""
     messages = PeopleMessages(BACKEND, message_type)
     messages.update(frames, None)
     store = BACKEND._typestore
@@ -47,7 +47,7 @@ def people_at(frames, message_type, stamp_ns):
 
 @pytest.mark.parametrize("message_type", BUILDERS)
 @pytest.mark.parametrize("age_s, state", [(0, "tracking"), (2, "lost"), (4, "nobody")])
-def test_each_type_of_people_has_the_person_of_the_frame(frames, message_type, age_s, state):
+def test_each_people_type_contains_the_person_of_the_frame(frames, message_type, age_s, state):
     newest = frames[-1]
     message = people_at(frames, message_type, newest.stamp_ns + age_s * SECOND)
     assert message.header.frame_id == FRAME
@@ -103,7 +103,7 @@ def test_people_who_left_or_are_of_another_camera_are_left_out(frames):
     assert messages.build((at, FRAME), 1.0, 3.0).width == 0
 
 
-def test_the_images_of_a_message():
+def test_the_scene_contains_the_people_of_each_image():
     def result(stamp_ns, estimate, accepted):
         return SimpleNamespace(estimate=estimate, stamp_ns=stamp_ns, frame_id="a", accepted=accepted)
 
@@ -136,7 +136,7 @@ def test_the_state_of_one_person_is_lost_and_then_nobody():
         assert state.value == expected and changed == (before != expected), seconds
 
 
-def test_the_state_of_several_people():
+def test_the_state_of_several_people_is_the_best_one():
     state = PresenceState()
     for status, ids, expected in (
         (Status.SEARCHING, [], "nobody"),
@@ -149,7 +149,7 @@ def test_the_state_of_several_people():
 
 
 def test_tf_of_all_joints_gives_the_joints_of_the_pose(frames):
-    """Chained from the camera, each frame is where its joint is, turned as the joint is."""
+    """Chained from the camera, each frame has the position and orientation of its joint."""
     frame = frames[-1]
     for rep155 in (False, True):
         config = NodeSettings(publish_tf="all", rep155=rep155)
@@ -171,7 +171,7 @@ def test_tf_of_all_joints_gives_the_joints_of_the_pose(frames):
         assert ("body_p4" if rep155 else "tracker/body") in known
 
 
-def test_labels_stand_at_the_joints(frames):
+def test_labels_are_at_the_joints(frames):
     frame = frames[-1]
     config = NodeSettings(joint_labels=True)
     markers = dict(FrameMessages(BACKEND, frame.skeleton, config=config).build(frame))[topics.MARKERS].markers
@@ -182,7 +182,7 @@ def test_labels_stand_at_the_joints(frames):
 
 
 @pytest.mark.parametrize("text, expected", [("off", "off"), ("false", "off"), ("true", "root"), ("all", "all")])
-def test_publish_tf_takes_yamls_booleans(text, expected):
+def test_publish_tf_accepts_the_booleans_of_yaml(text, expected):
     assert offline_settings([], [f"publish_tf:={text}"])[1].publish_tf == expected
 
 

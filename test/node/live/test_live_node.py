@@ -1,4 +1,4 @@
-"""The running node: parameters, reset, diagnostics, refused inputs, stamps that jump."""
+"""The running node: parameters, reset, diagnostics, rejected inputs, stamps that jump."""
 
 import signal
 
@@ -8,13 +8,20 @@ import pytest
 pytest.importorskip("rclpy")
 
 from live import BACKEND, START_NS, NodeProcess, Peer, stamp_of, values_of  # noqa: E402
-from messages import FOCAL, FRAME, HEIGHT, WIDTH, camera_info, pixels_of_motion  # noqa: E402
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue  # noqa: E402
+from live_session import (  # noqa: E402
+    PIXELS,
+    feed,
+    get_parameter,
+    parameter,
+    restart,
+    send_next,
+    send_until_rejected,
+    set_parameters,
+)
+from messages import FOCAL, FRAME, HEIGHT, WIDTH, camera_info  # noqa: E402
 from rcl_interfaces.srv import (  # noqa: E402
     DescribeParameters,
-    GetParameters,
     ListParameters,
-    SetParameters,
     SetParametersAtomically,
 )
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
@@ -22,77 +29,17 @@ from std_srvs.srv import SetBool, Trigger  # noqa: E402
 from lassokin_ros.node.parameters import all_settings  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 
-PIXELS = pixels_of_motion(200)
 OK, WARN, ERROR = b"\x00", b"\x01", b"\x02"
 
 
 @pytest.fixture(scope="module")
 def running():
-    """One node that tracks, and its peer; `feed` sends the next frames of one motion."""
+    """A node that tracks, and its peer; `feed` sends the next frames of one motion."""
     namespace = "/running"
     with NodeProcess(namespace), Peer(namespace) as peer:
         peer.start(PIXELS[0])
         peer.frames_sent = 0
         yield peer
-
-
-def feed(peer, count=1, **options):
-    """Send the next frames, each one's outputs awaited (topics overtake one another); return their stamps."""
-    outputs = [
-        peer.got[topic] for topic in (topics.CERTIFICATE, topics.JOINT_STATES, topics.TRANSLATION, topics.JOINTS)
-    ]
-    stamps = []
-    for _ in range(count):
-        answers = [len(messages) for messages in outputs]
-        stamps.append(send_next(peer, **options))
-        peer.spin_until(lambda: all(len(m) > n for m, n in zip(outputs, answers)), what="the outputs")  # noqa: B023
-    return stamps
-
-
-def from_the_beginning(peer):
-    """Nothing has been seen, not even a time."""
-    assert peer.call(Trigger, "reset", Trigger.Request()).success
-    peer.frames_sent = 0
-
-
-def send_next(peer, **options):
-    stamp = START_NS + peer.frames_sent * 16_666_667
-    peer.send(stamp, PIXELS[peer.frames_sent % len(PIXELS)], **options)
-    peer.frames_sent += 1
-    return stamp
-
-
-def rejected(peer, reason):
-    """How many messages the node has refused for this reason so far."""
-    return int(values_of(peer.next_diagnostics()).get(f"rejected: {reason} [messages]", 0))
-
-
-def send_until_rejected(peer, reason, send):
-    """`send` once, and wait for its refusal in the diagnostics; nothing may be published for it."""
-    before, outputs = rejected(peer, reason), len(peer.got[topics.JOINT_STATES])
-    send()
-    peer.next_diagnostics(lambda s: int(values_of(s).get(f"rejected: {reason} [messages]", 0)) == before + 1)
-    assert len(peer.got[topics.JOINT_STATES]) == outputs
-
-
-def parameter(name, value):
-    kinds = {bool: "bool", int: "integer", float: "double", str: "string"}
-    kind = kinds[type(value)]
-    message = ParameterValue(type=getattr(ParameterType, f"PARAMETER_{kind.upper()}"))
-    setattr(message, f"{kind}_value", value)
-    return Parameter(name=name, value=message)
-
-
-def set_parameters(peer, **values):
-    request = SetParameters.Request(parameters=[parameter(*item) for item in values.items()])
-    return peer.call(SetParameters, "set_parameters", request).results
-
-
-def get_parameter(peer, name):
-    value = peer.call(GetParameters, "get_parameters", GetParameters.Request(names=[name])).values[0]
-    kinds = {ParameterType.PARAMETER_DOUBLE: "double", ParameterType.PARAMETER_INTEGER: "integer"}
-    kinds |= {ParameterType.PARAMETER_BOOL: "bool", ParameterType.PARAMETER_STRING: "string"}
-    return getattr(value, f"{kinds[value.type]}_value")
 
 
 def test_every_setting_is_a_described_parameter(running):
@@ -116,12 +63,12 @@ def test_every_setting_is_a_described_parameter(running):
         assert get_parameter(running, item.name) == item.default
 
 
-def test_there_are_no_qos_parameters_that_nobody_asked_for(running):
+def test_there_are_no_unrequested_qos_parameters(running):
     listed = running.call(ListParameters, "list_parameters", ListParameters.Request()).result.names
     assert not [name for name in listed if name.startswith("qos_overrides./running/")]
 
 
-def test_the_start_the_reset_and_the_switch_are_one_line_each():
+def test_start_reset_and_switch_log_one_line_each():
     with NodeProcess("/spoken", "-r", "keypoints:=/detector/points", "-p", "height:=1.6") as node:
         with Peer("/spoken", outputs=False) as peer:
             peer.next_diagnostics()
@@ -161,7 +108,7 @@ def test_several_values_are_applied_together_or_not_at_all(running):
     feed(running)
 
 
-def test_a_live_change_holds_from_the_next_frame_on(running):
+def test_a_live_change_takes_effect_on_the_next_frame(running):
     feed(running, confidence=0.5)
     assert set_parameters(running, min_confidence=0.6)[0].successful
     send_until_rejected(running, "too_few_landmarks", lambda: send_next(running, confidence=0.5))
@@ -169,8 +116,8 @@ def test_a_live_change_holds_from_the_next_frame_on(running):
     feed(running, confidence=0.5)
 
 
-def test_a_live_change_of_noise_px_counts_in_the_next_frame(running):
-    """The same frames twice; up to the change they give the same to the bit, and from the next one on they do not."""
+def test_a_live_change_of_noise_px_takes_effect_on_the_next_frame(running):
+    """The same frames twice. The results are bitwise equal up to the change, and differ from the next frame on."""
 
     def joints(count):
         feed(running, count)
@@ -179,7 +126,7 @@ def test_a_live_change_of_noise_px_counts_in_the_next_frame(running):
 
     rounds = []
     for noise_px in (3.0, 30.0):
-        from_the_beginning(running)
+        restart(running)
         before = joints(8)
         assert set_parameters(running, noise_px=noise_px)[0].successful
         rounds.append((before, joints(1)))
@@ -189,9 +136,9 @@ def test_a_live_change_of_noise_px_counts_in_the_next_frame(running):
     assert np.abs(same - other).max() > 1e-4
 
 
-def test_a_new_height_is_that_of_the_next_frame(running):
+def test_a_new_height_takes_effect_on_the_next_frame(running):
     def distance():
-        from_the_beginning(running)
+        restart(running)
         feed(running, 3)
         return running.got[topics.TRANSLATION][-1].point.z
 
@@ -206,7 +153,7 @@ def test_a_new_height_is_that_of_the_next_frame(running):
     assert np.isclose(distance(), normal, rtol=1e-6)
 
 
-def test_a_read_only_value_takes_the_others_of_its_request_with_it(running):
+def test_a_read_only_value_makes_the_whole_request_fail(running):
     values = [parameter("sparsity", 0.5), parameter("max_people", 3)]
     request = SetParametersAtomically.Request(parameters=values)
     result = running.call(SetParametersAtomically, "set_parameters_atomically", request).result
@@ -215,24 +162,24 @@ def test_a_read_only_value_takes_the_others_of_its_request_with_it(running):
 
 
 def test_a_stamp_of_zero_is_the_time_of_arrival_if_no_message_has_a_stamp(running):
-    from_the_beginning(running)
+    restart(running)
     before, states = running.node.get_clock().now().nanoseconds, running.got[topics.JOINT_STATES]
     running.spin_until(
         lambda: [running.send(0, PIXELS[0])] and stamp_of(states[-1]) > before, what="an output stamped on arrival"
     )
     running.settle()
     assert stamp_of(states[-1]) < running.node.get_clock().now().nanoseconds
-    from_the_beginning(running)
+    restart(running)
 
 
 def test_a_stamp_of_zero_among_others_continues_them(running):
-    from_the_beginning(running)
+    restart(running)
     previous, last = feed(running, 2)
     states = running.got[topics.JOINT_STATES]
     running.send(0, PIXELS[2])
     running.spin_until(lambda: stamp_of(states[-1]) != last, what="the output of the message without a stamp")
     assert last < stamp_of(states[-1]) <= last + (last - previous)
-    from_the_beginning(running)
+    restart(running)
 
 
 def test_reset_forgets_the_state(running):
@@ -262,7 +209,7 @@ def test_a_disabled_node_reports_this_and_publishes_nothing(running):
     assert values_of(running.got[topics.CERTIFICATE][-1])["initialised"] == "true"
 
 
-def test_diagnostics_while_tracking(running):
+def test_diagnostics_while_tracking_are_complete(running):
     running.settle()
     running.got[topics.DIAGNOSTICS].clear()
     while len(running.got[topics.DIAGNOSTICS]) < 2:
@@ -283,7 +230,7 @@ def test_diagnostics_while_tracking(running):
     assert 0 < float(values["callback time median [ms]"]) <= float(values["callback time maximum [ms]"])
     assert 0 < float(values["reprojection error [px]"]) < 20
     assert int(values["accepted [messages]"]) <= int(values["received [messages]"])
-    assert stamp_of(message) > 1e18  # the wall clock's time
+    assert stamp_of(message) > 1e18  # the time of the wall clock
 
 
 def test_frozen_keypoints_get_outputs_and_are_reported(running):
@@ -300,10 +247,10 @@ def test_frozen_keypoints_get_outputs_and_are_reported(running):
     running.frames_sent += 1
     feed(running)
     running.next_diagnostics(lambda s: s.message == "tracking")
-    assert values_of(running.got[topics.CERTIFICATE][-1])["initialised"] == "true"  # nobody knows what was between
+    assert values_of(running.got[topics.CERTIFICATE][-1])["initialised"] == "true"  # the motion in between is unknown
 
 
-def test_refused_keypoints_are_counted_by_reason_and_the_state_stays(running):
+def test_rejected_keypoints_are_counted_by_reason_and_keep_the_state(running):
     feed(running, 3)
     old = START_NS + (running.frames_sent - 1) * 16_666_667
     wrong = {
@@ -331,7 +278,7 @@ def test_refused_keypoints_are_counted_by_reason_and_the_state_stays(running):
 
 
 def test_a_stamp_that_jumps_back_resets_the_state(running):
-    from_the_beginning(running)
+    restart(running)
     feed(running, 40)  # more than jump_back
     before = int(values_of(running.next_diagnostics())["resets"])
     running.frames_sent = 0  # the bag loops
@@ -342,7 +289,7 @@ def test_a_stamp_that_jumps_back_resets_the_state(running):
 
 
 def test_a_bag_looped_three_times_gives_the_same_joints_each_time(running):
-    from_the_beginning(running)
+    restart(running)
     feed(running, 40)
     rounds = []
     for _ in range(3):
@@ -354,8 +301,8 @@ def test_a_bag_looped_three_times_gives_the_same_joints_each_time(running):
     assert rounds[0] == rounds[1] == rounds[2]
 
 
-def test_another_resolution_while_running_leaves_the_person_where_they_are(running):
-    """Twice as many pixels, and a camera_info that says so."""
+def test_another_resolution_does_not_move_the_person(running):
+    """Twice as many pixels, with a matching camera_info."""
     feed(running, 5)
     before = running.got[topics.TRANSLATION][-1].point.z
     changed, outputs = len(running.got[topics.CERTIFICATE]), running.got[topics.TRANSLATION]
@@ -395,7 +342,7 @@ def test_no_output_before_a_usable_camera_info():
         assert int(values_of(status)["rejected: camera_uncalibrated [messages]"]) > 0
         assert not any(peer.got[topic.name] for topic in topics.FRAME_OUTPUTS)
         peer.spin_until(lambda: [peer.send_camera(), send_next(peer)] and peer.got[topics.JOINT_STATES])
-        # A camera_info that is none, later, does not take the good one away.
+        # A later invalid camera_info does not replace the good one.
         peer.send_camera(k=np.zeros(9))
         status = peer.next_diagnostics(lambda s: s.level == ERROR)
         assert "stays in use" in status.message

@@ -1,4 +1,4 @@
-"""webcam.launch.py: which camera it starts, and what it sets; over recording stand-ins for `launch`."""
+"""webcam.launch.py: the camera that it starts, and its parameters; with recording replacements of `launch`."""
 
 import importlib.util
 import re
@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 class Recorded(SimpleNamespace):
-    """Replaces any class of launch and keeps its arguments."""
+    """Replaces any class of launch and records its arguments."""
 
     def __init__(self, *args, **kwargs):
         super().__init__(args=args, **kwargs)
@@ -62,7 +62,7 @@ def load(name):
 
 
 def start(module, **given):
-    """(camera, detector, arguments of tracker.launch.py) that are started."""
+    """(camera, detector, arguments of tracker.launch.py) of the started nodes."""
     *arguments, function = module.generate_launch_description().args[0]
     defaults = {argument.args[0]: argument.default_value for argument in arguments}
     assert all(argument.description for argument in arguments)
@@ -85,7 +85,7 @@ def test_parameters_of_the_own_camera_exist(webcam):
     assert set(camera.parameters[0]) < set(node.PARAMETERS) and camera.parameters[0]["fov"] == 70.0
 
 
-def test_a_driver_is_used_where_a_calibration_is(webcam, tmp_path):
+def test_a_driver_is_used_if_there_is_a_calibration(webcam, tmp_path):
     module, installed = webcam
     installed.add("usb_cam")
     assert start(module)[0].package == "lassokin_ros"
@@ -102,7 +102,7 @@ def test_the_tracker_gets_the_detectors_layout(webcam):
     tracker_launch = load("tracker")
     for given, layout in [({}, "mediapipe33"), ({"detector": "rtmpose.onnx"}, "coco17"), ({"landmarks": "h36m17"}, "")]:
         _, _, arguments = start(webcam[0], height="1.6", **given)
-        # What tracker.launch.py does with these: it refuses misspelt names and starts the tracker.
+        # tracker.launch.py refuses misspelt names and starts the tracker.
         *declared, function = tracker_launch.generate_launch_description().args[0]
         defaults = {argument.args[0]: argument.default_value for argument in declared}
         actions = function.function(SimpleNamespace(launch_configurations={**defaults, **arguments}))

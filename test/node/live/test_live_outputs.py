@@ -1,4 +1,4 @@
-"""Two processes on real DDS: what goes in comes out, once, with its stamp and frame."""
+"""Two processes on real DDS: each input has one output, with its stamp and frame."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def stream(peer, pixels, period_ns=16_666_667):
 
 
 @pytest.mark.parametrize("reliable", [True, False], ids=["reliable", "best_effort"])
-def test_exactly_one_of_each_output_for_each_frame(reliable):
+def test_each_frame_has_exactly_one_of_each_output(reliable):
     namespace = f"/outputs_{int(reliable)}"
     pixels = pixels_of_motion(FRAMES)
     with NodeProcess(namespace), Peer(namespace, reliable=reliable) as peer:
@@ -50,7 +50,7 @@ def test_exactly_one_of_each_output_for_each_frame(reliable):
 
 
 def check_contents(got):
-    """All outputs of a frame say the same."""
+    """All outputs of a frame are consistent."""
     for message in zip(*(got[topic.name] for topic in topics.FRAME_OUTPUTS)):
         state, point, poses, markers, certificate, cloud, pose, skeleton = message
         assert state.name == joint_names(SKELETON)
@@ -108,7 +108,7 @@ def test_velocities_are_the_differences_of_positions():
 
 
 @pytest.mark.parametrize("keypoints_type", list(CARRIERS))
-def test_each_carrier(keypoints_type):
+def test_each_keypoint_message_type_is_tracked(keypoints_type):
     namespace = "/carrier_" + keypoints_type.rpartition("/")[2].lower()
     pixels = pixels_of_motion(5)
     short = keypoints_type.replace("/msg/", "/")

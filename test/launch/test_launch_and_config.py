@@ -1,4 +1,4 @@
-"""Launch file, parameter files, RViz and Foxglove configurations: held to what the code has."""
+"""Launch file, parameter files, RViz and Foxglove configurations agree with the code."""
 
 import importlib.util
 import re
@@ -30,15 +30,15 @@ def test_every_parameter_file_starts_a_tracker(name):
     text = (CONFIG / f"{name}.yaml").read_text(encoding="utf-8")
     values = yaml.safe_load(text)["/**"]["ros__parameters"]
     settings = {**vars(TrackerConfig()), **vars(NodeSettings())}
-    for key, value in values.items():  # rclpy takes no 4 for 4.0
+    for key, value in values.items():  # rclpy does not accept 4 for 4.0
         assert key == "use_sim_time" or type(value) is type(settings[key]), f"{name}.yaml: {key}"
 
 
-def test_there_is_one_for_each_usual_set_up():
+def test_each_usual_set_up_has_a_parameter_file():
     assert set(FILES) == {"tracker", "webcam_yolo", "openpose", "mediapipe", "rosbag", "realsense", "oak", "zed"}
 
 
-def test_urdf_from_settings():
+def test_the_urdf_follows_from_settings():
     skeleton = Skeleton.load("anthropometric", TrackerConfig().height)
     base_frame = NodeSettings().base_frame
     assert urdf_from_settings(TrackerConfig(), NodeSettings()) == urdf(skeleton, base_frame, "tracker/")
@@ -50,7 +50,7 @@ FOLLOWER = {"state_publisher": "human_state_publisher"}
 
 
 class Recorded(SimpleNamespace):
-    """Replaces any class of launch and keeps its arguments."""
+    """Replaces any class of launch and records its arguments."""
 
     def __init__(self, *args, **kwargs):
         super().__init__(args=args, **kwargs)
@@ -58,7 +58,7 @@ class Recorded(SimpleNamespace):
 
 @pytest.fixture
 def launch_file(monkeypatch):
-    """The launch file as a module, over recording stand-ins where launch is not installed (it is not on PyPI)."""
+    """The launch file as a module, with recording replacements if launch is not installed (it is not on PyPI)."""
     for name, members in {
         "launch": ("LaunchContext", "LaunchDescription"),
         "launch.actions": ("DeclareLaunchArgument", "ExecuteProcess", "OpaqueFunction"),
@@ -77,7 +77,7 @@ def launch_file(monkeypatch):
 
 
 def start(launch_file, **given):
-    """What is started for these arguments, by package, and the bag's command."""
+    """The nodes that are started for these arguments, by package, and the bag's command."""
     *arguments, function = launch_file.generate_launch_description().args[0]
     defaults = {argument.args[0]: argument.default_value for argument in arguments}
     assert all(argument.description for argument in arguments)
@@ -90,7 +90,7 @@ def own_urdf(base_frame="camera_optical_frame", height=1.75, node="tracker"):
     return urdf(Skeleton.load("anthropometric", height), base_frame, f"{node}/")
 
 
-def test_launch_by_default(launch_file):
+def test_launch_starts_the_default_nodes(launch_file):
     started = start(launch_file)
     assert set(started) == {"lassokin_ros", "robot_state_publisher"}
     tracker, frames = started["lassokin_ros"], started["robot_state_publisher"]
@@ -104,7 +104,7 @@ def test_launch_by_default(launch_file):
     assert not hasattr(tracker, "namespace")
 
 
-def test_launch_with_arguments(launch_file, tmp_path):
+def test_launch_passes_its_arguments(launch_file, tmp_path):
     file = tmp_path / "mine.yaml"
     file.write_text("/**:\n  ros__parameters:\n    height: 1.6\n")
     given = {"keypoints": "/d/k", "camera": "/cam/", "params": str(file), "frame": "lens", "bag": "walk", "rviz": "1"}

@@ -1,7 +1,7 @@
 """The stacked model of landmark motion, (9)-(12): y = P Gamma x + P L Omega.
 
 `linearise` computes the weighted blocks in one pass; `stacked_matrices` computes P, Gamma and L as the seed defines
-them. Both serve for reading and testing. The tracker uses `frame_model.py`.
+them. Both serve for reading and testing. The tracker uses `core/evidence/frame_model.py`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The running node and time: silence, a simulation's clock that stands still, and one that goes back."""
+"""The running node and time: silence, a simulation's clock that stops, and one that goes back."""
 
 import pytest
 
@@ -10,7 +10,7 @@ from test_live_node import PIXELS, WARN, feed, send_next  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 
 
-def test_in_silence_the_state_is_lost_and_the_next_frame_is_tracked_on():
+def test_the_state_is_lost_in_silence_and_the_next_frame_is_tracked():
     namespace = "/silent"
     with NodeProcess(namespace, "-p", "lost_after:=0.5"), Peer(namespace) as peer:
         peer.start(PIXELS[0])
@@ -22,7 +22,7 @@ def test_in_silence_the_state_is_lost_and_the_next_frame_is_tracked_on():
         peer.next_diagnostics(lambda s: values_of(s)["state"] == "lost")
 
 
-def test_simulated_time_that_stands_still_is_no_absence():
+def test_stopped_simulated_time_does_not_count_as_absence():
     from rosgraph_msgs.msg import Clock
 
     namespace = "/paused"

@@ -1,6 +1,6 @@
-"""Each detector's true message through the running node, on real DDS.
+"""The message of each detector through the running node, on real DDS.
 
-Their packages are not on PyPI: a test runs where its package is installed or has been built.
+The message packages are not on PyPI: a test runs if its package is installed or was built.
 """
 
 from importlib.util import find_spec
@@ -40,7 +40,7 @@ CASES = {HRI: ("hri18", hri, FRAME), YOLO: ("coco17", yolo, FRAME), ZED: ("zed38
 
 
 @pytest.mark.parametrize("keypoints_type", CASES, ids=lambda name: name.partition("/")[0])
-def test_what_a_detector_sends_is_tracked(keypoints_type):
+def test_the_message_of_a_detector_is_tracked(keypoints_type):
     package = keypoints_type.partition("/")[0]
     if find_spec(package) is None:
         pytest.skip(f"{package} is not installed")

@@ -1,4 +1,4 @@
-"""Starting and ending: signals, bad arguments, a node that is killed and comes back."""
+"""Start and end of the process: signals, bad arguments, a node that is killed and restarts."""
 
 import signal
 import subprocess
@@ -16,8 +16,8 @@ INT, TERM = signal.SIGINT, signal.SIGTERM
 
 
 @pytest.mark.parametrize("signals", [(INT,), (TERM, TERM)], ids=["int", "term2"])
-def test_a_signal_ends_it_with_exit_code_0(signals):
-    """While nothing is to be done; under load see test_live_faults."""
+def test_a_signal_ends_the_node_with_exit_code_0(signals):
+    """While the node is idle; under load see test_live_faults."""
     namespace = "/signals_" + "_".join(str(int(s)) for s in signals)
     with NodeProcess(namespace) as node, Peer(namespace) as peer:
         peer.start(pixels_of_motion(1)[0])
@@ -50,13 +50,13 @@ def test_a_failed_start_is_explained_in_one_line(arguments, word):
     assert len(lines) == 1 and lines[0].startswith("tracker: ") and word in lines[0], done.stderr
 
 
-def test_a_misspelt_parameter_is_pointed_out():
+def test_a_misspelt_parameter_is_reported():
     with NodeProcess("/misspelt", "-p", "heigth:=1.8") as node, Peer("/misspelt") as peer:
         peer.next_diagnostics()
     assert "did you mean 'height'?" in node.said
 
 
-def test_a_policy_that_cannot_be_overridden_is_pointed_out():
+def test_a_qos_policy_that_cannot_be_overridden_is_reported():
     own, other = "qos_overrides./overridden/camera_info.subscription", "qos_overrides./image.subscription"
     settings = [f"{own}.durability:=transient_local", f"{own}.depth:=2", f"{other}.durability:=transient_local"]
     with NodeProcess("/overridden", *(word for item in settings for word in ("-p", item))) as node:
@@ -66,7 +66,7 @@ def test_a_policy_that_cannot_be_overridden_is_pointed_out():
     assert said.count("there is no parameter") == 1 and f"'{own}.durability'" in said
 
 
-def test_it_comes_back_after_being_killed():
+def test_a_killed_node_can_be_started_again():
     namespace, pixels = "/killed", pixels_of_motion(1)[0]
     with Peer(namespace) as peer:
         with NodeProcess(namespace) as first:

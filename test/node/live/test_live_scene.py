@@ -1,4 +1,4 @@
-"""~/state and ~/people on real DDS: a robot learns who is there, and that the person has gone."""
+"""~/state and ~/people on real DDS: who is visible, and that a person has left."""
 
 import time
 from functools import partial
@@ -48,13 +48,13 @@ def send_until(peer, send, condition, what):
 
 
 def points_of(message):
-    """The entries of a message, of its own fields."""
+    """The entries of a message, from its own fields."""
     assert [field.name for field in message.fields] == list(POINT.names)
     assert message.header.frame_id == FRAME and message.point_step == POINT.itemsize
     return np.frombuffer(bytes(message.data), POINT)
 
 
-def test_the_state_follows_one_person_who_comes_and_goes_without_a_message():
+def test_the_state_changes_when_a_person_comes_and_leaves_without_messages():
     namespace = "/state"
     settings = "-p", "lost_after:=0.4", "-p", "forget_after:=1.2"
     with NodeProcess(namespace, *settings) as node, Peer(namespace, outputs=False) as peer:
@@ -80,7 +80,7 @@ def test_the_state_follows_one_person_who_comes_and_goes_without_a_message():
     ]
 
 
-def test_people_has_one_person_who_is_lost_and_then_left_out():
+def test_people_lists_one_person_as_lost_and_then_not_at_all():
     namespace = "/people_of_one"
     settings = "-p", "lost_after:=0.4", "-p", "forget_after:=1.0", "-p", "joint_labels:=true", "-p", "publish_tf:=off"
     with NodeProcess(namespace, *settings) as node, Peer(namespace, outputs=False) as peer:
@@ -88,7 +88,7 @@ def test_people_has_one_person_who_is_lost_and_then_left_out():
         places = peer.got[topics.TRANSLATION]
         stamps, sent_at = [START_NS], 0.0
 
-        def send(xy):  # the next one when the last one was answered: the node leaves out messages that overtake it
+        def send(xy):  # the next one after the last answer, because the node skips overtaken messages
             nonlocal sent_at
             if (people and stamp_of(people[-1]) == stamps[-1]) or time.monotonic() - sent_at > 0.5:
                 stamps.append(stamps[-1] + 100_000_000)
@@ -105,8 +105,8 @@ def test_people_has_one_person_who_is_lost_and_then_left_out():
         assert person["zz"] > person["xx"] > 0
         send_until(peer, lambda _: send(NOWHERE), lambda: len(points_of(people[-1])) == 0, "an empty list")
         later = {stamp_of(message): points_of(message)["tracked"].tolist() for message in people}
-        last_seen = max(map(stamp_of, places))  # of what was sent, a busy machine may leave some out
-        for stamp, tracked in later.items():  # on a busy machine the clock decides before the stamps
+        last_seen = max(map(stamp_of, places))  # a busy machine may skip some of the sent messages
+        for stamp, tracked in later.items():  # on a busy machine the clock decides before the stamps do
             age_s = (stamp - last_seen) * 1e-9
             assert tracked in ([[1]] if age_s < 0.05 else [[1], [0], []] if age_s < 1.05 else [[]]), age_s
             assert age_s < 0.45 or tracked != [1], age_s
@@ -117,7 +117,7 @@ def test_people_has_one_person_who_is_lost_and_then_left_out():
     assert "Traceback" not in node.said
 
 
-def test_people_has_several_people_and_then_nobody():
+def test_people_lists_several_people_and_then_nobody():
     namespace = "/people_of_two"
     with NodeProcess(namespace, "-p", "max_people:=3", "-p", "forget_after:=1.0") as node:
         with Peer(namespace, outputs=False) as peer:
@@ -143,7 +143,7 @@ def test_people_has_several_people_and_then_nobody():
 
 
 @pytest.mark.skipif(find_spec("tf2_msgs") is None, reason="tf2_msgs is not installed")
-def test_tf_of_all_joints_by_the_node_itself():
+def test_the_node_publishes_tf_of_all_joints():
     from tf2_msgs.msg import TFMessage
 
     namespace, got = "/tf_of_all", []

@@ -1,4 +1,4 @@
-"""What happens to a node in a bad world: bursts, peers that die or stand still, signals at any moment."""
+"""The node under faults: bursts, peers that end or stop, signals at any moment."""
 
 import os
 import signal
@@ -52,7 +52,7 @@ def running():
 
 
 def send(peer, count=1, step_ns=STEP_NS):
-    """Send the next frames without a pause; the stamp of the last."""
+    """Send the next frames without a pause; return the stamp of the last."""
     for _ in range(count):
         peer.newest_ns += step_ns
         peer.send(peer.newest_ns, PIXELS[peer.frames_sent % len(PIXELS)])
@@ -61,7 +61,7 @@ def send(peer, count=1, step_ns=STEP_NS):
 
 
 def answered(peer, stamp):
-    """True when the joint states of this stamp have come."""
+    """True if the joint states with this stamp have arrived."""
     return any(stamp_of(m) == stamp for m in peer.got[topics.JOINT_STATES])
 
 
@@ -72,16 +72,16 @@ def counts(peer):
 
 
 def increase(peer, before):
-    """What has been counted since `before`, without zeros."""
+    """The increase of each count since `before`, without zeros."""
     return {key: n - before.get(key, 0) for key, n in counts(peer).items() if n != before.get(key, 0)}
 
 
 @contextmanager
 def standing_still(process, probe):
-    """A process that gets no processor meanwhile, stopped where it holds no lock of DDS's shared memory.
+    """A process that is stopped meanwhile, at a moment when it holds no lock of DDS's shared memory.
 
-    Who sends something to one that holds such a lock is held up for a second, and the message is lost; `probe` sends
-    something to it.
+    A message to a process that holds such a lock blocks the sender for a second and is lost; `probe` sends such a
+    message.
     """
     while True:
         process.send_signal(signal.SIGSTOP)
@@ -97,8 +97,8 @@ def standing_still(process, probe):
 
 @contextmanager
 def endpoint(role, namespace, **options):
-    """test/endpoint.py as a process, killed at the end."""
-    command = [sys.executable, str(Path(__file__).parents[1] / "support" / "endpoint.py"), role, namespace]
+    """test/support/endpoint.py as a process, killed at the end."""
+    command = [sys.executable, str(Path(__file__).parents[2] / "support" / "endpoint.py"), role, namespace]
     process = subprocess.Popen(command, **options)
     try:
         yield process
@@ -117,7 +117,7 @@ def test_after_a_short_hiccup_every_message_is_used(running):
     assert increase(peer, before) == {"received": 4, "accepted": 4}
 
 
-def test_of_a_burst_the_newest_is_used_and_the_rest_is_counted(running):
+def test_the_newest_message_of_a_burst_is_used_and_the_others_are_counted(running):
     process, peer = running
     before, outputs, sent = counts(peer), len(peer.got[topics.JOINT_STATES]), 300
     with standing_still(process, peer.send_camera):
@@ -140,7 +140,7 @@ def test_messages_faster_than_the_callback_are_answered_without_delay(running):
     assert new["accepted"] + new[OVERTAKEN] + new[LOST] == sent
 
 
-def test_broken_data_under_a_right_type_is_survived_and_counted(running):
+def test_broken_data_of_a_right_type_is_counted(running):
     _, peer = running
     before = counts(peer)
     good = serialize_message(BACKEND.make("sensor_msgs/msg/PointCloud2"))
@@ -151,7 +151,7 @@ def test_broken_data_under_a_right_type_is_survived_and_counted(running):
     assert increase(peer, before) == {"received": 1, "accepted": 1, LOST: 4}
 
 
-def test_parameters_changed_in_the_middle_of_a_burst(running):
+def test_parameters_can_change_during_a_burst(running):
     _, peer = running
     before, sent = counts(peer), 0
     client = peer.node.create_client(SetParameters, "tracker/set_parameters")
@@ -162,7 +162,7 @@ def test_parameters_changed_in_the_middle_of_a_burst(running):
         futures.append(client.call_async(SetParameters.Request(parameters=[Parameter(name="noise_px", value=value)])))
         last = send(peer, 3)
         sent += 3
-        # A service's queues hold 10: of more requests at a time some would never be answered.
+        # A service's queues hold 10 requests; of more at a time some would never be answered.
         peer.spin_until(lambda: sum(not f.done() for f in futures) < 5, what="answers of the service")
     peer.spin_until(lambda: all(f.done() for f in futures) and answered(peer, last), what="all answers")
     assert all(f.result().results[0].successful for f in futures)
@@ -172,7 +172,7 @@ def test_parameters_changed_in_the_middle_of_a_burst(running):
     peer.node.destroy_client(client)
 
 
-def test_a_camera_info_that_vanishes_stays_in_use(running):
+def test_a_camera_info_without_publisher_stays_in_use(running):
     _, peer = running
     peer.node.destroy_publisher(peer.camera)
     age = "camera_info age [s]"
@@ -202,10 +202,10 @@ def test_a_stopped_subscriber_does_not_block_the_node(running):
                 peer.spin_until(lambda: answered(peer, last), deadline_s=2.0, what="an answer")  # noqa: B023
                 waits.append(time.monotonic() - started)
                 peer.got[topics.JOINT_STATES].clear()
-    assert np.percentile(waits, 90) < 0.1  # a busy machine may hold up single ones
+    assert np.percentile(waits, 90) < 0.1  # a busy machine may delay single messages
 
 
-def test_a_publisher_is_killed_and_restarts():
+def test_a_restarted_publisher_is_used_again():
     namespace = "/publisher_killed"
     with NodeProcess(namespace) as node, Peer(namespace) as peer:
         for _ in range(2):
@@ -218,7 +218,7 @@ def test_a_publisher_is_killed_and_restarts():
     assert (code, "Traceback" in said) == (0, False)
 
 
-def test_killed_and_started_again_it_answers_within_a_second_of_the_first_usable_frame():
+def test_a_restarted_node_answers_within_a_second_of_the_first_usable_frame():
     namespace = "/node_killed"
     with endpoint("source", namespace), Peer(namespace) as peer:
         states = peer.got[topics.JOINT_STATES]
@@ -230,15 +230,15 @@ def test_killed_and_started_again_it_answers_within_a_second_of_the_first_usable
             peer.spin_until(lambda: states, what="joint states")
             late_ns = time.time_ns() - stamp_of(states[0])
             values = counts(peer)
-    # The node answers every frame from the first camera_info on, but where it is so busy that newer ones overtake it;
-    # how soon it and its peers find one another is DDS's.
+    # The node answers every frame from the first camera_info on, unless it is so busy that newer ones overtake it.
+    # DDS determines how soon it and its peers discover each other.
     unanswered = values.get("rejected: no_camera_info", 0) + values["overtaken by newer"]
     assert values["received"] == values["accepted"] + unanswered
     assert late_ns < 1e9
 
 
-def test_signals_under_load():
-    """Nodes that follow the same keypoints, so that the test is short."""
+def test_signals_under_load_end_the_node():
+    """The nodes track the same keypoints, so that the test is short."""
     namespace, signals = "/under_load", [(INT,), (INT, INT), (TERM,), (TERM, TERM)]
     with endpoint("source", namespace), Peer(namespace) as peer, ExitStack() as stack:
         names = [f"tracker_{number}" for number in range(len(signals))]
@@ -254,7 +254,7 @@ def test_signals_under_load():
     assert [(code, complaints(said)) for code, said in ends] == [(0, [])] * len(signals)
 
 
-def test_a_signal_before_camera_info():
+def test_a_signal_before_camera_info_ends_the_node():
     namespace = "/before_camera"
     with NodeProcess(namespace) as node, Peer(namespace) as peer:
         assert peer.next_diagnostics().message == "waiting for camera_info"
@@ -262,8 +262,8 @@ def test_a_signal_before_camera_info():
     assert (code, complaints(said)) == (0, [])
 
 
-def test_signals_during_initialisation():
-    """From the moment on in which a process awaits signals (before, it has done nothing) at any moment."""
+def test_signals_during_initialisation_end_the_node():
+    """At any moment after the process handles signals; before, it has done nothing."""
     signals = [(TERM,), (INT, INT), (INT,), (TERM, TERM), (INT, TERM), (INT, INT)]
     with ExitStack() as stack:
         nodes = [stack.enter_context(NodeProcess("/early")) for _ in signals]
@@ -273,18 +273,18 @@ def test_signals_during_initialisation():
                 assert node.process.poll() is None
                 time.sleep(0.002)
             ends.append(node.stop(*numbers))
-            time.sleep(0.3)  # no condition is waited for: the next one is to be further on
+            time.sleep(0.3)  # no condition is awaited: the next process is signalled later
     assert [(code, complaints(said)) for code, said in ends] == [(0, [])] * len(signals)
 
 
 def awaits(pid, number):
-    """True when a process has taken a signal into its own hands: it is blocked, and a thread waits for it."""
+    """True if a process handles a signal itself: it is blocked, and a thread waits for it."""
     status = Path(f"/proc/{pid}/status").read_text(encoding="ascii")
     blocked = next(line.split()[1] for line in status.splitlines() if line.startswith("SigBlk"))
     return bool(int(blocked, 16) >> (number - 1) & 1)
 
 
-def test_a_callback_that_fails_does_not_end_the_node():
+def test_a_failing_callback_does_not_end_the_node():
     from lassokin_ros.node.executable import spin
 
     context = rclpy.Context()
@@ -303,7 +303,7 @@ def test_a_callback_that_fails_does_not_end_the_node():
     node.destroy_node()
 
 
-def test_what_waits_for_the_node_is_stamped_with_the_time_at_which_it_came():
+def test_waiting_messages_are_stamped_with_their_time_of_arrival():
     namespace, kind = "/waiting", "std_msgs/msg/Float32MultiArray"
     with node_in_this_process(namespace, keypoints_type=kind) as (_, serve), Peer(namespace, kind) as peer:
         states, seen = peer.got[topics.JOINT_STATES], []

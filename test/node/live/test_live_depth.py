@@ -1,4 +1,4 @@
-"""Depth images on real DDS: matched, late, missing, not registered; the node goes on in any case."""
+"""Depth images on real DDS: matched, late, missing, not registered; the node continues in all cases."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ def scene():
 
 
 class DepthPeer(Peer):
-    """Publishes depth images, too."""
+    """A peer that also publishes depth images."""
 
     def __init__(self, namespace):
         super().__init__(namespace)
@@ -59,7 +59,7 @@ def running(scene):
 
 
 def send(peer, scene, start_ns, depth_first=True, **options):
-    """All frames with their depth images; return the joints (f, 24, 3) that were published."""
+    """Send all frames with their depth images; return the published joints (f, 24, 3)."""
     pixels, _, depths = scene
     assert peer.call(Trigger, "reset", Trigger.Request()).success  # any stamps may follow
     peer.got[topics.JOINTS].clear()
@@ -87,13 +87,13 @@ def test_depth_and_the_height_are_used(running, scene, depth_first):
     joints = send(running, scene, START_NS + 10**10 * (1 + depth_first), depth_first)
     after = counts(running)
     assert after[RECEIVED] - before[RECEIVED] == FRAMES
-    # The first message after a pause may come without: no image is expected then. A busy machine may be late, too.
+    # The first message after a pause may have no depth. A busy machine may be late, too.
     assert after[MATCHED] - before[MATCHED] >= 0.8 * FRAMES
     error = np.linalg.norm(joints - scene[1], axis=-1)[FRAMES // 2 :]
     assert error.mean() < 0.08
 
 
-def test_images_of_another_frame_are_said_and_do_no_harm(running, scene):
+def test_images_of_another_frame_are_reported_and_not_used(running, scene):
     before = counts(running)
     send(running, scene, START_NS + 5 * 10**10, frame_id="depth_optical_frame")
     after = counts(running)
@@ -105,7 +105,7 @@ def test_images_of_another_frame_are_said_and_do_no_harm(running, scene):
     assert status.level == bytes([WARN]) and "depth_optical_frame" in status.message
 
 
-def test_an_image_that_cannot_be_read_is_said(running, scene):
+def test_an_unreadable_image_is_reported(running, scene):
     message = depth_message(BACKEND, START_NS + 7 * 10**10, scene[2][0])
     message.encoding = "rgb8"
     running.depth.publish(message)
