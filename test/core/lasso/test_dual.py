@@ -81,6 +81,31 @@ def test_an_object_is_kept_per_size_and_form_and_made_anew_after_a_failure(monke
     assert made[3:] == [("condensed", n, 0, 0)] * 2
 
 
+@pytest.mark.parametrize(
+    ("form", "effort", "tolerance", "gap", "iterations", "mu"),
+    [
+        ("condensed", 0, 1e-4, 1e-4, (40, 25), 1.0),
+        ("condensed", 1, 1e-9, 1e-7, (50, 30), 1.0),
+        ("projected", 0, 1e-7, 1e-7, (40, 25), 1e-4),
+        ("projected", 1, 1e-9, 1e-7, (50, 30), 1e-2),
+        ("projected", 2, 1e-9, 1e-7, (50, 30), 1.0),
+    ],
+)
+def test_the_settings_with_which_proxqp_is_reliable(form, effort, tolerance, gap, iterations, mu):
+    """The docstring of `_new_proxqp` gives the reasons."""
+    box = form == "condensed"
+    qp = module._new_proxqp(form, 5, 0 if box else 7, effort)
+    settings = qp.settings
+    assert (settings.eps_abs, settings.eps_rel) == (tolerance, tolerance)
+    assert settings.check_duality_gap
+    assert (settings.eps_duality_gap_abs, settings.eps_duality_gap_rel) == (gap, gap)
+    assert (settings.eps_primal_inf, settings.eps_dual_inf) == (0, 0)
+    assert (settings.max_iter, settings.max_iter_in) == iterations and settings.default_mu_in == mu
+    assert not settings.compute_preconditioner
+    assert settings.initial_guess == module._proxqp.InitialGuess.NO_INITIAL_GUESS
+    assert (qp.model.dim, qp.model.n_eq, qp.model.n_in) == (5, 0, 0 if box else 7)
+
+
 def test_the_solvers_that_exist_are_named_once():
     names = available_solvers()
     assert names[0] == "proxqp" and names[1:] == sorted(set(names[1:])) and "proxqp" not in names[1:]
