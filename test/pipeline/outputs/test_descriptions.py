@@ -9,6 +9,7 @@ import pytest
 
 pytest.importorskip("rosbags", reason="rosbags makes the messages")
 
+from detector_messages import backend as detector_backend  # noqa: E402
 from messages import rosbags_backend  # noqa: E402
 
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
@@ -16,6 +17,7 @@ from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.errors import SkeletonError  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 from lassokin_ros.pipeline.outputs.calibration_status import averaged_sides  # noqa: E402
+from lassokin_ros.pipeline.outputs.frame_messages import id_list  # noqa: E402
 from lassokin_ros.pipeline.outputs.robot_description import LARGEST_ERROR, RobotDescription, farthest_move  # noqa: E402
 from lassokin_ros.pipeline.outputs.skeleton_file import check_skeleton_file, for_person  # noqa: E402
 from lassokin_ros.pipeline.outputs.urdf import has_prefix, joint_names, urdf  # noqa: E402
@@ -161,6 +163,14 @@ def test_the_urdf_from_the_settings():
     text = urdf_from_settings(TrackerConfig(height=1.6), settings, "robot/tracker")
     assert text == urdf(Skeleton.load("anthropometric", 1.6), "optical", "robot/tracker/x/")
     assert has_prefix(urdf_from_settings(TrackerConfig(), NodeSettings()), "tracker/")
+
+
+def test_the_list_of_people_is_text_or_rep155s_message():
+    text = id_list(BACKEND, False)
+    assert text(5, "camera", ["p1", "p2"]).data == "p1,p2" and text(5, "camera", []).data == ""
+    message = id_list(detector_backend(), True)(5_000_000_001, "camera", ["p1", "p2"])
+    assert message.ids == ["p1", "p2"]
+    assert (message.header.stamp.sec, message.header.stamp.nanosec, message.header.frame_id) == (5, 1, "camera")
 
 
 def test_words_on_averaged_sides():
