@@ -1,6 +1,7 @@
 """The predicted support of a frame: nearer to the solution than the last frame's support."""
 
 import numpy as np
+import pytest
 from sequences import observations
 
 from lassokin_ros.core.lasso.active_set import predict_solution, solve_active_set
@@ -113,6 +114,13 @@ def test_the_cheaper_of_two_equal_columns_is_kept():
     H, g = np.ones((2, 2)), np.array([3.0, 3.0])
     for alpha, expected in (([1.0, 2.0], [2, 0]), ([2.0, 1.0], [0, 2])):
         assert np.allclose(solve_active_set(H, g, np.array(alpha), np.ones(2), 10), expected)
+
+
+def test_columns_that_are_equal_but_for_rounding_are_one_column():
+    """Their factorisation succeeds, and its last digits mean nothing."""
+    H = np.array([[1.0, 1 - 1e-13], [1 - 1e-13, 1.0]])
+    solution = solve_active_set(H, np.array([3.0, 3.0]), np.ones(2), np.ones(2), 10)
+    assert sorted(np.abs(solution) < 1e-9) == [False, True] and solution.sum() == pytest.approx(2)
 
 
 def test_no_answer_from_a_start_that_is_not_finite():
