@@ -167,3 +167,12 @@ def test_opencv_that_is_missing_is_told_when_the_lens_is_made(monkeypatch):
     with pytest.raises(CameraError, match="has a plumb_bob lens, which needs OpenCV: pip install opencv-python-headl"):
         Lens(K, [0.1, 0, 0, 0], "plumb_bob")
     assert Lens(K).model == ""
+
+
+@pytest.mark.parametrize("text", ["raise ImportError('libcv2.so: failed to map\\n segment')", "raise MemoryError()"])
+def test_opencv_that_cannot_be_loaded_is_not_called_absent(tmp_path, monkeypatch, text):
+    (tmp_path / "cv2.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "cv2", raising=False)
+    with pytest.raises(CameraError, match="installed but cannot be loaded: (libcv2.so: failed to map segment|Memory)"):
+        Lens(K, [0.1, 0, 0, 0], "plumb_bob").normalise(np.zeros((1, 2)))
