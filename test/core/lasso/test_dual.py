@@ -11,7 +11,7 @@ from lassokin_ros.core.errors import SolverError
 from lassokin_ros.core.lasso import dual as module
 from lassokin_ros.core.lasso.dual import DualSolver, available_solvers
 from lassokin_ros.core.lasso.problem import eliminate_translation
-from lassokin_ros.core.lasso.solver import LassoSolver, _without_tiny_entries
+from lassokin_ros.core.lasso.solver import LassoSolution, LassoSolver, _without_tiny_entries
 
 LASSOS = Lassos()
 
@@ -118,6 +118,16 @@ def test_the_solvers_that_exist_are_named_once():
 def test_a_solver_without_an_answer_gives_zeros(z, monkeypatch):
     monkeypatch.setattr(qpsolvers, "solve_problem", lambda *_, **__: SimpleNamespace(z=z))
     assert module._by_qpsolvers("daqp", np.eye(2), np.ones(2), None, np.ones(2)).tolist() == [0, 0]
+
+
+def test_an_answer_is_exact_if_the_active_set_finds_it(monkeypatch):
+    problem = LASSOS.draw(np.random.default_rng(5), Draw(fraction=0.1, with_prior=True, live_columns=True))
+    found = LassoSolver().solve(problem)
+    guessed = LassoSolver().solve(problem, found.omega)
+    assert found.exact and guessed.exact and (found.method, guessed.method) == ("proxqp", "guess")
+    monkeypatch.setattr("lassokin_ros.core.lasso.solver.solve_active_set", lambda *_: None)
+    assert not LassoSolver().solve(problem).exact
+    assert not LassoSolution(found.omega, found.x, found.alpha, found.certifier, "proxqp").exact
 
 
 def test_tiny_entries_are_cut_where_that_fits_the_conditions_better():

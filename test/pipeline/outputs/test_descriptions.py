@@ -20,7 +20,7 @@ from lassokin_ros.pipeline.outputs.calibration_status import averaged_sides  # n
 from lassokin_ros.pipeline.outputs.frame_messages import id_list  # noqa: E402
 from lassokin_ros.pipeline.outputs.naming import Naming  # noqa: E402
 from lassokin_ros.pipeline.outputs.robot_description import LARGEST_ERROR, RobotDescription, farthest_move  # noqa: E402
-from lassokin_ros.pipeline.outputs.skeleton_file import check_skeleton_file, for_person  # noqa: E402
+from lassokin_ros.pipeline.outputs.skeleton_file import check_skeleton_file, for_person, write_text  # noqa: E402
 from lassokin_ros.pipeline.outputs.urdf import has_prefix, joint_names, urdf  # noqa: E402
 from lassokin_ros.pipeline.outputs.urdf_from_parameters import urdf_from_settings  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
@@ -176,6 +176,16 @@ def test_the_list_of_people_is_text_or_rep155s_message():
 
 def test_words_on_averaged_sides():
     assert averaged_sides(0.0951).startswith("left and right of the skeleton differ by 9.5 % on average, ")
+
+
+def test_a_file_that_cannot_be_written_has_its_reason(tmp_path):
+    (tmp_path / "file").touch()
+    for path, reason in (
+        (tmp_path / "file" / "me.yaml", "Not a directory|File exists"),
+        (tmp_path / "a\0.yaml", "embedded null byte"),
+    ):
+        with pytest.raises(SkeletonError, match=f"cannot be written: ({reason})$"):
+            write_text(path, "text")
 
 
 def test_names_of_skeleton_files(tmp_path, monkeypatch):
