@@ -125,6 +125,7 @@ def test_the_frame_of_the_depth_image(images, image, keypoints, camera, used):
         ((813, 600), ""),
         ((820, 600), "80 x 60 px, the colour image 820 x 600, a different shape"),
         ((780, 600), "80 x 60 px, the colour image 780 x 600, a different shape"),
+        ((1, 600), "80 x 60 px, the colour image 1 x 600, a different shape"),
         ((0, 600), "camera_info has no image size"),
         ((800, 0), "camera_info has no image size"),
     ],

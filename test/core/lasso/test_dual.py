@@ -143,3 +143,10 @@ def test_tiny_entries_are_cut_where_that_fits_the_conditions_better():
     )  # the second moves by 1e-5, half of 1e-5 of the first
     right = np.array([2.0, 1e-5])
     assert np.array_equal(_without_tiny_entries(one, np.ones(2), right), right)
+    # An entry of half a penalty's correlation moves wrongly, beside one that is nearly at its bound and does not move.
+    three = SimpleNamespace(H=np.eye(3), g=np.array([3.0, 0.5, 0.9]))
+    for sign in (1, -1):
+        three.g *= sign
+        dirty = sign * np.array([2.0, 1e-7, 0.0])
+        assert _without_tiny_entries(three, np.ones(3), dirty).tolist() == [2.0 * sign, 0, 0]
+        three.g *= sign
