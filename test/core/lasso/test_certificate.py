@@ -1,6 +1,6 @@
 """The certificate of a small problem, every figure worked out by hand."""
 
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
@@ -77,6 +77,11 @@ def test_the_largest_residual_counts_and_nan_is_infinite(which):
     assert residuals.kkt_residual == 0.25
     assert replace(residuals, **{which: 0.5}).kkt_residual == 0.5
     assert replace(residuals, **{which: np.nan}).kkt_residual == np.inf
+
+
+def test_a_certificate_cannot_be_changed():
+    with pytest.raises(FrozenInstanceError):
+        certificate(*BEST).kkt1 = 0.0
 
 
 def test_the_conditions_of_theorem_1_hold_strictly():
