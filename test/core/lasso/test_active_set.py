@@ -86,6 +86,14 @@ def test_the_largest_violator_enters_with_those_that_are_near_to_it():
     assert np.allclose(solve_active_set(np.eye(3), alpha + [10, 4, 3.1], alpha, np.zeros(3), 2), [10, 4, 3.1])
 
 
+def test_in_late_steps_the_largest_violator_enters_alone(monkeypatch):
+    """Which prevents cycles."""
+    monkeypatch.setattr("lassokin_ros.core.lasso.active_set.ALONE_FROM", 0)
+    alpha = np.ones(3)
+    assert solve_active_set(np.eye(3), alpha + [10, 4, 3.1], alpha, np.zeros(3), 3) is None
+    assert solve_active_set(np.eye(3), alpha + [10, 4, 3.1], alpha, np.zeros(3), 4) is not None
+
+
 def test_entries_that_are_tiny_beside_the_largest_count_as_zero():
     H, alpha = np.eye(2), np.ones(2)
     # The second degree of freedom is at its bound exactly: in the support its value would be 0.
