@@ -1,7 +1,7 @@
 """The mutants of a file: cosmic-ray's operators, and two more that it lacks.
 
-Left out are mutants that no test can notice by construction: those inside of annotations, `is` in place of `==`, and
-those whose syntax tree is the original's.
+Left out are mutants that no test can notice by construction: those inside of annotations and of `assert` (which tells
+the type checker what holds anyway), `is` in place of `==`, and those whose syntax tree is the original's.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from cosmic_ray.mutating import mutate_code
 from cosmic_ray.operators.operator import Operator
 from cosmic_ray.plugins import get_operator, operator_names
 
-IDENTITY = ("_Eq_Is", "_NotEq_Is", "_Is_Eq", "_IsNot_NotEq", "_Is_NotEq", "_IsNot_Eq")
-"""Ends of the names of operators that swap equality and identity: the same for interned values."""
+IDENTITY = ("_Eq_Is", "_NotEq_IsNot", "_Is_Eq", "_IsNot_NotEq")
+"""Ends of the names of operators that swap equality and identity: the same for None, enumerations and small numbers."""
 
 Position = tuple[int, int]
 
@@ -82,26 +82,24 @@ def operators() -> dict[str, Operator]:
     return {**usable, "RemoveCall": RemoveCall(), "ReturnNone": ReturnNone()}
 
 
-def annotations(code: str) -> list[tuple[Position, Position]]:
-    """Where the annotations of a module stand: (first line, column), (last line, column)."""
-    found = []
+def left_out(code: str) -> list[tuple[Position, Position]]:
+    """Where the annotations and assertions of a module stand: (first line, column), (last line, column)."""
+    nodes: list[Any] = []
     for node in ast.walk(ast.parse(code)):
-        for field in ("annotation", "returns"):
-            hint = getattr(node, field, None)
-            if hint is not None:
-                found.append(((hint.lineno, hint.col_offset), (hint.end_lineno, hint.end_col_offset)))
-    return found
+        nodes += [getattr(node, "annotation", None), getattr(node, "returns", None)]
+        nodes += [node] if isinstance(node, ast.Assert) else []
+    return [((n.lineno, n.col_offset), (n.end_lineno, n.end_col_offset)) for n in nodes if n is not None]
 
 
 def places(code: str) -> dict[tuple[Any, ...], list[tuple[str, Operator, int]]]:
     """What can be mutated, by place and kind: the (name, operator, occurrence) of each of the mutants there."""
-    hints = annotations(code)
+    ranges = left_out(code)
     tree = get_ast(code)
     found = defaultdict(list)
     for name, operator in operators().items():
         positions = (spot for node in ast_nodes(tree) for spot in operator.mutation_positions(node))
         for occurrence, (start, end) in enumerate(positions):
-            if not any(first <= start and end <= last for first, last in hints):
+            if not any(first <= start and end <= last for first, last in ranges):
                 found[(start, end, name.split("_")[0])].append((name, operator, occurrence))
     return dict(found)
 

@@ -52,13 +52,15 @@ def _is_free(xy: np.ndarray, size: tuple[int, int]) -> bool:
     """Return True if points (k, 2) inside the image surely hold no placeholder; a third of the time of the tests."""
     if len(xy) == 0:
         return True
+    if min(size) <= 0:
+        return False
+    bands, centres = _fixed_places(size)
+    (near_x, near_y), (far_x, far_y) = bands[0, 1].tolist(), bands[1, 0].tolist()
     ordered = np.sort(xy, axis=0)
-    least, greatest = ordered[0].tolist(), ordered[-1].tolist()
-    width, height = size
-    inside = min(least) > BORDER_PX and width - 1 - greatest[0] > BORDER_PX < height - 1 - greatest[1]
+    (least_x, least_y), (greatest_x, greatest_y) = ordered[0].tolist(), ordered[-1].tolist()
+    inside = near_x < least_x and greatest_x < far_x and near_y < least_y and greatest_y < far_y
     if not inside or np.count_nonzero(ordered[1:, 0] == ordered[:-1, 0]) >= REPEATED - 1:
         return False
-    _, centres = _fixed_places(size)
     return not np.count_nonzero(xy == centres)
 
 

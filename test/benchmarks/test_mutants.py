@@ -83,7 +83,7 @@ def test_the_mutants_of_a_module(repository):
     from benchmarks.mutation.mutants import sample
 
     path = repository / "msg_adapters" / "tiny.py"
-    path.write_text(CODE + "\n\nprint(larger(1, 2))\n")
+    path.write_text(CODE + "\n\nassert CODE != 2\nprint(larger(1, 2))\n")
     every = list(sample([path], 1000, random.Random(0)))
     assert len({mutant.code for mutant in every}) == len(every)
     assert not any(
@@ -93,6 +93,6 @@ def test_the_mutants_of_a_module(repository):
     names = [mutant.operator for mutant in every]
     assert names.count("ReturnNone") == 2 and names.count("RemoveCall") == 1 and names.count("NumberReplacer") == 2
     (removed,) = [mutant.code for mutant in every if mutant.operator == "RemoveCall"]
-    assert removed == CODE + "\n\npass\n"
+    assert removed == CODE + "\n\nassert CODE != 2\npass\n"
     some = [mutant.code for mutant in sample([path], 3, random.Random(5))]
     assert some == [mutant.code for mutant in sample([path], 3, random.Random(5))] and len(some) == 3

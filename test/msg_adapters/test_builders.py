@@ -157,7 +157,8 @@ def test_ellipsoids(backend):
         assert vector(marker.pose.position) == POSITIONS[i].tolist()
         assert vector(marker.pose.orientation) == QUATERNIONS[i].tolist()
         assert vector(marker.scale) == pytest.approx([[0.2, 0.4, 0.6], [0.001, 0.001, 0.0012]][i])  # at least 1 mm
-        assert colour(marker.color) == joint_uncertainty.COLOUR and 0 < marker.color.a < 1
+        assert colour(marker.color) == joint_uncertainty.COLOUR and 0 < min(colour(marker.color)) < 1
+        assert max(colour(marker.color)) <= 1
         assert (marker.lifetime.sec, marker.lifetime.nanosec) == (1, 0)
 
 
@@ -180,6 +181,7 @@ def test_skeleton_markers(backend):
     assert [vector(text.pose.position) for text in texts] == positions.tolist()
     seen = [colour(marker.color) for marker in (bones, joints, texts[0])]
     assert seen == [markers.BONE_COLOUR, markers.JOINT_COLOUR, markers.TEXT_COLOUR] and len(set(seen)) == 3
+    assert all(0 <= part <= 1 for colours in seen for part in colours)
     plain = markers.SkeletonMarkersBuilder(backend, [-1, 0]).fill(STAMP, FRAME, positions[:2])
     assert [marker.ns for marker in plain.markers] == ["bones", "joints"]
 
@@ -196,6 +198,7 @@ def test_image_and_keypoint_markers(backend):
     assert [vector(point)[:2] for point in marker.points] == bone + upright + oblique
     colours = [image_markers.BONE] + [image_markers.DETECTED] * 2 + [image_markers.REPROJECTED] * 4
     assert [colour(one) for one in marker.outline_colors] == colours and len(set(colours)) == 3
+    assert all(0 <= part <= 1 for one in colours for part in one)
 
 
 def test_keypoints_on_a_plane_before_the_camera(backend):

@@ -7,6 +7,7 @@ import pytest
 
 pytest.importorskip("rosbags", reason="rosbags makes the messages")
 
+from depth_camera import depth_message  # noqa: E402
 from messages import FRAME, camera_info, cloud, crowd, pixels_of_motion, rosbags_backend  # noqa: E402
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
@@ -131,6 +132,14 @@ def test_reset_forgets_people_and_stamps_and_keeps_camera_and_counts(pipeline):
     assert pipeline.counts["resets"] == 1 and pipeline.counts["received"] == 1
     counts, (frame,) = changes(pipeline, message(0))  # an earlier stamp is no old one
     assert counts == {"received": 1, "accepted": 1} and frame.estimate.initialised
+
+
+def test_reset_forgets_the_depth_images():
+    pipeline = Pipeline(TrackerConfig(), NodeSettings(depth="depth"))
+    pipeline.depth.add(depth_message(BACKEND, START_NS, np.ones((4, 4))), 5)
+    assert pipeline.depth.newest_ns == START_NS
+    pipeline.reset()
+    assert pipeline.depth.newest_ns is None and pipeline.counts["resets"] == 1
 
 
 def test_presence_goes_on_with_the_clock_of_arrivals(pipeline):

@@ -1,6 +1,7 @@
 """The predicted support of a frame: nearer to the solution than the last frame's support."""
 
 import numpy as np
+import pytest
 from sequences import observations
 
 from lassokin_ros.core.lasso.active_set import predict_solution, solve_active_set
@@ -54,7 +55,7 @@ def separable(random, n=8):
     return np.diag(diagonal), g, alpha, np.sign(g) * np.maximum(np.abs(g) - alpha, 0) / diagonal
 
 
-def test_mend_of_separable_problems_is_soft_thresholding():
+def test_the_active_set_of_separable_problems_is_soft_thresholding():
     random = np.random.default_rng(1)
     for _ in range(20):
         H, g, alpha, solution = separable(random)
@@ -64,13 +65,13 @@ def test_mend_of_separable_problems_is_soft_thresholding():
             assert np.array_equal(mended != 0, solution != 0)
 
 
-def test_mend_finds_that_nothing_moves():
+def test_the_active_set_finds_that_nothing_moves():
     H, alpha = np.eye(3), np.array([1.0, 2.0, 3.0])
     for start in (np.zeros(3), np.array([1.0, 0, -1])):
         assert solve_active_set(H, 0.5 * alpha, alpha, start, 4).tolist() == [0, 0, 0]
 
 
-def test_mend_counts_its_steps():
+def test_the_active_set_counts_its_steps():
     H, g, alpha, solution = separable(np.random.default_rng(2))
     assert solve_active_set(H, g, alpha, solution, 1) is not None and solve_active_set(H, g, alpha, solution, 0) is None
     assert solve_active_set(H, g, alpha, np.zeros(8), 1) is None  # the first step only finds what enters
@@ -83,6 +84,14 @@ def test_the_largest_violator_enters_with_those_that_are_near_to_it():
     assert solve_active_set(np.eye(3), g, alpha, np.zeros(3), 2) is None
     assert np.allclose(solve_active_set(np.eye(3), g, alpha, np.zeros(3), 3), [10, 4, 2])
     assert np.allclose(solve_active_set(np.eye(3), alpha + [10, 4, 3.1], alpha, np.zeros(3), 2), [10, 4, 3.1])
+
+
+def test_in_late_steps_the_largest_violator_enters_alone(monkeypatch):
+    """Which prevents cycles."""
+    monkeypatch.setattr("lassokin_ros.core.lasso.active_set.ALONE_FROM", 0)
+    alpha = np.ones(3)
+    assert solve_active_set(np.eye(3), alpha + [10, 4, 3.1], alpha, np.zeros(3), 3) is None
+    assert solve_active_set(np.eye(3), alpha + [10, 4, 3.1], alpha, np.zeros(3), 4) is not None
 
 
 def test_entries_that_are_tiny_beside_the_largest_count_as_zero():
@@ -113,6 +122,13 @@ def test_the_cheaper_of_two_equal_columns_is_kept():
     H, g = np.ones((2, 2)), np.array([3.0, 3.0])
     for alpha, expected in (([1.0, 2.0], [2, 0]), ([2.0, 1.0], [0, 2])):
         assert np.allclose(solve_active_set(H, g, np.array(alpha), np.ones(2), 10), expected)
+
+
+def test_columns_that_are_equal_but_for_rounding_are_one_column():
+    """Their factorisation succeeds, and its last digits mean nothing."""
+    H = np.array([[1.0, 1 - 1e-13], [1 - 1e-13, 1.0]])
+    solution = solve_active_set(H, np.array([3.0, 3.0]), np.ones(2), np.ones(2), 10)
+    assert sorted(np.abs(solution) < 1e-9) == [False, True] and solution.sum() == pytest.approx(2)
 
 
 def test_no_answer_from_a_start_that_is_not_finite():

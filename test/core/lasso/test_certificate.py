@@ -1,6 +1,6 @@
 """The certificate of a small problem, every figure worked out by hand."""
 
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
@@ -79,7 +79,19 @@ def test_the_largest_residual_counts_and_nan_is_infinite(which):
     assert replace(residuals, **{which: np.nan}).kkt_residual == np.inf
 
 
+def test_a_certificate_cannot_be_changed():
+    with pytest.raises(FrozenInstanceError):
+        certificate(*BEST).kkt1 = 0.0
+
+
 def test_the_conditions_of_theorem_1_hold_strictly():
     assert RecoveryConditions(0.999, 1e-9, 0.9e-6).holds
     for change in ({"condition1": 1.0}, {"condition2": 0.0}, {"condition3": 1e-6}, {"condition3": 0.5}):
         assert not replace(RecoveryConditions(0.999, 1e-9, 0.9e-6), **change).holds
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e200])
+def test_a_wrong_answer_is_not_certified_and_gives_no_warning(value):
+    found = certificate([value, -3.0, 0.0], BEST[1])
+    assert not found.kkt_residual < 1

@@ -11,7 +11,7 @@ from lassokin_ros.core.errors import SolverError
 from lassokin_ros.core.lasso import dual as module
 from lassokin_ros.core.lasso.dual import DualSolver, available_solvers
 from lassokin_ros.core.lasso.problem import eliminate_translation
-from lassokin_ros.core.lasso.solver import LassoSolver, _without_tiny_entries
+from lassokin_ros.core.lasso.solver import LassoSolution, LassoSolver, _without_tiny_entries
 
 LASSOS = Lassos()
 
@@ -81,6 +81,31 @@ def test_an_object_is_kept_per_size_and_form_and_made_anew_after_a_failure(monke
     assert made[3:] == [("condensed", n, 0, 0)] * 2
 
 
+@pytest.mark.parametrize(
+    ("form", "effort", "tolerance", "gap", "iterations", "mu"),
+    [
+        ("condensed", 0, 1e-4, 1e-4, (40, 25), 1.0),
+        ("condensed", 1, 1e-9, 1e-7, (50, 30), 1.0),
+        ("projected", 0, 1e-7, 1e-7, (40, 25), 1e-4),
+        ("projected", 1, 1e-9, 1e-7, (50, 30), 1e-2),
+        ("projected", 2, 1e-9, 1e-7, (50, 30), 1.0),
+    ],
+)
+def test_the_settings_with_which_proxqp_is_reliable(form, effort, tolerance, gap, iterations, mu):
+    """The docstring of `_new_proxqp` gives the reasons."""
+    box = form == "condensed"
+    qp = module._new_proxqp(form, 5, 0 if box else 7, effort)
+    settings = qp.settings
+    assert (settings.eps_abs, settings.eps_rel) == (tolerance, tolerance)
+    assert settings.check_duality_gap
+    assert (settings.eps_duality_gap_abs, settings.eps_duality_gap_rel) == (gap, gap)
+    assert (settings.eps_primal_inf, settings.eps_dual_inf) == (0, 0)
+    assert (settings.max_iter, settings.max_iter_in) == iterations and settings.default_mu_in == mu
+    assert not settings.compute_preconditioner
+    assert settings.initial_guess == module._proxqp.InitialGuess.NO_INITIAL_GUESS
+    assert (qp.model.dim, qp.model.n_eq, qp.model.n_in) == (5, 0, 0 if box else 7)
+
+
 def test_the_solvers_that_exist_are_named_once():
     names = available_solvers()
     assert names[0] == "proxqp" and names[1:] == sorted(set(names[1:])) and "proxqp" not in names[1:]
@@ -93,6 +118,16 @@ def test_the_solvers_that_exist_are_named_once():
 def test_a_solver_without_an_answer_gives_zeros(z, monkeypatch):
     monkeypatch.setattr(qpsolvers, "solve_problem", lambda *_, **__: SimpleNamespace(z=z))
     assert module._by_qpsolvers("daqp", np.eye(2), np.ones(2), None, np.ones(2)).tolist() == [0, 0]
+
+
+def test_an_answer_is_exact_if_the_active_set_finds_it(monkeypatch):
+    problem = LASSOS.draw(np.random.default_rng(5), Draw(fraction=0.1, with_prior=True, live_columns=True))
+    found = LassoSolver().solve(problem)
+    guessed = LassoSolver().solve(problem, found.omega)
+    assert found.exact and guessed.exact and (found.method, guessed.method) == ("proxqp", "guess")
+    monkeypatch.setattr("lassokin_ros.core.lasso.solver.solve_active_set", lambda *_: None)
+    assert not LassoSolver().solve(problem).exact
+    assert not LassoSolution(found.omega, found.x, found.alpha, found.certifier, "proxqp").exact
 
 
 def test_tiny_entries_are_cut_where_that_fits_the_conditions_better():
@@ -108,3 +143,10 @@ def test_tiny_entries_are_cut_where_that_fits_the_conditions_better():
     )  # the second moves by 1e-5, half of 1e-5 of the first
     right = np.array([2.0, 1e-5])
     assert np.array_equal(_without_tiny_entries(one, np.ones(2), right), right)
+    # An entry of half a penalty's correlation moves wrongly, beside one that is nearly at its bound and does not move.
+    three = SimpleNamespace(H=np.eye(3), g=np.array([3.0, 0.5, 0.9]))
+    for sign in (1, -1):
+        three.g *= sign
+        dirty = sign * np.array([2.0, 1e-7, 0.0])
+        assert _without_tiny_entries(three, np.ones(3), dirty).tolist() == [2.0 * sign, 0, 0]
+        three.g *= sign

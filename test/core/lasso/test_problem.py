@@ -55,3 +55,15 @@ def test_a_direction_seen_a_thousand_times_less_is_still_seen():
 def test_the_reduction_is_computed_once():
     problem = Lasso(**arrays())
     assert problem.reduced is problem.reduced
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e200])
+def test_values_that_overflow_are_refused_without_a_warning(value):
+    given = arrays()
+    given["A"][2, 1] = value
+    eliminate_translation(Lasso(**given))  # the solver rejects what comes out
+    if value == 1e200:
+        given["alpha"] = np.full(4, 1e200)
+    with pytest.raises(SolverError, match="not finite .or overflows"):
+        Lasso(**given).check()

@@ -8,6 +8,7 @@ import pytest
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.observation import Status
+from lassokin_ros.pipeline.people.joint_states import JointStates, Moment
 from lassokin_ros.pipeline.people.tracked_person import LONGEST_PREDICTION_S, VELOCITY_MEMORY_S, TrackedPerson
 
 SECOND = 10**9
@@ -68,21 +69,23 @@ def test_a_person_is_lost_after_a_while_without_a_message(person):
     assert person.status_at(9 * SECOND) is Status.SEARCHING
 
 
-def test_joint_states_and_their_velocities(person):
-    positions, velocities = person._joint_states(SECOND, at([1, 2, 3], initialised=True))
+def test_joint_states_and_their_velocities():
+    states = JointStates(("xyz",) * 24)
+    first = Moment(SECOND, at([1, 2, 3]).state, True)
+    second = Moment(SECOND + SECOND // 2, at([1, 2, 4], turn=0.1).state, False)
+    positions, velocities = states.read(first, None)
     assert positions[:3].tolist() == [1, 2, 3] and not positions[3:].any() and not velocities.any()
-    positions, velocities = person._joint_states(SECOND + SECOND // 2, at([1, 2, 4], turn=0.1))
-    assert velocities[:3] == pytest.approx([0, 0, 2]) and positions[3 + 3 * 5] == pytest.approx(0.1)
-    assert velocities[3 + 3 * 5] == pytest.approx(0.2)
-    _, velocities = person._joint_states(2 * SECOND, at([9, 9, 9], initialised=True))
-    assert not velocities.any()
+    for _ in range(2):  # of the frame before, whichever was read last
+        positions, velocities = states.read(second, first)
+        assert velocities[:3] == pytest.approx([0, 0, 2]) and positions[3 + 3 * 5] == pytest.approx(0.1)
+        assert velocities[3 + 3 * 5] == pytest.approx(0.2)
+    assert not states.read(Moment(2 * SECOND, at([9, 9, 9]).state, True), second)[1].any()
+    assert not states.read(second, None)[1].any()
 
 
 def test_reset_forgets_the_motion(person):
     move(person, (1.0, 0.0), (1.1, 0.5))
-    person._joint_states(SECOND, at([1, 2, 3]))
     person.status = Status.TRACKING
     person.reset()
     assert person.predicted_landmarks(2 * SECOND) is None and person.seen_ns is None
     assert person.status is Status.SEARCHING and not person._velocity.any() and person.flush() == []
-    assert not person._joint_states(2 * SECOND, at([5, 5, 5]))[1].any()

@@ -84,9 +84,7 @@ def test_large_images_are_scaled_down_and_stay_within_the_budget(monkeypatch):
     assert 1 <= len(decoded) < 8 and sum(map(len, kept["jpeg"])) < 500_000 * 4 / 3
 
 
-@pytest.mark.parametrize(
-    "topic, numbers", [("/image_raw", [0, 1, 2, 3, 4, 7]), ("image_raw/compressed", [0, 2, 4, 6])]
-)
+@pytest.mark.parametrize("topic, numbers", [("/image_raw", [0, 1, 2, 3, 4, 7]), ("image_raw/compressed", [0, 2, 4, 6])])
 def test_the_page_holds_the_images_of_the_frames(topic, numbers, bag, capsys):
     page = report(bag, topic).read_text(encoding="utf-8")
     assert ("not shown: image_encoding 2" in capsys.readouterr().out) == (5 not in numbers and 1 in numbers)
