@@ -1,4 +1,4 @@
-"""Depth images of a body made of spheres along its bones, as a depth camera registered to the colour camera sees it."""
+"""Depth images of a body of spheres along its bones, as from a depth camera registered to the colour camera."""
 
 import numpy as np
 from messages import FOCAL, FRAME, HEIGHT, WIDTH, bytes_field

@@ -36,7 +36,7 @@ def images(tmp_path):
     return folder
 
 
-def test_images_become_motion_and_video(images, tmp_path, monkeypatch, capsys):
+def test_images_give_motion_and_video(images, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
     motion, video = tmp_path / "motion.npz", tmp_path / "out.mp4"
     assert main([str(images), "--height", "1.8", "--export", str(motion), "--video", str(video)]) == 0
@@ -46,7 +46,7 @@ def test_images_become_motion_and_video(images, tmp_path, monkeypatch, capsys):
     assert not list(tmp_path.glob(".*part*"))
 
 
-def test_what_cannot_be_used_is_one_line_and_writes_nothing(images, tmp_path, monkeypatch, capsys):
+def test_unusable_input_is_one_line_and_writes_nothing(images, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
     broken = tmp_path / "broken.mp4"
     broken.write_bytes(b"no video")
@@ -63,12 +63,12 @@ def test_what_cannot_be_used_is_one_line_and_writes_nothing(images, tmp_path, mo
     assert sorted(file.name for file in tmp_path.iterdir()) == ["broken.mp4", "images"]
 
 
-def test_field_of_view_is_along_the_longer_side():
+def test_the_field_of_view_is_along_the_longer_side():
     K = from_fov(90.0, (480, 640)).K
     assert np.isclose(K[0, 0], 320) and np.isclose(K[1, 1], 320) and K[1, 2] == 319.5
 
 
-def test_calibration_of_ros_is_scaled_to_the_image(tmp_path):
+def test_a_calibration_of_ros_is_scaled_to_the_image(tmp_path):
     file = tmp_path / "ost.yaml"
     file.write_text(
         "image_width: 640\nimage_height: 480\ncamera_matrix: {data: [500, 0, 320, 0, 500, 240, 0, 0, 1]}\n"
