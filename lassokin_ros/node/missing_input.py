@@ -11,7 +11,7 @@ from lassokin_ros.pipeline.outputs.topics import FRAME_OUTPUTS
 PATIENCE_S = 3.0
 """s from the start until the first message."""
 AGAIN_S = 30.0
-"""s after which the same is said again."""
+"""s after which the message is repeated."""
 GENERAL_TYPES = ("sensor_msgs/msg/PointCloud2", "std_msgs/msg/Float32MultiArray", "geometry_msgs/msg/PolygonStamped")
 """Types that carry many things, such as a lidar's points."""
 NAMES_OF_KEYPOINTS = ("keypoint", "pose", "person", "people", "body", "bodies", "human", "landmark", "skeleton2d")

@@ -1,4 +1,4 @@
-"""Why the tracker did not use a frame, in words with the frame's own numbers."""
+"""The reason why the tracker did not use a frame, in words with the frame's numbers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lassokin_ros.core.tracker import SMALLEST
 
 
 def rejection_text(answer: Estimate, observation: Observation, config: TrackerConfig) -> str:
-    """One line on a rejected answer to an observation: what was wrong, what was expected, what to do."""
+    """One line about a rejected observation: what was wrong, what was expected, what to do."""
     assert answer.rejection is not None
     return _WORDS[answer.rejection](answer, observation, config)
 
