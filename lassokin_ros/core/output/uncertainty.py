@@ -120,7 +120,7 @@ class UncertaintyModel:
         """learned_depth: the network's evidence, or None."""
         live, dead = np.flatnonzero(kinematics.live), np.flatnonzero(~kinematics.live)
         self._live_count = len(live)
-        #: Degrees of freedom that no landmark observes; only the prior constrains them.
+        # Unobserved degrees of freedom have the standard deviation of the prior.
         deviation = np.concatenate([np.ones(len(live)), np.sqrt(np.diagonal(prior.covariance)[dead])])
         self._jacobian = PositionJacobian(kinematics, np.concatenate([live, dead]), deviation)
         #: Columns of the root's rotation. The root comes first and every landmark moves with it.
