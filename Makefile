@@ -1,14 +1,15 @@
 # make demo   play a bag of keypoints into the node and show the result
 # make test   run the whole test suite
 # make fuzz   run the fuzz tests alone, with 100,000 new cases and more; takes half an hour
-# Each target creates .venv on first use and installs what it needs (the extra `demo` or `test` of setup.py); ROS is not
-# needed. PYTHON=python3.12 make test selects another Python.
+# make mutants   put faults into the code, one at a time, and count those that the tests notice; see CONTRIBUTING.md
+# Each target creates .venv on first use and installs what it needs (the extra `demo`, `test` or `mutants` of setup.py);
+# ROS is not needed. PYTHON=python3.12 make test selects another Python.
 
 PYTHON ?= python3
 VENV := .venv
 RUN := OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=1
 
-.PHONY: demo test fuzz lint clean
+.PHONY: demo test fuzz mutants lint clean
 .NOTPARALLEL:
 
 demo: $(VENV)/.installed-demo
@@ -19,6 +20,9 @@ test: $(VENV)/.installed-test
 
 fuzz: $(VENV)/.installed-test
 	$(RUN) LASSOKIN_FUZZ_CASES=$(or $(CASES),90000) $(VENV)/bin/python -m pytest test/msg_adapters/test_fuzz_adapters.py test/pipeline/test_fuzz_pipeline.py test/core/test_fuzz_tracker.py
+
+mutants: $(VENV)/.installed-mutants
+	$(RUN) $(VENV)/bin/python benchmarks/mutants.py --sample $(or $(SAMPLE),40) --seed $(or $(SEED),0) $(if $(ROOMS),--rooms $(ROOMS))
 
 lint: $(VENV)/.installed-test
 	$(VENV)/bin/ruff check .

@@ -53,6 +53,7 @@ TEST = [
     *DEMO,
     *CLUSTER,
 ]
+MUTANTS = ["cosmic-ray>=8.7,<9", *TEST]
 
 setup(
     name=NAME,
@@ -87,6 +88,7 @@ setup(
         "cluster": CLUSTER,
         "demo": DEMO,
         "test": TEST,
+        "mutants": MUTANTS,
     },
     zip_safe=False,
     entry_points={
