@@ -15,8 +15,8 @@ def length_changes(calibration: Calibration) -> dict[str, float]:
 def averaged_sides(difference: float) -> str:
     """Text about the averaging of a given skeleton whose left and right differ by `difference`, of the logarithms."""
     return (
-        f"left and right of the skeleton differ by {100 * difference:.1f} % on average, more than a body's do: "
-        "taken for guesses, so calibration begins with their mean; calibrate: false keeps them"
+        f"left and right of the skeleton differ by {100 * difference:.1f} % on average, more than in a body: "
+        "calibration starts with their mean; set calibrate: false to keep the given lengths"
     )
 
 

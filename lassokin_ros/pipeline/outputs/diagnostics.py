@@ -115,7 +115,7 @@ class Diagnostics:
         if not pipeline.enabled:
             return OK, "disabled by ~/set_enabled"
         if pipeline.camera_fault:
-            kept = "; the last good one stays in use" if pipeline.has_camera else ""
+            kept = "; the last good one is used" if pipeline.has_camera else ""
             return ERROR, f"camera_info refused: {pipeline.camera_fault}{kept}"
         if not pipeline.has_camera:
             return WARN, "waiting for camera_info"
@@ -125,8 +125,8 @@ class Diagnostics:
             return WARN, "; ".join(filter(None, [f"no keypoints for more than {SILENCE_S:g} s", concern]))
         if self._repeated_s > FROZEN_S:
             return WARN, (
-                f"keypoints are frozen: the same ones for more than {FROZEN_S:g} s; does the camera's image move, and "
-                "does the detector get it?"
+                f"keypoints are frozen: the same ones for more than {FROZEN_S:g} s; check that "
+                "the camera's image changes and reaches the detector"
             )
         suspicion = "" if pipeline.camera.view is None else pipeline.camera.suspicion
         possible = (
@@ -161,8 +161,8 @@ class Diagnostics:
             return ""
         width, height = view.size
         return (
-            f"keypoints lie outside the image of {width} x {height} px that camera_info speaks of: are they pixels of "
-            "the raw image, in its full size?"
+            f"keypoints lie outside the image of {width} x {height} px of camera_info: check that they are "
+            "pixels of the raw image at full resolution"
         )
 
     def _no_body(self) -> str:
@@ -171,8 +171,8 @@ class Diagnostics:
             return ""
         config, height = self._pipeline.tracker.config, self._pipeline.tracker.skeleton.height
         return (
-            f"keypoints are more than {NO_BODY * height:.2f} m off the best body: does the detector count landmarks "
-            f"as `landmarks: {config.landmarks}` says, and in pixels of the raw image?"
+            f"keypoints are more than {NO_BODY * height:.2f} m off the best body: check that the detector's landmarks "
+            f"are those of `landmarks: {config.landmarks}`, in pixels of the raw image"
         )
 
     def _turnover(self, recent: Counter[str]) -> str:
@@ -181,7 +181,7 @@ class Diagnostics:
         if changed <= TURNOVER or recent["resets"] or config.topic_per_body or config.person_ids != MESSAGE:
             return ""
         return (
-            "people come and leave within a second: do the message's person numbers change from image to image? Then "
+            "people come and leave within a second: if the message's person numbers change from image to image, "
             "set person_ids to node"
         )
 
@@ -196,8 +196,8 @@ class Diagnostics:
             return pipeline.depth.fault
         if recent[UNMATCHED] > recent[MATCHED]:
             return (
-                "most keypoint messages had no depth image of their time: do both carry the stamp of the camera, and "
-                "do depth images arrive before the keypoints?"
+                "most keypoint messages had no depth image of their time: check that both have the stamp of the "
+                "camera, and that depth images arrive before the keypoints"
             )
         return ""
 

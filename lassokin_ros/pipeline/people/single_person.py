@@ -101,9 +101,11 @@ class SinglePersonTracker:
         others = len(np.unique(keypoints.persons[confident]))
         if not others:
             return ""
-        who = f"person {self._number} is not among" if image.persistent else "nobody is near the predicted position, of"
+        who = f"person {self._number} is not" if image.persistent else "nobody is near the predicted position"
         waits = f"another person is followed after lost_after {config.lost_after:g} s"
-        return f"one person is followed, and {who} the {others} in the message; {waits} (see person_ids, max_people)"
+        return (
+            f"one person is followed, and {who} among the {others} in the message; {waits} (see person_ids, max_people)"
+        )
 
     def _find_again(self, image: PeopleImage) -> Detection:
         """Return the detection of the tracked person: by a persistent number, else by position."""

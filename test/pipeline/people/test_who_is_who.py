@@ -310,7 +310,7 @@ def test_without_lasting_numbers_the_nearest_is_followed(followed):
     assert followed.see(0, (0, 0.0, 0.9), (1, 2.0, 0.5), persistent=False) == 0.0
     assert followed.see(1, (0, 2.0, 0.9), (1, 0.1, 0.5), persistent=False) == 0.1
     assert followed.see(2, (0, 2.0, 0.9), persistent=False) == "person_absent"
-    assert "nobody is near the predicted position, of the 1 in the message" in followed.detail
+    assert "nobody is near the predicted position among the 1 in the message" in followed.detail
 
 
 @pytest.mark.parametrize("persistent", [True, False])
