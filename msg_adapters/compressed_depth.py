@@ -19,7 +19,7 @@ from msg_adapters.keypoints import frame_name, header_stamp
 HEADER_BYTES = 12
 PNG, RVL = "png", "rvl"
 MOST_PIXELS = 2**24
-"""Largest number of pixels. A few bytes can stand for a huge image."""
+"""Largest number of pixels. A few bytes can encode a huge image."""
 PNG_START = b"\x89PNG\r\n\x1a\n"
 
 

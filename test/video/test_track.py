@@ -98,9 +98,7 @@ def test_unusable_input_is_one_line_and_writes_nothing(images, tmp_path, monkeyp
         ("broken.onnx", "broken.onnx"),
     ],
 )
-def test_an_unusable_detector_is_one_line_and_writes_nothing(
-    detector, text, images, tmp_path, monkeypatch, capsys
-):
+def test_an_unusable_detector_is_one_line_and_writes_nothing(detector, text, images, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     if detector == "broken.onnx":
         pytest.importorskip("onnxruntime", reason="a model needs onnxruntime")
