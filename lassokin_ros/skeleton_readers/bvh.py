@@ -40,7 +40,7 @@ def parse_hierarchy(text: str, source: str) -> RestTree:
     tree = _Hierarchy(source)
     try:
         for word in words:
-            tree.take(word, words)
+            tree.read_keyword(word, words)
     except SkeletonError:
         raise
     except (StopIteration, IndexError, ValueError):
@@ -61,7 +61,7 @@ class _Hierarchy:
         self._axes: list[str] = []
         self._open: list[int] = []  # joints of the open blocks, the innermost last; -1 for an end site
 
-    def take(self, word: str, words: Iterator[str]) -> None:
+    def read_keyword(self, word: str, words: Iterator[str]) -> None:
         """Read one keyword with its values. Raises StopIteration, IndexError or ValueError for a broken file."""
         if word in ("ROOT", "JOINT"):
             self._begin_joint(_name(words))
