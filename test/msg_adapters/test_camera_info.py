@@ -117,7 +117,7 @@ def test_binning_to_less_than_a_pixel_is_refused():
     assert decoded(binning_x=600, binning_y=600).K[0, 0] == 1
 
 
-def test_r_and_p_of_the_rectified_image_are_kept():
+def test_the_rectification_matrix_is_kept():
     turned = np.array([0, -1.0, 0, 1, 0, 0, 0, 0, 1])
     camera = decoded(r=turned)
     assert camera.R.tolist() == turned.reshape(3, 3).tolist()
