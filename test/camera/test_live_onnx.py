@@ -29,14 +29,12 @@ STANDING = np.array(
 )  # fmt: skip
 FOCAL = 60.0
 PX = 12.0
-"""Largest shift of the person to the right, for a white image, px."""
+"""How far a white image moves the person to the right, px."""
 NEEDED = 12
 
 
 def model(path):
-    """A YOLO-pose model end to end, (1, 1, 57): a standing person, shifted to the right with the brightness of the
-    image.
-    """
+    """A YOLO-pose model end to end, (1, 1, 57): a standing person, the further to the right the brighter the image."""
     graph = Graph(onnx, onnx.TensorProto.FLOAT, [1, 3, SIDE, SIDE])
     points = np.column_stack([STANDING / 200 * SIDE * 0.9 + [26, SIDE / 2], np.full(COCO, 0.9)])
     person = np.concatenate([[0, 0, SIDE, SIDE, 0.9, 0], points.ravel()])
@@ -46,7 +44,7 @@ def model(path):
     return graph.save(path, [("output0", graph.node("Add", shift, graph.constant(person[None, None])), [1, 1, 57])])
 
 
-def test_images_give_joints_with_their_stamps(tmp_path):
+def test_images_become_joints_with_their_stamps(tmp_path):
     file = model(tmp_path / "person.onnx")
     backend, sent, next_at = RclpyBackend(), {}, 0.0
     detector = NodeProcess("/onnx", "-p", f"detector:={file}", command=DETECTOR)
@@ -75,6 +73,6 @@ def test_images_give_joints_with_their_stamps(tmp_path):
     assert np.ptp(expected) > 3 and np.corrcoef(across, expected)[0, 1] > 0.9, (across, expected)
 
 
-def test_a_missing_model_is_one_line_and_exit_code_2():
+def test_a_model_that_does_not_exist_is_one_line_and_exit_code_2():
     code, said = NodeProcess("/none", "-p", "detector:=none.onnx", command=DETECTOR).stop(grace_s=60)
     assert code == 2 and said.strip() == "detector: there is no file 'none.onnx'"

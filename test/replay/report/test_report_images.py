@@ -1,4 +1,4 @@
-"""The images of a recording below the image plane of the report: which are kept, and which the page draws."""
+"""The images of a recording under the image plane of the report: those that are kept, and those that the page draws."""
 
 import base64
 import json
@@ -27,7 +27,7 @@ RAW, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 
 
 def grey(number):
-    """The grey value of an image, which identifies it."""
+    """The grey value of an image, which says which one it is."""
     return 60 + 20 * number
 
 
@@ -63,13 +63,13 @@ def report(bag, topic):
     return page
 
 
-def test_every_nth_image_of_a_long_recording_is_kept():
+def test_of_a_long_recording_every_nth_image_is_kept():
     images, read = ReportImages(), []
     for number in range(700):
         images.add(1000 + number, lambda number=number: read.append(number) or picture(0))
     kept = images.data({1000 + number: number / 10 for number in range(700)})
     assert kept["time"] == [number / 10 for number in range(0, 700, 4)] and len(kept["time"]) <= MOST
-    assert len(read) < 500  # images that are not kept are not decoded
+    assert len(read) < 500  # what is not kept is not decoded
 
 
 def test_large_images_are_scaled_down_and_stay_within_the_budget(monkeypatch):
@@ -84,8 +84,10 @@ def test_large_images_are_scaled_down_and_stay_within_the_budget(monkeypatch):
     assert 1 <= len(decoded) < 8 and sum(map(len, kept["jpeg"])) < 500_000 * 4 / 3
 
 
-@pytest.mark.parametrize("topic, numbers", [("/image_raw", [0, 1, 2, 3, 4, 7]), ("image_raw/compressed", [0, 2, 4, 6])])
-def test_the_page_contains_the_images_of_the_frames(topic, numbers, bag, capsys):
+@pytest.mark.parametrize(
+    "topic, numbers", [("/image_raw", [0, 1, 2, 3, 4, 7]), ("image_raw/compressed", [0, 2, 4, 6])]
+)
+def test_the_page_holds_the_images_of_the_frames(topic, numbers, bag, capsys):
     page = report(bag, topic).read_text(encoding="utf-8")
     assert ("not shown: image_encoding 2" in capsys.readouterr().out) == (5 not in numbers and 1 in numbers)
     held = json.loads(re.search(r'<script type="application/json" id="images">(.*?)</script>', page).group(1))
@@ -102,7 +104,7 @@ def test_the_page_contains_the_images_of_the_frames(topic, numbers, bag, capsys)
         (["--image-topic", "keypoints", "--report", "page.html"], "holds sensor_msgs/msg/PointCloud2; expected"),
     ],
 )
-def test_unusable_options_are_one_line_and_write_nothing(options, text, bag, tmp_path, monkeypatch, capsys):
+def test_what_cannot_be_used_is_one_line_and_writes_nothing(options, text, bag, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main([str(bag), "--output", "out", *options]) == 2
     (line,) = capsys.readouterr().err.splitlines()
@@ -119,7 +121,7 @@ def colour_at(page, x, y):
     return float(screen[round(row), round(column)].mean())
 
 
-def test_the_browser_draws_the_image_of_the_frame(bag):
+def test_the_browser_draws_the_image_of_the_frame_in_its_place(bag):
     path = report(bag, "/image_raw")
     width, height = WEBCAM.size
     with browser() as running:
