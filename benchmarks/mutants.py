@@ -60,7 +60,9 @@ def try_room(copy: Copy, room: str, mutants: Any) -> Iterator[Record]:
 
 
 def scores(records: list[Record]) -> list[Record]:
-    """One row per room: how many were drawn, killed (a time-out is one), survived, and the share that was killed."""
+    """One row per room: number of mutants drawn, killed (including time-outs) and survived, and the share that was
+    killed.
+    """
     rows = []
     for room in dict.fromkeys(record["room"] for record in records):
         outcomes = [record["outcome"] for record in records if record["room"] == room]

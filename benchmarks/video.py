@@ -57,7 +57,7 @@ SAME_PERSON_PX = 50.0
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """What came out of a video. detected: (f, l, 2) px, NaN = missing."""
+    """The results of a video. detected: (f, l, 2) px, NaN = missing."""
 
     track: Track
     detected: np.ndarray
@@ -72,7 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--json", type=output_file, metavar="FILE", help="write the records as a JSON list")
     options = parser.parse_args(arguments)
-    make_detector(options.detector).close()  # an unusable one is refused before the work
+    make_detector(options.detector).close()  # an unusable detector is reported before the work
     records: list[Record] = []
     for video in options.pairs:
         records += pair(video, options.detector)
@@ -84,7 +84,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def pair(video: str, detector: str) -> list[Record]:
-    """Return the records of one video: shared keypoints, and own ones. SystemExit without the shared data."""
+    """Return the records of one video: shared keypoints, and own ones. Raises SystemExit without the shared data."""
     name, camera = PAIRS[video]
     suffix = KEYPOINTS["mediapipe" if detector == "mediapipe" else "coco17"]
     path, keypoints = data_folder() / "video" / f"{video}.mp4", data_folder() / "detections" / f"{name}_{suffix}.npz"
@@ -108,7 +108,7 @@ def pair(video: str, detector: str) -> list[Record]:
 
 
 def run_chain(video: Path, detector_name: str, camera: Calibration, height: float, recording: Recording) -> Chain:
-    """Run detector and tracker over a video as `lassokin track` does. recording: says how many frames are scored."""
+    """Run detector and tracker over a video as `lassokin track` does. recording: gives the number of scored frames."""
     source, detector, types = open_source(str(video)), make_detector(detector_name), typestore()
     tracker = OfflineTracker(*offline_settings([], [f"landmarks:={detector.landmarks}", f"height:={height}"]), types)
     results: dict[int, FrameResult] = {}

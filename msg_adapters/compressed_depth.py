@@ -1,7 +1,7 @@
 """Compressed depth images in sensor_msgs/CompressedImage, as image_transport's plugin compressedDepth sends them.
 
 The field `format` is `16UC1; compressedDepth png` (or `rvl`; older versions name no codec and send PNG). The data are
-12 bytes (a number and the two float32 A and B) and the compressed 16-bit image. Of `32FC1` images the plugin sends
+12 bytes (a number and the two float32 A and B) and the compressed 16-bit image. For `32FC1` images the plugin sends
 inverse depths v, with depth = A / (v - B).
 """
 
@@ -19,7 +19,7 @@ from msg_adapters.keypoints import frame_name, header_stamp
 HEADER_BYTES = 12
 PNG, RVL = "png", "rvl"
 MOST_PIXELS = 2**24
-"""Largest number of pixels. A few bytes can stand for a huge image."""
+"""Largest number of pixels. A few bytes can encode a huge image."""
 PNG_START = b"\x89PNG\r\n\x1a\n"
 
 

@@ -1,4 +1,4 @@
-"""Test one mutant: write it into a copy of the repository, run the tests of its module, put the original back."""
+"""Test one mutant: write it into a copy of the repository, run the tests of its module, restore the original."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from typing import Any
 LEFT_OUT = shutil.ignore_patterns(".git", ".venv", "build", "install", "log", "demo_output", "*.egg-info", "*_cache")
 PRELOADED = ("pytest", "hypothesis", "numpy", "scipy.optimize", "scipy.sparse", "scipy.spatial.transform", "yaml",
              "proxsuite", "qpsolvers", "rosbags.typesys", "rosbags.rosbag2")  # fmt: skip
-"""What tests import and mutants do not change: loaded once, and every trial is forked from there."""
+"""Modules that tests import and mutants do not change. They are loaded once; every trial is forked from there."""
 PATIENCE = 3.0
-"""A trial ends after this many times the unmutated tests' time, and GRACE_S more."""
+"""Time limit of a trial: this multiple of the time of the unmutated tests, plus GRACE_S."""
 GRACE_S = 20.0
 
 
@@ -40,7 +40,7 @@ class Trial:
 
 
 class Copy:
-    """A copy of the repository in `folder`, in which files are changed."""
+    """A copy of the repository in `folder`, whose files are changed."""
 
     def __init__(self, repository: Path, folder: Path, preloaded: Sequence[str] = PRELOADED) -> None:
         self.repository, self.root = repository, folder / "copy"
@@ -52,7 +52,9 @@ class Copy:
 
     @contextlib.contextmanager
     def changed(self, path: Path, code: str) -> Iterator[None]:
-        """Let the repository's `path` hold `code` in the copy; each time with a later date, by which Python caches."""
+        """Write `code` to the repository's `path` in the copy, each time with a later date, because Python caches by
+        date.
+        """
         target = self.root / path.relative_to(self.repository)
         original, dates = target.read_text(encoding="utf-8"), target.stat()
         self._changes += 1
@@ -65,7 +67,7 @@ class Copy:
             os.utime(target, (dates.st_atime, dates.st_mtime))
 
     def test(self, tests: Sequence[str], usual: Trial | None = None) -> Trial:
-        """Run tests of the copy, for as long as `usual` lets expect; no limit without it."""
+        """Run tests of the copy, with a time limit from `usual`; no limit without it."""
         limit = None if usual is None else GRACE_S + PATIENCE * usual.cpu_s
         receiver, sender = self._context.Pipe(duplex=False)
         process = self._context.Process(target=_run, args=(str(self.root), list(tests), limit, sender))
@@ -76,7 +78,7 @@ class Copy:
         assert process.pid is not None
         process.kill()
         with contextlib.suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)  # what the tests have started
+            os.killpg(process.pid, signal.SIGKILL)  # processes started by the tests
         process.join()
         cpu, seconds = receiver.recv() if receiver.poll() else (0.0, {})
         return Trial(None if timed_out else process.exitcode, cpu, time.monotonic() - start, seconds)
@@ -94,13 +96,13 @@ class FileTimes:
 
 
 def _run(root: str, tests: list[str], limit: float | None, sender: multiprocessing.connection.Connection) -> None:
-    """In the process of a trial: pytest on the copy, without a word."""
+    """In the process of a trial: run pytest on the copy, without output."""
     import pytest
 
     os.setsid()
     if limit is not None:
         resource.setrlimit(resource.RLIMIT_CPU, (int(limit) + 1, int(limit) + 3))
-    sys.dont_write_bytecode = False  # what is compiled once serves all the trials
+    sys.dont_write_bytecode = False  # compiled files are shared by all trials
     os.chdir(root)
     sys.path[:] = [root, *(entry for entry in sys.path if entry != "")]
     silence = os.open(os.devnull, os.O_WRONLY)
@@ -114,7 +116,7 @@ def _run(root: str, tests: list[str], limit: float | None, sender: multiprocessi
 
 
 def tests_of(path: Path, repository: Path) -> list[str]:
-    """The tests of a module: the files of the folder that mirrors its own, or of the nearest one above that exists.
+    """The tests of a module: the files of the folder that mirrors its folder, or of the nearest existing one above.
 
     lassokin_ros/core/body/rotations.py is tested by test/core/body/test_*.py.
     """
@@ -126,6 +128,6 @@ def tests_of(path: Path, repository: Path) -> list[str]:
 
 
 def difference(original: str, mutated: str) -> str:
-    """The lines that differ, in the form of diff, without context."""
+    """The different lines, in the format of diff, without context."""
     lines = difflib.unified_diff(original.split("\n"), mutated.split("\n"), lineterm="", n=0)
     return "\n".join(line for line in lines if not line.startswith(("---", "+++", "@@")))

@@ -64,7 +64,7 @@ def all_there(options: argparse.Namespace) -> bool:
     return all(there)
 
 
-def made_anew(options: argparse.Namespace) -> argparse.Namespace:
+def replacement_options(options: argparse.Namespace) -> argparse.Namespace:
     """Return the options to redo a recording in place of its old output, including the old output's exports."""
     from lassokin_ros.replay.exports.exports import INSIDE, PERSONS, TABLES
 

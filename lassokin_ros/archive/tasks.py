@@ -56,7 +56,7 @@ def run_task(task: Task) -> Result:
             return done
         remove_leftovers(options.output)
         if options.output.exists():  # same settings, but a newly requested export or report is missing
-            options = output_files.made_anew(options)
+            options = output_files.replacement_options(options)
         replayed = replay(options, io.StringIO())
     except LassokinError as error:
         # Another worker that was presumed dead may have finished the task.

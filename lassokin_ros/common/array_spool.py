@@ -1,4 +1,4 @@
-"""Arrays in a temporary file, for data of which there is more the longer a recording is."""
+"""Arrays in a temporary file, for data whose size grows with the length of a recording."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Record(NamedTuple):
 class ArraySpool:
     """An unnamed file in the folder for temporary files, to which records of named arrays are appended.
 
-    The file vanishes with the object. Methods raise SpoolError if the file cannot be written.
+    The file is deleted with the object. Methods raise SpoolError if the file cannot be written.
     """
 
     def __init__(self) -> None:
@@ -64,9 +64,9 @@ class ArraySpool:
         return None
 
     def columns(self, records: Sequence[Record]) -> dict[str, np.ndarray]:
-        """The arrays of f records with one layout, by name, with a first axis (f, ...).
+        """Return the arrays of f records with one layout, by name, with a first axis (f, ...).
 
-        Records that are the whole file are mapped, not read: pages come into memory when they are used.
+        If the records are the whole file, it is mapped instead of read: pages are loaded when they are used.
         """
         if len({record.layout for record in records}) != 1:
             raise ValueError("the records have several layouts; expected one or more records with the same arrays")

@@ -1,1 +1,1 @@
-"""The method. It imports numpy, scipy, proxsuite, qpsolvers and PyYAML, and knows no ROS."""
+"""The method. It imports numpy, scipy, proxsuite, qpsolvers and PyYAML, and is independent of ROS."""

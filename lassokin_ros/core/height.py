@@ -17,11 +17,11 @@ from lassokin_ros.core.config import TYPICAL_HEIGHT
 from lassokin_ros.core.image.measurement import Measurement
 
 SPREAD = 0.15
-"""Standard deviation of the logarithm of people's heights about that, children included."""
+"""Standard deviation of the logarithm of people's heights about that mean, children included."""
 FEWEST = 4
-"""Least number of measured depths in a frame."""
+"""Smallest number of measured depths in a frame."""
 FRAME_DEVIATION = 0.04
-"""Standard deviation of the logarithm of one frame's scale, beside the fit's own: the pose is not exact."""
+"""Standard deviation of the logarithm of one frame's scale, in addition to that of the fit: the pose is not exact."""
 CORRELATED_S = 0.1
 """s: frames closer than this count as one, because their errors last."""
 MEMORY_S = 5.0

@@ -38,7 +38,7 @@ from lassokin_ros.core.output.uncertainty import JointUncertainty
 from lassokin_ros.core.tracker_parts import TrackerParts
 
 SMALLEST = 3.0
-"""Height of the person in the image, in noise_px, below which a body is rejected: nonsense fits best far away."""
+"""Height of the person in the image, in noise_px, below which a body is rejected: random keypoints fit far away."""
 
 STUCK_AFTER = 3
 """Consecutive frames without a usable answer (no certificate, behind the camera, too small) until the tracker

@@ -39,8 +39,8 @@ from lassokin_ros.core.output.output_filter import OutputFilter
 from lassokin_ros.core.output.uncertainty import UncertaintyModel
 
 ALTERNATIVE_BODIES = 1
-"""Body hypotheses beside the published state, see `body_hypotheses`. A second one brought no state back sooner. With
-the depth network there are none: the network's pose is the hypothesis."""
+"""Number of body hypotheses beside the published state, see `body_hypotheses`. A second one corrected no state sooner.
+With the depth network there are none: the network's pose is the hypothesis."""
 
 LEAST_MOTION = 0.003
 """rad per frame: lower limit of the typical motion of a degree of freedom."""
@@ -176,7 +176,7 @@ class TrackerParts:
         self._adopt_lengths()
 
     def _resize(self, height: float) -> None:
-        """Build all anew for a body of this height, m, with the given proportions."""
+        """Rebuild all parts for a body of this height, m, with the given proportions."""
         given = self.calibration.proportions.given
         self._build(given.scaled(height / given.height))
         self._measurements.resize(self.layout.surface, self.skeleton.height)

@@ -1,4 +1,4 @@
-"""The demo's motion once more, with the depths that a depth camera would measure at the keypoints."""
+"""The demo's motion with simulated measurements of a depth camera at the keypoints."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import WEBCAM
 
 NOISE, BIAS = 0.03, 0.02
-"""m: standard deviations of the noise of a depth, and of its part that lasts."""
+"""m: standard deviations of the noise of a depth, and of its lasting part."""
 OCCLUDED, NEARER = 0.1, (0.1, 0.5)
 """Share of the points that an occluder covers, and the range by which it is nearer, m."""
 

@@ -98,10 +98,10 @@ class LiveNode:
             return
         self._process.send_signal(signal.SIGINT)
         try:
-            self.said = self._process.communicate(timeout=GRACE_S)[1]
+            self.stderr = self._process.communicate(timeout=GRACE_S)[1]
         except subprocess.TimeoutExpired:
             self._process.kill()
-            self.said = self._process.communicate()[1]
+            self.stderr = self._process.communicate()[1]
         self.exit_code = self._process.returncode
 
     def _listen(self, topic: topics.OutputTopic) -> None:

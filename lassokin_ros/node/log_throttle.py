@@ -13,11 +13,11 @@ class LogThrottle:
     def __init__(self, say: Callable[[str], object], clock: Callable[[], float]) -> None:
         """say: log function; clock: returns seconds."""
         self._say, self._clock = say, clock
-        self._said: dict[str, float] = {}
+        self._logged: dict[str, float] = {}
 
     def say(self, key: str, line: str) -> None:
         """Log `line`, unless a line with the same key was logged less than `PERIOD_S` ago."""
         now = self._clock()
-        if now - self._said.get(key, -PERIOD_S) >= PERIOD_S:
-            self._said[key] = now
+        if now - self._logged.get(key, -PERIOD_S) >= PERIOD_S:
+            self._logged[key] = now
             self._say(line)

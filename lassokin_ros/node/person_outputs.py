@@ -131,7 +131,7 @@ class PeopleOutputs:
     """The publishers of several people: one `PersonOutputs` each, the list of ids, and the markers of all people."""
 
     def __init__(self, node: Node, skeleton: Skeleton, config: NodeSettings, title: str) -> None:
-        """Raises ConfigurationError when a message type that is asked for is not installed."""
+        """Raises ConfigurationError if the package of a required message type is not installed."""
         if config.publish_tf != OFF:
             message_class(topics.TF_OUTPUT.message_type)  # now, not when the first person comes
         self._of = partial(PersonOutputs, node, skeleton, config, title)

@@ -18,7 +18,8 @@ def sensor_data(depth: int) -> QoSProfile:
 def overrides(node: Node, topic: str, endpoint: str) -> QoSOverridingOptions | None:
     """Return the options that declare qos_overrides parameters, None if none is given for this topic at the start.
 
-    endpoint: "publisher" or "subscription". Parameters that nobody asked for would fill `ros2 param list`.
+    endpoint: "publisher" or "subscription". Other parameters are not declared, because they would fill `ros2 param
+    list`.
     """
     prefix = f"qos_overrides.{node.resolve_topic_name(topic)}.{endpoint}."
     given = getattr(node, "_parameter_overrides", {})

@@ -17,7 +17,7 @@ from msg_adapters.detectors.registry import full_type_name
 from msg_adapters.output_messages.builders import StringBuilder
 
 SAID = {TRACKING: "tracking", LOST: "lost: no usable frame for lost_after", NOBODY: "nobody is tracked"}
-"""What the log says of a new state."""
+"""Log messages about a new state."""
 
 
 class SceneOutputs:

@@ -17,7 +17,7 @@ class CameraMount:
         self.base = base.lstrip("/")
         self.transforms = Transforms()
         self.fault = ""
-        """Why TF gave no mount for the last image, in words; empty if it gave one, or before the first image."""
+        """Why there was no mount for the last image, in words; empty if there was one, or before the first image."""
         self.angles: tuple[float, float] | None = None
         """Roll and pitch of the last image for which TF gave them, rad; None before."""
 
@@ -37,7 +37,7 @@ class CameraMount:
         return self.angles
 
     def in_words(self) -> str:
-        """Return the newest mount that TF gave, or that there was none."""
+        """Return the newest mount from TF, or a text that there was none."""
         if self.angles is None:
             return f"TF has given no mount over '{self.base}'"
         roll, pitch = (round(angle, 3) + 0.0 for angle in self.angles)  # no -0.000
@@ -45,7 +45,7 @@ class CameraMount:
 
 
 def roll_and_pitch(rotation: np.ndarray) -> tuple[float, float]:
-    """Return roll and pitch, rad, as the parameters `camera_roll` and `camera_pitch` have them.
+    """Return roll and pitch, rad, as in the parameters `camera_roll` and `camera_pitch`.
 
     rotation: (3, 3), from the optical frame (x right, y down, z forward) to a frame with z up. In the camera's body
     frame (x forward, y left, z up), up is (-sin pitch, cos pitch sin roll, cos pitch cos roll).

@@ -239,7 +239,7 @@ class Pipeline:
         """Reset for a message from an earlier time. Raises AdapterError if nobody in it can be tracked."""
         people = detections_by_person(image.keypoints, self._landmark_count, image.lens)
         if not any(is_trackable(one, self.tracker.config) for one in people):
-            raise AdapterError("too_few_landmarks", "the message is from an earlier time, and nobody is in it")
+            raise AdapterError("too_few_landmarks", "the message is from an earlier time and contains no person")
         self._forget_people()
         self._stamps.seen(image.stamp_ns, True)
 

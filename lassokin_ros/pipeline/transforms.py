@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 HISTORY_NS = 3_000_000_000
 """ns for which the transforms of a moving frame are kept."""
 STALE_NS = 500_000_000
-"""ns: largest difference between an image's stamp and the nearest transform. Within it, the nearest one is used."""
+"""ns: largest difference between an image's stamp and the nearest transform, which is then used."""
 DEEPEST = 200
 """Frames in a chain. A longer one is a loop."""
 
@@ -25,7 +25,7 @@ IDENTITY: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 
 class TransformError(Exception):
-    """TF does not give the rotation. The text says what is missing."""
+    """TF does not contain the rotation. The text names what is missing."""
 
 
 class Transforms:

@@ -57,7 +57,7 @@ class OfflineTracker:
 
         With `smoothing_lag` they are called when the frames leave the smoother."""
         self.initialisations = 0
-        self._found_anew = 0
+        self._reinitialised = 0
         self._backend = RosbagsBackend(types)
         self._status = DiagnosticArrayBuilder(self._backend)
         self._types = {
@@ -83,7 +83,7 @@ class OfflineTracker:
     @property
     def times_lost(self) -> int:
         """The number of re-initialisations of tracked people, plus one if the recording ends in the lost state."""
-        return self._found_anew + (self.pipeline.status is Status.LOST)
+        return self._reinitialised + (self.pipeline.status is Status.LOST)
 
     def save_skeleton(self, path: Path, files: AtomicFiles) -> list[Path]:
         """Write the calibrated skeletons as part of `files`, see `skeleton_file.save_all`."""
@@ -182,7 +182,7 @@ class OfflineTracker:
             return
         self.reprojection_px.append(frame.estimate.reprojection_px)
         self.initialisations += frame.estimate.initialised
-        self._found_anew += frame.estimate.initialised and frame.person in self._people
+        self._reinitialised += frame.estimate.initialised and frame.person in self._people
         if frame.person not in self._people:
             self._people[frame.person] = PersonMessages(self._backend, self.pipeline, frame.person)
         for topic, message in self._people[frame.person].build(frame):

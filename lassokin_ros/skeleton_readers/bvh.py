@@ -1,4 +1,4 @@
-"""The rest pose of a BVH file: its HIERARCHY; the motion is not read."""
+"""Read the rest pose of a BVH file from its HIERARCHY; the motion is not read."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from lassokin_ros.skeleton_readers.rest_tree import LARGEST_OFFSET, MOST_JOINTS,
 
 
 def read(path: Path, height: float) -> Skeleton:
-    """The skeleton of a BVH file, for a person of `height` m. Raises SkeletonError.
+    """Return the skeleton of a BVH file, for a person of `height` m. Raises SkeletonError.
 
-    Names that are known (see naming) are hung into our tree, brought to metres and into a T-pose; a file with other
-    names keeps its tree as it is, which then has to be in our axes and pose.
+    Joints with known names (see naming) are connected as in our tree, and converted to metres and a T-pose. A file with
+    other names keeps its tree, which must have our axes and pose.
     """
     source = str(path)
     tree = parse_hierarchy(read_text(path, SkeletonError), source)
@@ -30,7 +30,9 @@ def read(path: Path, height: float) -> Skeleton:
 
 
 def parse_hierarchy(text: str, source: str) -> RestTree:
-    """The tree in the file's own unit; text: the file's beginning, HIERARCHY whole. Raises SkeletonError."""
+    """Return the tree in the file's own unit; text: the beginning of the file with the whole HIERARCHY. Raises
+    SkeletonError.
+    """
     head, separator, _ = text.partition("\nMOTION")
     words = iter(head.split())
     if next(words, "") != "HIERARCHY" or not separator:
@@ -38,7 +40,7 @@ def parse_hierarchy(text: str, source: str) -> RestTree:
     tree = _Hierarchy(source)
     try:
         for word in words:
-            tree.take(word, words)
+            tree.read_keyword(word, words)
     except SkeletonError:
         raise
     except (StopIteration, IndexError, ValueError):
@@ -48,19 +50,19 @@ def parse_hierarchy(text: str, source: str) -> RestTree:
 
 
 class _Hierarchy:
-    """What has been read so far: of each joint name, parent (-1: none), offset from it, and order of turns."""
+    """The joints read so far: name, parent (-1: none), offset from it, and order of rotations of each."""
 
     def __init__(self, source: str) -> None:
-        """source: the file, for messages."""
+        """source: the file, for error messages."""
         self.names: list[str] = []
         self._source = source
         self._parents: list[int] = []
         self._offsets: list[list[float]] = []
         self._axes: list[str] = []
-        self._open: list[int] = []  # blocks' joints, the innermost last; -1 for an end site
+        self._open: list[int] = []  # joints of the open blocks, the innermost last; -1 for an end site
 
-    def take(self, word: str, words: Iterator[str]) -> None:
-        """One word, with those behind it that belong to it. StopIteration, IndexError or ValueError when broken."""
+    def read_keyword(self, word: str, words: Iterator[str]) -> None:
+        """Read one keyword with its values. Raises StopIteration, IndexError or ValueError for a broken file."""
         if word in ("ROOT", "JOINT"):
             self._begin_joint(_name(words))
         elif word == "End":
@@ -90,11 +92,11 @@ class _Hierarchy:
         self._axes.append("xzy")
 
     def rest(self) -> RestTree:
-        """The whole tree, or SkeletonError."""
+        """Return the complete tree. Raises SkeletonError."""
         if self._open or not self.names or self._parents.count(-1) != 1:
             raise SkeletonError(f"{self._source}: its HIERARCHY is broken; expected one ROOT, and as many }} as {{")
         positions = np.array(self._offsets)
-        positions[0] = 0.0  # where a root stands at rest is nobody's bone
+        positions[0] = 0.0  # the position of a root at rest is no bone
         if not (np.abs(positions) < LARGEST_OFFSET).all():  # NaN too
             raise SkeletonError(f"{self._source}: an OFFSET is not finite, or larger than {LARGEST_OFFSET:g}")
         for joint in range(1, len(self.names)):
@@ -103,7 +105,9 @@ class _Hierarchy:
 
 
 def _name(words: Iterator[str]) -> str:
-    """The words before the next {, which is taken too: names may have blanks ("Bip01 Neck"). Raises StopIteration."""
+    """Return the words before the next {, which is also read: names may contain blanks ("Bip01 Neck"). Raises
+    StopIteration.
+    """
     name: list[str] = []
     for word in words:
         if word == "{":
@@ -113,6 +117,6 @@ def _name(words: Iterator[str]) -> str:
 
 
 def _order(channels: list[str], default: str) -> str:
-    """The order of a joint's turns; the default where they are not three."""
+    """Return the order of a joint's rotations; the default if they are not three."""
     order = "".join(channel[0].lower() for channel in channels if channel.endswith("rotation"))
     return order if order in AXIS_ORDERS else default

@@ -1,4 +1,4 @@
-"""A skeleton by name or from any file that is understood."""
+"""Load a skeleton by name or from a file of any supported format."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lassokin_ros.core.yaml_files import user_path
 from lassokin_ros.skeleton_readers.naming import names_file
 
 READERS = {".npz": "smpl", ".bvh": "bvh", ".urdf": "urdf"}
-"""Suffix -> module here with `read(path, height)`; imported when such a file turns up."""
+"""Suffix -> module here with `read(path, height)`, imported on first use."""
 _SMPL = "unpack it once to .npz where you trust it: numpy.savez('smpl.npz', J_regressor=..., v_template=...)"
 _BVH = "open it in Blender and export it as .bvh"
 OTHERS = {
@@ -31,10 +31,10 @@ OTHERS = {
 
 
 def load_skeleton(name_or_path: str, height: float) -> Skeleton:
-    """A built-in skeleton by name, or one from a YAML, SMPL npz, BVH or URDF file, which the suffix tells.
+    """Return a built-in skeleton by name, or one from a YAML, SMPL npz, BVH or URDF file, by the suffix.
 
-    height: m, the person's. It scales a skeleton in fractions of the height, and the places of landmarks on any;
-    a file in metres keeps its lengths. Raises SkeletonError.
+    height: m, the person's. It scales a skeleton in fractions of the height, and the landmarks' positions of any
+    skeleton; a file in metres keeps its lengths. Raises SkeletonError.
     """
     path = user_path(name_or_path)
     suffix = path.suffix.lower()
@@ -52,7 +52,7 @@ def load_skeleton(name_or_path: str, height: float) -> Skeleton:
 
 @contextmanager
 def naming_help(name_or_path: str) -> Iterator[None]:
-    """Add to a LayoutError how to name the joints of a skeleton file whose own names are kept."""
+    """Add to a LayoutError the advice to name the joints, for a skeleton file whose own names are kept."""
     try:
         yield
     except LayoutError as error:

@@ -1,7 +1,7 @@
-"""Other programs' joint names to ours.
+"""Map the joint names of other programs to ours.
 
-The names stand in names.yaml. What is found of another program's is hung into our own tree (SMPL's): of the file's tree
-only the places of the joints are used, so that joints in between, and fingers, do no harm.
+names.yaml contains the names. The joints of another program are connected as in our own tree (SMPL's): only their
+positions are taken from the file's tree, so that additional joints, and fingers, are ignored.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ REQUIRED = (
     "head",
     *(f"{side}_{joint}" for joint in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist") for side in SIDES),
 )
-"""Without these nobody can be followed; neck and pelvis are derived from the others where they are missing. A missing
-spine joint, collar, hand or foot is left out."""
+"""Required joints. Neck and pelvis are derived from the others if they are missing. A missing spine joint, collar, hand
+or foot is left out."""
 MOST_LISTED, MOST_EXAMPLES = 60, 3
-"""Joints of a file that an error lists, and lines of a file of names that it shows."""
+"""Number of the file's joints that an error lists, and of lines in its example of a file of names."""
 
 
 @cache
@@ -51,10 +51,10 @@ def tables() -> dict[str, dict[str, str]]:
 
 
 def in_our_names(tree: RestTree, source: str) -> RestTree | None:
-    """Return the tree with our names, parents and orders of turns; None when the names are no known program's.
+    """Return the tree with our names, parents and orders of rotations; None if the names are of no known program.
 
-    A file beside `source` (see `names_file`) adds names. A missing pelvis is where the legs meet, a missing neck stands
-    above the middle of the shoulders. Raises SkeletonError when other joints that are needed are missing.
+    A file beside `source` (see `names_file`) adds names. A missing pelvis is placed where the legs meet, a missing neck
+    above the middle of the shoulders. Raises SkeletonError if other required joints are missing.
     """
     exact = {program: _exact(tree, names) for program, names in tables().items()}
     program = max(exact, key=lambda key: _score(exact[key]))
@@ -80,13 +80,13 @@ def _score(found: Mapping[str, int]) -> tuple[int, int]:
 
 
 def _exact(tree: RestTree, names: Mapping[str, str]) -> dict[str, int]:
-    """Return {our joint: index in the tree} of the names as they stand, but for a namespace ("mixamorig:Hips")."""
+    """Return {our joint: index in the tree} for unchanged names, except for a namespace ("mixamorig:Hips")."""
     places = {name.split(":")[-1]: index for index, name in reversed(list(enumerate(tree.names)))}
     return {joint: places[name] for joint, name in names.items() if name in places}
 
 
 def _relaxed(tree: RestTree, names: Mapping[str, str]) -> dict[str, int]:
-    """Return the same, regardless of case and separators, and of a prefix that the names share."""
+    """Return the same, ignoring case, separators, and a common prefix of the names."""
     plain = [_plain(name) for name in tree.names]
     wanted = {joint: _plain(name) for joint, name in names.items()}
     ends = [(name, end) for end in (wanted["pelvis"], wanted["head"]) for name in plain if name.endswith(end)]
@@ -140,7 +140,7 @@ def _completed(tree: RestTree, found: dict[str, int], program: str, source: str,
 
 
 def _common_joint(tree: RestTree, one: int, other: int) -> int:
-    """Return the lowest joint above both; the root if there is none other."""
+    """Return the lowest joint above both; the root if there is no other."""
     above = set()
     while one >= 0:
         one = tree.parents[one]
@@ -151,7 +151,7 @@ def _common_joint(tree: RestTree, one: int, other: int) -> int:
 
 
 def _with_neck(tree: RestTree, found: Mapping[str, int]) -> RestTree:
-    """Return the tree with a neck as its last joint, on the way from the middle of the shoulders to the head."""
+    """Return the tree with a neck as its last joint, between the middle of the shoulders and the head."""
     ours = Skeleton.load(OURS, 1.0)
 
     def middle(positions: np.ndarray, left: int, right: int) -> np.ndarray:
@@ -171,13 +171,13 @@ def _with_neck(tree: RestTree, found: Mapping[str, int]) -> RestTree:
 
 
 def _with_more_joints(tree: RestTree, found: dict[str, int]) -> RestTree | None:
-    """The file's tree, our joints first and in our order; None where another joint stands above one of ours."""
+    """Return the file's tree, our joints first and in our order; None if another joint is above one of ours."""
     places = [found[joint] for joint in tables()[OWN_NAMES] if joint in found]
     places += [place for place in range(len(tree.names)) if place not in places]
     parents = [places.index(tree.parents[place]) if tree.parents[place] >= 0 else -1 for place in places]
     if any(parent >= joint for joint, parent in enumerate(parents)):
         return None
-    ours = {place: joint for joint, place in found.items()}  # without what stands before a colon
+    ours = {place: joint for joint, place in found.items()}  # without the part before a colon
     names = tuple(ours.get(place, tree.names[place]) for place in places)
     axes = tuple(tree.axes[place] for place in places)
     return RestTree(names, tuple(parents), tree.positions[places], axes)
@@ -193,6 +193,6 @@ def _hung_into_our_tree(tree: RestTree, found: dict[str, int], own_orders: bool)
             above = int(ours.parents[above])
         parents.append(-1 if above < 0 else names.index(ours.joint_names[above]))
     places = [found[joint] for joint in names]
-    # Others' orders of turns are chosen for their own ends; ours keep everyday poses away from gimbal lock.
+    # The orders of rotations of other programs have other purposes; ours keep everyday poses away from gimbal lock.
     axes = [tree.axes[found[joint]] if own_orders else ours.axes[ours.index(joint)] for joint in names]
     return RestTree(tuple(names), tuple(parents), tree.positions[places], tuple(axes))

@@ -1,7 +1,7 @@
-"""Any rest pose to ours: metres, x to the person's left, y up, z to the front, a T-pose.
+"""Convert any rest pose to ours: metres, x to the person's left, y up, z to the front, a T-pose.
 
-Landmarks' places, the prior on posture and the limits of joints are given in that pose, so that a skeleton with its
-arms hanging or in other axes would be tracked badly, without a word.
+The positions of landmarks, the pose prior and the joint limits are defined in that pose. A skeleton with hanging arms
+or in other axes would be tracked badly, without an error.
 """
 
 from __future__ import annotations
@@ -20,20 +20,23 @@ from lassokin_ros.skeleton_readers.rest_tree import RestTree
 UNITS = {1.0: "m", 0.01: "cm", 0.001: "mm", 0.0254: "inches", 0.3048: "feet", 0.1: "dm"}
 """Metres -> unit."""
 METRIC = ("m", "cm", "mm")
-"""The units that are usual, so that nothing is logged."""
+"""The usual units, for which nothing is logged."""
 NEAR = 1.55
-"""A size within this factor of that of a person of `height` is near. Inches and centimetres differ by its square."""
+"""A size within this factor of that of a person of `height` is near.
+
+The ratio of inches and centimetres is its square.
+"""
 PLAUSIBLE = (0.6, 2.4)
-"""m over the longest side of a tree whose joints are not known."""
+"""m over the longest side of a tree with unknown joints."""
 LOG = logging.getLogger(__name__)
 LIMBS = [[f"{side}_{joint}" for joint in limb.split()] for limb in ("shoulder elbow wrist", "hip knee ankle")
          for side in SIDES]  # fmt: skip
 STRAIGHT_ENOUGH = np.radians(10)
-"""rad: a bone of an arm or leg that is this near to a T-pose's stays as it is."""
+"""rad: a bone of an arm or leg within this angle of the T-pose is not changed."""
 
 
 def in_our_pose(tree: RestTree, source: str) -> RestTree:
-    """A tree with our names, in metres, turned upright and with straight limbs. Raises SkeletonError."""
+    """Return a tree with our names, in metres, rotated upright and with straight limbs. Raises SkeletonError."""
     return _straight_limbs(replace(tree, positions=tree.positions @ _body_axes(tree, source)))
 
 
@@ -49,7 +52,10 @@ def _middle(tree: RestTree, joint: str) -> np.ndarray:
 
 
 def _body_axes(tree: RestTree, source: str) -> np.ndarray:
-    """(3, 3) a body's axes in the file's as columns, each one of the file's: a tilt of the trunk is the body's own."""
+    """Return (3, 3): the body's axes in the file's as columns, each parallel to one of the file's axes.
+
+    A tilt of the trunk is therefore kept as a property of the body.
+    """
     up = _nearest_axis(_place(tree, "neck") - _middle(tree, "hip"))
     left = _place(tree, "left_hip") - _place(tree, "right_hip")
     left -= up * (left @ up)
@@ -67,7 +73,9 @@ def _nearest_axis(direction: np.ndarray) -> np.ndarray:
 
 
 def _straight_limbs(tree: RestTree) -> RestTree:
-    """Arms and legs turned at shoulder, elbow, hip and knee into the T-pose of the built-in skeleton, lengths kept."""
+    """Rotate arms and legs at shoulder, elbow, hip and knee into the T-pose of the built-in skeleton, with lengths
+    kept.
+    """
     ours = Skeleton.load(OURS, 1.0)
     positions = tree.positions.copy()
     for limb in LIMBS:
@@ -87,17 +95,16 @@ def _angle(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def _is_below(tree: RestTree, joint: int, top: int) -> bool:
-    while joint > top:  # parents stand before their children
+    while joint > top:  # parents precede their children
         joint = tree.parents[joint]
     return joint == top
 
 
 def in_metres(tree: RestTree, height: float, source: str) -> RestTree:
-    """Return a tree of a file without a unit in metres: in the unit that brings it nearest to `height`, m.
+    """Convert a tree of a file without a unit to metres: the unit that brings it nearest to `height`, m.
 
-    Where none brings it near (CMU's BVH has a unit of its own), a tree with our names is scaled to `height`, as a
-    skeleton in fractions of the height is. Both are logged, except m, cm and mm. Raises SkeletonError for a tree with
-    other names that is no person in any unit.
+    If no unit brings it near (CMU's BVH files have their own unit), a tree with our names is scaled to `height`. Both
+    are logged, except m, cm and mm. Raises SkeletonError for a tree with other names that is no person in any unit.
     """
     ankles_and_head = {"left_ankle", "right_ankle", "head"} <= set(tree.names)
     if ankles_and_head:
@@ -119,7 +126,7 @@ def in_metres(tree: RestTree, height: float, source: str) -> RestTree:
 
 
 def _far_from_height(named: bool, size: float, expected: float, height: float, source: str) -> float:
-    """Return metres per unit of a tree that no unit brings near to the height. Raises SkeletonError."""
+    """Return metres per unit of a tree that no unit brings near the height. Raises SkeletonError."""
     if named:
         LOG.warning(
             "%s: the skeleton is %g units from ankles to head; no unit makes a person of %.2f m of it, so it is scaled "

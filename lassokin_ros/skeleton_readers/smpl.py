@@ -106,7 +106,7 @@ def _shape(arrays: dict[str, np.ndarray], count: int, source: str) -> np.ndarray
 
 
 def _check_posture(positions: np.ndarray, vertices: np.ndarray, ours: Skeleton, source: str) -> None:
-    """Raise SkeletonError unless the body stands upright along y and is in metres."""
+    """Raise SkeletonError unless the body is upright along y and in metres."""
     stature = float(np.ptp(vertices[:, 1]))
     upright = positions[ours.index("head"), 1] > positions[0, 1] > positions[ours.index("left_ankle"), 1]
     if not upright or not HEIGHT_RANGE[0] <= stature <= HEIGHT_RANGE[1]:

@@ -26,7 +26,7 @@ COLOURS = {"left": (0, 114, 178), "right": (213, 94, 0), "middle": (77, 77, 77)}
 """Of the sides, as in the report."""
 KEYPOINT, ELLIPSOID = (0, 158, 115), (86, 180, 233)
 POINT_SIZE, LINE_SIZE, THIN_SIZE = -3.0, -1.5, -0.5
-"""Radii; Rerun takes a negative number for points of the screen, whatever the zoom."""
+"""Radii; for Rerun a negative number is in points of the screen, independent of the zoom."""
 BONE_M = 0.006
 """m: radius of a bone, less than the usual uncertainty of a joint."""
 LONGEST_SIDE = 960

@@ -1,4 +1,4 @@
-"""The topics of one tracked person, and what is logged of them."""
+"""The topics of one tracked person, and how they are logged."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class PersonTopics:
         ]
 
     def _on_description(self, message: Any) -> None:
-        """Take joint names and tree. Raises SkeletonError."""
+        """Store joint names and tree. Raises SkeletonError."""
         with TemporaryDirectory(prefix="lassokin_") as folder:
             path = Path(folder) / "robot_description.urdf"
             path.write_text(message.data, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Arrays to messages. Each builder keeps one message and fills it: publish or serialise it before the next."""
+"""Arrays to messages. Each builder reuses one message: publish or serialise it before the next one."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ def set_header(header: Any, stamp_ns: int, frame_id: str) -> None:
 
 
 class StampedBuilder(ABC):
-    """A message with a stamp of which, from frame to frame, numbers change, and now and then how many there are."""
+    """A message with a stamp and numbers that change from frame to frame; the number of values may change too."""
 
     shape: Hashable = None
-    """What else but the count of the last numbers decides where they stand in the message."""
+    """A key for the memory layout of the message, besides the number of values."""
 
     def __init__(self, message: Any, headers: Sequence[Any]) -> None:
         """headers: every std_msgs/Header in the message."""
@@ -32,21 +32,25 @@ class StampedBuilder(ABC):
 
     @abstractmethod
     def numbers(self, *content: Any) -> np.ndarray:
-        """(k,) float64, or uint8 where the message holds bytes: the content in the order of the message's fields."""
+        """Return (k,) float64, or uint8 if the message contains bytes: the content in the order of the message's
+        fields.
+        """
 
     @abstractmethod
     def write(self, numbers: np.ndarray) -> None:
-        """Put what `numbers` gave into the message's fields."""
+        """Write the result of `numbers` into the message's fields."""
 
     def place(self, stamp_ns: int, frame_id: str, numbers: np.ndarray) -> Any:
-        """The message of this stamp with these numbers, as many and of the same shape as `numbers` gave last."""
+        """Return the message with this stamp and these numbers, with the number and shape of the last result of
+        `numbers`.
+        """
         for header in self._headers:
             set_header(header, stamp_ns, frame_id)
         self.write(numbers)
         return self._message
 
     def fill(self, stamp_ns: int, frame_id: str, *content: Any) -> Any:
-        """The message of this stamp; content: as of `numbers`."""
+        """Return the message with this stamp; content: arguments of `numbers`."""
         return self.place(stamp_ns, frame_id, self.numbers(*content))
 
 
@@ -104,7 +108,7 @@ class RegionBuilder(StampedBuilder):
 
 
 class PoseArrayBuilder(StampedBuilder):
-    """geometry_msgs/PoseArray of a constant number of poses."""
+    """geometry_msgs/PoseArray with a constant number of poses."""
 
     def __init__(self, backend: Backend, count: int) -> None:
         message = backend.make("geometry_msgs/msg/PoseArray")
@@ -142,10 +146,10 @@ class PoseWithCovarianceBuilder(StampedBuilder):
 
 
 class TransformsBuilder(StampedBuilder):
-    """tf2_msgs/TFMessage of a constant set of frames."""
+    """tf2_msgs/TFMessage with a constant set of frames."""
 
     def __init__(self, backend: Backend, frames: Sequence[tuple[str, str]]) -> None:
-        """frames: (parent, child) names. An empty parent stands for the frame_id of the message."""
+        """frames: (parent, child) names. An empty parent is the frame_id of the message."""
         message = backend.make("tf2_msgs/msg/TFMessage")
         self._parents = [parent for parent, _ in frames]
         self._transforms = [backend.make("geometry_msgs/msg/TransformStamped") for _ in frames]
@@ -174,7 +178,7 @@ class StringBuilder:
         self._message = backend.make("std_msgs/msg/String")
 
     def fill(self, text: str) -> Any:
-        """The message with this text."""
+        """Return the message with this text."""
         self._message.data = text
         return self._message
 
@@ -186,7 +190,7 @@ class IdsListBuilder:
         self._message = backend.make("hri_msgs/msg/IdsList")
 
     def fill(self, stamp_ns: int, frame_id: str, ids: Sequence[str]) -> Any:
-        """The message with these ids."""
+        """Return the message with these ids."""
         set_header(self._message.header, stamp_ns, frame_id)
         self._message.ids = list(ids)
         return self._message
@@ -204,7 +208,9 @@ class StatusLine:
 
 
 class DiagnosticArrayBuilder:
-    """diagnostic_msgs/DiagnosticArray. Lines and values are used again: making them takes longer than filling them."""
+    """diagnostic_msgs/DiagnosticArray. Status and value objects are reused: creating them takes longer than filling
+    them.
+    """
 
     def __init__(self, backend: Backend) -> None:
         self._backend = backend
@@ -213,7 +219,7 @@ class DiagnosticArrayBuilder:
         self._pairs: list[list[Any]] = []
 
     def fill(self, stamp_ns: int, frame_id: str, lines: Sequence[StatusLine]) -> Any:
-        """One status for each line."""
+        """Return the message with one status per line."""
         set_header(self._message.header, stamp_ns, frame_id)
         while len(self._lines) < len(lines):
             self._lines.append(self._backend.make("diagnostic_msgs/msg/DiagnosticStatus"))

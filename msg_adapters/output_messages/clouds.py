@@ -13,7 +13,7 @@ DATATYPES = {"i4": 5, "f4": 7}  # sensor_msgs/PointField: INT32, FLOAT32
 
 
 class Cloud(StampedBuilder):
-    """Clouds of one kind of point. The message is made once; its points change, in number too."""
+    """Clouds of one kind of point. The message object is reused; its points change, also in number."""
 
     def __init__(self, backend: Backend, point: np.dtype) -> None:
         """point: a packed structure of little-endian float32 and int32."""
@@ -30,7 +30,7 @@ class Cloud(StampedBuilder):
 
 
 class CloudBuilder(Cloud):
-    """Clouds of points that come as they are to be sent."""
+    """Clouds of points that are already structured arrays."""
 
     def numbers(self, points: np.ndarray) -> np.ndarray:
         """points: (k,) of the structure."""

@@ -1,5 +1,7 @@
-"""The 2D points and the skeleton over the image: visualization_msgs/ImageMarker for Foxglove's image panel, and as
-visualization_msgs/Marker on a plane in front of the camera for RViz, which has no display for the former.
+"""The 2D points and the skeleton over the image.
+
+visualization_msgs/ImageMarker is for Foxglove's image panel. RViz cannot show it, so the same points are also a
+visualization_msgs/Marker on a plane in front of the camera.
 """
 
 from __future__ import annotations
@@ -14,17 +16,19 @@ from msg_adapters.output_messages.markers import SPHERE_LIST, lifetime
 
 IMAGE_LINE_LIST = 2  # visualization_msgs/ImageMarker
 LINE_WIDTH = 2.0  # px
-CROSS = 5.0  # px: half a cross' height and width
+CROSS = 5.0  # px: half of a cross' height and width
 UPRIGHT, OBLIQUE = ((-1, 0), (1, 0), (0, -1), (0, 1)), ((-1, -1), (1, 1), (-1, 1), (1, -1))
-"""Ends of a cross' two lines, in CROSS."""
+"""Ends of the two lines of a cross, in units of CROSS."""
 BONE, DETECTED, REPROJECTED = (0.95, 0.60, 0.10, 1.0), (0.0, 0.8, 0.5, 1.0), (1.0, 1.0, 1.0, 1.0)
 PLANE, BALL = 1.0, 0.008
-"""m: the plane's distance from the camera, and the diameter of a point on it."""
+"""m: distance of the plane from the camera, and diameter of a point on it."""
 
 
 class ImageMarkerBuilder(StampedBuilder):
-    """One ImageMarker of lines, a colour each: bones, an upright cross where a point was detected, an oblique one where
-    the skeleton has it. One message, since a viewer keeps one for each topic.
+    """One ImageMarker of coloured lines: bones, an upright cross at a detected point, a diagonal one at a reprojected
+    point.
+
+    It is one message, because a viewer keeps one per topic.
     """
 
     def __init__(self, backend: Backend, parents: Sequence[int]) -> None:
@@ -54,7 +58,7 @@ class ImageMarkerBuilder(StampedBuilder):
         return places.reshape(-1)
 
     def _arrange(self, landmark_count: int) -> None:
-        """Of each line's end, which of all points it is at, and how far from it (x, y, 0)."""
+        """Return, for each line's end, the index of its point, and its offset from it (x, y, 0)."""
         self._landmark_count = landmark_count
         crossed = self._joint_count + np.arange(2 * landmark_count)
         self._order = np.concatenate([np.array(self._bones, dtype=int), crossed.repeat(4)])
@@ -69,7 +73,7 @@ class ImageMarkerBuilder(StampedBuilder):
 
 
 class KeypointMarkerBuilder(StampedBuilder):
-    """One Marker of balls on the plane PLANE m in front of the camera, where the rays of the image's points meet it."""
+    """One Marker of spheres on the plane PLANE m in front of the camera, at the intersections with the points' rays."""
 
     def __init__(self, backend: Backend, prefix: str = "") -> None:
         """prefix: of the marker's namespace."""
@@ -99,14 +103,14 @@ class KeypointMarkerBuilder(StampedBuilder):
 
 
 class PointPool:
-    """geometry_msgs/Point messages that are used again: making one takes longer than filling it."""
+    """geometry_msgs/Point messages that are reused: creating one takes longer than filling it."""
 
     def __init__(self, backend: Backend) -> None:
         self._backend = backend
         self._points: list[Any] = []
 
     def place(self, numbers: np.ndarray) -> list[Any]:
-        """As many points as there are times three numbers, there."""
+        """Return a list of points with these coordinates."""
         places = numbers.reshape(-1, 3).tolist()
         while len(self._points) < len(places):
             self._points.append(self._backend.make("geometry_msgs/msg/Point"))

@@ -1,4 +1,4 @@
-"""How uncertain each joint's place is, as sensor_msgs/PointCloud2 for programs and as ellipsoids for RViz."""
+"""Uncertainty of the joints' positions, as sensor_msgs/PointCloud2 for programs and as ellipsoids for RViz."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ POINT = np.dtype(
     + [(name, "<f4") for name in COVARIANCE]
 )
 UPPER = np.array([3 * "xyz".index(name[0]) + "xyz".index(name[1]) for name in COVARIANCE])
-"""Places of these entries in a flat matrix."""
+"""Indices of these entries in a flattened matrix."""
 COLOUR = (0.75, 0.25, 0.75, 0.35)
 SMALLEST = 1e-3
-"""m: diameter of an ellipsoid that would have none."""
+"""m: smallest diameter of an ellipsoid."""
 
 
 class UncertaintyCloudBuilder(Cloud):
-    """A point for each joint: x, y, z in m, its index, the deviation in m and the covariance's six entries in m^2."""
+    """One point per joint: x, y, z in m, its index, the deviation in m and the six entries of the covariance in m^2."""
 
     def __init__(self, backend: Backend, count: int) -> None:
-        """count: of joints."""
+        """count: number of joints."""
         super().__init__(backend, POINT)
         self._points = np.zeros(count, POINT)
         self._points["joint"] = np.arange(count)
-        self._values = self._points.view("<f4").reshape(count, -1)  # `joint` among them, which is never written
+        self._values = self._points.view("<f4").reshape(count, -1)  # including `joint`, which is constant
 
     def numbers(self, positions: np.ndarray, covariance: np.ndarray, deviation: np.ndarray) -> np.ndarray:
         """positions: (n, 3) m; covariance: (n, 3, 3) m^2; deviation: (n,) m."""
@@ -62,10 +62,10 @@ def read_uncertainty_cloud(message: Any) -> tuple[np.ndarray, np.ndarray, np.nda
 
 
 class UncertaintyMarkersBuilder(StampedBuilder):
-    """visualization_msgs/MarkerArray of one ellipsoid for each joint."""
+    """visualization_msgs/MarkerArray with one ellipsoid per joint."""
 
     def __init__(self, backend: Backend, count: int, prefix: str = "") -> None:
-        """count: of joints; prefix: of the markers' namespace."""
+        """count: number of joints; prefix: of the markers' namespace."""
         message = backend.make("visualization_msgs/msg/MarkerArray")
         markers = []
         for joint in range(count):

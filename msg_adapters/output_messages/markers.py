@@ -1,4 +1,4 @@
-"""A skeleton as visualization_msgs/MarkerArray: bones as lines, joints as spheres, names as text on demand."""
+"""A skeleton as visualization_msgs/MarkerArray: bones as lines, joints as spheres, optionally names as text."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ SPHERE, LINE_LIST, SPHERE_LIST, TEXT = 2, 5, 7, 9  # visualization_msgs/Marker
 JOINT_SIZE, BONE_SIZE, TEXT_SIZE = 0.05, 0.025, 0.05  # m
 JOINT_COLOUR, BONE_COLOUR, TEXT_COLOUR = (0.10, 0.45, 0.85, 1.0), (0.95, 0.60, 0.10, 1.0), (1.0, 1.0, 1.0, 1.0)
 LIFETIME_NS = 1_000_000_000
-"""A marker that is not renewed disappears after this time: a lost person leaves no ghost in RViz, and who is
-seen twice a second does not flicker."""
+"""Lifetime of a marker. The markers of a lost person disappear, and those of a person who is tracked twice per second
+do not flicker."""
 
 
 class SkeletonMarkersBuilder(StampedBuilder):
-    """The message is made once; each frame moves its points."""
+    """The message object is reused; each frame changes its points."""
 
     def __init__(self, backend: Backend, parents: Sequence[int], prefix: str = "", labels: Sequence[str] = ()) -> None:
         """parents: (n,) index of each joint's parent, -1 for the root; prefix: of the markers' namespaces.
@@ -67,5 +67,5 @@ def paint(marker: Any, colour: tuple[float, ...]) -> None:
 
 
 def lifetime(marker: Any) -> None:
-    """Let a Marker disappear after LIFETIME_NS."""
+    """Set the lifetime of a Marker to LIFETIME_NS."""
     marker.lifetime.sec, marker.lifetime.nanosec = divmod(LIFETIME_NS, 1_000_000_000)

@@ -78,12 +78,12 @@ class PersonReport:
 
     @property
     def state(self) -> str:
-        """tracking or lost."""
+        """Text of the state: tracking or lost."""
         return TRACKING if self.tracked else LOST
 
 
 class PeopleBuilder(Protocol):
-    """Makes one message of all people."""
+    """Makes one message about all people."""
 
     def fill(self, stamp_ns: int, frame_id: str, people: Sequence[PersonReport]) -> Any:
         """Return the message. Without people it is an empty list."""
@@ -175,7 +175,7 @@ BUILDERS: Mapping[str, Callable[[Backend], PeopleBuilder]] = {
     DETECTIONS_TYPE: DetectionsBuilder,
     PEOPLE_TYPE: PeopleMsgsBuilder,
 }
-"""By message type. The first one is the default."""
+"""Builders by message type. The first one is the default."""
 
 
 def people_builder(backend: Backend, message_type: str) -> PeopleBuilder:

@@ -1,9 +1,9 @@
-"""Messages in their serialised form, of which only the numbers and stamps are written anew from frame to frame.
+"""Serialised messages in which only numbers and stamps are rewritten from frame to frame.
 
-To turn a message of nested Python objects into bytes takes ten times as long as to send them. From frame to frame the
-bytes differ in numbers alone, at the same places, as long as the frame_id stays and as many numbers come. The places
-are found by serialising a message of marked numbers; what is then made is compared with what the middleware makes of
-the same message before it is ever used. Where they differ, the message itself is given.
+Serialising a message of nested Python objects takes ten times as long as sending it. From frame to frame only numbers
+change, at fixed positions, as long as the frame_id and the number of values are the same. The positions are found by
+serialising a message with marked numbers. Before the positions are used, a message made with them is compared with the
+middleware's serialisation of the same message. If they differ, the message object is used.
 """
 
 from __future__ import annotations
@@ -17,23 +17,25 @@ from msg_adapters.backends import Backend
 from msg_adapters.output_messages.builders import StampedBuilder
 
 MARKED_STAMP = 706_658_526 * 1_000_000_000 + 464_374_526
-"""ns: a stamp whose two words stand nowhere else."""
+"""ns: a stamp whose two words occur nowhere else in the message."""
 STAMP = struct.Struct("=II")
 CDR_HEADER = 4
-"""bytes before the content, from which the alignment of what follows is counted."""
+"""bytes before the content; alignment is counted from there."""
 MOST_TEMPLATES = 64
-"""A sender that changes its frame_id with every message takes no more memory than this."""
+"""Largest number of stored layouts, so that a changing frame_id does not use memory without bound."""
 
 
 class SerialisedMessage:
-    """Fills one builder's messages as bytes."""
+    """Fills the messages of one builder as bytes."""
 
     def __init__(self, builder: StampedBuilder, backend: Backend) -> None:
         self._builder, self._backend = builder, backend
         self._templates: dict[Hashable, Template | None] = {}
 
     def fill(self, stamp_ns: int, frame_id: str, *content: np.ndarray) -> Any:
-        """The serialised message, or where it has no known places the message; content: as the builder's `fill`."""
+        """Return the serialised message, or the message object if no positions are known; content: as in the builder's
+        `fill`.
+        """
         numbers = self._builder.numbers(*content)
         key = frame_id, len(numbers), self._builder.shape
         if key not in self._templates:
@@ -54,7 +56,7 @@ class SerialisedMessage:
 
 
 class Template:
-    """A serialised message and the places of its numbers and stamps."""
+    """A serialised message and the positions of its numbers and stamps."""
 
     def __init__(self, serialised: bytes, marked: np.ndarray) -> None:
         """serialised: the message with MARKED_STAMP and the numbers `marked`, all different."""
@@ -65,16 +67,16 @@ class Template:
         self._stamps = (CDR_HEADER + 4 * first).tolist()
         self._places: Any = slice(None)
         at = serialised.find(marked.tobytes())
-        if at >= 0:  # all in a row, as in most messages
+        if at >= 0:  # contiguous, as in most messages
             self._numbers = np.frombuffer(self._buffer, marked.dtype, len(marked), at)
         else:
             self._numbers = self._view(marked.dtype)
             self._places = np.flatnonzero(np.isin(self._numbers, marked))
-        #: Whether every number and a stamp has its place.
+        #: Whether the positions of all numbers and of a stamp were found.
         self.found = len(first) > 0 and np.array_equal(self._numbers[self._places], marked)
 
     def of(self, stamp_ns: int, numbers: np.ndarray) -> bytes:
-        """The message with these numbers."""
+        """Return the message with these numbers."""
         seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
         for place in self._stamps:
             STAMP.pack_into(self._buffer, place, seconds, nanoseconds)
@@ -87,7 +89,7 @@ class Template:
 
 
 def _marked(numbers: np.ndarray) -> np.ndarray:
-    """As many numbers of the same kind, which stand nowhere else."""
+    """Return as many numbers of the same kind, which occur nowhere else in the message."""
     if numbers.dtype == np.uint8:
         return np.random.default_rng(0).integers(0, 256, len(numbers), np.uint8)
     return 1e200 * np.linspace(1, 2, len(numbers))

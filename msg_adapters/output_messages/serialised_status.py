@@ -1,4 +1,4 @@
-"""diagnostic_msgs/DiagnosticArray as bytes: text is of another length in every frame, so that no places stay."""
+"""diagnostic_msgs/DiagnosticArray as bytes. The texts change their lengths, so there are no fixed positions."""
 
 from __future__ import annotations
 
@@ -13,18 +13,19 @@ CDR_HEADER = b"\0\1\0\0"  # little endian
 
 
 class SerialisedStatus:
-    """Writes a message of one line as CDR has it: numbers of four bytes, texts with their length before, a 0 behind.
+    """Writes a message with one status in CDR: numbers of four bytes, and texts with their length before and a 0 after.
 
-    The first is compared with what the middleware makes of the same message; where they differ, messages are given.
+    The first message is compared with the middleware's serialisation of the same message. If they differ, message
+    objects are returned.
     """
 
     def __init__(self, backend: Backend, wanted: bool = True) -> None:
-        """wanted: False for messages in any case."""
+        """wanted: False to return message objects in all cases."""
         self._backend, self._builder = backend, DiagnosticArrayBuilder(backend)
         self._good: bool | None = None if wanted else False
 
     def fill(self, stamp_ns: int, frame_id: str, line: StatusLine) -> Any:
-        """The serialised message, or the message."""
+        """Return the serialised message, or the message object."""
         if self._good is None:
             message = self._builder.fill(stamp_ns, frame_id, [line])
             self._good = self._backend.alike(_serialised(stamp_ns, frame_id, line), message)
@@ -39,13 +40,13 @@ def _serialised(stamp_ns: int, frame_id: str, line: StatusLine) -> bytes:
     for key, value in line.values.items():
         parts += (_known_text(key), *_pieces(value))
     if line.values:
-        parts[-1] = b"\0"  # what fills up to the next number has no place at the end
+        parts[-1] = b"\0"  # there is no padding at the end
     return b"".join(parts)
 
 
 @lru_cache(maxsize=64)
 def _head(frame_id: str, level: int, name: str, message: str, hardware_id: str, count: int) -> bytes:
-    """What is the same from frame to frame: up to the number of values."""
+    """Return the part that is the same in each frame: up to the number of values."""
     parts = [_text(frame_id), struct.pack("<I", 1), struct.pack("<Bxxx", level)]
     return b"".join([*parts, *map(_text, (name, message, hardware_id)), struct.pack("<I", count)])
 
@@ -61,6 +62,6 @@ def _text(text: str) -> bytes:
 
 
 _ENDS = [bytes(1 + -length % 4) for length in range(4)]
-"""The 0 behind a text, and what fills up to the next number, by its length."""
+"""Return the 0 after a text and the padding before the next number, by the length of the text."""
 _known_text = lru_cache(maxsize=256)(_text)
-"""For what comes again with every frame."""
+"""Cache for texts that occur in every frame."""

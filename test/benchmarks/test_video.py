@@ -32,7 +32,7 @@ class Shared:
 
 
 @pytest.mark.skipif(not all(file.is_file() for file in FILES), reason=f"there is no {FILES[0]} or {FILES[1].name}")
-def test_the_chain_loses_nothing(monkeypatch, capsys):
+def test_the_chain_is_as_accurate_as_the_tracker_alone(monkeypatch, capsys):
     monkeypatch.setattr(module, "make_detector", lambda name: Shared())
     shared, chain = module.pair(NAME, "mediapipe")
     assert chain["frames"] == shared["frames"] == 100 and chain["apart_px"] < 0.01
@@ -40,7 +40,7 @@ def test_the_chain_loses_nothing(monkeypatch, capsys):
         assert abs(chain[figure] - shared[figure]) < limit, (figure, chain[figure], shared[figure])
 
 
-def test_without_the_shared_data_one_line_says_so(monkeypatch, tmp_path):
+def test_missing_shared_data_is_one_line(monkeypatch, tmp_path):
     monkeypatch.setattr(module, "data_folder", lambda: tmp_path)
     with pytest.raises(SystemExit, match=f"^no file .*{NAME}.mp4; expected the shared data"):
         module.pair(NAME, "mediapipe")

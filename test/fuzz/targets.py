@@ -1,7 +1,7 @@
-"""What is fuzzed: every decoder of messages and every reader of files, each as a function of bytes.
+"""Targets of the fuzzing: every decoder of messages and every reader of files, each as a function of bytes.
 
-A target gives seeds (good inputs), reads bytes as its decoder or reader does, and lists the errors with which bad bytes
-may be refused. Every other error is a fault, a numpy warning too.
+A target gives seeds (good inputs), passes bytes to its decoder or reader, and lists the errors with which bad bytes may
+be refused. Every other error is a fault, also a numpy warning.
 """
 
 import io
@@ -71,7 +71,7 @@ def folder() -> Path:
 
 
 def message_target(message_type, messages, use):
-    """Target whose bytes are a serialised message; what cannot be deserialised never reaches a decoder."""
+    """Target whose bytes are a serialised message; bytes that cannot be deserialised never reach a decoder."""
 
     def read(data):
         try:
@@ -198,7 +198,7 @@ def use_smpl_arrays(path):
 
 
 def use_names(path):
-    """The file of names beside a BVH of names that are no program's."""
+    """A file of names next to a BVH file with unknown names."""
     text = bvh_files()[0].decode()
     for number, joint in enumerate(sorted(BODY.joint_names, key=len, reverse=True)):
         text = text.replace(f" {joint}\n", f" other{number}\n")
@@ -265,7 +265,7 @@ def use_metadata(path):
 
 
 def use_log(path):
-    """A write-ahead log beside a good database."""
+    """A write-ahead log next to a good database."""
     database = path.with_name(path.name.removesuffix("-wal"))
     if not database.exists():
         database.write_bytes(database_and_log()[0])
@@ -274,7 +274,7 @@ def use_log(path):
 
 @cache
 def database_and_log():
-    """A database and the log that a killed recorder leaves beside it, as bytes."""
+    """A database and the log of a killed recorder, as bytes."""
     import shutil
     import sqlite3
 

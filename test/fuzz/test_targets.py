@@ -1,4 +1,4 @@
-"""The targets of the guided fuzzing: seeds are read, damaged ones are read or refused, inputs that found faults too."""
+"""The targets of the guided fuzzing: seeds are read; damaged seeds and inputs that found faults are read or refused."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ FOUND = {
 
 
 @pytest.mark.parametrize("fault", FOUND)
-def test_faults_that_were_found_stay_refusals(fault):
+def test_inputs_that_found_faults_are_refused(fault):
     name, old, new = FOUND[fault]
     seeds = [seed for seed in TARGETS[name].seeds() if old in seed]
     assert seeds and not any(TARGETS[name].run(seed.replace(old, new)) for seed in seeds)

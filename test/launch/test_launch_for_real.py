@@ -16,7 +16,7 @@ FILE = Path(__file__).resolve().parents[2] / "launch" / "tracker.launch.py"
 
 
 def actions_for(**given):
-    """What the launch file returns for these arguments. Nothing is started."""
+    """The result of the launch file for these arguments. Nothing is started."""
     context = LaunchContext()
     context.launch_configurations.update(given)
     found = []
@@ -32,7 +32,7 @@ def test_every_argument_has_a_description():
 
 
 @pytest.mark.parametrize("text, rviz", [("true", True), ("1", True), ("False", False), ("no", False)])
-def test_booleans_decide_what_starts(text, rviz):
+def test_booleans_select_the_started_nodes(text, rviz):
     nodes = [action for action in actions_for(rviz=text) if isinstance(action, Node)]
     assert len(nodes) == 2 + rviz  # the tracker, the human's robot_state_publisher, RViz
 

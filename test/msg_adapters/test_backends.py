@@ -1,4 +1,4 @@
-"""Messages of rosbags as those of rclpy begin: every kind of field has its default."""
+"""Empty messages of rosbags equal those of rclpy: every kind of field has its default."""
 
 from array import array
 
@@ -37,7 +37,7 @@ def rosbags():
     return RosbagsBackend(typestore)
 
 
-def test_a_new_message_holds_zeros_and_serialises(rosbags):
+def test_a_new_message_has_default_values_and_is_serialisable(rosbags):
     message = rosbags.make("test_msgs/msg/Everything")
     assert (message.header.stamp.sec, message.header.frame_id) == (0, "")
     assert (message.text, message.flag, message.single, message.number) == ("", False, 0.0, 0)
@@ -61,14 +61,14 @@ def test_a_new_message_holds_zeros_and_serialises(rosbags):
     assert not rosbags.alike(serialised, message)
 
 
-def test_field_types_of_rosbags(rosbags):
+def test_rosbags_fields_have_the_types_of_rosbags(rosbags):
     doubles = rosbags.float64(np.array([1, 2], dtype=np.float32)[::-1])
     assert doubles.dtype == np.float64 and doubles.tolist() == [2, 1] and doubles.flags.c_contiguous
     assert rosbags.byte(2) == 2
     assert rosbags.uint8(b"\1\2").tolist() == [1, 2] and rosbags.uint8(b"\1").dtype == np.uint8
 
 
-def test_field_types_of_rclpy():
+def test_rclpy_fields_have_the_types_of_rclpy():
     rclpy = RclpyBackend()
     doubles = rclpy.float64(np.array([1, 2], dtype=np.float32)[::-1])
     assert doubles.typecode == "d" and list(doubles) == [2, 1]
@@ -76,12 +76,12 @@ def test_field_types_of_rclpy():
     assert rclpy.uint8(b"\1\2") == array("B", [1, 2])
 
 
-def test_fields_of_doubles():
+def test_the_length_of_a_field_of_doubles_is_found():
     assert _doubles(array("d", [1.0, 2.0])) == 2 and _doubles(array("d")) == 0
     assert _doubles(array("f", [1.0])) == -1 and _doubles([1.0]) == -1 and _doubles(None) == -1
 
 
-def test_bytes_that_are_no_message_are_not_alike():
+def test_invalid_bytes_equal_no_message():
     pytest.importorskip("rclpy")
     rclpy = RclpyBackend()
     message = rclpy.make("std_msgs/msg/String")

@@ -1,4 +1,4 @@
-"""camera_info held against itself: the limits of what can be a camera, and of what looks like one."""
+"""Limits of camera_info: which values are impossible, and which are suspicious."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ BACKEND = rosbags_backend()
 
 
 def decoded(fx=600.0, fy=600.0, cx=320.0, cy=240.0, **fields):
-    """Of an image of 640 x 480 px, if the fields do not tell otherwise."""
+    """For an image of 640 x 480 px, unless the fields differ."""
     return decode_camera_info(camera_info(BACKEND, k=np.array([fx, 0, cx, 0, fy, cy, 0, 0, 1.0]), **fields))
 
 
@@ -25,7 +25,7 @@ def refused(reason, **fields):
     return str(error.value)
 
 
-def test_a_camera_that_fits_is_not_suspicious():
+def test_a_usual_camera_is_not_suspicious():
     assert decoded().suspicion == ""
     assert decoded(width=0, height=0).suspicion == ""
     assert decoded(cx=3200.0, width=0, height=0).K[0, 2] == 3200  # nothing to hold it against
@@ -45,7 +45,7 @@ def test_a_camera_that_fits_is_not_suspicious():
         ({"fx": 600 / 1.105}, "fx and fy differ"),
     ],
 )
-def test_a_camera_that_hardly_fits_is_suspicious(fields, text):
+def test_an_unlikely_camera_is_suspicious(fields, text):
     suspicion = decoded(**fields).suspicion
     assert text in suspicion and bool(suspicion) == bool(text)
     if text:
@@ -63,11 +63,11 @@ def test_a_camera_that_hardly_fits_is_suspicious(fields, text):
         ({"fx": 9.0, "fy": 9.0, "cx": 10, "cy": 10, "width": 20, "height": 20}, "so short a focal length"),
     ],
 )
-def test_what_cannot_be_a_camera_is_uncalibrated(fields, text):
+def test_an_impossible_camera_is_uncalibrated(fields, text):
     assert text in refused("camera_uncalibrated", **fields)
 
 
-def test_the_shortest_focal_lengths_that_are_taken():
+def test_the_shortest_accepted_focal_lengths():
     assert decoded(fx=65.0, fy=65.0).K[0, 0] == 65  # 0.1 of the image's width
     assert decoded(fx=11.0, fy=11.0, width=0, height=0).K[0, 0] == 11
     assert decoded(fx=11.0, fy=11.0, cx=10, cy=10, width=20, height=20).K[0, 0] == 11
@@ -88,7 +88,7 @@ def test_the_last_entry_of_k_is_1():
 
 
 @pytest.mark.parametrize("name", ["k", "r", "p", "d"])
-def test_every_matrix_is_finite(name):
+def test_matrices_that_are_not_finite_are_refused(name):
     values = np.ones({"k": 9, "r": 9, "p": 12, "d": 5}[name])
     values[-1] = np.nan
     with pytest.raises(AdapterError) as error:
@@ -96,7 +96,7 @@ def test_every_matrix_is_finite(name):
     assert error.value.reason == "camera_not_finite"
 
 
-def test_binning_without_a_window_and_along_one_axis():
+def test_binning_scales_k_without_a_window_and_along_one_axis():
     camera = decoded(binning_x=2, binning_y=0, fx=1200.0)
     assert camera.K.tolist() == [[600, 0, 160], [0, 600, 240], [0, 0, 1]]
     assert (camera.width, camera.height) == (320, 480)
@@ -117,7 +117,7 @@ def test_binning_to_less_than_a_pixel_is_refused():
     assert decoded(binning_x=600, binning_y=600).K[0, 0] == 1
 
 
-def test_the_rectified_image_stays_as_it_is_given():
+def test_the_rectification_matrix_is_kept():
     turned = np.array([0, -1.0, 0, 1, 0, 0, 0, 0, 1])
     camera = decoded(r=turned)
     assert camera.R.tolist() == turned.reshape(3, 3).tolist()
@@ -145,7 +145,7 @@ D5 = [0.1, 0.2, 0.01, 0.02, 0.3]
         ("a name", [0.0] * 32, ("", [])),
     ],
 )
-def test_coefficients_and_their_model(model, D, expected):
+def test_the_number_of_coefficients_gives_the_model(model, D, expected):
     camera = decoded(distortion_model=model, d=np.array(D))
     assert (camera.model, camera.D.tolist()) == expected
 
@@ -163,5 +163,5 @@ def test_coefficients_and_their_model(model, D, expected):
         ("omnidirectional", D5, "distortion_model is 'omnidirectional'"),
     ],
 )
-def test_coefficients_that_fit_no_model_are_refused(model, D, text):
+def test_coefficients_of_no_model_are_refused(model, D, text):
     assert text in refused("camera_distortion", distortion_model=model, d=np.array(D))

@@ -1,4 +1,4 @@
-"""Compressed depth images: both codecs and encodings, and what is refused."""
+"""Compressed depth images: both codecs and encodings, and refusals."""
 
 import sys
 
@@ -22,7 +22,7 @@ ROWS, COLUMNS = np.indices(DEPTH.shape)
 
 @pytest.mark.parametrize("encoding", ["16UC1", "32FC1"])
 @pytest.mark.parametrize("codec", ["png", "rvl", ""])
-def test_every_form_gives_metres(encoding, codec):
+def test_every_codec_and_encoding_gives_metres(encoding, codec):
     packed = decode_compressed_depth(compressed_message(BACKEND, 7, DEPTH, encoding, codec))
     image = packed.unpacked()
     assert (image.stamp_ns, image.frame_id, image.size) == (7, FRAME, (40, 30))
@@ -65,7 +65,7 @@ def test_a_png_of_bytes_is_refused():
         decode_compressed_depth(message).unpacked()
 
 
-def test_without_opencv_one_sentence_says_what_to_install(monkeypatch):
+def test_a_missing_opencv_is_named_with_its_installation(monkeypatch):
     monkeypatch.setitem(sys.modules, "cv2", None)
     with pytest.raises(AdapterError, match="pip install opencv-python-headless") as refused:
         decode_compressed_depth(compressed_message(BACKEND, 1, DEPTH)).unpacked()

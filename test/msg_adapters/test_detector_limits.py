@@ -1,4 +1,4 @@
-"""Each detector's message at the limits of its rules: counts, sizes, identities, and depth."""
+"""The messages of each detector at the limits of the rules: counts, sizes, ids and depth."""
 
 import numpy as np
 import pytest
@@ -48,7 +48,7 @@ def with_depth(depths, step=20):
     return raw_cloud(BACKEND, STAMP, rows.tobytes(), (*CLOUD_FIELDS, ("depth", 16, 7)), step, len(depths), FRAME)
 
 
-def test_depth_of_a_cloud():
+def test_the_depth_of_a_cloud_is_read():
     found = decode(CLOUD, with_depth([1.5, 0.0, -1.0, NAN]))
     assert np.array_equal(found.depth, [1.5, NAN, NAN, NAN], equal_nan=True) and found.depth_of_surface
     assert (found.stamp_ns, found.frame_id, found.persons) == (STAMP, FRAME, None)
@@ -56,7 +56,7 @@ def test_depth_of_a_cloud():
     assert decode(CLOUD, cloud(BACKEND, STAMP, XY)).depth is None
 
 
-def test_limits_of_a_clouds_layout():
+def test_the_layout_of_a_cloud_is_checked_at_its_limits():
     rows = np.zeros((3, MAX_POINT_STEP), np.uint8)
     wide = raw_cloud(BACKEND, STAMP, rows.tobytes(), CLOUD_FIELDS, MAX_POINT_STEP, 3)
     assert len(decode(CLOUD, wide).ids) == 3
@@ -69,7 +69,7 @@ def test_limits_of_a_clouds_layout():
     assert "has 65 fields" in refused(CLOUD, message, "wrong_fields")
 
 
-def test_a_field_may_end_with_the_point_and_not_after():
+def test_a_field_must_end_within_the_point():
     assert len(decode(CLOUD, cloud(BACKEND, STAMP, XY)).ids) == 3  # the id takes the last four bytes
     fields = [*CLOUD_FIELDS[:3], ("id", 13, 6)]
     text = refused(CLOUD, raw_cloud(BACKEND, STAMP, bytes(48), fields, 16, 3), "wrong_layout")
@@ -85,7 +85,7 @@ def test_a_field_of_several_values_is_refused(field, kind):
     assert len(decode(CLOUD, message).ids) == 3
 
 
-def test_missing_fields_are_named_with_those_that_are_there():
+def test_missing_fields_are_named_with_the_existing_ones():
     message = raw_cloud(BACKEND, STAMP, bytes(48), [("x", 0, 7), ("z" * 40, 4, 7)], 16, 3)
     text = refused(CLOUD, message, "wrong_fields")
     assert text == f"the cloud has no field y, confidence, id; its fields are: x, {'z' * 32}"
@@ -94,7 +94,7 @@ def test_missing_fields_are_named_with_those_that_are_there():
     assert refused(CLOUD, many, "wrong_fields").endswith("f14, f15")
 
 
-def test_an_empty_cloud_of_either_side():
+def test_a_cloud_without_rows_or_columns_is_empty():
     for width, height in ((0, 1), (3, 0), (0, 0)):
         message = cloud(BACKEND, STAMP, XY[:0])
         message.width, message.height, message.row_step = width, height, 16 * width
@@ -123,7 +123,7 @@ def dimensions(*sizes):
 
 
 @pytest.mark.parametrize(("sizes", "good"), [((), 1), ((3, 3), 1), ((9,), 1), ((3,), 0), ((3, 3, 1), 0), ((3, 2), 0)])
-def test_dimensions_of_an_array(sizes, good):
+def test_the_dimensions_of_an_array_are_checked(sizes, good):
     message = multi_array(BACKEND, 0, XY)
     message.layout.dim = dimensions(*sizes)
     if good:
@@ -133,7 +133,7 @@ def test_dimensions_of_an_array(sizes, good):
         assert refused(ARRAY, message, "wrong_shape").startswith(f"9 values, data_offset 0, dimensions {shape}; ")
 
 
-def test_the_offset_of_an_array():
+def test_the_offset_of_an_array_is_checked():
     message = multi_array(BACKEND, 0, XY)
     for offset, ids in ((3, [0, 1]), (9, [])):
         message.layout.data_offset = offset
@@ -147,7 +147,7 @@ def test_the_offset_of_an_array():
 # Skeletons of packages -----------------------------------------------------------------------------------------------
 
 
-def test_hri_points_that_were_not_found():
+def test_hri_points_without_a_detection_are_missing():
     pixels = np.tile([[10.0, 20.0]], (18, 1))
     message = hri_skeleton(BACKEND, STAMP, FRAME, pixels, np.full(18, 0.5), (100, 200))
     message.skeleton[4].x = message.skeleton[4].y = -1.0
@@ -174,7 +174,7 @@ def measure(detection, depths, frame_id=FRAME):
         detection.keypoints3d.data.append(point)
 
 
-def test_yolo_depths_in_the_optical_frame():
+def test_yolo_depths_in_the_optical_frame_are_used():
     message = yolo(("1", "2"))
     measure(message.detections[0], {1: 1.5, 3: 2.5})
     found = decode(YOLO, message)
@@ -192,7 +192,7 @@ def test_yolo_depths_of_another_frame_are_not_used(frame_id):
     assert decode(YOLO, message).depth is None
 
 
-def test_yolo_messages_that_are_too_long():
+def test_yolo_messages_that_are_too_long_are_refused():
     message = yolo()
     measure(message.detections[0], {1: 1.5})
     message.detections[0].keypoints3d.data *= MAX_POINTS
@@ -210,12 +210,12 @@ def zed(count=1, body_format=0, **more):
 
 
 @pytest.mark.parametrize(("body_format", "count"), [(0, 18), (1, 34), (2, 38), (3, 70)])
-def test_zed_formats(body_format, count):
+def test_zed_formats_give_their_layouts(body_format, count):
     assert decode(ZED, zed(body_format=body_format)).ids.tolist() == list(range(count))
 
 
 @pytest.mark.parametrize("body_format", [-1, 4])
-def test_zed_formats_that_do_not_exist(body_format):
+def test_unknown_zed_formats_are_refused(body_format):
     text = refused(ZED, zed(body_format=body_format), "wrong_shape")
     assert text == f"body_format is {body_format}; expected 0 to 3"
 
@@ -237,7 +237,7 @@ def test_zed_points_are_missing_if_both_coordinates_are_0_or_one_is_negative():
     assert decode(ZED, message).ids.tolist() == [1, 2, *range(5, 18)]
 
 
-def test_zed_confidence_of_the_body_stands_in_for_its_points():
+def test_the_zed_confidence_of_the_body_is_used_for_its_points():
     message = zed()
     assert decode(ZED, message).confidence == pytest.approx([0.9] * 18)
     message.objects[0].skeleton_keypoint_confidence[0] = 50
@@ -245,7 +245,7 @@ def test_zed_confidence_of_the_body_stands_in_for_its_points():
     assert found[0] == 0.5 and not found[1:].any()
 
 
-def test_zed_without_people_and_with_too_many():
+def test_zed_messages_may_be_empty_but_not_too_long():
     assert len(decode(ZED, zed(0)).ids) == 0
     most = MAX_POINTS // 18
     assert len(decode(ZED, zed(most)).ids) == 18 * most

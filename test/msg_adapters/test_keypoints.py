@@ -1,4 +1,4 @@
-"""Keypoints as arrays: which points count, whose they are, and the limits of each rule."""
+"""Keypoints as arrays: which points count, to whom they belong, and the limits of each rule."""
 
 from types import SimpleNamespace
 
@@ -57,7 +57,7 @@ def test_a_point_is_missing_by_its_coordinates_or_its_score():
     assert confidence[12] == 1e-6
 
 
-def test_scores_up_to_2_are_limited_to_1_and_larger_ones_cost_their_point():
+def test_scores_up_to_2_are_limited_to_1_and_larger_ones_remove_the_point():
     confidence = keypoints(range(4), confidence=[0.5, 1.0, 1.5, 2.0]).as_landmarks(4)[1]
     assert confidence.tolist() == [0.5, 1, 1, 1]
     half = keypoints(range(4), confidence=[0.5, 2.1, 90, 1.0]).as_landmarks(4)[1]
@@ -67,7 +67,7 @@ def test_scores_up_to_2_are_limited_to_1_and_larger_ones_cost_their_point():
     assert "3 of 4 confidences are above 2, up to 90; expected 0 to 1" in text
 
 
-def test_ids_beyond_the_layout_and_repeated_ones_are_refused():
+def test_ids_outside_the_layout_and_repeated_ones_are_refused():
     assert keypoints([0, 4]).as_landmarks(5)[1].tolist() == [0.5, 0, 0, 0, 0.5]
     assert "id 5; expected 0 to 4" in refused(lambda: keypoints([0, 5]).as_landmarks(5), "unknown_id")
     assert "id -1; expected 0 to 4" in refused(lambda: keypoints([0, -1]).as_landmarks(5), "unknown_id")
@@ -108,7 +108,7 @@ def header(sec=1, nanosec=0, frame_id="camera"):
     return SimpleNamespace(stamp=SimpleNamespace(sec=sec, nanosec=nanosec), frame_id=frame_id)
 
 
-def test_stamps_from_0_to_their_limits():
+def test_stamps_are_accepted_up_to_their_limits():
     assert header_stamp(header(2, 3)) == 2_000_000_003
     assert header_stamp(header(0, 999_999_999)) == 999_999_999
     assert header_stamp(header(0, 0)) is None
@@ -119,7 +119,7 @@ def test_stamps_from_0_to_their_limits():
     assert stamp_of(SimpleNamespace()) is None
 
 
-def test_frame_names_are_printable_and_not_endless():
+def test_frame_names_must_be_printable_and_of_limited_length():
     assert frame_name(header(frame_id="")) == ""
     assert len(frame_name(header(frame_id="x" * LONGEST_FRAME_ID))) == LONGEST_FRAME_ID
     for bad in ("x" * (LONGEST_FRAME_ID + 1), "a\nb", "a\0"):
@@ -127,7 +127,7 @@ def test_frame_names_are_printable_and_not_endless():
         assert f"has {len(bad)} characters" in text and len(text) < 200
 
 
-def test_as_many_points_as_are_allowed():
+def test_the_number_of_points_is_limited():
     check_count(MAX_POINTS)
     assert f"{MAX_POINTS + 1} keypoints" in refused(lambda: check_count(MAX_POINTS + 1), "too_many_points")
 
@@ -156,7 +156,7 @@ def test_people_are_numbered_by_their_ids_or_in_order(ids, numbers, persistent):
     assert found.confidence.tolist() == [0.5, 0.75] * 2
 
 
-def test_gathered_depths_and_nobody():
+def test_depths_are_gathered_and_people_may_be_none():
     found = gather(5, "", [PERSON], ["1"], [[1.5, float("nan")]], depth_of_surface=False)
     assert found.depth[0] == 1.5 and np.isnan(found.depth[1]) and not found.depth_of_surface
     assert gather(5, "", [PERSON], ["1"], [[float("nan")] * 2]).depth is None

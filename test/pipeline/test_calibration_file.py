@@ -1,4 +1,4 @@
-"""Calibration files of ROS, OpenCV and Kalibr: what is read of each, and what a file that is none is told."""
+"""Calibration files of ROS, OpenCV and Kalibr: the values that are read, and the errors for other files."""
 
 import numpy as np
 import pytest
@@ -42,13 +42,13 @@ def read(tmp_path):
         (f"Intrinsic Matrix: {K}\nDistortion-Coeffs: {D5}\n---\n", "plumb_bob", D5, (0, 0)),
     ],
 )  # fmt: skip
-def test_every_form(read, text, model, D, size):
+def test_every_format_is_read(read, text, model, D, size):
     found = read(text)
     assert np.array_equal(found.K, K) and found.D.tolist() == D
     assert (found.model, found.size, found.P) == (model, size, None)
 
 
-def test_the_projection_of_the_rectified_image(read):
+def test_the_projection_of_the_rectified_image_is_read(read):
     P = [500.0, 0, 300, -50, 0, 500, 200, 0, 0, 0, 1, 0]
     assert read(OST + f"projection_matrix: {{data: {P}}}\n").P.tolist() == np.reshape(P, (3, 4)).tolist()
 
@@ -62,18 +62,18 @@ def test_the_projection_of_the_rectified_image(read):
         ("camera_model: pinhole", "plumb_bob", []),
     ],
 )
-def test_kalibr(read, more, model, D):
+def test_a_camchain_of_kalibr_is_read(read, more, model, D):
     found = read(f"cam0: {{{KALIBR}, {more}}}\n")
     assert np.array_equal(found.K, K) and (found.model, found.D.tolist(), found.size) == (model, D, (640, 480))
 
 
 @pytest.mark.parametrize("more", ["camera_model: omni", "distortion_model: fov"])
-def test_models_of_kalibr_that_are_not_read(read, more):
+def test_unknown_models_of_kalibr_are_refused(read, more):
     with pytest.raises(CameraError, match="expected pinhole with radtan, equidistant, none"):
         read(f"cam0: {{{KALIBR}, {more}}}\n")
 
 
-def test_one_of_several_cameras(read, tmp_path):
+def test_one_of_several_cameras_must_be_selected(read, tmp_path):
     chain = f"cam0: {{{KALIBR}}}\ncam1: {{{KALIBR.replace('600', '700')}}}\n"
     assert read(chain, "cam1").K[0, 0] == 700 and read(chain, "cam0").K[0, 0] == 600
     with pytest.raises(CameraError, match="has several cameras: cam0, cam1; choose one, such as .*camera.yaml:cam0"):
@@ -85,7 +85,7 @@ def test_one_of_several_cameras(read, tmp_path):
     assert read(stereo, "M2").size == (640, 480)
 
 
-def test_names_of_cameras_in_paths(tmp_path):
+def test_the_camera_name_in_a_path_is_split_off(tmp_path):
     assert split_camera(tmp_path / "a.yaml:cam1") == (tmp_path / "a.yaml", "cam1")
     assert split_camera(tmp_path / "a.yaml") == (tmp_path / "a.yaml", "")
     assert split_camera(tmp_path / ":cam1") == (tmp_path / ":cam1", "")
@@ -111,19 +111,19 @@ def test_names_of_cameras_in_paths(tmp_path):
         (f"cam0: {{{KALIBR}, distortion_model: radtan}}\n", "it has no distortioncoeffs"),
     ],
 )
-def test_what_is_no_calibration_is_told(read, text, words):
+def test_a_file_without_calibration_is_refused(read, text, words):
     with pytest.raises(CameraError) as error:
         read(text)
     assert words in str(error.value) and "camera.yaml" in str(error.value)
 
 
-def test_scaling_to_another_size_of_the_image():
+def test_a_calibration_is_scaled_to_another_image_size():
     P = np.array([[500.0, 0, 300, -50], [0, 500, 200, 0], [0, 0, 1, 0]])
     given = Calibration(np.array(K), np.array(D5), size=(640, 480), P=P)
     half = given.scaled_to((320, 240), "file")
     assert half.K.tolist() == [[300, 0, 160], [0, 305, 120], [0, 0, 1]] and half.size == (320, 240)
     assert half.P.tolist() == [[250, 0, 150, -25], [0, 250, 100, 0], [0, 0, 1, 0]] and half.D.tolist() == D5
-    assert given.scaled_to((1282, 960), "file").size == (1282, 960)  # rounding of encoders
+    assert given.scaled_to((1282, 960), "file").size == (1282, 960)  # rounding of the encoder
     with pytest.raises(
         CameraError, match="'file' is for 640 x 480 px, the images have 640 x 360 px; expected the same"
     ):
@@ -135,7 +135,7 @@ def test_scaling_to_another_size_of_the_image():
     assert unknown.size == (1000, 10) and np.array_equal(unknown.K, K) and unknown.P is None
 
 
-def test_as_camera_info():
+def test_a_calibration_is_converted_to_camera_info():
     backend = rosbags_backend()
     given = Calibration(np.array(K), np.array(D5), size=(640, 480))
     message = given.message(backend, 5_000_000_001, "optical")

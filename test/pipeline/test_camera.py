@@ -1,4 +1,4 @@
-"""camera_info against the image size, and several cameras on one topic."""
+"""camera_info compared with the image size, and several cameras on one topic."""
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ def test_a_usual_matrix_is_no_warning(pipeline):
 
 
 @pytest.mark.parametrize("others", [1, 3])
-def test_of_several_cameras_on_one_topic_the_keypoints_frame_is_used(pipeline, others):
+def test_the_camera_with_the_keypoints_frame_is_used(pipeline, others):
     cameras = [camera_info(BACKEND)] + [camera_info(BACKEND, 900.0, f"other_{i}") for i in range(others)]
     for i, xy in enumerate(PIXELS):
         for camera in cameras:
@@ -56,7 +56,7 @@ def test_of_several_cameras_on_one_topic_the_keypoints_frame_is_used(pipeline, o
     assert f"used is '{FRAME}'" in pipeline.camera.suspicion
 
 
-def test_another_camera_takes_over_with_its_keypoints(pipeline):
+def test_the_camera_changes_with_the_frame_of_the_keypoints(pipeline):
     pipeline.set_camera(camera_info(BACKEND))
     assert pipeline.process(cloud(BACKEND, 10**9, PIXELS[0]), 0).accepted
     pipeline.set_camera(camera_info(BACKEND, 700.0, "other"))
@@ -70,7 +70,7 @@ def test_another_camera_takes_over_with_its_keypoints(pipeline):
 
 @pytest.mark.parametrize("share", [0.3, 0.8])
 @pytest.mark.parametrize("first", [0, 5], ids=["a stamp first", "none first"])
-def test_a_stamp_of_0_among_others_is_no_stamp(pipeline, share, first):
+def test_a_stamp_of_0_among_others_counts_as_missing(pipeline, share, first):
     pixels, random = pixels_of_motion(120, 30.0), np.random.default_rng(2)
     pipeline.set_camera(camera_info(BACKEND))
     initialised = rejected = 0

@@ -1,4 +1,4 @@
-"""The camera of an image: which camera_info is used, how many are kept, and when keypoints have left the image."""
+"""The camera of an image: which camera_info is used, how many are stored, and when keypoints are outside the image."""
 
 import numpy as np
 import pytest
@@ -42,7 +42,7 @@ def test_before_camera_info_there_is_no_camera(camera):
         camera.at(5)
 
 
-def test_a_refused_camera_leaves_the_good_one_and_a_good_one_ends_the_fault(camera):
+def test_a_rejected_camera_keeps_the_good_one_and_a_good_one_ends_the_fault(camera):
     assert camera.update(info()) is False
     with pytest.raises(AdapterError):
         camera.update(info(focal=0.0))
@@ -55,7 +55,7 @@ def test_a_refused_camera_leaves_the_good_one_and_a_good_one_ends_the_fault(came
     assert camera.fault == "" and focal(camera.at(None)) == 700
 
 
-def test_a_lens_that_cannot_be_used_is_refused_with_its_reason():
+def test_an_unusable_lens_is_refused_with_its_reason():
     camera = Camera(True)
     with pytest.raises(AdapterError, match="'rectified' needs a rectified camera's P") as error:
         camera.update(info(p=np.zeros(12)))
@@ -78,7 +78,7 @@ def test_a_lens_that_cannot_be_used_is_refused_with_its_reason():
         {"p": np.arange(12.0)},
     ],
 )
-def test_every_field_that_is_used_makes_another_camera(camera, change):
+def test_a_change_of_each_used_field_is_another_camera(camera, change):
     change = {"distortion_model": "plumb_bob", **change}
     camera.update(info(distortion_model="plumb_bob"))
     before = camera.view
@@ -99,7 +99,7 @@ def test_another_window_is_another_camera(camera, field):
     assert camera.view is not before
 
 
-def test_images_on_the_way_belong_to_the_camera_before(camera):
+def test_late_images_belong_to_the_previous_camera(camera):
     camera.update(info(stamp_ns=5 * SECOND))
     camera.update(info(focal=700.0, stamp_ns=10 * SECOND))
     expected = {9 * SECOND: 600, 10 * SECOND - 1: 600, 10 * SECOND: 700, 11 * SECOND: 700, 9 * SECOND - 1: 700}
@@ -108,7 +108,7 @@ def test_images_on_the_way_belong_to_the_camera_before(camera):
     assert {stamp: focal(camera.at(stamp, "a")) for stamp in expected} == expected  # of its own frame, too
 
 
-def test_the_camera_of_the_keypoints_frame_comes_before_the_newest(camera):
+def test_the_camera_of_the_keypoints_frame_has_priority(camera):
     assert camera.update(info("a")) is False
     assert camera.update(info("b", 700.0)) is True  # no keypoints yet: the newest
     assert focal(camera.at(None, "a")) == 600
@@ -117,7 +117,7 @@ def test_the_camera_of_the_keypoints_frame_comes_before_the_newest(camera):
     assert focal(camera.at(None, "b")) == 800 and camera.view.intrinsics.frame_id == "b"
 
 
-def test_as_many_cameras_as_are_remembered(camera):
+def test_the_number_of_stored_cameras_is_limited(camera):
     for i in range(MOST_CAMERAS):
         camera.update(info(f"c{i}", 600.0 + i))
     assert focal(camera.at(None, "c0")) == 600
@@ -127,7 +127,7 @@ def test_as_many_cameras_as_are_remembered(camera):
     assert focal(camera.at(None, "c1")) == 900  # forgotten: the newest stands in
 
 
-def test_several_cameras_on_a_topic_are_told_by_their_alternation(camera):
+def test_several_cameras_on_a_topic_are_detected_by_their_alternation(camera):
     for i in range(ALTERNATIONS):
         camera.update(info("ab"[i % 2]))
         assert camera.suspicion == ""
@@ -138,7 +138,7 @@ def test_several_cameras_on_a_topic_are_told_by_their_alternation(camera):
     assert camera.suspicion == ""  # of the last twenty none changes
 
 
-def test_a_suspicious_matrix_is_said(camera):
+def test_a_suspicious_matrix_is_reported(camera):
     camera.update(info(focal=600.0, width=1280, height=960))
     assert "another resolution" in camera.suspicion
 
@@ -147,7 +147,7 @@ def outside(camera, points):
     return camera.view.is_left_by(np.array(points, dtype=float))
 
 
-def test_keypoints_leave_the_image_beyond_its_margin(camera):
+def test_keypoints_beyond_the_margin_are_outside_the_image(camera):
     camera.update(info())  # 640 x 480: margins of 32 and 24 px
     for point in ((-32, 5), (672, 5), (5, -24), (5, 504)):
         assert not outside(camera, [point])

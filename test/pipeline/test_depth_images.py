@@ -71,18 +71,18 @@ def test_samples_are_the_surface_in_front_of_the_landmarks(scene, scale):
     image = decode_depth_image(depth_message(BACKEND, 1, render(skeleton, positions[0], scale)))
     depth = sample_depth(image, pixels[0], SIZE)
     surface = Layout.load("coco17", skeleton).surface
-    joints = [5, 6, 11, 12, 13, 14]  # shoulders, hips, knees: nothing is in front of them in this frame
+    joints = [5, 6, 11, 12, 13, 14]  # shoulders, hips, knees: nothing occludes them in this frame
     assert np.abs(depth + surface - landmarks[0, :, 2])[joints].max() < 0.06
 
 
-def test_a_limb_before_the_wall_has_its_own_depth():
+def test_a_limb_in_front_of_the_wall_has_its_own_depth():
     depth = np.full((100, 100), 5.0)
     depth[:, 50:] = 2.0  # the keypoint is on the edge
     image = decode_depth_image(depth_message(BACKEND, 1, depth))
     assert np.allclose(sample_depth(image, np.array([[50.0, 50.0]]), (100, 100)), 2.0)
 
 
-def test_holes_and_the_outside_are_missing():
+def test_holes_and_points_outside_the_image_are_missing():
     depth = np.zeros((50, 100))
     depth[20, 20] = 2.0
     image = decode_depth_image(depth_message(BACKEND, 1, depth))
@@ -91,7 +91,7 @@ def test_holes_and_the_outside_are_missing():
     assert np.isfinite(sample_depth(image, points[:0], (100, 50))).all()
 
 
-def test_the_image_of_the_keypoints_time_is_used():
+def test_the_depth_image_with_the_keypoints_stamp_is_used():
     counts = Counter()
     images = DepthImages(counts)
     for number in range(5):
@@ -145,7 +145,7 @@ def test_a_registered_image_may_have_another_frame(topic, registered):
     ("frame_id", "shape", "words"),
     [("depth_optical_frame", (120, 160), "frame_id 'depth_optical_frame'"), (FRAME, (90, 160), "160 x 90 px")],
 )
-def test_an_image_that_is_not_registered_is_said_and_not_used(frame_id, shape, words):
+def test_an_unregistered_image_is_reported_and_not_used(frame_id, shape, words):
     counts = Counter()
     images = DepthImages(counts)
     images.add(depth_message(BACKEND, START_NS, np.ones(shape), frame_id=frame_id), 0)
@@ -156,7 +156,7 @@ def test_an_image_that_is_not_registered_is_said_and_not_used(frame_id, shape, w
     assert found.depth is not None and images.fault == ""
 
 
-def test_an_unknown_encoding_is_said():
+def test_an_unknown_encoding_is_reported():
     counts = Counter()
     images = DepthImages(counts)
     assert images.add(depth_message(BACKEND, 1, np.ones((4, 4)), "8UC1"), 0) == "depth_encoding"
@@ -199,18 +199,18 @@ def without_depth(scene):
     return track(scene, None)[0]
 
 
-def test_depth_images_make_the_track_better(scene, images, without_depth):
+def test_depth_images_improve_the_track(scene, images, without_depth):
     with_depth, pipeline = track(scene, images)
     assert pipeline.counts[MATCHED] == 60 and pipeline.counts[UNMATCHED] == 0
     assert with_depth[0] < 0.8 * without_depth[0] and with_depth[1] < 0.05
 
 
-def test_without_a_usable_image_the_track_is_that_without_depth(scene, without_depth):
+def test_unusable_depth_images_do_not_change_the_track(scene, without_depth):
     errors, pipeline = track(scene, [np.zeros((24, 32))] * 60)
     assert np.array_equal(errors, without_depth) and pipeline.counts[MATCHED] == 60
 
 
-def test_a_wall_behind_and_an_occluder_in_front_do_no_harm(scene, images, without_depth):
+def test_a_wall_behind_and_an_occluder_in_front_do_not_increase_the_error(scene, images, without_depth):
     walls = [np.full_like(image, BACKGROUND) for image in images]
     assert np.all(track(scene, walls)[0] < without_depth + 0.01)
     hidden = []
@@ -221,7 +221,7 @@ def test_a_wall_behind_and_an_occluder_in_front_do_no_harm(scene, images, withou
     assert np.all(track(scene, hidden)[0] < without_depth + 0.01)
 
 
-def test_the_height_is_measured(scene, images):
+def test_height_0_measures_the_height(scene, images):
     skeleton, pixels, truth, _ = scene
     config = TrackerConfig(height=0.0)
     errors, pipeline = track(scene, images, config=config)
@@ -234,7 +234,7 @@ def test_the_height_is_measured(scene, images):
     assert pipeline.tracker.skeleton.height == config.assumed_height
 
 
-def test_the_cloud_may_bring_the_depth_itself(scene, images):
+def test_the_cloud_may_contain_the_depth(scene, images):
     skeleton, pixels, _, landmarks = scene
     message = cloud(BACKEND, START_NS, pixels[0])
     kinds = np.dtype([("x", "<f4"), ("y", "<f4"), ("confidence", "<f4"), ("id", "<u4"), ("depth", "<f4")])
@@ -268,7 +268,7 @@ SIZES = st.sampled_from([0, 1, 2, 3, 7, 16, 16385, 2**32 - 1])
     st.binary(max_size=600),
     st.lists(st.floats(width=32), min_size=34, max_size=34),
 )
-def test_any_depth_image_is_sampled_or_refused(encoding, big_endian, height, width, step, data, points):
+def test_every_depth_image_is_sampled_or_refused(encoding, big_endian, height, width, step, data, points):
     message = BACKEND.make("sensor_msgs/msg/Image")
     message.encoding, message.is_bigendian, message.data = encoding, big_endian, np.frombuffer(data, np.uint8)
     message.height, message.width, message.step = height, width, step

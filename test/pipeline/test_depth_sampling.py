@@ -1,4 +1,4 @@
-"""One depth for each keypoint: the window, how many of its pixels are needed, and whose surface it is."""
+"""The depth at a keypoint: the window, the required number of pixels, and the selected surface."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def sampled(depth, xy, size=None):
     ("xy", "expected"),
     [((10, 10), 3.0), ((9.4, 10), 3.0), ((9.6, 10), 3.0), ((12, 10), 3.0), ((12.6, 10), NAN), ((7, 10), NAN)],
 )
-def test_a_window_of_five_pixels_about_the_keypoint(xy, expected):
+def test_the_window_has_five_pixels_around_the_keypoint(xy, expected):
     depth = np.zeros((20, 20))
     depth[8:13, 10] = 3.0  # five of 25 pixels: just enough
     assert sampled(depth, xy) == pytest.approx(expected, nan_ok=True)
@@ -68,7 +68,7 @@ def test_pixels_end_half_a_pixel_from_their_centres(xy, inside):
     assert np.isfinite(sampled(np.ones((10, 20)), xy)) == inside
 
 
-def test_the_nearer_of_two_surfaces_is_taken_and_averaged():
+def test_the_nearer_of_two_surfaces_is_averaged():
     near, far = [1.0, 1.04, 1.08], [3.0] * 5
     assert _nearest_surface(np.array([far + near]))[0] == pytest.approx(1.04)
     assert _nearest_surface(np.array([[1.0] + far * 2]))[0] == pytest.approx(3.0)  # one pixel is noise

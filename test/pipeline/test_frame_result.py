@@ -1,4 +1,4 @@
-"""The result of a frame: what follows from its fields, and what an unaccepted one refuses."""
+"""The result of a frame: derived values, and errors for an unaccepted one."""
 
 from types import SimpleNamespace
 
@@ -17,7 +17,7 @@ def estimate(repeated=0.0):
     return SimpleNamespace(pose=SimpleNamespace(positions=POSITIONS, landmarks=LANDMARKS), repeated=repeated)
 
 
-def test_velocities_are_differences_over_stamps():
+def test_velocities_are_differences_over_time():
     moved = FrameResult(1, "a", estimate(), earlier=(0.5, POSITIONS - [1, 2, 3]))
     assert moved.joint_velocities.tolist() == [[2, 4, 6]] * 2
     assert FrameResult(1, "a", estimate()).joint_velocities.tolist() == [[0, 0, 0]] * 2
@@ -30,7 +30,7 @@ def test_landmarks_are_projected_to_pixels():
     assert FrameResult(1, "a", SimpleNamespace(pose=None), lens=LENS).reprojected is None
 
 
-def test_what_is_measured_is_of_the_estimate_and_once():
+def test_measurements_are_those_of_the_estimate_and_computed_once():
     calls = []
     frame = FrameResult(1, "a", estimate(), measure=lambda e: calls.append(e) or "deviations", observe=lambda e: "seen")
     assert frame.uncertainty == frame.uncertainty == "deviations" and calls == [frame.estimate]
@@ -38,7 +38,7 @@ def test_what_is_measured_is_of_the_estimate_and_once():
 
 
 @pytest.mark.parametrize("given", [{}, {"estimate": estimate()}, {"measure": str, "observe": str}])
-def test_a_rejected_result_measures_nothing(given):
+def test_a_rejected_result_has_no_measurements(given):
     frame = FrameResult(1, "a", rejection="old_stamp", **given)
     assert not frame.accepted and FrameResult(1, "a").accepted
     with pytest.raises(ValueError, match="only an accepted result has an uncertainty"):
@@ -47,7 +47,7 @@ def test_a_rejected_result_measures_nothing(given):
         frame.observed
 
 
-def test_keypoints_are_repeated_if_those_of_all_people_are():
+def test_keypoints_count_as_repeated_if_all_people_are_repeated():
     def frame(seconds, **more):
         return FrameResult(1, "a", estimate(seconds), **more)
 

@@ -1,7 +1,7 @@
-"""Bad messages among good ones, through the whole pipeline: after each a good frame tracks as if nothing had happened.
+"""Bad messages among good ones, through the whole pipeline: tracking continues with the next good frame.
 
-After a message that was refused the next good frame is the same, to the byte. A message that was taken (nonsense may
-look like a person) has a say; after it the person is still tracked, certified and near the truth.
+After a rejected message the next good frame is bitwise the same. An accepted message (random data may look like a
+person) has an effect; after it the person is still tracked, certified and near the truth.
 """
 
 import functools
@@ -48,25 +48,25 @@ COURSES = {
 
 
 FILTERED = ("too_few_landmarks", "person_absent", "not_certified", "too_small")
-"""What the tracker may say when it has looked at the points."""
+"""Reasons that the tracker may give after it has processed the points."""
 
 
 def faults(message_type):
-    """Up to three ways of spoiling; the seed of what they draw; good frames before, none in one case of ten."""
+    """Up to three kinds of damage; the seed of their draws; good frames before, none in one case of ten."""
     ways = st.lists(st.sampled_from(sorted(WAYS[message_type])), min_size=1, max_size=3)
     before = st.sampled_from([0, *[None] * 9])
     return st.tuples(ways, st.integers(0, 2**32 - 1), before)
 
 
 def prepared(course, before):
-    """Bring the course to where the bad message comes: the start, or somewhere on the way."""
+    """Advance the course to the place of the bad message: the start, or a later frame."""
     if before == 0 or course.index > FRAMES - 6:
         course.restart()
     course.lead_in(before if before is not None else max(course.index, 4))
 
 
 def after(name, course, frames):
-    """What must hold after the answer to a bad message."""
+    """Check the properties that must hold after the answer to a bad message."""
     index = course.index
     if frames and not frames[0].accepted:
         if index >= 4 and frames[0].rejection in FILTERED:
@@ -103,7 +103,7 @@ def test_no_message_prevents_tracking_of_the_next_good_frame(name):
             frames = course.pipeline.frames(over_the_wire(message_type, message), now_ns)
             after(name, course, frames)
         except BaseException:
-            course.start_anew()  # what a failure has left behind is not the next case's
+            course.start_anew()  # results of a failure are not used for the next case
             raise
 
     case()
@@ -125,7 +125,7 @@ def test_no_camera_info_prevents_tracking_of_the_next_good_frame(rectified):
             reason = course.pipeline.set_camera(message)
             if reason is not None:
                 course.same_as_ever()
-            else:  # another camera, taken at its word; with the right one again everything is as it was
+            else:  # another, valid camera; with the right one again everything is as before
                 course.pipeline.frames(course.good(course.index), stamp_of(course.index))
                 course.restart()
                 course.same_as_ever()
@@ -139,7 +139,9 @@ def test_no_camera_info_prevents_tracking_of_the_next_good_frame(rectified):
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_outputs_can_be_serialised_for_any_input():
-    """Messages and camera_info as they come, one after another, through the replay's tracker: outputs are messages."""
+    """Messages and camera_info of any kind, one after another, through the replay's tracker: the outputs are valid
+    messages.
+    """
     course = Course(CLOUD)
     tracker = OfflineTracker(*course.settings, TYPES)
     clock = iter(range(START_NS, 2**63, STEP_NS))
@@ -182,8 +184,8 @@ def test_a_frame_id_that_is_a_links_name_stops_no_output(name):
     assert tracker.pipeline.counts[LINK_AS_FRAME] == 1
 
 
-def test_the_twin_is_no_tautology():
-    """A frame that is changed a little is noticed by the comparison of bytes."""
+def test_the_comparison_of_bytes_detects_a_small_change():
+    """The comparison detects a frame that is changed a little."""
     course = Course(CLOUD)
     course.lead_in(5)
     course.send_good = functools.partial(course.pipeline.frames, course.good(6), stamp_of(5))

@@ -1,4 +1,4 @@
-"""Pixels to normalised coordinates against OpenCV's projection, the other way round."""
+"""Conversion of pixels to normalised coordinates, compared with OpenCV's projection."""
 
 import sys
 
@@ -26,7 +26,7 @@ LENSES = {
 
 
 @pytest.mark.parametrize("name", LENSES)
-def test_undoes_the_distortion_that_opencv_makes(name):
+def test_distortion_of_opencv_is_removed(name):
     cv2 = pytest.importorskip("cv2")
     D, model = np.array(LENSES[name]), name.split()[0]
     truth = np.random.default_rng(1).uniform(-0.5, 0.5, (100, 2))
@@ -39,7 +39,7 @@ def test_undoes_the_distortion_that_opencv_makes(name):
     assert np.abs(np.delete(result - truth, 7, axis=0)).max() < 1e-9
 
 
-def test_without_distortion_it_is_a_division():
+def test_without_distortion_the_conversion_is_linear():
     lens = Lens(K)
     assert lens.normalise(np.array([[330.0, 235.0], [930.0, 845.0]])).tolist() == [[0, 0], [1, 1]]
     assert np.isnan(lens.normalise(np.full((1, 2), np.nan))).all()
@@ -67,7 +67,7 @@ def test_rectified_pixels_use_P():
 
 
 @pytest.mark.parametrize("model", ["plumb_bob", "equidistant"])
-def test_rectified_pixels_of_opencv_are_the_same_rays_turned_by_R(model):
+def test_rectified_pixels_of_opencv_are_the_same_rays_rotated_by_R(model):
     from messages import rosbags_backend
 
     pytest.importorskip("rosbags")

@@ -120,7 +120,7 @@ def test_a_jump_back_needs_somebody_to_follow(pipeline):
     pipeline.config = replace(pipeline.config, jump_back=0.01)
     counts, (frame,) = changes(pipeline, nobody)
     assert counts == {"received": 1, "rejected: too_few_landmarks": 1, NOBODY: 1}
-    assert frame.detail == "the message is from an earlier time, and nobody is in it"
+    assert frame.detail == "the message is from an earlier time and contains no person"
     counts, (frame,) = changes(pipeline, message(5, back))
     assert counts == {"received": 1, "accepted": 1, "resets": 1} and frame.estimate.initialised
 

@@ -117,12 +117,12 @@ def test_small_people_may_have_equal_rounded_points():
 
 
 @pytest.mark.parametrize("score", [2.5, 90.0, np.inf])
-def test_a_single_invalid_score_costs_its_point_only(score):
+def test_a_single_invalid_score_removes_its_point_only(score):
     places, _ = track(confidence=score)
     assert np.array_equal(places, MISSING)
 
 
-def test_scores_in_another_unit_are_refused_with_an_offer_to_rescale():
+def test_scores_in_another_unit_are_refused_with_a_factor():
     pipeline = Pipeline(TrackerConfig(), NodeSettings())
     pipeline.set_camera(camera_info(BACKEND))
     frame = pipeline.process(cloud(BACKEND, 10**9, PIXELS[0], np.linspace(4, 6, 17)), 0)

@@ -1,4 +1,4 @@
-"""The node's settings and where they come from: parameter files and `-p`, without ROS."""
+"""The node's settings and their sources without ROS: parameter files and `-p`."""
 
 import pytest
 
@@ -37,7 +37,7 @@ def test_bad_settings_are_refused(changes, text):
     assert text in str(error.value)
 
 
-def test_settings_at_their_limits_are_taken():
+def test_settings_at_their_limits_are_accepted():
     assert NodeSettings().checked() == NodeSettings()
     for changes in (
         {"keypoints_type": "sensor_msgs/PointCloud2", "people_type": "people_msgs/People"},
@@ -51,8 +51,8 @@ def test_settings_at_their_limits_are_taken():
         assert settings.checked() is settings
 
 
-def test_the_defaults_of_the_node():
-    """As the reference says; a change of one is a change for every user."""
+def test_the_defaults_of_the_node_are_those_of_the_reference():
+    """A change of a default affects every user."""
     settings = NodeSettings()
     assert (settings.keypoints_type, settings.people_type) == ("sensor_msgs/msg/PointCloud2",) * 2
     assert (settings.depth, settings.rectified, settings.base_frame) == ("", False, "camera_optical_frame")
@@ -77,7 +77,7 @@ def test_the_defaults_of_the_node():
         (2, False, "hri_msgs/msg/Skeleton2D", True, False),
     ],
 )
-def test_topics_of_several_people(people, rep155, kind, several, per_body):
+def test_topics_of_several_people_have_their_namespace(people, rep155, kind, several, per_body):
     settings = NodeSettings(max_people=people, rep155=rep155, keypoints_type=kind)
     assert (settings.several_people, settings.topic_per_body) == (several, per_body)
 

@@ -1,4 +1,4 @@
-"""`--camera-info`: a calibration file of ROS, OpenCV or Kalibr in place of the recording's camera_info."""
+"""`--camera-info`: a calibration file of ROS, OpenCV or Kalibr instead of the recording's camera_info."""
 
 import numpy as np
 import pytest
@@ -59,7 +59,7 @@ FILES = {
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_forms_of_calibration_files(tmp_path, name):
+def test_all_formats_of_calibration_files_are_read(tmp_path, name):
     (tmp_path / name).write_text(FILES[name])
     calibration = read_calibration(tmp_path / name)
     assert np.array_equal(calibration.K, K) and calibration.size == (WIDTH, HEIGHT)
@@ -67,7 +67,7 @@ def test_forms_of_calibration_files(tmp_path, name):
     assert np.array_equal(calibration.D, expected) and calibration.model == "plumb_bob"
 
 
-def test_opencv_itself_writes_such_files(tmp_path):
+def test_files_written_by_opencv_are_read(tmp_path):
     cv2 = pytest.importorskip("cv2")
     for suffix in ("yml", "json"):
         path = tmp_path / f"camera.{suffix}"
@@ -81,7 +81,7 @@ def test_opencv_itself_writes_such_files(tmp_path):
         assert np.array_equal(calibration.K, K) and calibration.D.tolist() == [1e-5, -0.25, 3.0, 0.0, 1e-12]
 
 
-def test_one_of_several_cameras_is_chosen_by_its_name(tmp_path):
+def test_one_of_several_cameras_is_selected_by_name(tmp_path):
     camera = "camera_model: pinhole, distortion_model: equidistant, distortion_coeffs: [0.1, 0, 0, 0]"
     path = tmp_path / "camchain.yaml"
     lines = [f"cam{n}: {{{camera}, intrinsics: [{n}00, 400, 320, 240], resolution: [640, 480]}}" for n in (3, 4)]
@@ -134,7 +134,7 @@ def test_without_a_file_the_option_is_named(folder, tmp_path, capsys):
     assert "for camera_info; give the calibration with --camera-info FILE; its topics are" in capsys.readouterr().err
 
 
-def test_an_archive_takes_the_file_too_and_tracks_anew_with_another(folder, tmp_path, monkeypatch, capsys):
+def test_an_archive_uses_the_file_and_repeats_with_another(folder, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(folder)
     command = ["bare", "walk", "-o", str(tmp_path / "out"), "--jobs", "1", "--camera-info"]
     outcomes = []

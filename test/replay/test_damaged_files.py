@@ -1,4 +1,4 @@
-"""Recordings that are cut, corrupted or have no place to go: one line, exit code 2, nothing under the final name."""
+"""Cut or corrupted recordings, and outputs that cannot be written: one line, exit code 2, no incomplete files."""
 
 import os
 import resource
@@ -31,7 +31,7 @@ def recording(request, tmp_path_factory):
 
 
 def replay_of(tmp_path, capsys, recording, data):
-    """Exit code of a replay of the recording with other bytes; what must hold whatever they are is checked here."""
+    """Exit code of a replay of the recording with other bytes. Properties that hold for all bytes are checked here."""
     folder, _, name = recording
     shutil.copytree(folder, tmp_path / "bag")
     (tmp_path / "bag" / name).write_bytes(data)
@@ -39,7 +39,7 @@ def replay_of(tmp_path, capsys, recording, data):
     said = capsys.readouterr()
     if code == 0:
         assert said.err == "" and (tmp_path / "out" / "metadata.yaml").is_file()
-        assert f"{FRAMES} in, " in said.out  # none is missing without a word
+        assert f"{FRAMES} in, " in said.out  # no message is lost without being counted
     else:
         assert code == 2 and said.out == "" and said.err.count("\n") == 1 and len(said.err) < 2000
         assert said.err.startswith("replay: ") and "Traceback" not in said.err
@@ -50,21 +50,21 @@ def replay_of(tmp_path, capsys, recording, data):
 
 
 def test_a_recording_cut_anywhere_is_refused(recording, tmp_path, capsys):
-    """Unless every message is still there: a database's last page may be an empty one."""
+    """Unless every message is still there: the last page of a database may be empty."""
     whole = recording[1]
     for keep in np.linspace(0, len(whole) - 1, CASES).astype(int).tolist():
         assert replay_of(tmp_path, capsys, recording, whole[:keep]) == 2 or keep == len(whole) - 1, keep
 
 
 def test_a_recording_with_wrong_bytes_is_refused_or_read_without_them(recording, tmp_path, capsys):
-    """A message of wrong content is counted, a file that cannot be followed is refused; nothing else happens."""
+    """A message with wrong content is counted, and a file with a broken structure is refused; nothing else happens."""
     whole, random = recording[1], np.random.default_rng(4)
     codes = set()
     for case in range(2 * CASES):
         data = np.frombuffer(whole, np.uint8).copy()
         places = random.integers(0, len(data), [1, 10, 1000][case % 3])
         if case % 2:
-            places = places % 4096  # where the structure of the file is
+            places = places % 4096  # the structure of the file
         data[places] = random.integers(0, 256, len(places))
         codes.add(replay_of(tmp_path, capsys, recording, data.tobytes()))
     assert 2 in codes
@@ -97,7 +97,7 @@ def assert_refused(done, left, expected):
 @pytest.mark.parametrize("storage", STORAGES)
 @pytest.mark.parametrize("kilobytes", [1, 40, 200])
 def test_a_limit_on_the_size_of_files_is_reported_and_leaves_no_files(recording, tmp_path, storage, kilobytes):
-    """RLIMIT_FSIZE fails as a full disk does: in the middle of a write, at the end, or when the file is closed."""
+    """RLIMIT_FSIZE fails like a full disk: in the middle of a write, at the end, or when the file is closed."""
     limit = kilobytes * 1024
 
     def limited():
@@ -109,7 +109,7 @@ def test_a_limit_on_the_size_of_files_is_reported_and_leaves_no_files(recording,
 
 @pytest.fixture
 def small_disk(tmp_path):
-    """A file system of 128 kB, where one may be mounted."""
+    """A file system of 128 kB, if mounting is permitted."""
     place = tmp_path / "disk"
     place.mkdir()
     mount = shutil.which("mount")
@@ -127,7 +127,7 @@ def test_a_really_full_disk_is_reported_and_leaves_no_files(recording, small_dis
 
 
 def test_a_forced_output_survives_a_full_disk(recording, small_disk):
-    """The old recording stays as it was when the new one does not fit."""
+    """The old recording is kept if the new one does not fit."""
     from lassokin_ros.replay.bags import BagWriter, typestore
 
     with BagWriter(small_disk / "out", "mcap", typestore()) as writer:
@@ -146,13 +146,13 @@ def wants_files(recording, folder, disk):
     return [str(recording[0]), "--output", str(folder / "out"), *files]
 
 
-def test_a_report_for_which_the_disk_is_too_small_leaves_no_output_either(recording, small_disk, tmp_path, capsys):
+def test_no_output_is_left_if_the_disk_is_too_small_for_the_report(recording, small_disk, tmp_path, capsys):
     assert main(wants_files(recording, tmp_path, small_disk)) == 2
     assert "page.html' cannot be written: No space left on device\n" in capsys.readouterr().err
     assert os.listdir(tmp_path) == ["disk"] and os.listdir(small_disk) == []
 
 
-def test_an_output_that_cannot_be_completed_leaves_no_files_either(recording, tmp_path, monkeypatch, capsys):
+def test_an_output_that_cannot_be_completed_leaves_no_files(recording, tmp_path, monkeypatch, capsys):
     from rosbags.rosbag2 import Writer
 
     def full(_):
@@ -164,7 +164,7 @@ def test_an_output_that_cannot_be_completed_leaves_no_files_either(recording, tm
 
 
 def test_a_name_used_by_something_else_is_reported(recording, tmp_path, monkeypatch, capsys):
-    """Such as another user's file in a folder like /tmp, which one may write to but not replace."""
+    """For example another user's file in a folder like /tmp, in which one may write but not replace it."""
     real = Path.replace
 
     def not_mine(part, path):
@@ -180,8 +180,8 @@ def test_a_name_used_by_something_else_is_reported(recording, tmp_path, monkeypa
     assert sorted(os.listdir(tmp_path)) == ["out", "walk.csv"]
 
 
-def test_a_clean_up_that_fails_hides_no_error(tmp_path, monkeypatch):
-    """On a disk that is mounted for reading alone nothing can be removed either."""
+def test_a_failing_clean_up_does_not_hide_the_error(tmp_path, monkeypatch):
+    """On a disk that is mounted read-only, nothing can be removed either."""
     from lassokin_ros.common.atomic_files import AtomicFiles
     from lassokin_ros.replay.exports.errors import ExportError
 
@@ -203,7 +203,7 @@ def test_a_folder_without_write_permission_is_reported(recording, tmp_path, caps
 
 
 def test_a_folder_without_search_permission_is_reported(recording, tmp_path, monkeypatch, capsys):
-    """By a stand-in: tests may run as one who may do everything."""
+    """With a replacement of the check, because tests may run as root."""
     asked = Path.is_dir
 
     def is_dir(path, **options):
@@ -218,7 +218,7 @@ def test_a_folder_without_search_permission_is_reported(recording, tmp_path, mon
     assert not (tmp_path / "out").exists()
 
 
-def test_without_stderr_the_work_is_done_all_the_same(recording, tmp_path):
+def test_the_work_is_done_without_stderr(recording, tmp_path):
     command = 'exec "$0" -m lassokin_ros.cli.replay "$1" -o "$2" 2>&-'
     shell = ["sh", "-c", command, sys.executable, str(recording[0]), str(tmp_path / "out")]
     done = subprocess.run(shell, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=False)
@@ -226,7 +226,7 @@ def test_without_stderr_the_work_is_done_all_the_same(recording, tmp_path):
     assert (tmp_path / "out" / "metadata.yaml").is_file()
 
 
-def test_an_output_that_is_a_file_stays(recording, tmp_path, capsys):
+def test_an_output_path_that_is_a_file_is_kept(recording, tmp_path, capsys):
     (tmp_path / "out").write_text("mine")
     for more in ([], ["--force"]):
         assert main([str(recording[0]), "--output", str(tmp_path / "out"), *more]) == 2

@@ -1,4 +1,4 @@
-"""Where `replay` writes: never over what it reads, never two outputs to one place; what is there stays as it was."""
+"""Output paths of `replay`: inputs are never overwritten, two outputs never have one path, other files are kept."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ SKELETON = ["-p", "calibrate:=true", "--save-skeleton"]
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """The current folder: a recording `in`, an older output `out` of it, a link to the recording."""
+    """The current folder: a recording `in`, an older output `out`, a link to the recording."""
     monkeypatch.chdir(tmp_path)
     write_recording(Path("in"), 3)
     write_recording(Path("out"), 3)
@@ -58,11 +58,11 @@ ARCHIVE = {
 
 @pytest.mark.parametrize("case", sorted({**OVER_THE_INPUT, **ONE_PLACE, **ARCHIVE}))
 @pytest.mark.parametrize("more", [[], ["--force"]], ids=["", "forced"])
-def test_an_output_without_a_place_of_its_own_is_refused(folder, capsys, case, more):
+def test_an_output_path_that_collides_is_refused(folder, capsys, case, more):
     arguments, expected = {**OVER_THE_INPUT, **ONE_PLACE, **ARCHIVE}[case]
     if case == "another's input":
         write_recording(Path("in_tracked"), 3)
-        more = ["--force"]  # without it that recording alone is refused, as ever
+        more = ["--force"]  # without it, only that recording is refused, as always
     before, entries = contents(folder), sorted(folder.rglob("*"))
     assert main([*arguments, *more]) == 2
     said = capsys.readouterr()
@@ -71,8 +71,8 @@ def test_an_output_without_a_place_of_its_own_is_refused(folder, capsys, case, m
     assert contents(folder) == before and sorted(folder.rglob("*")) == entries
 
 
-def test_places_beside_the_input_are_free(folder):
-    """A file in the folder in which a single recording lies, the same export twice, a folder whose name goes on."""
+def test_paths_next_to_the_input_are_accepted(folder):
+    """A file in the folder of a single-file recording, the same export twice, a folder with a similar name."""
     Path("in/recording.mcap").rename("walk.mcap")
     wanted = ["-o", "walk", "--export", "walk.csv", "--export", "walk.csv", "--report", "walk.html"]
     for more in ([], ["--force"]):

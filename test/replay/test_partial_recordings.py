@@ -76,7 +76,7 @@ def copy_of(folder, tmp_path):
 
 
 def tracked(path, tmp_path, capsys, *more):
-    """Frames in of a successful replay."""
+    """Number of frames read by a successful replay."""
     assert main([str(path), "-o", str(tmp_path / "out"), "--force", *more]) == 0
     return int(re.search(r"frames +(\d+) in", capsys.readouterr().out).group(1))
 
@@ -88,7 +88,7 @@ def frames_read(path):
 
 
 def refusal(path, tmp_path, capsys):
-    """The line with which a replay ends."""
+    """The error line of a failing replay."""
     assert main([str(path), "-o", str(tmp_path / "out")]) == 2
     said = capsys.readouterr()
     assert said.out == "" and said.err.count("\n") == 1 and not (tmp_path / "out").exists()
@@ -97,7 +97,7 @@ def refusal(path, tmp_path, capsys):
 
 @pytest.fixture(scope="module")
 def killed(tmp_path_factory):
-    """Database and write-ahead log as a killed recorder leaves them: the last LATE frames are in the log alone."""
+    """Database and write-ahead log of a killed recorder: only the log contains the last LATE frames."""
     whole = write_recording(tmp_path_factory.mktemp("killed") / "whole", FRAMES, "sqlite3") / "recording.db3"
     folder = tmp_path_factory.mktemp("killed_files")
     connection = sqlite3.connect(whole, isolation_level=None)
@@ -121,10 +121,10 @@ def test_messages_in_a_killed_recorders_log_are_read(killed, tmp_path, capsys):
     before = {file.name: file.read_bytes() for file in folder.iterdir()}
     assert tracked(folder / "walk_0.db3", tmp_path, capsys) == FRAMES
     assert frames_read(folder) == FRAMES
-    assert before == {file.name: file.read_bytes() for file in folder.iterdir()}  # the input stays as it is
+    assert before == {file.name: file.read_bytes() for file in folder.iterdir()}  # the input is not changed
 
 
-def test_a_killed_recorders_folder_without_metadata_is_an_archive_of_whole_files(killed, tmp_path):
+def test_a_killed_recorders_folder_without_metadata_is_read_as_an_archive(killed, tmp_path):
     from lassokin_ros.archive.archive import tasks_of
     from lassokin_ros.replay.options import parser
 
@@ -142,15 +142,15 @@ def test_a_damaged_or_missing_log_is_refused(killed, tmp_path, capsys):
         log.write_bytes(whole[:place] + bytes(byte ^ 255 for byte in whole[place : place + 8]) + whole[place + 8 :])
         said = refusal(folder / "walk_0.db3", tmp_path, capsys)
         assert "walk_0.db3-wal' cannot be merged" in said and "damaged" in said
-    log.write_bytes(bytes(len(whole)))  # as after a loss of power
+    log.write_bytes(bytes(len(whole)))  # as after a power failure
     assert "walk_0.db3-wal' cannot be merged" in refusal(folder / "walk_0.db3", tmp_path, capsys)
     log.unlink()
-    said = refusal(folder, tmp_path, capsys)  # without metadata.yaml nothing shows it
+    said = refusal(folder, tmp_path, capsys)  # without metadata.yaml the loss is not visible
     assert f"only {FRAMES - LATE} of its {FRAMES} messages of /camera_info can be read from walk_0.db3" in said
 
 
 def test_a_half_written_transaction_is_rolled_back(tmp_path):
-    """A rollback journal: the database already has the pages of a transaction that was never finished."""
+    """A rollback journal: the database contains pages of a transaction that was not completed."""
     folder = write_recording(tmp_path / "walk", FRAMES, "sqlite3")
     database = folder / "recording.db3"
     connection = sqlite3.connect(database, isolation_level=None)
@@ -175,12 +175,12 @@ def test_an_mcap_file_without_end_names_the_tool(tmp_path, capsys):
         assert f"{file} -o recovered.mcap" in refusal(path, tmp_path, capsys)
 
 
-def test_a_split_recording_is_read_whole_in_order_of_time(parts, tmp_path, capsys):
+def test_a_split_recording_is_read_completely_in_order_of_time(parts, tmp_path, capsys):
     folder = copy_of(parts, tmp_path)
     assert tracked(folder, tmp_path, capsys) == FRAMES
     with BagReader(folder) as bag:
         messages = list(bag.raw(bag.topics))
-    edit(folder, lambda info: info["relative_file_paths"].reverse())  # as `ros2 bag reindex` sorts walk_10
+    edit(folder, lambda info: info["relative_file_paths"].reverse())  # sorted as by `ros2 bag reindex`
     with BagReader(folder) as bag:
         assert list(bag.raw(bag.topics)) == messages
 
@@ -203,7 +203,7 @@ def test_a_part_that_was_cut_is_named(parts, tmp_path, capsys):
     assert f"walk_1{suffix} cannot be read" in refusal(folder, tmp_path, capsys)
 
 
-def test_one_part_that_was_reindexed_alone_is_a_recording(parts, tmp_path):
+def test_a_part_that_was_reindexed_alone_is_a_recording(parts, tmp_path):
     folder, suffix = copy_of(parts, tmp_path), suffix_of(parts)
     for number in (0, 1):
         (folder / f"walk_{number}{suffix}").unlink()
@@ -272,7 +272,7 @@ def without_definitions(folder):
 
 
 def without_schemas(monkeypatch):
-    """Recordings in mcap are then written as by a recorder that does not find the definitions."""
+    """The recordings in mcap are written as by a recorder that does not find the definitions."""
     from rosbags.rosbag2 import storage_mcap
 
     real = storage_mcap.write_schema
@@ -280,8 +280,8 @@ def without_schemas(monkeypatch):
 
 
 @pytest.mark.parametrize("storage", STORAGES)
-def test_messages_of_an_older_zed_msgs_need_no_definition_either(storage, tmp_path, monkeypatch):
-    """Its bodies have no confidence of each keypoint, which the present definition expects."""
+def test_messages_of_an_older_zed_msgs_need_no_definition(storage, tmp_path, monkeypatch):
+    """Its bodies lack the confidence of each keypoint that the present definition has."""
     older = typestore()
     register_detector_types(older, {**DEFINITIONS, **OLDER})
     _, (pixels, _) = people(LAYOUTS[ZED])
@@ -299,7 +299,7 @@ def test_messages_of_an_older_zed_msgs_need_no_definition_either(storage, tmp_pa
 
 
 @pytest.mark.parametrize("storage, advice", [("mcap", "record where"), ("sqlite3", "record as mcap where")])
-def test_an_unknown_type_without_definition_has_advice_that_fits_the_storage(storage, advice, tmp_path, monkeypatch):
+def test_an_unknown_type_without_definition_is_refused_with_advice(storage, advice, tmp_path, monkeypatch):
     from rosbags.typesys import get_types_from_msg
 
     types = typestore()

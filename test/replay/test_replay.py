@@ -1,4 +1,4 @@
-"""`replay`: what it writes, that it writes it twice the same, and what it does not write."""
+"""`replay`: the content of its outputs, reproducibility, and cases in which nothing is written."""
 
 import os
 import signal
@@ -53,7 +53,7 @@ def stamp(header):
     return header.stamp.sec * 1_000_000_000 + header.stamp.nanosec
 
 
-def test_one_message_of_every_output_per_frame_with_the_inputs_stamp(recording, replayed):
+def test_each_frame_has_one_message_of_every_output_with_its_stamp(recording, replayed):
     with BagReader(replayed) as bag:
         counts = {topic.name: (topic.message_type, topic.count) for topic in bag.topics}
     assert counts.pop("/tracker/robot_description") == ("std_msgs/msg/String", 1)
@@ -70,7 +70,7 @@ def test_one_message_of_every_output_per_frame_with_the_inputs_stamp(recording, 
         assert {h.frame_id for h in headers} == {"camera_optical_frame"}
 
 
-def test_outputs_belong_together(replayed):
+def test_outputs_are_consistent(replayed):
     """joint_states through the published URDF gives the published joints."""
     pin = pytest.importorskip("pinocchio", reason="pinocchio (pip install pin) is a test-only dependency")
     (_, description), *_ = read(replayed, "/tracker/robot_description")
@@ -122,7 +122,7 @@ def test_the_same_recording_gives_the_same_bytes(tmp_path, storage):
     assert first == second
 
 
-def test_storages_hold_the_same_messages(recording, replayed, tmp_path):
+def test_sqlite_and_mcap_contain_the_same_messages(recording, replayed, tmp_path):
     other = tmp_path / "other"
     assert main([str(recording), "-o", str(other), "--storage", "sqlite3"]) == 0
     types = typestore()
@@ -131,13 +131,13 @@ def test_storages_hold_the_same_messages(recording, replayed, tmp_path):
         assert a == b
 
 
-def test_a_single_file_is_a_recording_too(recording, tmp_path):
+def test_a_single_file_is_a_recording(recording, tmp_path):
     file = next(recording.glob("*.mcap"))
     assert main([str(file), "-o", str(tmp_path / "out")]) == 0
     assert len(read(tmp_path / "out", "/tracker/joints")) == FRAMES
 
 
-def test_metadata_is_rosbag2s(replayed):
+def test_metadata_has_the_format_of_rosbag2(replayed):
     metadata = yaml.safe_load((replayed / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
     assert metadata["version"] == 9 and metadata["storage_identifier"] == "mcap"
     assert metadata["relative_file_paths"] == ["recording.mcap"]
@@ -146,7 +146,7 @@ def test_metadata_is_rosbag2s(replayed):
     assert all(t["type_description_hash"].startswith("RIHS01_") for t in topics.values())
 
 
-def test_refused_frames_have_no_output_and_are_counted(tmp_path, capsys):
+def test_rejected_frames_have_no_output_and_are_counted(tmp_path, capsys):
     def spoil(stamps, pixels, confidence):
         confidence[10:13] = 0
         stamps[30] = stamps[29]
@@ -159,7 +159,7 @@ def test_refused_frames_have_no_output_and_are_counted(tmp_path, capsys):
 
 
 def test_a_gap_and_a_jump_back_cause_initialisation(tmp_path, capsys):
-    """A pause of the camera costs no frame; a time that was not seen must be confirmed by a second frame."""
+    """No frame is lost after a pause of the camera. An earlier time must be confirmed by a second frame."""
     stamps, pixels, confidence = synthetic_pixels(60)
     recorded = stamps + np.repeat([0, 5_000_000_000, 6_000_000_000], 20)
     stamped = recorded - np.repeat([0, 0, 60_000_000_000], 20)
@@ -174,7 +174,7 @@ def test_a_gap_and_a_jump_back_cause_initialisation(tmp_path, capsys):
     assert "60 in, 59 out" in said and "stamp_jump 1" in said and "initialised     3 times" in said
 
 
-def test_messages_that_cannot_be_read_are_counted(tmp_path, capsys):
+def test_unreadable_messages_are_counted(tmp_path, capsys):
     stamps, pixels, confidence = synthetic_pixels(10)
     types = typestore()
     backend = RosbagsBackend(types)
@@ -191,7 +191,7 @@ def test_messages_that_cannot_be_read_are_counted(tmp_path, capsys):
     assert "10 in, 7 out" in said and "not_deserialised 4" in said
 
 
-def test_unstamped_keypoints_carry_the_time_of_recording(tmp_path):
+def test_unstamped_keypoints_get_the_time_of_recording(tmp_path):
     stamps, pixels, confidence = synthetic_pixels(10)
     backend = RosbagsBackend(typestore())
     messages = [("/camera_info", "sensor_msgs/msg/CameraInfo", START_NS - 1, webcam_info(frame_id="lens"))]
@@ -245,7 +245,7 @@ def test_the_default_output_is_in_the_current_folder_and_is_printed(recording, t
     assert os.listdir(tmp_path) == ["walk_tracked"] and "-> walk_tracked (mcap)" in capsys.readouterr().out
 
 
-def test_an_existing_output_stays_unless_forced(recording, replayed, tmp_path, capsys):
+def test_an_existing_output_is_kept_without_force(recording, replayed, tmp_path, capsys):
     output = tmp_path / "out"
     assert main([str(recording), "-o", str(output), "-p", "height:=1.5"]) == 0
     before = contents(output)
@@ -266,7 +266,7 @@ def test_force_replaces_recordings_only(recording, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("name", ["notes.txt", "labels/1.txt", "motion_of_mine.csv", ".hidden", "old.mcap"])
-def test_force_replaces_no_folder_in_which_the_user_has_something(recording, tmp_path, capsys, name):
+def test_force_does_not_replace_a_folder_with_other_files(recording, tmp_path, capsys, name):
     output = tmp_path / "out"
     assert main([str(recording), "-o", str(output), "--export", ".csv"]) == 0
     (output / name).parent.mkdir(exist_ok=True)
@@ -282,7 +282,7 @@ def test_force_replaces_no_folder_in_which_the_user_has_something(recording, tmp
     assert contents(output) == before and os.listdir(tmp_path) == ["out"]
 
 
-def test_files_added_to_an_old_output_meanwhile_stay(recording, tmp_path):
+def test_files_added_to_an_old_output_are_kept(recording, tmp_path):
     output = tmp_path / "out"
     assert main([str(recording), "-o", str(output)]) == 0
     expected = "contains 'notes.txt', which is not part"
@@ -299,7 +299,7 @@ def test_force_replaces_an_older_output_with_its_exports(recording, tmp_path):
     assert sorted(os.listdir(tmp_path / "out")) == ["metadata.yaml", "recording.db3"]
 
 
-def test_a_failed_force_leaves_the_old_output(tmp_path, recording):
+def test_a_failed_replay_with_force_keeps_the_old_output(tmp_path, recording):
     output = tmp_path / "out"
     assert main([str(recording), "-o", str(output)]) == 0
     before = contents(output)
@@ -321,7 +321,7 @@ def test_a_truncated_recording_leaves_no_files(tmp_path, capsys):
         assert sorted(os.listdir(tmp_path)) == ["walk"]
 
 
-def test_a_damaged_database_leaves_nothing(tmp_path, capsys):
+def test_a_damaged_database_leaves_no_files(tmp_path, capsys):
     recording = write_recording(tmp_path / "walk", 40, "sqlite3")
     file = next(recording.glob("*.db3"))
     whole = bytearray(file.read_bytes())

@@ -1,4 +1,4 @@
-"""Bad input to `replay`: one clear line that says what was expected and what is there, exit code 2, nothing written."""
+"""Bad input to `replay`: one line with the fault and the expected form, exit code 2, nothing written."""
 
 import os
 import subprocess
@@ -15,7 +15,7 @@ from lassokin_ros.cli.replay import main  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
 NO_UTF8 = os.fsdecode(b"walk\xff")
-"""A folder's name, as Linux allows it."""
+"""A folder's name with unusual characters, as Linux allows it."""
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +98,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", sorted(BAD))
-def test_bad_input_is_answered_in_one_line(folder, monkeypatch, capsys, case):
+def test_bad_input_is_one_line(folder, monkeypatch, capsys, case):
     arguments, expected = BAD[case]
     monkeypatch.chdir(folder)
     before = sorted(os.listdir())
@@ -111,8 +111,8 @@ def test_bad_input_is_answered_in_one_line(folder, monkeypatch, capsys, case):
     assert sorted(os.listdir()) == before
 
 
-def test_two_cameras_are_not_guessed_at(folder, monkeypatch, capsys):
-    """Without a usual name among them the user chooses; with one it is taken."""
+def test_one_of_two_unknown_cameras_must_be_selected(folder, monkeypatch, capsys):
+    """Without a usual name among them the user must choose; a usual name is used."""
     from lassokin_ros.replay.bags import BagError, BagReader
 
     with BagReader(folder / "two_cameras") as bag:
@@ -122,11 +122,11 @@ def test_two_cameras_are_not_guessed_at(folder, monkeypatch, capsys):
 
 
 def replay_into(stdout, folder, *arguments):
-    """(exit code, stderr) of a replay whose summary goes to a file that takes nothing, or is read by nobody."""
+    """(exit code, stderr) of a replay whose summary cannot be written or has no reader."""
     command = [sys.executable, "-m", "lassokin_ros.cli.replay", *arguments, "--report", "page"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(command, stdout=stdout, stderr=subprocess.PIPE, text=True, cwd=folder, env=environment)
-    assert {"out", "page"} <= set(os.listdir(folder))  # the work is done all the same
+    assert {"out", "page"} <= set(os.listdir(folder))  # the recording is still processed
     return done.returncode, done.stderr
 
 
@@ -152,7 +152,7 @@ def test_a_summary_that_cannot_be_printed_is_one_line(arguments, tmp_path):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="file systems elsewhere have no such names")
-def test_names_that_are_no_utf8_are_printed_all_the_same(arguments, tmp_path, monkeypatch):
+def test_names_that_are_no_utf8_are_printed(arguments, tmp_path, monkeypatch):
     (tmp_path / "walk").rename(tmp_path / NO_UTF8)
     monkeypatch.setenv("PYTHONIOENCODING", "utf-8:strict")
     with open(tmp_path / "said", "w+", encoding="utf-8") as file:

@@ -35,7 +35,7 @@ def poses(message):
     ]
 
 
-def test_replay_and_the_live_node_give_the_same(tmp_path):
+def test_replay_and_the_live_node_give_the_same_joints(tmp_path):
     recording = write_recording(tmp_path / "walk", 150)
     assert main([str(recording), "-o", str(tmp_path / "replayed")]) == 0
     with LiveNode(namespace="/same") as live:
@@ -61,7 +61,7 @@ def test_replay_and_the_live_node_give_the_same(tmp_path):
 
 
 class HeardBeforeItsCamera(LiveNode):
-    """A node that hears keypoints before camera_info, as it may where DDS introduces the one topic sooner."""
+    """A node that receives keypoints before camera_info, for example because DDS discovers that topic first."""
 
     def _warm_up(self, frames):
         keypoints = next(data for is_keypoints, _, data in frames if is_keypoints)
@@ -74,7 +74,7 @@ class HeardBeforeItsCamera(LiveNode):
         super()._warm_up(frames)
 
 
-def test_what_was_rejected_before_the_recording_is_not_counted(tmp_path):
+def test_rejections_before_the_recording_are_not_counted(tmp_path):
     with HeardBeforeItsCamera(namespace="/early") as live:
         live.play(write_recording(tmp_path / "walk", 10), rate=None, ahead=2)
         assert int(live.last_diagnostics()["rejected: no_camera_info [messages]"]) > 0
@@ -96,7 +96,7 @@ EVALUATED = [
 
 
 def person_height(reference, layout):
-    """m: at which the built-in proportions give the person's own (median) limb lengths; an input of the tracker."""
+    """Height, m, for which the built-in proportions give the person's median limb lengths; an input of the tracker."""
     unit = Skeleton.load("anthropometric", 1.0)
     limbs = [(f"{side}_{a}", f"{side}_{b}") for side in ("left", "right") for a, b in BONES]
     lengths = [
@@ -108,8 +108,8 @@ def person_height(reference, layout):
 
 @pytest.mark.skipif(not DETECTIONS.is_file(), reason=f"no real detections at {DETECTIONS} (set LASSOKIN_DATA)")
 @pytest.mark.parametrize("camera", [0, 1])
-def test_real_detector_output_is_tracked_from_the_first_frame_to_the_last(tmp_path, camera):
-    """OpenPose BODY_25B, 60 Hz, one camera of several, against the 3D of all four. Only the height is given."""
+def test_real_detector_output_is_tracked_in_all_frames(tmp_path, camera):
+    """OpenPose BODY_25B, 60 Hz, one camera, compared with the 3D of four cameras. Only the height is given."""
     data = np.load(DETECTIONS)
     layout = Layout.load("body25b", Skeleton.load("anthropometric", 1.75))
     keypoints, reference = data["kp2d"][camera].astype(float), data["ref_cam"][camera].astype(float)
@@ -141,7 +141,7 @@ def test_real_detector_output_is_tracked_from_the_first_frame_to_the_last(tmp_pa
         f"median {np.nanmedian(size_mm):.0f} mm, mean {np.nanmean(size_mm):.0f} mm, first {size_mm[0]:.0f} mm, largest "
         f"{np.nanmax(size_mm):.0f} mm; hips in the camera's frame {np.nanmedian(root_mm):.0f} mm"
     )
-    assert np.nanmedian(size_mm) < 200  # a person, facing the right way; how good: benchmarks/accuracy.py
+    assert np.nanmedian(size_mm) < 200  # a person who faces the right way; benchmarks/accuracy.py measures the accuracy
 
 
 def poses_positions(messages):

@@ -1,4 +1,4 @@
-"""replay --two-pass: the lengths of the whole recording are known from its first frame on."""
+"""replay --two-pass: the lengths learned over the whole recording are used from its first frame on."""
 
 import numpy as np
 import pytest
@@ -47,7 +47,7 @@ def arms(path):
     return np.linalg.norm(joints[:, ends[1]] - joints[:, ends[0]], axis=-1), joints
 
 
-def test_the_first_frame_has_the_lengths_that_the_last_frame_taught(recording, tmp_path):
+def test_the_first_frame_has_the_lengths_learned_by_the_last_frame(recording, tmp_path):
     bag, truth = recording
     for name, options in (("one", []), ("two", ["--two-pass"]), ("again", ["--two-pass"])):
         assert main([str(bag), "-o", str(tmp_path / name), *options]) == 0
@@ -61,12 +61,12 @@ def test_the_first_frame_has_the_lengths_that_the_last_frame_taught(recording, t
 @pytest.mark.parametrize(
     ("setting", "words"), [("max_people:=3", "is for one person"), ("calibrate:=false", "needs calibration")]
 )
-def test_settings_without_sense_are_refused(recording, tmp_path, capsys, setting, words):
+def test_contradictory_settings_are_refused(recording, tmp_path, capsys, setting, words):
     assert main([str(recording[0]), "-o", str(tmp_path / "out"), "--two-pass", "-p", setting]) == 2
     assert words in capsys.readouterr().err and not (tmp_path / "out").exists()
 
 
-def test_a_recording_too_short_to_learn_from_is_tracked_once_more(tmp_path):
+def test_a_recording_too_short_for_calibration_is_tracked(tmp_path):
     bag = write_recording(tmp_path / "short", 20)
     assert (
         main([str(bag), "-o", str(tmp_path / "one")])

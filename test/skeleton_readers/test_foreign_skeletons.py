@@ -1,4 +1,4 @@
-"""Skeletons of other programs: their joint names, their units, and files of kinds that are not read."""
+"""Skeletons of other programs: joint names, units, and kinds of files that are not read."""
 
 import logging
 import re
@@ -21,9 +21,10 @@ FIRST_DATA = "MOTION\nFrames: 0\nFrame Time: 0.1\n"
 
 
 def bvh(names, scale=1.0, prefix="", without=()):
-    """The built-in skeleton as another program writes it. names: {our joint: its name}; others are of no program.
+    """The built-in skeleton as another program writes it.
 
-    without: joints whose children hang on the joint above.
+    names: {our joint: its name}; other joints have names of no program. without: joints left out, whose children are
+    attached to the joint above.
     """
     kept = [joint for joint in OURS.joint_names if joint not in without]
     parents, offsets = [], []
@@ -35,7 +36,7 @@ def bvh(names, scale=1.0, prefix="", without=()):
         start = OURS.rest_positions[above] if above >= 0 else OURS.rest_positions[0]
         offsets.append(scale * (OURS.rest_positions[OURS.index(joint)] - start))
     theirs = tuple(prefix + names.get(joint, f"other{number}") for number, joint in enumerate(kept))
-    marked = tuple(name.replace(" ", "~") for name in theirs)  # our writer takes blanks out
+    marked = tuple(name.replace(" ", "~") for name in theirs)  # our writer removes blanks
     skeleton = Skeleton("theirs", marked, tuple(parents), np.array(offsets), ("zxy",) * len(kept), HEIGHT)
     return hierarchy(skeleton).replace("~", " ") + FIRST_DATA
 
@@ -46,14 +47,14 @@ def written(tmp_path, text):
 
 
 def check_places(skeleton, tolerance=1e-6):
-    """Every joint of the skeleton is where the built-in skeleton has it."""
+    """Every joint of the skeleton has the position of the built-in skeleton."""
     assert set(REQUIRED) <= set(skeleton.joint_names)
     places = [OURS.index(joint) for joint in skeleton.joint_names]
     assert np.abs(skeleton.rest_positions - OURS.rest_positions[places]).max() < tolerance
 
 
 @pytest.mark.parametrize("program", [name for name in tables() if name != OWN_NAMES])
-def test_every_programs_names(tmp_path, program):
+def test_the_names_of_every_program_are_read(tmp_path, program):
     names = tables()[program]
     skeleton = load_skeleton(written(tmp_path, bvh(names, 100.0)), HEIGHT)
     check_places(skeleton)
@@ -75,7 +76,7 @@ def test_every_programs_names(tmp_path, program):
         ("cmu", "armature|", str.lower),
     ],
 )
-def test_prefixes_blanks_and_case(tmp_path, program, prefix, change):
+def test_prefixes_blanks_and_case_are_ignored(tmp_path, program, prefix, change):
     names = {joint: change(name) for joint, name in tables()[program].items()}
     check_places(load_skeleton(written(tmp_path, bvh(names, 100.0, prefix)), HEIGHT))
 
@@ -87,7 +88,7 @@ def test_a_missing_neck_or_pelvis_is_derived(tmp_path):
     check_places(load_skeleton(written(tmp_path, bvh(names, 100.0)), HEIGHT))
 
 
-def test_a_file_of_names_beside_the_skeleton(tmp_path):
+def test_a_file_of_names_next_to_the_skeleton_is_used(tmp_path):
     names = {**tables()["mixamo"], "left_elbow": "Ellbogen links", "right_elbow": "Ellbogen rechts"}
     path = written(tmp_path, bvh(names, 100.0))
     with pytest.raises(SkeletonError) as raised:
@@ -100,7 +101,7 @@ def test_a_file_of_names_beside_the_skeleton(tmp_path):
     check_places(load_skeleton(path, HEIGHT))
 
 
-def test_names_of_no_program_work_with_a_file_of_names(tmp_path):
+def test_unknown_names_are_read_with_a_file_of_names(tmp_path):
     path = written(tmp_path, bvh({joint: f"j{number}" for number, joint in enumerate(OURS.joint_names)}, 100.0))
     with pytest.raises(LayoutError, match="has joint .*; none of the known programs .* 'theirs.names.yaml'"):
         Pipeline(TrackerConfig(skeleton=path), NodeSettings())
@@ -122,7 +123,7 @@ INCHES, FEET, DECIMETRES = 1 / 0.0254, 1 / 0.3048, 10.0
 
 @pytest.mark.parametrize("scale, said", [(INCHES, "inches"), (FEET, "feet"), (DECIMETRES, "dm")])
 @pytest.mark.parametrize("height", [1.3, 1.8, 2.1])
-def test_the_unit_nearest_to_the_height_is_taken_and_said(tmp_path, caplog, scale, said, height):
+def test_the_unit_nearest_to_the_height_is_used_and_logged(tmp_path, caplog, scale, said, height):
     skeleton = load_skeleton(written(tmp_path, bvh(tables()["mixamo"], scale)), height)
     check_places(skeleton)
     assert f"theirs.bvh: lengths are read in {said}, which is nearest to height {height:.2f} m" in caplog.text
@@ -130,13 +131,13 @@ def test_the_unit_nearest_to_the_height_is_taken_and_said(tmp_path, caplog, scal
 
 @pytest.mark.parametrize("scale", [1.0, 100.0, 1000.0])
 @pytest.mark.parametrize("height", [1.3, 1.8, 2.1])
-def test_metric_lengths_stay_without_a_word(tmp_path, caplog, scale, height):
+def test_metric_lengths_are_kept_without_a_warning(tmp_path, caplog, scale, height):
     check_places(load_skeleton(written(tmp_path, bvh(tables()["mixamo"], scale)), height))
     assert caplog.text == ""
 
 
 @pytest.mark.parametrize("scale", [0.35, 17.7, 2.0, 1e-4, 1e5])
-def test_a_body_of_no_unit_is_scaled_to_the_height(tmp_path, caplog, scale):
+def test_a_body_in_an_unknown_unit_is_scaled_to_the_height(tmp_path, caplog, scale):
     caplog.set_level(logging.WARNING)
     check_places(load_skeleton(written(tmp_path, bvh(tables()["mixamo"], scale)), HEIGHT))
     assert "no unit makes a person of 1.80 m of it, so it is scaled to that height" in caplog.text

@@ -1,4 +1,4 @@
-"""Skeletons from other programs' files: what is read is where it was put, and bad files are refused in one line."""
+"""Skeletons from other programs' files: joints are read at their positions, and bad files are refused in one line."""
 
 import re
 import zipfile
@@ -33,7 +33,7 @@ def same(a, b, tolerance=1e-8):
 
 
 def smpl_like(path, shapes=3, **other):
-    """An npz in SMPL's form, of no model: random vertices, and joints that are weighted sums of them."""
+    """An npz in SMPL's form that is not SMPL: random vertices, and joints that are weighted sums of them."""
     random = np.random.default_rng(1)
     joints = BUILT_IN.rest_positions + [0.01, -0.2, 0.03]  # SMPL's pelvis is not at the origin
     vertices = joints[random.integers(24, size=VERTICES)] + random.normal(size=(VERTICES, 3)) * 0.05
@@ -58,7 +58,7 @@ def test_an_smpl_file_gives_the_models_joints(tmp_path):
         assert skeleton.height == height and skeleton.name == "model"
 
 
-def test_an_smpl_files_shape_counts(tmp_path):
+def test_the_shape_in_an_smpl_file_is_used(tmp_path):
     betas = np.array([1.5, -2.0])
     arrays = smpl_like(tmp_path / "model.npz", betas=betas)
     skeleton = load_skeleton(str(tmp_path / "model.npz"), 1.8)
@@ -116,13 +116,13 @@ def test_damaged_npz_files_are_refused(tmp_path):
             damaged[place] = random.integers(256)
         path.write_bytes(bytes(damaged))
         try:
-            load_skeleton(str(path), 1.8)  # a changed digit may well be a person still
+            load_skeleton(str(path), 1.8)  # with a changed digit it may still be a person
         except SkeletonError:
             pass
 
 
 @pytest.mark.parametrize("member", ["J_regressor.npy", "J_regressor"])
-def test_an_array_of_absurd_size_is_not_unpacked(tmp_path, monkeypatch, member):
+def test_an_array_of_absurd_size_is_not_read(tmp_path, monkeypatch, member):
     monkeypatch.setattr(smpl, "LARGEST", 2**20)
     with zipfile.ZipFile(tmp_path / "model.npz", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr(member, bytes(2**20 + 1))
@@ -130,21 +130,21 @@ def test_an_array_of_absurd_size_is_not_unpacked(tmp_path, monkeypatch, member):
         load_skeleton(str(tmp_path / "model.npz"), 1.8)
 
 
-def test_members_that_are_no_arrays_are_refused(tmp_path):
+def test_npz_members_that_are_no_arrays_are_refused(tmp_path):
     with zipfile.ZipFile(tmp_path / "model.npz", "w") as archive:
         archive.writestr("J_regressor.npy", b"no array")
     with pytest.raises(SkeletonError, match="'J_regressor' is no numpy array; see docs/files.md"):
         load_skeleton(str(tmp_path / "model.npz"), 1.8)
 
 
-def test_our_urdf_gives_the_skeleton_of_which_it_was_made(tmp_path):
+def test_a_written_urdf_is_read_back_as_the_same_skeleton(tmp_path):
     for number, skeleton in enumerate([BUILT_IN, *(random_body(np.random.default_rng(i)).skeleton for i in range(5))]):
         path = tmp_path / f"{number}.urdf"
         path.write_text(urdf(skeleton, "camera", prefix="p1_" if number % 2 else ""))
         same(load_skeleton(str(path), 1.8), skeleton)
 
 
-def test_our_bvh_gives_the_skeleton_of_which_it_was_made(tmp_path):
+def test_a_written_bvh_is_read_back_as_the_same_skeleton(tmp_path):
     fingers = {"name": "left_finger", "parent": "left_hand", "position": [0.99, 0.4, 0.0], "axes": "zyx"}
     path = tmp_path / "body.bvh"
     for skeleton in (BUILT_IN, with_joint(BUILT_IN, fingers)):
@@ -153,8 +153,8 @@ def test_our_bvh_gives_the_skeleton_of_which_it_was_made(tmp_path):
             same(load_skeleton(str(path), height), skeleton)
 
 
-def test_our_own_names_may_stand_behind_a_colon(tmp_path):
-    """As a program puts them that opened our BVH under a name of its own."""
+def test_names_may_have_a_namespace(tmp_path):
+    """As written by a program that opened our BVH file under a name."""
     path = tmp_path / "body.bvh"
     names = re.sub(r"(ROOT|JOINT) ", r"\1 rig:", hierarchy(BUILT_IN))
     path.write_text(f"{names}MOTION\nFrames: 0\nFrame Time: 0.1\n")
@@ -171,7 +171,7 @@ def with_joint(skeleton, joint):
 
 
 def renamed_bvh(program, scale=1.0, turn=np.eye(3), prefix=""):
-    """The built-in skeleton as another program would write it: its names, unit and axes, all turns in its order."""
+    """The built-in skeleton as another program writes it: its names, unit and axes, all rotations in its order."""
     names = tables()[program]
     offsets = np.where(np.arange(24)[:, None] == 0, [[3.0, 90.0, 4.0]], scale * BUILT_IN.offsets @ turn.T)
     other = Skeleton(
@@ -197,7 +197,7 @@ Z_UP = Rotation.from_euler("xyz", [90, 0, 90], degrees=True).as_matrix()
         ("smpl", 1.0, Z_UP, ""),
     ],
 )
-def test_other_programs_bvh(tmp_path, program, scale, turn, prefix):
+def test_the_bvh_of_another_program_is_read(tmp_path, program, scale, turn, prefix):
     path = tmp_path / "theirs.bvh"
     path.write_text(renamed_bvh(program, scale, turn, prefix))
     same(load_skeleton(str(path), 1.8), BUILT_IN, 1e-6)
@@ -206,7 +206,7 @@ def test_other_programs_bvh(tmp_path, program, scale, turn, prefix):
     same(load_skeleton(str(path), 1.2), BUILT_IN, 1e-6)
 
 
-def test_a_byte_order_mark_may_stand_before_the_text(tmp_path):
+def test_a_byte_order_mark_is_skipped(tmp_path):
     for suffix, text in ((".bvh", renamed_bvh("mixamo")), (".yaml", skeleton_text(BUILT_IN))):
         plain, marked = tmp_path / f"plain{suffix}", tmp_path / f"marked{suffix}"
         plain.write_text(text, encoding="utf-8")
@@ -215,7 +215,7 @@ def test_a_byte_order_mark_may_stand_before_the_text(tmp_path):
 
 
 def test_hanging_arms_and_splayed_legs_become_a_t_pose(tmp_path):
-    """Lengths stay, feet and hands turn with their limbs."""
+    """Lengths are kept; feet and hands rotate with their limbs."""
     rest = BUILT_IN.rest_positions.copy()
     for joint, degrees in (("left_shoulder", -70), ("right_shoulder", 70), ("left_hip", 20), ("right_hip", -20)):
         top = BUILT_IN.index(joint)
@@ -228,7 +228,7 @@ def test_hanging_arms_and_splayed_legs_become_a_t_pose(tmp_path):
     same(load_skeleton(str(path), 1.8), BUILT_IN, 1e-6)
 
 
-def test_a_skeleton_without_hands_or_collars_is_one_joint_shorter_there(tmp_path):
+def test_a_skeleton_without_hands_or_collars_is_read(tmp_path):
     text = renamed_bvh("mixamo", 100.0).replace("LeftHandMiddle1", "Whatever").replace("LeftShoulder", "Other")
     path = tmp_path / "theirs.bvh"
     path.write_text(text)
@@ -239,8 +239,8 @@ def test_a_skeleton_without_hands_or_collars_is_one_joint_shorter_there(tmp_path
     assert np.abs(skeleton.rest_positions - BUILT_IN.rest_positions[here]).max() < 1e-6
 
 
-def test_another_programs_urdf(tmp_path):
-    """Links z up and x to the front as on robots, joints turned at rest, names of SMPL's."""
+def test_the_urdf_of_another_program_is_read(tmp_path):
+    """Links with z up and x to the front as on robots, joints rotated at rest, names of SMPL."""
     to_robot = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]])  # our axes as columns
     names = tables()["smpl"]
     random = np.random.default_rng(0)
@@ -323,13 +323,13 @@ def test_bad_files_are_refused_in_one_line(tmp_path, suffix, name, text, message
     assert "\n" not in str(raised.value) and str(raised.value).startswith(str(path))
 
 
-def test_a_path_that_is_not_there(tmp_path):
+def test_a_missing_file_is_refused(tmp_path):
     for suffix in (".npz", ".bvh", ".urdf"):
         with pytest.raises(SkeletonError, match="there is no skeleton file"):
             load_skeleton(str(tmp_path / f"nix{suffix}"), 1.8)
 
 
-def test_the_core_points_to_who_reads_the_file(tmp_path):
+def test_the_core_names_the_reader_of_the_file(tmp_path):
     smpl_like(tmp_path / "model.npz")
     config = TrackerConfig(skeleton=str(tmp_path / "model.npz"))
     with pytest.raises(SkeletonError, match="reads skeletons from YAML only; .* give it to Tracker"):
@@ -337,15 +337,15 @@ def test_the_core_points_to_who_reads_the_file(tmp_path):
     assert Tracker(config, load_skeleton(config.skeleton, config.height)).skeleton.name == "model"
 
 
-def test_node_and_replay_take_such_a_file(tmp_path):
+def test_node_and_replay_read_a_skeleton_file(tmp_path):
     smpl_like(tmp_path / "model.npz")
     config = TrackerConfig(skeleton=str(tmp_path / "model.npz"))
     pipeline = Pipeline(config, NodeSettings(max_people=2))
     same(pipeline.tracker.skeleton, BUILT_IN)
 
 
-def test_node_and_replay_refuse_a_skeleton_of_which_no_urdf_can_be_made(tmp_path):
-    """As a BVH with names of its own may well have it."""
+def test_node_and_replay_refuse_a_skeleton_without_a_valid_urdf(tmp_path):
+    """As it may be in a BVH file with its own names."""
     (tmp_path / "own.yaml").write_text(skeleton_text(BUILT_IN).replace('"pelvis"', '"root"'))
     with pytest.raises(SkeletonError, match="two joints of its URDF would be called 'root_x'"):
         Pipeline(TrackerConfig(skeleton=str(tmp_path / "own.yaml")), NodeSettings())

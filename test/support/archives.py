@@ -1,4 +1,4 @@
-"""What the tests of archives share: recordings, the command as its own process, and who holds a recording."""
+"""Helpers of the archive tests: recordings, the command as a process, and the process that holds a recording."""
 
 import os
 import signal
@@ -11,11 +11,11 @@ from recordings import write_recording
 
 ROOT = Path(__file__).resolve().parents[2]
 LONG = 800
-"""Frames that take about a second: time enough to find and kill who has them."""
+"""Number of frames that take about a second: enough time to find and kill the process."""
 
 
 def write_archive(folder, long=0):
-    """Three short recordings and one that cannot be read; as many long ones as wanted."""
+    """Three short recordings and one that cannot be read; any number of long ones."""
     (folder / "day1").mkdir(parents=True)
     write_recording(folder / "day1" / "walk", 30)
     write_recording(folder / "day1" / "wave", 20, "sqlite3")
@@ -27,17 +27,17 @@ def write_archive(folder, long=0):
 
 
 def start_replay(*arguments, **options):
-    """The command as a process, with what it says to be read; it leads a process group of its own."""
+    """The command as a process, with readable output; it leads its own process group."""
     command = [sys.executable, "-m", "lassokin_ros.cli.replay", *map(str, arguments)]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     return subprocess.Popen(command, cwd=ROOT, start_new_session=True, **pipes, **options)
 
 
 def holder(running, output, deadline_s=25.0, but=()):
-    """The id of the process that is writing the recording `output`: it has a file open in the hidden folder beside.
+    """The id of the process that writes the recording `output`: it has a file open in the hidden folder beside it.
 
-    running: of `start_replay`, which must not end before. but: processes that don't count. Nor does one that removes
-    the folder: it has the folder open, and no file.
+    running: process of `start_replay`, which must not end before. but: processes to ignore. A process that removes the
+    folder is ignored, too: it has the folder open, but no file.
     """
     deadline, hidden = time.monotonic() + deadline_s, str(output.parent.resolve() / f".{output.name}.")
     while time.monotonic() < deadline and running.poll() is None:
@@ -70,7 +70,7 @@ def _open_files(process):
 
 
 def outcomes(table):
-    """{recording: its line's result} of a printed table."""
+    """{recording: result in its line} of a printed table."""
     lines = table.strip().splitlines()
     start = lines[0].index("result")
     return {line.split()[0]: line[start:] for line in lines[1:-1]}

@@ -1,4 +1,4 @@
-"""A real headless Chromium for the pages that this project makes."""
+"""A real headless Chromium for the pages of this project."""
 
 import shutil
 from contextlib import contextmanager
@@ -14,7 +14,7 @@ FLAGS = (
 
 @contextmanager
 def browser():
-    """The browser, of playwright; skips where it is not to be had."""
+    """The browser of playwright; skips if it is not available."""
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright drives the browser")
     program = next(filter(None, map(shutil.which, NAMES)), None)
     if program is None:
@@ -28,7 +28,7 @@ def browser():
 
 
 class Page:
-    """A file, opened; `errors` are its scripts', `requests` the addresses that it asked for."""
+    """An opened file; `errors` are those of its scripts, `requests` the addresses that it requested."""
 
     def __init__(self, running, path, hash=""):
         self.errors, self.requests = [], []
@@ -40,11 +40,11 @@ class Page:
         self.page.wait_for_selector("body[data-drawn], body[data-error]", state="attached", timeout=60_000)
 
     def value(self, script):
-        """Of a script in the page."""
+        """The value of a script in the page."""
         return self.page.evaluate(script)
 
     def reach(self, script, what):
-        """Wait until a script says true."""
+        """Wait until a script returns true."""
         try:
             self.page.wait_for_function(script, timeout=30_000)
         except Exception as error:

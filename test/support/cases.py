@@ -1,4 +1,4 @@
-"""Random bodies, states and lassos that the core's tests share; every draw is seeded."""
+"""Random bodies, states and lassos for the core's tests; every draw has a seed."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def body(layout: str = "coco17", height: float = 1.75) -> Kinematics:
 
 
 def random_body(random: np.random.Generator, joints: int = 12, landmarks: int = 9) -> Kinematics:
-    """A random tree, in a random shape, with random axes, and landmarks that ride on random joints."""
+    """A random tree, with a random shape and axes, and landmarks on random joints."""
     tree = [
         {
             "name": f"joint{i}",
@@ -45,7 +45,7 @@ def random_body(random: np.random.Generator, joints: int = 12, landmarks: int = 
 
 
 def random_state(random: np.random.Generator, kinematics: Kinematics, spread: float = 0.5) -> BodyState:
-    """A person in a random posture 3-5 m in front of the camera, turned about the vertical by any angle."""
+    """A person in a random posture, 3-5 m in front of the camera, rotated about the vertical by any angle."""
     vectors = random.normal(size=(kinematics.joint_count, 3)) * spread
     rotations = exponential(vectors)
     rotations[0] = FACING @ exponential(np.array([0, random.uniform(-np.pi, np.pi), 0])) @ rotations[0]
@@ -54,7 +54,7 @@ def random_state(random: np.random.Generator, kinematics: Kinematics, spread: fl
 
 @dataclass(frozen=True)
 class Draw:
-    """What kind of lasso to make; `fraction` is alpha / alpha_max."""
+    """The kind of lasso to make; `fraction` is alpha / alpha_max."""
 
     fraction: float
     sigma_px: float = 2.0
@@ -79,14 +79,14 @@ def random_draw(random: np.random.Generator) -> Draw:
 
 
 class Lassos:
-    """Makes lassos as frames of a tracked person pose them."""
+    """Makes lassos like those of the frames of a tracked person."""
 
     def __init__(self) -> None:
         self.kinematics = body()
         self.prior = PosePrior(PoseDistribution.load(self.kinematics.skeleton), self.kinematics)
 
     def draw(self, random: np.random.Generator, draw: Draw) -> Lasso:
-        """The lasso between a random state and a noisy observation of one near to it."""
+        """The lasso between a random state and a noisy observation of a nearby state."""
         kinematics, count = self.kinematics, self.kinematics.landmark_count
         state = random_state(random, kinematics, 0.03 if draw.frontal else 0.3)
         if draw.frontal:
@@ -125,5 +125,5 @@ def central_difference(function, size: int, step: float = 1e-5) -> np.ndarray:
 
 
 def relative_error(actual: np.ndarray, expected: np.ndarray) -> float:
-    """Norm of the difference in units of the norm of what was expected."""
+    """Norm of the difference, divided by the norm of the expected value."""
     return float(np.linalg.norm(actual - expected) / max(np.linalg.norm(expected), 1e-300))

@@ -1,7 +1,7 @@
-"""A pipeline on its way through good messages, into which bad ones are thrown.
+"""A pipeline that processes good messages, with bad ones in between.
 
-The frames that an undisturbed pipeline gives are known, so that one can say of every good frame after a bad message
-whether it is the same, to the byte.
+The frames of an undisturbed pipeline are known. Therefore each good frame after a bad message can be compared with
+them, byte by byte.
 """
 
 from functools import lru_cache
@@ -32,11 +32,11 @@ TYPES = BACKEND._typestore
 START_NS = 1_700_000_000_000_000_000
 FRAMES = 24
 NUMBERS = (3, 8)
-"""Of the two people where several are followed."""
+"""Number of the tracked one of two people."""
 
 
 def over_the_wire(message_type, message):
-    """As it arrives: serialised and read again."""
+    """The message after serialisation and deserialisation, as it arrives."""
     return TYPES.deserialize_cdr(TYPES.serialize_cdr(message, message_type), message_type)
 
 
@@ -76,7 +76,7 @@ def message_of(message_type, pixels, stamp_ns, numbers):
 
 
 def fingerprint(frame, person):
-    """Everything that is published of a frame, as bytes; person: the id it goes by."""
+    """All published messages of a frame, as bytes; person: its id."""
     state = frame.estimate.state
     arrays = (frame.positions, frame.velocities, state.rotations, state.translation, frame.estimate.pose.positions)
     certificate = frame.estimate.certificate
@@ -85,7 +85,7 @@ def fingerprint(frame, person):
 
 
 class Course:
-    """One kind of message, one person or two, and where on the way the pipeline is."""
+    """One type of message, one person or two, and the position of the pipeline in the course."""
 
     backend = BACKEND
 
@@ -108,19 +108,19 @@ class Course:
         self.restart()
 
     def start_anew(self):
-        """With a new pipeline."""
+        """Start with a new pipeline."""
         self.pipeline = Pipeline(*self.settings)
         assert self.pipeline.set_camera(self.camera) is None
         self.index = 0
 
     def restart(self):
-        """From the first frame, with nobody known."""
+        """Start from the first frame, without known people."""
         self.pipeline.reset()
         assert self.pipeline.set_camera(self.camera) is None
         self.index = 0
 
     def good(self, index):
-        """The good message of a place."""
+        """The good message at a position."""
         index = min(index, FRAMES - 1)
         numbers = NUMBERS if self.several else (7,)
         return message_of(self.message_type, [p[index] for p in self._pixels], stamp_of(index), numbers)
@@ -131,21 +131,21 @@ class Course:
         return self.pipeline.frames(self.good(index), stamp_of(index))
 
     def lead_in(self, frames):
-        """Go on until `frames` good messages have been seen."""
+        """Continue until `frames` good messages have been accepted."""
         if self.index > frames:
             self.restart()
         while self.index < frames:
             self.same_as_ever()
 
     def same_as_ever(self):
-        """The next good message gives the bytes that it gives when nothing has happened."""
+        """Check that the next good message gives the bytes of the undisturbed pipeline."""
         index = self.index
         assert self._fingerprints(self.send_good()) == self.expected[index], f"frame {index} differs"
 
     def same_or_tracked(self):
-        """As `same_as_ever`; where the bytes differ, the next frame is certified and near the truth all the same.
+        """Like `same_as_ever`; but if the bytes differ, the next frame must be certified and near the truth.
 
-        The points of a frame that has come as far as the tracker may have been filtered before it was refused.
+        The points of a frame that reached the tracker may have been filtered before it was rejected.
         """
         index = self.index
         frames = self.send_good()
@@ -156,12 +156,12 @@ class Course:
 
     def _fingerprints(self, frames):
         assert all(frame.accepted for frame in frames), [frame.detail for frame in frames]
-        # Ids that are given here are never given again, so that after a restart they are others: their order counts.
+        # Ids are never given twice, so they differ after a restart; only their order is compared.
         names = [str(i) if self._ids_here else frame.person for i, frame in enumerate(frames)]
         return [fingerprint(frame, name) for frame, name in zip(frames, names)]
 
     def tracked(self, frames, index):
-        """True when each frame is certified and near one of the people."""
+        """True if each frame is certified and near one of the people."""
         wanted = len(self.truth)
         near = 0
         for frame in frames:

@@ -1,4 +1,4 @@
-"""What a decoder may give for any message at all: keypoints that a tracker can use, or a refusal with its reason."""
+"""Valid results of a decoder for any message: keypoints that a tracker can use, or a refusal with its reason."""
 
 import numpy as np
 
@@ -23,7 +23,7 @@ REASONS = {
     "camera_distortion",
 }
 LONGEST_TEXT = 1500
-"""Characters of what is said of a message, however long it is itself."""
+"""Limit for the length of the text about a message, for messages of any length."""
 
 
 def refusal(error):
@@ -32,7 +32,7 @@ def refusal(error):
 
 
 def outcome_of(adapter, message, size, landmarks):
-    """The reason of the refusal, or "read": then everything in it is of use."""
+    """The reason of the refusal, or "read" if all its content is usable."""
     try:
         keypoints = adapter.decode(message, size)
     except AdapterError as error:

@@ -1,4 +1,4 @@
-"""Depth images of a body made of spheres along its bones, as a depth camera registered to the colour camera sees it."""
+"""Depth images of a body of spheres along its bones, as from a depth camera registered to the colour camera."""
 
 import struct
 import zlib
@@ -61,7 +61,7 @@ def depth_message(backend, stamp_ns, depth, encoding="16UC1", frame_id=FRAME, bi
 
 
 def compressed_message(backend, stamp_ns, depth, encoding="16UC1", codec="png", frame_id=FRAME):
-    """sensor_msgs/CompressedImage of depths (h, w) m, NaN = missing, as compressedDepth sends them."""
+    """sensor_msgs/CompressedImage of depths (h, w) m, NaN = missing, as sent by image_transport's compressedDepth."""
     message = backend.make("sensor_msgs/msg/CompressedImage")
     set_header(message.header, stamp_ns, frame_id)
     message.format = f"{encoding}; compressedDepth {codec}".strip()

@@ -1,4 +1,4 @@
-"""Forward kinematics of a published URDF, by a library that is not ours."""
+"""Forward kinematics of a published URDF, by an independent library."""
 
 from xml.etree import ElementTree
 
@@ -7,7 +7,7 @@ import pytest
 
 
 class DescribedBody:
-    """A robot_description, as pinocchio reads it."""
+    """A robot_description, read by pinocchio."""
 
     def __init__(self, text):
         self.pin = pytest.importorskip("pinocchio", reason="pinocchio (pip install pin) is a test-only dependency")
@@ -28,6 +28,6 @@ class DescribedBody:
         return np.array([self.data.oMf[frame].translation for frame in frames])
 
     def error(self, state, joints):
-        """m: the largest distance of a joint from where the PoseArray has it."""
+        """Largest distance of a joint from its position in the PoseArray, m."""
         places = np.array([[p.position.x, p.position.y, p.position.z] for p in joints.poses])
         return float(np.linalg.norm(self.positions(state) - places, axis=1).max())

@@ -1,4 +1,4 @@
-"""Messages of detectors whose packages Jazzy does not bring, of the types that msg_adapters defines."""
+"""Messages of detectors whose packages are not part of Jazzy, with the definitions of msg_adapters."""
 
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
@@ -58,5 +58,5 @@ def zed_objects(backend, stamp_ns, people, ids, body_format=2, tracked=True):
 
 
 def backend():
-    """A maker of these messages."""
+    """A function that makes these messages."""
     return RosbagsBackend(detector_types())

@@ -1,7 +1,7 @@
-"""How many cases the fuzz tests run, and how they are counted.
+"""The number of cases of the fuzz tests, and their counts.
 
-LASSOKIN_FUZZ_CASES is their number over all fuzz tests together: a few thousand by default, the same ones every time;
-`make fuzz` asks for more, and those are new ones each time. A failing case is printed with what it was drawn from.
+LASSOKIN_FUZZ_CASES is the number over all fuzz tests: a few thousand by default, the same ones in every run. `make
+fuzz` runs more, and new ones in every run. A failing case is printed with its inputs.
 """
 
 import os
@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, Phase, settings
 DEFAULT_CASES = 2000
 CASES = int(os.environ.get("LASSOKIN_FUZZ_CASES", DEFAULT_CASES))
 COUNTED: Counter[str] = Counter()
-"""Cases by test and what became of them: conftest.py prints them at the end."""
+"""Counts of cases by test and outcome; conftest.py prints them at the end."""
 
 
 def fuzz(share):
@@ -29,12 +29,12 @@ def fuzz(share):
 
 
 def count(test, outcome):
-    """One case more."""
+    """Count one case."""
     COUNTED[f"{test}: {outcome}"] += 1
 
 
 def report():
-    """Lines: cases in all, and by test and outcome."""
+    """Lines: the number of all cases, and counts by test and outcome."""
     if not COUNTED:
         return []
     lines = [f"fuzzing: {sum(COUNTED.values())} cases (LASSOKIN_FUZZ_CASES={CASES})"]

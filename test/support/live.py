@@ -1,4 +1,4 @@
-"""The real node in a process of its own, and a peer in this one, on real DDS."""
+"""The real node in a process, and a peer in this process, on real DDS."""
 
 import os
 import signal
@@ -24,18 +24,18 @@ from msg_adapters.backends import RclpyBackend
 
 DEADLINE_S = 30.0
 START_NS = time.time_ns() // 1_000_000_000 * 1_000_000_000 - 1_800_000_000_000
-"""ns: half an hour ago. Stamps that lie hours in the past are a warning."""
+"""ns: half an hour ago. Stamps hours in the past would cause a warning."""
 NO_HANDLERS = SignalHandlerOptions.NO
-"""rclpy's would stay when the context has ended, and keep SIGTERM from ending the processes of other tests' pools."""
+"""rclpy's handlers would remain after the context has ended, and SIGTERM would not end the processes of other tests."""
 SIMULATED_NS = 10**18
-"""Stamps before this are not the system clock's."""
+"""Stamps before this are not from the system clock."""
 BACKEND = RclpyBackend()
 ROOT = Path(__file__).resolve().parents[2]
 TRACKER = [sys.executable, "-m", "lassokin_ros.node.command"]
 
 
 class NodeProcess:
-    """`tracker` with ROS arguments; killed when it does not end by itself."""
+    """`tracker` with ROS arguments; killed if it does not end by itself."""
 
     def __init__(self, namespace, *ros_arguments, command=TRACKER, folder=ROOT, **options):
         arguments = [*command, "--ros-args", "-r", f"__ns:={namespace}", *ros_arguments]
@@ -43,7 +43,7 @@ class NodeProcess:
         self.process = subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True, cwd=folder, **options)
 
     def stop(self, *signals, grace_s=10.0):
-        """Send signals, wait, and return (exit code, what it said on stderr)."""
+        """Send signals, wait, and return (exit code, stderr)."""
         for number in signals:
             self.process.send_signal(number)
         try:
@@ -63,7 +63,7 @@ class NodeProcess:
 
 @contextmanager
 def node_in_this_process(namespace, **settings):
-    """(node, function that serves its next callback): nothing is worked on while it is not called."""
+    """(node, function that runs its next callback): the node does nothing while it is not called."""
     from lassokin_ros.node.node import TrackerNode
 
     context = rclpy.Context()
@@ -81,7 +81,7 @@ def node_in_this_process(namespace, **settings):
 
 
 class Peer:
-    """Publishes inputs, collects outputs, calls services; never sleeps: it spins until a condition holds."""
+    """Publishes inputs, collects outputs, calls services. It never sleeps; it spins until a condition holds."""
 
     def __init__(self, namespace, keypoints_type="sensor_msgs/msg/PointCloud2", reliable=True, outputs=True):
         self.context = Context()
@@ -129,7 +129,7 @@ class Peer:
         self.camera.publish(camera_info(BACKEND, **options))
 
     def start(self, xy, frame_id=FRAME):
-        """Send camera_info and a frame again and again until the newest is answered on every topic."""
+        """Send camera_info and a frame repeatedly until the newest one is answered on every topic."""
         stamp_ns, next_at, pause = START_NS - 1_000_000_000, 0.0, 0.1
 
         def answered():
@@ -147,7 +147,7 @@ class Peer:
         self.spin_until(answered, what="the first output of every topic")
 
     def settle(self):
-        """Wait until nothing more comes: two diagnostics in a row with the same number of messages received."""
+        """Wait until no more messages arrive: two diagnostics in a row with the same number of received messages."""
 
         def still():
             recent = [values_of(m)["received [messages]"] for m in self.got[topics.DIAGNOSTICS][-2:]]
@@ -157,17 +157,17 @@ class Peer:
         self.spin_until(still, what="a quiet second")
 
     def clear(self):
-        """Forget what has come so far."""
+        """Forget all collected messages."""
         for messages in self.got.values():
             messages.clear()
 
     def next_diagnostics(self, condition=lambda status: True):
-        """The first status that is sent from now on and for which the condition holds."""
+        """The first status sent after this call for which the condition holds."""
         messages, now_ns = self.got[topics.DIAGNOSTICS], time.time_ns()
         messages.clear()
 
         def met():
-            # What was sent before may still wait to be read. (In simulated time nobody knows.)
+            # Earlier messages may still be in the queue. (In simulated time this cannot be determined.)
             return [s for s in messages if not SIMULATED_NS < stamp_of(s) < now_ns and condition(s.status[0])]
 
         self.spin_until(met, what="the diagnostics")
@@ -196,7 +196,7 @@ class Peer:
 
 
 def complaints(said):
-    """Lines on stderr, without the usual ones: start, missing inputs, tracking."""
+    """Lines on stderr, without the expected ones: start, missing inputs, tracking."""
     usual = (
         "lassokin_ros ",
         "waiting for ",
@@ -217,11 +217,11 @@ def values_of(message):
 
 
 def stamp_of(message):
-    """A message's stamp in ns; of a MarkerArray its first marker's."""
+    """Stamp of a message, ns; for a MarkerArray that of its first marker."""
     header = message.markers[0].header if hasattr(message, "markers") else message.header
     return header.stamp.sec * 1_000_000_000 + header.stamp.nanosec
 
 
 def frame_of(message):
-    """A message's frame_id; of a MarkerArray its first marker's."""
+    """frame_id of a message; for a MarkerArray that of its first marker."""
     return (message.markers[0].header if hasattr(message, "markers") else message.header).frame_id

@@ -1,4 +1,4 @@
-"""Input messages for the tests, for rclpy's and rosbags' message objects alike."""
+"""Input messages for the tests, for message objects of rclpy and of rosbags."""
 
 from array import array
 
@@ -55,7 +55,7 @@ def camera_info(backend, focal: float = FOCAL, frame_id: str = FRAME, **fields):
 
 
 def cloud(backend, stamp_ns, xy, confidence=None, ids=None, frame_id=FRAME):
-    """The PointCloud2 carrier."""
+    """Keypoints as PointCloud2."""
     points = np.zeros(len(xy), CLOUD_DTYPE)
     points["x"], points["y"] = np.asarray(xy, dtype=float).reshape(-1, 2).T
     points["confidence"] = 0.9 if confidence is None else confidence
@@ -93,7 +93,7 @@ def raw_cloud(backend, stamp_ns, data, fields, point_step, width, frame_id=FRAME
 
 
 def polygon(backend, stamp_ns, xy, confidence=None, frame_id=FRAME):
-    """The PolygonStamped carrier."""
+    """Keypoints as PolygonStamped."""
     message = backend.make("geometry_msgs/msg/PolygonStamped")
     set_header(message.header, stamp_ns, frame_id)
     scores = np.full(len(xy), 0.9) if confidence is None else confidence
@@ -107,7 +107,7 @@ def polygon(backend, stamp_ns, xy, confidence=None, frame_id=FRAME):
 
 
 def multi_array(backend, stamp_ns, xy, confidence=None):
-    """The Float32MultiArray carrier; it has no place for the stamp."""
+    """Keypoints as Float32MultiArray, which has no stamp."""
     message = backend.make("std_msgs/msg/Float32MultiArray")
     scores = np.full(len(xy), 0.9) if confidence is None else confidence
     values = np.column_stack([xy, scores]).astype(np.float32).ravel()

@@ -1,4 +1,4 @@
-"""ONNX models that the tests build, node by node."""
+"""ONNX models built by the tests, node by node."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Recordings that the replay's tests share, and what is in them."""
+"""Recordings for the replay tests, and their content."""
 
 import numpy as np
 
@@ -34,7 +34,7 @@ def write_recording(path, frames=60, storage="mcap", spoil=None):
 
 
 def write_messages(path, messages, storage="mcap", types=None):
-    """A recording of any messages: (topic, type, time in ns, message or bytes); types: of rosbags, if not Jazzy's."""
+    """A recording of any messages (topic, type, time in ns, message or bytes); types: of rosbags, default Jazzy's."""
     types = types or typestore()
     with BagWriter(path, storage, types) as writer:
         for topic, message_type, time_ns, message in messages:
@@ -56,7 +56,7 @@ def read(path, topic):
 
 
 def contents(folder):
-    """Bytes of every file below a folder, by its path there."""
+    """Bytes of every file below a folder, by relative path."""
     return {str(file.relative_to(folder)): file.read_bytes() for file in folder.rglob("*") if file.is_file()}
 
 

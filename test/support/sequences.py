@@ -1,4 +1,4 @@
-"""Good frames for the core's tracker, with the truth beside them."""
+"""Good frames for the core's tracker, with the true motion."""
 
 from dataclasses import replace
 
@@ -13,9 +13,9 @@ from lassokin_ros.demo.synthetic import WEBCAM, detections, exact_pixels, motion
 
 FOCAL, RATE, NOISE_PX = 1000.0, 30.0, 2.0
 CONFIG = TrackerConfig(noise_px=NOISE_PX, depth_prior=False)
-"""Without the depth network: the tracker of hypotheses alone."""
+"""Configuration without the depth network: only the tracker with hypotheses."""
 TRACKED_WITHIN = 0.15
-"""m: mean error of the joints, pelvis on pelvis, up to which a state counts as tracked; a lost one is 0.3 m off."""
+"""Largest mean error of the joints, pelvis on pelvis, of a tracked state, m; a lost one has 0.3 m."""
 
 
 def observations(tracker, seconds=2.0, start=0.0, noise_px=NOISE_PX, seed=0):
@@ -31,7 +31,7 @@ def observations(tracker, seconds=2.0, start=0.0, noise_px=NOISE_PX, seed=0):
 
 
 def detected(seconds, seed=1):
-    """(tracker, observations) of the demo's person, as its detector sees it."""
+    """(tracker, observations) of the demo's person with its simulated detector."""
     tracker, lens = Tracker(TrackerConfig(depth_prior=False)), WEBCAM.lens
     times = np.arange(round(seconds * RATE)) / RATE
     pixels, confidence = detections(exact_pixels(tracker.kinematics, motion(tracker.skeleton, times)), RATE, seed=seed)
@@ -46,7 +46,7 @@ def frame(tracker, stamp=0.0):
 
 
 def aligned_error(estimate, truth):
-    """Mean distance, m, of the joints once the pelvises lie on each other."""
+    """Mean distance of the joints with the pelvises aligned, m."""
     mine = estimate.pose.positions
     return np.linalg.norm((mine - mine[0]) - (truth - truth[0]), axis=-1).mean()
 

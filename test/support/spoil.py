@@ -1,7 +1,6 @@
-"""Ways to spoil a good message: what arrives when software sends nonsense. Every draw is seeded.
+"""Kinds of damage to a good message, as faulty software may cause them. Every draw has a seed.
 
-Each takes a message of rosbags (values stay within what the wire can carry) and a numpy generator, and changes the
-message in place.
+Each function changes a message of rosbags in place, with a numpy generator; the values can be serialised.
 """
 
 import numpy as np
@@ -45,7 +44,7 @@ def frame_id(message, random, now_ns):
 
 
 def some(random, count):
-    """Between one and all of `count` places."""
+    """Between one and all of `count` indices."""
     return random.permutation(count)[: random.integers(1, count + 1)] if count else []
 
 
@@ -284,11 +283,11 @@ WAYS = {
         **HEADER,
     },
 }
-"""Message type -> way's name -> function(message, random, now_ns)."""
+"""Message type -> kind of damage -> function(message, random, now_ns)."""
 
 
 def spoil(message_type, message, ways, seed, now_ns):
-    """Apply some ways, in this order."""
+    """Apply some kinds of damage, in this order."""
     random = np.random.default_rng(seed)
     for way in ways:
         WAYS[message_type][way](message, random, now_ns)

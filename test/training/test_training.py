@@ -25,7 +25,7 @@ HEIGHT = 1.75
 
 @pytest.fixture(scope="module")
 def motion():
-    """Twenty seconds of the project's own synthetic motion in the form of the motion capture."""
+    """Twenty seconds of the synthetic motion in the format of the motion capture."""
     skeleton = Skeleton.load("anthropometric", HEIGHT)
     kinematics = Kinematics(skeleton, canonical_layout(skeleton))
     points = kinematics.pose(synthetic_motion(skeleton, np.arange(600) / 30)).landmarks * [1.0, -1.0, -1.0]
@@ -86,5 +86,5 @@ def test_a_written_network_is_read_again(tmp_path, motion):
     assert provenance["people"] == ["demo"] and provenance["held_out"] == list(TEST)
 
 
-def test_test_and_validation_people_are_apart():
+def test_test_and_validation_people_are_disjoint():
     assert not set(TEST) & set(VALIDATION)

@@ -1,4 +1,4 @@
-"""--view: what a recording for Rerun holds, and one line for what cannot be used."""
+"""--view: the content of a recording for Rerun, and one line for each error."""
 
 import sys
 from pathlib import Path
@@ -21,7 +21,7 @@ def standing(monkeypatch):
     monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
 
 
-def test_a_recording_holds_image_skeleton_uncertainty_and_angles(images, standing, tmp_path, capsys):  # noqa: F811
+def test_a_recording_contains_image_skeleton_uncertainty_and_angles(images, standing, tmp_path, capsys):  # noqa: F811
     pytest.importorskip("rerun", reason="--view needs rerun-sdk")
     file = tmp_path / "walk.rrd"
     assert main([str(images), "--height", "1.8", "--view", str(file)]) == 0
@@ -38,7 +38,7 @@ def test_a_recording_holds_image_skeleton_uncertainty_and_angles(images, standin
         assert entities[path] == 6, entities
 
 
-def test_without_rerun_one_line_says_what_to_install(images, standing, tmp_path, monkeypatch, capsys):  # noqa: F811
+def test_a_missing_rerun_is_named_with_its_installation(images, standing, tmp_path, monkeypatch, capsys):  # noqa: F811
     monkeypatch.setitem(sys.modules, "rerun", None)
     assert main([str(images), "--view", str(tmp_path / "walk.rrd")]) == 2
     assert (
@@ -49,13 +49,13 @@ def test_without_rerun_one_line_says_what_to_install(images, standing, tmp_path,
     assert not list(tmp_path.glob("*.rrd"))
 
 
-def test_the_option_without_a_file_means_a_window():
+def test_the_option_without_a_file_opens_a_window():
     assert parser().parse_args(["0"]).view is None
     assert parser().parse_args(["0", "--view"]).view == WINDOW
     assert parser().parse_args(["0", "--view", "w.rrd"]).view == Path("w.rrd")
 
 
-def test_an_ellipsoid_is_its_covariance():
+def test_an_ellipsoid_shows_its_covariance():
     rng = np.random.default_rng(0)
     roots = rng.normal(size=(5, 3, 3))
     covariance = roots @ roots.transpose(0, 2, 1)

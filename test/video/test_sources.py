@@ -1,4 +1,4 @@
-"""Videos that the test makes: rotation metadata, variable frame rate, portrait, black bars, a camera that goes away."""
+"""Videos made by the test: rotation metadata, variable frame rate, portrait, black bars, a camera that disconnects."""
 
 import struct
 
@@ -33,7 +33,7 @@ def corner(size=SIZE):
 
 
 def write_matrix(file, matrix):
-    """Set the transformation of an MP4's track (ISO 14496-12, tkhd), from which players know the rotation."""
+    """Set the transformation of an MP4's track (ISO 14496-12, tkhd), which gives the rotation."""
     data = bytearray(file.read_bytes())
     place = data.index(b"tkhd") + 44
     data[place : place + 36] = struct.pack(">9i", *matrix)
@@ -52,7 +52,7 @@ def write_durations(file, durations):
         parent = data.index(name) - 4
         struct.pack_into(">I", data, parent, struct.unpack_from(">I", data, parent)[0] + len(box) - old)
     data[place : place + old] = box
-    data = data.replace(b"edts", b"free")  # the edit list would end the video at its old duration
+    data = data.replace(b"edts", b"free")  # otherwise the edit list ends the video at its old duration
     file.write_bytes(data)
 
 
@@ -84,7 +84,7 @@ def test_images_are_turned_by_the_files_metadata(degrees, tmp_path):
         assert ("upper" if y < size[1] / 2 else "lower") + (" left" if x < size[0] / 2 else " right") == where
 
 
-def test_a_variable_frame_rate_gives_the_containers_times(tmp_path):
+def test_times_with_a_variable_frame_rate_are_those_of_the_container(tmp_path):
     file = record(tmp_path / "phone.mp4", corner())
     seconds = np.array([0.04, 0.04, 0.12, 0.04, 0.04, 0.5, 0.04, 0.04])
     write_durations(file, np.round(seconds * clock_of(file)).astype(int))
@@ -115,7 +115,7 @@ def test_black_bars_do_not_count_for_the_field_of_view(tmp_path):
     assert np.allclose([K[0, 0], K[0, 2], K[1, 2]], [48, 79.5, 47.5])
 
 
-def test_what_is_dark_is_no_bar():
+def test_dark_areas_are_no_bars():
     bright = np.full((96, 160, 3), 200, np.uint8)
     assert content_size(bright) == content_size(np.zeros_like(bright)) == (160, 96)
     bright[:, :60] = 0  # on one side only
@@ -123,7 +123,7 @@ def test_what_is_dark_is_no_bar():
 
 
 class Camera:
-    """Replaces cv2.VideoCapture: a device that gives three images and goes away."""
+    """Replaces cv2.VideoCapture: a device that gives three images and disconnects."""
 
     def __init__(self, _):
         self.left = 3
@@ -142,7 +142,7 @@ class Camera:
         self.left = 0
 
 
-def test_a_camera_that_goes_away_is_one_line(monkeypatch):
+def test_a_disconnected_camera_is_one_line(monkeypatch):
     monkeypatch.setattr(cv2, "VideoCapture", Camera)
     source = open_source("0")
     assert source.live and source.count == 0 and source.fps == 30.0

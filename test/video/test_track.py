@@ -43,7 +43,7 @@ def images(tmp_path):
     return folder
 
 
-def test_images_become_motion_and_video(images, tmp_path, monkeypatch, capsys):
+def test_images_give_motion_and_video(images, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
     pytest.importorskip("plotly", reason="the report needs plotly")
     motion, video, page = (tmp_path / name for name in ("motion.npz", "out.mp4", "page.html"))
@@ -69,7 +69,7 @@ def refused(arguments, text, capsys):
     assert len(lines) == 1 and text in lines[0] and lines[0].startswith("track: ") and not output.out
 
 
-def test_what_cannot_be_used_is_one_line_and_writes_nothing(images, tmp_path, monkeypatch, capsys):
+def test_unusable_input_is_one_line_and_writes_nothing(images, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
     broken, none = tmp_path / "broken.mp4", tmp_path / "none"
     broken.write_bytes(b"no video")
@@ -98,9 +98,7 @@ def test_what_cannot_be_used_is_one_line_and_writes_nothing(images, tmp_path, mo
         ("broken.onnx", "broken.onnx"),
     ],
 )
-def test_a_detector_that_cannot_be_used_is_one_line_and_writes_nothing(
-    detector, text, images, tmp_path, monkeypatch, capsys
-):
+def test_an_unusable_detector_is_one_line_and_writes_nothing(detector, text, images, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     if detector == "broken.onnx":
         pytest.importorskip("onnxruntime", reason="a model needs onnxruntime")
@@ -113,7 +111,7 @@ def test_a_detector_that_cannot_be_used_is_one_line_and_writes_nothing(
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_what_was_tracked_stays_when_the_images_end_early(images, tmp_path, monkeypatch, capsys):
+def test_tracked_frames_are_kept_if_the_images_end_early(images, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
     (images / "004.png").write_bytes(b"no image")
     motion, video = tmp_path / "motion.npz", tmp_path / "out.mp4"
@@ -128,7 +126,7 @@ def test_what_was_tracked_stays_when_the_images_end_early(images, tmp_path, monk
     assert open_source(str(video)).count == 4 and not list(tmp_path.glob(".*part*"))
 
 
-def test_what_was_tracked_stays_when_the_user_stops_it(images, tmp_path, monkeypatch, capsys):
+def test_tracked_frames_are_kept_if_the_user_interrupts(images, tmp_path, monkeypatch, capsys):
     class Stopped(Standing):
         def detect(self, image, seconds):
             if seconds > 0.09:  # the fourth image
@@ -141,12 +139,12 @@ def test_what_was_tracked_stays_when_the_user_stops_it(images, tmp_path, monkeyp
     assert "4 in, 4 tracked" in capsys.readouterr().out and motion.is_file()
 
 
-def test_field_of_view_is_along_the_longer_side():
+def test_the_field_of_view_is_along_the_longer_side():
     K = from_fov(90.0, (480, 640)).K
     assert np.isclose(K[0, 0], 320) and np.isclose(K[1, 1], 320) and K[1, 2] == 319.5
 
 
-def test_calibration_of_ros_is_scaled_to_the_image(tmp_path):
+def test_a_calibration_of_ros_is_scaled_to_the_image(tmp_path):
     file = tmp_path / "ost.yaml"
     file.write_text(
         "image_width: 640\nimage_height: 480\ncamera_matrix: {data: [500, 0, 320, 0, 500, 240, 0, 0, 1]}\n"

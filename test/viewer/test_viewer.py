@@ -1,4 +1,4 @@
-"""The node `viewer` on real DDS: what it records of a tracker in a process of its own, and what it refuses."""
+"""The node `viewer` on real DDS: its recording of a tracker in another process, and its refusals."""
 
 import sys
 
@@ -68,7 +68,7 @@ def viewer(tmp_path):
     context.try_shutdown()
 
 
-def test_a_recording_holds_what_was_published_at_its_stamps(viewer, logged):
+def test_a_recording_contains_the_published_messages_at_their_stamps(viewer, logged):
     node, serve, file = viewer
     log, skeletons = logged
     pixels, sent = pixels_of_motion(100, hz=30.0), []
@@ -112,7 +112,7 @@ def test_a_recording_holds_what_was_published_at_its_stamps(viewer, logged):
     assert all(rows[f"/{path}"] >= LEAST for path in PATHS), rows
 
 
-def test_topics_of_people_who_come_and_go(viewer):
+def test_topics_of_people_are_added_and_removed(viewer):
     node, _, _ = viewer
 
     def people():
@@ -123,7 +123,7 @@ def test_topics_of_people_who_come_and_go(viewer):
         assert people() == set(filter(None, present.split(",")))
 
 
-def test_what_exists_is_not_replaced_one_line_and_exit_code_2(tmp_path):
+def test_an_existing_file_is_one_line_and_exit_code_2(tmp_path):
     there = tmp_path / "there.rrd"
     there.write_bytes(b"kept")
     code, said = NodeProcess("/none", command=[*COMMAND, "--save", str(there)]).stop(grace_s=60)

@@ -1,4 +1,4 @@
-"""Feeds one person's keypoints to the depth network, and turns its answers into `JointDepths`."""
+"""Feeds one person's keypoints to the depth network, and converts its outputs to `JointDepths`."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ class DepthEstimator:
 
     @property
     def usable(self) -> bool:
-        """Whether the layout has enough points that the network uses."""
+        """True if the layout has enough of the points that the network uses."""
         return int(self._there.sum()) >= LEAST_SEEN
 
     def adopt_history(self, other: DepthEstimator) -> None:
-        """Go on with the past keypoints and the newest estimate of another estimator for the same person."""
+        """Copy the past keypoints and the newest estimate of another estimator for the same person."""
         self._history, self._prediction, self._rotation = other._history, other._prediction, other._rotation
 
     def reset(self) -> None:
@@ -54,13 +54,13 @@ class DepthEstimator:
     def update(
         self, stamp: float, points: np.ndarray, seen: np.ndarray, up: np.ndarray | None, mount: np.ndarray
     ) -> Steps[JointDepths | None]:
-        """The joints' depths after a frame's keypoints, or None if fewer than `LEAST_SEEN` are seen.
+        """Estimate the joints' depths after a frame's keypoints; None if fewer than `LEAST_SEEN` are visible.
 
         A generator for `run_single` or `run_batched`: the network runs once for several people.
 
         stamp: s, later than the last. points: (l, 2) normalised; seen: (l,) bool. up: (3,) the vertical in the camera
-        frame, None if unknown. mount: (3,) the same by the camera's mount. A rolled image is turned upright
-        by it: the network was trained with cameras that are about level.
+        frame, None if unknown. mount: (3,) the vertical by the camera's mount. It is used to rotate a rolled image
+        upright, because the network was trained with nearly level cameras.
         """
         shown = seen[self._index] & self._there
         if mount is not self._mount:
@@ -79,7 +79,7 @@ class DepthEstimator:
         return JointDepths(self._rotation[2], depths, prediction.whitening.astype(float) / self._height)
 
     def places(self) -> dict[str, np.ndarray] | None:
-        """Place (3,) of each target and the right hip relative to the middle of the hips, m, camera frame.
+        """Position (3,) of each target and the right hip relative to the middle of the hips, m, camera frame.
 
         None without an estimate for the newest frame.
         """
@@ -92,9 +92,9 @@ class DepthEstimator:
 
 
 def _upright_image(up: np.ndarray) -> np.ndarray:
-    """(3, 3) turn about the optical axis after which the vertical (3,) points up in the image, to -y.
+    """(3, 3) rotation about the optical axis after which the vertical (3,) points up in the image, to -y.
 
-    The identity where the camera looks straight up or down.
+    The identity if the camera looks straight up or down.
     """
     size = float(np.hypot(up[0], up[1]))
     if size < 0.1:

@@ -29,9 +29,9 @@ from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 
 TIMES = np.array([0.0, 0.05, 0.1, 0.2, 0.4, 0.8])
-"""s before the present at which the keypoints are input."""
+"""s before the present: times of the keypoints in the input."""
 LONGEST_GAP = 0.6
-"""s between two detections, beyond which nothing is interpolated between them."""
+"""s: detections further apart are not interpolated."""
 
 SIDES = ("left", "right")
 
@@ -40,7 +40,7 @@ Offset = tuple[float, float, float]
 
 
 def _sided(joint: str, on: str, offset: Offset) -> list[tuple[str, str, Offset]]:
-    """Both sides' entries of `CANONICAL`; x of the offset is mirrored."""
+    """The entries of `CANONICAL` for both sides; x of the offset is mirrored."""
     x, y, z = offset
     return [(f"{side}_{joint}", f"{side}_{on}", (sign * x, y, z)) for side, sign in zip(SIDES, (1.0, -1.0))]
 
@@ -57,35 +57,36 @@ CANONICAL = (
     *_sided("heel", "ankle", (0.0, -0.030, -0.035)),
     *_sided("toe", "ankle", (-0.008, -0.032, 0.105)),
 )
-"""Canonical points: name, the joint that carries the point, and its place in that joint's frame, in heights."""
+"""Canonical points: name, joint to which the point is fixed, and its position in that joint's frame, in heights."""
 NAMES = tuple(name for name, _, _ in CANONICAL)
 SAME_POINT = 0.02
-"""In heights: how far from a canonical point a layout's landmark may be."""
+"""In heights: largest distance of a layout's landmark from its canonical point."""
 
 TARGETS = ("left_hip", "left_shoulder", "right_shoulder", "head", "nose", "left_knee", "right_knee", "left_elbow",
            "right_elbow", "left_ankle", "right_ankle", "left_wrist", "right_wrist")  # fmt: skip
-"""Points whose places are output. The right hip is the left hip's mirror image in the middle of the hips."""
+"""Points whose positions are output. The right hip is the mirror image of the left hip at the middle of the hips."""
 LENGTHS = ("hips", "thigh", "shank", "trunk", "shoulders", "upper arm", "forearm", "neck")
 """Lengths that are input, see `lengths_of`."""
 TYPICAL_LENGTHS = np.array([0.105, 0.246, 0.256, 0.287, 0.225, 0.168, 0.13, 0.08])
 """In heights."""
 LENGTH_SPREAD = 0.02
-"""In heights: what a length's difference from the typical one is divided by."""
+"""In heights: divisor of a length's difference from the typical one."""
 
 _PAST = len(TIMES) - 1
 _GAINS = np.array([4.0, 3.0, 2.0, 1.2, 0.8])
-"""Factors on the differences between the past points and the present ones, which bring them to a similar size."""
+"""Factors on the differences between the past points and the present ones, which give them a similar size."""
 _TRUNK = np.array([NAMES.index(f"{side}_{joint}") for side in SIDES for joint in ("shoulder", "hip")])
 INPUTS = len(TIMES) * len(NAMES) * 3 + 1 + 4 + len(LENGTHS) + 1
 DEPTHS = len(TARGETS)
 _LOWER = np.tril_indices(DEPTHS, -1)
 OUTPUTS = 3 * DEPTHS + DEPTHS + len(_LOWER[0]) + DEPTHS
-"""Positions x, y, z; logarithms of the whitening's diagonal; its lower part; logarithms of the scales of x and y."""
+"""Sizes of the parts of the output: positions x, y, z; logarithms of the whitening's diagonal; its lower part;
+logarithms of the scales of x and y."""
 _FROM_OUTPUTS = np.zeros((DEPTHS, DEPTHS), dtype=int)
 _FROM_OUTPUTS[_LOWER] = np.arange(4 * DEPTHS, OUTPUTS - DEPTHS)
 _STRICTLY_LOWER, _UNIT = np.tri(DEPTHS, k=-1, dtype=np.float32), np.eye(DEPTHS, dtype=np.float32)
 LEAST_SEEN = 5
-"""Canonical points that must be seen now."""
+"""Smallest number of canonical points that must be visible now."""
 
 
 def canonical_layout(skeleton: Skeleton) -> Layout:
@@ -95,7 +96,7 @@ def canonical_layout(skeleton: Skeleton) -> Layout:
 
 
 def canonical_index(layout: Layout, skeleton: Skeleton) -> np.ndarray:
-    """(canonical points,) index of the layout's landmark at each canonical point, -1 where there is none."""
+    """(canonical points,) index of the layout's landmark at each canonical point, -1 if there is none."""
     index = np.full(len(NAMES), -1)
     for point, (_, joint, offset) in enumerate(CANONICAL):
         if joint not in skeleton.joint_names:
@@ -132,9 +133,9 @@ def lengths_between(place: dict[str, np.ndarray]) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What the network is told, for any leading axes; all points are normalised image coordinates.
+    """The input of the network, with any leading axes; all points are normalised image coordinates.
 
-    points: (..., times, canonical points, 2), any finite value where not seen; seen: the same shape without the last
+    points: (..., times, canonical points, 2), any finite value if not visible; seen: the same shape without the last
     axis, bool; up: (..., 3) unit vector in the camera frame, and (...,) bool up_known; lengths: (..., LENGTHS) in
     heights, and (...,) bool lengths_known.
     """
@@ -179,9 +180,9 @@ def features(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _virtual_camera(points: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """(..., 3, 3): the least turn that brings the middle of the body onto the optical axis.
+    """(..., 3, 3): the smallest rotation that brings the middle of the body onto the optical axis.
 
-    The middle is that of the shoulders and hips that are seen, or of all points where fewer than two of those are.
+    The middle is that of the visible shoulders and hips, or of all points if fewer than two of those are visible.
     """
     trunk = seen[..., _TRUNK]
     weights = np.where(trunk.sum(-1, keepdims=True) >= 2, 1.0, 0.0) * _IS_TRUNK * seen
@@ -204,7 +205,7 @@ _IS_TRUNK = np.isin(np.arange(len(NAMES)), _TRUNK).astype(float)
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Where the network places `TARGETS` relative to the middle of the hips, in the virtual camera, in heights.
+    """The network's positions of `TARGETS` relative to the middle of the hips, in the virtual camera, in heights.
 
     places: (..., DEPTHS, 3); whitening: (..., DEPTHS, DEPTHS) lower triangular, so that whitening @ (depths - truth)
     has independent errors of unit scale; scale: (..., DEPTHS), of the errors of x and y. rotation: (..., 3, 3) from the
@@ -218,7 +219,7 @@ class Prediction:
 
 
 def interpreted(outputs: np.ndarray, rotation: np.ndarray) -> Prediction:
-    """The meaning of the network's outputs (..., OUTPUTS), in the virtual camera of this rotation (..., 3, 3)."""
+    """Decode the network's outputs (..., OUTPUTS), in the virtual camera of this rotation (..., 3, 3)."""
     lead = outputs.shape[:-1]
     d = DEPTHS
     places = outputs[..., : 3 * d].reshape(*lead, 3, d).swapaxes(-1, -2)
@@ -248,7 +249,7 @@ class Network:
 
     @batched(reads=(), writes=())
     def predict(self, scene: Scene) -> Prediction:
-        """The places of the targets in a scene, of one person or of several at once."""
+        """The positions of the targets in a scene, of one person or of several at once."""
         inputs, rotation = features(scene)
         return interpreted(self(inputs), rotation)
 
@@ -270,7 +271,7 @@ def load_weights(file: Path | None = None) -> tuple[Network, dict[str, Any]]:
 
 @cache
 def shipped_network() -> Network:
-    """The network that comes with the package, read once."""
+    """The network that is shipped with the package, read once."""
     return load_weights()[0]
 
 
@@ -325,8 +326,8 @@ def interpolated(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points between two detections, (..., times, canonical, 2), and which are known, (..., times, canonical).
 
-    wanted, before, after: (..., times) s. A point is known where both detections show it, they are at most
-    `LONGEST_GAP` apart, and the wanted time lies between them; or where the wanted time is one detection's.
+    wanted, before, after: (..., times) s. A point is known if both detections contain it, they are at most
+    `LONGEST_GAP` apart, and the wanted time is between them; or if the wanted time is that of one detection.
     """
     gap = after - before
     share = np.minimum(np.maximum((wanted - before) / np.maximum(gap, 1e-6), 0.0), 1.0)

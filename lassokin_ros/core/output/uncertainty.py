@@ -1,16 +1,18 @@
-"""How uncertain each joint's position is, from the posterior covariance of the frame's own problem.
+"""Uncertainty of each joint's position, from the posterior covariance of the frame's problem.
 
-The l2 rows of a frame's lasso (image, prior, limits, uprightness, balance, depths, each in standard deviations) make a
-Gaussian of the increment and the translation with the inverse covariance [A B]^T [A B]. The marginal of the increment
-has the inverse covariance A^T M A, which the solver has computed. The joints' Jacobian turns it into a covariance of
-each joint's position relative to the pelvis, in the camera frame. The l1 term, which models motion and not position,
-is not included. The variance of the bone lengths, from calibration, is added. It is given the shape of the
-posterior: with a wrong length the pose follows the image, and the error is in depth.
+The l2 rows of a frame's lasso (image, prior, limits, uprightness, balance, depths, each in standard deviations) define
+a Gaussian of the increment and the translation with the inverse covariance [A B]^T [A B]. The marginal of the increment
+has the inverse covariance A^T M A, which the solver has computed. The joints' Jacobian converts it to a covariance of
+each joint's position relative to the pelvis, in the camera frame. The l1 term, which models motion and not position, is
+not included.
+
+The variance of the bone lengths, from calibration, is added. It has the shape of the posterior: with a wrong length the
+pose follows the image, and the error is in depth.
 
 A Gaussian about one hypothesis does not include others (a limb mirrored in depth), and the errors of keypoints, prior
-and network are correlated. The posterior's deviation is thus multiplied by `FACTOR`, which is larger where the pose
-disagrees with the depth network, the lengths' by `LENGTHS`. These figures were fitted to the errors on the people of
-validation (training/motion.py). benchmarks/accuracy.py --uncertainty checks them on others.
+and network are correlated. Therefore the posterior's deviation is multiplied by `FACTOR`, which is larger if the pose
+disagrees with the depth network, and that of the lengths by `LENGTHS`. These constants were fitted to the errors on the
+people of the validation set (training/motion.py). benchmarks/accuracy.py --uncertainty tests them on other people.
 """
 
 from __future__ import annotations
@@ -34,33 +36,37 @@ from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
 from lassokin_ros.core.output.failure_probability import failure_probability
 
 FACTOR = 1.4
-"""On the posterior's standard deviation s, at the usual disagreement."""
+"""Factor on the posterior's standard deviation s, at the usual disagreement."""
 USUAL_DISAGREEMENT = 0.1
-"""Of a pose with the network, see `LearnedDepth.disagreement`."""
+"""Usual disagreement of a pose with the network, see `LearnedDepth.disagreement`."""
 RANGE = 0.05, 5.0
-"""Limits of the disagreement, in the usual one."""
+"""Limits of the disagreement, in units of the usual one."""
 POWER = 0.25
 """Power of the disagreement in the factor."""
 LENGTHS = 3.0
-"""On the standard deviation of the log-lengths."""
+"""Factor on the standard deviation of the log-lengths."""
 LASTING = 0.01
-"""Of the height: least lasting error of a keypoint, in each direction. The keypoints of real detectors are 11 to 17 mm
-off, and the pose follows them: what the frame's fit leaves does not show all of it."""
+"""As a fraction of the height: smallest lasting error of a keypoint, in each direction. The keypoints of real detectors
+are 11 to 17 mm off, and the pose follows them: the residuals of the frame's fit do not contain all of this error."""
 LARGEST = 0.6
-"""m: s becomes s / sqrt(1 + (s / LARGEST)^2). A limb swings on a sphere, so no error grows with the linear model's for
-ever."""
+"""m: s becomes s / sqrt(1 + (s / LARGEST)^2). A limb moves on a sphere, so its error is bounded, contrary to the linear
+model."""
 SCALE_DEVIATION = 0.045
-"""Standard deviation of the body's size, as a share of it: height, shoes, proportions. One camera sees no scale, so an
-error of the size moves the whole body along its line of sight by the same share. It does not count in a frame with
-measured depth."""
+"""Standard deviation of the body's size, as a fraction of it: height, shoes, proportions.
+
+One camera does not observe the scale, so an error of the size moves the whole body along its line of sight by the same
+fraction. It is not included in a frame with measured depth.
+"""
 PLACE_DEVIATION = 0.02
-"""m, per axis: standard deviation of the place of the landmarks in the body, and of a detector's lasting errors.
-Both constants were set on every second one of 31 recorded motions, two views each, with a detector's errors and the
-height alone: the pelvis is off by 193 mm along the line of sight and by 31 mm across (root mean square, at 4.4 m).
+"""m, per axis: standard deviation of the position of the landmarks in the body, and of a detector's lasting errors.
+
+Both constants were fitted to every second one of 31 recorded motions, two views each, with a detector's errors and only
+the height given: the error of the pelvis is 193 mm along the line of sight and 31 mm across (root mean square, at 4.4
+m).
 """
 
 _IDENTITY = np.eye(3).reshape(9)
-#: (9, 3): a product with the axis w has in its rows, by component of p and of the result, the matrix of w x p.
+#: (9, 3): its product with an axis w contains the matrix of w x p in its rows, by component of p and of the result.
 _TURNS = hat(np.eye(3)).transpose(2, 1, 0).reshape(9, 3)
 
 
@@ -80,10 +86,11 @@ class AbsoluteUncertainty:
 
 @dataclass(frozen=True, eq=False)
 class JointUncertainty:
-    """How far off an estimate may be.
+    """Uncertainty of an estimate.
 
-    covariance: (n, 3, 3) m^2 of each joint's position relative to the pelvis, in the camera frame; the pelvis' is 0.
-    failure_probability: 0 to 1, that the joints are off by more than 100 mm on average. place: computes `absolute`.
+    covariance: (n, 3, 3) m^2 of each joint's position relative to the pelvis, in the camera frame; that of the pelvis
+    is 0. failure_probability: 0 to 1, probability that the mean error of the joints exceeds 100 mm. place: computes
+    `absolute`.
     """
 
     covariance: np.ndarray
@@ -92,7 +99,7 @@ class JointUncertainty:
 
     @property
     def deviation(self) -> np.ndarray:
-        """(n,) m: how far each joint is off on average, relative to the pelvis; two thirds are nearer than that."""
+        """(n,) m: deviation of each joint relative to the pelvis; two thirds of the errors are smaller."""
         return np.sqrt(_trace(self.covariance))
 
     @cached_property
@@ -111,10 +118,10 @@ class UncertaintyModel:
         proportions: Proportions,
         learned_depth: LearnedDepth | None = None,
     ) -> None:
-        """learned_depth: the network's evidence, None without one."""
+        """learned_depth: the network's evidence, or None."""
         live, dead = np.flatnonzero(kinematics.live), np.flatnonzero(~kinematics.live)
         self._live_count = len(live)
-        #: The problem does not hold what no landmark sees; of it the prior alone is known.
+        # Unobserved degrees of freedom have the standard deviation of the prior.
         deviation = np.concatenate([np.ones(len(live)), np.sqrt(np.diagonal(prior.covariance)[dead])])
         self._jacobian = PositionJacobian(kinematics, np.concatenate([live, dead]), deviation)
         #: Columns of the root's rotation. The root comes first and every landmark moves with it.
@@ -123,7 +130,7 @@ class UncertaintyModel:
         self._proportions, self._learned_depth = proportions, learned_depth
 
     def of(self, estimate: Estimate) -> JointUncertainty:
-        """Of an accepted estimate."""
+        """The uncertainty of an accepted estimate."""
         assert estimate.pose is not None and estimate.problem is not None
         share = min(estimate.excess * LEAST / LASTING, 1.0)
         problem = estimate.problem
@@ -174,16 +181,17 @@ class UncertaintyModel:
         size_deviation: float = SCALE_DEVIATION,
         share: float = 1.0,
     ) -> tuple[np.ndarray, Callable[[], AbsoluteUncertainty]]:
-        """(n, 3, 3) m^2, from a frame's last problem and the pose that its solution led to; and what computes the rest.
+        """Return (n, 3, 3) m^2, from a frame's last problem and the pose of its solution, and the function that
+        computes the rest.
 
         factor: on the posterior's standard deviation. length_deviation: (p,) standard deviation of the log-lengths.
-        size_deviation: see SCALE_DEVIATION. share: factor on the image's rows, which with a factor below 1 are the
-        only ones that depend on the translation: keypoints are off by no less than `LASTING`.
+        size_deviation: see SCALE_DEVIATION. share: factor on the image's rows, so that the keypoint error is at least
+        `LASTING`. If it is below 1, only these rows depend on the translation.
         """
         spread = self._jacobian.at(pose)
         live = spread[:, :, : self._live_count]
         information = self._information(problem, share)
-        # The transposed views are what LAPACK works on in place.
+        # LAPACK works in place on the transposed views.
         lower, _ = lapack.dpotrf(information.T, lower=1, overwrite_a=1)
         right = live.reshape(-1, self._live_count).T
         seen, _ = lapack.dtrtrs(lower, right, lower=1, overwrite_b=1)  # J H^-1 J^T = seen^T seen
@@ -209,10 +217,10 @@ class UncertaintyModel:
         added: np.ndarray,
         size_deviation: float,
     ) -> AbsoluteUncertainty:
-        """Add the pelvis' own uncertainty: x = Y (z - A Omega) by (15), and (B^T B)^-1 = Y Y^T about it.
+        """Add the pelvis' own uncertainty: x = Y (z - A Omega) by (15), and (B^T B)^-1 = Y Y^T for a given Omega.
 
         live: (n, 3, live) and relative: (n, 3, 3), their part and the whole of the covariances relative to the pelvis,
-        relative = live live^T + a part that the pelvis does not share. lower: Cholesky factor of the information.
+        relative = live live^T plus a part that is independent of the pelvis. lower: Cholesky factor of the information.
         share: see `covariance`. factor, added: as in `_sized`. size_deviation: see SCALE_DEVIATION.
         """
         Y, pelvis = problem.reduced.Y, pose.positions[0]
@@ -230,41 +238,41 @@ class UncertaintyModel:
 
 
 def _sized(covariance: np.ndarray, factor: float, added: np.ndarray) -> np.ndarray:
-    """Scale covariances (n, 3, 3) by `factor` on the deviation, limited by `LARGEST`, and to `added` (n,) m^2 more."""
+    """Scale covariances (n, 3, 3) by `factor` on the deviation, limited by `LARGEST`, and add `added` (n,) m^2."""
     size = _trace(covariance)
     wanted = factor**2 * size / (1 + size / LARGEST**2) + added
     return covariance * (wanted / np.maximum(size, 1e-12))[:, None, None]
 
 
 class PositionJacobian:
-    """Joint centres relative to the pelvis' by degrees of freedom of the increment Omega, in the camera frame.
+    """Derivative of the joint centres relative to the pelvis by the increment Omega, in the camera frame.
 
-    Like `Kinematics.jacobian` for landmarks: w x (p_i - p_j) where joint j carries joint i.
+    Like `Kinematics.jacobian` for landmarks: w x (p_i - p_j) if joint i is below joint j.
     """
 
     def __init__(self, kinematics: Kinematics, columns: np.ndarray, factors: np.ndarray) -> None:
-        """columns: (k,) degrees of freedom, in the order that they are wanted; factors: (k,) on each."""
+        """columns: (k,) degrees of freedom, in the order of the result; factors: (k,) on each."""
         parents, ancestors = kinematics.skeleton.parents, kinematics.skeleton.ancestors
         self._root = int(np.flatnonzero(parents < 0)[0])
-        #: In the flat orientations the axes, each its joint's column: rows x, y, z.
+        #: Indices of the axes in the flattened orientations, one column of its joint each: rows x, y, z.
         self._axes = columns // 3 * 9 + columns % 3 + 3 * np.arange(3)[:, None]
         self._carried = (ancestors[:, columns // 3] * factors)[:, None]
         count = len(columns)
-        #: Where the product with the places holds what a degree of freedom would do to its own joint.
+        #: Entries of the product that concern a degree of freedom's own joint.
         self._own = ((columns // 3 * 3 + np.arange(3)[:, None]) * count + np.arange(count)).reshape(-1)
 
     def at(self, pose: BodyPose) -> np.ndarray:
         """(n, 3, k) m/rad times the factors."""
         places = pose.positions - pose.positions[self._root]
         axes = pose.orientations.take(self._axes)
-        carried = places @ (_TURNS @ axes).reshape(3, -1)  # w x p: by p's joint, component and degree of freedom
-        carried -= carried.take(self._own)  # what a joint's turn leaves where it is
+        carried = places @ (_TURNS @ axes).reshape(3, -1)  # w x p: by joint and component of p, and degree of freedom
+        carried -= carried.take(self._own)  # a joint's own rotation does not move it
         jacobian = carried.reshape(len(places), 3, -1)
         jacobian *= self._carried
         return jacobian
 
 
 def _trace(matrices: np.ndarray) -> np.ndarray:
-    """Of (n, 3, 3): half the time of np.trace on as few."""
+    """Traces of (n, 3, 3); twice as fast as np.trace for few matrices."""
     trace: np.ndarray = matrices.reshape(-1, 9) @ _IDENTITY
     return trace

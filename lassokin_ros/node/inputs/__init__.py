@@ -1,1 +1,6 @@
-"""Subscriptions of the node: keypoints of each person, camera_info, depth images, TF, and what is missing."""
+"""Subscriptions of the node: keypoints of each person, camera_info, depth images, TF, and missing inputs.
+
+`camera_info_input` is the subscription of camera_info; `latched_camera_info` requests a message that was published
+before the node started. Both only receive messages: `msg_adapters.camera_info` checks their content, and
+`pipeline.camera` finds the camera of each image.
+"""

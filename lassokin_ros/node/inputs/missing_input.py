@@ -11,7 +11,7 @@ from lassokin_ros.pipeline.outputs.topics import FRAME_OUTPUTS
 PATIENCE_S = 3.0
 """s from the start until the first message."""
 AGAIN_S = 30.0
-"""s after which the same is said again."""
+"""s after which the message is repeated."""
 GENERAL_TYPES = ("sensor_msgs/msg/PointCloud2", "std_msgs/msg/Float32MultiArray", "geometry_msgs/msg/PolygonStamped")
 """Types that carry many things, such as a lidar's points."""
 NAMES_OF_KEYPOINTS = ("keypoint", "pose", "person", "people", "body", "bodies", "human", "landmark", "skeleton2d")
@@ -28,25 +28,25 @@ class MissingInput:
         self._node, self._name, self._type, self._others = node, name, message_type, set(others) - {message_type}
         self._topic = node.resolve_topic_name(name)
         self._came = False
-        self._said, self._next_at = "", now + PATIENCE_S
+        self._logged, self._next_at = "", now + PATIENCE_S
 
     def look(self, now: float, came: bool) -> None:
         """Log a message if it is due. now: s, same clock as at the start. came: whether a message has been received."""
         if self._came:
             return
         self._came = came
-        if came and self._said:
+        if came and self._logged:
             self._node.get_logger().info(f"the first message on {self._topic} has come")
-        if came or (now < self._next_at and not self._said):
+        if came or (now < self._next_at and not self._logged):
             return
         words = f"waiting for {self._name} on {self._topic} ({self._type}): {self._cause()}"
-        if words != self._said or now >= self._next_at:
-            self._said, self._next_at = words, now + AGAIN_S
+        if words != self._logged or now >= self._next_at:
+            self._logged, self._next_at = words, now + AGAIN_S
             self._node.get_logger().warning(words)
 
     def excuse(self, now: float) -> None:
         """Call this instead of `look` while the input is not needed. It restarts the waiting time. now: s."""
-        self._came, self._said, self._next_at = False, "", now + PATIENCE_S
+        self._came, self._logged, self._next_at = False, "", now + PATIENCE_S
 
     def _cause(self) -> str:
         """Reason for the missing input, derived from the ROS graph."""

@@ -1,4 +1,4 @@
-"""TF for the camera's mount: /tf and /tf_static, polled, and a word in the log when the frames are not connected."""
+"""TF for the camera's mount: /tf and /tf_static, polled, with a log message if the frames are not connected."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lassokin_ros.pipeline.outputs import topics
 DEPTH = 100
 """Queue depth of /tf and /tf_static, as in tf2_ros."""
 PATIENCE_S = 3.0
-"""s after the first image without a mount until that is logged: robots take their time to start."""
+"""s from the first image without a mount until this is logged, because robots need time to start."""
 
 
 class TransformInput:
@@ -40,7 +40,7 @@ class TransformInput:
             poll(subscription, DEPTH)
 
     def look(self, now: float) -> str:
-        """Log, once, the mount that TF gives, and once why it gives none. Return the fault in words, or "".
+        """Log once the mount from TF, or once why there is none. Return the fault in words, or "".
 
         now: s, steady clock. Call it periodically.
         """

@@ -1,4 +1,4 @@
-"""What calibration knows, in figures for the diagnostics and for a saved file."""
+"""Results of the calibration, as figures for the diagnostics and for a saved file."""
 
 from __future__ import annotations
 
@@ -8,22 +8,23 @@ from lassokin_ros.core.calibration import Calibration
 
 
 def length_changes(calibration: Calibration) -> dict[str, float]:
-    """Each length's change from the given skeleton, in % of it."""
+    """Change of each length from the given skeleton, in %."""
     return dict(zip(calibration.proportions.names, (100 * np.expm1(calibration.lengths)).tolist()))
 
 
 def averaged_sides(difference: float) -> str:
-    """What was done to a given skeleton whose left and right differ by `difference`, of their logarithms."""
+    """Text about the averaging of a given skeleton whose left and right differ by `difference`, of the logarithms."""
     return (
-        f"left and right of the skeleton differ by {100 * difference:.1f} % on average, more than a body's do: "
-        "taken for guesses, so calibration begins with their mean; calibrate: false keeps them"
+        f"left and right of the skeleton differ by {100 * difference:.1f} % on average, more than in a body: "
+        "calibration starts with their mean; set calibrate: false to keep the given lengths"
     )
 
 
 def calibration_figures(calibration: Calibration, enabled: bool, person: str = "") -> dict[str, str]:
-    """For /diagnostics: off, learning or final; motion seen, the least certain length, and each length's change.
+    """Figures for /diagnostics: off, learning or final; motion used, the least certain length, and the change of each
+    length.
 
-    enabled: the parameter calibrate; person: the id, empty when one person is followed.
+    enabled: the parameter calibrate; person: the id, empty if one person is followed.
     """
     title = f"{person} calibration" if person else "calibration"
     state = "final" if calibration.frozen else "learning" if enabled else "off"

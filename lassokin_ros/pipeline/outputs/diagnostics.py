@@ -1,4 +1,4 @@
-"""What the node says of itself once a second: level, sentence, and figures with units."""
+"""The node's status once per second: level, sentence, and figures with units."""
 
 from __future__ import annotations
 
@@ -22,25 +22,27 @@ from lassokin_ros.pipeline.settings import MESSAGE
 from msg_adapters.output_messages.builders import ERROR, OK, WARN, StatusLine
 
 SILENCE_S = 2.0
-"""s: keypoints that stay away this long are worth a warning."""
+"""s: a longer period without keypoints is a warning."""
 PAST_S = 3600.0
-"""s: stamps that lie further in the past are of another clock."""
+"""s: stamps further in the past are considered those of another clock."""
 UNUSED_SHARE = 0.02
 """Share of the messages that may be overtaken or lost without a warning."""
 FROZEN_S = 1.0
-"""s: so are the same keypoints again and again for longer than this."""
+"""s: repeated keypoints for a longer time are a warning."""
 TURNOVER = 2
-"""People may come, and as many leave, in one period: more are a detector that numbers people anew in each image."""
+"""Number of people that may come, and leave, in one period. More are a sign of a detector that numbers people anew in
+each image."""
 NOT_SEEN = Rejection.TOO_FEW_LANDMARKS.value
 NO_BODY = 0.06
-"""Of the height: keypoints that are farther than this from the best body are none; detectors are off by 2 %."""
+"""As a fraction of the height: keypoints farther than this from the best body do not belong to it; detectors are off by
+2 %."""
 
 
 class Diagnostics:
-    """Gathers figures over one period and makes the status of them; times are seconds of a steady clock."""
+    """Collects figures over one period and makes its status. Times are s of a steady clock."""
 
     def __init__(self, pipeline: Pipeline, name: str, now: float) -> None:
-        """name: the node's."""
+        """name: name of the node."""
         self._pipeline = pipeline
         self._name = name
         self._since = now
@@ -63,23 +65,23 @@ class Diagnostics:
 
     @property
     def camera_came(self) -> bool:
-        """True when there was a camera_info, of whatever use."""
+        """True if a camera_info has been received, usable or not."""
         return self._camera_at is not None
 
     @property
     def keypoints_came(self) -> bool:
-        """The same of keypoints."""
+        """True if keypoints have been received."""
         return self._keypoints_at is not None
 
     def saw_camera(self, now: float) -> None:
-        """A camera_info has come."""
+        """Count a received camera_info."""
         self._camera_at = now
 
     def saw_message(self, frames: Sequence[FrameResult], arrival_ns: int, now: float, callback_s: float) -> None:
-        """A keypoint message was worked on; frames: what it gave, none when nobody was there.
+        """Count a processed keypoint message.
 
-        arrival_ns: ns, of the clock that stamps messages; callback_s: s, from the message's arrival in the callback to
-        the last output.
+        frames: its results, none if nobody was there. arrival_ns: ns, of the clock that stamps messages; callback_s: s,
+        from the message's arrival in the callback to the last output.
         """
         self._keypoints_at = now
         self._repeated_s = repeated_s(frames)
@@ -94,10 +96,10 @@ class Diagnostics:
             self._misfits.append(max(_misfit(frame) for frame in accepted))
 
     def line(self, now: float, presence: Presence | None = None, concern: str = "") -> StatusLine:
-        """The status of the period since the last call, which ends it.
+        """Return the status of the period since the last call, and start a new one.
 
-        presence: who is there by now, where another time has passed than the messages tell; concern: what else is
-        worth a warning, empty for nothing.
+        presence: the present people, if more time has passed than the messages show; concern: a further reason for a
+        warning, empty if there is none.
         """
         presence = presence or Presence(self._pipeline.status, self._pipeline.ids)
         period = max(now - self._since, 1e-3)
@@ -113,7 +115,7 @@ class Diagnostics:
         if not pipeline.enabled:
             return OK, "disabled by ~/set_enabled"
         if pipeline.camera_fault:
-            kept = "; the last good one stays in use" if pipeline.has_camera else ""
+            kept = "; the last good one is used" if pipeline.has_camera else ""
             return ERROR, f"camera_info refused: {pipeline.camera_fault}{kept}"
         if not pipeline.has_camera:
             return WARN, "waiting for camera_info"
@@ -123,8 +125,8 @@ class Diagnostics:
             return WARN, "; ".join(filter(None, [f"no keypoints for more than {SILENCE_S:g} s", concern]))
         if self._repeated_s > FROZEN_S:
             return WARN, (
-                f"keypoints are frozen: the same ones for more than {FROZEN_S:g} s; does the camera's image move, and "
-                "does the detector get it?"
+                f"keypoints are frozen: the same ones for more than {FROZEN_S:g} s; check that "
+                "the camera's image changes and reaches the detector"
             )
         suspicion = "" if pipeline.camera.view is None else pipeline.camera.suspicion
         possible = (
@@ -145,7 +147,7 @@ class Diagnostics:
         return level, "; ".join([NOBODY if nobody else status.value, *concerns])
 
     def _past(self) -> str:
-        """What to look at if the stamps are of another clock than the node's; empty if they are not."""
+        """Return advice if the stamps are of another clock than the node's; else empty."""
         if not self._delays or float(np.median(self._delays)) < PAST_S:
             return ""
         return (
@@ -154,32 +156,32 @@ class Diagnostics:
         )
 
     def _beyond(self, recent: Counter[str]) -> str:
-        """What to look at where most of a period's keypoints left the image; empty where they did not."""
+        """Return advice if most keypoints of the period were outside the image; else empty."""
         if (view := self._pipeline.camera.view) is None or 2 * recent[OUTSIDE_IMAGE] <= recent["received"]:
             return ""
         width, height = view.size
         return (
-            f"keypoints lie outside the image of {width} x {height} px that camera_info speaks of: are they pixels of "
-            "the raw image, in its full size?"
+            f"keypoints lie outside the image of {width} x {height} px of camera_info: check that they are "
+            "pixels of the raw image at full resolution"
         )
 
     def _no_body(self) -> str:
-        """What to look at where a period's keypoints are no body's; empty where they are one's."""
+        """Return advice if the keypoints of the period do not fit a body; else empty."""
         if not self._misfits or float(np.median(self._misfits)) < NO_BODY:
             return ""
         config, height = self._pipeline.tracker.config, self._pipeline.tracker.skeleton.height
         return (
-            f"keypoints are more than {NO_BODY * height:.2f} m off the best body: does the detector count landmarks "
-            f"as `landmarks: {config.landmarks}` says, and in pixels of the raw image?"
+            f"keypoints are more than {NO_BODY * height:.2f} m off the best body: check that the detector's landmarks "
+            f"are those of `landmarks: {config.landmarks}`, in pixels of the raw image"
         )
 
     def _turnover(self, recent: Counter[str]) -> str:
-        """What to look at where people came and left faster than people do; empty where they did not."""
+        """Return advice if people came and left faster than people do; else empty."""
         config, changed = self._pipeline.config, min(recent["people come"], recent["people left"])
         if changed <= TURNOVER or recent["resets"] or config.topic_per_body or config.person_ids != MESSAGE:
             return ""
         return (
-            "people come and leave within a second: do the message's person numbers change from image to image? Then "
+            "people come and leave within a second: if the message's person numbers change from image to image, "
             "set person_ids to node"
         )
 
@@ -194,8 +196,8 @@ class Diagnostics:
             return pipeline.depth.fault
         if recent[UNMATCHED] > recent[MATCHED]:
             return (
-                "most keypoint messages had no depth image of their time: do both carry the stamp of the camera, and "
-                "do depth images arrive before the keypoints?"
+                "most keypoint messages had no depth image of their time: check that both have the stamp of the "
+                "camera, and that depth images arrive before the keypoints"
             )
         return ""
 
@@ -204,7 +206,7 @@ class Diagnostics:
 
     def _figures(self, now: float, period: float, recent: Counter[str], presence: Presence) -> dict[str, str]:
         counts = self._pipeline.counts
-        followed = presence.status is Status.TRACKING  # of somebody lost the last figures are no news
+        followed = presence.status is Status.TRACKING  # the last figures of a lost person are no news
         values = {
             "state": presence.status.value,
             "input rate [Hz]": f"{recent['received'] / period:.2f}",
@@ -242,7 +244,9 @@ class Diagnostics:
 
 
 def _misfit(frame: FrameResult) -> float:
-    """Of the height: how far the keypoints of an accepted frame are from its body's landmarks, at its distance."""
+    """As a fraction of the height: distance of the keypoints of an accepted frame from its body's landmarks, at its
+    distance.
+    """
     estimate = frame.estimate
     assert estimate is not None and estimate.state is not None and frame.lens is not None and frame.skeleton is not None
     depth = float(estimate.state.translation[2])
@@ -250,7 +254,7 @@ def _misfit(frame: FrameResult) -> float:
 
 
 def _unused(recent: Counter[str]) -> str:
-    """Return why messages of a period were not used; empty if all were. The numbers are among the figures."""
+    """Return why messages of a period were not used; empty if all were. The figures contain the numbers."""
     refused = {key.partition(": ")[2]: n for key, n in recent.items() if key.startswith("rejected: ")}
     if NOT_SEEN in refused:
         refused[NOT_SEEN] -= recent[NOBODY]

@@ -1,4 +1,4 @@
-"""How the TF frames, URDF links and URDF joints of a person are called."""
+"""Names of a person's TF frames, URDF links and URDF joints."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lassokin_ros.pipeline.settings import NodeSettings
 class Naming:
     """Names of one person's frames and joints.
 
-    prefix: of frames and links. body_id: the person's id under REP-155, which allows no prefix: names end with it.
+    prefix: of frames and links. body_id: the person's id under REP-155, which allows no prefix; the names end with it.
     """
 
     prefix: str = ""

@@ -9,10 +9,10 @@ TRACKING, LOST, NOBODY = "tracking", "lost", "nobody"
 
 
 class PresenceState:
-    """Turns the presence of people into a state, and tells when it changes.
+    """Derives the state from the presence of people, and detects its changes.
 
-    tracking: somebody was tracked less than `lost_after` ago. lost: nobody was, but somebody is remembered: for
-    `forget_after` since the last frame. nobody: otherwise.
+    tracking: somebody was tracked less than `lost_after` ago. lost: nobody was, but the last frame of a person is less
+    than `forget_after` ago. nobody: otherwise.
     """
 
     def __init__(self) -> None:

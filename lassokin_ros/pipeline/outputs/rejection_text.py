@@ -1,4 +1,4 @@
-"""Why the tracker did not use a frame, in words with the frame's own numbers."""
+"""The reason why the tracker did not use a frame, in words with the frame's numbers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lassokin_ros.core.tracker import SMALLEST
 
 
 def rejection_text(answer: Estimate, observation: Observation, config: TrackerConfig) -> str:
-    """One line on a rejected answer to an observation: what was wrong, what was expected, what to do."""
+    """One line about a rejected observation: what was wrong, what was expected, what to do."""
     assert answer.rejection is not None
     return _WORDS[answer.rejection](answer, observation, config)
 
@@ -25,19 +25,19 @@ def _too_few_landmarks(_: Estimate, observation: Observation, config: TrackerCon
     count, expected = np.count_nonzero(seen), f"expected {config.min_landmarks} or more (min_landmarks)"
     found = f"{count} landmark{'' if count == 1 else 's'} at or above min_confidence {config.min_confidence:g}"
     if count >= config.min_landmarks:
-        return f"{found}, but some of them far from where they were going; {expected} that can be believed"
+        return f"{found}, but some of them are far from their tracks; {expected} near them"
     confident = observation.confidence >= max(config.min_confidence, 1e-9)
     aside = np.count_nonzero(confident & np.isfinite(observation.points).all(axis=1) & ~seen)
     if aside:
-        return f"{found}, besides {aside} that no camera sees; {expected}: is camera_info the keypoints' camera's?"
+        return f"{found}, and {aside} outside any field of view; {expected}: check that camera_info is of this camera"
     return f"{found}; {expected}"
 
 
 def _too_small(_: Estimate, observation: Observation, config: TrackerConfig) -> str:
     return (
         "the body that fits best would be smaller than the noise, or behind the camera; expected "
-        f"{SMALLEST * config.noise_px:g} px ({SMALLEST:g} noise_px) or more: are the keypoints px, is camera_info "
-        "their camera's?"
+        f"{SMALLEST * config.noise_px:g} px ({SMALLEST:g} noise_px) or more: check that the keypoints are in px, "
+        "and that camera_info is of their camera"
     )
 
 
@@ -50,14 +50,14 @@ def _not_certified(answer: Estimate, observation: Observation, config: TrackerCo
 
 
 def _old_stamp(_: Estimate, observation: Observation, config: TrackerConfig) -> str:
-    return "the stamp is not newer than the last one; expected one that is: do two detectors use one topic?"
+    return "the stamp is not newer than the last one; expected a newer one: check for two detectors on one topic"
 
 
 def _not_finite(_: Estimate, observation: Observation, config: TrackerConfig) -> str:
     low, high = FOCAL_RANGE
     return (
         f"the stamp is {observation.stamp:g} s, the focal length {observation.focal:g} px; expected finite numbers, "
-        f"and {low:g} to {high:g} px: look at the stamp and at camera_info's K"
+        f"and {low:g} to {high:g} px: check the stamp and K of camera_info"
     )
 
 

@@ -1,4 +1,4 @@
-"""Names, frames and joints of REP-155, as far as they can be had from this skeleton; docs/rep155.md says what cannot.
+"""Names, frames and joints of REP-155, as far as this skeleton has them; docs/rep155.md lists the rest.
 
 Frames and joints of a body end with `_<id>`. REP-155 names fifteen frames below `body_<id>`; their axes are those of
 the package human_description: x to the front and z up for a person who stands with hanging arms.
@@ -40,7 +40,7 @@ JOINTS: dict[str, tuple[str, float]] = {
 
 
 def suffix(person: str) -> str:
-    """Return what ends the names of a person's frames and joints."""
+    """Return the suffix of a person's frames and joints."""
     return f"_{person}"
 
 

@@ -1,8 +1,8 @@
-"""robot_description of one body, anew when the base frame or the bones are no longer what was published.
+"""robot_description of one body, published again if the base frame or the bones have changed.
 
-The promise: at every frame the newest description and joint_states reproduce joints, to LARGEST_ERROR. Calibration
-changes the lengths five times in the first second, later once a second and not for ever; no description comes more
-often than that.
+At every frame, the newest description and joint_states reproduce `joints` with an error of at most LARGEST_ERROR.
+Calibration changes the lengths five times in the first second, later once per second until it ends; descriptions are
+not published more often.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from msg_adapters.backends import Backend
 from msg_adapters.output_messages.builders import StringBuilder
 
 LARGEST_ERROR = 1e-4
-"""m: a joint may be off by this much before the description is published anew."""
+"""m: largest error of a joint before the description is published again."""
 
 
 class RobotDescription:
-    """Makes the message when it is due, and remembers what has been said."""
+    """Makes the message when it is due, and stores the published one."""
 
     def __init__(self, backend: Backend, skeleton: Skeleton, base_frame: str, naming: Naming = Naming()) -> None:
         """base_frame: for messages without frame_id; naming: of the links and joints."""
@@ -32,16 +32,17 @@ class RobotDescription:
         self._naming = naming
         self._base_frame: str | None = None
         self._skeleton: Skeleton | None = None
-        self._same: Skeleton | None = None  # compared already
+        self._same: Skeleton | None = None  # compared before
 
     def first(self) -> Any:
-        """Of the given skeleton, before any frame. Raises SkeletonError when the base frame cannot be one."""
+        """Return the message for the given skeleton, before any frame. Raises SkeletonError for an impossible base
+        frame.
+        """
         return self._say(self._fallback, self._given)
 
     def follow(self, frame: FrameResult) -> Any | None:
-        """The message that an accepted frame makes necessary, or None.
-
-        Raises SkeletonError, once, for a frame_id that is a link's name.
+        """Return the message that an accepted frame requires, or None. Raises SkeletonError, once, if frame_id is a
+        link's name.
         """
         skeleton = frame.skeleton or self._given
         base_frame = frame.frame_id or self._base_frame or self._fallback
@@ -63,6 +64,6 @@ class RobotDescription:
 
 
 def farthest_move(one: Skeleton, other: Skeleton) -> float:
-    """m: how far, at most and in any pose, a joint of two skeletons on one tree is apart, root on root."""
+    """Largest distance in m, in any pose, of a joint between two skeletons with the same tree, root on root."""
     bones = np.linalg.norm(one.offsets - other.offsets, axis=1)
     return float((one.ancestors @ bones).max())

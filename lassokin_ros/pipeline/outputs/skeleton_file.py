@@ -1,4 +1,4 @@
-"""A calibrated skeleton as a YAML file that the parameter `skeleton` takes."""
+"""A calibrated skeleton as a YAML file for the parameter `skeleton`."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from lassokin_ros.core.yaml_files import SUFFIXES
 from lassokin_ros.pipeline.outputs.calibration_status import length_changes
 
 LEAST_MOTION = 1.0
-"""s of motion that calibration has to have seen before its skeleton is worth a file."""
+"""s of motion that calibration must have used before its skeleton is saved."""
 
 
 def check_skeleton_file(path: Path, several: bool, replace: bool) -> None:
-    """Raise SkeletonError when no skeleton could be saved at `path`: said before the work rather than after it.
+    """Raise SkeletonError if no skeleton can be saved at `path`. Call it before the work.
 
-    several: each of several people has a file, the id added; replace: one that is there gives way.
+    several: one file per person, with the id in the name; replace: an existing file may be replaced.
     """
     if path.suffix.lower() not in SUFFIXES:
         raise SkeletonError(f"'{path}' is no name for a skeleton; expected one that ends in {' or '.join(SUFFIXES)}")
     path = Path(os.path.expanduser(path))
-    if not path.parent.exists():  # it will be made
+    if not path.parent.exists():  # the folder will be created
         return
     for file in files_of_people(path.parent, path.stem, path.suffix) if several else [path]:
         refuse_existing(file, replace, SkeletonError)
@@ -37,11 +37,11 @@ def check_skeleton_file(path: Path, several: bool, replace: bool) -> None:
 def save_all(
     calibrations: Mapping[str, Calibration], path: Path, now_ns: int, files: AtomicFiles | None = None
 ) -> list[Path]:
-    """Write a file for everybody who has been calibrated, `~` resolved, all or none; the paths.
+    """Write a file for each calibrated person, all or none, and return the paths (with `~` resolved).
 
-    calibrations: by id, an empty one where one person is followed; now_ns: ns since 1970, for the comment; files: the
-    set of which they are to be some. Raises SkeletonError (or what `files` does) when a file cannot be written, or
-    nobody has been calibrated; a file that was there before then stays as it was.
+    calibrations: by id, an empty id if one person is followed; now_ns: ns since 1970, for the comment; files: the set
+    of files to which they are added. Raises SkeletonError (or the error of `files`) if a file cannot be written, or
+    nobody is calibrated. An existing file is then kept.
     """
     if not calibrations:
         raise SkeletonError("nothing has been calibrated: nobody is there")
@@ -52,7 +52,7 @@ def save_all(
 
 
 def _calibrated_text(calibration: Calibration, now_ns: int) -> str:
-    """What calibration knows by now. Raises SkeletonError when nothing has been calibrated."""
+    """Return the calibrated skeleton and its comment. Raises SkeletonError if nothing is calibrated."""
     if calibration.moved < LEAST_MOTION:
         raise SkeletonError(
             f"nothing has been calibrated: {calibration.moved:.1f} s of motion seen, expected {LEAST_MOTION:g} or "
@@ -73,7 +73,7 @@ def _calibrated_text(calibration: Calibration, now_ns: int) -> str:
 
 
 def skeleton_text(skeleton: Skeleton, comments: Sequence[str] = ()) -> str:
-    """A skeleton in the YAML form that `Skeleton.load` reads, in metres."""
+    """Return a skeleton in the YAML format of `Skeleton.load`, in metres."""
     lines = [f"# {comment}" for comment in comments]
     lines += [f"name: {_quoted(skeleton.name)}", "height_unit: metre", "joints:"]
     for joint, name in enumerate(skeleton.joint_names):
@@ -86,27 +86,30 @@ def skeleton_text(skeleton: Skeleton, comments: Sequence[str] = ()) -> str:
 
 
 def write_text(path: Path, text: str) -> Path:
-    """Write a file whole or not at all, its folder too; the path, `~` resolved. SkeletonError when it is impossible."""
+    """Write a file completely or not at all, and its folder.
+
+    Returns the path with `~` resolved. Raises SkeletonError.
+    """
     with AtomicFiles(replace=True, error=SkeletonError) as files:
         return _write(path, text, files)
 
 
 def _write(path: Path, text: str, files: AtomicFiles) -> Path:
-    """The same as one of `files`."""
+    """Write the file as one of `files`."""
     try:
         path = path.expanduser()
         path.parent.mkdir(parents=True, exist_ok=True)
         files.write_text(path, text)
     except LassokinError:
         raise
-    except (OSError, ValueError, RuntimeError) as problem:  # no name in the path, no home for `~`
+    except (OSError, ValueError, RuntimeError) as problem:  # the path has no name, or `~` has no home directory
         reason = getattr(problem, "strerror", None) or problem
         raise SkeletonError(f"'{path}' cannot be written: {reason}") from None
     return path
 
 
 def for_person(path: Path, person: str) -> Path:
-    """The path of one of several people's files: the id at the end of its name."""
+    """Return the path of one of several people's files: the id is added to its name."""
     return path.with_name(f"{path.stem}_{person}{path.suffix}") if person and path.name else path
 
 
@@ -115,5 +118,5 @@ def _date(now_ns: int) -> str:
 
 
 def _quoted(text: str) -> str:
-    """A YAML string; JSON's are."""
+    """Return a YAML string; JSON strings are valid YAML."""
     return json.dumps(text)

@@ -21,7 +21,7 @@ from lassokin_ros.pipeline.outputs import rep155
 from lassokin_ros.pipeline.outputs.naming import Naming
 
 _AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
-_TURNS = 200 * np.pi  # rad: published angles are unwrapped, a spinning dancer's grow
+_TURNS = 200 * np.pi  # rad: published angles are continuous and grow with each turn
 _REACH = 1000.0  # m
 _COLOURS = {"left": "0.20 0.45 0.75 1", "right": "0.80 0.35 0.25 1", "": "0.55 0.55 0.58 1"}
 
@@ -74,7 +74,7 @@ def has_prefix(text: str, prefix: str) -> bool:
 
 
 def check_names(skeleton: Skeleton) -> None:
-    """Raise SkeletonError where two joints or two links of the URDF would have one name, which is then no URDF."""
+    """Raise SkeletonError if two joints or two links of the URDF would have the same name."""
     for kind, names in (("joints", joint_names(skeleton)), ("links", _link_names(skeleton))):
         name, count = Counter(names).most_common(1)[0]
         if count > 1:
@@ -85,7 +85,7 @@ def check_names(skeleton: Skeleton) -> None:
 
 
 def _link_names(skeleton: Skeleton) -> list[str]:
-    """Of the body, without a prefix, and of a few links that there could be."""
+    """Names of all links of the body without a prefix, including some that may be added."""
     return [*skeleton.joint_names, *(f"{name}_link" for name in joint_names(skeleton))]
 
 
@@ -140,7 +140,7 @@ def _add_joint(
 
 
 def _add_visuals(link: ElementTree.Element, skeleton: Skeleton, index: int) -> None:
-    """A ball at the joint and a rod along each bone that leaves it; a ball for a head above a joint of that name."""
+    """A sphere at the joint and a cylinder along each of its bones; a sphere for a head above a joint of that name."""
     height, name = skeleton.height, skeleton.joint_names[index]
     _add_shape(link, name, np.zeros(3), (0.0, 0.0), "sphere", radius=0.02 * height)
     if name == "head":
@@ -150,7 +150,7 @@ def _add_visuals(link: ElementTree.Element, skeleton: Skeleton, index: int) -> N
         length = float(np.linalg.norm(bone))
         if length < 1e-6:
             continue
-        # A cylinder lies along its z axis: pitch, then yaw, turn z to the bone.
+        # a cylinder's axis is z: pitch, then yaw, rotate z to the bone
         direction = float(np.arccos(np.clip(bone[2] / length, -1, 1))), float(np.arctan2(bone[1], bone[0]))
         radius = float(np.clip(0.12 * length, 0.008 * height, 0.025 * height))
         side = skeleton.joint_names[child]

@@ -1,4 +1,4 @@
-"""Joint states of one person: continuous angles and velocities, computed for the frames that are asked for."""
+"""Joint states of one person: continuous angles and velocities, computed for requested frames only."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Moment(NamedTuple):
 
 
 class JointStates:
-    """Reads angles that are continuous from one frame to the next frame that is asked for."""
+    """Reads angles that are continuous from one requested frame to the next."""
 
     def __init__(self, axes: Sequence[str]) -> None:
         """axes: see JointAngleReader."""

@@ -85,7 +85,7 @@ class SinglePersonTracker:
             lost = self._person.status_at(stamp_ns) is Status.LOST and not self._is_trackable(found)
             if not lost:
                 return found
-        return self._select_anew(keypoints, lens)
+        return self._select_person(keypoints, lens)
 
     def _absence(self, image: PeopleImage, found: Detection) -> str:
         """Return the explanation for a message that shows other people only; empty if that is not the case.
@@ -101,9 +101,11 @@ class SinglePersonTracker:
         others = len(np.unique(keypoints.persons[confident]))
         if not others:
             return ""
-        who = f"person {self._number} is not among" if image.persistent else "nobody is near the predicted position, of"
+        who = f"person {self._number} is not" if image.persistent else "nobody is near the predicted position"
         waits = f"another person is followed after lost_after {config.lost_after:g} s"
-        return f"one person is followed, and {who} the {others} in the message; {waits} (see person_ids, max_people)"
+        return (
+            f"one person is followed, and {who} among the {others} in the message; {waits} (see person_ids, max_people)"
+        )
 
     def _find_again(self, image: PeopleImage) -> Detection:
         """Return the detection of the tracked person: by a persistent number, else by position."""
@@ -111,7 +113,7 @@ class SinglePersonTracker:
         if not image.persistent:
             return self._nearest(detections_by_person(keypoints, self._count, lens), stamp_ns)
         if self._number is None:
-            return self._select_anew(keypoints, lens)
+            return self._select_person(keypoints, lens)
         assert keypoints.persons is not None
         numbers = frozenset(keypoints.persons[keypoints.present].tolist())
         if self._number not in numbers and (strangers := numbers - self._bystanders):
@@ -124,7 +126,7 @@ class SinglePersonTracker:
             self._bystanders = numbers - {self._number}
         return detection(keypoints, self._number, self._count, lens)
 
-    def _select_anew(self, keypoints: Keypoints, lens: Lens) -> Detection:
+    def _select_person(self, keypoints: Keypoints, lens: Lens) -> Detection:
         """Return the detection with the highest total confidence. Trackable detections have priority."""
         assert keypoints.persons is not None
         people, index = np.unique(keypoints.persons, return_inverse=True)

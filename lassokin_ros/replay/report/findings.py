@@ -220,7 +220,7 @@ def _repeated(facts: Facts) -> Iterator[Finding]:
         )
 
 
-def _found_anew(facts: Facts) -> Iterator[Finding]:
+def _reinitialised(facts: Facts) -> Iterator[Finding]:
     for person in facts.people:
         times = [row.time for row in facts.accepted(person) if row.initialised]
         if len(times) > 1:
@@ -313,7 +313,7 @@ RULES: tuple[Callable[[Facts], Iterator[Finding]], ...] = (
     _place,
     _upside_down,
     _gaps,
-    _found_anew,
+    _reinitialised,
     _rate,
     _repeated,
     _people,

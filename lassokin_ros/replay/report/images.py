@@ -13,7 +13,10 @@ LONGEST_SIDE = 640
 QUALITY = 70
 """Of the JPEG."""
 MOST, BUDGET = 300, 6_000_000
-"""Largest number of images, and bytes before base64 (which adds a third). Beyond either, every second image goes."""
+"""Largest number of images, and bytes before base64 (which adds a third).
+
+Above either, every second image is removed.
+"""
 
 
 class ReportImages:

@@ -1,4 +1,4 @@
-"""The lengths of a skeleton: which bones each of them scales, and how much of the stature it is."""
+"""The lengths of a skeleton: the bones that each one scales, and its share of the stature."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from lassokin_ros.core.body.skeleton import Skeleton
 
 @pytest.fixture(scope="module")
 def all_lengths():
-    """Proportions of the built-in body of which every joint is seen."""
+    """Proportions of the built-in body with all joints visible."""
     return Proportions(body("smpl24"))
 
 
@@ -24,7 +24,7 @@ def chain(*joints, seen):
     return Proportions(Kinematics(skeleton, layout))
 
 
-def test_every_length_scales_its_own_bones_and_no_other(all_lengths):
+def test_each_length_scales_its_own_bones_only(all_lengths):
     assert set(all_lengths.names) == {*PAIRS, *MIDDLE} and all_lengths.count == 13
     given = all_lengths.given
     assert np.allclose(all_lengths.parts.sum(axis=0), given.offsets)  # each component belongs to one length
@@ -48,7 +48,7 @@ def test_log_lengths_scale_by_their_exponential(all_lengths):
 
 
 def test_the_shares_of_the_stature_are_its_derivative(all_lengths):
-    """Stature at rest: from the lowest joint's height to the highest's, along the tree."""
+    """Stature at rest: from the lowest joint to the highest one, along the tree."""
 
     def log_stature(lengths):
         height = all_lengths.skeleton(lengths).rest_positions[:, 1]
@@ -72,7 +72,7 @@ def test_the_joints_jacobian_is_the_derivative_of_their_centres(all_lengths):
     assert relative_error(actual.reshape(-1, 13), expected) < 1e-8
 
 
-def test_unknown_joints_have_a_length_by_kind_and_unseen_ones_none():
+def test_unknown_joints_have_a_length_by_kind_and_invisible_ones_none():
     tail = ("tail", "pelvis", (0, -0.2, -0.3))
     wings = [(f"{side}_wing", "pelvis", (x, 0.4, 0)) for side, x in (("left", 0.5), ("right", -0.5))]
     antenna = ("antenna", "left_wing", (0.5, 0.6, 0))

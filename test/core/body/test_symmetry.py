@@ -1,4 +1,4 @@
-"""Left and right by name, and the symmetry of lengths: every value worked out by hand."""
+"""Left and right by name, and the symmetry of lengths, with values computed by hand."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ PARENTS = (-1, 0, 0, 1, 2, 0, 5, 5, 5)
 
 
 def creature(**lengths):
-    """Bones of 0.4 m along an axis of their own kind, but for those that are named."""
+    """Bones of 0.4 m, each along the axis of its kind, except the named ones."""
     offsets = np.zeros((9, 3))
     for joint, name in enumerate(NAMES[1:], 1):
         offsets[joint, joint % 3] = lengths.get(name, 0.4)
@@ -33,11 +33,11 @@ def creature(**lengths):
         ("upright", "upright"),
     ],
 )
-def test_the_other_side_of_a_name(name, other):
+def test_the_other_side_of_a_name_is_found(name, other):
     assert other_side(name) == other
 
 
-def test_both_limbs_of_a_pair_are_one_group_and_the_trunk_is_none():
+def test_both_limbs_of_a_pair_form_a_group_and_the_trunk_does_not():
     # A limb's group is the number of the first joint of the pair; what hangs on a limb belongs to it.
     assert limb_groups(creature()).tolist() == [-1, 1, 1, 1, 1, -1, 6, 6, -1]
 

@@ -1,4 +1,4 @@
-"""The camera's mount from TF on real DDS: a head that nods, and TF that does not connect. Needs tf2_msgs."""
+"""The camera's mount from TF on real DDS: a head that nods, and frames that are not connected. Needs tf2_msgs."""
 
 import pytest
 
@@ -48,7 +48,7 @@ def test_the_mount_follows_a_nodding_head():
     assert len(lines) == 1 and "[INFO]" in lines[0] and f"follows TF over '{BASE}'" in lines[0], node.said
 
 
-def test_tf_that_does_not_connect_is_one_warning():
+def test_frames_that_are_not_connected_are_one_warning():
     namespace = "/apart"
     with NodeProcess(namespace, "-p", f"camera_mount_frame:={BASE}") as node, Peer(namespace, outputs=False) as peer:
         robot = Robot(peer, ("another_head", FRAME, OPTICAL))

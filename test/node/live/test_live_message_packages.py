@@ -33,7 +33,7 @@ def send_until(peer, send, condition, what):
 
 
 @pytest.mark.parametrize("kind", ["vision_msgs/msg/Detection3DArray", "people_msgs/msg/People"])
-def test_people_in_the_message_of_a_follower(kind):
+def test_people_are_published_in_each_message_type(kind):
     package, _, name = kind.split("/")
     needs(package)
     namespace, output = f"/{package}", topics.people_output(kind)
@@ -64,7 +64,7 @@ def test_people_in_the_message_of_a_follower(kind):
     assert "Traceback" not in node.said
 
 
-def test_keypoints_of_yolo_ros():
+def test_keypoints_of_yolo_ros_are_tracked():
     needs("yolo_msgs")
     detector_messages = pytest.importorskip("detector_messages")
     namespace = "/yolo"

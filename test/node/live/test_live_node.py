@@ -345,7 +345,7 @@ def test_no_output_before_a_usable_camera_info():
         # A later invalid camera_info does not replace the good one.
         peer.send_camera(k=np.zeros(9))
         status = peer.next_diagnostics(lambda s: s.level == ERROR)
-        assert "stays in use" in status.message
+        assert "last good one is used" in status.message
         outputs = len(peer.got[topics.JOINT_STATES])
         peer.spin_until(lambda: [send_next(peer)] and len(peer.got[topics.JOINT_STATES]) > outputs)
     assert "camera is not calibrated" in node.said

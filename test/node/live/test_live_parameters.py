@@ -28,7 +28,7 @@ class Parameters:
         return sorted(self.answer(self.client.list_parameters([], 0)).result.names)
 
     def dump(self, file):
-        """Write what `ros2 param dump` writes; return the values by name."""
+        """Write the output of `ros2 param dump`; return the values by name."""
         names = self.names()
         values = map(parameter_value_to_python, self.answer(self.client.get_parameters(names)).values)
         found, nested = dict(zip(names, values)), {}
@@ -43,14 +43,14 @@ class Parameters:
         return found
 
     def load(self, file):
-        """Do what `ros2 param load` does; return the reasons of what failed."""
+        """Do the same as `ros2 param load`; return the reasons of failures."""
         results = self.answer(self.client.load_parameter_file(str(file))).results
         assert results
         return [result.reason for result in results if not result.successful]
 
 
 def test_a_dump_can_be_loaded(tmp_path):
-    """Also with settings that are read at the start, a policy, and `off`, which is a bool in YAML."""
+    """Also with settings that are read at the start, a QoS policy, and `off`, which is a bool in YAML."""
     namespace, file = "/dumped", tmp_path / "tracker.yaml"
     given = "-p", "height:=1.62", "-p", "max_people:=2", "-p", f"{OVERRIDE}.reliability:=reliable"
     with NodeProcess(namespace, *given) as node, Peer(namespace, outputs=False) as peer:
@@ -65,12 +65,12 @@ def test_a_dump_can_be_loaded(tmp_path):
         (reason,) = parameters.load(file)
         assert "max_people" in reason and "read-only" in reason
         assert parameters.dump(file) == {**found, "height": 1.7}
-    assert node.said.count("height is now") == 1, node.said  # the dump's own height changes nothing
+    assert node.said.count("height is now") == 1, node.said  # the height of the dump is not changed
     with NodeProcess(namespace, "--params-file", str(file)), Peer(namespace, outputs=False) as peer:
         assert Parameters(peer).dump(file) == {**found, "height": 1.7}
 
 
-def test_what_is_listed_is_ours_or_rclpys(tmp_path):
+def test_listed_parameters_are_those_of_the_node_or_of_rclpy(tmp_path):
     from lassokin_ros.node.parameters import all_settings
 
     namespace = "/listed"

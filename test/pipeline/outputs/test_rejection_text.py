@@ -34,7 +34,7 @@ def spoilt(rejection, used):
             "smaller than the noise, or behind the camera; expected 6 px (3 noise_px) or more",
         ),
         Rejection.NOT_CERTIFIED: (later, "the optimum was not proved, its KKT residual is "),
-        Rejection.OLD_STAMP: (used, "the stamp is not newer than the last one; expected one that is"),
+        Rejection.OLD_STAMP: (used, "the stamp is not newer than the last one; expected a newer one"),
         Rejection.NOT_FINITE: (replace(later, focal=np.inf), "the focal length inf px; expected finite numbers"),
         Rejection.WRONG_SHAPE: (replace(later, points=later.points[:5]), "points (5, 2) and confidences (17,); "),
     }[rejection]
@@ -59,7 +59,7 @@ def test_invisible_landmarks_are_described():
     observation = replace(observation, points=1e3 * observation.points)
     said = rejection_text(tracker.track(observation), observation, CONFIG)
     assert said.startswith(
-        "0 landmarks at or above min_confidence 0.2, besides 5 that no camera sees; expected 4 or more"
+        "0 landmarks at or above min_confidence 0.2, and 5 outside any field of view; expected 4 or more"
     )
 
 
@@ -76,6 +76,4 @@ def test_enough_landmarks_far_from_their_tracks_are_described():
         answers.append(tracker.track(observation))
     assert [answer.accepted for answer in answers] == [True, True, True, False]
     said = rejection_text(answers[-1], observation, CONFIG)
-    assert said.startswith(
-        "4 landmarks at or above min_confidence 0.2, but some of them far from where they were going"
-    )
+    assert said.startswith("4 landmarks at or above min_confidence 0.2, but some of them are far from their tracks")

@@ -83,7 +83,7 @@ def test_what_prevents_tracking_comes_first(pipeline, diagnostics):
     assert said(diagnostics, 12.1, concern="and more") == (WARN, "no keypoints for more than 2 s; and more")
     assert said(diagnostics, 12.0) == (OK, "tracking")
     pipeline.camera_fault = "K is wrong"
-    assert said(diagnostics) == (ERROR, "camera_info refused: K is wrong; the last good one stays in use")
+    assert said(diagnostics) == (ERROR, "camera_info refused: K is wrong; the last good one is used")
     pipeline.has_camera = False
     assert said(diagnostics) == (ERROR, "camera_info refused: K is wrong")
     pipeline.camera_fault = ""

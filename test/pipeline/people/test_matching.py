@@ -1,4 +1,4 @@
-"""Which detection is whose: distances by hand, the assignment, and how far a person may have gone."""
+"""Matching of detections and people: distances by hand, the assignment, and how far a person may have moved."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ from msg_adapters.keypoints import Keypoints
 
 NAN = float("nan")
 BODY = np.array([[0.0, 0.0], [0.3, 0.0], [0.0, 0.4], [0.3, 0.4]])
-"""Its diagonal, the person's size, is 0.5."""
+"""The diagonal, which is the person's size, is 0.5."""
 
 
 def seen(points, confidence=None):
@@ -53,20 +53,20 @@ def test_points_without_confidence_never_count():
     assert distance(BODY, seen([*BODY[:2], [NAN, NAN], [NAN, 0]]), 0.0) == np.inf
 
 
-def test_a_person_partly_predicted_has_the_size_of_what_is():
+def test_the_size_of_a_partly_predicted_person_is_that_of_the_predicted_part():
     predicted = BODY.copy()
     predicted[3] = NAN
     assert distance(predicted, seen(BODY + [0.05, 0]), 0.2) == pytest.approx(0.1)
 
 
-def test_all_pairs_at_once():
+def test_all_pairs_are_computed_at_once():
     people = np.stack([BODY, BODY + 1])
     table = distances(people, [seen(BODY + 1), seen(BODY), seen(BODY + [0.05, 0])], 0.2)
     assert table == pytest.approx(np.array([[1, 0, 0.1], [0, 1, 1]]))
     assert distances(people, [], 0.2).shape == (2, 0) and distances(people[:0], [seen(BODY)], 0.2).shape == (0, 1)
 
 
-def test_the_assignment_of_least_total_cost_within_the_limits():
+def test_the_assignment_has_the_lowest_total_cost_within_the_limits():
     costs = np.array([[0.1, 0.2], [0.2, 0.9]])
     assert assign(costs, [1, 1]) == [(0, 1), (1, 0)]  # 0.4 in all; the nearest first would make 1.0
     assert assign(costs, [0.15, 1]) == [(0, 0), (1, 1)]
@@ -82,7 +82,7 @@ def test_a_person_may_walk_while_out_of_sight():
 
 
 @pytest.mark.parametrize(("count", "enough"), [(3, False), (4, True)])
-def test_enough_landmarks_for_a_tracker(count, enough):
+def test_a_tracker_needs_enough_landmarks(count, enough):
     config = TrackerConfig(min_landmarks=4, min_confidence=0.2)
     points = np.ones((6, 2))
     confident = np.where(np.arange(6) < count, 0.2, 0.19)
@@ -93,13 +93,13 @@ def test_enough_landmarks_for_a_tracker(count, enough):
     assert is_trackable(seen(np.ones((6, 2)), np.where(np.arange(6) < count, 0.1, 0.0)), anything) == enough
 
 
-def test_the_best_status():
+def test_the_best_status_is_selected():
     every = [Status.SEARCHING, Status.LOST, Status.TRACKING]
     assert best(every) is Status.TRACKING and best(every[:2]) is Status.LOST
     assert best(every[:1]) is Status.SEARCHING and best([]) is Status.SEARCHING
 
 
-def test_of_duplicate_detections_the_fuller_one_stays():
+def test_the_more_complete_of_duplicate_detections_is_kept():
     full, part = seen(BODY), seen(BODY + [0.05, 0], [0.5, 0.5, 0.5, 0])
     other = seen(BODY + [2 * SAME_BODY * 0.5, 0])
     assert _without_duplicates([part, full, other]) == [full, other]
@@ -115,7 +115,7 @@ def message(persons, depth=None):
     return Keypoints(1, "", ids, xy, np.full(len(ids), 0.5), np.array(persons), depth=depth, depth_of_surface=False)
 
 
-def test_detections_of_a_message():
+def test_a_message_is_split_into_detections():
     keypoints = message([7, 7, 3, 3], depth=np.array([1.0, 2, 3, NAN]))
     third, seventh = detections_by_person(keypoints, 2, LENS)
     assert (third.number, seventh.number) == (3, 7)
@@ -130,7 +130,7 @@ def test_detections_of_a_message():
     assert detection(message([7, 7]), None, 2, LENS).number == 0
 
 
-def test_as_many_people_as_a_message_may_have():
+def test_the_number_of_people_in_a_message_is_limited():
     most = [number for number in range(MOST_PEOPLE) for _ in (0, 1)]
     assert len(detections_by_person(message(most), 2, LENS)) == MOST_PEOPLE
     with pytest.raises(AdapterError, match="101 people; expected at most 100") as error:

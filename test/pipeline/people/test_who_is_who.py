@@ -1,4 +1,4 @@
-"""Births, deaths, absences and the choice of one person, with people whose tracking is pretended: each rule alone."""
+"""Appearance, departure, absence and selection of people, with simulated tracking: each rule alone."""
 
 from collections import Counter
 from types import SimpleNamespace
@@ -20,13 +20,13 @@ from msg_adapters.keypoints import Keypoints
 
 SECOND, PERIOD = 10**9, 10**8
 BODY = np.array([[0.0, 0.0], [0.3, 0.0], [0.0, 0.4], [0.3, 0.4]])
-"""Its diagonal, the person's size, is 0.5."""
+"""The diagonal, which is the person's size, is 0.5."""
 LENS = Lens(np.array([[100.0, 0, 0], [0, 100, 0], [0, 0, 1]]))
 CONFIG = TrackerConfig(min_landmarks=3, min_confidence=0.2, lost_after=1.0)
 
 
 class Pretended:
-    """Stands in for TrackedPerson: follows what it is given, unless `refuses`."""
+    """Replaces TrackedPerson: accepts each detection unless `refuses`."""
 
     def __init__(self):
         self.verticals, self.resets, self.absences = [], [], 0
@@ -68,7 +68,7 @@ class Pretended:
 
 
 class Room:
-    """A MultiPersonTracker, and messages by their number."""
+    """A MultiPersonTracker, and messages by number."""
 
     def __init__(self, places=3):
         self.counts = Counter()
@@ -76,7 +76,9 @@ class Room:
         self.tracker = MultiPersonTracker(self.people, self.counts)
 
     def see(self, index, *bodies, numbers=None, forget_after=3.0):
-        """Detections of bodies, (x, y) each or points; persistent if they have numbers. Ids of the accepted results."""
+        """Send detections of bodies, (x, y) each or points; persistent if they have numbers. Return the ids of the
+        accepted results.
+        """
         persistent = numbers is not None
         found = []
         for body, number in zip(bodies, numbers or range(len(bodies))):
@@ -91,7 +93,7 @@ class Room:
 
 @pytest.fixture(autouse=True)
 def one_by_one(monkeypatch):
-    """People are tracked one after the other in place of in a batch."""
+    """Track people one after the other instead of in a batch."""
 
     def track_batch(people, stamp_ns, frame_id, seen, lens):
         return [one.track(stamp_ns, frame_id, points, lens, name) for (name, one), points in zip(people.items(), seen)]
@@ -110,7 +112,7 @@ def partly(count):
     return points
 
 
-def test_numbers_of_a_detector_are_people_at_once(room):
+def test_each_number_of_a_detector_is_a_person_at_once(room):
     assert room.see(0, (0, 0), (5, 0), numbers=[7, 2]) == ["p7", "p2"]
     assert room.tracker.ids == ["p7", "p2"] and room.tracker.status is Status.TRACKING
     assert list(room.tracker.tracked) == ["p7", "p2"] and room.tracker.tracked_at(SECOND)
@@ -128,7 +130,7 @@ def test_a_new_number_needs_landmarks_and_a_known_one_does_not(room):
     assert room.counts["rejected: too_few_landmarks (a person)"] == 1
 
 
-def test_who_is_refused_before_the_first_track_goes_at_once(room):
+def test_a_person_rejected_before_the_first_track_is_removed_at_once(room):
     for person in room.people:
         person.refuses = True
     assert room.see(0, (0, 0), numbers=[7]) == [] and room.tracker.ids == []
@@ -138,14 +140,14 @@ def test_who_is_refused_before_the_first_track_goes_at_once(room):
 @pytest.mark.parametrize(
     ("seen_in", "born_in"), [((0, 1, 2), 2), ((0, 2, 3), 3), ((0, 2, 4), 4), ((0, 3, 4), None), ((0, 3, 4, 5), 5)]
 )
-def test_without_numbers_a_person_is_born_with_the_third_detection(room, seen_in, born_in):
-    """One message in between may miss them, two may not."""
+def test_without_numbers_a_person_appears_with_the_third_detection(room, seen_in, born_in):
+    """One message in between may miss the person, two may not."""
     born = [index for index in range(7) if room.see(index, *([(0, 0)] if index in seen_in else []))]
     assert born[:1] == ([] if born_in is None else [born_in])
     assert room.tracker.ids == ([] if born_in is None else ["p1"])
 
 
-def test_a_person_is_found_again_where_they_were_going(room):
+def test_a_person_is_found_at_the_predicted_position(room):
     for index in range(3):
         room.see(index, (0, 0), (5, 0))
     assert room.tracker.ids == ["p1", "p2"]
@@ -155,7 +157,7 @@ def test_a_person_is_found_again_where_they_were_going(room):
     assert room.see(5, (3, 0)) == []
 
 
-def test_a_second_detection_of_somebody_is_no_stranger(room):
+def test_a_duplicate_detection_is_no_new_person(room):
     for index in range(8):
         room.see(index, (0, 0), *([(0.07, 0)] if index > 2 else []))  # 0.14 of the size, below half of 0.3
     assert room.tracker.ids == ["p1"]
@@ -165,7 +167,7 @@ def test_a_second_detection_of_somebody_is_no_stranger(room):
 
 
 @pytest.mark.parametrize(("away", "kept"), [(30, True), (31, False)])
-def test_who_is_away_for_longer_than_forget_after_has_left(room, away, kept):
+def test_a_person_absent_for_longer_than_forget_after_has_left(room, away, kept):
     room.see(0, (0, 0), numbers=[7])
     room.see(away, forget_after=3.0, numbers=[])
     assert room.tracker.ids == (["p7"] if kept else [])
@@ -175,7 +177,7 @@ def test_who_is_away_for_longer_than_forget_after_has_left(room, away, kept):
         assert room.see(away + 1, (0, 0), numbers=[9]) == ["p9"]
 
 
-def test_presence_in_a_silence(room):
+def test_presence_is_updated_in_a_silence(room):
     room.see(0, (0, 0), numbers=[7])
     room.see(20, (5, 0), numbers=[8])
     for after_s, ids, status in (
@@ -190,7 +192,7 @@ def test_presence_in_a_silence(room):
 
 
 @pytest.mark.parametrize(("away", "room_made"), [(4, False), (5, True)])
-def test_who_is_away_for_half_a_second_makes_room(away, room_made):
+def test_a_person_absent_for_half_a_second_can_be_replaced(away, room_made):
     room = Room(2)
     room.see(0, (0, 0), (5, 0), numbers=[1, 2])
     for index in range(1, away):
@@ -201,7 +203,7 @@ def test_who_is_away_for_half_a_second_makes_room(away, room_made):
     assert room.counts["people left"] == room_made
 
 
-def test_the_longest_away_makes_room():
+def test_the_person_absent_for_the_longest_time_is_replaced():
     room = Room(2)
     room.see(0, (0, 0), numbers=[1])
     room.see(1, (5, 0), numbers=[2])
@@ -209,7 +211,7 @@ def test_the_longest_away_makes_room():
     assert room.tracker.ids == ["p2", "p3"]
 
 
-def test_numbers_are_never_used_again(room):
+def test_numbers_are_not_reused(room):
     room.see(0, (0, 0), numbers=[7])
     for index in range(1, 4):
         room.see(index, (0, 0), (5, 0))
@@ -221,7 +223,7 @@ def test_numbers_are_never_used_again(room):
     assert room.tracker.ids == ["p9"]
 
 
-def test_a_reset_forgets_who_was_about_to_come(room):
+def test_a_reset_forgets_unconfirmed_people(room):
     room.see(0, (0, 0))
     room.see(1, (0, 0))
     room.tracker.reset()
@@ -229,7 +231,7 @@ def test_a_reset_forgets_who_was_about_to_come(room):
     assert all(False in person.resets for person in room.people)
 
 
-def test_a_newcomer_learns_the_vertical_from_those_who_left_and_then_from_the_present(room):
+def test_a_new_person_gets_the_vertical_of_earlier_or_present_people(room):
     room.see(0, (0, 0), numbers=[1])
     room.see(1, (0, 0), (5, 0), numbers=[1, 2])
     first, second = room.people[2], room.people[1]
@@ -237,7 +239,7 @@ def test_a_newcomer_learns_the_vertical_from_those_who_left_and_then_from_the_pr
     assert idle == [room.people[0].tracker, second.tracker] and present == [first.tracker]
 
 
-def test_lost_people_are_found_a_few_at_a_time():
+def test_lost_people_are_initialised_a_few_per_message():
     room = Room(6)
     numbers, bodies = list(range(6)), [(3 * i, 0) for i in range(6)]
     assert len(room.see(0, *bodies, numbers=numbers)) == 6
@@ -248,7 +250,7 @@ def test_lost_people_are_found_a_few_at_a_time():
     assert len(room.see(21, *bodies, numbers=numbers)) == 6
 
 
-def test_who_is_not_in_the_image_is_marked_absent(room):
+def test_people_outside_the_image_are_marked_absent(room):
     room.see(0, (0, 0), numbers=[1])
     room.see(1, (5, 0), numbers=[2])
     assert room.people[2].absences == 1 and room.people[1].absences == 0
@@ -265,7 +267,7 @@ class Followed:
         self.tracker = SinglePersonTracker(self.person)
 
     def see(self, index, *people, persistent=True, points=4):
-        """x of who is followed, or the reason of the refusal."""
+        """x of the tracked person, or the reason of the rejection."""
         numbers = np.repeat([number for number, *_ in people], points)
         xy = np.concatenate([np.zeros((0, 2)), *[100 * (BODY[:points] + [x, 1]) for _, x, _ in people]])
         scores = np.repeat([score for *_, score in people], points)
@@ -282,20 +284,20 @@ def followed():
     return Followed()
 
 
-def test_the_surest_is_chosen_and_followed_by_number(followed):
+def test_the_person_with_the_highest_scores_is_selected_and_tracked_by_number(followed):
     assert followed.see(0, (4, 0.0, 0.5), (5, 2.0, 0.9), (6, 4.0, 0.7)) == 2.0
     assert followed.see(1, (4, 0.0, 0.9), (5, 2.2, 0.5)) == 2.2
     assert followed.tracker.tracked == {"": followed.person} and followed.tracker.ids is None
     assert followed.tracker.status is Status.TRACKING and followed.tracker.tracked_at(SECOND + PERIOD)
 
 
-def test_scores_above_1_and_missing_points_do_not_make_one_surer(followed):
+def test_scores_above_1_and_missing_points_do_not_increase_the_score(followed):
     assert followed.see(0, (4, 0.0, 0.95), (5, 2.0, 0.9)) == 0.0
     followed.tracker.reset()
     assert followed.see(1, (4, 0.0, 1.0), (5, 2.0, 1.9)) == 0.0  # the first of equals
 
 
-def test_a_number_that_is_gone_is_looked_for_among_strangers_only(followed):
+def test_a_person_whose_number_is_gone_is_searched_among_new_numbers(followed):
     assert followed.see(0, (4, 0.0, 0.9), (5, 0.2, 0.5)) == 0.0
     assert followed.see(1, (5, 0.0, 0.9)) == "person_absent"  # a bystander, though at the place
     assert (
@@ -306,32 +308,32 @@ def test_a_number_that_is_gone_is_looked_for_among_strangers_only(followed):
     assert followed.see(4, (7, 9.0, 0.9)) == "person_absent"
 
 
-def test_without_lasting_numbers_the_nearest_is_followed(followed):
+def test_without_persistent_numbers_the_nearest_person_is_tracked(followed):
     assert followed.see(0, (0, 0.0, 0.9), (1, 2.0, 0.5), persistent=False) == 0.0
     assert followed.see(1, (0, 2.0, 0.9), (1, 0.1, 0.5), persistent=False) == 0.1
     assert followed.see(2, (0, 2.0, 0.9), persistent=False) == "person_absent"
-    assert "nobody is near the predicted position, of the 1 in the message" in followed.detail
+    assert "nobody is near the predicted position among the 1 in the message" in followed.detail
 
 
 @pytest.mark.parametrize("persistent", [True, False])
-def test_after_a_silence_anybody_may_be_followed(followed, persistent):
+def test_any_person_may_be_tracked_after_a_silence(followed, persistent):
     assert followed.see(0, (4, 0.0, 0.9), persistent=persistent) == 0.0
     assert followed.see(10, (7, 5.0, 0.9), persistent=persistent) == "person_absent"
     assert followed.see(11, (7, 5.0, 0.9), persistent=persistent) == 5.0  # more than lost_after
 
 
-def test_people_of_low_scores_or_none_are_no_others(followed):
+def test_people_with_low_or_missing_scores_do_not_count(followed):
     assert followed.see(0, (4, 0.0, 0.9)) == 0.0
     assert followed.see(1, (7, 5.0, 0.1)) == "too_few_landmarks"
     assert followed.see(2) == "too_few_landmarks"
 
 
-def test_nobody_is_absent_before_somebody_is_followed(followed):
+def test_nobody_is_absent_before_a_person_is_tracked(followed):
     followed.person.refuses = True
     assert followed.see(0, (4, 0.0, 0.9)) == "too_few_landmarks" and followed.detail == "few"
 
 
-def test_who_can_be_tracked_comes_before_who_is_surer(followed):
+def test_a_trackable_person_has_priority_over_higher_scores(followed):
     ids, xy = np.array([0, 1, 0, 1, 2, 3]), np.vstack([100 * BODY[:2] + 100, 100 * BODY + [500, 100]])
     scores, numbers = np.array([1.0, 1, 0.4, 0.4, 0.4, 0.4]), np.array([1, 1, 2, 2, 2, 2])
     image = PeopleImage(Keypoints(1, "", ids, xy, scores, numbers), SECOND, "camera", LENS, True)
@@ -339,7 +341,7 @@ def test_who_can_be_tracked_comes_before_who_is_surer(followed):
     assert result.points[0].tolist() == [5, 1]
 
 
-def test_presence_of_one(followed):
+def test_the_presence_of_one_person_follows_the_clock(followed):
     followed.see(0, (4, 0.0, 0.9))
     assert followed.tracker.presence_at(2 * SECOND, 0.1) == Presence(Status.TRACKING)
     assert followed.tracker.presence_at(2 * SECOND + PERIOD, 0.1) == Presence(Status.LOST)

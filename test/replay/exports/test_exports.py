@@ -1,4 +1,4 @@
-"""`replay --export`: each format is read back by somebody else's reader, or by none of our code."""
+"""`replay --export`: each format is read back by an independent library, or without our code."""
 
 import csv
 import os
@@ -45,7 +45,7 @@ def tracked(recording, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def published(tracked):
-    """Positions (f, 24, 3) m and joint_states (f, 75) as the bag has them."""
+    """Positions (f, 24, 3) m and joint_states (f, 75) in the bag."""
     poses = [message.poses for _, message in read(tracked, "/tracker/joints")]
     positions = np.array([[[p.position.x, p.position.y, p.position.z] for p in frame] for frame in poses])
     return positions, np.array([message.position for _, message in read(tracked, "/tracker/joint_states")])
@@ -59,7 +59,7 @@ def bvh_positions(path):
     return {joint: places[:, index] for index, joint in enumerate(file.joint_names)}, file.frame_time
 
 
-def test_csv(tracked, published):
+def test_csv_contains_the_positions_and_angles_of_the_bag(tracked, published):
     positions, states = published
     with (tracked / "motion.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
@@ -82,7 +82,7 @@ def test_every_array_of_the_npz_is_in_the_documentation(tracked):
         assert not [name for name in file if f"`{name}`" not in page]
 
 
-def test_npz(tracked, published):
+def test_npz_contains_the_motion_of_the_bag(tracked, published):
     positions, states = published
     with np.load(tracked / "motion.npz", allow_pickle=False) as file:
         arrays = dict(file)
@@ -93,7 +93,7 @@ def test_npz(tracked, published):
     assert tuple(arrays["joint_names"]) == SKELETON.joint_names and str(arrays["frame_id"]) == "camera_optical_frame"
     found = confidence > 0
     assert np.abs(arrays["detected_px"][found] - pixels[found]).max() < 1e-3
-    # The rotations, offsets and parents belong to the positions.
+    # rotations, offsets and parents agree with the positions
     parents, offsets = arrays["joint_parents"], arrays["rest_offsets"][0]
     assert np.abs(forward(arrays["joint_rotations"], offsets, parents, arrays["translation"]) - positions).max() < 1e-9
 
@@ -109,7 +109,7 @@ def forward(rotations, offsets, parents, root):
     return np.stack(places, axis=1)
 
 
-def test_bvh_is_the_same_motion_to_another_reader(tracked, published):
+def test_bvh_is_the_same_motion_in_another_library(tracked, published):
     positions, _ = published
     found, frame_time = bvh_positions(tracked / "motion.bvh")
     assert frame_time == pytest.approx(1 / 30, abs=1e-6) and set(found) == set(SKELETON.joint_names)
@@ -118,14 +118,14 @@ def test_bvh_is_the_same_motion_to_another_reader(tracked, published):
         assert np.abs(found[SKELETON.joint_names[joint]] - to_y_up).max() < 1e-4  # 0.1 mm
 
 
-def test_bvh_gives_the_skeleton_back(tracked):
+def test_bvh_is_read_back_as_the_same_skeleton(tracked):
     again = load_skeleton(str(tracked / "motion.bvh"), 1.75)
     assert again.joint_names == SKELETON.joint_names and again.axes == SKELETON.axes
     assert np.abs(again.offsets - SKELETON.offsets).max() < 1e-8
 
 
 def test_amass_poses_are_the_same_motion(tracked, published):
-    """Axis-angle in SMPL's tree, by scipy alone: in a world with z up, x to the right of the camera, y away from it."""
+    """Axis-angle in SMPL's tree, by scipy only: in a world with z up, x to the right of the camera, y away from it."""
     positions, _ = published
     with np.load(tracked / "motion.amass.npz", allow_pickle=False) as file:
         data = dict(file)
@@ -139,7 +139,7 @@ def test_amass_poses_are_the_same_motion(tracked, published):
 
 
 def test_amass_has_the_keys_of_both_generations(tracked):
-    """As AMASS of SMPL+H and of SMPL-X have them, with their shapes; the rotations are the same."""
+    """As in AMASS for SMPL+H and for SMPL-X, with their shapes; the rotations are the same."""
     with np.load(tracked / "motion.amass.npz", allow_pickle=False) as file:
         data = dict(file)
     frames = {"root_orient": 3, "pose_body": 63, "pose_hand": 90, "pose_jaw": 3, "pose_eye": 6, "trans": 3, "dmpls": 8}
@@ -151,7 +151,7 @@ def test_amass_has_the_keys_of_both_generations(tracked):
 
 
 def test_the_world_of_a_mounted_camera_is_level(recording, tmp_path):
-    """Of a camera said to look down: up in the files is up for whoever stands before it."""
+    """With a camera configured as looking down, a standing person is vertical in the files."""
     options = ["-p", "camera_pitch:=0.4", "-p", "camera_roll:=0.3", "--export", ".amass.npz", "--export", ".bvh"]
     assert main([str(recording), "--output", str(tmp_path / "out"), *options]) == 0
     joints = read(tmp_path / "out", "/tracker/joints")
@@ -168,8 +168,8 @@ def test_the_world_of_a_mounted_camera_is_level(recording, tmp_path):
     assert np.abs(amass[:, 1] - places @ sight).max() < 1e-6 and np.abs(-bvh[:, 2] - places @ sight).max() < 1e-5
 
 
-def test_amass_of_a_skeleton_with_other_joints():
-    """A joint that SMPL has not turns the next one below that it has; one that is missing does not turn."""
+def test_amass_handles_a_skeleton_with_other_joints():
+    """The rotation of a joint that SMPL lacks is added to the next joint below; a missing joint does not rotate."""
     random = np.random.default_rng(0)
     joints = [
         {"name": "pelvis", "parent": None, "position": [0, 0, 0]},
@@ -190,7 +190,7 @@ def test_amass_of_a_skeleton_with_other_joints():
 
 
 def some_motion(stamps_s, turn_rate=2.0, speed=1.0):
-    """One joint that turns and moves evenly."""
+    """A joint that rotates and moves at constant speed."""
     times = np.array(stamps_s, dtype=float)
     count = len(times)
     rotations = Rotation.from_rotvec(np.outer(times * turn_rate, [0.0, 0.6, 0.8])).as_matrix()[:, None]
@@ -204,7 +204,7 @@ def some_motion(stamps_s, turn_rate=2.0, speed=1.0):
     return Motion("", "camera", skeleton, (), stamps, places[:, None], *rest, *figures)
 
 
-def test_regular_stamps_leave_the_frames_as_they_are():
+def test_frames_with_regular_stamps_are_not_changed():
     motion = some_motion(np.arange(50) / 30 + np.random.default_rng(0).uniform(-4e-4, 4e-4, 50))
     track = uniform(motion)
     assert track.rotations is motion.rotations and track.period == pytest.approx(1 / 30, rel=1e-3)
@@ -212,8 +212,8 @@ def test_regular_stamps_leave_the_frames_as_they_are():
     assert len(alone.translations) == 1 and alone.period == pytest.approx(1 / 30)
 
 
-def test_irregular_stamps_are_sampled_anew():
-    """A motion of constant speed is hit exactly, between jittery frames and through a gap of a second."""
+def test_frames_with_irregular_stamps_are_resampled():
+    """A motion of constant speed is reproduced exactly, between jittery frames and in a gap of a second."""
     times = np.arange(90) / 30 + np.random.default_rng(0).uniform(-8e-3, 8e-3, 90)
     times = times[(times < 1) | (times > 2)] - times[0]
     motion = some_motion(times)
@@ -225,15 +225,15 @@ def test_irregular_stamps_are_sampled_anew():
     assert np.abs(track.rotations - expected.rotations).max() < 1e-6
 
 
-def test_stamps_that_no_constant_rate_can_stand_for_are_refused():
+def test_stamps_without_a_constant_rate_are_refused():
     with pytest.raises(ExportError, match="the stamps jump back by 2.000 s at frame 3, .* export .csv or .npz"):
         uniform(some_motion([0.0, 1.0, 2.0, 0.0, 1.0]))
     with pytest.raises(ExportError, match="5 frames are spread over 1000000 s"):
         uniform(some_motion([0.0, 0.03, 0.06, 0.09, 1e6]))
 
 
-def test_a_recording_that_loops_is_exported_as_tables_alone(tmp_path, capsys):
-    """Nothing of it is there when one of the files cannot be made."""
+def test_a_looped_recording_is_exported_to_tables_only(tmp_path, capsys):
+    """If one of the files cannot be made, none is written."""
     write_people(tmp_path / "loop", 40, {4: 0.0}, lambda i: i if i < 20 else i - 150)
     wanted = ["--export", str(tmp_path / "a.csv"), "--export", str(tmp_path / "a.bvh")]
     assert main([str(tmp_path / "loop"), "-o", str(tmp_path / "out"), *wanted]) == 2
@@ -254,7 +254,7 @@ def test_the_same_recording_gives_the_same_bytes(recording, tracked, tmp_path):
     assert first == second and set(first) > {f"motion{suffix}" for suffix in FORMATS}
 
 
-def test_files_beside_the_output_change_nothing_in_it(recording, tmp_path, capsys):
+def test_exports_do_not_change_the_output(recording, tmp_path, capsys):
     names = ["a.csv", "b.npz", "c.d.bvh", "walk.amass.npz"]
     wanted = [word for name in names for word in ("--export", str(tmp_path / name))]
     assert main([str(recording), "--output", str(tmp_path / "with"), *wanted]) == 0
@@ -307,7 +307,7 @@ def test_a_full_disk_leaves_no_files(recording, tmp_path, monkeypatch, capsys):
     assert os.listdir(tmp_path) == []
 
 
-def test_nobody_there(tmp_path, capsys):
+def test_a_recording_without_a_person_gives_empty_exports(tmp_path, capsys):
     def nobody(stamps, pixels, confidence):
         confidence[:] = 0
 
@@ -318,7 +318,7 @@ def test_nobody_there(tmp_path, capsys):
 
 
 def write_people(path, frames, places, stamp_of_frame=lambda i: i):
-    """A recording of people who make the same motion; places: px to the right, by number; stamps in frames."""
+    """A recording of people with the same motion; places: px to the right, by number; stamps in frames."""
     backend, pixels, period = rosbags_backend(), pixels_of_motion(frames), 33_333_333
     messages = [("/camera_info", "sensor_msgs/msg/CameraInfo", START_NS - 1, camera_info(backend))]
     for i, frame in enumerate(pixels):
@@ -333,8 +333,8 @@ def two_people(tmp_path_factory):
     return write_people(tmp_path_factory.mktemp("two") / "in", 20, {4: -120.0, 9: 120.0})
 
 
-def test_topics_of_several_people_are_as_documented(two_people, tmp_path, capsys):
-    """One table for all, in which each row says who; a file each of the formats that hold one person."""
+def test_several_people_are_in_one_table_or_in_separate_files(two_people, tmp_path, capsys):
+    """Tables contain all people, with a column for the person; other formats have one file per person."""
     output = tmp_path / "out"
     arguments = [str(two_people), "--output", str(output), "-p", "max_people:=2"]
     assert main([*arguments, *EVERY_FORMAT, "--export", str(tmp_path / "walk.bvh")]) == 0
@@ -355,8 +355,8 @@ def test_topics_of_several_people_are_as_documented(two_people, tmp_path, capsys
     assert main([*arguments[:2], str(tmp_path / "b"), *arguments[3:], "--export", str(tmp_path / "wave.bvh")]) == 0
 
 
-def test_an_archive_has_the_files_in_each_output(recording, tmp_path, capsys):
-    """With the same bytes as one by one."""
+def test_the_exports_of_an_archive_are_in_each_output(recording, tmp_path, capsys):
+    """The bytes are those of single replays."""
     write_recording(tmp_path / "walk2", 30)
     arguments = [str(recording), str(tmp_path / "walk2"), "--output", str(tmp_path / "all"), "--jobs", "1"]
     assert main([*arguments, "--export", "one.csv"]) == 2

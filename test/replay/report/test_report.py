@@ -1,4 +1,4 @@
-"""`replay --report`: what the page says, and that it says it safely; that it draws is in test_report_page.py."""
+"""`replay --report`: the content of the page, and its safety; test_report_page.py tests the drawing."""
 
 import ast
 import json
@@ -41,7 +41,7 @@ def said(page):
 
 
 def drawn(page, id="data"):
-    """What the page's script draws."""
+    """The data for the page's script."""
     return json.loads(re.search(rf'<script type="application/json" id="{id}">(.*?)</script>', page).group(1))
 
 
@@ -51,7 +51,7 @@ def figure(page, name):
 
 
 def unpacked(packed):
-    """The array behind `data.packed`."""
+    """The array in `data.packed`."""
     import base64
 
     counts = np.frombuffer(base64.b64decode(packed["data"]), "<i2").reshape(packed["shape"])
@@ -59,9 +59,9 @@ def unpacked(packed):
 
 
 def recording(path, spoil=None, times=None, late=0):
-    """Keypoints of the synthetic motion as messages, spoiled: spoil(stamps, pixels, confidence); times: of recording.
+    """Messages with keypoints of the synthetic motion, changed by spoil(stamps, pixels, confidence).
 
-    late: so many messages come before the first camera_info.
+    times: of recording. late: number of messages before the first camera_info.
     """
     stamps, pixels, confidence = synthetic_pixels(FRAMES)
     times = stamps.copy() if times is None else times(stamps.copy())
@@ -82,7 +82,7 @@ def clean(tmp_path_factory):
     return bag, report(bag)
 
 
-def test_a_clean_recording(clean):
+def test_a_clean_recording_has_no_warnings(clean):
     _, page = clean
     good, doubt = said(page)
     assert good == ("good", "No problem found: 100.0% of the frames were tracked and certified.")
@@ -96,7 +96,7 @@ def test_a_clean_recording(clean):
     assert float(figure(page, "Latency p50").split()[0]) > 0.05
 
 
-def test_what_is_drawn_is_what_is_published(clean):
+def test_the_page_contains_the_published_values(clean):
     bag, page = clean
     (person,) = drawn(page)["people"]
     joints = read(bag.parent / "clean_out", "/tracker/joints")
@@ -126,7 +126,7 @@ def test_what_is_drawn_is_what_is_published(clean):
     )
 
 
-def test_the_same_page_again_but_for_the_times(clean, tmp_path):
+def test_the_page_is_reproducible_except_for_times(clean, tmp_path):
     bag, page = clean
     again = tmp_path / "again.html"
     assert main([str(bag), "--output", str(tmp_path / "out"), "--report", str(again)]) == 0
@@ -283,8 +283,8 @@ def test_every_reason_has_a_description():
     assert all(words and advice for words, advice in REASONS.values())
 
 
-def test_nothing_is_fetched_and_nothing_gets_out_of_its_place(tmp_path):
-    """Names come from recordings and files: of whatever letters they are, they stay text."""
+def test_nothing_is_fetched_and_all_names_are_escaped(tmp_path):
+    """Names come from recordings and files. Whatever characters they contain, they stay text."""
     evil = "</script><script>document.body.dataset.error='x'</script>"
     layout = (ROOT / "lassokin_ros/core/body/layouts/coco17.yaml").read_text(encoding="utf-8")
     (tmp_path / "own.yaml").write_text(layout.replace("name: left_ear,", f'name: "{evil}",'), encoding="utf-8")
@@ -296,7 +296,7 @@ def test_nothing_is_fetched_and_nothing_gets_out_of_its_place(tmp_path):
     assert not re.search(r"(src|href)\s*=|@import|url\(", frame) and "default-src 'none'" in frame
 
 
-def test_a_long_recording_is_thinned_and_says_so(clean, tmp_path, monkeypatch):
+def test_a_long_recording_is_thinned_with_a_note(clean, tmp_path, monkeypatch):
     bag, _ = clean
     monkeypatch.setattr(data, "BUDGET", 20_000)
     monkeypatch.setattr(data, "POINTS", 20)
@@ -307,11 +307,11 @@ def test_a_long_recording_is_thinned_and_says_so(clean, tmp_path, monkeypatch):
     assert unpacked(person["positions"]).nbytes // 4 <= 20_000
     assert len(person["series"]["reprojection"]["time"]) == 19
     full = drawn(clean[1])["people"][0]["series"]["reprojection"]["value"]
-    assert max(person["series"]["reprojection"]["value"]) == max(full)  # peaks stay
+    assert max(person["series"]["reprojection"]["value"]) == max(full)  # peaks are kept
 
 
-def test_a_minute_is_light():
-    """6.4 MB of the 8 that a page may have are for a minute of one person at 30 Hz, by the parts' sizes."""
+def test_the_page_of_a_minute_is_small():
+    """Limit: 6.4 MB of the page's 8 MB for a minute of one person at 30 Hz, by the sizes of the parts."""
     from lassokin_ros.replay.report.page import _plotly
 
     joints, landmarks = 24, 33
@@ -319,7 +319,7 @@ def test_a_minute_is_light():
     assert min(skeletons, data.BUDGET) * 4 / 3 + len(_plotly()) < 7_000_000
 
 
-def test_packing():
+def test_packed_arrays_are_read_back():
     values = np.array([[0.0, 1.2344], [np.nan, -31.0]])
     packed = data.packed(values, 0.001)
     back = unpacked(packed)
@@ -341,7 +341,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", sorted(BAD))
-def test_a_report_that_cannot_be_written(case, tmp_path, monkeypatch, capsys):
+def test_an_unwritable_report_is_one_line(case, tmp_path, monkeypatch, capsys):
     arguments, expected = BAD[case]
     monkeypatch.chdir(tmp_path)
     write_recording(tmp_path / "bag", 2)
@@ -356,17 +356,17 @@ def test_a_report_that_cannot_be_written(case, tmp_path, monkeypatch, capsys):
         assert (tmp_path / "there.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
 
 
-def test_without_plotly(tmp_path, monkeypatch, capsys):
+def test_a_missing_plotly_is_named(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "plotly.offline", None)
     write_recording(tmp_path / "bag", 2)
     options = ["--output", str(tmp_path / "out")]
     assert main([str(tmp_path / "bag"), *options, "--report", str(tmp_path / "page.html")]) == 2
     assert capsys.readouterr().err == "replay: --report needs plotly; install it with: pip install plotly\n"
     assert not (tmp_path / "out").exists()
-    assert main([str(tmp_path / "bag"), *options]) == 0  # nothing else needs it
+    assert main([str(tmp_path / "bag"), *options]) == 0  # nothing else needs plotly
 
 
-def test_messages_that_cannot_be_read(tmp_path):
+def test_unreadable_messages_are_reported(tmp_path):
     camera = ("/camera_info", "sensor_msgs/msg/CameraInfo", START_NS, webcam_info())
     broken = [("/keypoints", "sensor_msgs/msg/PointCloud2", START_NS + i * PERIOD_NS, b"\0\1\0\0abc") for i in range(4)]
     page = report(write_messages(tmp_path / "bag", [camera, *broken]))

@@ -1,4 +1,4 @@
-"""The report's page opened in a real browser: it draws, follows its controls, and asks for nothing from outside."""
+"""The report's page in a real browser: it draws, its controls work, and it requests nothing from outside."""
 
 import io
 
@@ -47,13 +47,13 @@ def opened(chromium, report):
 
 @pytest.fixture
 def page(opened, report):
-    """The page as the tests before left it: those that turn it round open their own."""
+    """The page, shared by the tests; tests that rotate it open their own."""
     yield opened
     assert opened.errors == [] and opened.requests == [f"file://{report / 'page.html'}"]
 
 
 def picture(page, selector):
-    """(h, w, 3) 0 to 255, what is seen of an element."""
+    """(h, w, 3) 0 to 255, the visible pixels of an element."""
     pyplot = pytest.importorskip("matplotlib.image", reason="matplotlib reads the screenshot")
     return np.round(255 * pyplot.imread(io.BytesIO(page.page.locator(selector).screenshot()), "png")[..., :3]).astype(
         int
@@ -61,12 +61,12 @@ def picture(page, selector):
 
 
 def where(pixels, colour):
-    """(k, 2) row and column of the pixels of about this colour."""
+    """(k, 2) row and column of the pixels with about this colour."""
     return np.argwhere(np.abs(pixels - colour).max(axis=-1) < 40)
 
 
 def shown(page, plot, trace):
-    """(points, axes) of what a plot's trace has now."""
+    """(points, axes) of a plot's trace."""
     text = f"(() => {{ const t = document.getElementById('{plot}').data[{trace}]; return [t.x, t.y, t.z || []]; }})()"
     columns = [c for c in page.value(text) if c]
     return np.array(columns, dtype=float).T
@@ -83,14 +83,14 @@ def test_everything_is_drawn(page):
         assert page.value(f"document.querySelectorAll('#{plot} .main-svg').length") > 0, plot
     assert page.value("document.querySelectorAll('#series .scatterlayer .trace path.js-line').length") >= 8
     assert page.value("document.querySelectorAll('#image .scatterlayer .trace').length") == 6
-    assert page.value("document.documentElement.scrollWidth <= 1280")  # nothing sticks out
+    assert page.value("document.documentElement.scrollWidth <= 1280")  # nothing exceeds the page
 
 
-def test_the_person_stands_upright_and_faces_us(page):
+def test_the_person_is_upright_and_faces_the_viewer(page):
     pixels = picture(page, "#space")
     left, right = where(pixels, LEFT), where(pixels, RIGHT)
     assert len(left) > 300 and len(right) > 300
-    assert left[:, 1].mean() > right[:, 1].mean() + 20  # who faces the camera has their left at our right
+    assert left[:, 1].mean() > right[:, 1].mean() + 20  # the left side of a person who faces the camera is on the right
     joints = shown(page, "space", 3)
     names = page.value("document.getElementById('space').data[3].text")
     place = {name: joints[i] for i, name in enumerate(names)}
@@ -100,11 +100,11 @@ def test_the_person_stands_upright_and_faces_us(page):
         "s.yaxis.range, s.zaxis.range, [s.aspectratio.x, s.aspectratio.y, s.aspectratio.z]]; })()"
     )
     metres = [high - low for low, high in scene[:3]]
-    assert np.ptp(np.divide(scene[3], metres)) < 1e-6  # a metre is as long in every direction
+    assert np.ptp(np.divide(scene[3], metres)) < 1e-6  # the axes have equal scales
     assert scene[2][0] <= joints[:, 2].min() + 0.02
 
 
-def test_the_slider_moves_skeleton_and_image_to_what_was_published(page, report):
+def test_the_slider_shows_the_published_skeleton_and_image(page, report):
     published = {round((t - START_NS) * 30e-9): m for t, m in read(report / "out", "/tracker/joints")}
     _, pixels, confidence = synthetic_pixels(FRAMES)
     for frame in (12, 80):
@@ -121,7 +121,7 @@ def test_the_slider_moves_skeleton_and_image_to_what_was_published(page, report)
         assert abs(cursor - frame / 30) < 0.001 and f"{frame / 30:.2f} s" in page.page.inner_text("#time")
 
 
-def test_a_lost_span_is_shaded_and_says_why_there_is_no_skeleton(page):
+def test_a_lost_span_is_shaded_and_explained(page):
     go(page, 50)
     assert np.isnan(shown(page, "space", 3)).all()
     assert page.page.inner_text(".absent >> nth=0") == "no skeleton at this time: too few landmarks"
@@ -132,7 +132,7 @@ def test_a_lost_span_is_shaded_and_says_why_there_is_no_skeleton(page):
     assert not page.page.is_visible(".absent >> nth=0") and len(where(picture(page, "#space"), LEFT)) > 300
 
 
-def test_it_plays_at_its_own_pace_and_stops(page):
+def test_the_page_plays_in_real_time_and_stops(page):
     go(page, 70)
     page.page.click("#play")
     assert "Pause" in page.page.inner_text("#play")
@@ -147,7 +147,7 @@ def test_it_plays_at_its_own_pace_and_stops(page):
     assert "Play" in page.page.inner_text("#play")
 
 
-def test_turning_views_and_angles(chromium, report):
+def test_views_rotate_and_angles_are_selected(chromium, report):
     page = Page(chromium, report / "page.html")
     eye = (
         "(() => { const e = document.getElementById('space')._fullLayout.scene.camera.eye; return [e.x, e.y, e.z]; })()"
@@ -169,7 +169,7 @@ def test_turning_views_and_angles(chromium, report):
     page.page.close()
 
 
-def test_several_people_are_chosen_from(chromium, tmp_path):
+def test_several_people_can_be_selected(chromium, tmp_path):
     stamps, pixels, confidence = synthetic_pixels(30)
     backend = RosbagsBackend(typestore())
     messages = [("/camera_info", "sensor_msgs/msg/CameraInfo", START_NS, webcam_info())]
@@ -191,7 +191,7 @@ def test_several_people_are_chosen_from(chromium, tmp_path):
     page.page.close()
 
 
-def test_a_recording_in_which_nobody_was_seen(chromium, tmp_path):
+def test_a_recording_without_a_person_is_shown(chromium, tmp_path):
     def nobody(stamps, pixels, confidence):
         confidence[:] = 0
 
