@@ -5,6 +5,7 @@ import re
 import sys
 
 import pytest
+from pip_only import PIP_ONLY
 
 os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
@@ -13,6 +14,24 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 REAL = re.compile(r'^\s*from (live|archives) import|importorskip\("rclpy', re.MULTILINE)
 """Found in the text of tests that run nodes, or commands that work on all cores."""
+
+
+class TestFile(pytest.Module):
+    """A test file, which is skipped where one of PIP_ONLY is missing: `colcon test` then collects without errors."""
+
+    def _getobj(self):
+        try:
+            return super()._getobj()
+        except self.CollectError as error:
+            name = (getattr(error.__cause__, "name", None) or "").partition(".")[0]
+            if name not in PIP_ONLY:
+                raise
+            pytest.skip(f"needs {name}: pip install {name}", allow_module_level=True)
+
+
+def pytest_pycollect_makemodule(module_path, parent):
+    """Every test file is a TestFile."""
+    return TestFile.from_parent(parent, path=module_path)
 
 
 def pytest_configure(config):

@@ -126,8 +126,7 @@ class Tracker(TrackerParts):
         if measurement.lost:
             self._depth.reset()
         if measurement.lost or not measurement.repeated:
-            mounted = bool(self.config.camera_roll or self.config.camera_pitch)
-            known = mounted or self._upright.learned_for > VERTICAL_AFTER
+            known = self._upright.configured or self._upright.learned_for > VERTICAL_AFTER
             up = self._upright.vertical if known else None
             seen = measurement.weights > 0
             mount = self._upright.mount

@@ -149,6 +149,13 @@ class TrackerParts:
         """Copy the camera's vertical from trackers of other people in the same images, if one has learned it."""
         self._upright.adopt(other._upright for other in others)
 
+    def move_camera(self, roll: float, pitch: float) -> None:
+        """Use a measured mount of the camera, rad, from the next frame on; see `camera_roll` and `camera_pitch`.
+
+        The state stays: the camera may be on a head that moves.
+        """
+        self._upright.move_mount(roll, pitch)
+
     def tune(self, config: TrackerConfig, skeleton: Skeleton | None = None) -> None:
         """Use new live settings. Structural settings (skeleton, landmarks, solver) are not changed.
 

@@ -24,6 +24,7 @@ def test_help_names_every_command(capsys):
 
 
 def test_a_command_gets_its_own_arguments(capsys, monkeypatch):
+    pytest.importorskip("proxsuite")
     monkeypatch.setattr(sys, "argv", ["pytest"])
     assert lassokin.main(["replay", "no_such_bag"]) == 2
     assert "no_such_bag" in capsys.readouterr().err

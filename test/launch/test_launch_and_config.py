@@ -123,9 +123,10 @@ def test_launch_passes_its_arguments(launch_file, tmp_path):
 
 def test_launch_sets_parameters_and_the_namespace(launch_file):
     given = {"height": "1.9", "camera_pitch": "0.3", "landmarks": "body25", "namespace": "/left", "log_level": "WARN"}
-    started = start(launch_file, **given)
+    mount = {"camera_mount_frame": "base_footprint"}
+    started = start(launch_file, **given, **mount)
     tracker, frames = started["lassokin_ros"], started["robot_state_publisher"]
-    assert tracker.parameters[2] == {"height": 1.9, "camera_pitch": 0.3, "landmarks": "body25", **FOLLOWER}
+    assert tracker.parameters[2] == {"height": 1.9, "camera_pitch": 0.3, "landmarks": "body25", **mount, **FOLLOWER}
     assert tracker.namespace == frames.namespace == "/left"
     assert tracker.arguments == ["--ros-args", "--log-level", "warn"]
     assert frames.parameters[0]["robot_description"].args[0] == own_urdf(height=1.9, node="left/tracker")

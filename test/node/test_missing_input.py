@@ -15,7 +15,7 @@ from rcl_interfaces.srv import SetParameters  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 
-from lassokin_ros.node.missing_input import PATIENCE_S, MissingInput, _may_be_keypoints  # noqa: E402
+from lassokin_ros.node.inputs.missing_input import PATIENCE_S, MissingInput, _may_be_keypoints  # noqa: E402
 from lassokin_ros.node.person_outputs import message_class  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 

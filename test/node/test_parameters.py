@@ -51,7 +51,7 @@ def test_a_prefix_that_tf2_refuses_is_refused(prefix):
 @pytest.mark.parametrize("item", fields(NodeSettings), ids=lambda item: item.name)
 def test_values_out_of_range_are_refused(item):
     wrong = "sensor_msgs/msg/Image" if isinstance(item.default, str) else "no"
-    if item.name in ("depth", "base_frame", "frame_prefix", "state_publisher", "skeleton_output"):
+    if item.name in ("depth", "camera_mount_frame", "base_frame", "frame_prefix", "state_publisher", "skeleton_output"):
         wrong = 3
     with pytest.raises(ConfigurationError, match=item.name):
         NodeSettings(**{item.name: wrong}).checked()

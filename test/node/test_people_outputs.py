@@ -192,6 +192,7 @@ def test_replay_writes_each_persons_topics(recording, tmp_path, rep155):
         for topic in topics.FRAME_OUTPUTS:
             assert found.pop(f"{folder}/{person}/{topic.name.removeprefix('~/')}") == frames
         assert found.pop(f"{folder}/{person}/{description}") == described
+        assert found.pop(f"{folder}/{person}/roi", 0) == frames * rep155
     assert found == {f"{folder}/tracked": 2, "/tf": 40, "/tracker/people": 30, "/tracker/state": 2}
     frames = {m.transforms[0].child_frame_id for _, m in read(tmp_path / "out", "/tf")}
     assert frames == {"body_p4", "body_p9"} if rep155 else {"tracker/p4/body", "tracker/p9/body"}

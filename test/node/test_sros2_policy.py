@@ -51,7 +51,7 @@ def test_the_policy_has_the_form_of_sros2():
 
 def test_the_policy_allows_exactly_the_outputs_of_topics_py():
     outputs = [t.name for t in topics.PERSON_OUTPUTS]
-    people = [topics.of_person(name, "*", rep155) for rep155 in (False, True) for name in outputs]
+    people = [topics.of_person(t.name, "*", rep155) for rep155 in (False, True) for t in topics.person_outputs(rep155)]
     others = [
         topics.DIAGNOSTICS,
         topics.PEOPLE,

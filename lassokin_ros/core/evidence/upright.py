@@ -34,6 +34,8 @@ TILT_COST = 4.0
 """Negative log-likelihood of an alternative vertical relative to the configured mount. With a smaller value, people who
 lean before a level camera are estimated as upright; with a larger one, upright people before a tilted camera lean."""
 
+LEAST_TILT = 1e-4
+"""rad: a mount that differs by less is the same."""
 LONGEST_STEP = 0.2
 """s: largest weight of one frame, also after a gap."""
 
@@ -45,6 +47,8 @@ class Upright(Evidence):
     """Rows for the root's rotation, and the learned vertical (3,), a unit vector in the camera frame."""
 
     count = 3
+    vertical: np.ndarray
+    _seen: float
 
     def __init__(self, roll: float = 0.0, pitch: float = 0.0) -> None:
         self.set_mount(roll, pitch)
@@ -57,7 +61,16 @@ class Upright(Evidence):
     def set_mount(self, roll: float, pitch: float) -> None:
         """Set the camera's mount, see `vertical_of`, and forget the learned vertical."""
         self._first = vertical_of(roll, pitch)
+        self.configured = bool(roll or pitch)
+        """True if the mount is known, and not assumed to be level."""
         self.reset()
+
+    def move_mount(self, roll: float, pitch: float) -> None:
+        """Set the measured mount of a camera that may move. What was learned moves along with it."""
+        first = vertical_of(roll, pitch)
+        if not self.configured or np.abs(first - self._first).max() > LEAST_TILT:
+            self.vertical = first if self._seen == 0 else _rotate_between(self.vertical, self._first, first)
+            self._first, self.configured = first, True
 
     def reset(self) -> None:
         """Return to the vertical of the camera's mount."""
@@ -128,6 +141,14 @@ class Upright(Evidence):
         """(...,) Cauchy's loss, 2 log(1 + lean^2 / (2 SPREAD)^2), which gives the rows' weights; root (..., 3, 3)."""
         lean = root[..., :, 1] - self.vertical
         return np.asarray(2 * np.log1p(squared_norm(lean) / (4 * SPREAD**2)))
+
+
+def _rotate_between(vector: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Rotate a vector (3,) by the smallest rotation that takes `before` to `after`, unit vectors (3,)."""
+    axis, cosine = hat(before) @ after, float(before.dot(after))
+    if cosine < -0.999:  # any axis would do
+        return after
+    return np.asarray(cosine * vector + hat(axis) @ vector + axis * (axis.dot(vector) / (1 + cosine)))
 
 
 def level_from_camera(roll: float, pitch: float) -> np.ndarray:

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from detector_messages import detector_types
 from messages import FRAME, camera_info, cloud, pixels_of_motion, rosbags_backend
 from scipy.spatial.transform import Rotation
 
@@ -12,13 +13,16 @@ from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
+from lassokin_ros.pipeline.outputs.naming import Naming
 from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, images_of
 from lassokin_ros.pipeline.outputs.presence_state import PresenceState
+from lassokin_ros.pipeline.outputs.rep155 import LINKS
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.offline_tracker import add_type
+from msg_adapters.backends import RosbagsBackend
 from msg_adapters.output_messages.people import BUILDERS, CLOUD_TYPE, DEFINITIONS, DETECTIONS_TYPE, PEOPLE_TYPE, POINT
 
 pytest.importorskip("rosbags")
@@ -154,7 +158,8 @@ def test_tf_of_all_joints_gives_the_joints_of_the_pose(frames):
     for rep155 in (False, True):
         config = NodeSettings(publish_tf="all", rep155=rep155)
         person = "p4" if rep155 else ""
-        message = dict(FrameMessages(BACKEND, frame.skeleton, "tracker", person, config).build(frame))[topics.TF]
+        backend = RosbagsBackend(detector_types())
+        message = dict(FrameMessages(backend, frame.skeleton, "tracker", person, config).build(frame))[topics.TF]
         known = {FRAME: (np.zeros(3), Rotation.identity())}
         for transform in message.transforms:
             assert transform.child_frame_id not in known
@@ -162,12 +167,11 @@ def test_tf_of_all_joints_gives_the_joints_of_the_pose(frames):
             t, q = transform.transform.translation, transform.transform.rotation
             there = place + turn.apply([t.x, t.y, t.z])
             known[transform.child_frame_id] = there, turn * Rotation.from_quat([q.x, q.y, q.z, q.w])
-        pose, prefix = frame.estimate.pose, "tracker/p4/" if rep155 else "tracker/"
-        assert len(known) == 26
-        for name, place, turn in zip(frame.skeleton.joint_names, pose.positions, pose.orientations):
-            assert np.allclose(known[prefix + name][0], place) and np.allclose(
-                known[prefix + name][1].as_matrix(), turn
-            )
+        pose, naming = frame.estimate.pose, Naming(body_id=person) if rep155 else Naming("tracker/")
+        assert len(known) == 26 + len(LINKS) * rep155
+        for joint, place, turn in zip(frame.skeleton.joint_names, pose.positions, pose.orientations):
+            there, turned = known[naming.link_of_joint(joint)]
+            assert np.allclose(there, place) and np.allclose(turned.as_matrix(), turn)
         assert ("body_p4" if rep155 else "tracker/body") in known
 
 

@@ -171,7 +171,7 @@ def started(namespace, **settings):
 
 def test_accepted_ids_are_valid_in_topic_names():
     rclpy = pytest.importorskip("rclpy.validate_full_topic_name")
-    from lassokin_ros.node.rep155_inputs import ID
+    from lassokin_ros.node.inputs.rep155_inputs import ID
 
     for person in ("abc", "_", "a" * 100):
         assert ID.fullmatch(person)
@@ -189,13 +189,13 @@ def test_the_node_tracks_the_bodies_of_the_list():
     from visualization_msgs.msg import MarkerArray
 
     namespace = "/per_body"
-    with started(namespace, publish_tf="true") as node, Peer(namespace, outputs=False) as peer:
+    with started(namespace, publish_tf="all") as node, Peer(namespace, outputs=False) as peer:
         humans = Humans(peer)
         for person in ("abc", "xyz"):
             humans.listen(f"/humans/bodies/{person}/joint_states", JointState)
             humans.listen(f"/humans/bodies/{person}/urdf", String)
         humans.listen("/tf", TFMessage)
-        humans.listen("markers", MarkerArray)
+        humans.listen("tracker/markers", MarkerArray)
 
         def until(condition, what, ids, **aside):
             peer.spin_until(lambda: [humans.say(*ids), humans.send(**aside)] and condition(), what=what)
@@ -205,9 +205,14 @@ def test_the_node_tracks_the_bodies_of_the_list():
         assert places[0] < -0.3 < 0.3 < places[1]
         stamps = [stamp_of(m) for m in humans.got["/humans/bodies/xyz/joint_states"]]
         assert len(set(stamps)) == len(stamps) and min(stamps) >= START_NS
-        assert "/abc/pelvis" in humans.got["/humans/bodies/abc/urdf"][-1].data
+        assert 'link name="l_hip_abc"' in humans.got["/humans/bodies/abc/urdf"][-1].data
+        assert not peer.node.count_publishers("/humans/bodies/abc/roi")  # it is the detector's
         until(lambda: {m.transforms[0].child_frame_id for m in humans.got["/tf"]} == {"body_abc", "body_xyz"}, "TF",
               ["abc", "xyz"], abc=-0.2, xyz=0.2)  # fmt: skip
+        parents = {t.child_frame_id: t.header.frame_id for m in humans.got["/tf"] for t in m.transforms}
+        assert parents["body_xyz"] == FRAME and all(name.endswith(("_abc", "_xyz")) for name in parents)
+        assert parents["pelvis_abc"] == "body_abc" and parents["l_wrist_abc"] == "left_wrist_abc"
+        assert "l_knee_xyz" in humans.got["/humans/bodies/xyz/joint_states"][-1].name
         (tracked,) = peer.node.get_publishers_info_by_topic("/humans/bodies/tracked")
         assert tracked.node_name == "peer"  # the list is that of the detector
         assert values_of(peer.next_diagnostics())["people"] == "abc, xyz"
@@ -237,7 +242,7 @@ def test_existing_topics_are_found_without_a_list():
 @live
 def test_several_people_of_one_message_have_the_names_of_rep155():
     """PointCloud2 in, hri_msgs/IdsList out, latched."""
-    from hri_msgs.msg import IdsList
+    from hri_msgs.msg import IdsList, NormalizedRegionOfInterest2D
     from live import Peer
     from messages import crowd, pixels_of_motion
     from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -245,7 +250,8 @@ def test_several_people_of_one_message_have_the_names_of_rep155():
     namespace, pixels = "/rep155", pixels_of_motion(1)[0]
     settings = {"keypoints_type": "sensor_msgs/PointCloud2", "landmarks": "coco17"}
     with started(namespace, **settings) as node, Peer(namespace, outputs=False) as peer:
-        lists, sent = [], []
+        lists, sent, regions = [], [], []
+        peer.node.create_subscription(NormalizedRegionOfInterest2D, "/humans/bodies/p9/roi", regions.append, 10)
         qos = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         peer.node.create_subscription(IdsList, topics.REP155_TRACKED_OUTPUT.name, lists.append, qos)
 
@@ -259,4 +265,6 @@ def test_several_people_of_one_message_have_the_names_of_rep155():
         peer.spin_until(both, what="the list")
         assert list(lists[0].ids) == []
         peer.spin_until(lambda: peer.node.get_publishers_info_by_topic("/humans/bodies/p9/joint_states"), what="p9")
+        peer.spin_until(lambda: both() and regions, what="the region of p9")
+        assert 0 <= regions[0].xmin < regions[0].xmax < 1 and 0 < regions[0].c <= 1
     assert "Traceback" not in node.said
