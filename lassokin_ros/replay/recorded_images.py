@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Set
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.replay.bags import BagReader, RecordedTopic
 from msg_adapters.errors import AdapterError
 from msg_adapters.image import decode_compressed_image, decode_image
-from msg_adapters.keypoints import header_stamp
+from msg_adapters.keypoints import header_stamp, stamp_of
 
 OPTION = "--image-topic"
 DECODERS = {"sensor_msgs/msg/Image": decode_image, "sensor_msgs/msg/CompressedImage": decode_compressed_image}
@@ -24,9 +24,10 @@ AddImage = Callable[[int, Callable[[], np.ndarray]], None]
 class RecordedImages:
     """Takes the messages of an image topic. Images that cannot be decoded are left out and counted."""
 
-    def __init__(self, topic: RecordedTopic, add: AddImage) -> None:
-        """add: takes the images."""
-        self.topic, self._add, self._decode = topic, add, DECODERS[topic.message_type]
+    def __init__(self, topic: RecordedTopic, wanted: Set[int | None], add: AddImage) -> None:
+        """wanted: stamps of the keypoints, ns; other images are not decoded. add: takes the images."""
+        self.topic, self._wanted, self._add, self._decode = topic, wanted, add, DECODERS[topic.message_type]
+        self._count = 0
         self._reasons: dict[str, int] = {}
 
     def take(self, message: Any, _time_ns: int) -> Iterator[tuple[str, str, Any]]:
@@ -35,7 +36,8 @@ class RecordedImages:
             if message is None:
                 raise AdapterError("not_deserialised", "")
             stamp_ns = header_stamp(message.header)
-            if stamp_ns is not None:
+            if stamp_ns is not None and stamp_ns in self._wanted:
+                self._count += 1
                 self._add(stamp_ns, lambda: self._decode(message))
         except AdapterError as error:
             self._reasons[error.reason] = self._reasons.get(error.reason, 0) + 1
@@ -43,11 +45,13 @@ class RecordedImages:
 
     def __str__(self) -> str:
         rejected = "".join(f"; not shown: {reason} {count}" for reason, count in sorted(self._reasons.items()))
-        return f"{self.topic}{rejected}"
+        return f"{self.topic}, {self._count} have the stamp of keypoints{rejected}"
 
 
-def recorded_images(bag: BagReader, options: argparse.Namespace, report: Any) -> list[RecordedImages]:
-    """Return the images of --image-topic for the report, none without the option.
+def recorded_images(
+    bag: BagReader, options: argparse.Namespace, report: Any, keypoints: RecordedTopic
+) -> list[RecordedImages]:
+    """Return the images of --image-topic for the report, none without the option. Reads the stamps of the keypoints.
 
     Raises BagError, ConfigurationError.
     """
@@ -58,4 +62,6 @@ def recorded_images(bag: BagReader, options: argparse.Namespace, report: Any) ->
     raw, compressed = DECODERS
     recorded = {topic.name.strip("/"): topic.message_type for topic in bag.topics}
     message_type = compressed if recorded.get(options.image_topic.strip("/")) == compressed else raw
-    return [RecordedImages(bag.find(message_type, options.image_topic, "image_raw", OPTION), report.add_image)]
+    topic = bag.find(message_type, options.image_topic, "image_raw", OPTION)
+    wanted = {stamp_of(message) for _, _, message in bag.messages([keypoints]) if message is not None}
+    return [RecordedImages(topic, wanted, report.add_image)]

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.common.atomic_files import refuse_existing
-from lassokin_ros.core.body.rotations import logarithm, to_quaternion
+from lassokin_ros.core.body.rotations import logarithm
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.pipeline.outputs.frame_messages import principal_axes
 
 CAMERA, IMAGE, BODY = "camera", "camera/image", "body"
 ANGLES, ERRORS = "angles", "errors"
@@ -97,7 +98,7 @@ class RerunScene:
 
     def add_uncertainty(self, place: str, joints: np.ndarray, covariance: np.ndarray, deviation: np.ndarray) -> None:
         """Log an ellipsoid about each joint. joints: (n, 3) m, covariance: (n, 3, 3) m^2, deviation: (n,) m."""
-        half_sizes, quaternions = ellipsoids(covariance)
+        quaternions, half_sizes = principal_axes(covariance)
         ellipsoid = self._rerun.Ellipsoids3D(
             centers=joints, half_sizes=half_sizes, quaternions=quaternions, colors=ELLIPSOID, line_radii=THIN_SIZE
         )
@@ -177,16 +178,6 @@ class RerunScene:
 
     def _log(self, path: str, what: Any, static: bool = False) -> None:
         self._stream.log(path, what, static=static)
-
-
-def ellipsoids(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ellipsoids of one standard deviation: half axes (n, 3) m, and orientations (n, 4) x, y, z, w.
-
-    covariance: (n, 3, 3) m^2.
-    """
-    variances, axes = np.linalg.eigh(covariance)
-    axes[..., 0] *= np.sign(np.linalg.det(axes))[:, None]  # right-handed
-    return np.sqrt(np.maximum(variances, 0.0)), to_quaternion(axes)
 
 
 def _side(name: str) -> str:

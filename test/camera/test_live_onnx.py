@@ -30,7 +30,8 @@ STANDING = np.array(
 FOCAL = 60.0
 PX = 12.0
 """How far a white image moves the person to the right, px."""
-NEEDED = 12
+NEEDED, LEAST_PX = 16, 6.0
+"""Joints that are awaited, and how far the person moves meanwhile."""
 
 
 def model(path):
@@ -58,10 +59,11 @@ def test_images_become_joints_with_their_stamps(tmp_path):
             nonlocal next_at
             if time.monotonic() > next_at:
                 next_at, now_ns = time.monotonic() + 0.1, time.time_ns()
-                sent[now_ns] = bright = 128 + 100 * np.sin(len(sent) / 4)
+                sent[now_ns] = bright = 128 + 100 * np.sin(len(sent) / 6)
                 peer.camera.publish(camera_info(backend, now_ns, "lens", K, np.zeros(5), (SIDE, SIDE)))
                 images.publish(rgb_image(backend, now_ns, "lens", np.full((SIDE, SIDE, 3), round(bright), np.uint8)))
-            return len(joints) >= NEEDED
+            shifts = [PX * sent[stamp_of(message)] / 255 for message in joints[4:]]
+            return len(joints) >= NEEDED and np.ptp(shifts) > LEAST_PX
 
         peer.spin_until(enough, what="joints")
         codes = [process.stop(signal.SIGINT)[0] for process in (detector, tracker)]
@@ -70,7 +72,7 @@ def test_images_become_joints_with_their_stamps(tmp_path):
     assert set(stamps) <= set(sent) and (np.diff(stamps) > 0).all()
     across = [FOCAL * m.poses[0].position.x / m.poses[0].position.z for m in joints[4:]]
     expected = [PX * sent[stamp] / 255 for stamp in stamps[4:]]
-    assert np.ptp(expected) > 3 and np.corrcoef(across, expected)[0, 1] > 0.9, (across, expected)
+    assert np.corrcoef(across, expected)[0, 1] > 0.8, (across, expected)
 
 
 def test_a_model_that_does_not_exist_is_one_line_and_exit_code_2():

@@ -11,9 +11,9 @@ pytest.importorskip("cv2")
 from test_track import Standing, images  # noqa: E402, F401
 
 from lassokin_ros.core.body.rotations import exponential  # noqa: E402
+from lassokin_ros.pipeline.outputs.frame_messages import principal_axes  # noqa: E402
 from lassokin_ros.video import track as track_module  # noqa: E402
 from lassokin_ros.video.command import WINDOW, main, parser  # noqa: E402
-from lassokin_ros.video.rerun_scene import ellipsoids  # noqa: E402
 
 
 @pytest.fixture
@@ -59,9 +59,9 @@ def test_an_ellipsoid_shows_its_covariance():
     rng = np.random.default_rng(0)
     roots = rng.normal(size=(5, 3, 3))
     covariance = roots @ roots.transpose(0, 2, 1)
-    half_sizes, quaternions = ellipsoids(covariance)
+    quaternions, half_sizes = principal_axes(covariance)
     angle = 2 * np.arctan2(np.linalg.norm(quaternions[:, :3], axis=1), quaternions[:, 3])
     axes = quaternions[:, :3] / np.linalg.norm(quaternions[:, :3], axis=1, keepdims=True)
     turned = exponential(axes * angle[:, None])
     assert np.allclose(turned @ (half_sizes[:, :, None] ** 2 * turned.transpose(0, 2, 1)), covariance)
-    assert not ellipsoids(np.zeros((1, 3, 3)))[0].any()
+    assert not principal_axes(np.zeros((1, 3, 3)))[1].any()
