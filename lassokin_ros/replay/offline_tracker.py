@@ -43,8 +43,14 @@ LINK_AS_FRAME = "frame_id is a link's name"
 class OfflineTracker:
     """Track the messages of one recording. The clock is the recording time, so the outputs are repeatable."""
 
-    def __init__(self, tracker_config: TrackerConfig, node_config: NodeSettings, types: Any) -> None:
-        """types: the typestore of rosbags. Raises a LassokinError if the configuration cannot be used."""
+    def __init__(
+        self, tracker_config: TrackerConfig, node_config: NodeSettings, types: Any, ready_made: bool = False
+    ) -> None:
+        """types: the typestore of rosbags. ready_made: yield serialised messages where that is faster.
+
+        Raises a LassokinError if the configuration cannot be used.
+        """
+        self._ready_made = ready_made
         self.pipeline = Pipeline(tracker_config, node_config)
         self.frame_seconds: list[float] = []
         """Time for decoding and tracking each message, s."""
@@ -166,7 +172,7 @@ class OfflineTracker:
         self.initialisations += frame.estimate.initialised
         self._found_anew += frame.estimate.initialised and frame.person in self._people
         if frame.person not in self._people:
-            self._people[frame.person] = PersonMessages(self._backend, self.pipeline, frame.person)
+            self._people[frame.person] = PersonMessages(self._backend, self.pipeline, frame.person, self._ready_made)
         for topic, message in self._people[frame.person].build(frame):
             name = topics.of_person(topic, frame.person, self.pipeline.config.rep155)
             yield topics.full_name(name, NODE_NAME), self._types[topic], message
@@ -200,10 +206,10 @@ class OfflineTracker:
 class PersonMessages:
     """One person's messages, the body's description before those of the first frame that needs it."""
 
-    def __init__(self, backend: Backend, pipeline: Pipeline, person: str) -> None:
-        """person: the id, empty when one person is followed."""
+    def __init__(self, backend: Backend, pipeline: Pipeline, person: str, ready_made: bool) -> None:
+        """person: the id, empty when one person is followed. ready_made: see FrameMessages."""
         skeleton, config = pipeline.tracker.skeleton, pipeline.config
-        self._messages = FrameMessages(backend, skeleton, NODE_NAME, person, config)
+        self._messages = FrameMessages(backend, skeleton, NODE_NAME, person, config, ready_made)
         self._description = RobotDescription(
             backend, skeleton, config.base_frame, topics.link_prefix(config.frame_prefix, NODE_NAME, person)
         )

@@ -70,7 +70,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
             tracker_config = learn_lengths(
                 messages, _inputs(first, keypoints, camera, depth), first, tracker_config, Path(folder)
             )
-        tracker = OfflineTracker(tracker_config, node_config, bag.types)
+        tracker = OfflineTracker(tracker_config, node_config, bag.types, ready_made=True)
         report = _report(options, tracker)
         exports = _exports(options, tracker)
         output = options.output
