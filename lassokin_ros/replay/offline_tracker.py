@@ -73,7 +73,7 @@ class OfflineTracker:
             self._tracked = topics.REP155_TRACKED_OUTPUT
             add_type(types, self._tracked.message_type, "std_msgs/Header header\nstring[] ids")
         self._list = id_list(self._backend, node_config.rep155)
-        self._scene = SceneMessages(self._backend, self.pipeline, types)
+        self._scene = SceneMessages(self._backend, self.pipeline, types, ready_made)
         self._diagnostics: Diagnostics | None = None
         self._next_diagnostics_ns = 0
         self._held: deque[tuple[Any, int]] = deque()
@@ -230,13 +230,13 @@ class PersonMessages:
 class SceneMessages:
     """The people of each image, and the state of tracking when it changes; in the node this is SceneOutputs."""
 
-    def __init__(self, backend: Backend, pipeline: Pipeline, types: Any) -> None:
-        """types: the typestore of rosbags."""
+    def __init__(self, backend: Backend, pipeline: Pipeline, types: Any, ready_made: bool) -> None:
+        """types: the typestore of rosbags. ready_made: see PeopleMessages."""
         self._pipeline, self._type = pipeline, full_type_name(pipeline.config.people_type)
         for name, definition in DEFINITIONS.items():
             if name.split("/")[0] == self._type.split("/")[0]:
                 add_type(types, name, definition)
-        self._people = PeopleMessages(backend, self._type)
+        self._people = PeopleMessages(backend, self._type, ready_made)
         self._state, self._text = PresenceState(), StringBuilder(backend)
 
     def state(self) -> tuple[str, str, Any]:
