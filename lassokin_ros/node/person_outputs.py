@@ -18,6 +18,7 @@ from lassokin_ros.node.state_publisher import StatePublisher
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages, id_list
+from lassokin_ros.pipeline.outputs.naming import Naming
 from lassokin_ros.pipeline.outputs.robot_description import RobotDescription
 from lassokin_ros.pipeline.settings import OFF, NodeSettings
 from msg_adapters.backends import RclpyBackend
@@ -76,16 +77,18 @@ class PersonOutputs:
         """title: name of the node. person: id, empty if one person is followed. Raises SkeletonError for base_frame."""
         backend = RclpyBackend()
         self._node = node
-        prefix = topics.link_prefix(config.frame_prefix, title, person)
-        self._description = RobotDescription(backend, skeleton, config.base_frame, prefix)
+        naming = Naming.of(config, title, person)
+        self._description = RobotDescription(backend, skeleton, config.base_frame, naming)
         name = partial(topics.of_person, person=person, rep155=config.rep155)
-        self._out = {t.name: advertise(node, t, name(t.name), not person) for t in topics.PERSON_OUTPUTS}
+        self._out = {
+            t.name: advertise(node, t, name(t.name), not person) for t in topics.person_outputs(config.detects_bodies)
+        }
         if config.publish_tf != OFF:
             self._out[topics.TF] = advertise(node, topics.TF_OUTPUT, overridable=not person)
         self._messages = FrameMessages(backend, skeleton, title, person, config, ready_made=True)
         self.state_publisher = None
         if not person and config.state_publisher:
-            self.state_publisher = StatePublisher(node, config.state_publisher, prefix)
+            self.state_publisher = StatePublisher(node, config.state_publisher, naming.prefix)
         if not person:
             self._describe(self._description.first())
 

@@ -14,6 +14,7 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.body_frames import BodyFrames
 from lassokin_ros.pipeline.outputs.certificate_status import certificate_status
+from lassokin_ros.pipeline.outputs.rep155 import MappedJoints
 from lassokin_ros.pipeline.outputs.urdf import joint_names
 from lassokin_ros.pipeline.settings import OFF, NodeSettings
 from msg_adapters.backends import Backend
@@ -23,6 +24,7 @@ from msg_adapters.output_messages.builders import (
     PointStampedBuilder,
     PoseArrayBuilder,
     PoseWithCovarianceBuilder,
+    RegionBuilder,
     StampedBuilder,
     StringBuilder,
     TransformsBuilder,
@@ -62,12 +64,15 @@ class FrameMessages:
         self._builders: dict[str, Callable[[int, str, Any, Any], Any]] = {}
         self._detailed_ns: int | None = None  # stamp of the last frame with DETAILS
         prefix = f"{person}/" if person else ""
-        self._add_pose_outputs(skeleton, prefix)
+        self._add_pose_outputs(skeleton, person, prefix)
         self._add_certificate(f"{name}: {person}" if person else name)
         self._add_uncertainty_outputs(skeleton, prefix)
         self._add_image_outputs(skeleton, prefix)
         if self._config.publish_tf != OFF:
             self._add_tf(BodyFrames(skeleton, self._config, name, person))
+        if self._config.detects_bodies:
+            roi = RegionBuilder(self._backend).fill
+            self._builders[topics.ROI] = lambda t, f, frame, _: roi(t, f, keypoint_region(frame))
 
     def build(
         self, frame: FrameResult, wanted: Callable[[str], bool] = lambda topic: True
@@ -93,15 +98,20 @@ class FrameMessages:
     def _fill(self, builder: StampedBuilder) -> Callable[..., Any]:
         return SerialisedMessage(builder, self._backend).fill if self._ready_made else builder.fill
 
-    def _add_pose_outputs(self, skeleton: Skeleton, prefix: str) -> None:
+    def _add_pose_outputs(self, skeleton: Skeleton, person: str, prefix: str) -> None:
         backend, parents = self._backend, skeleton.parents.tolist()
         labels = skeleton.joint_names if self._config.joint_labels else ()
-        joint_states = self._fill(JointStateBuilder(backend, joint_names(skeleton)))
+        names = joint_names(skeleton)
+        mapped = MappedJoints(names, person) if self._config.rep155 and person else None
+        joint_states = self._fill(JointStateBuilder(backend, names if mapped is None else mapped.names))
+        extend = (lambda values: values) if mapped is None else mapped.extend
         translation = self._fill(PointStampedBuilder(backend))
         joints = self._fill(PoseArrayBuilder(backend, skeleton.joint_count))
         markers = self._fill(SkeletonMarkersBuilder(backend, parents, prefix, labels))
         self._builders |= {
-            topics.JOINT_STATES: lambda t, f, frame, _: joint_states(t, f, frame.positions, frame.velocities),
+            topics.JOINT_STATES: lambda t, f, frame, _: joint_states(
+                t, f, extend(frame.positions), extend(frame.velocities)
+            ),
             topics.TRANSLATION: lambda t, f, _, e: translation(t, f, e.state.translation),
             topics.JOINTS: lambda t, f, frame, e: joints(t, f, e.pose.positions, frame.quaternions[:-1]),
             topics.MARKERS: lambda t, f, _, e: markers(t, f, e.pose.positions),
@@ -162,6 +172,16 @@ def image_points(frame: FrameResult) -> tuple[np.ndarray, np.ndarray, np.ndarray
     pose, n = frame.estimate.pose, len(frame.estimate.pose.positions)
     pixels = frame.in_image(np.concatenate([pose.positions, pose.landmarks]))  # one call of the lens is faster
     return pixels[:n], frame.detected, pixels[n:]
+
+
+def keypoint_region(frame: FrameResult) -> np.ndarray:
+    """Return the region of a person's keypoints: xmin, ymin, xmax, ymax, 0 to 1 of the image, and the confidence."""
+    assert frame.detected is not None and frame.lens is not None
+    found = frame.detected[np.isfinite(frame.detected).all(axis=1)]
+    if not len(found) or not all(frame.lens.size):
+        return np.zeros(5)
+    corners = np.concatenate([found.min(axis=0), found.max(axis=0)]) / np.tile(frame.lens.size, 2)
+    return np.append(corners.clip(0.0, 1.0), 1.0 - frame.uncertainty.failure_probability)
 
 
 def principal_axes(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
