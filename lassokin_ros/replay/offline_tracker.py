@@ -46,13 +46,19 @@ class OfflineTracker:
     """Track the messages of one recording. The clock is the recording time, so the outputs are repeatable."""
 
     def __init__(
-        self, tracker_config: TrackerConfig, node_config: NodeSettings, types: Any, ready_made: bool = False
+        self,
+        tracker_config: TrackerConfig,
+        node_config: NodeSettings,
+        types: Any,
+        ready_made: bool = False,
+        only_track: bool = False,
     ) -> None:
         """types: the typestore of rosbags. ready_made: yield serialised messages where that is faster.
 
+        only_track: make no messages of people's poses.
         Raises a LassokinError if the configuration cannot be used.
         """
-        self._ready_made = ready_made
+        self._ready_made, self._only_track = ready_made, only_track
         self.pipeline = Pipeline(tracker_config, node_config)
         self.frame_seconds: list[float] = []
         """Time for decoding and tracking each message, s."""
@@ -191,6 +197,8 @@ class OfflineTracker:
         self._found_anew += frame.estimate.initialised and frame.person in self._people
         if frame.person not in self._people:
             self._people[frame.person] = PersonMessages(self._backend, self.pipeline, frame.person, self._ready_made)
+        if self._only_track:
+            return
         for topic, message in self._people[frame.person].build(frame):
             name = topics.of_person(topic, frame.person, self.pipeline.config.rep155)
             yield topics.full_name(name, NODE_NAME), self._types[topic], message

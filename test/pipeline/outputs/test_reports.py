@@ -12,7 +12,7 @@ from lassokin_ros.core.lasso.problem import Lasso
 from lassokin_ros.core.lasso.solver import LassoSolution
 from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.frame_result import FrameResult
-from lassokin_ros.pipeline.outputs.body_frames import BodyFrames, body_quaternion, hip_joints
+from lassokin_ros.pipeline.outputs.body_frames import BodyFrames, hip_joints
 from lassokin_ros.pipeline.outputs.certificate_status import certificate_status
 from lassokin_ros.pipeline.outputs.frame_messages import principal_axes
 from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, confidence, person_report
@@ -97,7 +97,7 @@ def test_frames_of_a_body(rep155, publish):
     assert len(frames.names) == len(positions) == len(quaternions) == (4 if publish == "all" else 1)
     assert frames.names[0] == ("", "body_p1" if rep155 else "node/p1/body")
     assert positions[0] == pytest.approx([2, 3, 1.5] if rep155 else [1, 2, 3])  # between the hips, or the pelvis
-    assert np.array_equal(quaternions[0], body_quaternion(estimate()))
+    assert np.array_equal(quaternions[0], result().quaternions[-1])
     if publish == "all":
         root = "body_p1" if rep155 else ""
         links = ["node/p1/pelvis", "node/p1/left_hip", "node/p1/right_hip"]
