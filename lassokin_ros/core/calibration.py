@@ -61,6 +61,8 @@ long and lean in depth; the volume accounts for the many poses that are likely f
 INFORMATION were chosen on the training clips of the prior."""
 VOLUME_STEP = 0.05
 """Step of the log-length for the finite difference of the volume, about the effect of noise on a limb in the image."""
+VOLUME_HOLDS = 0.02
+"""Change of a log-length up to which a kept frame's derivative of the volume is used again when it is relinearised."""
 STEEPEST = 50.0
 """Limit of the derivative of the log volume. For a limb across the view, larger values are not meaningful."""
 CERTAIN = 0.012
@@ -76,7 +78,8 @@ class KeptFrame:
     """A kept frame: its measurements, its pose, and its normal equations in the lengths.
 
     share: factor on INFORMATION. information: (p, p), and pull: (p,), the negative gradient, both about `lengths`, the
-    lengths of the last linearisation.
+    lengths of the last linearisation. volume: (p,) derivative of the log volume about the lengths `volume_at`, None
+    before it is first computed.
     """
 
     state: BodyState
@@ -86,6 +89,8 @@ class KeptFrame:
     information: np.ndarray
     pull: np.ndarray
     cost: float = np.inf
+    volume: np.ndarray | None = None
+    volume_at: np.ndarray | None = None
 
 
 class Calibration:
@@ -185,11 +190,14 @@ class Calibration:
         if failed:
             return
         coupling, step = solved[:, :-1], solved[:, -1]
-        images = J[: 2 * len(frame.data.points)]
-        yield
-        moved = self._moved_columns(frame, coupling)
-        yield
-        volume = _volume(moved, H - images.T @ images, 2 * float(np.log(factor.diagonal()).sum()))
+        volume, at = frame.volume, frame.volume_at
+        if volume is None or at is None or np.abs(at - self.lengths).max() > VOLUME_HOLDS:
+            images = J[: 2 * len(frame.data.points)]
+            yield
+            moved = self._moved_columns(frame, coupling)
+            yield
+            volume = _volume(moved, H - images.T @ images, 2 * float(np.log(factor.diagonal()).sum()))
+            frame.volume, frame.volume_at = volume, self.lengths
         frame.information = C.T @ C - right[:, :-1].T @ coupling
         frame.pull = C.T @ z - right[:, :-1].T @ step - 0.5 * VOLUME * volume
         frame.lengths, frame.cost = self.lengths, cost

@@ -241,10 +241,8 @@ class Tracker(TrackerParts):
             else:
                 self._limbs.start(winner)
         else:
-            places = self._depth.places()
-            if places is not None:
-                cost, tracked = self._body_hypotheses.cost, self._body_hypotheses.published.pose
-                winner = self._network_hypothesis.better_state(stamp, frame, places, self.skeleton, tracked, cost)
+            cost, tracked, places = self._body_hypotheses.cost, self._body_hypotheses.published.pose, self._depth.places
+            winner = self._network_hypothesis.better_state(stamp, frame, places, self.skeleton, tracked, cost)
             if winner is not None:
                 self._body_hypotheses.replace_published(winner)
         if winner is not None:

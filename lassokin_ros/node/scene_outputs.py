@@ -29,7 +29,7 @@ class SceneOutputs:
         self._node, self._pipeline = node, pipeline
         self._people_out = advertise(node, topics.people_output(message_type))
         self._state_out = advertise(node, topics.STATE_OUTPUT)
-        self._people = PeopleMessages(backend, message_type)
+        self._people = PeopleMessages(backend, message_type, ready_made=True)
         self._state, self._text = PresenceState(), StringBuilder(backend)
         self._publish_state()
 

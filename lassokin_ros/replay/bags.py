@@ -268,8 +268,12 @@ class BagWriter:
             raise BagError(f"'{self.path}' cannot be written: {error}") from None
 
     def write(self, topic: str, message_type: str, time_ns: int, message: Any, latched: bool = False) -> None:
-        """Append a message. time_ns: recording time. latched: a playback delivers it to late subscribers too."""
-        self.write_raw(topic, message_type, time_ns, self._types.serialize_cdr(message, message_type), latched)
+        """Append a message, or one that is serialised already.
+
+        time_ns: recording time. latched: a playback delivers it to late subscribers too.
+        """
+        data = message if isinstance(message, bytes) else self._types.serialize_cdr(message, message_type)
+        self.write_raw(topic, message_type, time_ns, data, latched)
 
     def write_raw(self, topic: str, message_type: str, time_ns: int, data: bytes, latched: bool = False) -> None:
         """Append a serialised message."""

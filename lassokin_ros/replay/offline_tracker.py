@@ -45,8 +45,20 @@ LINK_AS_FRAME = "frame_id is a link's name"
 class OfflineTracker:
     """Track the messages of one recording. The clock is the recording time, so the outputs are repeatable."""
 
-    def __init__(self, tracker_config: TrackerConfig, node_config: NodeSettings, types: Any) -> None:
-        """types: the typestore of rosbags. Raises a LassokinError if the configuration cannot be used."""
+    def __init__(
+        self,
+        tracker_config: TrackerConfig,
+        node_config: NodeSettings,
+        types: Any,
+        ready_made: bool = False,
+        only_track: bool = False,
+    ) -> None:
+        """types: the typestore of rosbags. ready_made: yield serialised messages where that is faster.
+
+        only_track: make no messages of people's poses.
+        Raises a LassokinError if the configuration cannot be used.
+        """
+        self._ready_made, self._only_track = ready_made, only_track
         self.pipeline = Pipeline(tracker_config, node_config)
         self.frame_seconds: list[float] = []
         """Time for decoding and tracking each message, s."""
@@ -73,7 +85,7 @@ class OfflineTracker:
             for output in (self._tracked, topics.ROI_OUTPUT):
                 add_type(types, output.message_type, OF_DETECTORS[output.message_type])
         self._list = id_list(self._backend, node_config.rep155)
-        self._scene = SceneMessages(self._backend, self.pipeline, types)
+        self._scene = SceneMessages(self._backend, self.pipeline, types, ready_made)
         self._diagnostics: Diagnostics | None = None
         self._next_diagnostics_ns = 0
         self._held: deque[tuple[Any, int]] = deque()
@@ -184,7 +196,9 @@ class OfflineTracker:
         self.initialisations += frame.estimate.initialised
         self._reinitialised += frame.estimate.initialised and frame.person in self._people
         if frame.person not in self._people:
-            self._people[frame.person] = PersonMessages(self._backend, self.pipeline, frame.person)
+            self._people[frame.person] = PersonMessages(self._backend, self.pipeline, frame.person, self._ready_made)
+        if self._only_track:
+            return
         for topic, message in self._people[frame.person].build(frame):
             name = topics.of_person(topic, frame.person, self.pipeline.config.rep155)
             yield topics.full_name(name, NODE_NAME), self._types[topic], message
@@ -218,10 +232,10 @@ class OfflineTracker:
 class PersonMessages:
     """One person's messages, the body's description before those of the first frame that needs it."""
 
-    def __init__(self, backend: Backend, pipeline: Pipeline, person: str) -> None:
-        """person: the id, empty when one person is followed."""
+    def __init__(self, backend: Backend, pipeline: Pipeline, person: str, ready_made: bool) -> None:
+        """person: the id, empty when one person is followed. ready_made: see FrameMessages."""
         skeleton, config = pipeline.tracker.skeleton, pipeline.config
-        self._messages = FrameMessages(backend, skeleton, NODE_NAME, person, config)
+        self._messages = FrameMessages(backend, skeleton, NODE_NAME, person, config, ready_made)
         naming = Naming.of(config, NODE_NAME, person)
         self._description = RobotDescription(backend, skeleton, config.base_frame, naming)
         self._counts = pipeline.counts
@@ -241,13 +255,13 @@ class PersonMessages:
 class SceneMessages:
     """The people of each image, and the state of tracking when it changes; in the node this is SceneOutputs."""
 
-    def __init__(self, backend: Backend, pipeline: Pipeline, types: Any) -> None:
-        """types: the typestore of rosbags."""
+    def __init__(self, backend: Backend, pipeline: Pipeline, types: Any, ready_made: bool) -> None:
+        """types: the typestore of rosbags. ready_made: see PeopleMessages."""
         self._pipeline, self._type = pipeline, full_type_name(pipeline.config.people_type)
         for name, definition in DEFINITIONS.items():
             if name.split("/")[0] == self._type.split("/")[0]:
                 add_type(types, name, definition)
-        self._people = PeopleMessages(backend, self._type)
+        self._people = PeopleMessages(backend, self._type, ready_made)
         self._state, self._text = PresenceState(), StringBuilder(backend)
 
     def state(self) -> tuple[str, str, Any]:

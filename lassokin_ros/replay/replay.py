@@ -64,12 +64,12 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
         others = _other_topics(bag, node_config)
         read = [keypoints, *camera.recorded, *others]
         if options.two_pass:
-            first = OfflineTracker(tracker_config, node_config, bag.types)
+            first = OfflineTracker(tracker_config, node_config, bag.types, only_track=True)
             messages = camera.messages(bag, read)
             tracker_config = learn_lengths(
                 messages, _inputs(first, keypoints, camera, others), first, tracker_config, Path(folder)
             )
-        tracker = OfflineTracker(tracker_config, node_config, bag.types)
+        tracker = OfflineTracker(tracker_config, node_config, bag.types, ready_made=True)
         report = _report(options, tracker)
         exports = _exports(options, tracker)
         images = recorded_images(bag, options, report, keypoints)

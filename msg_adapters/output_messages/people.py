@@ -17,6 +17,7 @@ from msg_adapters.backends import Backend
 from msg_adapters.output_messages.builders import set_header
 from msg_adapters.output_messages.clouds import CloudBuilder
 from msg_adapters.output_messages.joint_uncertainty import COVARIANCE, UPPER
+from msg_adapters.output_messages.serialised_messages import SerialisedMessage
 from msg_adapters.output_messages.skeleton_cloud import MOTION
 
 CLOUD_TYPE = "sensor_msgs/msg/PointCloud2"
@@ -154,8 +155,10 @@ class PeopleCloudBuilder:
     tracked: 1, or 0 for a person who is lost.
     """
 
-    def __init__(self, backend: Backend) -> None:
+    def __init__(self, backend: Backend, ready_made: bool = False) -> None:
+        """ready_made: return serialised messages where there are people."""
         self._cloud = CloudBuilder(backend, POINT)
+        self._fill = SerialisedMessage(self._cloud, backend).fill if ready_made else self._cloud.fill
 
     def fill(self, stamp_ns: int, frame_id: str, people: Sequence[PersonReport]) -> Any:
         """See PeopleBuilder.fill."""
@@ -167,7 +170,8 @@ class PeopleCloudBuilder:
             row[12] = person.confidence
         points["person"] = [person.number for person in people]
         points["tracked"] = [person.tracked for person in people]
-        return self._cloud.fill(stamp_ns, frame_id, points)
+        fill = self._fill if len(people) > 0 else self._cloud.fill
+        return fill(stamp_ns, frame_id, points)
 
 
 BUILDERS: Mapping[str, Callable[[Backend], PeopleBuilder]] = {
@@ -178,6 +182,11 @@ BUILDERS: Mapping[str, Callable[[Backend], PeopleBuilder]] = {
 """Builders by message type. The first one is the default."""
 
 
-def people_builder(backend: Backend, message_type: str) -> PeopleBuilder:
-    """Return the builder of a message type of BUILDERS. Its package must be installed."""
+def people_builder(backend: Backend, message_type: str, ready_made: bool = False) -> PeopleBuilder:
+    """Return the builder of a message type of BUILDERS. Its package must be installed.
+
+    ready_made: return serialised messages where that is faster.
+    """
+    if message_type == CLOUD_TYPE:
+        return PeopleCloudBuilder(backend, ready_made)
     return BUILDERS[message_type](backend)

@@ -7,7 +7,7 @@ of `EVERY` seconds, each on the newest frame, so that no frame takes much longer
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -51,20 +51,23 @@ class NetworkHypothesis:
         self,
         stamp: float,
         frame: FrameData,
-        places: Mapping[str, np.ndarray],
+        find_places: Callable[[], Mapping[str, np.ndarray] | None],
         skeleton: Skeleton,
         tracked: BodyPose,
         cost: float,
     ) -> BodyState | None:
         """The fitted state, if a fit ends with this frame and is another and better explanation, else None.
 
-        tracked: pose of the tracked state, whose cost is `cost`.
+        find_places: `DepthEstimator.places`. tracked: pose of the tracked state, whose cost is `cost`.
         """
         step, self._newest = stamp - self._newest, stamp
         if step > EVERY:
             self._fitted = None  # too old to go on
         if self._fitted is None:
             if stamp < self._begun_at + EVERY - 1e-6:
+                return None
+            places = find_places()
+            if places is None:
                 return None
             self._begun_at = stamp
             if distance(places, skeleton, tracked) < AGREE:
