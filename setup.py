@@ -1,5 +1,6 @@
 """One package for pip and for colcon (ament_python)."""
 
+import sys
 from glob import glob
 from pathlib import Path
 from xml.etree import ElementTree
@@ -63,6 +64,16 @@ MESSAGES = [  # what builds message packages; the wheels do not name all that th
     *ROS,
 ]
 
+WHEEL = {"bdist_wheel", "editable_wheel", "dist_info"} & set(sys.argv)
+"""Whether pip builds. Its commands are on the PATH, where the names below would be too common. colcon and bloom install
+executables into lib/lassokin_ros, for `ros2 run`; see setup.cfg."""
+ROS_EXECUTABLES = [
+    "tracker = lassokin_ros.node.command:tracker",
+    "detector = lassokin_ros.detector.command:main",
+    "camera = lassokin_ros.camera.command:main",
+    "replay = lassokin_ros.cli.replay:main",
+]
+
 setup(
     name=NAME,
     version=MANIFEST.findtext("version"),
@@ -100,12 +111,6 @@ setup(
     },
     zip_safe=False,
     entry_points={
-        "console_scripts": [
-            "lassokin = lassokin_ros.cli.lassokin:main",
-            "tracker = lassokin_ros.node.command:tracker",
-            "detector = lassokin_ros.detector.command:main",
-            "camera = lassokin_ros.camera.command:main",
-            "replay = lassokin_ros.cli.replay:main",
-        ]
+        "console_scripts": ["lassokin = lassokin_ros.cli.lassokin:main", *([] if WHEEL else ROS_EXECUTABLES)],
     },
 )
