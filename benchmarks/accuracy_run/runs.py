@@ -70,10 +70,10 @@ def follow(follower: Follower, observations: Sequence[Observation], joints: int,
         take(follower.published if isinstance(follower, Tracker) else [estimate])
     if isinstance(follower, Tracker):
         take(follower.flush())
-    return Track(_held(positions), _held(points), reprojection, rejected, frame_ms, float(init_ms))
+    return Track(held(positions), held(points), reprojection, rejected, frame_ms, float(init_ms))
 
 
-def _held(values: np.ndarray) -> np.ndarray:
+def held(values: np.ndarray) -> np.ndarray:
     """NaN frames replaced by the last known one."""
     known = np.isfinite(values[:, 0, 0])
     last = np.maximum.accumulate(np.where(known, np.arange(len(values)), -1))

@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.common.report import Record
 from benchmarks.data.people_in_view import HEIGHT, LANDMARKS, view
 from benchmarks.timing.load_table import latency_rows, row, usage_rows
-from benchmarks.timing.processes import Usage
+from benchmarks.timing.processes import Limits, Usage
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.demo.synthetic import WEBCAM
@@ -38,12 +38,17 @@ MOST_MEMORY_MB, MOST_CPU, MOST_CORE_CPU, PROMISED_PEOPLE, PROMISED_HZ = 150.0, 8
 CPU, CORE_CPU = "process, % of a core", "of it the core's steps, % of a core"
 
 
-def soak_live(seconds: float, people: int, hz: float, clock_hz: float = 0.0, depth: bool = False) -> list[Record]:
-    """Rows of the table of benchmarks/soak.py; clock_hz: 0 for the system's time. depth: with depth images."""
+def soak_live(
+    seconds: float, people: int, hz: float, clock_hz: float = 0.0, depth: bool = False, limits: Limits = Limits()
+) -> list[Record]:
+    """Rows of the table of benchmarks/soak.py.
+
+    clock_hz: 0 for the system's time. depth: with depth images. limits: of the node's process.
+    """
     messages = _messages(people, hz)
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ.setdefault("ROS_DOMAIN_ID", str(30 + os.getpid() % 60))
-    with Load(people, clock_hz, depth) as load:
+    with Load(people, clock_hz, depth, limits) as load:
         load.feed(messages, hz, WARM_UP_S)
         before = load.counts()
         load.forget()
@@ -130,8 +135,8 @@ def _depth_image() -> bytearray:
 class Load:
     """The node as a child process and a peer in this one. Use it in a `with` statement."""
 
-    def __init__(self, people: int, clock_hz: float = 0.0, depth: bool = False) -> None:
-        self._people, self._clock_hz, self._depth = people, clock_hz, depth
+    def __init__(self, people: int, clock_hz: float = 0.0, depth: bool = False, limits: Limits = Limits()) -> None:
+        self._people, self._clock_hz, self._depth, self._limits = people, clock_hz, depth, limits
         self._arrived: dict[int, int] = {}
         self._status: dict[str, str] = {}
         self._statuses = 0
@@ -151,7 +156,7 @@ class Load:
         if self._clock_hz:
             arguments += ["-p", "use_sim_time:=true", "-r", "/clock:=clock"]
         command = [sys.executable, "-m", "lassokin_ros.node.command", "--ros-args", *arguments]
-        self._process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        self._process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, preexec_fn=self._limits.apply)
         rclpy.init()
         self._node = rclpy.create_node("load", namespace=NAMESPACE)
         self._executor = SingleThreadedExecutor()

@@ -28,6 +28,7 @@ def usage_rows(begin: Usage, end: Usage) -> list[Record]:
         row("memory, MB", f"{begin.memory_mb:.1f}", f"{end.memory_mb:.1f}", grown < MOST_GROWTH_MB),
         row("file descriptors", begin.descriptors, end.descriptors, end.descriptors <= begin.descriptors),
         row("threads", begin.threads, end.threads, end.threads <= begin.threads),
+        row("address space, MB", f"{begin.address_space_mb:.0f}", f"{end.address_space_mb:.0f}"),
     ]
 
 

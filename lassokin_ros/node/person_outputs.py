@@ -60,6 +60,16 @@ def advertise(node: Node, topic: topics.OutputTopic, name: str = "", overridable
     return node.create_publisher(kind, name, qos, qos_overriding_options=override, event_callbacks=events)
 
 
+def subscribers(publisher: Publisher) -> int:
+    """Return the number of subscriptions that match a publisher.
+
+    `get_subscription_count` enters the handle's context, which takes four times as long. That is for publishers that
+    another thread may destroy.
+    """
+    count: int = publisher.handle.get_subscription_count()
+    return count
+
+
 class PersonOutputs:
     """The publishers of one person."""
 
@@ -109,7 +119,7 @@ class PersonOutputs:
     def _is_wanted(self, topic: str, copy_markers: Callable[[Any], None] | None = None) -> bool:
         if topic == topics.MARKERS and copy_markers is not None:
             return True
-        return self._out[topic].get_subscription_count() > 0
+        return subscribers(self._out[topic]) > 0
 
     def close(self) -> None:
         """Destroy the publishers."""
@@ -138,7 +148,7 @@ class PeopleOutputs:
 
     def publish(self, frames: list[FrameResult], ids: list[str]) -> None:
         """Publish the frames of all people. ids: ids of all present people, also those without a frame."""
-        copy_markers = self._markers.publish if self._markers.get_subscription_count() else None
+        copy_markers = self._markers.publish if subscribers(self._markers) else None
         for frame in frames:
             if frame.person not in self._people:
                 self._people[frame.person] = self._of(frame.person)

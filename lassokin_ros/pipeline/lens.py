@@ -68,10 +68,16 @@ class Lens:
         """OpenCV, imported at the first lens with distortion. The import is slow and most cameras do not need it."""
         try:
             import cv2
-        except ImportError:
+        except ModuleNotFoundError:
             raise CameraError(
                 f"the camera has a {self.model} lens, which needs OpenCV: pip install opencv-python-headless, or "
                 "apt install python3-opencv"
+            ) from None
+        except (ImportError, MemoryError) as error:  # a library is missing, or there is no memory for it
+            reason = " ".join(str(error).split())[:200] or type(error).__name__
+            raise CameraError(
+                f"the camera has a {self.model} lens, which needs OpenCV; OpenCV is installed but cannot be loaded: "
+                f"{reason}"
             ) from None
         return cv2
 

@@ -62,7 +62,8 @@ class Pipeline:
         self.people = _people_tracker(self._trackable, self.counts, self.config.several_people)
         self._adapter = keypoint_adapter(self.config.keypoints_type)
         self.camera = Camera(self.config.rectified)
-        self.depth = DepthImages(self.counts) if self.config.depth else None
+        depth, registered = self.config.depth, self.config.depth_registered
+        self.depth = DepthImages(self.counts, depth, registered) if depth else None
         """The depth images, None if the setting `depth` names no topic."""
         self.mount = CameraMount(self.config.camera_mount_frame) if self.config.camera_mount_frame else None
         """The camera's mount from TF, None if the setting `camera_mount_frame` names no frame."""
@@ -177,8 +178,7 @@ class Pipeline:
             keypoints, view = self._decode(message)
             frame_id = keypoints.frame_id or view.intrinsics.frame_id
             keypoints = self._remove_placeholders(keypoints, view)
-            self._count_nobody(keypoints)
-            self._count_outside(keypoints, view)
+            self._count_nobody_and_outside(keypoints, view)
             if keypoints.stamp_ns is None:
                 self.counts["unstamped"] += 1
             stamped = keypoints.stamp_ns is not None
@@ -219,14 +219,11 @@ class Pipeline:
             self.counts[PLACEHOLDERS] += 1
         return kept
 
-    def _count_nobody(self, keypoints: Keypoints) -> None:
-        confident = keypoints.present & (keypoints.confidence >= self.tracker.config.min_confidence)
-        self.nobody_in_view = not np.count_nonzero(confident)
-        self.counts[NOBODY] += self.nobody_in_view
-
-    def _count_outside(self, keypoints: Keypoints, view: View) -> None:
+    def _count_nobody_and_outside(self, keypoints: Keypoints, view: View) -> None:
         confident = keypoints.confidence >= self.tracker.config.min_confidence  # others may be out of view
-        if view.is_left_by(keypoints.xy[confident]):
+        self.nobody_in_view = not np.count_nonzero(confident & keypoints.present)
+        self.counts[NOBODY] += self.nobody_in_view
+        if view.is_left_by(keypoints.xy.compress(confident, axis=0)):
             self.counts[OUTSIDE_IMAGE] += 1
 
     def _is_back_in_time(self, image: PeopleImage, arrival_ns: int, stamped: bool) -> bool:

@@ -27,7 +27,11 @@ class NodeSettings:
     )
     depth: str = setting(
         "",
-        "topic of depth images (sensor_msgs/Image) that are registered to the colour image; empty for none",
+        "topic of depth images (sensor_msgs/Image, or CompressedImage if it ends in /compressedDepth) that are "
+        "registered to the colour image; empty for none",
+    )
+    depth_registered: bool = setting(
+        False, "depth images with another frame_id than the colour image's are registered to it nevertheless"
     )
     rectified: bool = setting(
         False, "keypoints are pixels of the rectified image: camera_info's P is used in place of K and D"
@@ -79,6 +83,13 @@ class NodeSettings:
     people_type: str = setting(
         PEOPLE_TYPES[0],
         f"message type of ~/people, one of: {', '.join(PEOPLE_TYPES)}; the last two need their packages",
+    )
+    detail_rate: float = setting(
+        0.0,
+        "largest rate of ~/certificate, ~/joint_uncertainty and ~/uncertainty_markers, by stamps; 0: with every frame",
+        "Hz",
+        0.0,
+        1000.0,
     )
     joint_labels: bool = setting(False, "names of the joints as text in ~/markers")
     state_publisher: str = setting(

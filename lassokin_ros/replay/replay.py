@@ -50,6 +50,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
     from lassokin_ros.replay.offline_tracker import OfflineTracker
     from lassokin_ros.replay.output_paths import OutputError, check_output_paths
     from lassokin_ros.replay.record import KEY, Record, origin_of
+    from lassokin_ros.replay.recorded_images import recorded_images
     from msg_adapters.detectors.registry import full_type_name
 
     options.output = options.output or Path(f"{options.bag.resolve().stem}_tracked")
@@ -71,15 +72,16 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
         tracker = OfflineTracker(tracker_config, node_config, bag.types)
         report = _report(options, tracker)
         exports = _exports(options, tracker)
+        images = recorded_images(bag, options, report)
+        inputs = {**_inputs(tracker, keypoints, camera, others), **{shown.topic.name: shown.take for shown in images}}
+        read += [shown.topic for shown in images]
         output = options.output
         storage = options.storage or bag.storage
         # All or nothing: every file is complete on the disk before the recording and the files get their names.
         with AtomicFiles(options.force, OutputError) as files:
             with BagWriter(output, storage, bag.types, options.force, is_inside_name) as writer:
                 progress = Progress(sum(topic.count for topic in read), "messages", progress_on)
-                seconds = _run(
-                    camera.messages(bag, read), _inputs(tracker, keypoints, camera, others), tracker, writer, progress
-                )
+                seconds = _run(camera.messages(bag, read), inputs, tracker, writer, progress)
                 figures = _figures(tracker)
                 writer.note(KEY, Record(origin_of(options), figures).text)
                 written = _files(options, tracker, exports, writer, files)
@@ -87,6 +89,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
                     report.write(files, options.bag.resolve().name, (keypoints.name, camera.name))
                 files.check()
             files.placed.append(output)
+    written.update({"images": str(shown) for shown in images})
     summary = _summary(
         f"{options.bag} -> {output} ({storage})", (str(keypoints), camera.title), tracker, seconds, written
     )
@@ -110,7 +113,7 @@ def _other_topics(bag: BagReader, config: NodeSettings) -> list[RecordedTopic]:
     """Return the topics of depth images and of TF, if the settings need them."""
     found = []
     if config.depth:
-        found.append(bag.find(topics.DEPTH_IMAGE_TYPE, config.depth, topics.DEPTH_IMAGE, "-p depth:="))
+        found.append(bag.find(topics.depth_type(config.depth), config.depth, topics.DEPTH_IMAGE, "-p depth:="))
     if config.camera_mount_frame:
         found += [topic for topic in bag.topics if topic.name in (topics.TF, topics.TF_STATIC)]
     return found
@@ -198,6 +201,7 @@ def _summary(title: str, inputs: Sequence[str], tracker: Any, seconds: float, wr
     import numpy as np
 
     from lassokin_ros.pipeline.outputs.calibration_status import averaged_sides
+    from lassokin_ros.pipeline.depth_images import MATCHED, UNMATCHED
     from lassokin_ros.replay.offline_tracker import LINK_AS_FRAME
 
     counts, error = tracker.pipeline.counts, tracker.reprojection_px
@@ -216,6 +220,10 @@ def _summary(title: str, inputs: Sequence[str], tracker: Any, seconds: float, wr
     averaged = tracker.pipeline.tracker.averaged
     if averaged:
         lines["left and right"] = averaged_sides(averaged)
+    if (depth := tracker.pipeline.depth) is not None:
+        lines["depth images"] = f"for {counts[MATCHED]} of {counts[MATCHED] + counts[UNMATCHED]} keypoint messages"
+        if remark := depth.fault or depth.note:
+            lines["depth images"] += f"; {remark}"
     if counts[LINK_AS_FRAME]:
         lines["base frame"] = "frame_id is the name of a link of the body; robot_description has another base"
     lines.update(written)

@@ -17,9 +17,9 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: E402
 from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
 
 from lassokin_ros.camera import node as camera_module  # noqa: E402
-from lassokin_ros.detector.images import decode_image  # noqa: E402
 from lassokin_ros.video.sources import Image as SourceImage  # noqa: E402
 from lassokin_ros.video.sources import Source, SourceError  # noqa: E402
+from msg_adapters.image import decode_image  # noqa: E402
 
 COMMAND = [sys.executable, "-m", "lassokin_ros.camera.command"]
 FRAMES, FPS, SIZE = 12, 20.0, (160, 120)

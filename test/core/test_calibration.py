@@ -124,7 +124,8 @@ def test_the_change_of_the_log_volume_is_its_derivative(seed, monkeypatch):
     H = J.T @ J + DAMPING * np.eye(J.shape[1])
     coupling = np.linalg.solve(H, J.T @ C)
     of_prior = H - J[:34].T @ J[:34]
-    change = calibration._volume(frame, of_prior, coupling, np.linalg.slogdet(H)[1])
+    moved = calibration._moved_columns(frame, coupling)
+    change = calibration_module._volume(moved, of_prior, np.linalg.slogdet(H)[1])
 
     def log_volume(lengths):
         other = calibration._moved(state, -coupling @ lengths)
@@ -162,6 +163,25 @@ def test_lengths_become_more_certain_with_time(seed):
     limbs = [calibration.proportions.names.index(name) for name in ("thigh", "shank", "upper arm", "forearm")]
     seen = spreads[4:, limbs].mean(axis=1)
     assert len(seen) > 8 and np.all(seen[1:] < 1.06 * seen[:-1]) and seen[-1] < 0.7 * seen[0], seen
+
+
+def test_work_is_spread_over_the_frames_until_the_next_piece():
+    """Three calls at 100 Hz do what one call every 0.03 s does, none of them all of it."""
+    kinematics = body()
+    prior = PoseDistribution.load(kinematics.skeleton)
+    states = postures(prior, 14, 0)
+    frames = [FrameData(seen, np.full(17, FOCAL / 2)) for seen in project(kinematics.pose(states).landmarks)]
+    once, spread = (Calibration(FrameModel(kinematics, PosePrior(prior, kinematics), Upright())) for _ in range(2))
+    for calibration in (once, spread):
+        calibration._kept_at, calibration.moved = -0.06, 1.05  # keep frames at once; work is due after 0.02 to 0.03 s
+    changes = []
+    for i, frame in enumerate(frames):
+        state = BodyState(states.rotations[i], states.translation[i])
+        changes.append(once.advance(0.03 * i, state, frame))
+        calls = [spread.advance(0.03 * i + 0.01 * j, state, frame) for j in range(3)]
+        assert calls == [False, changes[-1], False]
+    assert any(changes) and len(once._frames) == len(spread._frames) > 5
+    assert np.array_equal(once.lengths, spread.lengths) and np.array_equal(once.spread, spread.spread)
 
 
 def test_frames_that_cannot_be_solved_have_no_influence(monkeypatch):

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from lassokin_ros.detector.backend import DetectorError, make_detector
-from lassokin_ros.detector.images import decode_image
 from lassokin_ros.detector.onnx_pose import letterbox
 from msg_adapters.errors import AdapterError
+from msg_adapters.image import decode_image
 
 
 def image(encoding, pixels, padding=0):

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 pytest.importorskip("rosbags", reason="rosbags makes the messages")
 
 from courses import BACKEND, LAYOUTS, NUMBERS, START_NS, TYPES, message_of, over_the_wire, people  # noqa: E402
+from decoder_checks import LONGEST_TEXT, outcome_of, refusal  # noqa: E402
 from fuzzing import count, fuzz  # noqa: E402
 from messages import HEIGHT, WIDTH, camera_info  # noqa: E402
 from spoil import WAYS, spoil  # noqa: E402
@@ -17,27 +18,6 @@ from lassokin_ros.pipeline.lens import Lens  # noqa: E402
 from msg_adapters.camera_info import decode_camera_info  # noqa: E402
 from msg_adapters.detectors.registry import ADAPTERS, keypoint_adapter  # noqa: E402
 from msg_adapters.errors import AdapterError  # noqa: E402
-from msg_adapters.keypoints import LARGEST_PIXEL, MAX_POINTS  # noqa: E402
-
-REASONS = {
-    "wrong_fields",
-    "wrong_datatype",
-    "wrong_layout",
-    "wrong_shape",
-    "too_many_points",
-    "bad_stamp",
-    "bad_frame_id",
-    "unknown_id",
-    "repeated_id",
-    "confidence_range",
-    "no_image_size",
-    "camera_not_finite",
-    "camera_uncalibrated",
-    "camera_matrix",
-    "camera_distortion",
-}
-LONGEST_TEXT = 1500
-"""Limit for the length of the text about a message, for messages of any length."""
 
 
 def faults(message_type):
@@ -55,35 +35,6 @@ def good(message_type, seed):
     if seed % 2 and message_type in ("sensor_msgs/msg/PointCloud2", "yolo_msgs/msg/DetectionArray"):
         return message_of(message_type, [pixels[0] for _, pixels in both], START_NS, NUMBERS)
     return message_of(message_type, [alone[1][0]], START_NS, NUMBERS[:1])
-
-
-def refusal(error):
-    assert error.reason in REASONS and 0 < len(str(error)) < LONGEST_TEXT
-    return error.reason
-
-
-def outcome_of(adapter, message, size, landmarks):
-    """The reason of the refusal, or "read" if all its content is usable."""
-    try:
-        keypoints = adapter.decode(message, size)
-    except AdapterError as error:
-        return refusal(error)
-    k = len(keypoints.ids)
-    assert k <= MAX_POINTS and keypoints.xy.shape == (k, 2) and keypoints.confidence.shape == (k,)
-    assert keypoints.stamp_ns is None or keypoints.stamp_ns > 0
-    persons = [] if keypoints.persons is None else np.unique(keypoints.persons)[:5].tolist()
-    outcome = "read"
-    for person in (None, *persons):
-        try:
-            points, confidence = keypoints.as_landmarks(landmarks, person)
-        except AdapterError as error:
-            outcome = refusal(error)
-            continue
-        seen = confidence > 0
-        assert points.shape == (landmarks, 2) and confidence.shape == (landmarks,)
-        assert ((confidence >= 0) & (confidence <= 1)).all() and (np.isfinite(points).all(axis=1) == seen).all()
-        assert (np.abs(points[seen]) <= LARGEST_PIXEL).all()
-    return outcome
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")

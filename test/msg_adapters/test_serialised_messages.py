@@ -97,6 +97,17 @@ def test_an_unknown_memory_layout_falls_back_to_the_message():
         assert message.status[0].message == "said" and message.header.stamp.nanosec == i
 
 
+def test_the_places_are_learned_once_for_each_form_of_a_message():
+    backend = rosbags_backend()
+    ready, learned = SerialisedMessage(JointStateBuilder(backend, ["a"]), backend), []
+    learn = ready._learn
+    ready._learn = lambda stamp_ns, frame_id, numbers: learned.append(frame_id) or learn(stamp_ns, frame_id, numbers)
+    for i in range(3):
+        for frame_id in ("camera", "another"):
+            ready.fill(START_NS + i, frame_id, np.array([1.0]), np.array([i]))
+    assert learned == ["camera", "another"]
+
+
 def test_changing_frame_ids_use_bounded_memory():
     backend = rosbags_backend()
     ready = SerialisedMessage(PointStampedBuilder(backend), backend)

@@ -51,7 +51,7 @@ def workspace(tmp_path_factory):
 def test_all_files_are_installed(workspace):
     prefix = workspace / "install" / "lassokin_ros"
     commands = {path.name for path in (prefix / "lib" / "lassokin_ros").iterdir()}
-    assert commands == {"tracker", "replay", "detector", "camera", "lassokin"}
+    assert commands == {"tracker", "replay", "detector", "camera", "viewer", "lassokin"}
     share = prefix / "share" / "lassokin_ros"
     for name in ("package.xml", "launch/tracker.launch.py", "config/tracker.yaml", "hook/ament_prefix_path.sh"):
         assert (share / name).is_file(), name

@@ -81,7 +81,7 @@ def test_tracking_one_person_imports_no_optional_modules():
 def test_make_installs_extras_that_exist():
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     targets = dict(re.findall(r"^(\w+): \$\(VENV\)/\.installed-(\w+)$", makefile, re.MULTILINE))
-    assert targets == {"demo": "demo", "test": "test", "fuzz": "test", "lint": "test"}
+    assert targets == {"demo": "demo", "test": "test", "fuzz": "test", "mutants": "mutants", "lint": "test"}
     setup = (ROOT / "setup.py").read_text(encoding="utf-8")
     assert all(f'"{extra}": ' in setup for extra in targets.values())
     wanted = re.search(r"^DEMO = \[(.*?)\]$", setup, re.MULTILINE | re.DOTALL)[1]
@@ -89,7 +89,7 @@ def test_make_installs_extras_that_exist():
 
 
 @pytest.mark.parametrize(
-    "command, others", [("bdist_wheel", 0), ("editable_wheel", 0), ("dist_info", 0), ("install", 4), ("develop", 4)]
+    "command, others", [("bdist_wheel", 0), ("editable_wheel", 0), ("dist_info", 0), ("install", 5), ("develop", 5)]
 )
 def test_pip_installs_one_command_and_ros2_run_has_the_others(monkeypatch, command, others):
     """pip makes a wheel; colcon and bloom call install or develop."""
@@ -100,4 +100,4 @@ def test_pip_installs_one_command_and_ros2_run_has_the_others(monkeypatch, comma
     runpy.run_path("setup.py")
     names = [line.partition(" = ")[0] for line in setup[0]["entry_points"]["console_scripts"]]
     assert names[0] == "lassokin" and len(names) == 1 + others
-    assert set(names) <= {"lassokin", "tracker", "detector", "camera", "replay"}
+    assert set(names) <= {"lassokin", "tracker", "detector", "camera", "viewer", "replay"}

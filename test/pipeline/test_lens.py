@@ -1,5 +1,7 @@
 """Pixels to normalised coordinates against OpenCV's projection, the other way round."""
 
+import sys
+
 import numpy as np
 import pytest
 from messages import camera_info
@@ -103,3 +105,12 @@ def test_distortion_is_checked_at_construction(D, model, text):
     with pytest.raises(CameraError, match=text):
         Lens(K, D, model)
     assert Lens(K, [0.0] * 5).model == ""
+
+
+@pytest.mark.parametrize("text", ["raise ImportError('libcv2.so: failed to map\\n segment')", "raise MemoryError()"])
+def test_opencv_that_cannot_be_loaded_is_not_called_absent(tmp_path, monkeypatch, text):
+    (tmp_path / "cv2.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "cv2", raising=False)
+    with pytest.raises(CameraError, match="installed but cannot be loaded: (libcv2.so: failed to map segment|Memory)"):
+        Lens(K, [0.1, 0, 0, 0], "plumb_bob").normalise(np.zeros((1, 2)))

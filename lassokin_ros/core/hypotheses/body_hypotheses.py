@@ -105,6 +105,10 @@ class BodyHypotheses:
     def linearise(self, frame: FrameData) -> LinearisedFrame:
         """The rows of a frame about the published state. The rows about the hypotheses are kept for `advance`."""
         assert self._states is not None
+        if not self._count:
+            rows = self._rows.linearise(self._states, frame.per_state(), huber_weights)
+            self._linearised = rows
+            return LinearisedFrame(rows.columns[..., 0, :, :], rows.z[..., 0, :])
         factor = np.ones((*self._age.shape[:-1], self._count + 1, 1))
         factor[..., :-1, 0] = COARSE.take(self._age, mode="clip")
         rows = self._rows.linearise(self._states, frame.per_state().annealed(factor), self._robust)
@@ -153,8 +157,10 @@ class BodyHypotheses:
         alpha: (live,) 1/rad, l1 weights of the increments of all states. Do not call this for repeated keypoints: the
         same image is no further evidence.
         """
-        self._age += 1
         self.cost = float(self._costs[-1])
+        if not self._count:
+            return None
+        self._age += 1
         cost = self._costs + np.abs(self._increments.take(self._rows.live, axis=-1)).dot(alpha)
         self._advantage += SHARES.take(self._age, mode="clip") * (cost[-1] - cost[:-1] - self._advantage)
         mature = self._age >= MATURE_FROM

@@ -22,7 +22,7 @@ from lassokin_ros.node.log_throttle import LogThrottle
 from lassokin_ros.node.person_outputs import message_class
 from lassokin_ros.node.qos import overrides
 from lassokin_ros.pipeline.depth_images import RECEIVED, DepthImages
-from lassokin_ros.pipeline.outputs.topics import DEPTH_IMAGE_TYPE
+from lassokin_ros.pipeline.outputs.topics import depth_type
 
 DEPTH = 5
 """Depth images in the middleware's queue."""
@@ -39,20 +39,21 @@ class DepthInput:
     """The node's subscription to depth images; `hold` the processing of each keypoint message."""
 
     def __init__(self, node: Node, topic: str, images: DepthImages, counts: Any, now: float) -> None:
-        """topic: of sensor_msgs/Image; counts: the Counter of `images`; now: s, steady clock."""
+        """topic: of the depth images; counts: the Counter of `images`; now: s, steady clock."""
         self._node, self._images, self._counts = node, images, counts
         self._warning = LogThrottle(node.get_logger().warning, time.monotonic)
         self._waiting: deque[tuple[int | None, Callable[[], None]]] = deque()
         self._came_at, self._useless = -float("inf"), 0
-        self._missing = MissingInput(node, topic, DEPTH_IMAGE_TYPE, (), now)
+        self._missing = MissingInput(node, topic, depth_type(topic), (), now)
         self._topic, self._overrides = topic, overrides(node, topic, "subscription")
+        self._noted = ""
         self._subscription = self._subscribe(ReliabilityPolicy.BEST_EFFORT)
         self._timer = node.create_timer(WAIT_S, self._on_timeout, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._timer.cancel()
 
     def _subscribe(self, reliability: ReliabilityPolicy) -> Subscription:
         return self._node.create_subscription(
-            message_class(DEPTH_IMAGE_TYPE),
+            message_class(depth_type(self._topic)),
             self._topic,
             self._on_image,
             QoSProfile(depth=DEPTH, reliability=reliability),
@@ -82,6 +83,9 @@ class DepthInput:
             self._match_publishers()
         if came:
             ignore_events(self._subscription)
+        if self._images.note != self._noted:
+            self._noted = self._images.note
+            self._node.get_logger().info(self._noted)
 
     def _match_publishers(self) -> None:
         """Subscribe reliably if all publishers are reliable.

@@ -7,14 +7,12 @@ import numpy as np
 from lassokin_ros.core.body.rotations import to_quaternion
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.estimate import Estimate
+from lassokin_ros.pipeline.frame_result import BODY_FROM_ROOT
 from lassokin_ros.pipeline.outputs import rep155
 from lassokin_ros.pipeline.outputs.naming import Naming
 from lassokin_ros.pipeline.settings import ALL, NodeSettings
 
 BODY = "body"
-BODY_FROM_ROOT = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
-"""Axes of the frame `body` (REP-103: x front, y left, z up), as columns in the root joint's frame (x left, y up,
-z front)."""
 
 
 class BodyFrames:
@@ -68,10 +66,3 @@ def hip_joints(skeleton: Skeleton) -> list[int]:
     """Return the indices of both hips, the mean of which is the body's origin in REP-155; empty without both."""
     hips = [i for i, name in enumerate(skeleton.joint_names) if name in ("left_hip", "right_hip")]
     return hips if len(hips) == 2 else []
-
-
-def body_quaternion(estimate: Estimate) -> np.ndarray:
-    """Return the orientation (4,) of the body in the camera frame: x front, y left, z up."""
-    assert estimate.pose is not None
-    quaternion: np.ndarray = to_quaternion(estimate.pose.orientations[0] @ BODY_FROM_ROOT)
-    return quaternion

@@ -12,7 +12,7 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.pipeline.outputs.body_frames import BodyFrames, body_quaternion
+from lassokin_ros.pipeline.outputs.body_frames import BodyFrames
 from lassokin_ros.pipeline.outputs.certificate_status import certificate_status
 from lassokin_ros.pipeline.outputs.rep155 import MappedJoints
 from lassokin_ros.pipeline.outputs.urdf import joint_names
@@ -36,6 +36,11 @@ from msg_adapters.output_messages.serialised_messages import SerialisedMessage
 from msg_adapters.output_messages.serialised_status import SerialisedStatus
 from msg_adapters.output_messages.skeleton_cloud import SkeletonCloudBuilder
 
+DETAILS = (topics.CERTIFICATE, topics.JOINT_UNCERTAINTY, topics.UNCERTAINTY_MARKERS)
+"""Topics that the parameter detail_rate limits. They take longer than all others together."""
+EARLY = 0.1
+"""Share of the period by which a message of these may be early: jitter of the stamps must not lower the rate."""
+
 
 class FrameMessages:
     """Makes the messages of one person. Message objects are reused: publish or serialise each before the next frame."""
@@ -57,6 +62,7 @@ class FrameMessages:
         self._backend, self._ready_made = backend, ready_made
         self._config = config or NodeSettings()
         self._builders: dict[str, Callable[[int, str, Any, Any], Any]] = {}
+        self._detailed_ns: int | None = None  # stamp of the last frame with DETAILS
         prefix = f"{person}/" if person else ""
         self._add_pose_outputs(skeleton, person, prefix)
         self._add_certificate(f"{name}: {person}" if person else name)
@@ -74,9 +80,20 @@ class FrameMessages:
         """Yield (topic, message) for the wanted topics of an accepted frame, in the order of topics.PERSON_OUTPUTS."""
         if not frame.accepted or frame.estimate is None:
             return
+        in_detail = self._in_detail(frame.stamp_ns)
         for topic, build in self._builders.items():
-            if wanted(topic):
+            if (in_detail or topic not in DETAILS) and wanted(topic):
                 yield topic, build(frame.stamp_ns, frame.frame_id, frame, frame.estimate)
+
+    def _in_detail(self, stamp_ns: int) -> bool:
+        """Return True if the frame with this stamp gets the topics of DETAILS."""
+        rate, last = self._config.detail_rate, self._detailed_ns
+        if rate == 0:
+            return True
+        if last is not None and 0 <= stamp_ns - last < (1 - EARLY) * 1e9 / rate:
+            return False
+        self._detailed_ns = stamp_ns
+        return True
 
     def _fill(self, builder: StampedBuilder) -> Callable[..., Any]:
         return SerialisedMessage(builder, self._backend).fill if self._ready_made else builder.fill
@@ -96,7 +113,7 @@ class FrameMessages:
                 t, f, extend(frame.positions), extend(frame.velocities)
             ),
             topics.TRANSLATION: lambda t, f, _, e: translation(t, f, e.state.translation),
-            topics.JOINTS: lambda t, f, _, e: joints(t, f, e.pose.positions, to_quaternion(e.pose.orientations)),
+            topics.JOINTS: lambda t, f, frame, e: joints(t, f, e.pose.positions, frame.quaternions[:-1]),
             topics.MARKERS: lambda t, f, _, e: markers(t, f, e.pose.positions),
         }
 
@@ -118,7 +135,7 @@ class FrameMessages:
                 t, f, e.pose.positions, frame.uncertainty.covariance, frame.uncertainty.deviation
             ),
             topics.POSE: lambda t, f, frame, e: pose(
-                t, f, e.pose.positions[0], body_quaternion(e), frame.uncertainty.absolute.pelvis
+                t, f, e.pose.positions[0], frame.quaternions[-1], frame.uncertainty.absolute.pelvis
             ),
             topics.SKELETON: lambda t, f, frame, e: joints(
                 t, f, e.pose.positions, frame.joint_velocities, frame.uncertainty.absolute.joints, frame.observed

@@ -11,8 +11,10 @@ KEYPOINTS = "keypoints"
 CAMERA_INFO = "camera_info"
 CAMERA_INFO_TYPE = "sensor_msgs/msg/CameraInfo"
 DEPTH_IMAGE = "depth"
-DEPTH_IMAGE_TYPE = "sensor_msgs/msg/Image"
 """The name by which documentation and errors call the topic that the parameter `depth` names."""
+DEPTH_IMAGE_TYPE, COMPRESSED_DEPTH_TYPE = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+COMPRESSED_DEPTH = "/compressedDepth"
+"""End of the name of a topic with compressed depth images, as image_transport chooses it."""
 CLOCK = "/clock"
 CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
 
@@ -35,6 +37,11 @@ TRACKED = "tracked"
 SKELETON2D = "skeleton2d"
 TF = "/tf"
 TF_STATIC = "/tf_static"
+
+
+def depth_type(topic: str) -> str:
+    """Return the message type of a topic with depth images."""
+    return COMPRESSED_DEPTH_TYPE if topic.endswith(COMPRESSED_DEPTH) else DEPTH_IMAGE_TYPE
 
 
 @dataclass(frozen=True)

@@ -123,6 +123,15 @@ def test_random_walks_never_step_by_more_than_half_a_turn():
     assert np.abs(product(last, ORDERS) - rotations).max() < 1e-10
 
 
+def test_no_joint_is_locked_before_the_first_call_or_after_a_reset():
+    reader = JointAngleReader(ORDERS[:4])
+    assert reader.locked.tolist() == [False] * 4
+    reader.read(product(by_axis(np.tile([0.9, np.pi / 2, -0.3], (4, 1)), ORDERS[:4]), ORDERS[:4]))
+    assert reader.locked.tolist() == [True] * 4
+    reader.reset()
+    assert reader.locked.tolist() == [False] * 4
+
+
 def test_reset_forgets_full_turns():
     reader = JointAngleReader(("xyz",))
     for angle in np.linspace(0, 7, 100):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from cases import body, central_difference, random_body, random_state, relative_error
 
+from lassokin_ros.core.batch import select_person, stack_values
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import exponential, to_quaternion
@@ -121,6 +122,62 @@ def test_dead_columns_are_zero_in_every_pose(case):
         L = kinematics.jacobian(kinematics.pose(state))
         assert np.abs(L[:, ~kinematics.live]).max(initial=0) < 1e-12
         assert np.abs(L[:, kinematics.live]).max(axis=0).min(initial=np.inf) > 1e-9
+
+
+def test_the_live_columns_are_the_jacobians(case):
+    """`landmark_columns` of the live degrees of freedom, for two rows per landmark and for three."""
+    kinematics, states = case
+    random, live = np.random.default_rng(7), np.flatnonzero(kinematics.live)
+    pose = kinematics.pose(states[0])
+    L = kinematics.jacobian(pose).reshape(kinematics.landmark_count, 3, -1)
+    moving = kinematics.live_twists(pose, pose.orientations)
+    for per_landmark in (2, 3):
+        rows = random.normal(size=(kinematics.landmark_count, per_landmark, 3))
+        out = np.full((len(live), rows.shape[0] * per_landmark), np.nan)
+        kinematics.landmark_columns(moving, pose, rows.reshape(-1, 3), out)
+        expected = (rows @ L).reshape(out.shape[1], -1)[:, live]
+        assert np.allclose(out.T, expected, rtol=0, atol=1e-11)
+    root = live[live < 3]
+    assert np.array_equal(kinematics.live_root, root)  # joint 0 is the root
+
+
+def test_the_joints_columns_are_the_derivatives_of_their_centres(case):
+    kinematics, states = case
+    random, live = np.random.default_rng(8), np.flatnonzero(kinematics.live)
+    joints = random.integers(kinematics.joint_count, size=3)
+    rows = random.normal(size=(3, 2, 3))
+    pose = kinematics.pose(states[0])
+    out = np.full((len(live), 6), np.nan)
+    moving = kinematics.live_twists(pose, pose.orientations)
+    kinematics.joint_columns(moving, pose, joints, rows.reshape(-1, 3), out)
+
+    def values(omega):
+        centres = kinematics.pose(states[0].retract(omega, np.zeros(3))).positions[joints]
+        return (rows @ centres[..., None])[..., 0]
+
+    expected = central_difference(values, 3 * kinematics.joint_count)[:, live]
+    assert np.allclose(out.T, expected, rtol=0, atol=1e-7)
+
+
+def test_other_offsets_are_another_skeleton(case):
+    """As an argument, as the kinematics' own, and of several people at once."""
+    kinematics, states = case
+    skeleton = kinematics.skeleton.with_offsets(kinematics.skeleton.offsets * 1.3)
+    other = Kinematics(skeleton, kinematics.layout)
+    expected = other.pose(states[0])
+    reshaped = Kinematics(kinematics.skeleton, kinematics.layout)
+    reshaped.set_skeleton(skeleton)
+    assert reshaped.skeleton is skeleton
+    people = Kinematics.stack([kinematics, other])
+    two = stack_values([stack_values([states[0]])] * 2)
+    for pose in (
+        kinematics.pose(states[0], skeleton.offsets),
+        reshaped.pose(states[0]),
+        select_person(select_person(people.pose(two), 1), 0),
+    ):
+        assert np.allclose(pose.positions, expected.positions, rtol=0, atol=1e-13)
+        assert np.allclose(pose.landmarks, expected.landmarks, rtol=0, atol=1e-13)
+    assert np.allclose(people.pose(two).landmarks[0, 0], kinematics.pose(states[0]).landmarks, rtol=0, atol=1e-13)
 
 
 def test_coco17_has_the_expected_live_degrees_of_freedom():

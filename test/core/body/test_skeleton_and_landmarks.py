@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from lassokin_ros.core.body.landmarks import Layout, built_in_layouts
+from lassokin_ros.core.body.landmarks import SURFACE, Layout, built_in_layouts
 from lassokin_ros.core.body.skeleton import HEIGHT_RANGE, Skeleton, built_in_skeletons
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError, LassokinError, LayoutError, SkeletonError, SolverError
@@ -114,6 +114,9 @@ BAD_SKELETONS = {
     "misspelt in a joint": (tree({**joint("a", None), "axis": "xyz"}), "joint 'a' has the key 'axis', .*mean 'axes'"),
     "huge position": (tree({**joint("a", None), "position": [0, 10**400, 0]}), "expected three finite numbers"),
     "too many": (tree(*(joint(f"{i}", f"{i - 1}" if i else None) for i in range(301))), "301 joints; expected at most"),
+    "joints a text": ({"joints": "pelvis"}, "'joints' must be a list"),
+    "the second": (tree(joint("a", None), {"name": 1}), "joint 1 is .*expected a mapping"),
+    "too far": (tree(joint("a", None, (0, -10.1, 0))), "three finite numbers, .* of at most 10"),
 }
 
 
@@ -179,6 +182,12 @@ BAD_LAYOUTS = {
     ),
     "unknown": ({"landmarks": [{"name": "a", "joint": "head"}], "of": "us"}, "the key 'of', which is none of: name, l"),
     "too many": ({"landmarks": [{"name": f"{i}", "joint": "head"} for i in range(1001)]}, "1001 .*expected at most"),
+    "no list": ({"landmarks": {"name": "a", "joint": "head"}}, "'landmarks' must be a list"),
+    "empty list": ({"landmarks": []}, "'landmarks' must be a list"),
+    "the second": ({"landmarks": [{"name": "a", "joint": "head"}, {"name": 1}]}, "landmark 1 is .*expected a mapping"),
+    "noise too large": ({"landmarks": [{"name": "a", "joint": "head", "noise": 100.1}]}, "has noise 100.1; expected"),
+    "surface too deep": ({"landmarks": [{"name": "a", "joint": "head", "surface": 0.21}]}, "has surface 0.21; exp"),
+    "surface outside": ({"landmarks": [{"name": "a", "joint": "head", "surface": -0.01}]}, "has surface -0.01; exp"),
 }
 
 
@@ -197,6 +206,45 @@ def test_bad_layouts_are_refused(case):
     data, text = BAD_LAYOUTS[case]
     with pytest.raises(LayoutError, match=text):
         Layout.from_mapping(data, Skeleton.load("anthropometric", 1.75))
+
+
+def test_the_limits_themselves_are_allowed():
+    for height in HEIGHT_RANGE:
+        assert Skeleton.load("anthropometric", height).height == height
+    chain = tree(*(joint(f"{i}", f"{i - 1}" if i else None, (10, -10, 0)) for i in range(300)))
+    skeleton = Skeleton.from_mapping(chain, 1.75)
+    assert skeleton.joint_count == 300
+    ends = [{"noise": 0.1, "surface": 0}, {"noise": 100, "surface": 0.2}]
+    points = [{"name": f"{i}", "joint": "0", **ends[i % 2]} for i in range(1000)]
+    layout = Layout.from_mapping({"landmarks": points}, skeleton)
+    assert layout.noise[:2].tolist() == [0.1, 100] and layout.surface[:2] == pytest.approx([0, 0.2 * 1.75])
+
+
+def test_what_a_file_leaves_out_has_a_default():
+    data = {"joints": [joint("a", None, (0, 1, 0)), joint("left_knee", "a", (0, 0.5, 0))]}
+    skeleton = Skeleton.from_mapping(data, 2.0, "file.yaml")
+    assert skeleton.name == "file.yaml" and skeleton.height == 2.0
+    assert skeleton.offsets.tolist() == [[0, 0, 0], [0, -1, 0]]  # fractions of the height
+    centre = {"name": "centre", "joint": "left_knee"}
+    points = [centre, {**centre, "name": "patella", "offset": [0, 0.1, 0]}]
+    layout = Layout.from_mapping({"landmarks": points}, skeleton, "points.yaml")
+    assert layout.name == "points.yaml" and layout.noise.tolist() == [1, 1]
+    assert layout.offsets.tolist() == [[0, 0, 0], [0, 0.2, 0]]
+    # Half of a knee's depth from its centre to the surface; a landmark with an offset is on it.
+    assert layout.surface == pytest.approx([SURFACE["knee"] * 2.0, 0.0])
+
+
+@pytest.mark.parametrize("suffix", ["npz", "bvh", "urdf", "pkl", "xacro", "fbx", "BVH"])
+def test_another_format_is_told_from_a_missing_file(suffix):
+    with pytest.raises(SkeletonError, match=f"body.{suffix}: the core reads skeletons from YAML only"):
+        Skeleton.load(f"body.{suffix}", 1.75)
+
+
+def test_a_taller_skeleton_is_the_same_body():
+    skeleton = Skeleton.load("anthropometric", 1.6)
+    taller = skeleton.scaled(1.25)
+    assert taller.height == 2.0 and np.allclose(taller.offsets, skeleton.offsets * 1.25)
+    assert (taller.name, taller.joint_names, taller.axes) == (skeleton.name, skeleton.joint_names, skeleton.axes)
 
 
 def test_errors_for_unknown_names_list_the_existing_ones():

@@ -1,4 +1,4 @@
-"""sensor_msgs/Image to RGB arrays."""
+"""sensor_msgs/Image and CompressedImage to RGB arrays."""
 
 from __future__ import annotations
 
@@ -42,3 +42,17 @@ def decode_image(message: Any) -> np.ndarray:
         return np.repeat(pixels, 3, axis=2)
     blue_first = encoding.startswith("bgr") or encoding == "8UC3"
     return np.ascontiguousarray(pixels[:, :, 2::-1] if blue_first else pixels[:, :, :3])
+
+
+def decode_compressed_image(message: Any) -> np.ndarray:
+    """Return an image (height, width, 3), uint8, RGB, of a sensor_msgs/CompressedImage (JPEG, PNG).
+
+    Raises AdapterError with reason `image_encoding`.
+    """
+    import cv2
+
+    data = np.frombuffer(message.data, np.uint8)
+    pixels = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
+    if pixels is None:
+        raise AdapterError("image_encoding", f"{len(data)} bytes of '{message.format[:32]}' are no image")
+    return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB))
