@@ -38,6 +38,7 @@ def pipeline():
         config=NodeSettings(),
         tracker=tracker,
         depth=None,
+        mount=None,
         calibrations=dict,
     )
 
