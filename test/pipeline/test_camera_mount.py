@@ -204,10 +204,13 @@ def test_replay_reads_tf_of_the_recording(tmp_path, capsys):
     bag = write_messages(tmp_path / "in", messages)
     places = []
     for name, setting in (("tf", f"camera_mount_frame:={BASE}"), ("told", f"camera_pitch:={DOWN}")):
-        assert main([str(bag), "-o", str(tmp_path / name), "-p", setting]) == 0
+        export = ["--export", str(tmp_path / f"{name}.bvh")]
+        assert main([str(bag), "-o", str(tmp_path / name), "-p", setting, *export]) == 0
         poses = [message.poses for _, message in read(tmp_path / name, "/tracker/joints")]
         places.append([[pose.position.x, pose.position.y, pose.position.z] for pose in poses[-1]])
     assert np.allclose(*places, atol=1e-5)
+    levelled = [(tmp_path / f"{name}.bvh").read_text().splitlines()[-1].split()[3:6] for name in ("tf", "told")]
+    assert np.allclose(*np.array(levelled, dtype=float), atol=0.01)  # degrees, of the root
     assert (
         "camera mount    follows TF over 'base_footprint': roll 0.000 rad, pitch 0.524 rad" in capsys.readouterr().out
     )
