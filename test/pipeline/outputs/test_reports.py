@@ -12,7 +12,7 @@ from lassokin_ros.core.lasso.problem import Lasso
 from lassokin_ros.core.lasso.solver import LassoSolution
 from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.frame_result import FrameResult
-from lassokin_ros.pipeline.outputs.body_frames import BodyFrames, body_quaternion, hip_joints
+from lassokin_ros.pipeline.outputs.body_frames import BODY_FROM_ROOT, BodyFrames, hip_joints
 from lassokin_ros.pipeline.outputs.certificate_status import certificate_status
 from lassokin_ros.pipeline.outputs.frame_messages import principal_axes
 from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, confidence, person_report
@@ -94,15 +94,18 @@ def test_frames_of_a_body(rep155, publish):
     config = NodeSettings(publish_tf=publish, rep155=rep155, frame_prefix="~/")
     frames = BodyFrames(small(), config, "node", "p1")
     positions, quaternions = frames.transforms(estimate())
-    assert len(frames.names) == len(positions) == len(quaternions) == (4 if publish == "all" else 1)
+    assert len(frames.names) == len(positions) == len(quaternions) == (4 + 2 * rep155 if publish == "all" else 1)
     assert frames.names[0] == ("", "body_p1" if rep155 else "node/p1/body")
     assert positions[0] == pytest.approx([2, 3, 1.5] if rep155 else [1, 2, 3])  # between the hips, or the pelvis
-    assert np.array_equal(quaternions[0], body_quaternion(estimate()))
+    assert np.allclose(Rotation.from_quat(quaternions[0]).as_matrix(), TURNS[0] @ BODY_FROM_ROOT)
     if publish == "all":
         root = "body_p1" if rep155 else ""
-        links = ["node/p1/pelvis", "node/p1/left_hip", "node/p1/right_hip"]
-        assert frames.names[1:] == [(root, links[0]), (links[0], links[1]), (links[1], links[2])]
-        turns = Rotation.from_quat(quaternions[1:]).as_matrix()
+        joints = ("pelvis", "left_hip", "right_hip")
+        links = [f"{joint}_p1" if rep155 else f"node/p1/{joint}" for joint in joints]
+        assert frames.names[1:4] == [(root, links[0]), (links[0], links[1]), (links[1], links[2])]
+        assert frames.names[4:] == ([(links[1], "l_hip_p1"), (links[2], "r_hip_p1")] if rep155 else [])
+        assert np.array_equal(positions[4:], np.zeros((2 * rep155, 3)))  # at the joints
+        turns = Rotation.from_quat(quaternions[1:4]).as_matrix()
         for joint, parent in ((1, 0), (2, 1)):
             assert positions[joint + 1] == pytest.approx(TURNS[parent].T @ (POSITIONS[joint] - POSITIONS[parent]))
             assert turns[joint] == pytest.approx(TURNS[parent].T @ TURNS[joint])
