@@ -16,6 +16,7 @@ from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.errors import SkeletonError  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 from lassokin_ros.pipeline.outputs.calibration_status import averaged_sides  # noqa: E402
+from lassokin_ros.pipeline.outputs.naming import Naming
 from lassokin_ros.pipeline.outputs.robot_description import LARGEST_ERROR, RobotDescription, farthest_move  # noqa: E402
 from lassokin_ros.pipeline.outputs.skeleton_file import check_skeleton_file, for_person  # noqa: E402
 from lassokin_ros.pipeline.outputs.urdf import has_prefix, joint_names, urdf  # noqa: E402
@@ -130,7 +131,7 @@ def test_a_urdf_knows_its_prefix():
 
 
 def test_the_description_follows_base_frame_and_lengths():
-    description = RobotDescription(BACKEND, small(), "fallback", "me/")
+    description = RobotDescription(BACKEND, small(), "fallback", Naming("me/"))
 
     def frame(skeleton=None, frame_id="camera"):
         return SimpleNamespace(skeleton=skeleton, frame_id=frame_id)
