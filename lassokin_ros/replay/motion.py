@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -89,8 +89,8 @@ class _Rows:
 class MotionRecorder:
     """Collect the accepted frames of each person in a temporary file: 4 kB per frame, 0.4 GB for an hour at 30 Hz."""
 
-    def __init__(self, landmark_names: Sequence[str], level: np.ndarray) -> None:
-        """landmark_names: l names. level: (3, 3), see `Motion`."""
+    def __init__(self, landmark_names: Sequence[str], level: Callable[[], np.ndarray]) -> None:
+        """landmark_names: l names. level: returns (3, 3), see `Motion`, after the last frame."""
         self._landmark_names, self._level = tuple(landmark_names), level
         self._spool = ArraySpool()
         self._people: dict[str, _Rows] = {}
@@ -107,6 +107,6 @@ class MotionRecorder:
         for person, rows in self._people.items():
             assert rows.skeleton is not None
             columns = self._spool.columns(rows.records)
-            names, level = self._landmark_names, self._level
+            names, level = self._landmark_names, self._level()
             motions.append(Motion(person, rows.frame_id, rows.skeleton, names, **columns, level=level))
         return motions

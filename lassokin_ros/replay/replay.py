@@ -181,8 +181,7 @@ def _exports(options: argparse.Namespace, tracker: Any) -> Exports | None:
     from lassokin_ros.replay.motion import MotionRecorder
 
     pipeline = tracker.pipeline
-    mount = pipeline.tracker.config
-    recorder = MotionRecorder(pipeline.tracker.layout.names, level_from_camera(mount.camera_roll, mount.camera_pitch))
+    recorder = MotionRecorder(pipeline.tracker.layout.names, lambda: level_from_camera(*pipeline.camera_angles))
     tracker.listeners.append(recorder.add)
     return Exports(options.export, recorder, pipeline.config.several_people, options.force)
 

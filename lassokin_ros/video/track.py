@@ -218,9 +218,8 @@ def _view(options: argparse.Namespace, source: Source, camera: Calibration) -> L
 def _exports(options: argparse.Namespace, tracker: OfflineTracker) -> Exports | None:
     if not options.export:
         return None
-    mount = tracker.pipeline.tracker.config
-    level = level_from_camera(mount.camera_roll, mount.camera_pitch)
-    recorder = MotionRecorder(tracker.pipeline.tracker.layout.names, level)
+    pipeline = tracker.pipeline
+    recorder = MotionRecorder(pipeline.tracker.layout.names, lambda: level_from_camera(*pipeline.camera_angles))
     exports = Exports(options.export, recorder, tracker.pipeline.config.several_people, options.force)
     tracker.listeners.append(recorder.add)
     return exports

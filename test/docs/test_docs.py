@@ -81,9 +81,9 @@ def workplace(tmp_path_factory):
         (folder / entry).symlink_to(ROOT / entry)
     (folder / ".venv").symlink_to(environment)
     shims = tmp_path_factory.mktemp("executables")
-    if shutil.which("replay", path=environment / "bin") is None:  # run from the folder, not installed
-        (shims / "replay").write_text(f'#!/bin/sh\nexec {sys.executable} -m lassokin_ros.cli.replay "$@"\n')
-        (shims / "replay").chmod(0o755)
+    if shutil.which("lassokin", path=environment / "bin") is None:  # run from the folder, not installed
+        (shims / "lassokin").write_text(f'#!/bin/sh\nexec {sys.executable} -m lassokin_ros.cli.lassokin "$@"\n')
+        (shims / "lassokin").chmod(0o755)
     path = os.pathsep.join([str(environment / "bin"), str(shims), os.environ["PATH"]])
     python = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     return folder, {**os.environ, "PATH": path, "PYTHONPATH": python, "MPLBACKEND": "Agg"}

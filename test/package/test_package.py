@@ -3,6 +3,7 @@
 import ast
 import configparser
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -85,3 +86,18 @@ def test_make_installs_extras_that_exist():
     assert all(f'"{extra}": ' in setup for extra in targets.values())
     wanted = re.search(r"^DEMO = \[(.*?)\]$", setup, re.MULTILINE | re.DOTALL)[1]
     assert set(re.findall(r"\*(\w+)", wanted)) == {"ROS", "REPORT"}  # nothing of the test tools
+
+
+@pytest.mark.parametrize(
+    "command, others", [("bdist_wheel", 0), ("editable_wheel", 0), ("dist_info", 0), ("install", 5), ("develop", 5)]
+)
+def test_pip_installs_one_command_and_ros2_run_has_the_others(monkeypatch, command, others):
+    """pip makes a wheel; colcon and bloom call install or develop."""
+    setup = []
+    monkeypatch.setattr("setuptools.setup", lambda **arguments: setup.append(arguments))
+    monkeypatch.setattr(sys, "argv", ["setup.py", command])
+    monkeypatch.chdir(ROOT)
+    runpy.run_path("setup.py")
+    names = [line.partition(" = ")[0] for line in setup[0]["entry_points"]["console_scripts"]]
+    assert names[0] == "lassokin" and len(names) == 1 + others
+    assert set(names) <= {"lassokin", "tracker", "detector", "camera", "viewer", "replay"}

@@ -2,14 +2,19 @@
 
 import numpy as np
 import pytest
-from messages import FRAME, camera_info, cloud, pixels_of_motion, rosbags_backend
+from messages import FOCAL, FRAME, HEIGHT, WIDTH, camera_info, cloud, pixels_of_motion, rosbags_backend
 from recordings import read, write_messages
 from scipy.spatial.transform import Rotation
 from transforms import OPTICAL, rpy, tf_message
 
 from lassokin_ros.cli.replay import main
+from lassokin_ros.core.body.kinematics import Kinematics
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.evidence.upright import Upright, vertical_of
+from lassokin_ros.core.evidence.upright import Upright, level_from_camera, vertical_of
+from lassokin_ros.core.image.projection import project
+from lassokin_ros.demo.synthetic import motion
 from lassokin_ros.pipeline.camera_mount import CameraMount, roll_and_pitch
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
@@ -19,6 +24,7 @@ pytest.importorskip("rosbags")
 BACKEND = rosbags_backend()
 BASE, SECOND = "base_footprint", 1_000_000_000
 DOWN = np.radians(30)
+SKELETON = Skeleton.load("anthropometric", 1.75)
 PIXELS = pixels_of_motion(3)
 
 
@@ -41,10 +47,10 @@ def test_the_optical_frame_of_a_level_camera():
     assert np.allclose(roll_and_pitch(OPTICAL.as_matrix()), 0)
 
 
-def robot(pitch_now=DOWN, stamp_ns=SECOND, transforms=None):
-    """TF of a robot whose neck moves and whose camera hangs upside down on the head."""
+def robot(pitch_now=DOWN, stamp_ns=SECOND, transforms=None, hanging=np.pi):
+    """TF of a robot whose neck moves and whose camera hangs upside down on the head (roll `hanging`, rad)."""
     transforms = transforms or Transforms()
-    fixed = [(BASE, "base_link", Rotation.identity()), ("head", "camera", rpy(np.pi, 0)), ("camera", FRAME, OPTICAL)]
+    fixed = [(BASE, "base_link", Rotation.identity()), ("head", "camera", rpy(hanging, 0)), ("camera", FRAME, OPTICAL)]
     transforms.add(tf_message(BACKEND, 0, *fixed), static=True)
     transforms.add(tf_message(BACKEND, stamp_ns, ("base_link", "head", rpy(0, pitch_now))), static=False)
     return transforms
@@ -150,6 +156,29 @@ def test_the_mount_from_tf_is_that_of_the_parameters():
     assert told.mount is None
 
 
+def lean_error(nods, settings):
+    """Mean angle in degrees between the estimated and the real trunk, seen by a camera with these pitches (n,), rad."""
+    kinematics = Kinematics(SKELETON, Layout.load("coco17", SKELETON))
+    stamps = SECOND + np.arange(len(nods)) * 66_000_000
+    pose = kinematics.pose(motion(SKELETON, stamps * 1e-9))
+    pipeline, errors = Pipeline(TrackerConfig(depth_prior=False), settings), []
+    pipeline.set_camera(camera_info(BACKEND))
+    for i, (pitch, stamp) in enumerate(zip(nods, stamps.tolist())):
+        level = level_from_camera(0.0, pitch)
+        pixels = project(pose.landmarks[i] @ level) * FOCAL + [WIDTH / 2, HEIGHT / 2]
+        if pipeline.mount is not None:
+            robot(pitch, stamp, pipeline.mount.transforms, hanging=0.0)
+        found = pipeline.process(cloud(BACKEND, stamp, pixels), 0).estimate.pose.orientations[0]
+        errors.append(np.arccos((level @ found[:, 1]) @ pose.orientations[i, 0][:, 1]))
+    return np.degrees(np.mean(errors))
+
+
+def test_a_person_before_a_nodding_head_stays_upright():
+    nods = 0.4 * np.sin(2 * np.pi * np.arange(45) / 45)
+    with_tf, without = (lean_error(nods, NodeSettings(camera_mount_frame=base)) for base in (BASE, ""))
+    assert with_tf < 4.0 and with_tf < 0.6 * without
+
+
 def test_without_tf_the_parameters_hold():
     tracker = TrackerConfig(camera_pitch=0.3)
     pipeline, found = estimates(tracker, NodeSettings(camera_mount_frame=BASE))
@@ -175,10 +204,13 @@ def test_replay_reads_tf_of_the_recording(tmp_path, capsys):
     bag = write_messages(tmp_path / "in", messages)
     places = []
     for name, setting in (("tf", f"camera_mount_frame:={BASE}"), ("told", f"camera_pitch:={DOWN}")):
-        assert main([str(bag), "-o", str(tmp_path / name), "-p", setting]) == 0
+        export = ["--export", str(tmp_path / f"{name}.bvh")]
+        assert main([str(bag), "-o", str(tmp_path / name), "-p", setting, *export]) == 0
         poses = [message.poses for _, message in read(tmp_path / name, "/tracker/joints")]
         places.append([[pose.position.x, pose.position.y, pose.position.z] for pose in poses[-1]])
     assert np.allclose(*places, atol=1e-5)
+    levelled = [(tmp_path / f"{name}.bvh").read_text().splitlines()[-1].split()[3:6] for name in ("tf", "told")]
+    assert np.allclose(*np.array(levelled, dtype=float), atol=0.01)  # degrees, of the root
     assert (
         "camera mount    follows TF over 'base_footprint': roll 0.000 rad, pitch 0.524 rad" in capsys.readouterr().out
     )
