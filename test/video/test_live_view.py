@@ -13,7 +13,7 @@ from test_track import Standing, images  # noqa: E402, F401
 from lassokin_ros.core.body.rotations import exponential  # noqa: E402
 from lassokin_ros.video import track as track_module  # noqa: E402
 from lassokin_ros.video.command import WINDOW, main, parser  # noqa: E402
-from lassokin_ros.video.live_view import ellipsoids  # noqa: E402
+from lassokin_ros.video.live_view import LiveView, ViewError, ellipsoids  # noqa: E402
 
 
 @pytest.fixture
@@ -65,3 +65,18 @@ def test_an_ellipsoid_is_its_covariance():
     turned = exponential(axes * angle[:, None])
     assert np.allclose(turned @ (half_sizes[:, :, None] ** 2 * turned.transpose(0, 2, 1)), covariance)
     assert not ellipsoids(np.zeros((1, 3, 3)))[0].any()
+
+
+def test_a_recording_that_cannot_be_flushed_is_reported(tmp_path):
+    """By a stand-in for Rerun's stream on a full disk."""
+
+    class Full:
+        def flush(self):
+            raise RuntimeError("File-writer thread shut down\nprematurely")
+
+    view = LiveView.__new__(LiveView)
+    view._stream, view._path, view._part = Full(), tmp_path / "a.rrd", tmp_path / ".a.part.rrd"
+    with pytest.raises(
+        ViewError, match="a.rrd' cannot be written completely: File-writer thread shut"
+    ):
+        view.finish()
