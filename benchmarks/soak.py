@@ -7,8 +7,9 @@
     python benchmarks/soak.py --live --minutes 1 --people 1 --hz 30 --depth       # with depth images of 848 x 480 px
     python benchmarks/soak.py --live --address-space 1500 --descriptors 64        # under limits, as of a container
 
-Memory, file descriptors and latencies at the beginning and at the end, every counter, and whether anything was lost
-without being counted. Exit code 1 when a promise does not hold. --json FILE keeps the figures. Linux.
+The table contains memory, file descriptors and latencies at the beginning and at the end, every counter, and the number
+of messages that were lost without being counted. The exit code is 1 if a limit is exceeded. --json FILE writes the
+figures. Linux only.
 """
 
 from __future__ import annotations
@@ -72,7 +73,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def soak_core(frames: int) -> list[Record]:
-    """One person, frame by frame, state checked after each."""
+    """Track one person frame by frame, and check the state after each."""
     body, lens = TrackedPerson(TrackerConfig(height=HEIGHT, landmarks=LANDMARKS)), WEBCAM.lens
     counts: Counter[str] = Counter()
     times, deviation, begin = np.zeros(frames, np.float32), 0.0, None
@@ -102,7 +103,7 @@ def soak_core(frames: int) -> list[Record]:
 
 
 def _deviation(rotations: np.ndarray, positions: np.ndarray) -> float:
-    """How far rotations (n, 3, 3) are from orthonormal; infinite when anything is not finite."""
+    """Deviation of rotations (n, 3, 3) from orthonormality; infinite if a number is not finite."""
     if not (np.isfinite(positions).all() and np.isfinite(rotations).all()):
         return float("inf")
     return float(np.abs(rotations.transpose(0, 2, 1) @ rotations - np.eye(3)).max())

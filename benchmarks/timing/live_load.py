@@ -1,4 +1,4 @@
-"""The real process `tracker` under load on real DDS: fed at a steady pace, its answers timed, its figures kept."""
+"""The real process `tracker` under load on real DDS: fed at a constant rate, its latencies and figures measured."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from msg_adapters.inputs import camera_info
 NAMESPACE, FRAME_ID = "/soak", "camera_optical_frame"
 CYCLE_S, WARM_UP_S, DEADLINE_S = 24.0, 5.0, 30.0
 DETECTION_S = 0.01
-"""By how much keypoints come after their image's camera_info, or a third of the time between two images."""
+"""Delay of keypoints after the camera_info of their image; at most a third of the period."""
 STEPS = 500
 DEPTH_SIZE = 848, 480
 MOST_MEMORY_MB, MOST_CPU, MOST_CORE_CPU, PROMISED_PEOPLE, PROMISED_HZ = 150.0, 8.0, 4.0, 1, 30.0
@@ -57,7 +57,7 @@ def soak_live(
         end, spent = load.usage(), time.monotonic() - started
         counts = {key: number - before.get(key, 0) for key, number in load.counts().items()}
         latencies = np.array(load.latencies_ms)
-        exit_code, said = load.end()
+        exit_code, stderr = load.end()
     lost = sent - counts["received"] - counts[LOST]
     return [
         *usage_rows(begin, end),
@@ -67,12 +67,12 @@ def soak_live(
         *(row(f"messages {key}", "", number) for key, number in counts.items() if number),
         row("messages neither received nor counted", "", lost, lost == 0),
         row("messages answered for everybody", "", len(latencies)),
-        row("exit code at SIGINT, lines said", "", f"{exit_code}, {len(said)}", exit_code == 0),
+        row("exit code at SIGINT, lines on stderr", "", f"{exit_code}, {len(stderr)}", exit_code == 0),
     ]
 
 
 def _promises(people: int, hz: float, memory_mb: float, cpu: float, depth: bool) -> list[Record]:
-    """Memory and processor time; their bounds are promised for one person at 30 Hz without depth images."""
+    """Rows for memory and processor time. Their limits hold for one person at 30 Hz without depth images."""
     core = _core_share(people, hz)
     if people > PROMISED_PEOPLE or hz > PROMISED_HZ or depth:
         return [row(CPU, "", f"{cpu:.1f}"), row(CORE_CPU, "", f"{core:.1f}")]
@@ -84,7 +84,7 @@ def _promises(people: int, hz: float, memory_mb: float, cpu: float, depth: bool)
 
 
 def _core_share(people: int, hz: float) -> float:
-    """% of a core that the core's steps alone take for these people: processor time of a message, times those per s."""
+    """Share of a processor core for the tracker's steps alone, %: processor time per message, times the rate."""
     config = TrackerConfig(height=HEIGHT, landmarks=LANDMARKS)
     bodies = {f"p{person}": TrackedPerson(config) for person in range(people)}
     lens, times, seen = WEBCAM.lens, [], view(0, STEPS, hz, people)
@@ -97,7 +97,7 @@ def _core_share(people: int, hz: float) -> float:
 
 
 def _messages(people: int, hz: float) -> list[bytes]:
-    """A cycle of serialised keypoint messages; their stamps are written when they are sent."""
+    """A cycle of serialised keypoint messages; the stamps are written when they are sent."""
     from rclpy.serialization import serialize_message
     from sensor_msgs.msg import PointCloud2, PointField
     from std_msgs.msg import Header
@@ -120,7 +120,7 @@ def _messages(people: int, hz: float) -> list[bytes]:
 
 
 def _depth_image() -> bytearray:
-    """A serialised depth image, as large as a depth camera's: a wall with a person's distance."""
+    """A serialised depth image of a depth camera's size: a wall at a person's distance."""
     from rclpy.serialization import serialize_message
     from sensor_msgs.msg import Image
     from std_msgs.msg import Header
@@ -141,7 +141,7 @@ class Load:
         self._status: dict[str, str] = {}
         self._statuses = 0
         self.latencies_ms: list[float] = []
-        """From the sending of each message to the last person's joint states."""
+        """Latency from the sending of each message to the last person's joint states."""
 
     def __enter__(self) -> Load:
         import rclpy
@@ -188,7 +188,7 @@ class Load:
             self._statuses += 1
 
     def feed(self, messages: list[bytes], hz: float, seconds: float) -> int:
-        """Publish keypoints and camera_info at a steady pace, from a thread of its own; the number sent."""
+        """Publish keypoints and camera_info at a constant rate from a thread; return the number sent."""
         count, sent = round(seconds * hz), 0
         image = _depth_image() if self._depth else bytearray()
         progress = Progress(count, "messages")
@@ -198,7 +198,7 @@ class Load:
             due = time.monotonic()
             for number in range(count):
                 time.sleep(max(due - time.monotonic(), 0))
-                due = max(due + 1 / hz, time.monotonic())  # a sender that was held up does not make up for it
+                due = max(due + 1 / hz, time.monotonic())  # a delayed sender does not send the missed messages
                 self._camera.publish(self._camera_info)
                 time.sleep(min(DETECTION_S, 1 / (3 * hz)))
                 data, stamp = bytearray(messages[number % len(messages)]), divmod(time.time_ns(), 1_000_000_000)
@@ -232,7 +232,7 @@ class Load:
             time.sleep(max(due - time.monotonic(), 0))
 
     def counts(self) -> dict[str, int]:
-        """The node's counters, of diagnostics that began after now."""
+        """The node's counters in the first diagnostics after this call."""
         wanted = self._statuses + 2
         self._spin_until(lambda: self._statuses >= wanted, "the diagnostics")
         names = {key.removesuffix(" [messages]"): v for key, v in self._status.items() if key.endswith(" [messages]")}
@@ -245,14 +245,14 @@ class Load:
         self._arrived.clear()
 
     def usage(self) -> Usage:
-        """What the node's process takes now."""
+        """The present resources of the node's process."""
         return Usage.of(self._process.pid)
 
     def end(self) -> tuple[int, list[str]]:
         """Stop the node as a user would. Returns its exit code and stderr."""
         self._process.send_signal(signal.SIGINT)
-        said = self._process.communicate(timeout=DEADLINE_S)[1]
-        return self._process.returncode, said.splitlines()
+        stderr = self._process.communicate(timeout=DEADLINE_S)[1]
+        return self._process.returncode, stderr.splitlines()
 
     def __exit__(self, *_: object) -> None:
         import rclpy

@@ -1,4 +1,4 @@
-"""What a process takes of the machine, from Linux's /proc, and limits of it."""
+"""The resources of a process, from Linux's /proc, and limits of them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 
 @dataclass(frozen=True)
 class Usage:
-    """A moment: resident memory in MB, open file descriptors, threads, processor time in s, address space in MB."""
+    """Use at one moment: resident memory in MB, descriptors, threads, processor time in s, address space in MB."""
 
     memory_mb: float
     descriptors: int
@@ -22,7 +22,7 @@ class Usage:
 
     @classmethod
     def of(cls, pid: int | str = "self") -> Usage:
-        """Of a running process of this user."""
+        """Resources of a running process of this user."""
         folder = Path("/proc") / str(pid)
         status = dict(line.split(":", 1) for line in (folder / "status").read_text(encoding="utf-8").splitlines())
         times = (folder / "stat").read_text(encoding="utf-8").rpartition(")")[2].split()

@@ -5,12 +5,14 @@ over time, are kept. For each, the rows of image and prior are linearised in (po
 and translation are eliminated (Schur complement), which leaves normal equations for the lengths. Their sum, a
 log-normal prior about the given skeleton and a row that fixes the stature are solved for the lengths. Kept frames are
 relinearised in turn, one per call, at the present lengths. This is Gauss-Newton on all kept frames, distributed over
-time (Triggs et al., Bundle adjustment: a modern synthesis, 2000, sec. 6).
+time (Triggs et al., Bundle adjustment: a modern synthesis, 2000, sec. 6). One piece of work is itself divided into
+steps, which are distributed over the frames until the next piece, so that no frame takes much longer than the others.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Generator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -46,6 +48,8 @@ enough frames are kept. All kept frames stay: dropping every other one would hal
 count as measured."""
 WORK = Schedule(0.02, 0.02, 0.13)
 """s between two pieces of work: keep one frame, or relinearise one."""
+STEPS = 4
+"""Steps of one piece of work: linearise and eliminate; rows of the volume; its determinants; update."""
 UPDATE = Schedule(0.2, 0.25, 1.0)
 """s between two updates of the skeleton."""
 SETTLED = 0.5
@@ -108,7 +112,8 @@ class Calibration:
         self.odds = np.array(ODDS)
         self._frames: list[KeptFrame] = []
         self._turn = 0
-        self._worked_at = -np.inf
+        self._worked_at = self._newest = -math.inf
+        self._work: Generator[None, None, bool] | None = None
         self._kept_at = self._updated_at = np.nan
 
     @property
@@ -127,9 +132,26 @@ class Calibration:
 
     def advance(self, stamp: float, state: BodyState, data: FrameData) -> bool:
         """Use a tracked frame. stamp: s. Returns True if the lengths have changed."""
-        if self.frozen or stamp - self._worked_at < WORK.interval(self.moved):
+        if self.frozen:
             return False
-        self._worked_at = stamp
+        interval, step = WORK.interval(self.moved), stamp - self._newest
+        self._newest = stamp
+        if self._work is None:
+            if stamp - self._worked_at < interval:
+                return False
+            self._worked_at = stamp
+            self._work = self._piece(stamp, state, data)
+        frames = max(math.ceil(interval / step - 1e-6), 1)  # until the next piece
+        try:
+            for _ in range(math.ceil(STEPS / frames)):
+                next(self._work)
+        except StopIteration as end:
+            self._work = None
+            return bool(end.value)
+        return False
+
+    def _piece(self, stamp: float, state: BodyState, data: FrameData) -> Generator[None, None, bool]:
+        """Keep this frame or relinearise another one, then update the lengths if due: True if they have changed."""
         if np.isnan(self._kept_at):
             self.restart_clock(stamp)
         if np.isnan(self._updated_at):
@@ -138,25 +160,26 @@ class Calibration:
         if since >= KEEP.interval(self.moved):
             self.moved += since
             self._kept_at = stamp
-            self._keep(state, data, since / KEEP.last)
+            yield from self._keep(state, data, since / KEEP.last)
         elif self._frames:
             self._turn = (self._turn + 1) % len(self._frames)
-            self._linearise(self._frames[self._turn])
+            yield from self._linearise(self._frames[self._turn])
         if stamp - self._updated_at < UPDATE.interval(self.moved) or len(self._frames) < 4:
             return False
         self._updated_at = stamp
+        yield
         self._update()
         return True
 
-    def _keep(self, state: BodyState, data: FrameData, share: float) -> None:
+    def _keep(self, state: BodyState, data: FrameData, share: float) -> Generator[None, None, None]:
         count = self.proportions.count
         data = replace(data, joint_depths=None)
         frame = KeptFrame(state, data, share, self.lengths, np.zeros((count, count)), np.zeros(count))
-        self._linearise(frame)
+        yield from self._linearise(frame)
         if math.isfinite(frame.cost):  # otherwise the linearisation failed
             self._frames.append(frame)
 
-    def _linearise(self, frame: KeptFrame) -> None:
+    def _linearise(self, frame: KeptFrame) -> Generator[None, None, None]:
         """Recompute a frame's normal equations at the present lengths, and do one Gauss-Newton step of its pose."""
         J, C, z, cost = self._frame_rows(frame)
         H = J.T @ J
@@ -167,7 +190,10 @@ class Calibration:
             return
         coupling, step = solved[:, :-1], solved[:, -1]
         images = J[: 2 * len(frame.data.points)]
-        volume = self._volume(frame, H - images.T @ images, coupling, 2 * float(np.log(factor.diagonal()).sum()))
+        yield
+        moved = self._moved_columns(frame, coupling)
+        yield
+        volume = _volume(moved, H - images.T @ images, 2 * float(np.log(factor.diagonal()).sum()))
         frame.information = C.T @ C - right[:, :-1].T @ coupling
         frame.pull = C.T @ z - right[:, :-1].T @ step - 0.5 * VOLUME * volume
         frame.lengths, frame.cost = self.lengths, cost
@@ -181,22 +207,21 @@ class Calibration:
         omega = (omega * np.minimum(1.0, largest / size)).reshape(*steps.shape[:-1], -1, 3)
         return BodyState(state.rotations @ exponential(omega), state.translation + steps[..., -3:])
 
-    def _volume(self, frame: KeptFrame, prior: np.ndarray, coupling: np.ndarray, at_present: float) -> np.ndarray:
-        """(p,) derivative of log det H with respect to each log-length, with H of the pose; the pose follows.
+    def _moved_columns(self, frame: KeptFrame, coupling: np.ndarray) -> np.ndarray:
+        """(p, live + 3, 2 l): the image's rows, transposed, with each log-length larger by `VOLUME_STEP`.
 
-        prior: H without the image's part. coupling: (live + 3, p), the negative derivative of the pose.
+        The pose follows. coupling: (live + 3, p), the negative derivative of the pose.
         """
         count = self.proportions.count
         states = self._moved(frame.state, -VOLUME_STEP * coupling.T)
         offsets = self.proportions.offsets(self.lengths + VOLUME_STEP * np.eye(count))
         pose = self._kinematics.pose(states, offsets)
         F = projection_jacobian(pose.landmarks) * frame.data.weights[:, None, None]
-        columns = np.empty((count, len(prior), 2 * len(frame.data.points)))
+        columns = np.empty((count, len(coupling), 2 * len(frame.data.points)))
         rows, moving = F.reshape(count, -1, 3), self._kinematics.live_twists(pose, pose.orientations)
         self._kinematics.landmark_columns(moving, pose, rows, columns[:, :-3])
         columns[:, -3:] = rows.swapaxes(-1, -2)
-        there = np.array([_log_determinant(rows, prior) for rows in columns])
-        return np.nan_to_num(np.clip((there - at_present) / VOLUME_STEP, -STEEPEST, STEEPEST))
+        return columns
 
     def _frame_rows(self, frame: KeptFrame) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
         """(J, C, z, cost): rows ||z - J [Omega, x] - C dlengths||^2 of a frame, and its robust cost."""
@@ -242,6 +267,15 @@ class Calibration:
         lengths = np.array([frame.lengths for frame in self._frames])
         pulls = np.array([frame.pull for frame in self._frames]) + (information @ lengths[:, :, None])[:, :, 0]
         return np.tensordot(weights, information, 1), weights @ pulls
+
+
+def _volume(moved: np.ndarray, prior: np.ndarray, at_present: float) -> np.ndarray:
+    """(p,) derivative of log det H with respect to each log-length, with H of the pose.
+
+    moved: see `Calibration._moved_columns`. prior: H without the image's part. at_present: log det H.
+    """
+    there = np.array([_log_determinant(rows, prior) for rows in moved])
+    return np.nan_to_num(np.clip((there - at_present) / VOLUME_STEP, -STEEPEST, STEEPEST))
 
 
 def _log_determinant(columns: np.ndarray, prior: np.ndarray) -> float:

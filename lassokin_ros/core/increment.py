@@ -21,6 +21,8 @@ SHORT_STEP, LONG_STEP = 1 / 30, 0.06
 """s between frames, see `for_step`."""
 MORE_LINEARISATIONS = 2
 """Further linearisations after a long step."""
+FAR_TURN, FAR_MOVE = 0.05, 0.015
+"""rad, m: largest increment of a frame with measured depth after which it is not linearised again."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,10 +73,16 @@ class IncrementSolver:
         rows: the frame's rows about `start`. sparsity: alpha_k = sparsity / motion_k. relinearisations: total number of
         lassos. warm: use the last answer as initial guess. An answer without a certificate ends the iteration; it is
         `Increment.solution`.
+
+        With measured depth, the answer is linearised about once more if it is far from `start`. The loss of a depth is
+        bounded: about `start`, the depths of a limb that moved fast would look like those of an occluder.
         """
         omega = np.zeros(3 * start.rotations.shape[-3])
         x = np.zeros(3)
-        for number in range(relinearisations):
+        again = 0 if frame.depth is None else 1
+        for number in range(relinearisations + again):
+            if number >= relinearisations and not _far(omega, x):
+                break
             if number > 0:
                 rows = self._moved(start.retract(omega, x), omega, frame)
             problem = self._problem(rows, omega, x, sparsity)
@@ -99,6 +107,11 @@ class IncrementSolver:
         """The lasso in terms of the total increment: the increment already applied, (omega, x), is added back to z."""
         A, B = rows.columns[:-3].T, rows.columns[-3:].T
         return Lasso(A, B, rows.z + A.dot(omega[self._rows.live]) + B.dot(x), sparsity / self._motion)
+
+
+def _far(omega: np.ndarray, x: np.ndarray) -> bool:
+    """Whether an increment is large, so that robust weights about its start are wrong."""
+    return bool(np.abs(omega).max() > FAR_TURN or np.abs(x).max() > FAR_MOVE)
 
 
 def for_step(step: float, linearisations: int, sparsity: float) -> tuple[int, float]:

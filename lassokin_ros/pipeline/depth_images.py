@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.pipeline.depth_sampling import sample_depth
+from msg_adapters.compressed_depth import CompressedDepth, decode_compressed_depth
 from msg_adapters.depth_image import DepthImage, decode_depth_image
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
@@ -22,8 +23,12 @@ OVERTAKEN_NS = 1_000_000_000
 LARGEST_ASPECT_ERROR = 0.02
 """Largest difference of width / height between a depth image and the image of its camera_info."""
 
+REGISTERED_NAMES = ("aligned_depth_to_color", "depth_registered", "depth_to_rgb")
+"""Parts of topic names by which drivers say that a depth image is registered to the colour image."""
+
 RECEIVED, MATCHED, UNMATCHED = "depth: received", "depth: matched", "depth: no image of the keypoints' time"
 REFUSED, NOT_REGISTERED = "depth: refused", "depth: not registered"
+REFUSAL = "depth image refused"
 COUNTS = (RECEIVED, MATCHED, UNMATCHED, REFUSED, NOT_REGISTERED)
 """Keys of the counts: depth images received and refused; keypoint messages with and without a depth image."""
 
@@ -31,13 +36,20 @@ COUNTS = (RECEIVED, MATCHED, UNMATCHED, REFUSED, NOT_REGISTERED)
 class DepthImages:
     """Keeps the newest depth images. No content raises an error: see `fault`."""
 
-    def __init__(self, counts: Any) -> None:
-        """counts: a Counter that receives the numbers of messages, see COUNTS."""
+    def __init__(self, counts: Any, topic: str = "", registered: bool = False) -> None:
+        """counts: a Counter that receives the numbers of messages, see COUNTS.
+
+        topic: of the images. registered: whether images with another frame_id than the colour image's are registered to
+        it nevertheless; they are in any case if the topic's name says so (REGISTERED_NAMES).
+        """
         self._counts = counts
-        self._images: deque[DepthImage] = deque(maxlen=KEPT)
+        self._registered = registered or any(name in topic for name in REGISTERED_NAMES)
+        self._images: deque[DepthImage | CompressedDepth] = deque(maxlen=KEPT)
         self._period_ns = LONGEST_PERIOD_NS
         self.fault = ""
         """Why depth images are not used, in words; empty if they are."""
+        self.note = ""
+        """What is unusual about the depth images that are used, in words; empty if nothing is."""
 
     def reset(self) -> None:
         """Forget the images, because time or camera have changed."""
@@ -55,18 +67,16 @@ class DepthImages:
         return self._period_ns // 2
 
     def add(self, message: Any, arrival_ns: int) -> str | None:
-        """Keep a sensor_msgs/Image. Return the key of the reason if it is refused.
+        """Keep a sensor_msgs/Image or CompressedImage. Return the key of the reason if it is refused.
 
         arrival_ns: ns, the stamp of an image that has none.
         """
         self._counts[RECEIVED] += 1
         try:
-            image = decode_depth_image(message)
+            image = decode_compressed_depth(message) if hasattr(message, "format") else decode_depth_image(message)
         except AdapterError as error:
-            self._counts[REFUSED] += 1
-            self.fault = f"depth image refused: {error}"
-            return error.reason
-        if self.fault.startswith("depth image refused"):
+            return self._refuse(error)
+        if self.fault.startswith(REFUSAL) and isinstance(image, DepthImage):
             self.fault = ""
         image = replace(image, stamp_ns=image.stamp_ns or arrival_ns)
         assert image.stamp_ns is not None
@@ -98,7 +108,12 @@ class DepthImages:
         if image is None:
             self._counts[UNMATCHED] += 1
             return keypoints
-        if fault := _registration_fault(image, size, (keypoints.frame_id, frame_id)):
+        try:
+            image = self._unpacked(image)
+        except AdapterError as error:
+            self._refuse(error)
+            return keypoints
+        if fault := self._registration_fault(image, size, (keypoints.frame_id, frame_id)):
             self.fault = fault
             self._counts[NOT_REGISTERED] += 1
             return keypoints
@@ -107,28 +122,43 @@ class DepthImages:
         depth = sample_depth(image, keypoints.xy, size)
         return replace(keypoints, depth=depth, depth_of_surface=True) if np.isfinite(depth).any() else keypoints
 
-    def _nearest(self, stamp_ns: int) -> DepthImage | None:
+    def _refuse(self, error: AdapterError) -> str:
+        self._counts[REFUSED] += 1
+        self.fault = f"{REFUSAL}: {error}"
+        return error.reason
+
+    def _unpacked(self, image: DepthImage | CompressedDepth) -> DepthImage:
+        """Return the pixels of one of the images. Raises AdapterError for damaged ones."""
+        if isinstance(image, DepthImage):
+            return image
+        pixels = image.unpacked()
+        self._images[self._images.index(image)] = pixels  # several people's messages may need the same image
+        return pixels
+
+    def _nearest(self, stamp_ns: int) -> DepthImage | CompressedDepth | None:
         """Return the image nearest to a stamp, at most half a period away; None if there is none."""
         apart = [abs(image.stamp_ns - stamp_ns) for image in self._images if image.stamp_ns is not None]
         if not apart or min(apart) > self.tolerance_ns:
             return None
         return self._images[apart.index(min(apart))]
 
-
-def _registration_fault(image: DepthImage, size: tuple[int, int], frames: tuple[str, str]) -> str:
-    """Return why a depth image cannot be registered to the colour image; empty if it can. frames: of the latter."""
-    if image.frame_id and any(frames) and image.frame_id not in frames:
-        colour = next(filter(None, frames))
-        return (
-            f"the depth image has the frame_id '{image.frame_id}', the colour image '{colour}': depth is not used; "
-            "subscribe to the depth image that is registered (aligned) to the colour image"
+    def _registration_fault(self, image: DepthImage, size: tuple[int, int], frames: tuple[str, str]) -> str:
+        """Return why an image cannot be registered to the colour image; empty if it can. frames: of the latter."""
+        width, height = image.size
+        if min(size) <= 0:
+            return "camera_info has no image size: depth is not used"
+        advice = "depth is not used; subscribe to the depth image that is registered (aligned) to the colour image"
+        if abs((width / height) / (size[0] / size[1]) - 1) > LARGEST_ASPECT_ERROR:
+            return (
+                f"the depth image has {width} x {height} px, the colour image {size[0]} x {size[1]}, a different shape: "
+                f"{advice}"
+            )
+        if not image.frame_id or not any(frames) or image.frame_id in frames:
+            return ""
+        differs = (
+            f"the depth image has the frame_id '{image.frame_id}', the colour image '{next(filter(None, frames))}'"
         )
-    width, height = image.size
-    if min(size) <= 0:
-        return "camera_info has no image size: depth is not used"
-    if abs((width / height) / (size[0] / size[1]) - 1) > LARGEST_ASPECT_ERROR:
-        return (
-            f"the depth image has {width} x {height} px, the colour image {size[0]} x {size[1]}, a different shape: "
-            "depth is not used; subscribe to the depth image that is registered (aligned) to the colour image"
-        )
-    return ""
+        if not self._registered:
+            return f"{differs}: {advice}, or set depth_registered if it is"
+        self.note = f"{differs}: the depth image is used as registered to the colour image"
+        return ""

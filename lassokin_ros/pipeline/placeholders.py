@@ -36,6 +36,8 @@ def without_placeholders(keypoints: Keypoints, size: tuple[int, int]) -> Keypoin
     size: (width, height) px of the image; 0 = unknown.
     """
     present = keypoints.present
+    if _is_free(keypoints.xy.compress(present, axis=0), size):
+        return keypoints
     with np.errstate(invalid="ignore"):
         wrong = _sentinel(keypoints.xy, size) | _at_fixed_place(keypoints.xy, size) | _repeated(keypoints, present)
         wrong &= present
@@ -44,6 +46,21 @@ def without_placeholders(keypoints: Keypoints, size: tuple[int, int]) -> Keypoin
     xy = keypoints.xy.copy()
     xy[wrong] = np.nan
     return replace(keypoints, xy=xy)
+
+
+def _is_free(xy: np.ndarray, size: tuple[int, int]) -> bool:
+    """Return True if points (k, 2) inside the image surely hold no placeholder; a third of the time of the tests."""
+    if len(xy) == 0:
+        return True
+    ordered = np.sort(xy, axis=0)
+    least, greatest = ordered[0].tolist(), ordered[-1].tolist()
+    near_x, near_y = BORDER * size[0], BORDER * size[1]
+    inside = least[0] > max(near_x, BORDER_PX) and greatest[0] < size[0] - 1 - near_x
+    inside = inside and least[1] > max(near_y, BORDER_PX) and greatest[1] < size[1] - 1 - near_y
+    if not inside or np.count_nonzero(ordered[1:, 0] == ordered[:-1, 0]) >= REPEATED - 1:
+        return False
+    _, centres = _fixed_places(size)
+    return not np.count_nonzero(xy == centres)
 
 
 def _sentinel(xy: np.ndarray, size: tuple[int, int]) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Any message at all is read or refused with a reason; what is read is what a tracker can use."""
+"""Every message is read or refused with a reason; a tracker can use every message that is read."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ from msg_adapters.errors import AdapterError  # noqa: E402
 
 
 def faults(message_type):
-    """Up to three ways of spoiling, and the seed of what they draw."""
+    """Up to three kinds of damage, and the seed of their draws."""
     ways = st.lists(st.sampled_from(sorted(WAYS[message_type])), min_size=1, max_size=3)
     return st.tuples(ways, st.integers(0, 2**32 - 1))
 
@@ -39,7 +39,7 @@ def good(message_type, seed):
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 @pytest.mark.parametrize("message_type", list(ADAPTERS))
-def test_any_keypoints_are_read_or_refused(message_type):
+def test_all_keypoints_are_read_or_refused(message_type):
     adapter, layout = keypoint_adapter(message_type), LAYOUTS[message_type]
     landmarks = people(layout)[0][1].shape[1]
     name = f"decode {message_type.split('/')[-1]}"
@@ -55,8 +55,8 @@ def test_any_keypoints_are_read_or_refused(message_type):
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 @pytest.mark.parametrize("message_type", list(ADAPTERS))
-def test_any_bytes_are_read_or_refused(message_type):
-    """A message whose bytes were changed, cut or added to, where it can be deserialised at all."""
+def test_all_bytes_are_read_or_refused(message_type):
+    """A message with changed, missing or additional bytes, if it can be deserialised."""
     adapter, layout = keypoint_adapter(message_type), LAYOUTS[message_type]
     landmarks = people(layout)[0][1].shape[1]
     whole = bytes(TYPES.serialize_cdr(good(message_type, 0), message_type))
@@ -86,8 +86,8 @@ PIXELS = np.concatenate([people("coco17")[0][1][0], [[-5.0, 1e4], [np.nan, 3.0],
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 @fuzz(0.15)
 @given(faults("sensor_msgs/msg/CameraInfo"), st.booleans())
-def test_any_camera_info_is_a_camera_or_refused(fault, rectified):
-    """A camera that is taken turns every pixel into finite coordinates or NaN."""
+def test_every_camera_info_is_a_camera_or_refused(fault, rectified):
+    """An accepted camera converts every pixel to finite coordinates or NaN."""
     message = spoilt("sensor_msgs/msg/CameraInfo", camera_info(BACKEND), fault)
     try:
         lens = Lens.from_intrinsics(decode_camera_info(message), rectified)

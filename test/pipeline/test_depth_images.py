@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 pytest.importorskip("rosbags", reason="rosbags makes the messages")
 
-from depth_camera import BACKGROUND, depth_message, render  # noqa: E402
+from depth_camera import BACKGROUND, compressed_message, depth_message, render  # noqa: E402
 from messages import FOCAL, FRAME, HEIGHT, WIDTH, bytes_field, camera_info, cloud, rosbags_backend  # noqa: E402
 
 from lassokin_ros.core.body.kinematics import Kinematics  # noqa: E402
@@ -107,6 +107,38 @@ def test_the_image_of_the_keypoints_time_is_used():
     assert (counts[MATCHED], counts[UNMATCHED]) == (4, 1)
     own = replace(keypoints_of(xy), depth=np.full(17, 9.0))
     assert images.with_depth(own, START_NS, SIZE, FRAME) is own
+
+
+@pytest.mark.parametrize("codec", ["png", "rvl"])
+def test_compressed_images_are_sampled_like_others(codec):
+    if codec == "png":
+        pytest.importorskip("cv2", reason="OpenCV reads PNG")
+    counts = Counter()
+    images = DepthImages(counts, "/depth/compressedDepth")
+    depth = np.full((HEIGHT // 4, WIDTH // 4), 2.5)
+    assert images.add(compressed_message(BACKEND, START_NS, depth, codec=codec), 0) is None
+    xy = np.full((17, 2), 100.0)
+    for _ in range(2):
+        assert np.allclose(images.with_depth(keypoints_of(xy), START_NS, SIZE, FRAME).depth, 2.5)
+    damaged = compressed_message(BACKEND, START_NS + PERIOD_NS, depth, codec=codec)
+    damaged.data = damaged.data[:40]
+    assert images.add(damaged, 0) is None  # unpacked only when it is needed
+    assert images.with_depth(keypoints_of(xy), START_NS + PERIOD_NS, SIZE, FRAME).depth is None
+    assert (counts[MATCHED], counts[REFUSED]) == (2, 1) and "damaged" in images.fault
+
+
+@pytest.mark.parametrize(
+    ("topic", "registered"),
+    [("/camera/aligned_depth_to_color/image_raw", False), ("/depth_registered/image", False), ("/depth", True)],
+)
+def test_a_registered_image_may_have_another_frame(topic, registered):
+    images = DepthImages(Counter(), topic, registered)
+    images.add(depth_message(BACKEND, START_NS, np.full((120, 160), 3.0), frame_id="camera_depth_frame"), 0)
+    found = images.with_depth(keypoints_of(np.full((17, 2), 50.0)), START_NS, SIZE, FRAME)
+    assert np.allclose(found.depth, 3.0) and images.fault == "" and "camera_depth_frame" in images.note
+    images.add(depth_message(BACKEND, START_NS + PERIOD_NS, np.ones((90, 160)), frame_id="camera_depth_frame"), 0)
+    found = images.with_depth(keypoints_of(np.full((17, 2), 50.0)), START_NS + PERIOD_NS, SIZE, FRAME)
+    assert found.depth is None and "160 x 90 px" in images.fault  # its shape shows that it is not registered
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from test_track import Standing, images  # noqa: E402, F401
 from lassokin_ros.core.body.rotations import exponential  # noqa: E402
 from lassokin_ros.video import track as track_module  # noqa: E402
 from lassokin_ros.video.command import WINDOW, main, parser  # noqa: E402
-from lassokin_ros.video.live_view import LiveView, ViewError, ellipsoids  # noqa: E402
+from lassokin_ros.video.rerun_scene import RerunScene, ViewError, ellipsoids  # noqa: E402
 
 
 @pytest.fixture
@@ -74,7 +74,7 @@ def test_a_recording_that_cannot_be_flushed_is_reported(tmp_path):
         def flush(self):
             raise RuntimeError("File-writer thread shut down\nprematurely")
 
-    view = LiveView.__new__(LiveView)
+    view = RerunScene.__new__(RerunScene)
     view._stream, view._path, view._part = Full(), tmp_path / "a.rrd", tmp_path / ".a.part.rrd"
     with pytest.raises(
         ViewError, match="a.rrd' cannot be written completely: File-writer thread shut"

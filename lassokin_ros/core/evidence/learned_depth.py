@@ -72,7 +72,7 @@ class LearnedDepth(Evidence):
     def disagreement(self, pose: BodyPose, given: JointDepths) -> float:
         """How far a pose is from the estimated depths: the mean of log(1 + z^2 / TAIL) over the rows z."""
         z = self._whitened(self._points(pose), given)
-        return float(np.log1p(z * z / TAIL).mean())
+        return float(np.log1p(z * z / TAIL).sum()) / DEPTHS  # mean() takes twice as long
 
     @classmethod
     def stack(cls, several: Sequence[LearnedDepth]) -> LearnedDepth:

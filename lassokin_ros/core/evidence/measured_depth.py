@@ -14,9 +14,39 @@ import numpy as np
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
 from lassokin_ros.core.image.frame_data import FrameData
 
-SCALE = 2.5
-"""Scale of the loss, in standard deviations. The value was chosen on the same nine clips on which the gain of measured
-depth is reported. Smaller values are safer with occluders, larger values more exact without."""
+FARTHER, NEARER = 2.5, 2.5
+"""Scales of the loss for measurements behind and in front of the state's landmark, in standard deviations."""
+SHIFT = 0.1
+"""m: standard deviation of a body's motion in depth from frame to frame."""
+
+
+def loss(errors: np.ndarray) -> np.ndarray:
+    """Loss of errors in standard deviations, positive if the measurement is behind the landmark.
+
+    Cauchy's behind, Geman and McClure's in front.
+    """
+    behind = 0.5 * FARTHER**2 * np.log1p((np.maximum(errors, 0.0) / FARTHER) ** 2)
+    square = np.minimum(errors, 0.0) ** 2
+    return np.asarray(behind + 0.5 * square / (1 + square / NEARER**2))
+
+
+def loss_weights(errors: np.ndarray) -> np.ndarray:
+    """Weights on the squared errors with which least squares minimises the loss (IRLS)."""
+    behind = 1 / (1 + (np.maximum(errors, 0.0) / FARTHER) ** 2)
+    return np.asarray(behind / (1 + (np.minimum(errors, 0.0) / NEARER) ** 2) ** 2)
+
+
+def common_shift(errors: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """(..., 1) m: motion in depth of the whole body by which its depth errors (..., l) m become smallest.
+
+    A person who comes nearer changes all depths. Without this the depths of a fast person look like an occluder's. The
+    shift with the lowest loss is selected among 0 and the errors themselves. weights: (..., l) 1/m.
+    """
+    shifts = np.where(weights > 0, errors, 0.0)
+    shifts = np.concatenate([0.0 * shifts[..., :1], shifts], axis=-1)
+    left = (errors[..., None, :] - shifts[..., None]) * weights[..., None, :]
+    cost = loss(left).sum(-1) + 0.5 * (shifts / SHIFT) ** 2
+    return np.take_along_axis(shifts, cost.argmin(-1)[..., None], -1)
 
 
 class MeasuredDepth(Evidence):
@@ -30,18 +60,22 @@ class MeasuredDepth(Evidence):
         return frame.depth is not None
 
     def linearise(self, about: LinearisationPoint, columns: np.ndarray, z: np.ndarray) -> None:
-        """Fill one row per landmark; the row of a landmark without a measurement is zero."""
-        size, weights = self._errors(about.states, about.frame)
-        weights = weights / (1 + (size / SCALE) ** 2)
+        """Fill one row per landmark; the row of a landmark without a measurement is zero.
+
+        The robust weights are those after the body's common shift, see `common_shift`.
+        """
+        error, weights = self._errors(about.states, about.frame)
+        moved = (error - common_shift(error, weights)) * weights
+        weights = weights * np.sqrt(loss_weights(moved))
         F = np.zeros((*z.shape, 1, 3))
         F[..., 0, 2] = weights
         about.landmark_columns(F, columns)
-        z[...] = weights * (about.frame.depth - about.states.pose.landmarks[..., 2])
+        z[...] = weights * error
 
     def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
-        """(...,) 1/2 e^2 / (1 + (e / SCALE)^2), summed over the landmarks."""
-        size, _ = self._errors(states, frame)
-        return np.asarray((0.5 * size**2 / (1 + (size / SCALE) ** 2)).sum(-1))
+        """(...,) loss, summed over the landmarks."""
+        error, weights = self._errors(states, frame)
+        return np.asarray(loss(error * weights).sum(-1))
 
     @classmethod
     def stack(cls, several: Sequence[MeasuredDepth]) -> MeasuredDepth:
@@ -50,8 +84,7 @@ class MeasuredDepth(Evidence):
 
     @staticmethod
     def _errors(states: EvaluatedState, frame: FrameData) -> tuple[np.ndarray, np.ndarray]:
-        """(..., l) errors in standard deviations, and 1 / standard deviation, broadcast to the states."""
+        """(..., l) errors in m, measured minus actual depth, and 1 / standard deviation, broadcast to the states."""
         assert frame.depth is not None and frame.depth_weights is not None
         error = frame.depth - states.pose.landmarks[..., 2]
-        weights = np.broadcast_to(frame.depth_weights, error.shape)
-        return np.abs(error) * weights, weights
+        return error, np.broadcast_to(frame.depth_weights, error.shape)

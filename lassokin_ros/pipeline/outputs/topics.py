@@ -11,8 +11,10 @@ KEYPOINTS = "keypoints"
 CAMERA_INFO = "camera_info"
 CAMERA_INFO_TYPE = "sensor_msgs/msg/CameraInfo"
 DEPTH_IMAGE = "depth"
-DEPTH_IMAGE_TYPE = "sensor_msgs/msg/Image"
 """The name by which documentation and errors call the topic that the parameter `depth` names."""
+DEPTH_IMAGE_TYPE, COMPRESSED_DEPTH_TYPE = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+COMPRESSED_DEPTH = "/compressedDepth"
+"""End of the name of a topic with compressed depth images, as image_transport chooses it."""
 CLOCK = "/clock"
 CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
 
@@ -34,6 +36,12 @@ DIAGNOSTICS = "/diagnostics"
 TRACKED = "tracked"
 SKELETON2D = "skeleton2d"
 TF = "/tf"
+TF_STATIC = "/tf_static"
+
+
+def depth_type(topic: str) -> str:
+    """Return the message type of a topic with depth images."""
+    return COMPRESSED_DEPTH_TYPE if topic.endswith(COMPRESSED_DEPTH) else DEPTH_IMAGE_TYPE
 
 
 @dataclass(frozen=True)
@@ -57,6 +65,10 @@ FRAME_OUTPUTS = (
 )
 """One message per accepted frame."""
 
+ROI = "~/roi"
+ROI_OUTPUT = OutputTopic(ROI, "hri_msgs/msg/NormalizedRegionOfInterest2D")
+"""Only with rep155, and if no other node detects the bodies."""
+
 UNCERTAINTY_MARKERS_OUTPUT = OutputTopic(UNCERTAINTY_MARKERS, "visualization_msgs/msg/MarkerArray")
 LIVE_OUTPUTS = (
     UNCERTAINTY_MARKERS_OUTPUT,
@@ -76,6 +88,12 @@ TF_OUTPUT = OutputTopic(TF, "tf2_msgs/msg/TFMessage")
 
 PERSON_OUTPUTS = (*FRAME_OUTPUTS, *LIVE_OUTPUTS, DESCRIPTION_OUTPUT)
 """The topics of one person."""
+
+
+def person_outputs(regions: bool) -> tuple[OutputTopic, ...]:
+    """Return the topics of one person. regions: with that of REP-155's body detector."""
+    return (*PERSON_OUTPUTS, ROI_OUTPUT) if regions else PERSON_OUTPUTS
+
 
 BODIES, REP155_BODIES = "~/bodies", "/humans/bodies"
 """Namespaces of the topics of several people: <namespace>/<id>/joint_states and so on, and <namespace>/tracked."""

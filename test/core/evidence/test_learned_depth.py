@@ -1,4 +1,4 @@
-"""Learned depth: rows against finite differences, and what the tracker makes of them."""
+"""Learned depth: rows compared with finite differences, and its effect on tracking."""
 
 from dataclasses import replace
 
@@ -101,7 +101,7 @@ def test_a_tracker_with_the_network_follows_and_is_certified():
     assert error < 0.1 and tracker._joint_depths is not None
 
 
-def test_switched_off_there_are_no_rows():
+def test_there_are_no_rows_if_switched_off():
     _, tracker = followed(CONFIG)
     assert tracker._joint_depths is None and len(tracker._rows.evidence) == 5
 

@@ -1,0 +1,72 @@
+"""Compressed depth images: both codecs and encodings, and what is refused."""
+
+import sys
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags", reason="rosbags makes the messages")
+pytest.importorskip("cv2", reason="OpenCV reads PNG")
+
+from depth_camera import compressed_message, png  # noqa: E402
+from messages import FRAME, rosbags_backend  # noqa: E402
+
+from msg_adapters.compressed_depth import HEADER_BYTES, decode_compressed_depth  # noqa: E402
+from msg_adapters.errors import AdapterError  # noqa: E402
+
+BACKEND = rosbags_backend()
+DEPTH = np.random.default_rng(0).uniform(0.5, 9.0, (30, 40))
+DEPTH[:5], DEPTH[7, 3:20], DEPTH[20:, 30:] = np.nan, 2.0, np.nan
+ROWS, COLUMNS = np.indices(DEPTH.shape)
+
+
+@pytest.mark.parametrize("encoding", ["16UC1", "32FC1"])
+@pytest.mark.parametrize("codec", ["png", "rvl", ""])
+def test_every_form_gives_metres(encoding, codec):
+    packed = decode_compressed_depth(compressed_message(BACKEND, 7, DEPTH, encoding, codec))
+    image = packed.unpacked()
+    assert (image.stamp_ns, image.frame_id, image.size) == (7, FRAME, (40, 30))
+    # Inverse depths have 16 bits: 4 mm at 9 m here.
+    tolerance = 0.0006 if encoding == "16UC1" else 0.006
+    assert np.allclose(image.metres(ROWS, COLUMNS), DEPTH, atol=tolerance, equal_nan=True)
+
+
+def changed(data, start, replacement):
+    return np.concatenate([data[:start], np.frombuffer(replacement, np.uint8), data[start + len(replacement) :]])
+
+
+@pytest.mark.parametrize("codec", ["png", "rvl"])
+@pytest.mark.parametrize(
+    ("damage", "reason"),
+    [
+        (lambda m: setattr(m, "format", "jpeg"), "depth_encoding"),
+        (lambda m: setattr(m, "format", "16UC1; compressedDepth zstd"), "depth_encoding"),
+        (lambda m: setattr(m, "format", "16UC1; png compressed"), "depth_encoding"),
+        (lambda m: setattr(m, "data", m.data[:HEADER_BYTES]), "depth_data"),
+        (lambda m: setattr(m, "data", m.data[:60]), "depth_data"),
+        (lambda m: setattr(m, "data", changed(m.data, HEADER_BYTES, b"\xff" * 24)), "depth_data"),
+        (lambda m: setattr(m, "data", changed(m.data, HEADER_BYTES + 70, b"\xff" * 300)), "depth_data"),
+    ],
+)
+def test_a_damaged_image_is_refused(codec, damage, reason):
+    message = compressed_message(BACKEND, 1, DEPTH, codec=codec)
+    damage(message)
+    with pytest.raises(AdapterError) as refused:
+        decode_compressed_depth(message).unpacked()
+    assert refused.value.reason == reason
+
+
+def test_a_png_of_bytes_is_refused():
+    message = compressed_message(BACKEND, 1, DEPTH)
+    eight_bits = bytearray(png(np.ones((4, 4), np.uint16)))
+    eight_bits[24] = 8
+    message.data = np.concatenate([message.data[:HEADER_BYTES], np.frombuffer(bytes(eight_bits), np.uint8)])
+    with pytest.raises(AdapterError):
+        decode_compressed_depth(message).unpacked()
+
+
+def test_without_opencv_one_sentence_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    with pytest.raises(AdapterError, match="pip install opencv-python-headless") as refused:
+        decode_compressed_depth(compressed_message(BACKEND, 1, DEPTH)).unpacked()
+    assert refused.value.reason == "no_opencv"
