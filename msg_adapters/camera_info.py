@@ -30,6 +30,8 @@ FARTHEST_CENTRE = 1.0
 UNUSUAL_CENTRE, UNUSUAL_ASPECT = 0.15, 0.1
 """Distance of the principal point from the image centre, as a fraction of the size, and |fx / fy - 1|, from which on
 camera_info is suspicious."""
+UNUSUAL_FOCAL = 20.0
+"""Focal length in sides of the image from which K is probably in another unit than px."""
 MOST_COEFFICIENTS = 32
 LONGEST_NAME = 64
 """Characters of the name of the distortion model that are used."""
@@ -145,6 +147,8 @@ def _check_size(K: np.ndarray, message: Any) -> str:
         raise AdapterError("camera_uncalibrated", f"camera_info has {numbers}: the principal point is far outside")
     if away.max() > UNUSUAL_CENTRE:
         return f"camera_info has {numbers}: is K of another resolution, or of the binned image?"
+    if focal.max() > UNUSUAL_FOCAL * size.max():
+        return f"camera_info has {numbers}: a field of view below 3 degrees; is K in px?"
     if abs(aspect - 1) > UNUSUAL_ASPECT or abs(1 / aspect - 1) > UNUSUAL_ASPECT:
         return f"camera_info has {numbers}: fx and fy differ; are pixels not square?"
     return ""

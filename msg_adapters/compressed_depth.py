@@ -78,6 +78,7 @@ def _from_png(packed: bytes) -> np.ndarray:
     if not packed.startswith(PNG_START):
         raise _damaged("is no PNG")
     _check_size(width, height)
+    _check_chunks(packed)
     try:
         import cv2
     except ImportError:
@@ -92,6 +93,16 @@ def _from_png(packed: bytes) -> np.ndarray:
     if pixels is None or pixels.dtype != np.uint16 or pixels.ndim != 2:
         raise _damaged("is no PNG of 16 bits and one channel")
     return np.asarray(pixels)
+
+
+def _check_chunks(packed: bytes) -> None:
+    """Raise AdapterError unless the chunks of a PNG fit into its data. OpenCV allocates what a chunk claims: 2 GB."""
+    at, name = len(PNG_START), b""
+    while at < len(packed) and name != b"IEND":
+        name, length = packed[at + 4 : at + 8], int.from_bytes(packed[at : at + 4], "big")
+        at += 12 + length  # length, name and checksum have 4 bytes each
+    if at > len(packed) or name != b"IEND":
+        raise _damaged("is a PNG with a chunk beyond its data, or without an end")
 
 
 def _from_rvl(packed: bytes) -> np.ndarray:

@@ -12,7 +12,7 @@ TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 
 @dataclass(frozen=True)
 class Usage:
-    """Resources at one moment: resident memory in MB, files, threads, processor time in s, address space in MB."""
+    """Use at one moment: resident memory in MB, descriptors, threads, processor time in s, address space in MB."""
 
     memory_mb: float
     descriptors: int

@@ -1,10 +1,11 @@
-"""Print the summary of finished work. A failure to print must not look like failed work."""
+"""Print notes and the summary of finished work. A failure to print must not look like failed work."""
 
 from __future__ import annotations
 
 import io
 import os
 import sys
+from contextlib import suppress
 
 from lassokin_ros.core.errors import LassokinError
 
@@ -24,6 +25,12 @@ def print_summary(text: str) -> None:
         if not isinstance(error, BrokenPipeError):
             reason = error.strerror or error
             raise SummaryError(f"the work is done, but its summary cannot be printed: {reason}") from None
+
+
+def print_note(text: str) -> None:
+    """Print a note to stderr. A stderr that is closed or full stops no work."""
+    with suppress(OSError, ValueError, AttributeError):
+        print(text, file=sys.stderr, flush=True)
 
 
 def _discard_stdout() -> None:

@@ -23,6 +23,7 @@ from typing import Any
 
 from lassokin_ros.common.interruption import uninterrupted
 from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.node.executable import first_sentence
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.replay.bags import BagReader, BagWriter, typestore
 
@@ -71,7 +72,10 @@ class LiveNode:
 
         self._context = Context()
         # rclpy's signal handlers outlive the context and would block SIGTERM in the processes of a pool.
-        rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        try:
+            rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        except RuntimeError as error:  # RCLError, such as for a folder of logs that cannot be written
+            raise PlaybackError(first_sentence(error)) from None
         self._node = Node("player", namespace=self.namespace, context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)

@@ -17,6 +17,7 @@ from typing import Any
 from lassokin_ros.common.missing_package import missing_package
 
 USAGE_ERROR = 2
+LOG_ADVICE = "set ROS_LOG_DIR to a folder that can be written, or set ROS_HOME or HOME"
 PAUSE_S = 0.1
 """s: pause after a callback that failed. It keeps a callback that always fails from using a whole core."""
 
@@ -48,7 +49,7 @@ def run_node(
         node = make_node()
         spin(node, stopped)
     except Exception as error:
-        return _complain(parser.prog, _first_sentence(error))
+        return _complain(parser.prog, first_sentence(error))
     finally:
         if node is not None:
             node.destroy_node()
@@ -95,9 +96,10 @@ def await_signal() -> Future[int]:
     return stopped
 
 
-def _first_sentence(error: Exception) -> str:
+def first_sentence(error: Exception) -> str:
     """Return an exception of rclpy as one line, without the lines of C files."""
-    return re.sub(r"\s*, at \S+:\d+", "", " ".join(str(error).split())) or type(error).__name__
+    text = re.sub(r"\s*, at \S+:\d+", "", " ".join(str(error).split())) or type(error).__name__
+    return f"{text}; {LOG_ADVICE}" if "logging" in text else text
 
 
 def _complain(program: str, message: str) -> int:

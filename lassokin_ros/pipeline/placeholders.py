@@ -39,7 +39,7 @@ def without_placeholders(keypoints: Keypoints, size: tuple[int, int]) -> Keypoin
     if _is_free(keypoints.xy.compress(present, axis=0), size):
         return keypoints
     with np.errstate(invalid="ignore"):
-        wrong = _sentinel(keypoints.xy) | _at_fixed_place(keypoints.xy, size) | _repeated(keypoints, present)
+        wrong = _sentinel(keypoints.xy, size) | _at_fixed_place(keypoints.xy, size) | _repeated(keypoints, present)
         wrong &= present
     if np.count_nonzero(wrong) == 0:
         return keypoints
@@ -64,10 +64,12 @@ def _is_free(xy: np.ndarray, size: tuple[int, int]) -> bool:
     return not np.count_nonzero(xy == centres)
 
 
-def _sentinel(xy: np.ndarray) -> np.ndarray:
-    """(k,) bool: -1 in a coordinate, or the same negative number in both."""
+def _sentinel(xy: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """(k,) bool: -1 in a coordinate, or the same negative number in both, in px or as fractions of the image size."""
     x, y = xy[:, 0], xy[:, 1]
     result: np.ndarray = (x == -1.0) | (y == -1.0) | ((x < 0) & (x == y))
+    if min(size) > 0:
+        result |= (x < 0) & (x * size[1] == y * size[0])
     return result
 
 

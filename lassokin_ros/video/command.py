@@ -12,6 +12,8 @@ from lassokin_ros.core.errors import LassokinError
 
 USAGE_ERROR = 2
 INTERRUPTED = 130
+QUIET = {"GLOG_minloglevel": "3", "TF_CPP_MIN_LOG_LEVEL": "3", "OPENCV_FFMPEG_LOGLEVEL": "-8", "RUST_LOG": "off"}
+"""Environment variables that keep libraries (MediaPipe, FFmpeg, Rerun) from writing to stderr beside our line."""
 WINDOW = Path()
 """Value of --view without a file."""
 
@@ -24,8 +26,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     options = parser().parse_args(arguments)
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    os.environ.setdefault("GLOG_minloglevel", "3")
-    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+    for name, level in QUIET.items():
+        os.environ.setdefault(name, level)
     try:
         from lassokin_ros.common.summary_output import print_summary
         from lassokin_ros.video.track import track

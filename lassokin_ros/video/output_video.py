@@ -89,10 +89,22 @@ class OutputVideo:
     def finish(self) -> None:
         """Close the file and give it its name. Raises VideoError."""
         self._writer.release()
+        if not self._is_complete():
+            raise VideoError(f"'{self._path}' cannot be written completely; is there room for it on the disk?")
         try:
             self._part.replace(self._path)
         except OSError as error:
             raise VideoError(f"'{self._path}' cannot be written: {error.strerror}") from None
+
+    def _is_complete(self) -> bool:
+        """Return whether the file has all images. OpenCV reports no error when it writes them."""
+        video = self._cv2.VideoCapture(str(self._part))
+        try:
+            count = int(video.get(self._cv2.CAP_PROP_FRAME_COUNT)) if video.isOpened() else 0
+            video.set(self._cv2.CAP_PROP_POS_FRAMES, max(count - 1, 0))
+            return self._written == 0 or (count >= self._written and bool(video.grab()))
+        finally:
+            video.release()
 
     def discard(self) -> None:
         """Remove what was written, unless `finish` has run."""

@@ -123,7 +123,11 @@ class RerunScene:
 
     def finish(self) -> None:
         """End the recording and give it its name. A second call does nothing. Raises ViewError."""
-        self._stream.flush()
+        try:
+            self._stream.flush()
+        except Exception as error:  # RuntimeError of Rerun, such as for a full disk, or its own of newer releases
+            reason = " ".join(str(error).split())[:200]
+            raise ViewError(f"'{self._path or 'the view'}' cannot be written completely: {reason}") from None
         self._stream.disconnect()
         part, self._part = self._part, None
         if part is not None and self._path is not None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import signal
-import sys
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -17,6 +16,7 @@ import numpy as np
 
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.progress import Progress
+from lassokin_ros.common.summary_output import print_note
 from lassokin_ros.core.evidence.upright import level_from_camera
 from lassokin_ros.detector.backend import Detector, make_detector
 from lassokin_ros.pipeline.frame_result import FrameResult
@@ -227,11 +227,10 @@ def _exports(options: argparse.Namespace, tracker: OfflineTracker) -> Exports | 
 
 def _camera(options: argparse.Namespace, source: Source) -> Calibration:
     if options.camera_info is None and options.fov is None:
-        print(f"track: {assumed_fov_warning('--fov or --camera-info')}", file=sys.stderr)
+        print_note(f"track: {assumed_fov_warning('--fov or --camera-info')}")
     if options.camera_info is None and source.content != source.size:
         width, height = source.content
-        print(
-            f"track: the images have black bars; the field of view is that of the {width} x {height} px between them",
-            file=sys.stderr,
+        print_note(
+            f"track: the images have black bars; the field of view is that of the {width} x {height} px between them"
         )
     return choose_camera(options.camera_info, options.fov, source.size, source.content)

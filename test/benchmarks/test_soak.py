@@ -1,6 +1,8 @@
 """benchmarks/soak.py for seconds instead of hours: the counts add up, and the limits can fail."""
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ import pytest
 from benchmarks import soak
 from benchmarks.data.people_in_view import view
 from benchmarks.timing import live_load, load_table
-from benchmarks.timing.processes import Usage
+from benchmarks.timing.processes import Limits, Usage
 
 
 def test_the_core_does_not_grow(capsys, tmp_path):
@@ -29,7 +31,7 @@ def test_wrong_rotations_and_values_that_are_not_finite_are_detected():
 
 def test_growth_is_detected():
     before, after = Usage(100.0, 10, 3, 1.0), Usage(100.0 + 2 * load_table.MOST_GROWTH_MB, 11, 3, 2.0)
-    assert [record["holds"] for record in soak.usage_rows(before, after)] == ["NO", "NO", "yes"]
+    assert [record["holds"] for record in soak.usage_rows(before, after)] == ["NO", "NO", "yes", ""]
 
 
 def test_people_in_view_continue_and_keep_their_distance():
@@ -51,3 +53,10 @@ def test_the_real_node_passes_two_seconds(monkeypatch, clock_hz):
     assert rows["messages neither received nor counted"]["end"] == "0"
     assert int(rows["messages answered for everybody"]["end"]) >= 50
     assert rows["exit code at SIGINT, lines on stderr"]["end"].startswith("0,")
+
+
+def test_limits_hold_in_a_process_that_is_started_with_them():
+    code = "import resource as r; print(r.getrlimit(r.RLIMIT_AS), r.getrlimit(r.RLIMIT_NOFILE))"
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, preexec_fn=Limits(800, 20).apply, capture_output=True, text=True, check=True)
+    assert done.stdout == f"{(800 << 20, 800 << 20)} {(20, 20)}\n"

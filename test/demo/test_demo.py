@@ -126,3 +126,13 @@ def test_an_unwritable_output_is_one_line(tmp_path):
     command = [sys.executable, "-m", "lassokin_ros.demo", "--output", str(tmp_path / "file"), "--seconds", "1"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2 and done.stderr.startswith("demo: ") and done.stderr.count("\n") == 1
+
+
+def test_a_home_that_cannot_be_written_is_one_line_with_the_remedy(tmp_path):
+    """ROS writes its logs there."""
+    environment = {k: v for k, v in os.environ.items() if k not in ("ROS_LOG_DIR", "ROS_HOME")}
+    command = [sys.executable, "-m", "lassokin_ros.demo", "--output", str(tmp_path / "out"), "--seconds", "1"]
+    environment["HOME"] = "/proc/nowhere"
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, env=environment, check=False)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
+    assert done.stderr.startswith("demo: ") and "set ROS_LOG_DIR" in done.stderr

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from courses import BACKEND, LAYOUTS, NUMBERS, START_NS, TYPES, message_of, people
 from decoder_checks import outcome_of
+from depth_camera import compressed_message
 from messages import HEIGHT, WIDTH, camera_info
 from recordings import write_recording
 
@@ -34,6 +35,7 @@ from lassokin_ros.replay.record import record_of
 from lassokin_ros.skeleton_readers.load import load_skeleton
 from lassokin_ros.skeleton_readers.naming import tables
 from msg_adapters.camera_info import decode_camera_info
+from msg_adapters.compressed_depth import decode_compressed_depth
 from msg_adapters.depth_image import decode_depth_image
 from msg_adapters.detectors.registry import ADAPTERS, keypoint_adapter
 from msg_adapters.errors import AdapterError
@@ -126,10 +128,24 @@ def depth_images():
 
 
 def use_depth(message):
-    image = decode_depth_image(message)
+    check_depth(decode_depth_image(message))
+
+
+def check_depth(image):
     width, height = image.size
     depth = image.metres(np.array([0, height - 1]), np.array([0, width - 1]))
     assert not (depth <= 0).any() and not np.isinf(depth).any()
+
+
+def compressed_images():
+    depth = np.full((6, 8), 2.0)
+    depth[2, 3:5] = np.nan
+    for encoding, codec in (("16UC1", "png"), ("32FC1", "png"), ("16UC1", "rvl")):
+        yield compressed_message(BACKEND, START_NS, depth, encoding, codec)
+
+
+def use_compressed(message):
+    check_depth(decode_compressed_depth(message).unpacked())
 
 
 def file_target(name, seeds, read):
@@ -293,6 +309,7 @@ MESSAGES = {
     **{f"message {name.split('/')[-1]}": keypoints_target(name) for name in ADAPTERS},
     "message CameraInfo": message_target("sensor_msgs/msg/CameraInfo", cameras, use_camera),
     "message Image": message_target("sensor_msgs/msg/Image", depth_images, use_depth),
+    "message CompressedImage": message_target("sensor_msgs/msg/CompressedImage", compressed_images, use_compressed),
 }
 FILES = {
     "file bvh": file_target("body.bvh", bvh_files, use_skeleton),

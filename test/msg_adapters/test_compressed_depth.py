@@ -70,3 +70,15 @@ def test_a_missing_opencv_is_named_with_its_installation(monkeypatch):
     with pytest.raises(AdapterError, match="pip install opencv-python-headless") as refused:
         decode_compressed_depth(compressed_message(BACKEND, 1, DEPTH)).unpacked()
     assert refused.value.reason == "no_opencv"
+
+
+@pytest.mark.parametrize("length", [b"\x7f\xff\xff\xff", b"\x00\x01\x00\x00", b"\xff\xff\xff\xff"])
+def test_a_chunk_that_claims_more_than_the_data_is_refused_before_opencv_allocates_it(length, monkeypatch):
+    import cv2
+
+    monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("OpenCV would allocate up to 2 GB"))
+    message = compressed_message(BACKEND, 1, DEPTH)
+    place = bytes(message.data).index(b"IDAT") - 4
+    message.data = changed(message.data, place, length)
+    with pytest.raises(AdapterError, match="chunk"):
+        decode_compressed_depth(message).unpacked()

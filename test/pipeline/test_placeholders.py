@@ -64,6 +64,7 @@ PLACES = {
     "minus one": lambda xy: np.full_like(xy, -1.0),
     "one coordinate minus one": to_x(-1.0),
     "another sentinel": lambda xy: np.full_like(xy, -999.0),
+    "minus one of normalised coordinates": lambda xy: np.full_like(xy, -1.0) * [WIDTH, HEIGHT],
     "centre": lambda xy: np.full_like(xy, 0.5) * [WIDTH, HEIGHT],
     "one position": lambda xy: np.full_like(xy, 123.0),
 }

@@ -5,6 +5,7 @@ import resource
 import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -216,6 +217,22 @@ def test_a_folder_without_search_permission_is_reported(recording, tmp_path, mon
     assert main(arguments) == 2
     assert capsys.readouterr().err.endswith("page.html' cannot be written: Permission denied\n")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_home_that_cannot_be_written_does_not_matter(recording, tmp_path, monkeypatch, capsys):
+    for name in ("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME"):
+        monkeypatch.setenv(name, "/proc/nowhere")
+    assert main(wants_files(recording, tmp_path, tmp_path)) == 0 and capsys.readouterr().err == ""
+    assert sorted(os.listdir(tmp_path)) == ["out", "page.html", "walk.csv"]
+
+
+def test_a_full_folder_for_temporary_files_is_reported(recording, small_disk, tmp_path, monkeypatch, capsys):
+    (small_disk / "other").write_bytes(bytes(128 * 1024))
+    monkeypatch.setattr(tempfile, "tempdir", str(small_disk))
+    assert main(wants_files(recording, tmp_path, tmp_path)) == 2
+    said = capsys.readouterr()
+    assert f"a temporary file in {small_disk} cannot be written: No space" in said.err and said.err.count("\n") == 1
+    assert said.out == "" and os.listdir(tmp_path) == ["disk"] and os.listdir(small_disk) == ["other"]
 
 
 def test_the_work_is_done_without_stderr(recording, tmp_path):

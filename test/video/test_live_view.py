@@ -14,6 +14,7 @@ from lassokin_ros.core.body.rotations import exponential  # noqa: E402
 from lassokin_ros.pipeline.outputs.frame_messages import principal_axes  # noqa: E402
 from lassokin_ros.video import track as track_module  # noqa: E402
 from lassokin_ros.video.command import WINDOW, main, parser  # noqa: E402
+from lassokin_ros.video.rerun_scene import RerunScene, ViewError  # noqa: E402
 
 
 @pytest.fixture
@@ -65,3 +66,18 @@ def test_an_ellipsoid_shows_its_covariance():
     turned = exponential(axes * angle[:, None])
     assert np.allclose(turned @ (half_sizes[:, :, None] ** 2 * turned.transpose(0, 2, 1)), covariance)
     assert not principal_axes(np.zeros((1, 3, 3)))[1].any()
+
+
+def test_a_recording_that_cannot_be_flushed_is_reported(tmp_path):
+    """By a stand-in for Rerun's stream on a full disk."""
+
+    class Full:
+        def flush(self):
+            raise RuntimeError("File-writer thread shut down\nprematurely")
+
+    view = RerunScene.__new__(RerunScene)
+    view._stream, view._path, view._part = Full(), tmp_path / "a.rrd", tmp_path / ".a.part.rrd"
+    with pytest.raises(
+        ViewError, match="a.rrd' cannot be written completely: File-writer thread shut"
+    ):
+        view.finish()

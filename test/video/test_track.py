@@ -1,8 +1,10 @@
 """The command `track` on videos that the test makes, with a detector of known output."""
 
+import io
 import json
 import os
 import re
+import resource
 import signal
 import sys
 from types import SimpleNamespace
@@ -152,3 +154,34 @@ def test_a_calibration_of_ros_is_scaled_to_the_image(tmp_path):
     )
     camera = from_file(file, (1280, 960))
     assert camera.K[0].tolist() == [1000, 0, 640] and camera.D[0] == 0.1
+
+
+@pytest.mark.parametrize("output", ["--video out.mp4", "--video out.avi", "--export motion.npz", "--export motion.bvh"])
+def test_a_full_disk_is_one_line_and_leaves_nothing(output, images, tmp_path, monkeypatch, capfd):
+    """A limit on the size of files fails as a full disk does."""
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
+    option, name = output.split()
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
+    try:
+        code = main([str(images), "--fov", "60", option, str(tmp_path / name)])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    said = capfd.readouterr()
+    assert code == 2 and said.out == "" and [file.name for file in tmp_path.iterdir()] == ["images"]
+    last = said.err.splitlines()[-1]  # after the note on the lens, if any
+    assert last.startswith("track: ") and "cannot be written" in last and "Traceback" not in said.err
+
+
+class FullStream(io.StringIO):
+    def write(self, text):
+        raise OSError(28, "No space left on device")
+
+
+def test_a_full_stderr_and_a_home_that_cannot_be_written_stop_no_work(images, tmp_path, monkeypatch):
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
+    monkeypatch.setenv("HOME", "/proc/nowhere")
+    monkeypatch.setattr(sys, "stderr", FullStream())
+    code = main([str(images), "--export", str(tmp_path / "motion.csv")])
+    monkeypatch.undo()
+    assert code == 0 and (tmp_path / "motion.csv").is_file()
