@@ -64,9 +64,7 @@ class NodeSettings:
         "who tells people apart over time: the message's person numbers where it has lasting ones, or the node alone",
         choices=(MESSAGE, NODE),
     )
-    forget_after: float = setting(
-        3.0, "a person who is not seen for this long has left", "s", 0.1, 3600.0, live=True
-    )
+    forget_after: float = setting(3.0, "a person who is not seen for this long has left", "s", 0.1, 3600.0, live=True)
     rep155: bool = setting(
         False, "several people's topics as in REP-155: /humans/bodies/<id>/, the list as hri_msgs/IdsList"
     )

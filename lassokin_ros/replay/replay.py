@@ -189,8 +189,8 @@ def _figures(tracker: Any) -> Figures:
 def _summary(title: str, inputs: Sequence[str], tracker: Any, seconds: float, written: Mapping[str, str]) -> str:
     import numpy as np
 
-    from lassokin_ros.pipeline.outputs.calibration_status import averaged_sides
     from lassokin_ros.pipeline.depth_images import MATCHED, UNMATCHED
+    from lassokin_ros.pipeline.outputs.calibration_status import averaged_sides
     from lassokin_ros.replay.offline_tracker import LINK_AS_FRAME
 
     counts, error = tracker.pipeline.counts, tracker.reprojection_px

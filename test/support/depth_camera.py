@@ -61,7 +61,7 @@ def depth_message(backend, stamp_ns, depth, encoding="16UC1", frame_id=FRAME, bi
 
 
 def compressed_message(backend, stamp_ns, depth, encoding="16UC1", codec="png", frame_id=FRAME):
-    """sensor_msgs/CompressedImage of depths (h, w) m, NaN = missing, as image_transport's compressedDepth sends them."""
+    """sensor_msgs/CompressedImage of depths (h, w) m, NaN = missing, as compressedDepth sends them."""
     message = backend.make("sensor_msgs/msg/CompressedImage")
     set_header(message.header, stamp_ns, frame_id)
     message.format = f"{encoding}; compressedDepth {codec}".strip()

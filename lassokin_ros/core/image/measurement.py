@@ -142,8 +142,7 @@ class MeasurementFilter:
             detected, visible = detected[order], visible[order]
             measured = None if measured is None else (measured[0][order], measured[1][order])
         if measured is not None and not repeated:
-            depths, given = measured
-            measured = depths, given / self._depth_noise.update(stamp, depths, given)
+            measured = measured[0], measured[1] / self._depth_noise.update(stamp, *measured)
         speed = depth * self._filter.speed()
         news = 0.0 if repeated else stamp - self._informed
         step = stamp - self.newest
