@@ -150,8 +150,8 @@ class DepthImages:
         advice = "depth is not used; subscribe to the depth image that is registered (aligned) to the colour image"
         if abs((width / height) / (size[0] / size[1]) - 1) > LARGEST_ASPECT_ERROR:
             return (
-                f"the depth image has {width} x {height} px, the colour image {size[0]} x {size[1]}, a different shape: "
-                f"{advice}"
+                f"the depth image has {width} x {height} px, the colour image {size[0]} x {size[1]}, a different "
+                f"shape: {advice}"
             )
         if not image.frame_id or not any(frames) or image.frame_id in frames:
             return ""

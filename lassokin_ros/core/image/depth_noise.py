@@ -23,8 +23,8 @@ WORTH, MEMORY = 0.3, 2.0
 MOTION = 1.3
 """Factor by which motion and occluders enlarge the median."""
 LARGEST = 4.0
-"""Upper limit of the factor. Its lower limit is 1: what stays from frame to frame, such as the distance from the surface
-to the joint, is not seen here."""
+"""Upper limit of the factor. Its lower limit is 1: what stays from frame to frame, such as the distance from the
+surface to the joint, is not seen here."""
 
 
 class DepthNoise:

@@ -66,7 +66,7 @@ def test_cost_and_rows_agree(scene):
 
 
 def test_a_body_that_comes_nearer_is_no_occluder(scene):
-    """All depths change by 12 cm, 4 standard deviations: the rows keep their weights. A single one that does loses its."""
+    """If all depths change by 4 standard deviations, the rows keep their weights; a single one that does loses its."""
     model, state, frame = scene
     which = model.rows_of(model.measured_depth, frame)
 
