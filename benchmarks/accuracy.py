@@ -2,13 +2,16 @@
 
     python benchmarks/accuracy.py --data DIR [--noise-px 2 --missing 0.1 --outliers 0.05 --fps 60 ...] [--json FILE]
 
-Every method gets the same keypoints and initialises by itself. Of each clip it is given what a user could measure:
-the person's bone lengths, or with --generic-skeleton the height alone; and the detector's noise in pixels.
---initialisation measures first frames alone, --gap a stretch without any landmark, --detections FILE real detector
-output, --uncertainty and --failure-probability the tracker's own figures of its error against the error. --realistic
---test-people is what a user can expect. Clips that the shipped prior or network has seen do not count: they are left
-out, or with --all-clips and --clips run, marked with * and kept out
-of the summary. With --leave-one-out every clip counts: each is run with a prior learned from all the others.
+Every method gets the same keypoints and initialises by itself. Its inputs are what a user could measure: the person's
+bone lengths (with --generic-skeleton only the height), and the detector's noise in px.
+
+--initialisation measures first frames only, --gap a period without landmarks, --detections FILE real detector output.
+--uncertainty and --failure-probability compare the tracker's own figures of its error with the error. --realistic
+--test-people gives the figures that a user can expect.
+
+Clips that the shipped prior or network was trained with are left out. With --all-clips and --clips they are run, marked
+with *, and not part of the summary. With --leave-one-out every clip counts: each is run with a prior that was learned
+from all others.
 """
 
 from __future__ import annotations
@@ -34,7 +37,7 @@ from benchmarks.accuracy_run.uncertainty import binned, uncertainty_of
 from benchmarks.common.refusals import exit_code
 from benchmarks.common.report import Record, data_folder, table, write_json
 from benchmarks.data.detections import detection_jobs, run_detections
-from benchmarks.data.mocap import Condition, rate_of
+from benchmarks.data.simulated_camera import Condition, rate_of
 from benchmarks.learn_prior import SEEN
 from lassokin_ros.core.errors import LassokinError
 
@@ -49,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not options.detections:
         print(_other_rates(options), end="")
     elif unheeded(options):
-        print(f"Without effect on --detections, which are taken as they are: {', '.join(unheeded(options))}.")
+        print(f"No effect with --detections: {', '.join(unheeded(options))}.")
     if options.uncertainty or options.failure_probability:
         print(detections_head(options) if options.detections else head(options))
         for training in sorted({record["training"] for record in records}):
@@ -71,7 +74,7 @@ def measure(options: argparse.Namespace) -> list[Record]:
     _check_methods(options)
     if options.detections:
         if options.leave_one_out:
-            raise SystemExit("--leave-one-out is for clips; no --detections were among what the prior was learned from")
+            raise SystemExit("--leave-one-out is for clips; the prior was not learned from --detections")
         if options.gap or options.initialisation:
             raise SystemExit("--gap and --initialisation are for clips, not for --detections")
         own = options.uncertainty or options.failure_probability
@@ -114,23 +117,23 @@ def measure(options: argparse.Namespace) -> list[Record]:
 
 
 def _of_recordings(records: list[Record]) -> list[Record]:
-    """Recordings are part of no training."""
+    """Real recordings are part of no training."""
     return [{**record, "training": False} for record in records]
 
 
 def in_parallel(function: Callable[[Any], T], jobs: Sequence[Any], processes: int) -> list[T]:
-    """function(job) of every job in the jobs' order, whatever the number of processes."""
+    """Call function(job) for every job; the results are in the jobs' order, for any number of processes."""
     if processes <= 1 or len(jobs) == 1:
         return [function(job) for job in jobs]
     with multiprocessing.get_context("fork").Pool(min(processes, len(jobs))) as pool:
-        results = pool.map(partial(_said, function), jobs, chunksize=1)
-        pool.close()  # they end by themselves: who has used rclpy in this process hands down a deaf ear for SIGTERM
+        results = pool.map(partial(_without_exit, function), jobs, chunksize=1)
+        pool.close()  # They end by themselves. rclpy, if imported here, would make the children ignore SIGTERM.
         pool.join()
         return results
 
 
-def _said(function: Callable[[Any], T], job: Any) -> T:
-    """function(job); a SystemExit as an error, for one that ends a worker lets the pool wait for ever."""
+def _without_exit(function: Callable[[Any], T], job: Any) -> T:
+    """Call function(job). A SystemExit becomes another error: raised in a worker, it would block the pool for ever."""
     try:
         return function(job)
     except SystemExit as error:
@@ -138,7 +141,7 @@ def _said(function: Callable[[Any], T], job: Any) -> T:
 
 
 def clip_files(options: argparse.Namespace) -> list[Path]:
-    """The clips to run; SystemExit with a clear word when there are none."""
+    """The clips to run. Raises SystemExit with the reason if there are none."""
     if options.test_people:
         return test_clips(options.data or data_folder())
     folder = options.data or data_folder() / "mocap"
@@ -157,7 +160,7 @@ def clip_files(options: argparse.Namespace) -> list[Path]:
 
 
 def _other_rates(options: argparse.Namespace) -> str:
-    """A line with the clips whose frame rate differs from --fps, and the rate used; empty if there are none."""
+    """A line that lists the clips whose frame rate differs from --fps, with the rate used; empty if there are none."""
     rates = {file.stem: rate_of(file, options.fps) for file in clip_files(options)}
     others = [f"{name} {fps:.3g}" for name, fps in rates.items() if abs(fps - options.fps) > 0.01 * options.fps]
     return f"Not at {options.fps:g} Hz, but at: {', '.join(others)}.\n" if others else ""
@@ -181,7 +184,7 @@ def _apart(
     followed: Sequence[T],
     pooled: Callable[[Sequence[T]], list[Record]],
 ) -> list[Record]:
-    """The records that `pooled` makes of many runs, of the training clips' by themselves."""
+    """The summary records that `pooled` computes from many runs; training clips are summarised separately."""
     records = []
     for training in (False, True):
         group = [result for job, result in zip(jobs, followed) if _training(options, job.file) == training]

@@ -27,12 +27,12 @@ import numpy as np
 
 from benchmarks.common import option_types
 from benchmarks.common.refusals import exit_code
+from benchmarks.common.revision import ROOT, check_out
 from benchmarks.data.motion import FOCAL, FPS, HEIGHT, load_motion, observe, on_skeleton
 from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 
-ROOT = Path(__file__).resolve().parents[1]
 DRIVER = ROOT / "benchmarks" / "timing" / "revision_driver.py"
 BODY = ROOT / "benchmarks" / "bodies" / "hands55.yaml"
 LAYOUT = ROOT / "benchmarks" / "bodies" / "body25_hands.yaml"
@@ -79,20 +79,6 @@ def parser() -> argparse.ArgumentParser:
     return result
 
 
-def check_out(revision: str, folder: Path) -> str:
-    """Unpack a revision into a folder; return its short name. Raises SystemExit if there is none."""
-    found = subprocess.run(
-        ["git", "rev-parse", "--verify", "--short", f"{revision}^{{commit}}"],
-        cwd=ROOT, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    if found.returncode:
-        raise SystemExit(f"against.py: there is no revision '{revision}' in this repository")
-    folder.mkdir()
-    archive = subprocess.run(["git", "archive", revision], cwd=ROOT, capture_output=True, check=True)
-    subprocess.run(["tar", "-x", "-C", str(folder)], input=archive.stdout, check=True)
-    return found.stdout.strip()
-
-
 def frames() -> dict[str, Any]:
     """The keypoints of all figures: 16 people with noise of their own, and one with hands."""
     motion = load_motion(data_folder() / "mocap", FRAMES)
@@ -133,7 +119,7 @@ class Child:
         assert self._process.stdout is not None
         line = self._process.stdout.readline()
         if not line:
-            raise SystemExit("against.py: a revision's process has ended; its message stands above")
+            raise SystemExit("the process of a revision has ended; its error message is printed above")
         return json.loads(line)
 
     def __enter__(self) -> Child:

@@ -1,9 +1,9 @@
-"""Do results agree between versions of Python, numpy and scipy? Track a fixed sequence, keep the joints, compare.
+"""Agreement of results between versions of Python, numpy and scipy: track a fixed sequence and compare the joints.
 
     python benchmarks/agreement.py --save here.npz              # in one environment
     python benchmarks/agreement.py --compare here.npz there.npz # the largest difference of any joint, mm
 
-Needs the core's own dependencies only.
+It needs only the dependencies of the core.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ FRAMES, RATE, FOCAL, NOISE_PX = 600, 30.0, 1000.0, 2.0
 
 
 def versions() -> str:
-    """What may differ from one environment to the next."""
+    """The versions that may differ between environments."""
     found = {"numpy": np.__version__, "scipy": scipy.__version__, "proxsuite": proxsuite.__version__}
     return f"Python {platform.python_version()}, " + ", ".join(f"{name} {version}" for name, version in found.items())
 
@@ -36,7 +36,7 @@ def versions() -> str:
 def joints() -> np.ndarray:
     """(FRAMES, n, 3) m: the synthetic motion with noise, gaps and wrong points, tracked; NaN where refused."""
     tracker = Tracker()
-    random = np.random.RandomState(0)  # its stream is the same in all versions, that of default_rng is not promised
+    random = np.random.RandomState(0)  # its sequence is the same in all versions; that of default_rng may change
     times = np.arange(FRAMES) / RATE
     points = project(tracker.kinematics.pose(motion(tracker.skeleton, times)).landmarks)
     points = points + random.normal(size=points.shape) * NOISE_PX / FOCAL
@@ -57,20 +57,20 @@ def save(file: Path) -> None:
 
 
 def load(file: Path) -> tuple[str, np.ndarray]:
-    """The versions and the joints of a file that `save` has written."""
+    """The versions and the joints of a file written by `save`."""
     with np.load(file, allow_pickle=False) as data:
         return str(data["versions"]), data["joints"]
 
 
 def difference_mm(one: np.ndarray, other: np.ndarray) -> float:
-    """The largest distance of a joint from itself, mm; infinite where only one of the two has a frame."""
+    """The largest distance of a joint between two results, mm; infinite if only one of them has a frame."""
     if (np.isnan(one) != np.isnan(other)).any():
         return float("inf")
     return 1e3 * float(np.nanmax(np.linalg.norm(one - other, axis=-1)))
 
 
 def compare(files: list[Path]) -> None:
-    """A table of each file against the first."""
+    """A table of each file compared with the first."""
     (first, reference), *others = [load(file) for file in files]
     print(f"{FRAMES} frames; largest difference of a joint, mm, against {first}")
     for name, found in others:

@@ -37,16 +37,16 @@ from lassokin_ros.demo.synthetic import Detector  # noqa: E402
 TRUE, COLOURS = "#8a8a8a", ("#d1495b", "#1f6fb4", "#2a9d4a", "#e08d20")
 LEFT_KNEE = 4
 SEEDS = (0, 1, 2)
-"""Of the detector's noise; what is said in figures is the mean over them."""
+"""Seeds of the detector's noise. Figures in the text are means over them."""
 
 
 def knee_depth(joints: np.ndarray) -> np.ndarray:
-    """(f,) mm, the left knee's depth from the pelvis: depth is what one camera sees worst."""
+    """(f,) mm: depth of the left knee relative to the pelvis. One camera measures depth worst."""
     return 1e3 * (joints[:, LEFT_KNEE, 2] - joints[:, 0, 2])
 
 
 def height(axes: Any) -> None:
-    """A wrong height scales everything."""
+    """The effect of `height`: a wrong height scales everything."""
     seen = scene(6, 30)
     axes[0].plot(seen.times, seen.joints[:, 0, 2], color=TRUE, lw=3, label="true (height 1.75 m)")
     heights = (1.60, 1.75, 1.90)
@@ -61,7 +61,7 @@ def height(axes: Any) -> None:
 
 
 def noise_px(axes: Any) -> None:
-    """Too small follows the noise, too large is slow."""
+    """The effect of `noise_px`: too small follows the noise, too large is slow."""
     seen = scene(12, 30)
     part = (seen.times > 3.0) & (seen.times < 6.0)
     axes[0].plot(seen.times[part], knee_depth(seen.joints)[part], color=TRUE, lw=3, label="true")
@@ -83,7 +83,7 @@ def noise_px(axes: Any) -> None:
 
 
 def sparsity(axes: Any) -> None:
-    """More of it moves fewer joints a frame."""
+    """The effect of `sparsity`: a larger value moves fewer joints per frame."""
     seen = scene(12, 30)
     part = (seen.times > 3.0) & (seen.times < 6.0)
     for value, colour in zip((0.005, 0.05, 1.0), COLOURS):
@@ -103,7 +103,7 @@ def sparsity(axes: Any) -> None:
 
 
 def relinearisations(axes: Any) -> None:
-    """A second lasso a frame pays where frames are far apart."""
+    """The effect of `relinearisations`: a second lasso per frame helps at a low frame rate."""
     values = (1, 2, 3, 4)
     for rate, colour in zip((10, 15, 30), COLOURS):
         scenes = [scene(12, rate, seed=seed) for seed in SEEDS]
@@ -116,7 +116,7 @@ def relinearisations(axes: Any) -> None:
 
 
 def smoothing(axes: Any) -> None:
-    """Steadier against later: what the published pose gains and loses."""
+    """The effect of `smoothing`: a longer time is steadier, but later."""
     values = (0.0, 0.01, 0.02, 0.03, 0.05, 0.1)
     for noise, colour in zip((2.0, 6.0), COLOURS):
         scenes = [scene(12, 30, replace(NO_GAPS, noise_px=noise), seed=seed) for seed in SEEDS]
@@ -128,7 +128,7 @@ def smoothing(axes: Any) -> None:
 
 
 def min_confidence(axes: Any) -> None:
-    """What a detector guesses is left out, as long as enough is left."""
+    """The effect of `min_confidence`: guessed points are left out, as long as enough others remain."""
     seen = with_poor_points(scene(12, 30))
     for value, colour in zip((0.0, 0.4), COLOURS):
         axes[0].plot(
@@ -151,7 +151,7 @@ def min_confidence(axes: Any) -> None:
 
 
 def lost_after(axes: Any) -> None:
-    """How old may the last state be from which the next one is found?"""
+    """The effect of `lost_after`: maximum age of the state from which tracking continues."""
     seen = with_gap(scene(6, 30, start=6.0), 2.0, 3.5)
     axes[0].axvspan(2.0, 3.5, color="#eeeeee", zorder=0)
     for value, colour in zip((10.0, 0.5), COLOURS):
@@ -174,7 +174,7 @@ def lost_after(axes: Any) -> None:
 
 
 def person_ids(axes: Any) -> None:
-    """A detector that mixes two people up half-way."""
+    """The effect of `person_ids`, with a detector that exchanges the numbers of two people."""
     scenes, numbers = people_crossing()
     for axis, lasting in zip(axes, (True, False)):
         for person in scenes:
@@ -186,7 +186,7 @@ def person_ids(axes: Any) -> None:
 
 
 def frame_rate(axes: Any) -> None:
-    """The same motion at other rates, and with other detectors."""
+    """The same motion at other frame rates, and with other detectors."""
     rates = (5, 10, 15, 30, 60)
     for noise, colour in zip((1.0, 3.0, 8.0), COLOURS):
         points = []
@@ -209,7 +209,7 @@ FIGURES: dict[str, Callable[[Any], None]] = {
 
 
 def _two_curves(axis: Any, values: Any, labels: Sequence[str], curves: Any, logarithmic: bool = True) -> None:
-    """Two measures over a parameter, each with an axis of its own."""
+    """Two measures over a parameter, each with its own axis."""
     for side, label, figures, colour in zip((axis, axis.twinx()), labels, curves, COLOURS):
         side.plot(values, figures, "o-", color=colour, ms=4)
         side.set_ylabel(label, color=colour)
@@ -220,7 +220,7 @@ def _two_curves(axis: Any, values: Any, labels: Sequence[str], curves: Any, loga
 
 
 def draw(name: str, folder: Path) -> Path:
-    """Write one figure; its file."""
+    """Write one figure; return its file."""
     import matplotlib
 
     matplotlib.use("Agg")

@@ -1,4 +1,4 @@
-"""The scenes behind the figures of docs/tuning.md: synthetic motion, a detector with known habits, and the tracker."""
+"""The scenes of the figures of docs/tuning.md: synthetic motion, a detector with known errors, and the tracker."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What the tracker made of a scene, NaN where it published nothing.
+    """The tracker's results for a scene, NaN where it published nothing.
 
-    joints: (f, 24, 3) m; moving: (f,) degrees of freedom in the answer; seconds: (f,); lost: (f,) bool; error_mm: (f,).
+    joints: (f, 24, 3) m; moving: (f,) degrees of freedom that move; seconds: (f,); lost: (f,) bool; error_mm: (f,).
     """
 
     joints: np.ndarray
@@ -152,30 +152,30 @@ def averages(
 
 
 def error(tracked: Run, _: Scene) -> float:
-    """mm, mean over the frames; NaN without any."""
+    """Mean over the frames, mm; NaN if there is none."""
     return float(np.nanmean(tracked.error_mm)) if np.isfinite(tracked.error_mm).any() else float("nan")
 
 
 def support(tracked: Run, _: Scene) -> float:
-    """Degrees of freedom that move in a frame, mean."""
+    """Mean number of degrees of freedom that move in a frame."""
     return float(np.nanmean(tracked.moving))
 
 
 def milliseconds(tracked: Run, _: Scene) -> float:
-    """Of one frame, median."""
+    """Median time of one frame, ms."""
     return 1e3 * float(np.median(tracked.seconds))
 
 
 def given(tracked: Run, _: Scene) -> float:
-    """%, of the frames have an output."""
+    """Share of the frames with an output, %."""
     return 100 * float(np.mean(np.isfinite(tracked.error_mm)))
 
 
 def far_off(tracked: Run, _: Scene) -> float:
-    """%, of the frames are off by more than 100 mm."""
+    """Share of the frames with an error above 100 mm, %."""
     return 100 * float(np.mean(tracked.error_mm > 100))
 
 
 def shake(tracked: Run, seen: Scene) -> float:
-    """m/s^2: mean size of the joints' second difference."""
+    """Mean size of the joints' second difference, m/s^2."""
     return float(np.nanmean(np.linalg.norm(np.diff(tracked.joints, 2, axis=0), axis=-1)) * seen.rate**2)

@@ -1,11 +1,11 @@
-"""Do the state's rotations stay rotations? Retract them again and again, as the tracker does with every frame.
+"""Deviation of the state's rotations from rotation matrices after many retractions, as in a long run of the tracker.
 
     python benchmarks/drift.py                     # one body, 10 million steps one after another: some minutes
     python benchmarks/drift.py --bodies 500 --steps 20000
 
-A step is what the tracker does with an accepted frame: R <- R exp(Omega), then one Newton step towards SO(3); all
-joints of all bodies take it at once. Beside it the same without the Newton step. Numbers are given for the longest
-chain, `steps`, and for all rotations together, bodies x 24 x steps.
+A step is the update of an accepted frame: R <- R exp(Omega), then one Newton step towards SO(3), for all joints of all
+bodies at once. The same is also computed without the Newton step. The table gives the length of the longest chain,
+`steps`, and the number of all rotations, bodies x 24 x steps.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def deviation(rotations: np.ndarray) -> tuple[float, float]:
 
 
 def retracted(bodies: int, steps: int, seed: int = 0, mended: bool = True) -> tuple[float, float]:
-    """The largest deviations (see above) seen at any thousandth step, of bodies x 24 rotations."""
+    """The largest deviations (see above) of bodies x 24 rotations, sampled at every thousandth step."""
     random = np.random.default_rng(seed)
     state = BodyState(exponential(random.normal(size=(bodies, JOINTS, 3))), np.zeros((bodies, 3)))
     worst = 0.0, 0.0

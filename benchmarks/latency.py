@@ -2,10 +2,10 @@
 
     python benchmarks/latency.py [--frames 2000] [--parts core,callback,landmarks,joints,people,peers] [--json FILE]
 
-Real motion of two clips at 60 Hz, 2 px (synthetic motion without the shared data). Variants of one part take turns
-frame by frame, so that a busy moment of the machine hits all alike; one process, one thread. Frames that initialise
-are left out, and timed apart. p50, p95, p99 are wall times of this machine at this moment; cpu is the median CPU
-time of the thread, and ratios between variants are of that: other processes do not disturb it.
+Real motion of two clips at 60 Hz, 2 px (synthetic motion without the shared data). The variants of one part run in
+turn, frame by frame, so that a busy moment of the machine affects all of them; one process, one thread. Frames that
+initialise are measured separately. p50, p95 and p99 are wall times of this machine at this moment; cpu is the median
+CPU time of the thread. Ratios between variants use the CPU time, which other processes do not affect.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ COLUMNS = {
     "ratio": ".2f",
 }
 Step = Callable[[int], bool]
-"""BatchedCall on frame i; False when this frame is not to be counted."""
+"""Run the step on frame i; return False if this frame must not be counted."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -81,7 +81,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 class Run:
-    """A tracker with a skeleton and a layout, and the frames that it is to follow."""
+    """A tracker with a skeleton and a layout, and its frames."""
 
     def __init__(
         self, motion: Motion, landmarks: str = "coco17", skeleton: str = "anthropometric", seed: int = 0
@@ -108,7 +108,7 @@ def step_together(runs: Sequence[Run], frame: int) -> bool:
 
 
 def interleaved(steps: Mapping[str, Step], frames: int) -> list[Record]:
-    """Each step on each frame, in an order that turns; one record per step, with its ratio to the first's."""
+    """Run each step on each frame, in a rotating order; one record per step, with its ratio to the first."""
     names = list(steps)
     wall: dict[str, list[float]] = {name: [] for name in names}
     cpu: dict[str, list[float]] = {name: [] for name in names}
@@ -156,7 +156,7 @@ def initialisations(run: Run) -> dict[str, list[float]]:
 
 
 def _timed(tracker: Tracker, observation: Observation) -> float:
-    """s that a frame takes which initialises."""
+    """Time of a frame that initialises, s."""
     start = time.perf_counter()
     estimate = tracker.track(observation)
     taken = time.perf_counter() - start
@@ -190,7 +190,7 @@ def joints(motion: Motion) -> tuple[str, list[Record]]:
 
 
 def people(motion: Motion) -> tuple[str, list[Record]]:
-    """By number of people, each with a tracker and noise of their own, side by side as in the node."""
+    """By number of people, each with a tracker and independent noise, processed together as in the node."""
 
     def step_of(count: int) -> Step:
         runs = [Run(motion, seed=person) for person in range(count)]

@@ -2,7 +2,8 @@
 
     python -m benchmarks.learn_prior --data DIR --output lassokin_ros/core/evidence/priors/cmu.yaml
 
-Every clip counts alike, every pose also in its mirror image. The training clips never count in a reported accuracy.
+All clips have equal weight, and each pose is also used mirrored. The training clips are never used for a reported
+accuracy.
 """
 
 from __future__ import annotations
@@ -24,18 +25,18 @@ from lassokin_ros.core.body.rotations import logarithm
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.body.symmetry import other_side
 
-# Every third clip by name is kept for measuring; these are the others.
+# Every third clip by name is kept for evaluation; these are the others.
 TRAINING = (
     "01_01 01_06 02_02 02_03 02_06 02_07 07_05 11_01 131_03 13_29 14_20 49_18 exp_basketball_1 exp_jumping_1 "
     "exp_signal_1 exp_soccer_1 exp_traffic_4 exp_walking_1 gs_charleston1 gs_charleston2 gs_zombie"
 ).split()
 SAME_TAKE = ("02_01", "exp_walking_1")
-"""Two files of one recording, by way of two collections: frame by frame their joints turn alike, to 0.1 rad in all."""
+"""Two files of one recording in two collections: their joints rotate alike in each frame, to 0.1 rad in all."""
 SEEN = (*TRAINING, *(clip for clip in SAME_TAKE if clip not in TRAINING))
-"""What the shipped prior has seen: the training clips, and the other file of a take that is among them."""
-FLOOR = 0.03  # rad: spread that even a degree of freedom which the capture held still is given
-COLLAR_FLOOR = 0.05  # rad: the capture's shoulders do not shrug, people do
-SHRINKAGE = 0.10  # share of the diagonal in the covariance: 21 clips do not know all correlations
+"""The clips that the shipped prior was learned from: the training clips, and the other file of a take among them."""
+FLOOR = 0.03  # rad: smallest spread, also for a degree of freedom that does not move in the capture
+COLLAR_FLOOR = 0.05  # rad: the shoulders of the capture do not shrug, those of people do
+SHRINKAGE = 0.10  # added to the diagonal, as a share: 21 clips are too few for all correlations
 
 
 def same_take(one: str, other: str) -> bool:
@@ -51,7 +52,7 @@ def rotation_vectors(clip: Clip) -> np.ndarray:
 
 
 def mirrored(vectors: np.ndarray, skeleton: Skeleton) -> np.ndarray:
-    """The mirror image's rotation vectors: sides exchanged, turns about y and z reversed."""
+    """The rotation vectors of the mirror image: sides exchanged, rotations about y and z reversed."""
     swap = [skeleton.index(other_side(name)) for name in skeleton.joint_names]
     return vectors[:, swap] * np.array([1.0, -1.0, -1.0])
 
@@ -63,10 +64,9 @@ def learn(clips: list[Clip]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class Moments:
-    """What is learned of one clip's poses, means over its frames.
+    """The statistics of one clip's poses, means over its frames.
 
-    first: (72,) rotation vectors; second: (72, 72) their products; motion: (24, 3) the size of their change
-    in 1/60 s.
+    first: (72,) rotation vectors; second: (72, 72) their products; motion: (24, 3) mean size of their change in 1/60 s.
     """
 
     first: np.ndarray
@@ -75,7 +75,7 @@ class Moments:
 
 
 def moments(clip: Clip) -> list[Moments]:
-    """Of the clip, and of its mirror image."""
+    """Sample of the clip, and of its mirror image."""
     vectors = rotation_vectors(clip)
     return [_moments(v, clip.fps) for v in (vectors, mirrored(vectors, Skeleton.load("anthropometric", 1.75)))]
 
@@ -104,7 +104,7 @@ def combined(samples: Sequence[Moments]) -> tuple[np.ndarray, np.ndarray, np.nda
 
 
 def mapping(mean: np.ndarray, covariance: np.ndarray, motion: np.ndarray) -> dict[str, Any]:
-    """The form that PosePrior reads: root left out, covariance as its lower triangle by rows."""
+    """The format of PosePrior: without the root, the covariance as its lower triangle by rows."""
     return {
         "joints": list(Skeleton.load("anthropometric", 1.75).joint_names[1:]),
         "mean": mean[1:],
@@ -114,7 +114,7 @@ def mapping(mean: np.ndarray, covariance: np.ndarray, motion: np.ndarray) -> dic
 
 
 def write(path: Path, clips: list[Clip], prior: Mapping[str, Any]) -> None:
-    """Write `mapping`'s form as YAML, rounded."""
+    """Write the format of `mapping` as YAML, rounded."""
     lines = [
         "# A Gaussian on the rotation vectors (rad, SMPL's tree and T-pose) of all joints but the pelvis, and the mean",
         "# size of their change per frame at 60 Hz (rad). Written by benchmarks/learn_prior.py; do not edit.",

@@ -5,9 +5,11 @@
     python benchmarks/soak.py --live --minutes 6 --people 1 --hz 30         # 10,000 frames: memory, share of a core
     python benchmarks/soak.py --live --minutes 1 --people 1 --hz 30 --clock 1000  # in simulated time, as Gazebo's
     python benchmarks/soak.py --live --minutes 1 --people 1 --hz 30 --depth       # with depth images of 848 x 480 px
+    python benchmarks/soak.py --live --address-space 1500 --descriptors 64        # under limits, as of a container
 
-Memory, file descriptors and latencies at the beginning and at the end, every counter, and whether anything was lost
-without being counted. Exit code 1 when a promise does not hold. --json FILE keeps the figures. Linux.
+The table contains memory, file descriptors and latencies at the beginning and at the end, every counter, and the number
+of messages that were lost without being counted. The exit code is 1 if a limit is exceeded. --json FILE writes the
+figures. Linux only.
 """
 
 from __future__ import annotations
@@ -24,10 +26,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.common.report import Record, table, write_json  # isort: skip  (one thread, before numpy comes)
 import numpy as np
 
-from benchmarks.common.option_types import output_file
+from benchmarks.common.option_types import count, output_file
 from benchmarks.data.people_in_view import HEIGHT, LANDMARKS, view
 from benchmarks.timing.load_table import latency_rows, row, usage_rows
-from benchmarks.timing.processes import Usage
+from benchmarks.timing.processes import Limits, Usage
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.demo.synthetic import WEBCAM
@@ -41,11 +43,13 @@ COLUMNS = {"what": "<", "begin": "", "end": "", "holds": ""}
 def main(arguments: Sequence[str] | None = None) -> int:
     """Command line; the exit code."""
     options = parser().parse_args(arguments)
+    limits = Limits(options.address_space, options.descriptors)
     if options.live:
         from benchmarks.timing.live_load import soak_live
 
-        records = soak_live(options.minutes * 60, options.people, options.hz, options.clock, options.depth)
+        records = soak_live(options.minutes * 60, options.people, options.hz, options.clock, options.depth, limits)
     else:
+        limits.apply()
         records = soak_core(round(options.hours * 3600 * HZ))
     print(table(records, COLUMNS))
     write_json(options.json, records)
@@ -62,12 +66,14 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument("--hz", type=float, default=120.0, help="of the live run's keypoints")
     result.add_argument("--clock", type=float, default=0.0, metavar="HZ", help="of the live run's /clock (0: none)")
     result.add_argument("--depth", action="store_true", help="a depth image with each keypoint message")
+    result.add_argument("--address-space", type=count, default=0, metavar="MB", help="limit of it (RLIMIT_AS)")
+    result.add_argument("--descriptors", type=count, default=0, help="limit of open files (RLIMIT_NOFILE)")
     result.add_argument("--json", type=output_file)
     return result
 
 
 def soak_core(frames: int) -> list[Record]:
-    """One person, frame by frame, state checked after each."""
+    """Track one person frame by frame, and check the state after each."""
     body, lens = TrackedPerson(TrackerConfig(height=HEIGHT, landmarks=LANDMARKS)), WEBCAM.lens
     counts: Counter[str] = Counter()
     times, deviation, begin = np.zeros(frames, np.float32), 0.0, None
@@ -97,7 +103,7 @@ def soak_core(frames: int) -> list[Record]:
 
 
 def _deviation(rotations: np.ndarray, positions: np.ndarray) -> float:
-    """How far rotations (n, 3, 3) are from orthonormal; infinite when anything is not finite."""
+    """Deviation of rotations (n, 3, 3) from orthonormality; infinite if a number is not finite."""
     if not (np.isfinite(positions).all() and np.isfinite(rotations).all()):
         return float("inf")
     return float(np.abs(rotations.transpose(0, 2, 1) @ rotations - np.eye(3)).max())

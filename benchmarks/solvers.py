@@ -3,14 +3,14 @@
     python benchmarks/solvers.py [--problems 200] [--methods default,primal] [--json FILE]
 
 Problems are recorded from tracking clips at 2 px: those of the paper's plain lasso (image rows, one alpha) and those
-of the default pipeline (with the prior's rows, alpha per degree of freedom). All methods take turns, each with a few
-problems in a row, as a tracker solves them: a busy moment hits all alike, and few are solved in caches that another has
-filled. Those, the first of each turn, stand apart too (first_us). One thread. No solver is believed: each answer is
-certified on the problem as it was given, after specks that its tolerance left are set to 0 (the cut that suits it
-best).
+of the default pipeline (with the prior's rows, alpha per degree of freedom). The methods run in turn, each with a few
+problems in a row, as a tracker solves them. A busy moment of the machine therefore affects all of them, and few
+problems are solved with caches that another method has filled; the first problem of each turn is also listed alone
+(first_us). One thread. Each answer is certified on the problem as given, after entries below the solver's tolerance are
+set to 0 (with the cut that gives the best certificate).
 
 kkt: KKT residual in units of alpha; gap: relative duality gap; certified: share of answers with kkt <= 1e-6, the
-product's own bar; failed: share with kkt > 1e-2, or no answer at all.
+limit of the tracker; failed: share with kkt > 1e-2, or without an answer.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ CLIPS = ("01_01", "02_05", "49_18", "exp_soccer_1", "gs_charleston2", "13_31")
 CUTS = (0.0, 1e-8, 1e-6, 1e-4)
 FAILED = 1e-2
 IN_A_ROW = 10
-"""Problems that a method solves before the next one's turn."""
+"""Number of problems that a method solves before the next method runs."""
 COLUMNS = {
     "method": "<",
     "p50_us": ".0f",
@@ -109,7 +109,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _parts(text: str) -> list[str]:
-    """Parts of methods' names, which have blanks, with commas between."""
+    """Parts of method names, which contain blanks, separated by commas."""
     return [part.strip() for part in text.split(",") if part.strip()]
 
 
@@ -118,12 +118,12 @@ def _wanted(name: str, parts: Sequence[str] | None) -> bool:
 
 
 def measure(kind: str, problems: Sequence[Recorded], chosen: dict[str, Method]) -> list[Record]:
-    """One record per method over all problems; the order of methods changes from turn to turn."""
+    """One record per method over all problems. The order of the methods changes from turn to turn."""
     names = list(chosen)
     microseconds = {name: np.full(len(problems), np.nan) for name in names}
     certificates: dict[str, list[Certificate | None]] = {name: [] for name in names}
     for name in names:
-        _run(chosen[name], problems[0])  # what is built on first use is not timed
+        _run(chosen[name], problems[0])  # objects that are created on first use are not timed
     for turn, first in enumerate(range(0, len(problems), IN_A_ROW)):
         for name in names[turn % len(names) :] + names[: turn % len(names)]:
             for i, recorded in enumerate(problems[first : first + IN_A_ROW], first):
@@ -141,12 +141,12 @@ def _run(method: Method, recorded: Recorded) -> Answer | None:
         warnings.simplefilter("ignore")
         try:
             return method(recorded)
-        except Exception:  # a peer's failure is a result; it is counted
+        except Exception:  # an error of another solver is a result; it is counted
             return None
 
 
 def certified(recorded: Recorded, answer: Answer | None) -> Certificate | None:
-    """The certificate of an answer after the best cut; None when there is no finite answer."""
+    """The certificate of an answer after the best cut; None if there is no finite answer."""
     if answer is None or not all(np.isfinite(part).all() for part in answer):
         return None
     p, (omega, x) = recorded.problem, answer

@@ -1,4 +1,4 @@
-"""Publish where the right hand can take something: the wrist, while it is seen and well known.
+"""Publish a position for a hand-over: the right wrist, while it is visible and its deviation is small.
 
 python3 examples/hand_over.py
 """
@@ -16,7 +16,7 @@ ACROSS, ALONG = 0.1, 0.3  # m
 
 
 class HandOver(Node):
-    """Reads position and doubt of one joint; silent while the wrist is hidden or nobody is tracked."""
+    """Reads position and deviation of one joint; silent while the wrist is hidden or nobody is tracked."""
 
     def __init__(self):
         super().__init__("hand_over")

@@ -28,6 +28,7 @@ PARAMETERS = {
     "height": "the person's height, m",
     "camera_pitch": "the camera looks down by this angle, rad",
     "camera_roll": "the camera's right side is down by this angle, rad",
+    "camera_mount_frame": "frame with z up, such as base_footprint, from which TF gives the camera's pitch and roll",
     "landmarks": "landmark layout of the detector, such as coco17",
     "keypoints_type": "message type of the keypoints",
     "max_people": "people followed at once",

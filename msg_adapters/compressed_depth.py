@@ -1,8 +1,8 @@
 """Compressed depth images in sensor_msgs/CompressedImage, as image_transport's plugin compressedDepth sends them.
 
 The field `format` is `16UC1; compressedDepth png` (or `rvl`; older versions name no codec and send PNG). The data are
-12 bytes (a number and the two float32 A and B) and the compressed 16-bit image. Of `32FC1` images the plugin sends inverse
-depths v, with depth = A / (v - B).
+12 bytes (a number and the two float32 A and B) and the compressed 16-bit image. Of `32FC1` images the plugin sends
+inverse depths v, with depth = A / (v - B).
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ def decode_compressed_depth(message: Any) -> CompressedDepth:
     if encoding not in ENCODINGS or codec not in (PNG, RVL) or not named:
         raise AdapterError(
             "depth_encoding",
-            f"the depth image's format is '{message.format[:64]}'; expected '<encoding>; compressedDepth <codec>' "
-            f"with an encoding of {', '.join(ENCODINGS)} and the codec {PNG} or {RVL}",
+            f"the depth image's format is '{message.format[:64]}'; expected '<encoding>; compressedDepth <codec>' with "
+            f"an encoding of {', '.join(ENCODINGS)} and the codec {PNG} or {RVL}",
         )
     data = bytes(message.data)
     if len(data) <= HEADER_BYTES:

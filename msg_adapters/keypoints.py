@@ -92,9 +92,11 @@ class Keypoints:
     @cached_property
     def present(self) -> np.ndarray:
         """(k,) bool: True where a point is not missing, see `as_landmarks`."""
+        x, y = self.xy.T
         with np.errstate(invalid="ignore"):
             near = np.abs(self.xy) <= LARGEST_PIXEL
-            present: np.ndarray = (self.confidence > 0) & near[:, 0] & near[:, 1] & self.xy.any(axis=1)
+            # any(axis=1) takes three times as long as these two comparisons
+            present: np.ndarray = (self.confidence > 0) & near[:, 0] & near[:, 1] & ((x != 0) | (y != 0))
         return present
 
     def _placed(self, places: np.ndarray, present: np.ndarray, count: int, rows: int) -> tuple[np.ndarray, np.ndarray]:

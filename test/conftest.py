@@ -1,10 +1,11 @@
-"""Set before anything imports rclpy or numpy: strict messages, one thread, a DDS domain of this process's own."""
+"""Settings before rclpy or numpy are imported: strict messages, one thread, a DDS domain for this process."""
 
 import os
 import re
 import sys
 
 import pytest
+from pip_only import PIP_ONLY
 
 os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
@@ -12,19 +13,37 @@ os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 REAL = re.compile(r'^\s*from (live|archives) import|importorskip\("rclpy', re.MULTILINE)
-"""In the text of tests that run nodes, or commands that work on all cores."""
+"""Found in the text of tests that run nodes, or commands that work on all cores."""
+
+
+class TestFile(pytest.Module):
+    """A test file, which is skipped where one of PIP_ONLY is missing: `colcon test` then collects without errors."""
+
+    def _getobj(self):
+        try:
+            return super()._getobj()
+        except self.CollectError as error:
+            name = (getattr(error.__cause__, "name", None) or "").partition(".")[0]
+            if name not in PIP_ONLY:
+                raise
+            pytest.skip(f"needs {name}: pip install {name}", allow_module_level=True)
+
+
+def pytest_pycollect_makemodule(module_path, parent):
+    """Every test file is a TestFile."""
+    return TestFile.from_parent(parent, path=module_path)
 
 
 def pytest_configure(config):
-    """The mark is pytest-xdist's, without which all tests run as well."""
+    """Register the mark of pytest-xdist, so that the tests also run without it."""
     config.addinivalue_line("markers", "xdist_group(name): tests that run one after the other")
 
 
-@pytest.hookimpl(tryfirst=True)  # pytest-xdist's own reads the marks
+@pytest.hookimpl(tryfirst=True)  # before the hook of pytest-xdist, which reads the marks
 def pytest_collection_modifyitems(items):
-    """Where two processes share the tests, one of them does all that run nodes: two at once would wait for a core.
+    """If two processes share the tests, one of them runs all tests with nodes: two at once would compete for a core.
 
-    A file's tests stay together in any case: some use what the one before has made.
+    The tests of a file stay together, because some use results of the previous ones.
     """
     real = {path: REAL.search(path.read_text(encoding="utf-8")) for path in {item.path for item in items}}
     for item in items:
@@ -32,11 +51,11 @@ def pytest_collection_modifyitems(items):
 
 
 def pytest_terminal_summary(terminalreporter, config):
-    """How many cases the fuzz tests have run, where they ran in this process; and whether groups were kept together."""
+    """Print the number of fuzz cases, if they ran in this process, and whether groups were kept together."""
     fuzzing = sys.modules.get("fuzzing")
     for line in fuzzing.report() if fuzzing else ():
         terminalreporter.write_line(line)
-    # pytest-xdist writes a test's group behind its id, where pytest lets it; without a word it may group nothing.
+    # pytest-xdist appends the group to a test's id. Without it, tests may not have been grouped.
     passed = terminalreporter.stats.get("passed", ())
     if config.getoption("dist", "no") == "loadgroup" and not all("@" in report.nodeid for report in passed):
         terminalreporter.write_line("pytest-xdist groups no tests under this pytest: nodes ran two at once", red=True)

@@ -1,1 +1,1 @@
-"""Training of what the product ships as learned: the depth network."""
+"""Training of the depth network that the package ships."""

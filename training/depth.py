@@ -2,8 +2,8 @@
 
     python -m training.depth --data DIR --output lassokin_ros/core/evidence/depth_network.npz
 
-DIR holds `mocap` and `corpus`, folders of motion capture (see training/motion.py). People of `--hold-out` are left out
-(default: the test people and those of validation; give an empty text to learn from everybody).
+DIR contains `mocap` and `corpus`, folders of motion capture (see training/motion.py). People of `--hold-out` are left
+out (default: the people of the test and validation sets; an empty text leaves out nobody).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _views: Views | None = None
 
 
 def _drawn(job: tuple[int, int, int]) -> Batch:
-    """The batch of one number."""
+    """The batch with a number."""
     seed, number, size = job
     assert _views is not None
     return _views.batch(size, np.random.default_rng([seed, number]))
@@ -64,7 +64,7 @@ def train(
     processes: int,
     check: Motion | None = None,
 ) -> Network:
-    """A network after so many steps; its loss on other people is printed where `check` has some."""
+    """A network after the given number of steps. If `check` has motion, its loss on other people is printed."""
     weights = initial_weights(width, blocks, np.random.default_rng([seed, 1]))
     network, adam = Network(weights), None
     adam = Adam(network.weights)
@@ -85,7 +85,7 @@ def train(
 
 
 def described(network: Network, motion: Motion) -> str:
-    """Figures on a motion: loss, mean error, and of depth alone, with and without all that augmentation adds."""
+    """Figures on a motion: loss, mean error, and error of the depth alone, with and without augmentation."""
     parts = []
     for plain in (False, True):
         batch = Views(motion).batch(3000, np.random.default_rng([3, plain]), plain)
@@ -98,7 +98,7 @@ def described(network: Network, motion: Motion) -> str:
 
 
 def write(file: Path, network: Network, people: list[str], held_out: list[str], steps: int, seed: int) -> None:
-    """Write weights as float16, with where they came from."""
+    """Write weights as float16, with their provenance."""
     arrays = {f"w{i}": w.astype(np.float16) for i, w in enumerate(network.weights)}
     np.savez_compressed(
         file, count=len(arrays), licences=np.array(LICENCES), people=np.array(people), held_out=np.array(held_out),
@@ -117,7 +117,7 @@ def main() -> int:
     parser.add_argument("--width", type=int, default=384)
     parser.add_argument("--blocks", type=int, default=2)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--processes", type=int, default=1, help="that draw batches; 0: none beside the training (1)")
+    parser.add_argument("--processes", type=int, default=1, help="processes that draw batches (1)")
     options = parser.parse_args()
     held_out = [person for person in options.hold_out.split(",") if person]
     chosen = training_sources(options.data, held_out)

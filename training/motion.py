@@ -14,17 +14,17 @@ from benchmarks.data.mocap import Clip, clip_height, clip_skeleton, landmark_pos
 from lassokin_ros.core.evidence.depth_network import CANONICAL, LENGTHS, NAMES, canonical_layout, lengths_between
 
 TEST = ("03", "05", "12", "29", "55", "127")
-"""People of the final test. No clip of theirs is among the shipped pose prior's training clips."""
+"""People of the final test. None of their clips is among the training clips of the shipped pose prior."""
 VALIDATION = ("09", "13", "43", "94", "131")
-"""People by whom the design was chosen."""
+"""People of the validation set, with which the design was chosen."""
 LEFT_OUT_KINDS = ("mime of animals",)
 LEFT_OUT_CLIPS = ("ad_jumping_jacks", "131_03", "exp_", "11_01", "gs_backflip")
-"""Beginnings of names: clips with a trunk that is 11 cm too short, and two with optical glitches."""
+"""Prefixes of clip names: clips with a trunk that is 11 cm too short, and two with optical glitches."""
 OTHER_PEOPLE = {"gs_lambada": "55", "gs_charleston1": "93", "gs_charleston2": "93"}
 LESS_TRUSTED = {"ju": 0.4, "pa": 0.4, "ex": 0.6}
 """Factors on the weights of clips with a generic or reduced skeleton."""
 LONGEST = 60.0
-"""s: what a person's clips of one kind count for at most, before the square root."""
+"""s: largest duration of a person's clips of one kind that counts, before the square root."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Source:
 
 
 def sources(folder: Path) -> list[Source]:
-    """All clips in `mocap` and `corpus` below a folder that are fit for training or testing."""
+    """All clips in `mocap` and `corpus` below a folder that are suitable for training or testing."""
     found = []
     for part in ("mocap", "corpus"):
         entries = {entry["id"]: entry for entry in json.loads((folder / part / "clips.json").read_text())}
@@ -51,7 +51,7 @@ def sources(folder: Path) -> list[Source]:
 
 
 def training_sources(folder: Path, held_out: Collection[str]) -> list[Source]:
-    """Clips to learn from: all but those of held-out people and those with known faults."""
+    """Clips for training: all except those of held-out people and those with known faults."""
     return [
         source
         for source in sources(folder)
@@ -63,10 +63,10 @@ def training_sources(folder: Path, held_out: Collection[str]) -> list[Source]:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Clips one after another.
+    """Concatenated clips.
 
-    points: (frames, canonical, 3) m, world, y up; start, count, fps, weight: (clips,); parts: (clips, 6) m, what a
-    height is the sum of (`HEIGHT_PARTS`); lengths: (clips, LENGTHS) m; people: of each clip.
+    points: (frames, canonical, 3) m, world, y up; start, count, fps, weight: (clips,); parts: (clips, 6) m, the parts
+    that add up to the height (`HEIGHT_PARTS`); lengths: (clips, LENGTHS) m; people: of each clip.
     """
 
     points: np.ndarray
@@ -83,7 +83,7 @@ HEIGHT_PARTS = ("thigh", "shank", "hips", "trunk", "neck", "head")
 
 
 def _height_parts(clip: Clip) -> np.ndarray:
-    """(6,) m, as `clip_height` adds them up."""
+    """(6,) m, the parts of the height, as in `clip_height`."""
 
     def apart(a: str, b: str) -> float:
         return float(np.linalg.norm(clip.rest_position(a) - clip.rest_position(b)))
@@ -94,7 +94,7 @@ def _height_parts(clip: Clip) -> np.ndarray:
 
 
 def load_motion(chosen: list[Source]) -> Motion:
-    """Read clips; each person's clips of one kind share a weight that grows with the root of their duration."""
+    """Read clips. A person's clips of one kind share a weight that grows with the square root of their duration."""
     points, parts, lengths, fps = [], [], [], []
     seconds: dict[tuple[str, str], float] = defaultdict(float)
     for source in chosen:

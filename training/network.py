@@ -9,16 +9,16 @@ import numpy as np
 from lassokin_ros.core.evidence.depth_network import DEPTHS, INPUTS, OUTPUTS, Network
 
 TAIL = 4.0
-"""Degrees of freedom of Student's t, by which errors are distributed."""
+"""Degrees of freedom of Student's t, the distribution of the errors."""
 JITTER = 0.008
-"""In heights: noise on the depths that are learned, so that no combination of them is taken for exact."""
+"""In heights: noise on the target depths, so that no combination of them is considered exact."""
 PLANE = 0.5
 """Weight of x and y in the loss."""
 _LOWER = np.tril_indices(DEPTHS, -1)
 
 
 def initial_weights(width: int, blocks: int, random: np.random.Generator) -> list[np.ndarray]:
-    """He's initialisation; each block begins as the identity."""
+    """He's initialisation; each block starts as the identity."""
 
     def matrix(rows: int, columns: int, gain: float) -> np.ndarray:
         return (random.standard_normal((rows, columns)) * gain / math.sqrt(rows)).astype(np.float32)
@@ -36,8 +36,8 @@ def initial_weights(width: int, blocks: int, random: np.random.Generator) -> lis
 def loss(outputs: np.ndarray, places: np.ndarray) -> tuple[float, np.ndarray]:
     """(mean negative log-likelihood, its derivative by outputs (b, OUTPUTS)); places: (b, TARGETS, 3).
 
-    Depths: Student's t of each component of the whitened error r = D (I + L) e, with log D and L output. x and y: the
-    same of each by itself.
+    Depths: Student's t of each component of the whitened error r = D (I + L) e, with log D and L from the output. x and
+    y: Student's t of each one separately.
     """
     d, size = DEPTHS, len(outputs)
     gradient = np.zeros_like(outputs)

@@ -1,7 +1,7 @@
-"""Random views of motion capture: what a camera and a detector make of a body, as the depth network's training input.
+"""Random views of motion capture, as a camera and a detector see a body: the training input of the depth network.
 
-Lengths are in units of the person's height. The detector's rate, the camera, the person's proportions, the noise, what
-the detector leaves out, and what the tracker knows of scene and person are drawn anew for each sample.
+Lengths are in units of the person's height. The detector's rate, the camera, the person's proportions, the noise, the
+missing points, and the tracker's knowledge of scene and person are drawn for each sample.
 """
 
 from __future__ import annotations
@@ -24,9 +24,10 @@ LAYOUTS = (
     (0.06, "head_top neck"),
     (0.06, "head"),
 )
-"""Share of the samples and canonical points beside the limbs': as in COCO, MediaPipe, Halpe, BODY_25, H36M, SMPL."""
+"""Share of the samples, and canonical points besides those of the limbs: as in COCO, MediaPipe, Halpe, BODY_25, H36M,
+SMPL."""
 OTHER_ARMS = 0.35
-"""Share of the samples whose arms are those of another clip."""
+"""Share of the samples with the arms of another clip."""
 LASTS = 0.1
 """s: correlation time of a detector's wandering error."""
 
@@ -75,7 +76,7 @@ class Views:
         self._last = np.cumsum(motion.weight)
 
     def batch(self, size: int, random: np.random.Generator, plain: bool = False) -> Batch:
-        """plain: COCO's points, all seen, at 30 Hz, with a detector's usual noise: for measuring."""
+        """plain: COCO's points, all visible, at 30 Hz, with a detector's usual noise, for evaluation."""
         m = self._motion
         clip, now = self._drawn(size, random)
         times, slots, share = _slots(size, random, plain)
@@ -116,7 +117,7 @@ class Views:
         return clip, random.random(size) * (m.count[clip] - 1) / m.fps[clip]
 
     def _exchange_arms(self, points: np.ndarray, times: np.ndarray, random: np.random.Generator) -> None:
-        """Give some of the bodies, in place, the arms of others, as they are relative to the trunk."""
+        """Replace the arms of some of the bodies, in place, by those of other clips, relative to the trunk."""
         rows = np.flatnonzero(random.random(len(points)) < OTHER_ARMS)
         clip, now = self._drawn(len(rows), random)
         others = self._points(clip, now[:, None] - times[rows])
@@ -130,7 +131,7 @@ class Views:
                 points[rows, :, joint] = moved[:, :, place]
 
     def _points(self, clip: np.ndarray, shown: np.ndarray) -> np.ndarray:
-        """(b, slots, canonical, 3) m at times `shown` (b, slots), s from each clip's beginning."""
+        """(b, slots, canonical, 3) m at times `shown` (b, slots), s from the beginning of each clip."""
         m = self._motion
         frame = np.clip(shown * m.fps[clip][:, None], 0, m.count[clip][:, None] - 1)
         first = np.minimum(frame.astype(int), m.count[clip][:, None] - 2).clip(0)
@@ -140,7 +141,7 @@ class Views:
 
 
 def _slots(size: int, random: np.random.Generator, plain: bool) -> tuple[np.ndarray, list[tuple[int, int]], np.ndarray]:
-    """Detections that matter: (b, slots) s before now, and for each of `TIMES` the pair of slots around it."""
+    """The detections that are used: (b, slots) s before now, and for each of `TIMES` the pair of slots around it."""
     rate = np.exp(random.uniform(np.log(SLOWEST), np.log(FASTEST), size))
     if plain:
         rate[:] = 30.0
@@ -151,7 +152,7 @@ def _slots(size: int, random: np.random.Generator, plain: bool) -> tuple[np.ndar
 
 
 def _reshaped(points: np.ndarray, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Other proportions of the same poses; also the factors (b, segments), the same for both sides."""
+    """Other proportions for the same poses; also the factors (b, segments), the same for both sides."""
     size = len(points)
     scale = np.exp(_WIDTHS * random.standard_normal((size, _SEGMENTS)))
     child = random.random(size) < 0.12
@@ -182,7 +183,7 @@ def _reshaped(points: np.ndarray, random: np.random.Generator) -> tuple[np.ndarr
 
 
 def _twist(points: np.ndarray, random: np.random.Generator) -> None:
-    """Turn the upper bodies about the middle of the hips, in place, by a constant turn in the trunk's axes."""
+    """Rotate the upper bodies about the middle of the hips, in place, by a constant rotation in the trunk's axes."""
     rows = np.flatnonzero(random.random(len(points)) < 0.5)
     x, y, z = 0.1 * random.standard_normal((3, len(rows)))
     turn = (_about(0, x) @ _about(1, 1.5 * y) @ _about(2, z)).astype(np.float32)
@@ -195,7 +196,7 @@ def _twist(points: np.ndarray, random: np.random.Generator) -> None:
 
 
 def _about(axis: int, angle: np.ndarray) -> np.ndarray:
-    """(b, 3, 3): turns about a coordinate axis."""
+    """(b, 3, 3): rotations about a coordinate axis."""
     c, s = np.cos(angle), np.sin(angle)
     result = np.zeros((len(angle), 3, 3))
     i, j = (axis + 1) % 3, (axis + 2) % 3
@@ -205,7 +206,7 @@ def _about(axis: int, angle: np.ndarray) -> np.ndarray:
 
 
 def _cameras(size: int, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """World to camera turns (b, 3, 3), and the vertical (b, 3) in the camera frame; some bodies lie."""
+    """Rotations from world to camera (b, 3, 3), and the vertical (b, 3) in the camera frame; some bodies lie."""
     flip = np.diag([1.0, -1.0, -1.0])
     pitch = np.where(random.random(size) < 0.5, 0.14 * random.standard_normal(size), random.uniform(-0.5, 0.85, size))
     roll = 0.08 * random.standard_normal(size)
@@ -220,7 +221,7 @@ def _cameras(size: int, random: np.random.Generator) -> tuple[np.ndarray, np.nda
 
 
 def _placed(points: np.ndarray, turn: np.ndarray, times: np.ndarray, random: np.random.Generator) -> np.ndarray:
-    """Points in the camera frame: the trunk near the optical axis, 0.9 to 6 heights away; some cameras move."""
+    """Points in the camera frame: the trunk near the optical axis, at 0.9 to 6 heights; some cameras move."""
     size = len(points)
     middle = points[:, 0, _HIPS + _SHOULDERS].mean(1)
     distance = np.exp(random.uniform(np.log(0.9), np.log(6.0), size))
@@ -236,7 +237,7 @@ def _log_uniform(low: float, high: float, size: int, random: np.random.Generator
 
 
 def _detected(points: np.ndarray, times: np.ndarray, random: np.random.Generator) -> np.ndarray:
-    """(b, slots, canonical, 2) normalised: projections with the detector's habit, wandering and white errors."""
+    """(b, slots, canonical, 2) normalised: projections with the detector's constant, wandering and white errors."""
     size, slots, count = points.shape[:3]
 
     def normal(*shape: int) -> np.ndarray:
@@ -284,7 +285,7 @@ def _trunk_axes(points: np.ndarray) -> np.ndarray:
 
 
 def _seen(size: int, slots: int, random: np.random.Generator, plain: bool) -> np.ndarray:
-    """(b, slots, canonical) bool: by layout, missing limbs, what is cut off, and single misses."""
+    """(b, slots, canonical) bool: visible by layout, without missing limbs, points outside the image, single misses."""
     table = np.zeros((len(LAYOUTS), len(NAMES)), dtype=bool)
     for row, (_, extra) in zip(table, LAYOUTS):
         row[_LIMB] = True
@@ -329,7 +330,7 @@ def _swap(image: np.ndarray, seen: np.ndarray, random: np.random.Generator) -> N
 def _resampled(
     image: np.ndarray, seen: np.ndarray, times: np.ndarray, slots: list[tuple[int, int]], share: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The points at `TIMES`, as the tracker's history gives them."""
+    """The points at `TIMES`, as in the tracker's history."""
     after, before = [0, *(a for a, _ in slots)], [0, *(b for _, b in slots)]
     wanted = np.broadcast_to(-TIMES, (len(image), len(TIMES)))
     return interpolated(
@@ -338,7 +339,7 @@ def _resampled(
 
 
 def _believed(up: np.ndarray, turn: np.ndarray, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """What the tracker takes for the vertical: nearly right, a level camera's, or nothing."""
+    """The vertical in the tracker's input: nearly right, that of a level camera, or none."""
     size = len(up)
     draw = random.random(size)
     level = np.broadcast_to([0.0, -1.0, 0.0], up.shape)

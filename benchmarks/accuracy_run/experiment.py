@@ -1,4 +1,4 @@
-"""One clip seen by one camera, followed by one method, and scored: the unit of work of benchmarks/accuracy.py."""
+"""One clip seen by one camera, tracked with one method, and scored: the unit of work of benchmarks/accuracy.py."""
 
 from __future__ import annotations
 
@@ -11,17 +11,8 @@ import numpy as np
 from benchmarks.accuracy_run.metrics import acceleration_error, flipped_frames, mpjpe, pa_mpjpe
 from benchmarks.accuracy_run.runs import Follower, Track, follow
 from benchmarks.common.report import Record
-from benchmarks.data.mocap import (
-    EVALUATED,
-    SMPL_NAME,
-    Clip,
-    Condition,
-    View,
-    clip_height,
-    clip_skeleton,
-    load_clip,
-    view_of,
-)
+from benchmarks.data.mocap import EVALUATED, SMPL_NAME, Clip, clip_height, clip_skeleton, load_clip
+from benchmarks.data.simulated_camera import Condition, View, view_of
 from benchmarks.methods.baselines import FOLLOWERS
 from benchmarks.methods.smplify import fit_clip
 from lassokin_ros.core.body.landmarks import Layout
@@ -30,7 +21,7 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Observation
 
 METHODS = (*FOLLOWERS, "smplify", "mediapipe_world")
-"""`mediapipe_world` is for real recordings alone."""
+"""`mediapipe_world` is for real recordings only."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +82,7 @@ class Scene:
 
 
 def scene_of(job: Job) -> Scene:
-    """Load the clip and render the job's view of it, always with the clip's own body."""
+    """Load the clip and render the view of the job, always with the clip's own body."""
     clip = load_clip(job.file)
     own = clip_skeleton(clip, generic=False)
     told = clip_skeleton(clip, generic=job.generic_skeleton)
@@ -117,14 +108,14 @@ def bone_scales(skeleton: Skeleton, job: Job) -> np.ndarray:
 
 
 def run(job: Job) -> Record:
-    """Follow the clip and score it."""
+    """Track the clip and score it."""
     scene = scene_of(job)
     track = scene.follow(job.method)
     return {**described(job, scene), **score(track, scene, job.score_from)}
 
 
 def described(job: Job, scene: Scene) -> Record:
-    """The record's fields that say what was run."""
+    """The fields of the record that describe the run."""
     return {
         "clip": scene.clip.name,
         "view": job.view,
@@ -150,8 +141,8 @@ def described(job: Job, scene: Scene) -> Record:
 def score(track: Track, scene: Scene, score_from: float = 0.0) -> Record:
     """The figures of one track, over the frames from its first estimate (or `score_from` s) on.
 
-    A rejected frame counts with the last estimate, which is what a subscriber still has. Without a frame to score all
-    are NaN: of a clip that ends before `score_from`, or where nobody was found, which is `ends_lost`.
+    A rejected frame counts with the last estimate, because a subscriber still has that one. If there is no frame to
+    score, all figures are NaN: the clip ends before `score_from`, or nobody was found (`ends_lost`).
     """
     view = scene.view
     first, begin = track.first, int(round(score_from * view.fps))

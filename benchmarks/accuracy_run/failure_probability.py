@@ -1,4 +1,4 @@
-"""Does the failure probability mean something? Stated against actual share of wrong poses, in bins."""
+"""Calibration of the failure probability: stated and actual share of wrong poses, in bins."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from benchmarks.data.detections import DetectionJob
 from lassokin_ros.core.output.failure_probability import WRONG
 
 EDGES = (0.0, 0.01, 0.02, 0.04, 0.08, 0.15, 0.3, 0.6, 1.0)
-COLUMNS = {"from": ".2f", "to": ".2f", "frames": "d", "said": ".3f", "is": ".3f", "mpjpe_mm": ".0f"}
+COLUMNS = {"from": ".2f", "to": ".2f", "frames": "d", "stated": ".3f", "actual": ".3f", "mpjpe_mm": ".0f"}
 
 
 def failure_probabilities_of(job: Job | DetectionJob) -> np.ndarray:
@@ -27,15 +27,15 @@ def failure_probabilities_of(job: Job | DetectionJob) -> np.ndarray:
 
 def binned(frames: Sequence[np.ndarray]) -> list[Record]:
     """One record per bin of the failure probability, and one for all frames with the ranking."""
-    said, _, error = np.concatenate(frames).T
-    bins = [(low, high, (said >= low) & (said <= high)) for low, high in (*zip(EDGES, EDGES[1:]), (0.0, 1.0))]
+    stated, _, error = np.concatenate(frames).T
+    bins = [(low, high, (stated >= low) & (stated <= high)) for low, high in (*zip(EDGES, EDGES[1:]), (0.0, 1.0))]
     records: list[Record] = [
         {
             "from": low,
             "to": high,
             "frames": int(chosen.sum()),
-            "said": float(said[chosen].mean()),
-            "is": float(np.mean(error[chosen] > WRONG)),
+            "stated": float(stated[chosen].mean()),
+            "actual": float(np.mean(error[chosen] > WRONG)),
             "mpjpe_mm": float(1e3 * error[chosen].mean()),
         }
         for low, high, chosen in bins
@@ -45,12 +45,12 @@ def binned(frames: Sequence[np.ndarray]) -> list[Record]:
 
 
 def ranking(frames: Sequence[np.ndarray]) -> str:
-    """How well two figures put wrong poses above right ones: area under the ROC curve."""
-    said, reprojection, error = np.concatenate(frames).T
+    """Area under the ROC curve of two figures: how well they rank wrong poses above right ones."""
+    stated, reprojection, error = np.concatenate(frames).T
     wrong = error > WRONG
     if wrong.all() or not wrong.any():
         return "no pose is wrong, or all are"
-    by_probability, by_reprojection = area(said, wrong), area(reprojection, wrong)
+    by_probability, by_reprojection = area(stated, wrong), area(reprojection, wrong)
     return (
         f"area under the ROC curve: failure probability {by_probability:.2f}, reprojection error {by_reprojection:.2f}"
     )

@@ -1,4 +1,4 @@
-"""The shipped tracker's frames with their errors, on clips and on real recordings: for measuring its own figures."""
+"""The shipped tracker's frames with their errors, on clips and on real recordings, to test its own figures of error."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class FollowedFrame:
 
 
 def followed_frames(job: Job | DetectionJob, every: int = 1) -> Iterator[FollowedFrame]:
-    """Every so many frames of a job with the shipped tracker."""
+    """Every n-th frame of a job, tracked with the shipped tracker."""
     return _of_recording(job, every) if isinstance(job, DetectionJob) else _of_clip(job, every)
 
 
@@ -46,7 +46,7 @@ def _of_clip(job: Job, every: int) -> Iterator[FollowedFrame]:
 
 
 def _of_recording(job: DetectionJob, every: int) -> Iterator[FollowedFrame]:
-    """Landmarks at joints, relative to the middle of the hips; frames without a reference of the hips are left out."""
+    """Landmarks at joints, relative to the middle of the hips. Frames without reference hips are left out."""
     recording, config, skeleton = prepared(job)
     tracker = Tracker(config, skeleton)
     landmarks = [tracker.layout.index(name) for name in JOINTS.values()]

@@ -1,7 +1,7 @@
 """Leave-one-out runs: the pose prior is learned from all other takes of the folder, without the clip.
 
-Only the prior is learned anew. The tracker's constants stay as they are, and another clip of the same person may be
-among those that the prior is learned from.
+Only the prior is learned again. The tracker's constants do not change, and another clip of the same person may be among
+those that the prior is learned from.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 
 def under_its_prior(function: Callable[[Job], T], job: Job) -> T:
-    """function(job), when `job.left_out` with the prior of the folder's other clips in place of the shipped one."""
+    """Call function(job); if `job.left_out`, with the prior of the folder's other clips instead of the shipped one."""
     if not job.left_out:
         return function(job)
     with prior_in_force(prior_without(job.file)):
@@ -30,7 +30,7 @@ def under_its_prior(function: Callable[[Job], T], job: Job) -> T:
 
 
 def prior_without(file: Path) -> dict[str, Any]:
-    """The prior of all clips in the file's folder that show another take, in the form that PosePrior reads."""
+    """The prior of all clips in the file's folder that show another take, in the format of PosePrior."""
     others = [other for other in sorted(file.parent.glob("*.npz")) if not same_take(other.stem, file.stem)]
     if not others:
         raise SystemExit(f"no clip but {file.stem} in {file.parent}: expected others to learn its prior from")
@@ -39,16 +39,16 @@ def prior_without(file: Path) -> dict[str, Any]:
 
 @lru_cache(maxsize=None)
 def _moments_of(file: Path) -> list[Moments]:
-    """Of a clip and its mirror image, once per process: 31 clips take a second."""
+    """Sample of a clip and its mirror image, computed once per process: 31 clips take a second."""
     return moments(load_clip(file))
 
 
 @contextmanager
 def prior_in_force(form: Mapping[str, Any]) -> Iterator[None]:
-    """Whatever asks for the shipped prior meanwhile, in this process, is given this one.
+    """Replace the shipped prior in this process while the context is active.
 
-    All methods ask PosePrior.load when they are made. The core offers no choice of prior, which no user needs; so the
-    method itself is replaced, and put back.
+    All methods call PosePrior.load when they are created. Users need no choice of prior, so the core has none; this
+    context therefore replaces the method itself and restores it.
     """
 
     def load(cls: type[PoseDistribution], skeleton: Skeleton) -> PoseDistribution:

@@ -1,6 +1,7 @@
-"""How wrong a sequence of skeletons is.
+"""Errors of a sequence of skeletons.
 
-Positions are (f, j, 3) in m, in the camera frame (x right, y down, z forward); results in mm unless said otherwise.
+Positions are (f, j, 3) in m, in the camera frame (x right, y down, z forward); results are in mm unless another unit is
+given.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ FLIP_MM = 100.0
 def mpjpe(estimate: np.ndarray, truth: np.ndarray, estimate_root: np.ndarray, truth_root: np.ndarray) -> np.ndarray:
     """(f,) mm: mean distance of the joints per frame, after both roots (f, 3) are moved to the origin.
 
-    Joints with a NaN are left out of the mean; NaN where there is no other, as before somebody was found.
+    Joints with a NaN are left out of the mean. The result is NaN if there is no other joint, for example before a
+    person was found.
     """
     difference = (estimate - estimate_root[:, None]) - (truth - truth_root[:, None])
     size = np.linalg.norm(difference, axis=-1)
@@ -32,7 +34,7 @@ def mpjpe(estimate: np.ndarray, truth: np.ndarray, estimate_root: np.ndarray, tr
 
 
 def pa_mpjpe(estimate: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """(f,) mm: the same after the best similarity (rotation, translation, scale) of each frame's estimate."""
+    """(f,) mm: the same after the best similarity transform (rotation, translation, scale) of each frame's estimate."""
     result = np.empty(len(truth))
     for frame, (source, target) in enumerate(zip(estimate, truth)):
         known = np.all(np.isfinite(source) & np.isfinite(target), axis=-1)
@@ -42,7 +44,7 @@ def pa_mpjpe(estimate: np.ndarray, truth: np.ndarray) -> np.ndarray:
 
 
 def procrustes(source: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """`source` (j, 3) moved by the similarity without reflection that brings it nearest to `target` (Umeyama 1991)."""
+    """`source` (j, 3) after the similarity transform without reflection to `target` (Umeyama 1991)."""
     source_mean, target_mean = source.mean(0), target.mean(0)
     centred = source - source_mean
     U, S, Vt = np.linalg.svd(centred.T @ (target - target_mean))
@@ -62,10 +64,10 @@ def acceleration_error(
 
 
 def flipped_frames(estimate: np.ndarray, truth: np.ndarray, names: Sequence[str]) -> np.ndarray:
-    """(f,) bool: frames in which some limb points to the wrong side in depth.
+    """(f,) bool: frames in which a limb points to the wrong side in depth.
 
-    A limb bone of `LIMBS` is flipped when z(distal) - z(proximal) has the other sign than the truth's and differs
-    from it by more than 100 mm.
+    A limb bone of `LIMBS` is flipped if z(distal) - z(proximal) has the opposite sign of the truth's and differs from
+    it by more than 100 mm.
     """
     index = {name: i for i, name in enumerate(names)}
     limbs = [(index[a], index[b]) for a, b in LIMBS if a in index and b in index]
@@ -77,7 +79,7 @@ def flipped_frames(estimate: np.ndarray, truth: np.ndarray, names: Sequence[str]
 
 
 def yaw_error(estimate: np.ndarray, truth: np.ndarray, names: Sequence[str]) -> np.ndarray:
-    """(f,) degrees, 0 to 180: between the two pelvises' left axes (right to left hip) seen from above."""
+    """(f,) degrees, 0 to 180: angle between the two pelvises' left axes (right to left hip) in the top view."""
     left, right = list(names).index("l_hip"), list(names).index("r_hip")
     mine = (estimate[:, left] - estimate[:, right])[:, [0, 2]]
     true = (truth[:, left] - truth[:, right])[:, [0, 2]]

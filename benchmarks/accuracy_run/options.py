@@ -18,7 +18,7 @@ GIVEN = {"height": "by each clip", "skeleton": "by each clip", "landmarks": "by 
 OF_DETECTIONS = (
     "detections methods measured_bones tracker_noise_px set uncertainty failure_probability jobs json".split()
 )
-"""What --detections heeds: its keypoints are taken as they are, from every camera."""
+"""Options that have an effect with --detections: its keypoints are used unchanged, from every camera."""
 
 
 def parser(description: str | None = None) -> argparse.ArgumentParser:
@@ -28,42 +28,42 @@ def parser(description: str | None = None) -> argparse.ArgumentParser:
     add("--data", type=Path, help="folder of clips (default: mocap/ in LASSOKIN_DATA or ../shared/data)")
     add("--detections", type=Path, nargs="+", metavar="FILE", help="real detector output (npz) instead of clips")
     add("--noise-px", type=size, default=2.0, help="Gaussian noise of a keypoint, px (2)")
-    add("--wander-px", type=size, default=0.0, help="the same of an error that lasts a tenth of a second, px (0)")
-    add("--offset-px", type=size, default=0.0, help="the same of one that stays, each landmark's own, px (0)")
+    add("--wander-px", type=size, default=0.0, help="standard deviation of errors that last 0.1 s, px (0)")
+    add("--offset-px", type=size, default=0.0, help="standard deviation of constant errors, px (0)")
     add("--depth-noise", type=size, metavar="M", help="measured depth of each keypoint: Gaussian noise, m")
-    add("--depth-bias", type=size, metavar="M", help="the same of an error that stays, each landmark's own, m")
-    add("--depth-noise-z2", type=size, metavar="PER_M", help="the same of one that grows with the depth squared, 1/m")
-    add("--depth-occluded", type=share, metavar="SHARE", help="share of the depths that are 10-50 cm nearer")
+    add("--depth-bias", type=size, metavar="M", help="constant error of each landmark's depth, standard deviation, m")
+    add("--depth-noise-z2", type=size, metavar="PER_M", help="depth noise that grows with the square of the depth, 1/m")
+    add("--depth-occluded", type=share, metavar="SHARE", help="share of depths 10-50 cm nearer: an occluder")
     add("--missing", type=share, default=0.0, help="share of keypoints missing, in bursts of 5-30 frames (0)")
     add("--outliers", type=share, default=0.0, help="share of keypoints 30-150 px off at full confidence (0)")
     add("--swaps", type=share, default=0.0, help="share of frames with a limb's left and right swapped, in bursts (0)")
-    add("--duplicates", type=count, default=1, metavar="K", help="each detection comes K times, at the frame rate (1)")
-    add("--camera-roll", type=finite, default=0.0, metavar="RAD", help="of the camera's mount, told only by --set (0)")
-    add("--camera-pitch", type=finite, default=0.0, metavar="RAD", help="the same: it looks down by this much (0)")
-    add("--lying", action="store_true", help="people are laid down, on one side or another")
+    add("--duplicates", type=count, default=1, metavar="K", help="each detection is sent K times (1)")
+    add("--camera-roll", type=finite, default=0.0, metavar="RAD", help="true roll of the mount (0)")
+    add("--camera-pitch", type=finite, default=0.0, metavar="RAD", help="true pitch of the mount (0)")
+    add("--lying", action="store_true", help="people lie, on a random side")
     add("--fps", type=positive, default=60.0, help="frame rate, by leaving out frames; or the nearest there is (60)")
     add("--landmarks", default="coco17", help="landmark layout (coco17)")
     add("--views", type=count, default=2, help="cameras per clip (2)")
     add("--seed", type=seed, default=0, help="of cameras, noise and bone errors (0)")
-    add("--seeds", type=count, default=1, metavar="N", help="so many seeds, from --seed on, in one summary (1)")
+    add("--seeds", type=count, default=1, metavar="N", help="number of seeds, from --seed on, in one summary (1)")
     add("--methods", type=names, default=["lasso"], help=f"comma-separated, of {','.join(METHODS)} (lasso)")
     add("--clips", type=names, help="comma-separated names (default: all but the training clips)")
     add("--all-clips", action="store_true", help="run the training clips too")
     add("--exclude-training", action=switch, default=None, help="default: on, unless another option names the clips")
-    add("--test-people", action="store_true", help="clips of people that no training has seen (--data: shared data)")
-    add("--realistic", action="store_true", help="what a user has: a detector's errors, and the height alone")
+    add("--test-people", action="store_true", help="clips of people in no training set (--data: shared data)")
+    add("--realistic", action="store_true", help="the usual case: a detector's errors, only the height given")
     add("--leave-one-out", action="store_true", help="all clips, each with a prior learned from the folder's others")
-    add("--generic-skeleton", action="store_true", help="give the person's height alone")
-    add("--unknown-height", action="store_true", help="give nothing of the person: height 0, measured with depth")
-    add("--measured-bones", action="store_true", help="with --detections: bones as the reference has them")
+    add("--generic-skeleton", action="store_true", help="give only the person's height")
+    add("--unknown-height", action="store_true", help="give not even the height: height 0, measured with depth")
+    add("--measured-bones", action="store_true", help="with --detections: bone lengths of the reference")
     add("--bone-error", type=size, default=0.0, help="standard deviation of the given bones' relative error (0)")
     add("--symmetric", action=switch, default=True, help="the same bone error on both sides (default)")
     add("--score-from", type=size, default=0.0, metavar="S", help="score frames after S s, of clips that last (0)")
-    add("--tracker-noise-px", type=float, help="noise_px that is told (clips: --noise-px, 1 or more; detections: 3)")
+    add("--tracker-noise-px", type=float, help="noise_px of the methods (clips: --noise-px, 1 or more; detections: 3)")
     add("--set", type=_setting, action="append", default=[], metavar="NAME=VALUE", help="any setting of the tracker")
     add("--initialisation", action="store_true", help="initialise from single frames spread over the clips")
     add("--per-clip", type=count, default=6, help="with --initialisation: frames per clip and view (6)")
-    add("--gap", type=positive, metavar="S", help="no landmark at all for S s in the middle of each clip")
+    add("--gap", type=positive, metavar="S", help="no landmarks for S s in the middle of each clip")
     add("--uncertainty", action="store_true", help="predicted against actual error of the joints, in bins, lasso only")
     add("--failure-probability", action="store_true", help="stated against actual share of wrong poses, lasso only")
     add("--jobs", type=count, default=os.cpu_count(), help="processes (one per core)")
@@ -72,11 +72,11 @@ def parser(description: str | None = None) -> argparse.ArgumentParser:
 
 
 REALISTIC = {"noise_px": 1.5, "wander_px": 2.5, "offset_px": 2.5, "tracker_noise_px": 3.0, "generic_skeleton": True}
-"""What --realistic sets: errors like those measured on real detectors, and the height alone."""
+"""Values of --realistic: errors like those measured on real detectors, and only the height given."""
 
 
 def apply_presets(options: argparse.Namespace) -> None:
-    """Set what --realistic stands for, in place."""
+    """Set the values of --realistic in place."""
     if options.realistic:
         vars(options).update(REALISTIC)
     if options.unknown_height:
@@ -84,7 +84,7 @@ def apply_presets(options: argparse.Namespace) -> None:
 
 
 def depth_sensor(options: argparse.Namespace) -> DepthSensor | None:
-    """The depth sensor that the options ask for; None if none of them is given."""
+    """The depth sensor with the given options; None if none of them is given."""
     o = options
     given = o.depth_noise, o.depth_bias, o.depth_occluded, o.depth_noise_z2
     return None if given == (None,) * 4 else DepthSensor(*(value or 0.0 for value in given))

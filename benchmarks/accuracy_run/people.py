@@ -1,4 +1,4 @@
-"""Whose motion the shipped network has learned from: a person of its training is no test person."""
+"""The people whose motion the shipped network was trained with; they are no test people."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from training.motion import LEFT_OUT_CLIPS, LEFT_OUT_KINDS, TEST, sources
 
 @cache
 def _people(folder: Path) -> dict[str, str]:
-    """Person of each clip, by the clip's name, in a folder that holds `mocap` and `corpus`; empty for other folders."""
+    """Person of each clip, by the clip's name, for a folder with `mocap` and `corpus`; empty for other folders."""
     if not all((folder / part / "clips.json").is_file() for part in ("mocap", "corpus")):
         return {}
     return {source.file.stem: source.person for source in sources(folder)}

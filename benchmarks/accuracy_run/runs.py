@@ -1,4 +1,4 @@
-"""Following one sequence of keypoints with one method, and what came out of it."""
+"""Track one sequence of keypoints with one method, and collect the estimates."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ class Follower(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """A method's answer to f frames. Before the first estimate: NaN; in a rejected frame: the last estimate.
+    """The estimates of a method for f frames. Before the first estimate: NaN; in a rejected frame: the last estimate.
 
-    positions: (f, n, 3) m joint centres; landmarks: (f, l, 3) m; reprojection_px: (f,), NaN where rejected;
-    rejected: (f,) bool; frame_ms: (f,); init_ms: time of the frame that gave the first estimate.
+    positions: (f, n, 3) m joint centres; landmarks: (f, l, 3) m; reprojection_px: (f,), NaN where rejected; rejected:
+    (f,) bool; frame_ms: (f,); init_ms: time of the frame that gave the first estimate.
     """
 
     positions: np.ndarray
@@ -38,7 +38,7 @@ class Track:
 
     @property
     def first(self) -> int:
-        """The first frame with an estimate; the number of frames when there is none."""
+        """The first frame with an estimate, or the number of frames if there is none."""
         known = np.isfinite(self.positions[:, 0, 0])
         return int(np.argmax(known)) if known.any() else len(known)
 
@@ -70,10 +70,10 @@ def follow(follower: Follower, observations: Sequence[Observation], joints: int,
         take(follower.published if isinstance(follower, Tracker) else [estimate])
     if isinstance(follower, Tracker):
         take(follower.flush())
-    return Track(_held(positions), _held(points), reprojection, rejected, frame_ms, float(init_ms))
+    return Track(held(positions), held(points), reprojection, rejected, frame_ms, float(init_ms))
 
 
-def _held(values: np.ndarray) -> np.ndarray:
+def held(values: np.ndarray) -> np.ndarray:
     """NaN frames replaced by the last known one."""
     known = np.isfinite(values[:, 0, 0])
     last = np.maximum.accumulate(np.where(known, np.arange(len(values)), -1))

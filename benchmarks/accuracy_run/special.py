@@ -12,7 +12,7 @@ from benchmarks.data.mocap import EVALUATED
 
 
 def initialise_frames(job: Job, count: int) -> list[Record]:
-    """A new follower per frame, for `count` frames spread evenly over the clip: one record each."""
+    """A new follower per frame, for `count` frames distributed evenly over the clip: one record each."""
     scene = scene_of(job)
     observations = scene.observations
     joints, landmarks = scene.skeleton.joint_count, observations[0].points.shape[0]
@@ -32,10 +32,10 @@ def initialise_frames(job: Job, count: int) -> list[Record]:
 
 
 def run_gap(job: Job, seconds: float) -> Record | None:
-    """Follow a clip with a gap of `seconds` in its middle, and without; None when the clip is too short.
+    """Track a clip with a gap of `seconds` in its middle, and without; None if the clip is too short.
 
-    before: mean over the last 0.2 s before the gap; gap_end: the gap's last frame (the last estimate, held);
-    after: mean from 0.15 to 0.25 s after the first frame seen again; after_no_gap: the same frames without a gap.
+    before: mean over the last 0.2 s before the gap; gap_end: the last frame of the gap (the last estimate, held);
+    after: mean from 0.15 to 0.25 s after the first frame after the gap; after_no_gap: the same frames without a gap.
     """
     scene = scene_of(job)
     fps, observations = scene.view.fps, scene.observations

@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.accuracy_run.options import depth_sensor
 from benchmarks.common.report import Record, summarise, table
-from benchmarks.data.mocap import WANDERS
+from benchmarks.data.simulated_camera import WANDERS
 from benchmarks.learn_prior import SEEN, TRAINING
 
 COLUMNS = {
@@ -40,7 +40,7 @@ PRIOR_OF_OTHERS = (
 
 
 def report(options: argparse.Namespace, records: Sequence[Record]) -> None:
-    """Print head, rows and summary; training clips never stand in the summary."""
+    """Print head, rows and summary. Training clips are never part of the summary."""
     print(detections_head(options) if options.detections else head(options))
     counted = [r for r in records if not r.get("training")]
     training = [r for r in records if r.get("training")]
@@ -66,7 +66,7 @@ def report(options: argparse.Namespace, records: Sequence[Record]) -> None:
 
 
 def head(options: argparse.Namespace) -> str:
-    """What was run on clips, in words."""
+    """The run on clips, in words."""
     given = "the height alone" if options.generic_skeleton else "bone lengths and trunk at rest"
     if options.unknown_height:
         given = "nothing (height 0)"
@@ -110,7 +110,7 @@ def _seeds(options: argparse.Namespace) -> str:
 
 
 def detections_head(options: argparse.Namespace) -> str:
-    """What was run on real detections, in words."""
+    """The run on real detections, in words."""
     height = "the height at which the built-in proportions give the reference's limbs and trunk their length"
     given = height + (", and the reference's bones" if options.measured_bones else " alone")
     return (

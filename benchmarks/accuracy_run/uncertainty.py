@@ -1,4 +1,4 @@
-"""Does the tracker's figure of uncertainty mean something? Predicted against actual errors, in bins."""
+"""Calibration of the tracker's uncertainty: predicted and actual errors, in bins."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from benchmarks.common.report import Record
 from benchmarks.data.detections import DetectionJob
 
 EVERY = 5
-"""Frames between two that are looked at."""
+"""Number of frames from one evaluated frame to the next."""
 EDGES = (0, 20, 40, 60, 80, 100, 150, 200, 300, 400, np.inf)
-"""mm: bins of the predicted error."""
+"""Bins of the predicted error, mm."""
 COLUMNS = {
     "from_mm": ".0f", "to_mm": ".0f", "joints": "d", "predicted_mm": ".1f", "actual_mm": ".1f", "median_mm": ".1f",
     "rms_mm": ".1f", "within_predicted": ".0%", "within_twice": ".0%",
@@ -32,7 +32,7 @@ class Errors:
 
 
 def uncertainty_of(job: Job | DetectionJob) -> Errors:
-    """Follow a clip or a recording with the shipped tracker and compare."""
+    """Track a clip or a recording with the shipped tracker and compare."""
     frames = list(followed_frames(job, EVERY))
     predicted = np.array([1000 * frame.deviations for frame in frames])
     actual = np.array([1000 * frame.errors for frame in frames])

@@ -1,4 +1,4 @@
-"""Types of options: what a command's text may be, said in one line where it is not."""
+"""Types of command line options. A wrong value gives one line with the expected form."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def names(text: str) -> list[str]:
 
 
 def some_of(known: Collection[str]) -> Callable[[str], list[str]]:
-    """An option's type: names that are known, one or more."""
+    """An option's type: one or more of the known names."""
 
     def read(text: str) -> list[str]:
         chosen = names(text)
@@ -28,7 +28,7 @@ def some_of(known: Collection[str]) -> Callable[[str], list[str]]:
 
 
 def number(kind: Callable[[str], float], holds: Callable[[float], bool], expected: str) -> Callable[[str], Any]:
-    """An option's type: what `kind` reads of the text, where it is finite and `holds`."""
+    """An option's type: the value that `kind` reads from the text, if it is finite and `holds`."""
 
     def read(text: str) -> Any:
         try:
@@ -43,7 +43,7 @@ def number(kind: Callable[[str], float], holds: Callable[[float], bool], expecte
 
 
 def output_file(text: str) -> Path:
-    """An option's type: a place for a file; asked before the work, which may take hours, not after it."""
+    """An option's type: path of a file to write. It is checked before the work, which may take hours."""
     path = Path(text)
     if path.is_dir() or not path.parent.is_dir():
         raise argparse.ArgumentTypeError(f"{text}; expected a file in a folder that exists")

@@ -16,7 +16,7 @@ def exit_code(command: Callable[[], int | None]) -> int:
     except LassokinError as error:
         why = str(error)
     except SystemExit as end:
-        # A text as the code would end with 1, which is what a traceback ends with; argparse's own is 2 already.
+        # argparse uses code 2 for usage errors. A SystemExit with a text would end with code 1, as a traceback does.
         if not isinstance(end.code, str):
             raise
         why = end.code

@@ -52,7 +52,7 @@ def summarise(records: Sequence[Record], by: Sequence[str], figures: Sequence[st
 
 
 def write_json(path: Path | None, records: Sequence[Record]) -> None:
-    """The records as a JSON list, NaN as null; nothing when `path` is None."""
+    """Write the records as a JSON list, NaN as null. Nothing is written if `path` is None."""
     if path is None:
         return
     clean = [{key: _plain(value) for key, value in record.items()} for record in records]

@@ -7,16 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 
 OCCLUDERS = 0.1, 0.5
-"""m: how much nearer than the landmark an occluder is, drawn evenly."""
+"""Range of the distance between occluder and landmark, m, uniformly drawn."""
 
 
 @dataclass(frozen=True)
 class DepthSensor:
     """Errors of the measured depth.
 
-    noise: m, standard deviation of each measurement. noise_z2: 1/m, the same of a further error that grows with the
-    square of the depth, as with stereo cameras. bias: m, standard deviation of an error of each landmark that stays.
-    occluded: share of the measurements that are those of an occluder.
+    noise: standard deviation of each measurement, m. noise_z2: the same of an error that grows with the square of the
+    depth, as with stereo cameras, 1/m. bias: standard deviation of the constant error of each landmark, m. occluded:
+    share of the measurements that are those of an occluder.
     """
 
     noise: float = 0.0

@@ -1,9 +1,9 @@
-"""Real detector output: one camera's keypoints in, the multi-camera 3D as reference.
+"""Real detector output: the keypoints of one camera as input, the 3D of several cameras as reference.
 
-A file holds `kp2d` (c, f, k, 3) px and confidence, `K`, `dist`, `fps`, `keypoint_names` and `ref_cam` (c, f, k, 3) m in
-each camera's frame; MediaPipe's also `world` (c, f, k, 3) m, its own 3D. The reference's joints are the detector's
-own points, triangulated; so landmarks are compared with landmarks, and only those that lie at a joint: hips, knees,
-ankles, shoulders, elbows, wrists.
+A file contains `kp2d` (c, f, k, 3) px and confidence, `K`, `dist`, `fps`, `keypoint_names` and `ref_cam` (c, f, k, 3) m
+in each camera's frame; MediaPipe's files also `world` (c, f, k, 3) m, its own 3D. The joints of the reference are the
+triangulated points of the detector. Therefore landmarks are compared with landmarks, and only those at a joint: hips,
+knees, ankles, shoulders, elbows, wrists.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ JOINTS = {
     for side in ("left", "right")
     for joint in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
 }
-"""Evaluated names and the landmarks that lie there, in every layout used here."""
+"""Evaluated names and the landmarks at these joints, for every layout used here."""
 
 NEEDED = {"K", "dist", "fps", "keypoint_names", "kp2d", "ref_cam"}
 SIDES = ("left", "right")
@@ -82,7 +82,7 @@ class Recording:
 def detection_jobs(
     files: Sequence[Path], methods: Sequence[str], measured_bones: bool, settings: Mapping[str, Any]
 ) -> list[DetectionJob]:
-    """All cameras of all files with all methods; `mediapipe_world` where a file holds the detector's own 3D."""
+    """All cameras of all files with all methods; `mediapipe_world` only for files with the detector's own 3D."""
     jobs = []
     for file in files:
         cameras = _cameras(file)
@@ -94,7 +94,7 @@ def detection_jobs(
 
 
 def _cameras(file: Path) -> int:
-    """How many there are; SystemExit where the file is no detections."""
+    """The number of cameras. Raises SystemExit if the file contains no detections."""
     expected = "expected detections in the format of the shared data's README"
     if not file.is_file():
         raise SystemExit(f"no file {file}; {expected}")
@@ -111,7 +111,7 @@ def _cameras(file: Path) -> int:
 
 
 def _fault(arrays: Mapping[str, np.ndarray]) -> str:
-    """What makes a file's arrays useless, in words; nothing when they are as they must be."""
+    """The fault of a file's arrays, in words; empty if there is none."""
     layout, count = _layout(arrays["keypoint_names"])
     if not layout:
         return f"has keypoint_names that no layout of {', '.join(built_in_layouts())} begins with"
@@ -136,9 +136,10 @@ def _fault(arrays: Mapping[str, np.ndarray]) -> str:
 
 
 def _layout(names: np.ndarray) -> tuple[str, int]:
-    """The built-in layout that most of the keypoints' names agree with, and its number of points; "" where none does.
+    """The built-in layout that agrees with most of the keypoints' names, and its number of points; "" if none does.
 
-    Detectors write LHip, l_hip or left_hip; they all agree on what lies at a joint (`JOINTS`), not on heads.
+    Detectors write LHip, l_hip or left_hip. They agree on the points at joints (`JOINTS`), but not on those of the
+    head.
     """
     given, skeleton = [_plain(str(name)) for name in np.atleast_1d(names)], Skeleton.load("anthropometric", 1.75)
     best = 0, "", 0
@@ -151,7 +152,7 @@ def _layout(names: np.ndarray) -> tuple[str, int]:
 
 
 def _plain(name: str) -> str:
-    """A keypoint's name without what only its spelling is: LHip, l_hip and left_hip are lhip."""
+    """A keypoint's name without differences of spelling: LHip, l_hip and left_hip become lhip."""
     letters = "".join(letter for letter in name.lower() if letter.isalnum())
     return letters.replace("left", "l").replace("right", "r")
 
@@ -180,7 +181,9 @@ def undistorted(pixels: np.ndarray, K: np.ndarray, distortion: np.ndarray) -> np
 
 
 def height_of(reference: np.ndarray, layout: Layout) -> float:
-    """m: the height at which the built-in limbs and trunk, as far as in sight, have the reference's (median) length."""
+    """Height, m, for which the visible limbs and the trunk of the built-in skeleton have the reference's median
+    lengths.
+    """
     unit = Skeleton.load("anthropometric", 1.0)
     place = unit.rest_positions[[unit.index(name) for name in TRUNK]]
     pairs = [(float(_trunk(place)), _median(_trunk(reference[:, [layout.index(name) for name in TRUNK]])))]
@@ -194,7 +197,7 @@ def height_of(reference: np.ndarray, layout: Layout) -> float:
 
 
 def measured(skeleton: Skeleton, reference: np.ndarray, layout: Layout) -> Skeleton:
-    """The skeleton with limbs, trunk, shoulders and hips in sight at the reference's lengths, left and right alike."""
+    """The skeleton with the reference's lengths of visible limbs, trunk, shoulders and hips, equal left and right."""
     offsets = skeleton.offsets.copy()
     place = skeleton.rest_positions[[skeleton.index(name) for name in TRUNK]]
     trunk = _median(_trunk(reference[:, [layout.index(name) for name in TRUNK]]))
@@ -227,13 +230,13 @@ def _length(reference: np.ndarray, layout: Layout, a: str, b: str) -> float:
 
 
 def _median(length: np.ndarray) -> float:
-    """Of what is known, NaN when that is less than a tenth."""
+    """Median of the known values; NaN if less than a tenth is known."""
     known = np.isfinite(length)
     return float(np.median(length[known])) if known.mean() > 0.1 else float("nan")
 
 
 def prepared(job: DetectionJob) -> tuple[Recording, TrackerConfig, Skeleton]:
-    """A job's recording, and what the method is given: settings and skeleton."""
+    """A job's recording, and the inputs of the method: settings and skeleton."""
     recording = load_recording(job.file, job.camera)
     layout = Layout.load(recording.layout, Skeleton.load("anthropometric", 1.75))
     height = height_of(recording.reference, layout)
@@ -243,7 +246,7 @@ def prepared(job: DetectionJob) -> tuple[Recording, TrackerConfig, Skeleton]:
 
 
 def run_detections(job: DetectionJob) -> Record:
-    """Follow one camera's keypoints and score them."""
+    """Track one camera's keypoints and score them."""
     recording, config, skeleton = prepared(job)
     layout = Layout.load(recording.layout, skeleton)
     track = _followed(job.method, recording, config, skeleton, layout)
@@ -273,7 +276,7 @@ def _followed(method: str, recording: Recording, config: TrackerConfig, skeleton
 
 
 def score(track: Track, recording: Recording, layout: Layout) -> Record:
-    """The same figures as for clips; frames without a reference of the root are left out."""
+    """The same figures as for clips. Frames without a reference of the root are left out."""
     index = [layout.index(landmark) for landmark in JOINTS.values()]
     hips = np.isfinite(recording.reference[:, [layout.index("left_hip"), layout.index("right_hip")], 0]).mean() > 0.5
     root = [layout.index(f"{side}_{'hip' if hips else 'shoulder'}") for side in ("left", "right")]
@@ -281,7 +284,7 @@ def score(track: Track, recording: Recording, layout: Layout) -> Record:
     known = np.where(scored[:, None, None], recording.reference, np.nan)
     truth, estimate = known[:, index], track.landmarks[:, index]
     own_root, true_root = track.landmarks[:, root].mean(1), known[:, root].mean(1)
-    if not scored.any():  # nobody was found, or never where the reference is known
+    if not scored.any():  # nobody was found, or only in frames without a reference
         none = {**dict.fromkeys(FIGURES, float("nan")), "rejected": int(track.rejected.sum())}
         return {"frames": 0, **none, "ends_lost": bool(track.rejected[-1])}
     error = mpjpe(estimate[scored], truth[scored], own_root[scored], true_root[scored])
@@ -307,5 +310,5 @@ def score(track: Track, recording: Recording, layout: Layout) -> Record:
 
 
 def _percentile(values: np.ndarray, share: float) -> float:
-    """NaN where no value is known."""
+    """Percentile of the known values; NaN if there is none."""
     return float(np.nanpercentile(values, share)) if np.isfinite(values).any() else float("nan")

@@ -1,22 +1,19 @@
-"""Real motion for measuring: clips of joint trajectories, a camera's view of them, and SMPL-like ground truth.
+"""Motion capture for the benchmarks: clips of joint trajectories, with bone lengths and SMPL-like ground truth.
 
 A clip file is an npz with `joints`, `root_trans`, `local_rot_wxyz`, `offsets`, `parents`, `joint_names`, `fps`,
-`std_index` and `std_names`, and a `label` if you like; metres, world Y up (the folder's README says more).
+`std_index`, `std_names` and optionally `label`; metres, world y up. `simulated_camera` shows a clip to a camera.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from zipfile import BadZipFile
 from zlib import error as DamagedArchive
 
 import numpy as np
-from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from benchmarks.data.depth_sensor import DepthSensor
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import least_turn
@@ -72,7 +69,7 @@ def load_clips(folder: Path, names: list[str] | None = None) -> list[Clip]:
 
 
 def load_clip(file: Path) -> Clip:
-    """Read one clip and derive the orientations that SMPL's joints would have; SystemExit where the file is none."""
+    """Read one clip and compute the orientations of SMPL's joints. Raises SystemExit if the file is no clip."""
     data = _arrays(file)
     parents, offsets = data["parents"], data["offsets"]
     local = data["local_rot_wxyz"]
@@ -102,12 +99,17 @@ def load_clip(file: Path) -> Clip:
     )
 
 
+def clip_fps(file: Path) -> float:
+    """Frame rate of a clip's file, Hz."""
+    return float(_arrays(file)["fps"])
+
+
 NUMBERS = "joints root_trans local_rot_wxyz offsets parents fps std_index".split()
 STANDARD = set(EVALUATED) | {"pelvis", "spine", "head_top", "l_toe", "r_toe"}
 
 
 def _arrays(file: Path) -> dict[str, np.ndarray]:
-    """What a clip's file holds, as it must be; SystemExit with one line where it is not."""
+    """The arrays of a clip's file. Raises SystemExit with one line if they are missing or wrong."""
     expected = "expected motion capture in the form that benchmarks/data/mocap.py describes"
     try:
         with np.load(file, allow_pickle=False) as data:
@@ -122,7 +124,7 @@ def _arrays(file: Path) -> dict[str, np.ndarray]:
 
 
 def _fault(arrays: dict[str, np.ndarray]) -> str:
-    """What makes a clip's arrays useless, in words; nothing when they are as they must be."""
+    """The fault of a clip's arrays, in words; empty if there is none."""
     for name in NUMBERS:
         if arrays[name].dtype.kind not in "fiu" or not np.isfinite(arrays[name]).all():
             return f"has {name} that are not all finite numbers"
@@ -137,13 +139,13 @@ def _fault(arrays: dict[str, np.ndarray]) -> str:
     if not np.linalg.norm(arrays["local_rot_wxyz"], axis=-1).all():
         return "has rotations of length 0"
     if (arrays["parents"] >= np.arange(joints)).any() or not np.isin(arrays["std_index"], np.arange(joints)).all():
-        return "has parents that come after their children, or std_index of joints that are not there"
+        return "has parents after their children, or std_index of joints that do not exist"
     missing = sorted(STANDARD - {str(name) for name in arrays["std_names"]})
     return f"has no joint {', '.join(missing)} in std_names" if missing else ""
 
 
 def _smpl_orientations(world: np.ndarray, rest: np.ndarray, parents: np.ndarray, index: dict[str, int]) -> np.ndarray:
-    """(f, 24, 3, 3): the clip's segment orientations, turned so that limbs lie as in SMPL's T-pose at rest."""
+    """(f, 24, 3, 3): orientations of the clip's segments, such that the rest pose is SMPL's T-pose."""
     frames = world.shape[0]
     smpl = Skeleton.load("anthropometric", 1.75)
     result = np.repeat(world[:, index["pelvis"]][:, None], 24, axis=1)
@@ -180,7 +182,7 @@ def _smpl_orientations(world: np.ndarray, rest: np.ndarray, parents: np.ndarray,
 
 
 def clip_height(clip: Clip) -> float:
-    """The person's height, m: stretched out from ankle to head top, plus the 4 % that lie below the ankle."""
+    """The person's height, m: the straightened body from ankle to head top, plus 4 % for the part below the ankle."""
     length: float = 0.0
     for a, b in (("l_hip", "l_knee"), ("l_knee", "l_ankle")):
         length += float(np.linalg.norm(clip.rest_position(a) - clip.rest_position(b)))
@@ -192,9 +194,9 @@ def clip_height(clip: Clip) -> float:
 
 
 def clip_skeleton(clip: Clip, generic: bool) -> Skeleton:
-    """What a user could measure of this person: the height alone, or also bone lengths and the trunk at rest.
+    """A skeleton from what a user could measure: only the height (generic), or also bone lengths and the trunk at rest.
 
-    Limbs get the clip's bone lengths (along SMPL's T-pose); hips, neck and shoulders their place in the trunk.
+    Limbs have the clip's bone lengths (along SMPL's T-pose); hips, neck and shoulders their positions in the trunk.
     """
     skeleton = Skeleton.load("anthropometric", clip_height(clip))
     if generic:
@@ -229,148 +231,8 @@ def clip_skeleton(clip: Clip, generic: bool) -> Skeleton:
     return skeleton.with_offsets(offsets)
 
 
-@dataclass(frozen=True, eq=False)
-class View:
-    """A clip as one camera sees it.
-
-    truth: (f, 14, 3) m and root: (f, 3) m in the camera frame; pixels: (f, l, 2); confidence: (f, l), 0 = missing;
-    depth: (f, l) m, measured along the optical axis, None without a depth sensor.
-    """
-
-    clip: Clip
-    fps: float
-    focal: float
-    centre: np.ndarray
-    truth: np.ndarray
-    root: np.ndarray
-    pixels: np.ndarray
-    confidence: np.ndarray
-    depth: np.ndarray | None = None
-
-    @property
-    def normalised(self) -> np.ndarray:
-        """(f, l, 2) normalised image coordinates."""
-        return (self.pixels - self.centre) / self.focal
-
-
-@dataclass(frozen=True)
-class Condition:
-    """What happens to the exact projections: pixels of noise, shares missing (in bursts) and wrong, frame rate.
-
-    swaps: share of the frames in which some limb's left and right are taken for each other, in bursts.
-    duplicates: frames for which each detection stands, under stamps of their own: a detector slower than the camera.
-    camera_roll, camera_pitch: rad, of the camera's mount, as the tracker's settings of that name. lying: the person is
-    laid down, on a side drawn by the seed, and moves as if standing. wander_px, offset_px: standard deviations of what
-    a detector is off by for `WANDERS` s on end, and for ever (a place of its own for each landmark of a view). depth:
-    what measures the depth of each landmark; None: nothing does.
-    """
-
-    noise_px: float = 2.0
-    missing: float = 0.0
-    outliers: float = 0.0
-    fps: float = 60.0
-    swaps: float = 0.0
-    duplicates: int = 1
-    camera_roll: float = 0.0
-    camera_pitch: float = 0.0
-    lying: bool = False
-    wander_px: float = 0.0
-    offset_px: float = 0.0
-    depth: DepthSensor | None = None
-
-
-def step_for(clip_fps: float, fps: float) -> int:
-    """Every which frame of a clip is used to come near `fps`; all of one that has no more."""
-    return max(1, round(clip_fps / fps))
-
-
-def rate_of(file: Path, fps: float) -> float:
-    """Hz at which a clip's frames are used when `fps` are asked for."""
-    own = float(_arrays(file)["fps"])
-    return own / step_for(own, fps)
-
-
-def view_of(clip: Clip, layout: Layout, skeleton: Skeleton, condition: Condition, view: int, seed: int) -> View:
-    """Render one view: a camera that faces the clip's middle, 3-4 m away, f 1000-1400 px, by a seeded draw per view."""
-    random = np.random.default_rng([seed, view, *clip.name.encode()])
-    step = step_for(clip.fps, condition.fps)
-    centre = 0.5 * (clip.position("pelvis").min(0) + clip.position("pelvis").max(0))
-    focal, distance = random.uniform(1000, 1400), random.uniform(3.0, 4.0)
-    yaw = random.uniform(-np.pi, np.pi)
-    R = Rotation.from_euler("y", yaw).as_matrix()
-    flip = np.diag([1.0, -1.0, -1.0])
-    pitch = Rotation.from_euler("x", condition.camera_pitch + random.uniform(-0.15, 0.15)).as_matrix()
-    # By scipy's angles, not the tracker's `levelling`, which this is to measure.
-    mount = Rotation.from_euler("z", -condition.camera_roll).as_matrix() @ pitch
-    spread = np.linalg.norm((clip.position("pelvis") - centre)[:, [0, 2]], axis=1).max()
-    camera = np.array([0, 0, distance + spread])
-    if condition.lying:
-        R = R @ Rotation.from_euler("xy", [np.pi / 2, random.uniform(-np.pi, np.pi)]).as_matrix()
-
-    def to_camera(points: np.ndarray) -> np.ndarray:
-        return ((points - centre) @ R.T) @ (mount @ flip).T + camera
-
-    frames = slice(None, None, step)
-    truth = to_camera(np.stack([clip.position(name)[frames] for name in EVALUATED], axis=1))
-    root = to_camera(clip.position("pelvis")[frames])
-    points = to_camera(landmark_positions(clip, layout, skeleton)[frames])
-    centre_px = np.array([640.0, 360.0])
-    exact = points[..., :2] / points[..., 2:] * focal + centre_px
-    pixels = exact + random.normal(size=exact.shape) * condition.noise_px
-    own = np.random.default_rng([seed, view, 5, *clip.name.encode()])  # so that all else stays as it was drawn
-    pixels += _lasting(exact.shape, clip.fps / step, condition, own)
-    confidence = np.ones(exact.shape[:2])
-    _spoil(pixels, confidence, condition, random)
-    if condition.swaps > 0:
-        swap_sides(pixels, confidence, layout.names, condition.swaps, random)
-    detected = np.arange(len(pixels)) // condition.duplicates * condition.duplicates
-    pixels, confidence = pixels[detected], confidence[detected]
-    depth = None
-    if condition.depth is not None:
-        sensor = np.random.default_rng([seed, view, 9, *clip.name.encode()])
-        depth = condition.depth.measured(points[..., 2], sensor)[detected]
-    return View(clip, clip.fps / step, focal, centre_px, truth, root, pixels, confidence, depth)
-
-
-WANDERS = 0.1
-"""s: after this, a detector's wandering error has 1 / e of its correlation left; so on real recordings."""
-
-
-def _lasting(shape: tuple[int, ...], fps: float, condition: Condition, random: np.random.Generator) -> np.ndarray:
-    """px (f, l, 2): errors that last, a first-order Gauss-Markov process and an offset, of the condition's sizes."""
-    offset = condition.offset_px * random.normal(size=shape[1:])
-    wander = condition.wander_px * random.normal(size=shape)
-    kept = np.exp(-1 / (fps * WANDERS))
-    wander[1:] *= np.sqrt(1 - kept**2)
-    return np.asarray(offset + lfilter([1.0], [1.0, -kept], wander, axis=0))
-
-
-SWAPPED = (("hip", "knee", "ankle"), ("knee", "ankle"), ("shoulder", "elbow", "wrist"), ("elbow", "wrist"))
-"""What a detector takes for the other side's together."""
-LONGEST_SWAP = 12
-"""frames: swaps last 1 to this many."""
-
-
-def swap_sides(
-    pixels: np.ndarray, confidence: np.ndarray, names: Sequence[str], share: float, random: np.random.Generator
-) -> None:
-    """Change left and right of one of `SWAPPED` in each burst, in place, in a share of the frames; pixels (f, l, 2)."""
-    frames = len(pixels)
-    untouched = np.arange(frames) > 0  # the first frame stays
-    left = min(round(share * frames), frames - 1)
-    while left > 0:
-        limb, start = SWAPPED[random.integers(len(SWAPPED))], random.integers(1, frames)
-        length = random.integers(1, LONGEST_SWAP + 1)
-        burst = start + np.flatnonzero(untouched[start : start + length])[:left]
-        one, other = ([names.index(f"{side}_{joint}") for joint in limb] for side in ("left", "right"))
-        for values in (pixels, confidence):
-            values[burst[:, None], one + other] = values[burst[:, None], other + one]
-        untouched[burst] = False
-        left -= len(burst)
-
-
 def landmark_positions(clip: Clip, layout: Layout, skeleton: Skeleton) -> np.ndarray:
-    """(f, l, 3) world: the clip's own joints; face, feet and hands as the layout's offsets on the clip's segments."""
+    """(f, l, 3) m, world: the clip's joints; face, feet and hands by the layout's offsets on the clip's segments."""
     result = np.empty((len(clip.standard), len(layout.names), 3))
     standard = {smpl: name for name, smpl in SMPL_NAME.items()}
     for i, joint in enumerate(layout.joints):
@@ -384,31 +246,13 @@ def landmark_positions(clip: Clip, layout: Layout, skeleton: Skeleton) -> np.nda
         elif name == "spine2":
             base = clip.position("spine")
         else:
-            raise SystemExit(f"the clips have no place for landmark '{layout.names[i]}' on joint '{name}'")
+            raise SystemExit(f"the clips have no position for landmark '{layout.names[i]}' on joint '{name}'")
         result[:, i] = base + clip.orientations[:, joint] @ layout.offsets[i]
     return result
 
 
-def _spoil(pixels: np.ndarray, confidence: np.ndarray, condition: Condition, random: np.random.Generator) -> None:
-    """Bursts of 5-30 missing frames per landmark, and single wrong points 30-150 px away at full confidence.
-
-    The last burst ends where the share is reached: a whole one more makes 24 % of 10 % in a clip of 82 frames.
-    """
-    frames, landmarks = confidence.shape
-    for landmark in range(landmarks):
-        left = round(condition.missing * frames)
-        while left > 0:
-            start, length = random.integers(0, frames), random.integers(5, 31)
-            burst = start + np.flatnonzero(confidence[start : start + length, landmark])[:left]
-            confidence[burst, landmark] = 0
-            left -= len(burst)
-    wrong = random.random((frames, landmarks)) < condition.outliers
-    angle, size = random.uniform(0, 2 * np.pi, wrong.sum()), random.uniform(30, 150, wrong.sum())
-    pixels[wrong] += np.stack([np.cos(angle), np.sin(angle)], axis=-1) * size[:, None]
-
-
 def true_state(clip: Clip, kinematics: Kinematics) -> BodyState:
-    """(f, 24, 3, 3) local rotations in SMPL's tree and the pelvis, world frame: for learning, never for tracking."""
+    """(f, 24, 3, 3) local rotations in SMPL's tree, and the pelvis, world frame. For learning, never for tracking."""
     parents = kinematics.skeleton.parents
     local = clip.orientations.copy()
     for joint in range(1, 24):

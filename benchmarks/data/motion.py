@@ -1,6 +1,6 @@
-"""Real motion, for measuring time: the clips' joint rotations on any skeleton, seen by a camera.
+"""Real motion for time measurements: the clips' joint rotations on any skeleton, seen by a camera.
 
-Without the shared clips, the project's own synthetic motion takes their place; `Motion.source` says which it was.
+Without the shared clips, the project's own synthetic motion is used; `Motion.source` names the source.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Motion:
 
 
 def load_motion(folder: Path, frames: int) -> Motion:
-    """`frames` frames of `CLIPS` in `folder`, or of synthetic motion when they are not there."""
+    """`frames` frames of `CLIPS` in `folder`, or of synthetic motion if they do not exist."""
     skeleton = Skeleton.load("anthropometric", HEIGHT)
     files = [folder / f"{name}.npz" for name in CLIPS]
     if not all(file.is_file() for file in files):
@@ -49,7 +49,7 @@ def load_motion(folder: Path, frames: int) -> Motion:
 
 
 def _in_camera(file: Path) -> BodyState:
-    """A clip's state, the camera level with the middle of its path and 3.5 m before it."""
+    """A clip's state, with the camera at the height of its path's middle and 3.5 m in front of it."""
     clip = load_clip(file)
     skeleton = clip_skeleton(clip, generic=False)
     state = true_state(clip, Kinematics(skeleton, Layout.load("coco17", skeleton)))
@@ -62,7 +62,7 @@ def _in_camera(file: Path) -> BodyState:
 
 
 def on_skeleton(motion: Motion, skeleton: Skeleton) -> BodyState:
-    """The motion on a skeleton with further joints; those the clips do not have (fingers) curl to and fro."""
+    """The motion on a skeleton with more joints; joints that the clips lack (fingers) bend periodically."""
     known = Skeleton.load("anthropometric", HEIGHT).joint_names
     frames = len(motion.state.translation)
     curl = np.zeros((frames, 3))
@@ -75,7 +75,7 @@ def on_skeleton(motion: Motion, skeleton: Skeleton) -> BodyState:
 
 
 def observe(state: BodyState, kinematics: Kinematics, noise_px: float = 2.0, seed: int = 0) -> list[Observation]:
-    """What a detector sees of it, at 60 Hz."""
+    """The keypoints of a detector, at 60 Hz."""
     points = project(kinematics.pose(state).landmarks)
     points = points + np.random.default_rng(seed).normal(size=points.shape) * noise_px / FOCAL
     confidence = np.ones(points.shape[1])

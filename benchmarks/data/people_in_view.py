@@ -1,4 +1,4 @@
-"""Keypoints of several people for as long as one likes: our own motion, seen by a detector with its faults."""
+"""Keypoints of several people, for any duration: the synthetic motion, seen by a detector with errors."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lassokin_ros.demo.synthetic import Detector, detections, exact_pixels, moti
 
 HEIGHT, LANDMARKS = 1.75, "coco17"
 APART_M, LATER_S = 0.8, 3.1
-"""People stand this far from one another, and do the same this much later."""
+"""Distance between neighbouring people, m, and delay of the motion from one person to the next, s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +25,7 @@ class View:
 
 
 def view(first: int, count: int, hz: float, people: int, detector: Detector = Detector()) -> View:
-    """Frames `first` to `first + count` of a motion without end; the same call gives the same numbers."""
+    """Frames `first` to `first + count` of an endless motion. The same call gives the same numbers."""
     skeleton = Skeleton.load("anthropometric", HEIGHT)
     kinematics = Kinematics(skeleton, Layout.load(LANDMARKS, skeleton))
     pixels, confidence = [], []

@@ -1,13 +1,13 @@
 """Other methods on the same inputs, for comparison.
 
-All begin with the shipped tracker's automatic initialisation, and again where they have left the person for behind the
-camera or out of sight. Their own constants (below) were chosen on the training
-clips of benchmarks/learn_prior.py at 60 Hz and 2 px, each the best of a coarse grid by median MPJPE.
+All start with the shipped tracker's automatic initialisation, and initialise again if the person is behind the camera
+or outside the image. Their own constants (below) were chosen on the training clips of benchmarks/learn_prior.py at 60
+Hz and 2 px, each the best of a coarse grid by median MPJPE.
 
-- plain: the paper's plain lasso, closed loop, one uniform alpha, every landmark weighted alike, no prior.
-- ridge: the shipped pipeline with sum rho alpha_k^2 Omega_k^2 / 2 in place of sum alpha_k |Omega_k|.
-- fresh: the shipped tracker, reset before every frame: first-frame fits alone.
-- dls: damped least squares, the usual inverse kinematics of robots, one step a frame.
+- plain: the paper's plain lasso, closed loop, one alpha, all landmarks weighted equally, no prior.
+- ridge: the shipped pipeline with sum rho alpha_k^2 Omega_k^2 / 2 instead of sum alpha_k |Omega_k|.
+- fresh: the shipped tracker, reset before every frame: fits of a first frame only.
+- dls: damped least squares, the usual inverse kinematics of robots, one step per frame.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from lassokin_ros.core.body.rotations import orthonormalised
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Estimate
-from lassokin_ros.core.image.observation_model import Linearisation, linearise
 from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.image.stacked_model import Linearisation, linearise
 from lassokin_ros.core.lasso.certificate import Certificate
 from lassokin_ros.core.lasso.problem import Lasso, eliminate_translation
 from lassokin_ros.core.lasso.solver import LassoSolution, LassoSolver
@@ -37,7 +37,7 @@ DLS_STEPS = 1
 
 
 class ImageOnly:
-    """A follower that knows nothing but the image: closed loop, no prior; subclasses say how a step is solved."""
+    """A method that uses the image only: closed loop, no prior. Subclasses define the solution of a step."""
 
     steps = 1
 
@@ -49,7 +49,7 @@ class ImageOnly:
         self._state: BodyState | None = None
 
     def track(self, observation: Observation) -> Estimate:
-        """Use one observation; the first usable one is the shipped tracker's."""
+        """Use one observation. The first usable one is processed by the shipped tracker."""
         if self._state is None:
             estimate = self._starter.track(observation)
             self._state = estimate.state if estimate.accepted else None
@@ -92,7 +92,7 @@ class ImageOnly:
         return np.where(visible, observation.focal / self._config.noise_px, 0.0)
 
     def step(self, model: Linearisation) -> tuple[np.ndarray, np.ndarray]:
-        """(Omega of the live degrees of freedom, x)."""
+        """Return (Omega of the live degrees of freedom, x)."""
         raise NotImplementedError
 
 
@@ -128,10 +128,15 @@ class DampedLeastSquares(ImageOnly):
 
 
 class RidgeSolver:
-    """Takes the place of LassoSolver: 1/2 ||z - B x - A Omega||^2 + rho/2 sum (alpha_k Omega_k)^2."""
+    """Replaces LassoSolver: minimises 1/2
+
+    z - B x - A Omega
+
+    ^2 + rho/2 sum (alpha_k Omega_k)^2.
+    """
 
     def solve(self, problem: Lasso, guess: np.ndarray | None = None) -> LassoSolution:
-        """The minimiser; its certificate's residuals are those of the ridge's own stationarity, in units of alpha."""
+        """The minimiser. The residuals of its certificate are those of the ridge's stationarity, in units of alpha."""
         reduced = eliminate_translation(problem)
         penalty = RIDGE_WEIGHT * problem.alpha**2
         omega = np.linalg.solve(reduced.H + np.diag(penalty), reduced.g)
@@ -145,7 +150,7 @@ class RidgeSolver:
 
 
 class RidgeTracker(Tracker):
-    """The shipped tracker with the l1 term replaced by a quadratic one of the same per-degree-of-freedom shape."""
+    """The shipped tracker with a quadratic term instead of the l1 term, with the same weights per degree of freedom."""
 
     def __init__(self, config: TrackerConfig, skeleton: Skeleton) -> None:
         super().__init__(config, skeleton)
@@ -153,7 +158,7 @@ class RidgeTracker(Tracker):
 
 
 class Fresh:
-    """The shipped tracker without memory: nothing is kept from one frame to the next."""
+    """The shipped tracker without memory: no state is kept from one frame to the next."""
 
     def __init__(self, config: TrackerConfig, skeleton: Skeleton) -> None:
         self._tracker = Tracker(config, skeleton)

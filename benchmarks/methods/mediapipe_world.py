@@ -1,9 +1,9 @@
-"""MediaPipe's own 3D: its world landmarks, scaled to the person's height and turned to the viewing ray.
+"""MediaPipe's own 3D: its world landmarks, scaled to the person's height and rotated to the viewing ray.
 
-MediaPipe gives each frame's landmarks in m about the middle of the hips, in axes of its own: z along the line of sight
-to the person. The least turn that takes z to the ray of the hips brings them into the camera frame. One factor for the
-whole recording gives the limbs and the trunk the length that a person of that height has. The translation is the
-one that fits the frame's keypoints best.
+MediaPipe gives the landmarks of each frame in m relative to the middle of the hips, in its own axes: z along the line
+of sight to the person. The smallest rotation from z to the ray of the hips transforms them to the camera frame. One
+factor for the whole recording scales the limbs and the trunk to the lengths of a person of the given height. The
+translation is the one that fits the frame's keypoints best.
 """
 
 from __future__ import annotations

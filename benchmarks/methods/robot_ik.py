@@ -1,9 +1,9 @@
-"""Robot inverse kinematics on the same body, through pinocchio: what one would use without this package.
+"""Robot inverse kinematics on the same body, with pinocchio: the usual tools without this package.
 
-The body is the URDF that the node publishes, 75 revolute and prismatic joints. Two peers:
-- pink (differential inverse kinematics as a QP): one position task per landmark, a light posture task. It knows no
-  cameras, so it is given the landmarks' true places in 3D: an easier task than ours.
-- damped least squares on the image, one step a frame, with pinocchio's Jacobians.
+The body is the URDF that the node publishes, 75 revolute and prismatic joints. There are two methods:
+- pink (differential inverse kinematics as a QP): one position task per landmark, a light posture task. It has no
+  camera model, so its input are the landmarks' true positions in 3D: an easier task.
+- damped least squares on the image, one step per frame, with pinocchio's Jacobians.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class _Robot:
 
 
 class PinkTracker:
-    """One pink step a frame towards the landmarks' places in 3D."""
+    """One pink step per frame towards the positions of the landmarks in 3D."""
 
     def __init__(self, kinematics: Kinematics, start: BodyState, solver: str) -> None:
         import pink

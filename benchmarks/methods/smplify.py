@@ -1,9 +1,9 @@
 """A SMPLify-like fit, offline: windows of frames at once, by scipy.optimize.least_squares with analytic Jacobians.
 
-After Bogo et al., Keep it SMPL (ECCV 2016), as far as a skeleton goes: robust reprojection error, the shipped pose
-prior, and smoothness over time (second differences of the landmarks in 3D). Every frame starts from a fit of that
-frame alone, itself started from the frame before; the first from the shipped automatic initialisation. It sees the
-future and is slow: a bound on what this prior can give, not a tracker.
+After Bogo et al., Keep it SMPL (ECCV 2016), without the body mesh: robust reprojection error, the shipped pose prior,
+and smoothness over time (second differences of the landmarks in 3D). Every frame starts from a fit of that frame alone,
+which starts from the previous frame; the first one starts from the shipped automatic initialisation. The method uses
+later frames and is slow: it shows what this prior can achieve, and is no tracker.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from lassokin_ros.core.body.rotations import exponential, logarithm, right_jacob
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
-from lassokin_ros.core.image.observation_model import linearise
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.robust_loss import THRESHOLD, huber_weights
+from lassokin_ros.core.image.stacked_model import linearise
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
 
@@ -67,7 +67,7 @@ def _first(starter: Tracker, observations: Sequence[Observation]) -> tuple[int, 
 
 
 def _nobody(kinematics: Kinematics, count: int, taken_ms: float) -> Track:
-    """Of a clip in which no frame can be initialised: a record as of any other method, not the end of all runs."""
+    """The record of a clip in which no frame can be initialised, as other methods have it; it does not end all runs."""
     joints, landmarks = kinematics.skeleton.joint_count, len(kinematics.layout.names)
     positions, points = np.full((count, joints, 3), np.nan), np.full((count, landmarks, 3), np.nan)
     frame_ms = np.full(count, taken_ms / count)
@@ -93,7 +93,9 @@ def _track(
 
 
 class WindowFit:
-    """The least-squares problem of a window; per frame, unknowns are the root's turn, joints' vectors, translation."""
+    """The least-squares problem of a window. Unknowns per frame: the root's rotation, the joints' vectors, the
+    translation.
+    """
 
     def __init__(self, kinematics: Kinematics, config: TrackerConfig, smooth: float = SMOOTH) -> None:
         """smooth: m, standard deviation of a landmark's second difference from frame to frame."""
@@ -104,14 +106,14 @@ class WindowFit:
         self._size = 3 * len(self._joints) + 3
 
     def data(self, observation: Observation) -> tuple[np.ndarray, np.ndarray]:
-        """(points with missing ones at 0, weights 1 / standard deviation)."""
+        """(points, with missing ones at 0; weights, 1 / standard deviation)."""
         visible = np.all(np.isfinite(observation.points), axis=-1)
         visible &= observation.confidence >= max(self._config.min_confidence, 1e-9)
         deviation = self._config.noise_px / observation.focal * self.kinematics.layout.noise
         return np.where(visible[:, None], observation.points, 0.0), np.where(visible, 1 / deviation, 0.0)
 
     def frame_by_frame(self, state: BodyState, observations: Sequence[Observation]) -> BodyState:
-        """Damped Gauss-Newton on each frame alone, started from the frame before."""
+        """Damped Gauss-Newton on each frame alone, started from the previous frame."""
         kinematics, rotations, translation = self.kinematics, [], []
         size = 3 * kinematics.joint_count
         for observation in observations:
@@ -130,7 +132,7 @@ class WindowFit:
         return BodyState(np.array(rotations), np.array(translation))
 
     def solve(self, start: BodyState, observations: Sequence[Observation]) -> BodyState:
-        """All frames of a window at once."""
+        """Fit all frames of a window together."""
         points, weights = (np.array(part) for part in zip(*(self.data(o) for o in observations)))
         vectors = logarithm(start.rotations[:, self._joints])
         vectors[:, 0] = 0

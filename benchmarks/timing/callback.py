@@ -1,8 +1,8 @@
 """The node's callback on real messages, and its stages: decode, undistort, track, angles, encode, publish.
 
-With rclpy the real node's own callback is called, with real publishers on real DDS: with nobody listening, with a
-subscription on every output that a recording holds, and with one on those for the eye too. Without rclpy the messages
-are rosbags' and are serialised in place of being published.
+With rclpy the callback of the real node is called, with real publishers on real DDS: without subscribers, with a
+subscription on every output of a recording, and with subscriptions on the live visualisation too. Without rclpy the
+messages are those of rosbags and are serialised instead of published.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ AUDIENCES = {
     "all outputs of a recording subscribed": topics.FRAME_OUTPUTS,
     "all outputs subscribed, those for the eye too": OUTPUTS,
 }
-"""Who listens -> to which outputs."""
+"""Name of an audience -> outputs with a subscriber."""
 
 
 def measure_callback(observations: Sequence[Observation], distorted: bool = False) -> tuple[str, list[Record]]:
@@ -62,7 +62,7 @@ def measure_callback(observations: Sequence[Observation], distorted: bool = Fals
 
 @contextmanager
 def _nodes() -> Iterator[list[Any]]:
-    """A tracker for each of AUDIENCES, with a subscription on each output that it names."""
+    """A tracker node for each of AUDIENCES, with a subscription on each output in it."""
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ.setdefault("ROS_DOMAIN_ID", str(30 + os.getpid() % 60))
     import rclpy
@@ -120,7 +120,7 @@ def _stages(
     pipeline.set_camera(info)
     for on_camera_info, *_ in callbacks.values():
         on_camera_info(info)
-    ready = bool(callbacks)  # as the node has them
+    ready = bool(callbacks)  # as in the node
     messages = FrameMessages(backend, pipeline.tracker.skeleton, ready_made=ready)
     adapter = keypoint_adapter("sensor_msgs/PointCloud2")
     lens = pipeline.camera.view.lens

@@ -1,7 +1,7 @@
-"""The frame's lasso in every form that it can be written in, and the solvers that take it.
+"""The frame's lasso in all its formulations, with the solvers for each.
 
-Each function gives (Omega, x) from a Lasso and times everything that it needs from there. Solvers are asked for
-`TOLERANCE` where they can be told; none is believed, benchmarks/solvers.py certifies what they give.
+Each function computes (Omega, x) from a Lasso; the measured time includes all that it needs. Solvers are called with
+`TOLERANCE` if they have a tolerance. No answer is trusted: benchmarks/solvers.py certifies each one.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from lassokin_ros.core.lasso.solver import LassoSolver
 Answer = tuple[np.ndarray, np.ndarray]
 Method = Callable[[Recorded], Answer]
 TOLERANCE = 1e-10
-"""What the peers are asked for; benchmarks/solvers.py --tolerance sets it. The default path has its own."""
+"""Tolerance of the other solvers, set by benchmarks/solvers.py --tolerance. The default path has its own."""
 _dense = proxsuite.proxqp.dense
 
 
 def methods() -> dict[str, Method]:
-    """All methods by name; the first is the default. What is not installed is left out."""
+    """All methods by name; the first is the default. Solvers that are not installed are left out."""
     peers = [name for name in ("daqp", "quadprog", "piqp", "osqp", "clarabel") if name in qpsolvers.available_solvers]
     result: dict[str, Method] = {
         "default (proxqp)": by_lasso_solver("proxqp"),
@@ -47,12 +47,12 @@ def methods() -> dict[str, Method]:
 
 
 def by_lasso_solver(name: str, guess: bool = False) -> Method:
-    """The product's own path with the QP solver `name`: dual, mended on the support, certified; objects kept."""
+    """The package's own path with the QP solver `name`: dual, active set, certificate; objects are reused."""
     solver = LassoSolver(name)
 
     def solve(recorded: Recorded) -> Answer:
         solution = solver.solve(recorded.problem, recorded.guess if guess else None)
-        solution.certificate  # computed when asked for, as the tracker does for every answer
+        solution.certificate  # computed on request, as the tracker requests it for every answer
         return solution.omega, solution.x
 
     return solve
@@ -61,7 +61,7 @@ def by_lasso_solver(name: str, guess: bool = False) -> Method:
 def primal_split(all_columns: bool) -> Method:
     """Omega = p - n, p >= 0, n >= 0; ProxQP, a new object, box constraints.
 
-    all_columns: with all degrees of freedom, as one would first write it, also those that move nothing that is seen.
+    all_columns: with all degrees of freedom, as in a first implementation, including those that move no landmark.
     """
 
     def solve(recorded: Recorded) -> Answer:
@@ -126,7 +126,7 @@ class Dual:
     problem: Lasso
 
     def answer(self, multipliers: np.ndarray) -> Answer:
-        """Back to (Omega, x)."""
+        """Convert back to (Omega, x)."""
         omega = multipliers * self.factor
         return omega, self.Y @ (self.problem.z - self.problem.A @ omega)
 
@@ -149,7 +149,7 @@ def dual_of(p: Lasso) -> Dual:
 
 
 def dual_by_proxqp(recorded: Recorded) -> Answer:
-    """The default's dual by a new ProxQP object, without mending."""
+    """The default's dual by a new ProxQP object, without the active-set solution."""
     dual = dual_of(recorded.problem)
     qp = _dense.QP(len(dual.g), 0, len(dual.bound))
     _dual_settings(qp)
@@ -178,7 +178,9 @@ def _options(name: str) -> dict[str, Any]:
 
 
 def dual_by_qpsolvers(name: str) -> Method:
-    """The default dual by a solver of qpsolvers, whose form doubles the two-sided rows; without the active-set step."""
+    """The default's dual by a solver of qpsolvers, whose form doubles the two-sided rows; without the active-set
+    solution.
+    """
 
     def solve(recorded: Recorded) -> Answer:
         dual = dual_of(recorded.problem)
@@ -195,7 +197,7 @@ def dual_by_qpsolvers(name: str) -> Method:
 
 
 class DualByDaqp:
-    """The default's dual by DAQP's own interface (two-sided rows), without mending."""
+    """The default's dual by DAQP's own interface (two-sided rows), without the active-set solution."""
 
     def __init__(self) -> None:
         import daqp
@@ -214,7 +216,7 @@ class DualByDaqp:
 class ByScikitLearn:
     """Coordinate descent on the projected lasso with columns divided by alpha, started from the tracker's guess.
 
-    With the Gram matrix where there are more rows than columns: the same answers, in two thirds of the time.
+    The Gram matrix is used if there are more rows than columns: the same answers in two thirds of the time.
     """
 
     def __init__(self) -> None:

@@ -1,4 +1,4 @@
-"""The real process `tracker` under load on real DDS: fed at a steady pace, its answers timed, its figures kept."""
+"""The real process `tracker` under load on real DDS: fed at a constant rate, its latencies and figures measured."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.common.report import Record
 from benchmarks.data.people_in_view import HEIGHT, LANDMARKS, view
 from benchmarks.timing.load_table import latency_rows, row, usage_rows
-from benchmarks.timing.processes import Usage
+from benchmarks.timing.processes import Limits, Usage
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.demo.synthetic import WEBCAM
@@ -31,19 +31,24 @@ from msg_adapters.inputs import camera_info
 NAMESPACE, FRAME_ID = "/soak", "camera_optical_frame"
 CYCLE_S, WARM_UP_S, DEADLINE_S = 24.0, 5.0, 30.0
 DETECTION_S = 0.01
-"""By how much keypoints come after their image's camera_info, or a third of the time between two images."""
+"""Delay of keypoints after the camera_info of their image; at most a third of the period."""
 STEPS = 500
 DEPTH_SIZE = 848, 480
 MOST_MEMORY_MB, MOST_CPU, MOST_CORE_CPU, PROMISED_PEOPLE, PROMISED_HZ = 150.0, 8.0, 4.0, 1, 30.0
 CPU, CORE_CPU = "process, % of a core", "of it the core's steps, % of a core"
 
 
-def soak_live(seconds: float, people: int, hz: float, clock_hz: float = 0.0, depth: bool = False) -> list[Record]:
-    """Rows of the table of benchmarks/soak.py; clock_hz: 0 for the system's time. depth: with depth images."""
+def soak_live(
+    seconds: float, people: int, hz: float, clock_hz: float = 0.0, depth: bool = False, limits: Limits = Limits()
+) -> list[Record]:
+    """Rows of the table of benchmarks/soak.py.
+
+    clock_hz: 0 for the system's time. depth: with depth images. limits: of the node's process.
+    """
     messages = _messages(people, hz)
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ.setdefault("ROS_DOMAIN_ID", str(30 + os.getpid() % 60))
-    with Load(people, clock_hz, depth) as load:
+    with Load(people, clock_hz, depth, limits) as load:
         load.feed(messages, hz, WARM_UP_S)
         before = load.counts()
         load.forget()
@@ -52,7 +57,7 @@ def soak_live(seconds: float, people: int, hz: float, clock_hz: float = 0.0, dep
         end, spent = load.usage(), time.monotonic() - started
         counts = {key: number - before.get(key, 0) for key, number in load.counts().items()}
         latencies = np.array(load.latencies_ms)
-        exit_code, said = load.end()
+        exit_code, stderr = load.end()
     lost = sent - counts["received"] - counts[LOST]
     return [
         *usage_rows(begin, end),
@@ -62,12 +67,12 @@ def soak_live(seconds: float, people: int, hz: float, clock_hz: float = 0.0, dep
         *(row(f"messages {key}", "", number) for key, number in counts.items() if number),
         row("messages neither received nor counted", "", lost, lost == 0),
         row("messages answered for everybody", "", len(latencies)),
-        row("exit code at SIGINT, lines said", "", f"{exit_code}, {len(said)}", exit_code == 0),
+        row("exit code at SIGINT, lines on stderr", "", f"{exit_code}, {len(stderr)}", exit_code == 0),
     ]
 
 
 def _promises(people: int, hz: float, memory_mb: float, cpu: float, depth: bool) -> list[Record]:
-    """Memory and processor time; their bounds are promised for one person at 30 Hz without depth images."""
+    """Rows for memory and processor time. Their limits hold for one person at 30 Hz without depth images."""
     core = _core_share(people, hz)
     if people > PROMISED_PEOPLE or hz > PROMISED_HZ or depth:
         return [row(CPU, "", f"{cpu:.1f}"), row(CORE_CPU, "", f"{core:.1f}")]
@@ -79,7 +84,7 @@ def _promises(people: int, hz: float, memory_mb: float, cpu: float, depth: bool)
 
 
 def _core_share(people: int, hz: float) -> float:
-    """% of a core that the core's steps alone take for these people: processor time of a message, times those per s."""
+    """Share of a processor core for the tracker's steps alone, %: processor time per message, times the rate."""
     config = TrackerConfig(height=HEIGHT, landmarks=LANDMARKS)
     bodies = {f"p{person}": TrackedPerson(config) for person in range(people)}
     lens, times, seen = WEBCAM.lens, [], view(0, STEPS, hz, people)
@@ -92,7 +97,7 @@ def _core_share(people: int, hz: float) -> float:
 
 
 def _messages(people: int, hz: float) -> list[bytes]:
-    """A cycle of serialised keypoint messages; their stamps are written when they are sent."""
+    """A cycle of serialised keypoint messages; the stamps are written when they are sent."""
     from rclpy.serialization import serialize_message
     from sensor_msgs.msg import PointCloud2, PointField
     from std_msgs.msg import Header
@@ -115,7 +120,7 @@ def _messages(people: int, hz: float) -> list[bytes]:
 
 
 def _depth_image() -> bytearray:
-    """A serialised depth image, as large as a depth camera's: a wall with a person's distance."""
+    """A serialised depth image of a depth camera's size: a wall at a person's distance."""
     from rclpy.serialization import serialize_message
     from sensor_msgs.msg import Image
     from std_msgs.msg import Header
@@ -130,13 +135,13 @@ def _depth_image() -> bytearray:
 class Load:
     """The node as a child process and a peer in this one. Use it in a `with` statement."""
 
-    def __init__(self, people: int, clock_hz: float = 0.0, depth: bool = False) -> None:
-        self._people, self._clock_hz, self._depth = people, clock_hz, depth
+    def __init__(self, people: int, clock_hz: float = 0.0, depth: bool = False, limits: Limits = Limits()) -> None:
+        self._people, self._clock_hz, self._depth, self._limits = people, clock_hz, depth, limits
         self._arrived: dict[int, int] = {}
         self._status: dict[str, str] = {}
         self._statuses = 0
         self.latencies_ms: list[float] = []
-        """From the sending of each message to the last person's joint states."""
+        """Latency from the sending of each message to the last person's joint states."""
 
     def __enter__(self) -> Load:
         import rclpy
@@ -151,7 +156,7 @@ class Load:
         if self._clock_hz:
             arguments += ["-p", "use_sim_time:=true", "-r", "/clock:=clock"]
         command = [sys.executable, "-m", "lassokin_ros.node.command", "--ros-args", *arguments]
-        self._process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        self._process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, preexec_fn=self._limits.apply)
         rclpy.init()
         self._node = rclpy.create_node("load", namespace=NAMESPACE)
         self._executor = SingleThreadedExecutor()
@@ -183,7 +188,7 @@ class Load:
             self._statuses += 1
 
     def feed(self, messages: list[bytes], hz: float, seconds: float) -> int:
-        """Publish keypoints and camera_info at a steady pace, from a thread of its own; the number sent."""
+        """Publish keypoints and camera_info at a constant rate from a thread; return the number sent."""
         count, sent = round(seconds * hz), 0
         image = _depth_image() if self._depth else bytearray()
         progress = Progress(count, "messages")
@@ -193,7 +198,7 @@ class Load:
             due = time.monotonic()
             for number in range(count):
                 time.sleep(max(due - time.monotonic(), 0))
-                due = max(due + 1 / hz, time.monotonic())  # a sender that was held up does not make up for it
+                due = max(due + 1 / hz, time.monotonic())  # a delayed sender does not send the missed messages
                 self._camera.publish(self._camera_info)
                 time.sleep(min(DETECTION_S, 1 / (3 * hz)))
                 data, stamp = bytearray(messages[number % len(messages)]), divmod(time.time_ns(), 1_000_000_000)
@@ -227,7 +232,7 @@ class Load:
             time.sleep(max(due - time.monotonic(), 0))
 
     def counts(self) -> dict[str, int]:
-        """The node's counters, of diagnostics that began after now."""
+        """The node's counters in the first diagnostics after this call."""
         wanted = self._statuses + 2
         self._spin_until(lambda: self._statuses >= wanted, "the diagnostics")
         names = {key.removesuffix(" [messages]"): v for key, v in self._status.items() if key.endswith(" [messages]")}
@@ -240,14 +245,14 @@ class Load:
         self._arrived.clear()
 
     def usage(self) -> Usage:
-        """What the node's process takes now."""
+        """The present resources of the node's process."""
         return Usage.of(self._process.pid)
 
     def end(self) -> tuple[int, list[str]]:
         """Stop the node as a user would. Returns its exit code and stderr."""
         self._process.send_signal(signal.SIGINT)
-        said = self._process.communicate(timeout=DEADLINE_S)[1]
-        return self._process.returncode, said.splitlines()
+        stderr = self._process.communicate(timeout=DEADLINE_S)[1]
+        return self._process.returncode, stderr.splitlines()
 
     def __exit__(self, *_: object) -> None:
         import rclpy

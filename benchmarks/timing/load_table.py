@@ -8,7 +8,7 @@ from benchmarks.common.report import Record
 from benchmarks.timing.processes import Usage
 
 MOST_GROWTH_MB = 5.0
-"""MB: the most by which memory may grow."""
+"""Largest permitted growth of memory, MB."""
 
 
 def row(what: str, begin: object, end: object, holds: bool | None = None) -> Record:
@@ -22,17 +22,18 @@ def row(what: str, begin: object, end: object, holds: bool | None = None) -> Rec
 
 
 def usage_rows(begin: Usage, end: Usage) -> list[Record]:
-    """Memory, descriptors and threads, which must not grow."""
+    """Rows for memory, descriptors and threads, which must not grow."""
     grown = end.memory_mb - begin.memory_mb
     return [
         row("memory, MB", f"{begin.memory_mb:.1f}", f"{end.memory_mb:.1f}", grown < MOST_GROWTH_MB),
         row("file descriptors", begin.descriptors, end.descriptors, end.descriptors <= begin.descriptors),
         row("threads", begin.threads, end.threads, end.threads <= begin.threads),
+        row("address space, MB", f"{begin.address_space_mb:.0f}", f"{end.address_space_mb:.0f}"),
     ]
 
 
 def latency_rows(what: str, times_ms: np.ndarray) -> list[Record]:
-    """Percentiles of the first and the last tenth."""
+    """Rows for the percentiles of the first and the last tenth."""
     tenth = max(len(times_ms) // 10, 1)
     first, last = times_ms[:tenth], times_ms[-tenth:]
     return [

@@ -1,4 +1,4 @@
-"""Lassos as they come up while tracking: recorded from the tracker's own solver, not made up."""
+"""Lassos recorded from the tracker's own solver during tracking."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ KINDS = ("plain", "default")
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """One lasso as the tracker posed it: without the columns that are zero in every pose.
+    """One lasso as the tracker posed it, without the columns that are zero in every pose.
 
-    guess: what the tracker had for it (None: nothing); dead: number of columns left out. alpha is what was used, after
+    guess: the tracker's guess, or None; dead: number of columns left out. alpha contains the values used, after
     clamping.
     """
 
@@ -30,7 +30,7 @@ class Recorded:
     dead: int = 0
 
     def anew(self) -> Recorded:
-        """The same, without what an earlier solve has left in the problem (`Lasso.reduced`)."""
+        """The same problem without the cached results of an earlier solve (`Lasso.reduced`)."""
         return replace(self, problem=replace(self.problem))
 
     def with_dead_columns(self) -> Lasso:
@@ -41,7 +41,7 @@ class Recorded:
 
 
 class Recorder:
-    """Stands before a LassoSolver and keeps what passes."""
+    """A wrapper around a LassoSolver that keeps the problems."""
 
     def __init__(self, solver: LassoSolver, degrees_of_freedom: int) -> None:
         self._solver = solver
@@ -49,10 +49,10 @@ class Recorder:
         self.recorded: list[Recorded] = []
 
     def solve(self, problem: Lasso, guess: np.ndarray | None = None, **more: Any) -> LassoSolution:
-        """Solve, and keep the problem unless its answer is plainly 0."""
+        """Solve, and keep the problem unless its answer is obviously 0."""
         solution = self._solver.solve(problem, guess, **more)
         if solution.method != "zero":
-            # "K": columns stay what lies together, as the tracker posed it.
+            # "K": columns keep their memory layout
             copy = Lasso(problem.A.copy("K"), problem.B.copy("K"), problem.z.copy(), solution.alpha.copy())
             dead = self._degrees_of_freedom - len(copy.alpha)
             self.recorded.append(Recorded(copy, None if guess is None else guess.copy(), dead))
@@ -60,7 +60,7 @@ class Recorder:
 
 
 def record(kind: str, jobs: Sequence[Job], count: int) -> list[Recorded]:
-    """`count` lassos over the jobs' clips: the plain lasso's ("plain") or the shipped tracker's ("default")."""
+    """Record `count` lassos over the jobs' clips, of the plain lasso ("plain") or the shipped tracker ("default")."""
     problems: list[Recorded] = []
     share = -(-count // len(jobs))
     for job in jobs:

@@ -37,7 +37,7 @@ Observation = first_of("lassokin_ros.core.observation:Observation", "lassokin_ro
 
 
 class Side:
-    """The figures of this revision on given keypoints; each goes on where it stopped."""
+    """The figures of this revision on given keypoints. Each continues where it stopped."""
 
     def __init__(self, data: Any, body: str, layout: str) -> None:
         """data: arrays of benchmarks/against.py. body, layout: files of the skeleton with joints55."""
@@ -68,7 +68,7 @@ class Side:
         return [self.figures[figure](frame) for frame in range(begin, begin + count)]
 
     def _observation(self, points: np.ndarray, frame: int) -> Any:
-        """The frame's keypoints; at the end of the motion it begins again."""
+        """The keypoints of a frame. After the last frame, the motion starts again."""
         at = points[frame % len(points)]
         return Observation((frame + 1) / self._fps, at, np.ones(len(at)), self._focal)
 
@@ -105,7 +105,7 @@ class Side:
 
 
 def node_with(listened_to: bool, focal: float) -> tuple[Any, list[float]]:
-    """A node, with a subscription on each output or on none, and the list in which its tracker's steps are noted."""
+    """A node with a subscription on each output or on none, and the list of the times of its tracker's steps."""
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     import rclpy
     from rclpy.signals import SignalHandlerOptions
@@ -163,7 +163,7 @@ def main() -> None:
     """Arguments: file of arrays, skeleton file, layout file."""
     side = Side(np.load(sys.argv[1]), *sys.argv[2:4])
     answers = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)  # whatever else prints does not disturb the answers
+    os.dup2(2, 1)  # other output must not disturb the answers
     print(json.dumps(sorted(side.figures)), file=answers, flush=True)
     for line in sys.stdin:
         request = json.loads(line)

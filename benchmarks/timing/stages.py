@@ -1,4 +1,4 @@
-"""Where the time of one frame goes: the tracker's own calls, timed in place."""
+"""The time of each stage of a frame: the tracker's own calls, timed in place."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ STAGES = {
     "solve: eliminate the translation": "lasso.problem:eliminate_translation",
     "solve: QP": "lasso.dual:DualSolver.solve",
     "solve: predict the support": "lasso.solver:predicted",
-    "solve: mend on the support": "lasso.solver:mend",
+    "solve: active set": "lasso.solver:solve_active_set",
     "solve: certify": "lasso.solver:certify",
     "body hypotheses: a step": "hypotheses.body_hypotheses:BodyHypotheses.advance",
-    "body hypotheses: costs": "hypotheses.body_hypotheses:BodyHypotheses.weigh",
-    "body hypotheses: compare, renew": "hypotheses.body_hypotheses:BodyHypotheses.compete",
+    "body hypotheses: costs": "hypotheses.body_hypotheses:BodyHypotheses.compute_costs",
+    "body hypotheses: compare, renew": "hypotheses.body_hypotheses:BodyHypotheses.select",
     "limbs: a step": "hypotheses.limb_hypotheses:LimbHypotheses.advance",
     "limbs: exchange, renew": "hypotheses.limb_hypotheses:LimbHypotheses.exchange",
     "depth network": "evidence.depth_estimator:DepthEstimator.update",
     "network hypothesis": "hypotheses.network_hypothesis:NetworkHypothesis.better_state",
     "retract": "body.kinematics:BodyState.retract",
 }
-"""Stage -> module:function as it is looked up when called. One that a later version lacks is left out of the table."""
+"""Stage -> module:function, looked up at the call. Stages that a version lacks are left out of the table."""
 
 
 class Clock:
@@ -56,14 +56,14 @@ class Clock:
         return timed
 
     def take(self) -> tuple[float, float]:
-        """(seconds, calls) since the last time."""
+        """(seconds, calls) since the last request."""
         taken = self.seconds, self.calls
         self.seconds = self.calls = 0.0
         return taken
 
 
 def profile(tracker: Tracker, observations: Sequence[Observation], motion: Motion) -> list[Record]:
-    """Time per frame and calls per frame of every stage, over all frames but those that initialise."""
+    """Time and calls per frame of every stage, over all frames except those that initialise."""
     clocks = {stage: Clock() for stage in STAGES}
     restore = [entry for stage, place in STAGES.items() if (entry := _install(place, clocks[stage]))]
     samples: dict[str, list[tuple[float, float]]] = {stage: [] for stage in (*STAGES, "whole core step")}
@@ -90,7 +90,7 @@ def profile(tracker: Tracker, observations: Sequence[Observation], motion: Motio
 
 
 def _install(place: str, clock: Clock) -> tuple[Any, str, Any] | None:
-    """Put a clock around a function; (owner, name, original) to put it back, None when there is no such function."""
+    """Time a function. Returns (owner, name, original) to restore it, or None if there is no such function."""
     module, _, path = place.partition(":")
     try:
         owner: Any = import_module(f"{CORE}.{module}")
@@ -107,7 +107,7 @@ def _install(place: str, clock: Clock) -> tuple[Any, str, Any] | None:
 
 
 def percentiles(seconds: Sequence[float]) -> Record:
-    """p50, p95 and p99 in microseconds, and the number of samples, of wall times."""
+    """p50, p95 and p99 of wall times in microseconds, and the number of samples."""
     values = 1e6 * np.asarray(seconds, dtype=float)
     if len(values) == 0:
         return {"frames": 0, "p50_us": float("nan"), "p95_us": float("nan"), "p99_us": float("nan")}

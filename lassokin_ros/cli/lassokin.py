@@ -5,6 +5,7 @@ lassokin replay BAG               the tracker over a rosbag2 recording, without 
 lassokin tracker --ros-args ...   the ROS 2 node
 lassokin detector --ros-args ...  the ROS 2 node that turns images into keypoints
 lassokin camera --ros-args ...    the ROS 2 node that publishes a webcam or a video file
+lassokin viewer --ros-args ...    the ROS 2 node that shows the tracker's topics in the viewer Rerun
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ COMMANDS = {
     "tracker": ("lassokin_ros.node.command", "tracker"),
     "detector": ("lassokin_ros.detector.command", "main"),
     "camera": ("lassokin_ros.camera.command", "main"),
+    "viewer": ("lassokin_ros.viewer.command", "main"),
 }
 """Module and function of each sub-command. A module is imported when its sub-command is used."""
 

@@ -72,7 +72,7 @@ class AtomicFiles:
                 self._finish()
         finally:
             for part in self._parts.values():
-                with suppress(OSError):  # already renamed, or a read-only disk, which raises its own error
+                with suppress(OSError, ValueError):  # renamed already; or a name or disk that raised its own error
                     part.unlink()
 
     def _finish(self) -> None:

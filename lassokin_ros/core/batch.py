@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 
 class BatchedCall(NamedTuple):
-    """A call of a `shared` method of a tracker's part. The arguments are arrays or dataclasses of arrays."""
+    """A call of a `batched` method of a tracker's part. The arguments are arrays or dataclasses of arrays."""
 
     part: Any
     method: str
@@ -32,15 +32,15 @@ Steps = Generator[BatchedCall, Any, T]
 """A generator for `run_single` and `run_batched` that returns a T."""
 
 
-def shared(takes: Sequence[str], gives: Sequence[str]) -> Callable[[T], T]:
+def batched(reads: Sequence[str], writes: Sequence[str]) -> Callable[[T], T]:
     """Mark a method that can process several people at once; arrays then have a leading axis of people.
 
-    Its class has a static method `stack(several)` that returns a copy for several people. takes, gives: names of the
+    Its class has a static method `stack(several)` that returns a copy for several people. reads, writes: names of the
     per-person attributes that the method reads and sets.
     """
 
     def mark(method: T) -> T:
-        method.takes, method.gives = takes, gives  # type: ignore[attr-defined]
+        method.reads, method.writes = reads, writes  # type: ignore[attr-defined]
         return method
 
     return mark
@@ -115,10 +115,10 @@ def _done(works: Sequence[BatchedCall]) -> list[Any]:
 def _done_at_once(works: Sequence[BatchedCall]) -> list[Any]:
     parts, kind = [work.part for work in works], type(works[0].part)
     method, whole = getattr(kind, works[0].method), kind.stack(parts)
-    for name in method.takes:
+    for name in method.reads:
         setattr(whole, name, stack_values([getattr(part, name) for part in parts]))
     answer = method(whole, *map(stack_values, zip(*(work.arguments for work in works))))
-    for name in method.gives:
+    for name in method.writes:
         given = getattr(whole, name)
         for person, part in enumerate(parts):
             setattr(part, name, select_person(given, person))

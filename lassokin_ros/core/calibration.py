@@ -1,17 +1,19 @@
 """Calibration: learn the bone proportions during tracking. The height stays as given.
 
 The unknowns are about a dozen log-lengths, the same left and right (see `proportions`). Some tracked frames, spread
-over time, are kept. For each, the rows of image and prior are linearised in (pose, translation, log-lengths), and pose
+over time, are kept. For each, the rows of all evidence are linearised in (pose, translation, log-lengths), and pose
 and translation are eliminated (Schur complement), which leaves normal equations for the lengths. Their sum, a
-log-normal prior about the given skeleton and a row that fixes the stature are solved for the lengths. Kept frames are
+prior (`length_prior`) and a row that fixes the stature are solved for the lengths. Kept frames are
 relinearised in turn, one per call, at the present lengths. This is Gauss-Newton on all kept frames, distributed over
-time (Triggs et al., Bundle adjustment: a modern synthesis, 2000, sec. 6).
+time (Triggs et al., Bundle adjustment: a modern synthesis, 2000, sec. 6). One piece of work is itself divided into
+steps, which are distributed over the frames until the next piece, so that no frame takes much longer than the others.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Generator
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import blas, lapack
@@ -24,19 +26,15 @@ from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project, projection_jacobian
 from lassokin_ros.core.image.robust_loss import huber_cost, huber_weights, norm
+from lassokin_ros.core.length_prior import LengthPosterior, initial_spread, length_models, posterior
 from lassokin_ros.core.schedule import Schedule
 
-MODELS = (0.003, 0.05, 0.12)
-"""Standard deviation of a log-length about the given one if the given lengths are measured, good guesses, or those of
-another person. A measured skeleton thus stays unchanged until the images clearly contradict it."""
-ODDS = (0.3, 0.6, 0.1)
-"""Prior probability of each case. Treating a guess as measured costs more than the opposite error."""
 STATURE_SPREAD = 0.005
 """Standard deviation of the logarithm of the stature at rest."""
 LARGEST_STEP = 0.1
 """Largest change of a log-length in one update, so that the poses of the kept frames can follow."""
 FARTHEST = 0.3
-"""Largest log-length."""
+"""Largest difference of a log-length from the mean of its prior."""
 INFORMATION = 0.6
 """Factor on a kept frame's information, because the errors of the prior and of the tracks are not independent. For
 frames at shorter intervals than the last one of `KEEP`, it is reduced in proportion to the interval."""
@@ -46,9 +44,11 @@ enough frames are kept. All kept frames stay: dropping every other one would hal
 count as measured."""
 WORK = Schedule(0.02, 0.02, 0.13)
 """s between two pieces of work: keep one frame, or relinearise one."""
+STEPS = 4
+"""Steps of one piece of work: linearise and eliminate; rows of the volume; its determinants; update."""
 UPDATE = Schedule(0.2, 0.25, 1.0)
 """s between two updates of the skeleton."""
-SETTLED = 0.5
+SETTLED = 0.05
 """s after an initialisation before frames are kept."""
 DAMPING = 1e-3
 """1/rad^2, fixes unobservable degrees of freedom."""
@@ -94,6 +94,7 @@ class Calibration:
     def __init__(self, rows: FrameModel) -> None:
         self._kinematics = kinematics = rows.kinematics
         self.proportions = Proportions(kinematics)
+        self._models = length_models(self.proportions)
         self._rows = rows
         self._live = np.flatnonzero(kinematics.live)
         self.reset()
@@ -102,13 +103,14 @@ class Calibration:
         """Return to the given lengths."""
         count = self.proportions.count
         self.lengths = np.zeros(count)
-        self.spread = np.full(count, MODELS[1])
+        self.spread = initial_spread(self._models)
         self.frozen = count == 0
         self.moved = 0.0
-        self.odds = np.array(ODDS)
+        self.odds = np.array([model.odds for model in self._models])
         self._frames: list[KeptFrame] = []
         self._turn = 0
-        self._worked_at = -np.inf
+        self._worked_at = self._newest = -math.inf
+        self._work: Generator[None, None, bool] | None = None
         self._kept_at = self._updated_at = np.nan
 
     @property
@@ -127,9 +129,26 @@ class Calibration:
 
     def advance(self, stamp: float, state: BodyState, data: FrameData) -> bool:
         """Use a tracked frame. stamp: s. Returns True if the lengths have changed."""
-        if self.frozen or stamp - self._worked_at < WORK.interval(self.moved):
+        if self.frozen:
             return False
-        self._worked_at = stamp
+        interval, step = WORK.interval(self.moved), stamp - self._newest
+        self._newest = stamp
+        if self._work is None:
+            if stamp - self._worked_at < interval:
+                return False
+            self._worked_at = stamp
+            self._work = self._piece(stamp, state, data)
+        frames = max(math.ceil(interval / step - 1e-6), 1)  # until the next piece
+        try:
+            for _ in range(math.ceil(STEPS / frames)):
+                next(self._work)
+        except StopIteration as end:
+            self._work = None
+            return bool(end.value)
+        return False
+
+    def _piece(self, stamp: float, state: BodyState, data: FrameData) -> Generator[None, None, bool]:
+        """Keep this frame or relinearise another one, then update the lengths if due: True if they have changed."""
         if np.isnan(self._kept_at):
             self.restart_clock(stamp)
         if np.isnan(self._updated_at):
@@ -138,25 +157,25 @@ class Calibration:
         if since >= KEEP.interval(self.moved):
             self.moved += since
             self._kept_at = stamp
-            self._keep(state, data, since / KEEP.last)
+            yield from self._keep(state, data, since / KEEP.last)
         elif self._frames:
             self._turn = (self._turn + 1) % len(self._frames)
-            self._linearise(self._frames[self._turn])
+            yield from self._linearise(self._frames[self._turn])
         if stamp - self._updated_at < UPDATE.interval(self.moved) or len(self._frames) < 4:
             return False
         self._updated_at = stamp
+        yield
         self._update()
         return True
 
-    def _keep(self, state: BodyState, data: FrameData, share: float) -> None:
+    def _keep(self, state: BodyState, data: FrameData, share: float) -> Generator[None, None, None]:
         count = self.proportions.count
-        data = replace(data, joint_depths=None)
         frame = KeptFrame(state, data, share, self.lengths, np.zeros((count, count)), np.zeros(count))
-        self._linearise(frame)
+        yield from self._linearise(frame)
         if math.isfinite(frame.cost):  # otherwise the linearisation failed
             self._frames.append(frame)
 
-    def _linearise(self, frame: KeptFrame) -> None:
+    def _linearise(self, frame: KeptFrame) -> Generator[None, None, None]:
         """Recompute a frame's normal equations at the present lengths, and do one Gauss-Newton step of its pose."""
         J, C, z, cost = self._frame_rows(frame)
         H = J.T @ J
@@ -167,7 +186,10 @@ class Calibration:
             return
         coupling, step = solved[:, :-1], solved[:, -1]
         images = J[: 2 * len(frame.data.points)]
-        volume = self._volume(frame, H - images.T @ images, coupling, 2 * float(np.log(factor.diagonal()).sum()))
+        yield
+        moved = self._moved_columns(frame, coupling)
+        yield
+        volume = _volume(moved, H - images.T @ images, 2 * float(np.log(factor.diagonal()).sum()))
         frame.information = C.T @ C - right[:, :-1].T @ coupling
         frame.pull = C.T @ z - right[:, :-1].T @ step - 0.5 * VOLUME * volume
         frame.lengths, frame.cost = self.lengths, cost
@@ -181,34 +203,27 @@ class Calibration:
         omega = (omega * np.minimum(1.0, largest / size)).reshape(*steps.shape[:-1], -1, 3)
         return BodyState(state.rotations @ exponential(omega), state.translation + steps[..., -3:])
 
-    def _volume(self, frame: KeptFrame, prior: np.ndarray, coupling: np.ndarray, at_present: float) -> np.ndarray:
-        """(p,) derivative of log det H with respect to each log-length, with H of the pose; the pose follows.
+    def _moved_columns(self, frame: KeptFrame, coupling: np.ndarray) -> np.ndarray:
+        """(p, live + 3, 2 l): the image's rows, transposed, with each log-length larger by `VOLUME_STEP`.
 
-        prior: H without the image's part. coupling: (live + 3, p), the negative derivative of the pose.
+        The pose follows. coupling: (live + 3, p), the negative derivative of the pose.
         """
         count = self.proportions.count
         states = self._moved(frame.state, -VOLUME_STEP * coupling.T)
         offsets = self.proportions.offsets(self.lengths + VOLUME_STEP * np.eye(count))
         pose = self._kinematics.pose(states, offsets)
         F = projection_jacobian(pose.landmarks) * frame.data.weights[:, None, None]
-        columns = np.empty((count, len(prior), 2 * len(frame.data.points)))
+        columns = np.empty((count, len(coupling), 2 * len(frame.data.points)))
         rows, moving = F.reshape(count, -1, 3), self._kinematics.live_twists(pose, pose.orientations)
         self._kinematics.landmark_columns(moving, pose, rows, columns[:, :-3])
         columns[:, -3:] = rows.swapaxes(-1, -2)
-        there = np.array([_log_determinant(rows, prior) for rows in columns])
-        return np.nan_to_num(np.clip((there - at_present) / VOLUME_STEP, -STEEPEST, STEEPEST))
+        return columns
 
     def _frame_rows(self, frame: KeptFrame) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
         """(J, C, z, cost): rows ||z - J [Omega, x] - C dlengths||^2 of a frame, and its robust cost."""
         about = self._rows.evaluate(frame.state)
         rows = self._rows.linearise(about, frame.data, huber_weights)
-        images = 2 * len(frame.data.points)
-        by_length = self.proportions.jacobian(about.pose, self.lengths)
-        C = np.zeros((len(rows.z), self.proportions.count))
-        C[:images] = (rows.columns[-3:, :images].T.reshape(-1, 2, 3) @ by_length).reshape(images, -1)
-        if frame.data.depth is not None:
-            depths = self._rows.rows_of(self._rows.measured_depth, frame.data)
-            C[depths] = (rows.columns[-3:, depths].T[:, None] @ by_length)[:, 0]
+        C = self._rows.length_rows(rows, about, frame.data, self.proportions.motion(about.pose, self.lengths))
         size = norm(frame.data.points - project(about.pose.landmarks)) * frame.data.weights
         prior = about.posture.residual
         return rows.columns.T, C, rows.z, float(huber_cost(size).sum() + 0.5 * prior @ prior)
@@ -220,18 +235,27 @@ class Calibration:
         stature = np.outer(shares, shares) / STATURE_SPREAD**2
         H, g = self._normal_equations()
         g += shares * (shares @ self.lengths - excess) / STATURE_SPREAD**2
-        self.odds, means, covariances = _averaged(H, stature, g)
-        # While the lengths are probably measured, they stay bitwise equal, so that the track does not change at all.
-        guessed = self.odds[1:] / max(float(self.odds[1:].sum()), 1e-300)
-        best = 0 * g if self.odds[0] > 0.5 else guessed @ means[1:]
-        step = np.clip(best - self.lengths, -LARGEST_STEP, LARGEST_STEP)
-        self.lengths = np.clip(self.lengths + step, -FARTHEST, FARTHEST)
-        within, between = np.diagonal(covariances, axis1=1, axis2=2), (means - best) ** 2
-        self.spread = np.sqrt(self.odds @ (within + between))
+        found = posterior(self._models, H, g, stature)
+        self.odds = found.odds
+        best = self._best(found)
+        self.lengths = self.lengths + np.clip(best - self.lengths, -LARGEST_STEP, LARGEST_STEP)
+        self.spread = found.spread(best)
         certain = self.moved >= SHORTEST and bool(self.spread.max() < CERTAIN)
         self.frozen = certain or self.moved >= LONGEST
         if self.frozen:
             self._frames = []
+
+    def _best(self, found: LengthPosterior) -> np.ndarray:
+        """The mean log-lengths, without the case that the given ones are measured.
+
+        While that case is probable the lengths stay bitwise equal, so that the track does not change at all.
+        """
+        guessed = np.array([not model.measured for model in self._models])
+        if found.odds[guessed].sum() < 0.5:
+            return np.zeros(self.proportions.count)
+        odds = found.odds * guessed
+        prior = np.array([model.mean for model in self._models])
+        return np.asarray(odds / odds.sum() @ np.clip(found.means, prior - FARTHEST, prior + FARTHEST))
 
     def _normal_equations(self) -> tuple[np.ndarray, np.ndarray]:
         """(H (p, p), g (p,)) of all kept frames, about the given lengths. Frames of high cost get a lower weight."""
@@ -244,6 +268,15 @@ class Calibration:
         return np.tensordot(weights, information, 1), weights @ pulls
 
 
+def _volume(moved: np.ndarray, prior: np.ndarray, at_present: float) -> np.ndarray:
+    """(p,) derivative of log det H with respect to each log-length, with H of the pose.
+
+    moved: see `Calibration._moved_columns`. prior: H without the image's part. at_present: log det H.
+    """
+    there = np.array([_log_determinant(rows, prior) for rows in moved])
+    return np.nan_to_num(np.clip((there - at_present) / VOLUME_STEP, -STEEPEST, STEEPEST))
+
+
 def _log_determinant(columns: np.ndarray, prior: np.ndarray) -> float:
     """log det of columns (k, m) columns^T + prior (k, k); NaN if it is not positive definite.
 
@@ -252,18 +285,3 @@ def _log_determinant(columns: np.ndarray, prior: np.ndarray) -> float:
     product = blas.dsyrk(1.0, columns.T, beta=1.0, c=prior.T, trans=1, lower=1)
     factor, failed = lapack.dpotrf(product, lower=1, clean=0, overwrite_a=1)
     return math.nan if failed else 2 * float(np.log(factor.diagonal()).sum())
-
-
-def _averaged(H: np.ndarray, stature: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(odds (m,), means (m, p), covariances (m, p, p)) of the Gaussian models; odds from their marginal likelihoods."""
-    evidence, means, covariances = [], [], []
-    for spread, odds in zip(MODELS, ODDS):
-        prior = stature + np.eye(len(g)) / spread**2
-        covariance = np.linalg.inv(H + prior)
-        mean = covariance @ g
-        volume = np.linalg.slogdet(prior)[1] + np.linalg.slogdet(covariance)[1]
-        evidence.append(0.5 * (g @ mean + volume) + np.log(odds))
-        means.append(mean)
-        covariances.append(covariance)
-    likely = np.exp(np.array(evidence) - max(evidence))
-    return likely / likely.sum(), np.array(means), np.array(covariances)

@@ -2,7 +2,12 @@
 
 
 class LassokinError(Exception):
-    """Base class of all exceptions of this package."""
+    """Base class of all exceptions of this package. Its text is one line without control characters."""
+
+    def __str__(self) -> str:
+        """Return the text. Unprintable characters, which names in files may have, are escaped as in Python."""
+        text = super().__str__()
+        return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 class SkeletonError(LassokinError, ValueError):

@@ -27,6 +27,7 @@ from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.height import HeightEstimator
 from lassokin_ros.core.hypotheses.initialisation import Fit
+from lassokin_ros.core.hypotheses.replacement import reinitialisation_replaces
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.gating import gate_observation
 from lassokin_ros.core.image.measurement import Measurement
@@ -125,8 +126,7 @@ class Tracker(TrackerParts):
         if measurement.lost:
             self._depth.reset()
         if measurement.lost or not measurement.repeated:
-            mounted = bool(self.config.camera_roll or self.config.camera_pitch)
-            known = mounted or self._upright.learned_for > VERTICAL_AFTER
+            known = self._upright.configured or self._upright.learned_for > VERTICAL_AFTER
             up = self._upright.vertical if known else None
             seen = measurement.weights > 0
             mount = self._upright.mount
@@ -147,7 +147,7 @@ class Tracker(TrackerParts):
             return None
         vertical = self._upright.vertical
         fit = self._fit_frame(frame)
-        if self._reinitialisation.convinces(self._cost, float(fit.costs[0])):
+        if reinitialisation_replaces(self._cost, float(fit.costs[0])):
             return fit
         self._upright.vertical = vertical  # the rejected fit may have set another one
         return None
@@ -216,7 +216,7 @@ class Tracker(TrackerParts):
         self._state = yield BatchedCall(self._body_hypotheses, "advance", (increment.omega, increment.x, alpha))
         solved = self._body_hypotheses.published
         if measurement.news > 0:
-            yield BatchedCall(self._body_hypotheses, "weigh", (frame,))
+            yield BatchedCall(self._body_hypotheses, "compute_costs", (frame,))
             yield from self._compare_hypotheses(frame, alpha, measurement.stamp)
             self._cost = self._body_hypotheses.cost
             self._upright.learn(self._state.rotations[0], measurement.news)
@@ -234,7 +234,7 @@ class Tracker(TrackerParts):
 
     def _compare_hypotheses(self, frame: FrameData, alpha: np.ndarray, stamp: float) -> Steps[None]:
         """Choose the state from which the next frame starts, if another hypothesis explains this frame better."""
-        winner = self._body_hypotheses.compete(frame, alpha)
+        winner = self._body_hypotheses.select(frame, alpha)
         if self._depth is None:
             if winner is None:
                 yield from self._compare_limbs(frame)

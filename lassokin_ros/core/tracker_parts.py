@@ -149,6 +149,13 @@ class TrackerParts:
         """Copy the camera's vertical from trackers of other people in the same images, if one has learned it."""
         self._upright.adopt(other._upright for other in others)
 
+    def move_camera(self, roll: float, pitch: float) -> None:
+        """Use a measured mount of the camera, rad, from the next frame on; see `camera_roll` and `camera_pitch`.
+
+        The state stays: the camera may be on a head that moves.
+        """
+        self._upright.move_mount(roll, pitch)
+
     def tune(self, config: TrackerConfig, skeleton: Skeleton | None = None) -> None:
         """Use new live settings. Structural settings (skeleton, landmarks, solver) are not changed.
 
@@ -158,7 +165,7 @@ class TrackerParts:
         if config.height != before.height:
             self._use_height(skeleton or Skeleton.load(config.skeleton, config.assumed_height))
         if (config.camera_roll, config.camera_pitch) != (before.camera_roll, before.camera_pitch):
-            self._upright.mounted(config.camera_roll, config.camera_pitch)
+            self._upright.set_mount(config.camera_roll, config.camera_pitch)
 
     def _use_height(self, given: Skeleton) -> None:
         """Forget the person and use another body, for a new setting of the height."""
@@ -176,5 +183,5 @@ class TrackerParts:
 
     def _adopt_lengths(self) -> None:
         self.skeleton = self.calibration.skeleton
-        self.kinematics.reshape(self.skeleton)
+        self.kinematics.set_skeleton(self.skeleton)
         self._body_hypotheses.refresh()

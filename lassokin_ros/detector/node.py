@@ -15,11 +15,11 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Image, PointCloud2
 
 from lassokin_ros.detector.backend import make_detector
-from lassokin_ros.detector.images import decode_image
 from lassokin_ros.node.log_throttle import LogThrottle
 from lassokin_ros.node.qos import sensor_data
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.errors import AdapterError
+from msg_adapters.image import decode_image
 from msg_adapters.inputs import point_cloud
 
 PERIOD_S = 1.0

@@ -9,22 +9,25 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType, JumpThreshold, ROSClock, TimeJump
 from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
 from lassokin_ros.core.errors import LassokinError
-from lassokin_ros.node.camera_info_input import CameraInfoInput
-from lassokin_ros.node.depth_input import DepthInput
-from lassokin_ros.node.latched_camera_info import LatchedCameraInfo
+from lassokin_ros.node.inputs.camera_info_input import CameraInfoInput
+from lassokin_ros.node.inputs.depth_input import DepthInput
+from lassokin_ros.node.inputs.latched_camera_info import LatchedCameraInfo
+from lassokin_ros.node.inputs.missing_input import MissingInput
+from lassokin_ros.node.inputs.polled_subscription import SimulatedTime, ignore_events
+from lassokin_ros.node.inputs.rep155_inputs import Rep155Inputs
+from lassokin_ros.node.inputs.transform_input import TransformInput
 from lassokin_ros.node.log_throttle import LogThrottle
-from lassokin_ros.node.missing_input import MissingInput
-from lassokin_ros.node.parameters import LiveParameters, Settings, declare, unknown_parameters
+from lassokin_ros.node.parameters import LiveParameters, Settings, changes_of, declare, unknown_parameters
 from lassokin_ros.node.person_outputs import PeopleOutputs, PersonOutputs, advertise, message_class
-from lassokin_ros.node.polled_subscription import SimulatedTime, ignore_events
 from lassokin_ros.node.qos import matches_every_publisher, overrides, sensor_data
-from lassokin_ros.node.rep155_inputs import Rep155Inputs
 from lassokin_ros.node.scene_outputs import SceneOutputs
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.keypoint_queue import KeypointQueue
@@ -56,7 +59,7 @@ class TrackerNode(Node):
         self._pipeline = (PerBodyPipeline if settings[1].topic_per_body else Pipeline)(*settings)
         self._camera_warning = LogThrottle(self.get_logger().warning, time.monotonic)
         self._warning = LogThrottle(self.get_logger().warning, time.monotonic)
-        self._said_unstamped = self._said_misplaced = False
+        self._reported_unstamped = self._reported_misplaced = False
         name = self.get_fully_qualified_name().lstrip("/")  # /diagnostics is shared by the trackers of all namespaces
         self._status = DiagnosticArrayBuilder(RclpyBackend())
         self._diagnostics = Diagnostics(self._pipeline, name, time.monotonic())
@@ -72,6 +75,13 @@ class TrackerNode(Node):
         self.get_logger().info(self._start_text())
         if self._pipeline.tracker.averaged:
             self.get_logger().warning(averaged_sides(self._pipeline.tracker.averaged))
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """As in rclpy, but read-only parameters may be set to the value that they have."""
+        changes = changes_of(self, parameter_list)
+        if parameter_list and not changes:
+            return SetParametersResult(successful=True)
+        return super().set_parameters_atomically(changes)
 
     def _start_text(self) -> str:
         """Version, main settings, and the topics after remapping."""
@@ -113,6 +123,9 @@ class TrackerNode(Node):
         self._depth = None
         if self._pipeline.depth is not None:
             self._depth = DepthInput(self, config.depth, self._pipeline.depth, self._pipeline.counts, time.monotonic())
+        self._transforms = None
+        if self._pipeline.mount is not None:
+            self._transforms = TransformInput(self, self._pipeline.mount)
         self._bodies = None
         if isinstance(self._pipeline, PerBodyPipeline):
             qos = sensor_data(config.queue_depth)
@@ -147,8 +160,11 @@ class TrackerNode(Node):
             self._absent_keypoints = MissingInput(self, topics.KEYPOINTS, kind, ADAPTERS, now)
 
     def _catch_up(self) -> None:
-        """Poll the simulated time and camera_info."""
-        for what, poll in (("a time", self._simulated_time.poll), ("a camera_info message", self._camera_info.poll)):
+        """Poll the simulated time, camera_info and TF."""
+        polled = [("a time", self._simulated_time.poll), ("a camera_info message", self._camera_info.poll)]
+        if self._transforms is not None:
+            polled.append(("a TF message", self._transforms.poll))
+        for what, poll in polled:
             try:
                 poll()
             except Exception as error:  # the other input must still be polled
@@ -240,13 +256,13 @@ class TrackerNode(Node):
         for frame in frames:
             if not frame.accepted and not self._pipeline.nobody_in_view:
                 self._warning.say(str(frame.rejection), f"keypoints rejected ({frame.rejection}): {frame.detail}")
-        if self._pipeline.counts["unstamped"] and not self._said_unstamped:  # only once
-            self._said_unstamped = True
+        if self._pipeline.counts["unstamped"] and not self._reported_unstamped:  # only once
+            self._reported_unstamped = True
             self.get_logger().warning("keypoints without a stamp: outputs carry the time of their arrival")
-        if not self._said_misplaced and frames and frames[0].accepted:
+        if not self._reported_misplaced and frames and frames[0].accepted:
             camera = self._pipeline.camera.at(frames[0].stamp_ns).intrinsics.frame_id
             if words := _misplaced(frames[0].frame_id, camera):
-                self._said_misplaced = True
+                self._reported_misplaced = True
                 self.get_logger().warning(words)
 
     def _look_who_is_there(self) -> None:
@@ -264,11 +280,13 @@ class TrackerNode(Node):
     def _publish_diagnostics(self) -> None:
         if self._bodies is not None:
             self._bodies.look_around()
-        concern = ""
+        concerns = []
         if self._person is not None and self._person.state_publisher is not None:
             self._person.state_publisher.update()
-            concern = self._person.state_publisher.fault
+            concerns.append(self._person.state_publisher.fault)
         now, presence = time.monotonic(), self._pipeline.presence_at(self._as_of_ns)
+        if self._transforms is not None:
+            concerns.append(self._transforms.look(now))
         clock = self.get_clock()
         simulated = isinstance(clock, ROSClock) and clock.ros_time_is_active
         if simulated:
@@ -283,7 +301,7 @@ class TrackerNode(Node):
             self._absent_keypoints.look(now, self._diagnostics.keypoints_came)
             if self._diagnostics.keypoints_came and matches_every_publisher(self._keypoints.qos_profile):
                 ignore_events(self._keypoints)
-        line = self._diagnostics.line(now, presence, concern)
+        line = self._diagnostics.line(now, presence, "; ".join(filter(None, concerns)))
         self._diagnostics_out.publish(self._status.fill(clock.now().nanoseconds, "", [line]))
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -315,6 +333,8 @@ class TrackerNode(Node):
     def _on_clock_jump(self, jump: TimeJump) -> None:
         self.get_logger().info("the clock has jumped: the state is forgotten")
         self._as_of_ns = self._looked_ns = 0
+        if self._pipeline.mount is not None:
+            self._pipeline.mount.transforms.clear()
         self._forget()
 
     def _forget(self) -> None:

@@ -92,6 +92,30 @@ def _overrides_another_topic(node: Node, name: str) -> bool:
     return name.startswith("qos_overrides.") and not node.get_parameters_by_prefix(topic)
 
 
+def changes_of(node: Node, parameters: Sequence[Parameter]) -> list[Parameter]:
+    """Return the parameters of a request without those that are read-only and would keep their value.
+
+    rclpy refuses a read-only parameter even with its present value, so that `ros2 param load` of what `ros2 param dump`
+    has written would fail. `off`, which that command reads as false, becomes a string again.
+    """
+    metadata = {item.name: item.metadata for item in all_settings()}
+    changes = []
+    for parameter in parameters:
+        if parameter.name in metadata:
+            value = without_bool(parameter.value, metadata[parameter.name])
+            parameter = parameter if value == parameter.value else type(parameter)(parameter.name, value=value)
+        if not _keeps_its_value(node, parameter):
+            changes.append(parameter)
+    return changes
+
+
+def _keeps_its_value(node: Node, parameter: Parameter) -> bool:
+    if not node.has_parameter(parameter.name) or not node.describe_parameter(parameter.name).read_only:
+        return False
+    present = node.get_parameter(parameter.name)
+    return bool(present.type_ == parameter.type_ and present.value == parameter.value)
+
+
 class LiveParameters:
     """Applies changes of live settings. A request is applied completely or not at all."""
 

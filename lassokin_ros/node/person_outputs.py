@@ -18,6 +18,7 @@ from lassokin_ros.node.state_publisher import StatePublisher
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages, id_list
+from lassokin_ros.pipeline.outputs.naming import Naming
 from lassokin_ros.pipeline.outputs.robot_description import RobotDescription
 from lassokin_ros.pipeline.settings import OFF, NodeSettings
 from msg_adapters.backends import RclpyBackend
@@ -59,6 +60,16 @@ def advertise(node: Node, topic: topics.OutputTopic, name: str = "", overridable
     return node.create_publisher(kind, name, qos, qos_overriding_options=override, event_callbacks=events)
 
 
+def subscribers(publisher: Publisher) -> int:
+    """Return the number of subscriptions that match a publisher.
+
+    `get_subscription_count` enters the handle's context, which takes four times as long. That is for publishers that
+    another thread may destroy.
+    """
+    count: int = publisher.handle.get_subscription_count()
+    return count
+
+
 class PersonOutputs:
     """The publishers of one person."""
 
@@ -66,16 +77,18 @@ class PersonOutputs:
         """title: name of the node. person: id, empty if one person is followed. Raises SkeletonError for base_frame."""
         backend = RclpyBackend()
         self._node = node
-        prefix = topics.link_prefix(config.frame_prefix, title, person)
-        self._description = RobotDescription(backend, skeleton, config.base_frame, prefix)
+        naming = Naming.of(config, title, person)
+        self._description = RobotDescription(backend, skeleton, config.base_frame, naming)
         name = partial(topics.of_person, person=person, rep155=config.rep155)
-        self._out = {t.name: advertise(node, t, name(t.name), not person) for t in topics.PERSON_OUTPUTS}
+        self._out = {
+            t.name: advertise(node, t, name(t.name), not person) for t in topics.person_outputs(config.detects_bodies)
+        }
         if config.publish_tf != OFF:
             self._out[topics.TF] = advertise(node, topics.TF_OUTPUT, overridable=not person)
         self._messages = FrameMessages(backend, skeleton, title, person, config, ready_made=True)
         self.state_publisher = None
         if not person and config.state_publisher:
-            self.state_publisher = StatePublisher(node, config.state_publisher, prefix)
+            self.state_publisher = StatePublisher(node, config.state_publisher, naming.prefix)
         if not person:
             self._describe(self._description.first())
 
@@ -106,7 +119,7 @@ class PersonOutputs:
     def _is_wanted(self, topic: str, copy_markers: Callable[[Any], None] | None = None) -> bool:
         if topic == topics.MARKERS and copy_markers is not None:
             return True
-        return self._out[topic].get_subscription_count() > 0
+        return subscribers(self._out[topic]) > 0
 
     def close(self) -> None:
         """Destroy the publishers."""
@@ -135,7 +148,7 @@ class PeopleOutputs:
 
     def publish(self, frames: list[FrameResult], ids: list[str]) -> None:
         """Publish the frames of all people. ids: ids of all present people, also those without a frame."""
-        copy_markers = self._markers.publish if self._markers.get_subscription_count() else None
+        copy_markers = self._markers.publish if subscribers(self._markers) else None
         for frame in frames:
             if frame.person not in self._people:
                 self._people[frame.person] = self._of(frame.person)

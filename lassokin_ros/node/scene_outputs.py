@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from rclpy.node import Node
 
-from lassokin_ros.node.person_outputs import advertise
+from lassokin_ros.node.person_outputs import advertise, subscribers
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, images_of
@@ -36,7 +36,7 @@ class SceneOutputs:
     def publish(self, frames: Sequence[FrameResult], arrival_ns: int) -> None:
         """Publish the people in one keypoint message, if somebody subscribes, and the state if it has changed."""
         pipeline = self._pipeline
-        config, wanted = pipeline.tracker.config, self._people_out.get_subscription_count() > 0
+        config, wanted = pipeline.tracker.config, subscribers(self._people_out) > 0
         newest = pipeline.image if pipeline.enabled else None
         for image, people in images_of(frames, newest, config.smoothing_lag > 0):
             self._people.update(people, pipeline.ids)

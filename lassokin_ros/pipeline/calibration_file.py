@@ -31,6 +31,10 @@ FISHEYE = ("fisheyemodel", "fisheye")
 """Names of the values, in lower case and without underscores. OpenCV's own programs write several of them."""
 
 
+LARGEST = 1e9
+"""Of any number in a file."""
+
+
 @dataclass(frozen=True, eq=False)
 class Calibration:
     """Intrinsics of an image. K: (3, 3) px. D: coefficients of `model`. size: (width, height) px, zeros if unknown.
@@ -91,7 +95,7 @@ def read_calibration(path: Path) -> Calibration:
         calibration = _from_kalibr(values, file) if "intrinsics" in values else _from_opencv(values)
     except CameraError:
         raise
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise CameraError(f"'{file}' is no camera calibration: {_what(error)}; {FORMS}") from None
     if calibration.size != (0, 0) and min(calibration.size) < 1:
         raise CameraError(f"'{file}' is for an image of {calibration.size[0]} x {calibration.size[1]} px")
@@ -140,7 +144,7 @@ def _from_kalibr(values: Mapping[str, Any], file: Path) -> Calibration:
         )
     fx, fy, cx, cy = _numbers(values["intrinsics"], 4)
     K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-    D = np.array([] if model == "none" else values["distortioncoeffs"], dtype=float).ravel()
+    D = np.zeros(0) if model == "none" else _numbers(values["distortioncoeffs"])
     width, height = _numbers(values["resolution"], 2)
     return Calibration(K, D, KALIBR_MODELS[model], (int(width), int(height)))
 
@@ -181,6 +185,6 @@ def _numbers(value: Any, count: int | None = None) -> np.ndarray:
     numbers = np.array(value["data"] if isinstance(value, dict) else value, dtype=float).ravel()
     if count is not None and len(numbers) != count:
         raise ValueError(f"a list has {len(numbers)} values in place of {count}")
-    if not np.isfinite(numbers).all():
-        raise ValueError("a value is not finite")
+    if not (np.abs(numbers) < LARGEST).all():  # NaN too
+        raise ValueError(f"a value is not finite, or larger than {LARGEST:g}")
     return numbers

@@ -51,7 +51,8 @@ class View:
     def is_left_by(self, xy: np.ndarray) -> bool:
         """Return True if many of the keypoints (k, 2), px, lie outside: they belong to another image."""
         least, greatest = self._limits
-        return int(np.count_nonzero(((xy < least) | (xy > greatest)).any(axis=1))) > FEW * len(xy)
+        outside = (xy < least) | (xy > greatest)
+        return int(np.count_nonzero(outside[:, 0] | outside[:, 1])) > FEW * len(xy)
 
 
 class Camera:

@@ -8,11 +8,16 @@ from functools import cached_property
 
 import numpy as np
 
+from lassokin_ros.core.body.rotations import to_quaternion
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.output.uncertainty import JointUncertainty
 from lassokin_ros.pipeline.lens import Lens
+
+BODY_FROM_ROOT = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+"""Axes of the frame `body` (REP-103: x front, y left, z up), as columns in the root joint's frame (x left, y up,
+z front)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +32,6 @@ class FrameResult:
     frame_id: the message's frame, or the camera's frame if the message has none.
     estimate: the tracker's result. None if the message was refused before tracking.
     rejection: None for an accepted result, else a short key for counting. `detail` gives the reason in words.
-    positions, velocities: (3 + 3 n,) in the order of urdf.joint_names, m and rad, m/s and rad/s. None if rejected.
     person: the id of the person. Empty if one person is followed.
     detected: (l, 2) px, the landmarks from the detector, NaN = missing. None without landmarks.
     points: (l, 2) normalised image coordinates of `detected`. None if the message was refused before tracking.
@@ -38,6 +42,7 @@ class FrameResult:
     velocity: (3,) m/s, velocity of the pelvis, averaged over 0.2 s. None if rejected.
     measure: computes the joint uncertainty, see `uncertainty`.
     observe: computes which joints are observed, see `observed`.
+    joint_states: computes `positions` and `velocities`.
     held_s: s, by stamps, how long the result waited for later messages (`smoothing_lag`).
     """
 
@@ -46,8 +51,6 @@ class FrameResult:
     estimate: Estimate | None = None
     rejection: str | None = None
     detail: str = ""
-    positions: np.ndarray | None = None
-    velocities: np.ndarray | None = None
     person: str = ""
     detected: np.ndarray | None = None
     points: np.ndarray | None = None
@@ -57,6 +60,7 @@ class FrameResult:
     velocity: np.ndarray | None = None
     measure: Callable[[Estimate], JointUncertainty] | None = None
     observe: Callable[[Estimate], np.ndarray] | None = None
+    joint_states: Callable[[], tuple[np.ndarray, np.ndarray]] | None = None
     held_s: float = 0.0
 
     @property
@@ -64,12 +68,38 @@ class FrameResult:
         """True if the result has outputs to publish."""
         return self.rejection is None
 
+    @property
+    def positions(self) -> np.ndarray | None:
+        """(3 + 3 n,) in the order of urdf.joint_names, m and rad. None if rejected."""
+        return self._joint_state[0]
+
+    @property
+    def velocities(self) -> np.ndarray | None:
+        """(3 + 3 n,) in the same order, m/s and rad/s. None if rejected."""
+        return self._joint_state[1]
+
+    @cached_property
+    def _joint_state(self) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """Computed at the first access. The angles are continuous to the frame that was read last."""
+        return (None, None) if self.joint_states is None else self.joint_states()
+
     @cached_property
     def uncertainty(self) -> JointUncertainty:
         """Joint uncertainty, computed at the first access. Raises ValueError if the result was rejected."""
         if self.measure is None or self.estimate is None:
             raise ValueError("this result was rejected; only an accepted result has an uncertainty")
         return self.measure(self.estimate)
+
+    @cached_property
+    def quaternions(self) -> np.ndarray:
+        """(n + 1, 4), x, y, z, w: orientations of the joints and, last, of the body (x front, y left, z up).
+
+        The camera frame is the reference. Needs an accepted result.
+        """
+        assert self.estimate is not None and self.estimate.pose is not None
+        orientations = self.estimate.pose.orientations
+        body = orientations[:1] @ BODY_FROM_ROOT
+        return to_quaternion(np.concatenate([orientations, body]))
 
     @property
     def joint_velocities(self) -> np.ndarray:

@@ -40,6 +40,8 @@ class Lens:
         _check_distortion(model, self.D)
         self._focal_lengths = self.K[[0, 1], [0, 1]]
         self._centre = self.K[:2, 2]
+        self.size = (0, 0)
+        """(width, height) px of the image, 0 if unknown."""
         if model:
             self._opencv  # noqa: B018  (a missing OpenCV is reported here, not in the first frame)
 
@@ -50,11 +52,11 @@ class Lens:
         With the rectified image the skeleton is expressed in the frame of the rectified camera. The baseline of the
         right camera of a stereo pair (P[3]) is not added.
         """
-        if not rectified:
-            return cls(intrinsics.K, intrinsics.D, intrinsics.model)
-        if not intrinsics.P[0, 0] > 0:
+        if rectified and not intrinsics.P[0, 0] > 0:
             raise CameraError("camera_info has P[0] = 0; parameter 'rectified' needs a rectified camera's P")
-        return cls(intrinsics.P[:, :3])
+        lens = cls(intrinsics.P[:, :3]) if rectified else cls(intrinsics.K, intrinsics.D, intrinsics.model)
+        lens.size = intrinsics.width, intrinsics.height
+        return lens
 
     @cached_property
     def focal(self) -> float:
@@ -66,10 +68,16 @@ class Lens:
         """OpenCV, imported at the first lens with distortion. The import is slow and most cameras do not need it."""
         try:
             import cv2
-        except ImportError:
+        except ModuleNotFoundError:
             raise CameraError(
                 f"the camera has a {self.model} lens, which needs OpenCV: pip install opencv-python-headless, or "
                 "apt install python3-opencv"
+            ) from None
+        except (ImportError, MemoryError) as error:  # a library is missing, or there is no memory for it
+            reason = " ".join(str(error).split())[:200] or type(error).__name__
+            raise CameraError(
+                f"the camera has a {self.model} lens, which needs OpenCV; OpenCV is installed but cannot be loaded: "
+                f"{reason}"
             ) from None
         return cv2
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import Field, fields, replace
 from difflib import get_close_matches
@@ -75,11 +76,19 @@ def _all_fields() -> list[Field]:
     return [*fields(TrackerConfig), *fields(NodeSettings)]
 
 
+def _float(value: int) -> float:
+    """Return a whole number as float; one with hundreds of digits as infinite, which no range contains."""
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
+
+
 def _applied(config: Any, values: Mapping[str, Any]) -> Any:
     changes = {}
     for item in fields(config):
         if item.name in values:
             value = without_bool(values[item.name], item.metadata)
             whole = isinstance(value, int) and not isinstance(value, bool)
-            changes[item.name] = float(value) if isinstance(item.default, float) and whole else value
+            changes[item.name] = _float(value) if isinstance(item.default, float) and whole else value
     return replace(config, **changes)

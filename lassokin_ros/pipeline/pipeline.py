@@ -18,6 +18,7 @@ from lassokin_ros.core.calibration import Calibration
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.camera import OUTSIDE_IMAGE, Camera, View
+from lassokin_ros.pipeline.camera_mount import CameraMount
 from lassokin_ros.pipeline.depth_images import DepthImages
 from lassokin_ros.pipeline.detections import detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
@@ -64,6 +65,8 @@ class Pipeline:
         depth, registered = self.config.depth, self.config.depth_registered
         self.depth = DepthImages(self.counts, depth, registered) if depth else None
         """The depth images, None if the setting `depth` names no topic."""
+        self.mount = CameraMount(self.config.camera_mount_frame) if self.config.camera_mount_frame else None
+        """The camera's mount from TF, None if the setting `camera_mount_frame` names no frame."""
         self._stamps = StampWatch()
         self._camera_frame: str | None = None  # frame of the camera that took the last image
         self._latest: tuple[int, int] | None = None  # stamp and arrival, ns, of the last message not refused as a whole
@@ -175,8 +178,7 @@ class Pipeline:
             keypoints, view = self._decode(message)
             frame_id = keypoints.frame_id or view.intrinsics.frame_id
             keypoints = self._remove_placeholders(keypoints, view)
-            self._count_nobody(keypoints)
-            self._count_outside(keypoints, view)
+            self._count_nobody_and_outside(keypoints, view)
             if keypoints.stamp_ns is None:
                 self.counts["unstamped"] += 1
             stamped = keypoints.stamp_ns is not None
@@ -187,6 +189,7 @@ class Pipeline:
             if self._is_back_in_time(image, arrival_ns, stamped):
                 self._jump_back(image)
             self._switch_camera(view.intrinsics.frame_id)
+            self._follow_mount(image)
             frames = self.people.update(image, self.config.forget_after)
         except AdapterError as error:
             return [FrameResult(stamp_ns, frame_id, None, error.reason, str(error))]
@@ -216,14 +219,11 @@ class Pipeline:
             self.counts[PLACEHOLDERS] += 1
         return kept
 
-    def _count_nobody(self, keypoints: Keypoints) -> None:
-        confident = keypoints.present & (keypoints.confidence >= self.tracker.config.min_confidence)
-        self.nobody_in_view = not np.count_nonzero(confident)
-        self.counts[NOBODY] += self.nobody_in_view
-
-    def _count_outside(self, keypoints: Keypoints, view: View) -> None:
+    def _count_nobody_and_outside(self, keypoints: Keypoints, view: View) -> None:
         confident = keypoints.confidence >= self.tracker.config.min_confidence  # others may be out of view
-        if view.is_left_by(keypoints.xy[confident]):
+        self.nobody_in_view = not np.count_nonzero(confident & keypoints.present)
+        self.counts[NOBODY] += self.nobody_in_view
+        if view.is_left_by(keypoints.xy.compress(confident, axis=0)):
             self.counts[OUTSIDE_IMAGE] += 1
 
     def _is_back_in_time(self, image: PeopleImage, arrival_ns: int, stamped: bool) -> bool:
@@ -251,6 +251,12 @@ class Pipeline:
         if self._camera_frame not in (None, frame):
             self._forget_people()
         self._camera_frame = frame
+
+    def _follow_mount(self, image: PeopleImage) -> None:
+        """Use the camera's mount at the time of the image. Without TF, the present one stays."""
+        if self.mount is not None and (angles := self.mount.at(image.frame_id, image.stamp_ns)) is not None:
+            for tracked in self._trackable:
+                tracked.tracker.move_camera(*angles)
 
     def _has_persistent_numbers(self, keypoints: Keypoints) -> bool:
         """Return True if the message's person numbers identify people over time."""

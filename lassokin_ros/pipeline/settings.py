@@ -36,6 +36,11 @@ class NodeSettings:
     rectified: bool = setting(
         False, "keypoints are pixels of the rectified image: camera_info's P is used in place of K and D"
     )
+    camera_mount_frame: str = setting(
+        "",
+        "frame with z up, such as base_footprint, over which TF gives the camera's roll and pitch at each image; "
+        "empty: camera_roll and camera_pitch hold",
+    )
     base_frame: str = setting(
         "camera_optical_frame", "base link of robot_description until the first keypoints say their frame_id"
     )
@@ -66,7 +71,7 @@ class NodeSettings:
     )
     forget_after: float = setting(3.0, "a person who is not seen for this long has left", "s", 0.1, 3600.0, live=True)
     rep155: bool = setting(
-        False, "several people's topics as in REP-155: /humans/bodies/<id>/, the list as hri_msgs/IdsList"
+        False, "several people's topics and frames as in REP-155: /humans/bodies/<id>/, the list as hri_msgs/IdsList"
     )
 
     publish_tf: str = setting(
@@ -78,6 +83,13 @@ class NodeSettings:
     people_type: str = setting(
         PEOPLE_TYPES[0],
         f"message type of ~/people, one of: {', '.join(PEOPLE_TYPES)}; the last two need their packages",
+    )
+    detail_rate: float = setting(
+        0.0,
+        "largest rate of ~/certificate, ~/joint_uncertainty and ~/uncertainty_markers, by stamps; 0: with every frame",
+        "Hz",
+        0.0,
+        1000.0,
     )
     joint_labels: bool = setting(False, "names of the joints as text in ~/markers")
     state_publisher: str = setting(
@@ -99,6 +111,11 @@ class NodeSettings:
         """True when each person's keypoints come on a topic of their own."""
         return self.rep155 and full_type_name(self.keypoints_type) == PER_BODY_TYPE
 
+    @property
+    def detects_bodies(self) -> bool:
+        """True when this node has the part of REP-155's body detector: it publishes the list of ids and the regions."""
+        return self.rep155 and not self.topic_per_body
+
     def checked(self) -> NodeSettings:
         """Itself, when every value has the right type and range."""
         for item in fields(self):
@@ -116,6 +133,10 @@ class NodeSettings:
             )
         if any(character.isspace() for character in self.depth):
             raise ConfigurationError(f"depth is '{self.depth}'; expected the name of a topic, or nothing")
+        if any(character.isspace() for character in self.camera_mount_frame):
+            raise ConfigurationError(
+                f"camera_mount_frame is '{self.camera_mount_frame}'; expected the name of a TF frame, or nothing"
+            )
         if self.publish_tf == ALL and self.state_publisher:
             raise ConfigurationError(
                 f"publish_tf is {ALL} and state_publisher is '{self.state_publisher}': both would publish the joints' "

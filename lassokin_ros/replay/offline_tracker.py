@@ -18,6 +18,7 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages, id_list
+from lassokin_ros.pipeline.outputs.naming import Naming
 from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, images_of
 from lassokin_ros.pipeline.outputs.presence_state import PresenceState
 from lassokin_ros.pipeline.outputs.robot_description import RobotDescription
@@ -26,6 +27,7 @@ from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import Backend, RosbagsBackend
+from msg_adapters.detectors.definitions import DEFINITIONS as OF_DETECTORS
 from msg_adapters.detectors.registry import full_type_name
 from msg_adapters.keypoints import stamp_of
 from msg_adapters.output_messages.builders import DiagnosticArrayBuilder, StringBuilder
@@ -58,14 +60,18 @@ class OfflineTracker:
         self._found_anew = 0
         self._backend = RosbagsBackend(types)
         self._status = DiagnosticArrayBuilder(self._backend)
-        self._types = {topic.name: topic.message_type for topic in (*topics.PERSON_OUTPUTS, topics.DIAGNOSTICS_OUTPUT)}
+        self._types = {
+            topic.name: topic.message_type
+            for topic in (*topics.person_outputs(regions=True), topics.DIAGNOSTICS_OUTPUT)
+        }
         self._types[topics.TF] = topics.TF_OUTPUT.message_type
         self._people: dict[str, PersonMessages] = {}
         self._ids: list[str] | None = None
         self._tracked = topics.TRACKED_OUTPUT
         if node_config.rep155:
             self._tracked = topics.REP155_TRACKED_OUTPUT
-            add_type(types, self._tracked.message_type, "std_msgs/Header header\nstring[] ids")
+            for output in (self._tracked, topics.ROI_OUTPUT):
+                add_type(types, output.message_type, OF_DETECTORS[output.message_type])
         self._list = id_list(self._backend, node_config.rep155)
         self._scene = SceneMessages(self._backend, self.pipeline, types)
         self._diagnostics: Diagnostics | None = None
@@ -109,6 +115,18 @@ class OfflineTracker:
         if message is not None and self.pipeline.depth is not None:
             self.pipeline.depth.add(message, time_ns)
         yield from self._track_held(time_ns)
+
+    def transforms(self, message: Any, time_ns: int) -> Iterator[tuple[str, str, Any]]:
+        """Process a message of /tf, None for one that could not be deserialised; see `keypoints`."""
+        yield from self._tick(time_ns)
+        if message is not None and self.pipeline.mount is not None:
+            self.pipeline.mount.transforms.add(message, static=False)
+
+    def static_transforms(self, message: Any, time_ns: int) -> Iterator[tuple[str, str, Any]]:
+        """Process a message of /tf_static, as `transforms`."""
+        yield from self._tick(time_ns)
+        if message is not None and self.pipeline.mount is not None:
+            self.pipeline.mount.transforms.add(message, static=True)
 
     def _track_held(self, now_ns: int) -> Iterator[tuple[str, str, Any]]:
         """Track the keypoint messages whose depth image has come or is not expected any more."""
@@ -204,9 +222,8 @@ class PersonMessages:
         """person: the id, empty when one person is followed."""
         skeleton, config = pipeline.tracker.skeleton, pipeline.config
         self._messages = FrameMessages(backend, skeleton, NODE_NAME, person, config)
-        self._description = RobotDescription(
-            backend, skeleton, config.base_frame, topics.link_prefix(config.frame_prefix, NODE_NAME, person)
-        )
+        naming = Naming.of(config, NODE_NAME, person)
+        self._description = RobotDescription(backend, skeleton, config.base_frame, naming)
         self._counts = pipeline.counts
 
     def build(self, frame: FrameResult) -> Iterator[tuple[str, Any]]:

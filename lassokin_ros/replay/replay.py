@@ -50,6 +50,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
     from lassokin_ros.replay.offline_tracker import OfflineTracker
     from lassokin_ros.replay.output_paths import OutputError, check_output_paths
     from lassokin_ros.replay.record import KEY, Record, origin_of
+    from lassokin_ros.replay.recorded_images import recorded_images
     from msg_adapters.detectors.registry import full_type_name
 
     options.output = options.output or Path(f"{options.bag.resolve().stem}_tracked")
@@ -60,29 +61,27 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
         keypoints_type = full_type_name(node_config.keypoints_type)
         keypoints = bag.find(keypoints_type, options.keypoints_topic, topics.KEYPOINTS, "--keypoints-topic")
         camera = camera_source(bag, options, node_config.rectified)
-        depth = []
-        if node_config.depth:
-            kind = topics.depth_type(node_config.depth)
-            depth = [bag.find(kind, node_config.depth, topics.DEPTH_IMAGE, "-p depth:=")]
-        read = [keypoints, *camera.recorded, *depth]
+        others = _other_topics(bag, node_config)
+        read = [keypoints, *camera.recorded, *others]
         if options.two_pass:
             first = OfflineTracker(tracker_config, node_config, bag.types)
             messages = camera.messages(bag, read)
             tracker_config = learn_lengths(
-                messages, _inputs(first, keypoints, camera, depth), first, tracker_config, Path(folder)
+                messages, _inputs(first, keypoints, camera, others), first, tracker_config, Path(folder)
             )
         tracker = OfflineTracker(tracker_config, node_config, bag.types)
         report = _report(options, tracker)
         exports = _exports(options, tracker)
+        images = recorded_images(bag, options, report)
+        inputs = {**_inputs(tracker, keypoints, camera, others), **{shown.topic.name: shown.take for shown in images}}
+        read += [shown.topic for shown in images]
         output = options.output
         storage = options.storage or bag.storage
         # All or nothing: every file is complete on the disk before the recording and the files get their names.
         with AtomicFiles(options.force, OutputError) as files:
             with BagWriter(output, storage, bag.types, options.force, is_inside_name) as writer:
                 progress = Progress(sum(topic.count for topic in read), "messages", progress_on)
-                seconds = _run(
-                    camera.messages(bag, read), _inputs(tracker, keypoints, camera, depth), tracker, writer, progress
-                )
+                seconds = _run(camera.messages(bag, read), inputs, tracker, writer, progress)
                 figures = _figures(tracker)
                 writer.note(KEY, Record(origin_of(options), figures).text)
                 written = _files(options, tracker, exports, writer, files)
@@ -90,6 +89,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
                     report.write(files, options.bag.resolve().name, (keypoints.name, camera.name))
                 files.check()
             files.placed.append(output)
+    written.update({"images": str(shown) for shown in images})
     summary = _summary(
         f"{options.bag} -> {output} ({storage})", (str(keypoints), camera.title), tracker, seconds, written
     )
@@ -109,10 +109,21 @@ def _check_learning(options: argparse.Namespace, tracker: TrackerConfig, node: N
         check_two_passes(tracker, node)
 
 
-def _inputs(tracker: OfflineTracker, keypoints: RecordedTopic, camera: Any, depth: Sequence[RecordedTopic]) -> Inputs:
+def _other_topics(bag: BagReader, config: NodeSettings) -> list[RecordedTopic]:
+    """Return the topics of depth images and of TF, if the settings need them."""
+    found = []
+    if config.depth:
+        found.append(bag.find(topics.depth_type(config.depth), config.depth, topics.DEPTH_IMAGE, "-p depth:="))
+    if config.camera_mount_frame:
+        found += [topic for topic in bag.topics if topic.name in (topics.TF, topics.TF_STATIC)]
+    return found
+
+
+def _inputs(tracker: OfflineTracker, keypoints: RecordedTopic, camera: Any, others: Sequence[RecordedTopic]) -> Inputs:
     """Return what processes the messages of each topic."""
-    images = {topic.name: tracker.depth_image for topic in depth}
-    return {**images, camera.name: tracker.camera_info, keypoints.name: tracker.keypoints}
+    by_name = {topics.TF: tracker.transforms, topics.TF_STATIC: tracker.static_transforms}
+    inputs = {topic.name: by_name.get(topic.name, tracker.depth_image) for topic in others}
+    return {**inputs, camera.name: tracker.camera_info, keypoints.name: tracker.keypoints}
 
 
 def _run(
@@ -165,13 +176,13 @@ def _exports(options: argparse.Namespace, tracker: Any) -> Exports | None:
     """Return the collector of the exports, None without --export. Raises a LassokinError for an unusable path."""
     if not options.export:
         return None
-    from lassokin_ros.core.evidence.upright import levelling
+    from lassokin_ros.core.evidence.upright import level_from_camera
     from lassokin_ros.replay.exports.exports import Exports
     from lassokin_ros.replay.motion import MotionRecorder
 
     pipeline = tracker.pipeline
     mount = pipeline.tracker.config
-    recorder = MotionRecorder(pipeline.tracker.layout.names, levelling(mount.camera_roll, mount.camera_pitch))
+    recorder = MotionRecorder(pipeline.tracker.layout.names, level_from_camera(mount.camera_roll, mount.camera_pitch))
     tracker.listeners.append(recorder.add)
     return Exports(options.export, recorder, pipeline.config.several_people, options.force)
 
@@ -204,6 +215,8 @@ def _summary(title: str, inputs: Sequence[str], tracker: Any, seconds: float, wr
         "time per frame": f"{np.median(times):.2f} ms median, {np.percentile(times, 99):.2f} ms 99th percentile",
         "in all": f"{seconds:.1f} s, {counts['received'] / max(seconds, 1e-9):.0f} frames/s",
     }
+    if (mount := tracker.pipeline.mount) is not None:
+        lines["camera mount"] = mount.fault or mount.in_words()
     averaged = tracker.pipeline.tracker.averaged
     if averaged:
         lines["left and right"] = averaged_sides(averaged)

@@ -12,7 +12,7 @@ from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.core.yaml_files import read_text
 from lassokin_ros.skeleton_readers.naming import in_our_names
 from lassokin_ros.skeleton_readers.rest_pose import in_metres, in_our_pose
-from lassokin_ros.skeleton_readers.rest_tree import MOST_JOINTS, RestTree, to_skeleton
+from lassokin_ros.skeleton_readers.rest_tree import LARGEST_OFFSET, MOST_JOINTS, RestTree, to_skeleton
 
 
 def read(path: Path, height: float) -> Skeleton:
@@ -95,10 +95,10 @@ class _Hierarchy:
             raise SkeletonError(f"{self._source}: its HIERARCHY is broken; expected one ROOT, and as many }} as {{")
         positions = np.array(self._offsets)
         positions[0] = 0.0  # where a root stands at rest is nobody's bone
+        if not (np.abs(positions) < LARGEST_OFFSET).all():  # NaN too
+            raise SkeletonError(f"{self._source}: an OFFSET is not finite, or larger than {LARGEST_OFFSET:g}")
         for joint in range(1, len(self.names)):
             positions[joint] += positions[self._parents[joint]]
-        if not np.isfinite(positions).all():
-            raise SkeletonError(f"{self._source}: an OFFSET is not finite")
         return RestTree(tuple(self.names), tuple(self._parents), positions, tuple(self._axes))
 
 

@@ -10,6 +10,8 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import SkeletonError
 
 MOST_JOINTS = 1000
+LARGEST_OFFSET = 1e9
+"""Of a joint in a file, in its own unit. Sums and products of offsets stay finite."""
 
 
 @dataclass(frozen=True, eq=False)

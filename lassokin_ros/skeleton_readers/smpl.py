@@ -17,6 +17,8 @@ from lassokin_ros.skeleton_readers.rest_tree import RestTree, to_skeleton
 
 LARGEST = 2**28
 """bytes of one array. The largest array read from SMPL, 6890 vertices by 300 shapes, has 50 MB."""
+LARGEST_VALUE = 1e9
+"""Of an array, in its own unit. Products of three arrays stay finite."""
 MOST_VERTICES = 100_000
 ADVICE = "see docs/files.md for how to make the file from SMPL's own"
 
@@ -83,9 +85,10 @@ def _numbers(file: np.lib.npyio.NpzFile, name: str, path: Path) -> np.ndarray:
         raise SkeletonError(f"{path}: '{name}' is no numpy array; {ADVICE}")
     if array.dtype.kind not in "fiu":
         raise SkeletonError(f"{path}: '{name}' holds {array.dtype}; expected numbers")
-    array = array.astype(np.float64)
-    if not np.isfinite(array).all():
-        raise SkeletonError(f"{path}: '{name}' has values that are not finite")
+    with np.errstate(over="ignore"):
+        array = array.astype(np.float64)
+    if not (np.abs(array) < LARGEST_VALUE).all():  # NaN too
+        raise SkeletonError(f"{path}: '{name}' has values that are not finite, or larger than {LARGEST_VALUE:g}")
     return array
 
 

@@ -19,7 +19,7 @@ from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.core.yaml_files import MAX_CHARACTERS, read_text
 from lassokin_ros.skeleton_readers.naming import in_our_names
 from lassokin_ros.skeleton_readers.rest_pose import in_our_pose
-from lassokin_ros.skeleton_readers.rest_tree import RestTree, to_skeleton
+from lassokin_ros.skeleton_readers.rest_tree import LARGEST_OFFSET, RestTree, to_skeleton
 
 MOST_LINKS = 4000
 
@@ -122,8 +122,10 @@ def _numbers(text: str | None, source: str, joint: str) -> np.ndarray:
         numbers = np.array([float(word) for word in (text or "0 0 0").split()])
     except ValueError:
         numbers = np.zeros(0)
-    if numbers.shape != (3,) or not np.isfinite(numbers).all():
-        raise SkeletonError(f"{source}: joint '{joint}' has '{text}'; expected three finite numbers")
+    if numbers.shape != (3,) or not (np.abs(numbers) < LARGEST_OFFSET).all():  # NaN too
+        raise SkeletonError(
+            f"{source}: joint '{joint}' has '{text}'; expected three finite numbers, smaller than {LARGEST_OFFSET:g}"
+        )
     return numbers
 
 

@@ -20,7 +20,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code.
 
     The code is 0 on success, 2 for input that cannot be used (with one line on stderr), and 130 if a video was
-    interrupted; the files then hold the part that was tracked.
+    interrupted. If the source ends early, or is interrupted, the files hold the part that was tracked.
     """
     options = parser().parse_args(arguments)
     os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -30,8 +30,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         from lassokin_ros.common.summary_output import print_summary
         from lassokin_ros.video.track import track
 
-        summary, complete = track(options)
-        print_summary(summary)
+        tracked = track(options)
+        print_summary(tracked.summary)
     except LassokinError as error:
         print(f"track: {error}", file=sys.stderr)
         return USAGE_ERROR
@@ -41,7 +41,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("track: interrupted; nothing was written", file=sys.stderr)
         return INTERRUPTED
-    return 0 if complete else INTERRUPTED
+    if tracked.fault:
+        print(f"track: {tracked.fault}; what was tracked until then is kept", file=sys.stderr)
+        return USAGE_ERROR
+    return 0 if tracked.complete else INTERRUPTED
 
 
 def parser() -> argparse.ArgumentParser:

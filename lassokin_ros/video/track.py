@@ -9,6 +9,7 @@ import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ import numpy as np
 
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.progress import Progress
-from lassokin_ros.core.evidence.upright import levelling
+from lassokin_ros.core.evidence.upright import level_from_camera
 from lassokin_ros.detector.backend import Detector, make_detector
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.parameter_files import offline_settings
@@ -26,7 +27,7 @@ from lassokin_ros.replay.motion import MotionRecorder
 from lassokin_ros.replay.offline_tracker import OfflineTracker
 from lassokin_ros.replay.output_paths import OutputError
 from lassokin_ros.replay.report.report import Report
-from lassokin_ros.video.camera import Calibration, assumed_fov_warning, choose_camera
+from lassokin_ros.video.camera import DEFAULT_FOV, Calibration, assumed_fov_warning, choose_camera
 from lassokin_ros.video.live_view import LiveView
 from lassokin_ros.video.output_video import OutputVideo
 from lassokin_ros.video.sources import Image, Source, SourceError, open_source
@@ -38,8 +39,20 @@ FIRST_STAMP_NS = 1_000_000_000
 FRAME = "camera_optical_frame"
 
 
-def track(options: argparse.Namespace) -> tuple[str, bool]:
-    """Track a source. Returns the summary, and whether the source was read to its end. Raises a LassokinError."""
+@dataclass(frozen=True)
+class Tracked:
+    """The end of a run. summary: to be printed. complete: the source was read to its end, or a camera was stopped.
+
+    fault: why the source ended early, in words; empty if it did not. The files hold what was tracked until then.
+    """
+
+    summary: str
+    complete: bool
+    fault: str
+
+
+def track(options: argparse.Namespace) -> Tracked:
+    """Track a source and write the requested files. Raises a LassokinError."""
     detector = make_detector(options.detector)
     height = [] if options.height is None else [f"height:={options.height}"]
     layout = f"landmarks:={detector.landmarks}"
@@ -65,17 +78,17 @@ def track(options: argparse.Namespace) -> tuple[str, bool]:
         view = _view(options, source, camera)
         if view is not None:
             stack.callback(view.discard)
-        run = Run(source, detector, tracker, backend, video, view)
+        run = Run(source, detector, tracker, backend, report, video, view)
         complete = run.all_images()
         if report is not None:
-            report.write(files, source.name, ("detector", "camera"))
+            report.write(files, source.name, (f"of {detector_name(options)}", camera_name(options)))
         if exports is not None:
             exports.write(Path(), files)
         if video is not None:
             video.finish()
         if view is not None:
             view.finish()
-    return run.summary(options), complete
+    return Tracked(run.summary(options), complete, run.fault)
 
 
 class Run:
@@ -87,11 +100,12 @@ class Run:
         detector: Detector,
         tracker: OfflineTracker,
         backend: Any,
+        report: Report | None,
         video: OutputVideo | None,
         view: LiveView | None,
     ) -> None:
         self._source, self._detector, self._tracker, self._backend = source, detector, tracker, backend
-        self._video, self._view = video, view
+        self._report, self._video, self._view = report, video, view
         self._waiting: deque[tuple[int, Image]] = deque()
         self.detect_seconds: list[float] = []
         self.fault = ""
@@ -120,7 +134,7 @@ class Run:
             for _ in self._tracker.finish():
                 pass
         self.seconds = time.monotonic() - started
-        return (not stopped or self._source.count == 0) and not self.fault
+        return not stopped or self._source.count == 0
 
     def _one(self, image: Image) -> None:
         stamp_ns = FIRST_STAMP_NS + round(image.seconds * 1e9)
@@ -128,6 +142,8 @@ class Run:
         found = self._detector.detect(image.rgb, image.seconds)
         self.detect_seconds.append(time.monotonic() - began)
         message = point_cloud(self._backend, stamp_ns, FRAME, found.pixels, found.confidence)
+        if self._report is not None:
+            self._report.add_image(stamp_ns, lambda: image.rgb)
         if self._video is not None:
             self._waiting.append((stamp_ns, image))
         if self._view is not None:
@@ -157,11 +173,21 @@ class Run:
             "tracker": f"{1e3 * float(np.median(times)):.2f} ms median",
             "total": f"{self.seconds:.1f} s",
         }
-        if self.fault:
-            lines["ended early"] = self.fault
         files = [options.report, *options.export, options.video, options.view]
         lines["written"] = ", ".join(str(file) for file in files if file is not None and file.name) or "nothing"
         return "\n".join([self._source.name, *(f"{name:<15} {text}" for name, text in lines.items())])
+
+
+def detector_name(options: argparse.Namespace) -> str:
+    """Return the detector for the report's title line."""
+    return Path(options.detector).name
+
+
+def camera_name(options: argparse.Namespace) -> str:
+    """Return the camera for the report's title line."""
+    if options.camera_info is not None:
+        return f"of {options.camera_info.name}"
+    return f"with a field of view of {DEFAULT_FOV if options.fov is None else options.fov:g} degrees"
 
 
 @contextmanager
@@ -193,7 +219,8 @@ def _exports(options: argparse.Namespace, tracker: OfflineTracker) -> Exports | 
     if not options.export:
         return None
     mount = tracker.pipeline.tracker.config
-    recorder = MotionRecorder(tracker.pipeline.tracker.layout.names, levelling(mount.camera_roll, mount.camera_pitch))
+    level = level_from_camera(mount.camera_roll, mount.camera_pitch)
+    recorder = MotionRecorder(tracker.pipeline.tracker.layout.names, level)
     exports = Exports(options.export, recorder, tracker.pipeline.config.several_people, options.force)
     tracker.listeners.append(recorder.add)
     return exports

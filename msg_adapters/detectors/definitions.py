@@ -8,6 +8,9 @@ github.com/stereolabs/zed-ros2-interfaces.
 DEFINITIONS = {
     "hri_msgs/msg/NormalizedPointOfInterest2D": "float32 x\nfloat32 y\nfloat32 c",
     "hri_msgs/msg/Skeleton2D": "std_msgs/Header header\nhri_msgs/NormalizedPointOfInterest2D[18] skeleton",
+    "hri_msgs/msg/NormalizedRegionOfInterest2D": (
+        "std_msgs/Header header\nfloat32 xmin\nfloat32 ymin\nfloat32 xmax\nfloat32 ymax\nfloat32 c"
+    ),
     "hri_msgs/msg/IdsList": "std_msgs/Header header\nstring[] ids",
     "yolo_msgs/msg/Point2D": "float64 x\nfloat64 y",
     "yolo_msgs/msg/Vector2": "float64 x\nfloat64 y",

@@ -86,6 +86,23 @@ class PointStampedBuilder(StampedBuilder):
         target.x, target.y, target.z = numbers.tolist()
 
 
+class RegionBuilder(StampedBuilder):
+    """hri_msgs/NormalizedRegionOfInterest2D."""
+
+    def __init__(self, backend: Backend) -> None:
+        message = backend.make("hri_msgs/msg/NormalizedRegionOfInterest2D")
+        super().__init__(message, [message.header])
+
+    def numbers(self, region: np.ndarray) -> np.ndarray:
+        """region: (5,) xmin, ymin, xmax, ymax, 0 to 1 of the image, and confidence."""
+        return region.astype(np.float32)
+
+    def write(self, numbers: np.ndarray) -> None:
+        """See StampedBuilder.write."""
+        target = self._message
+        target.xmin, target.ymin, target.xmax, target.ymax, target.c = numbers.tolist()
+
+
 class PoseArrayBuilder(StampedBuilder):
     """geometry_msgs/PoseArray of a constant number of poses."""
 

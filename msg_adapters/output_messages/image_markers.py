@@ -117,7 +117,8 @@ class PointPool:
 
 def _present(points: np.ndarray) -> np.ndarray:
     """(k,) bool."""
-    there: np.ndarray = np.isfinite(points).all(axis=1)
+    finite = np.isfinite(points)
+    there: np.ndarray = finite[:, 0] & finite[:, 1]  # all(axis=1) takes three times as long
     return there
 
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from msg_adapters.backends import Backend
+from msg_adapters.errors import AdapterError
 from msg_adapters.output_messages.builders import StampedBuilder
 from msg_adapters.output_messages.clouds import Cloud
 from msg_adapters.output_messages.markers import SPHERE, lifetime, paint
@@ -37,6 +40,25 @@ class UncertaintyCloudBuilder(Cloud):
         self._values[:, 4] = deviation
         self._values[:, 5:] = covariance.reshape(-1, 9).take(UPPER, axis=1)
         return self._points.view(np.uint8)
+
+
+def read_uncertainty_cloud(message: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return positions (n, 3) m, covariance (n, 3, 3) m^2 and deviation (n,) m of a message of the builder above.
+
+    Raises AdapterError with reason `wrong_layout`.
+    """
+    size = len(message.data)
+    if message.point_step != POINT.itemsize or size % POINT.itemsize or message.is_bigendian:
+        raise AdapterError(
+            "wrong_layout", f"{size} bytes, point_step {message.point_step}; expected {POINT.itemsize} bytes per joint"
+        )
+    points = np.frombuffer(message.data, POINT)
+    covariance = np.empty((len(points), 9))
+    for name, place in zip(COVARIANCE, UPPER):
+        row, column = divmod(int(place), 3)
+        covariance[:, place] = covariance[:, 3 * column + row] = points[name]
+    positions = np.stack([points[axis] for axis in "xyz"], axis=1).astype(float)
+    return positions, covariance.reshape(-1, 3, 3), points["deviation"].astype(float)
 
 
 class UncertaintyMarkersBuilder(StampedBuilder):

@@ -1,4 +1,4 @@
-"""`replay` over an archive on one machine: the same as one by one, whatever happens to a recording or its process."""
+"""`replay` over an archive on one machine: the outputs of single replays, also if a process or a recording fails."""
 
 import os
 import shutil
@@ -44,7 +44,7 @@ def hidden(folder):
     return [entry.name for entry in folder.rglob(".*")]
 
 
-def test_the_same_bytes_as_one_by_one_and_a_torn_one_is_a_line(archive, one_by_one, tmp_path, capsys):
+def test_an_archive_gives_the_bytes_of_single_replays(archive, one_by_one, tmp_path, capsys):
     code, said = replayed(capsys, archive, "--output", tmp_path / "new" / "out", "--jobs", 2)
     assert code == 2
     results = outcomes(said)
@@ -57,7 +57,7 @@ def test_the_same_bytes_as_one_by_one_and_a_torn_one_is_a_line(archive, one_by_o
     assert contents(tmp_path / "new" / "out") == contents(one_by_one)
 
 
-def test_what_is_done_is_not_done_again(archive, one_by_one, tmp_path, capsys):
+def test_finished_recordings_are_not_replayed_again(archive, one_by_one, tmp_path, capsys):
     arguments = [archive / "day1", archive / "squat.v2", "--output", tmp_path, "--jobs", 1]
     assert replayed(capsys, *arguments)[0] == 0
     done = contents(tmp_path)
@@ -74,7 +74,7 @@ def test_what_is_done_is_not_done_again(archive, one_by_one, tmp_path, capsys):
         assert line[1] == line[2] == str(BAGS[f"day1/{row.strip()}"])
 
 
-def test_an_output_of_other_settings_or_input_is_not_taken_for_done(tmp_path, capsys):
+def test_an_output_of_other_settings_or_input_does_not_count_as_finished(tmp_path, capsys):
     (tmp_path / "in").mkdir()
     write_recording(tmp_path / "in" / "a", 12)
     arguments = [tmp_path / "in", "--output", tmp_path / "out", "--jobs", 1]
@@ -94,7 +94,7 @@ def test_an_output_of_other_settings_or_input_is_not_taken_for_done(tmp_path, ca
     assert record_of(tmp_path / "out" / "a_tracked").figures.frames_in == 13
 
 
-def test_exports_and_reports_are_each_recordings_own(archive, one_by_one, tmp_path, capsys):
+def test_exports_and_reports_are_written_per_recording(archive, one_by_one, tmp_path, capsys):
     arguments = [archive / "day1", "--output", tmp_path / "out", "--jobs", 1]
     assert replayed(capsys, *arguments)[0] == 0
     arguments += ["--export", ".csv", "--export", ".amass.npz", "--report", tmp_path / "pages"]
@@ -113,8 +113,8 @@ def test_exports_and_reports_are_each_recordings_own(archive, one_by_one, tmp_pa
     assert kept < set(contents(tmp_path / "out" / "walk_tracked"))
 
 
-def test_another_recordings_page_is_not_taken_for_its_own(tmp_path, capsys):
-    """By names that look as if one recording were a person of the other's; a dot in a name hides nobody's file."""
+def test_the_page_of_another_recording_does_not_count_as_finished(tmp_path, capsys):
+    """The names look as if one recording were a person of the other one. A dot in a name does not hide a file."""
     several = ["-p", "max_people:=2", "--save-skeleton", tmp_path / "lengths"]
     (tmp_path / "bags").mkdir()
     for name in ("walk", "walk_p2", "walk.v2"):
@@ -134,7 +134,7 @@ def test_another_recordings_page_is_not_taken_for_its_own(tmp_path, capsys):
     assert sorted(file.name for file in (tmp_path / "lengths").iterdir()) == saved
 
 
-def test_outputs_among_the_recordings_are_not_replayed(tmp_path, capsys, monkeypatch):
+def test_outputs_in_the_archive_are_not_replayed(tmp_path, capsys, monkeypatch):
     write_recording(tmp_path / "a", 12)
     monkeypatch.chdir(tmp_path)
     for outcome in ("tracked", "done before"):
@@ -156,7 +156,7 @@ def test_outputs_among_the_recordings_are_not_replayed(tmp_path, capsys, monkeyp
         (["x", "-p", "hight:=2"], "there is no parameter 'hight'; did you mean 'height'?"),
     ],
 )
-def test_what_is_wrong_with_all_is_said_before_any(tmp_path, monkeypatch, capsys, arguments, expected):
+def test_errors_that_concern_all_recordings_are_reported_first(tmp_path, monkeypatch, capsys, arguments, expected):
     monkeypatch.chdir(tmp_path)
     for folder in ("x", "y"):
         Path(folder).mkdir()
@@ -168,7 +168,7 @@ def test_what_is_wrong_with_all_is_said_before_any(tmp_path, monkeypatch, capsys
 
 
 @needs_proc
-def test_a_recording_whose_process_is_killed_is_done_again(tmp_path):
+def test_a_recording_whose_process_is_killed_is_repeated(tmp_path):
     archive = write_archive(tmp_path / "in", long=1)
     output = tmp_path / "out"
     running = start_replay(archive, "--output", output, "--jobs", 2)
@@ -185,7 +185,7 @@ def test_a_recording_whose_process_is_killed_is_done_again(tmp_path):
 
 
 @needs_proc
-def test_a_recording_that_kills_every_process_is_given_up(tmp_path):
+def test_a_recording_that_kills_every_process_is_skipped(tmp_path):
     (tmp_path / "in").mkdir()
     write_recording(tmp_path / "in" / "z_long0", LONG)
     write_recording(tmp_path / "in" / "short", 10)
@@ -202,19 +202,19 @@ def test_a_recording_that_kills_every_process_is_given_up(tmp_path):
 
 
 @needs_proc
-def test_processes_end_with_the_command_even_when_that_is_killed(tmp_path):
+def test_processes_end_when_the_command_is_killed(tmp_path):
     archive, output = write_archive(tmp_path / "in", long=1), tmp_path / "out"
     running = start_replay(archive / "z_long0", archive / "squat.v2", "--output", output, "--jobs", 1)
     worker = holder(running, output / "z_long0_tracked")
     running.kill()
-    running.communicate(timeout=20)  # ends when the last process that holds the other end of the pipes has ended
+    running.communicate(timeout=20)  # reads until the last process with the other end of the pipes has ended
     assert not Path(f"/proc/{worker}/fd").is_dir() or not list(Path(f"/proc/{worker}/fd").iterdir())
 
 
 @needs_proc
 @pytest.mark.parametrize("number, send", [(signal.SIGTERM, os.kill), (signal.SIGINT, os.killpg)])
-def test_an_interrupted_archive_leaves_whole_outputs_and_goes_on(tmp_path, capsys, number, send):
-    """SIGTERM for the command alone; SIGINT for all its processes, as a terminal's Ctrl-C sends it."""
+def test_an_interrupted_archive_leaves_complete_outputs_and_can_continue(tmp_path, capsys, number, send):
+    """SIGTERM for the command alone; SIGINT for all its processes, as from Ctrl-C in a terminal."""
     archive, output = write_archive(tmp_path / "in", long=1), tmp_path / "out"
     running = start_replay(archive / "day1", archive / "z_long0", "--output", output, "--jobs", 1)
     holder(running, output / "z_long0_tracked")

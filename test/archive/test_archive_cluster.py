@@ -1,4 +1,4 @@
-"""`replay --scheduler` with a real scheduler and two real workers on this machine, of which one is killed."""
+"""`replay --scheduler` with a real scheduler and two real workers on this machine, one of which is killed."""
 
 import json
 import os
@@ -25,7 +25,7 @@ HERE = "127.0.0.1"
 
 @contextmanager
 def process(*command):
-    """A part of dask for the time of the test; both it and what it starts end with it."""
+    """A process of dask for the duration of the test; it and its child processes end with the context."""
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     running = subprocess.Popen(
@@ -57,7 +57,7 @@ def cluster(folder):
 
 
 def lose_the_scheduler(archive, output, address, scheduler):
-    """It dies with all that it knew: what is not done is said in the table, in place of tracebacks."""
+    """The scheduler dies with its state. The table lists the unfinished recordings instead of tracebacks."""
     running = start_replay(archive / "z_long0", archive / "squat.v2", "--output", output, "--scheduler", address)
     holder(running, output / "z_long0_tracked")
     scheduler.kill()
@@ -66,7 +66,7 @@ def lose_the_scheduler(archive, output, address, scheduler):
     assert outcomes(said)["z_long0"] == "failed: the scheduler was lost, or cancelled the task"
 
 
-def test_an_archive_on_two_workers_of_which_one_is_killed(tmp_path, capsys):
+def test_an_archive_is_completed_if_one_of_two_workers_is_killed(tmp_path, capsys):
     archive, output = write_archive(tmp_path / "in", long=1), tmp_path / "out"
     with cluster(tmp_path) as (address, workers, scheduler):
         assert address.startswith(f"tcp://{HERE}:")
@@ -99,7 +99,7 @@ def test_an_archive_on_two_workers_of_which_one_is_killed(tmp_path, capsys):
         ("nix.json", "'nix.json' is not a scheduler file: [Errno 2] No such file or directory: 'nix.json'"),
     ],
 )
-def test_no_scheduler_is_one_line(tmp_path, capsys, monkeypatch, address, expected):
+def test_a_missing_scheduler_is_one_line(tmp_path, capsys, monkeypatch, address, expected):
     import lassokin_ros.archive.dask_cluster as archive_dask
 
     monkeypatch.setattr(archive_dask, "TIMEOUT_S", 0.3)

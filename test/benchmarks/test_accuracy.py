@@ -14,7 +14,8 @@ from benchmarks.accuracy_run.experiment import Job, bone_scales, run, scene_of
 from benchmarks.common.report import data_folder
 from benchmarks.data.depth_sensor import DepthSensor
 from benchmarks.data.detections import height_of, measured
-from benchmarks.data.mocap import EVALUATED, WANDERS, Condition
+from benchmarks.data.mocap import EVALUATED
+from benchmarks.data.simulated_camera import WANDERS, Condition
 from benchmarks.learn_prior import TRAINING
 from benchmarks.methods import smplify
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
@@ -40,7 +41,7 @@ def untimed(records):
 
 
 @needs_clips
-def test_records_hold_what_the_contract_says_and_do_not_depend_on_jobs(tmp_path, capsys):
+def test_records_have_all_fields_and_do_not_depend_on_the_number_of_jobs(tmp_path, capsys):
     results = []
     for jobs in ("1", "2"):
         file = tmp_path / f"{jobs}.json"
@@ -63,7 +64,7 @@ def test_records_hold_what_the_contract_says_and_do_not_depend_on_jobs(tmp_path,
 
 
 @needs_clips
-def test_several_seeds_are_one_summary_of_all_their_runs(tmp_path, capsys):
+def test_several_seeds_have_one_summary(tmp_path, capsys):
     def records(*options):
         file = tmp_path / "records.json"
         assert main(["--clips", "exp_running_1", "--views", "1", "--fps", "30", "--json", str(file), *options]) == 0
@@ -76,7 +77,7 @@ def test_several_seeds_are_one_summary_of_all_their_runs(tmp_path, capsys):
 
 
 @needs_clips
-def test_training_clips_are_marked_and_kept_out_of_the_summary(capsys):
+def test_training_clips_are_marked_and_not_in_the_summary(capsys):
     assert main(["--clips", "02_03", "--views", "1", "--jobs", "1", "--fps", "30"]) == 0
     text = capsys.readouterr().out
     assert "02_03 *" in text and "training clips, not to be reported:" in text
@@ -104,7 +105,7 @@ def test_every_baseline_runs_from_the_command_line(tmp_path):
 
 @needs_clips
 @pytest.mark.parametrize("fps", [60.0, 30.0])
-def test_smplify_is_asked_for_the_same_smoothness_at_every_frame_rate(fps, monkeypatch):
+def test_smplify_has_the_same_smoothness_at_every_frame_rate(fps, monkeypatch):
     weights = []
 
     def made(kinematics, config, smooth=smplify.SMOOTH):
@@ -118,7 +119,7 @@ def test_smplify_is_asked_for_the_same_smoothness_at_every_frame_rate(fps, monke
 
 
 @needs_clips
-def test_initialisation_and_gap(tmp_path, capsys):
+def test_initialisation_and_gap_give_their_records(tmp_path, capsys):
     file = tmp_path / "records.json"
     options = ["--clips", "12_01", "--views", "1", "--jobs", "1", "--json", str(file)]
     assert main([*options, "--initialisation", "--per-clip", "2"]) == 0
@@ -132,11 +133,11 @@ def test_initialisation_and_gap(tmp_path, capsys):
 
 
 @needs_detections
-def test_real_detections(tmp_path, capsys):
+def test_real_detections_are_scored(tmp_path, capsys):
     file = tmp_path / "records.json"
     beside = ["--methods", "lasso,dls", "--jobs", "1", "--json", str(file), "--fps", "30", "--noise-px", "4"]
     assert main(["--detections", str(DETECTIONS / "openpose_balancing.npz"), *beside]) == 0
-    assert "Without effect on --detections, which are taken as they are: --noise-px, --fps." in capsys.readouterr().out
+    assert "No effect with --detections: --noise-px, --fps." in capsys.readouterr().out
     records = json.loads(file.read_text(encoding="utf-8"))
     assert [(r["view"], r["method"]) for r in records] == [(0, "lasso"), (0, "dls"), (1, "lasso"), (1, "dls")]
     assert all(r["frames"] == 100 and 1.4 < r["height_m"] < 2.0 for r in records)
@@ -144,7 +145,7 @@ def test_real_detections(tmp_path, capsys):
 
 @needs_detections
 @pytest.mark.parametrize("figure, count", [("--uncertainty", "joints"), ("--failure-probability", "frames")])
-def test_the_tracker_s_own_figures_are_checked_on_recordings_too(figure, count, tmp_path):
+def test_uncertainty_and_failure_probability_accept_recordings(figure, count, tmp_path):
     file, recording = tmp_path / "records.json", str(DETECTIONS / "openpose_balancing.npz")
     assert main(["--detections", recording, figure, "--jobs", "1", "--json", str(file)]) == 0
     total = json.loads(file.read_text(encoding="utf-8"))[-1]
@@ -152,7 +153,7 @@ def test_the_tracker_s_own_figures_are_checked_on_recordings_too(figure, count, 
 
 
 @needs_detections
-def test_the_detector_s_own_3d_is_scored_where_a_recording_holds_it(tmp_path):
+def test_the_detectors_own_3d_is_scored_if_a_recording_has_it(tmp_path):
     files = [str(DETECTIONS / f"talking_woman_{name}.npz") for name in ("mediapipe_heavy", "movenet_lightning")]
     file, method = tmp_path / "records.json", ["--methods", "mediapipe_world", "--jobs", "1"]
     assert main(["--detections", *files, *method, "--json", str(file)]) == 0
@@ -164,7 +165,7 @@ def test_the_detector_s_own_3d_is_scored_where_a_recording_holds_it(tmp_path):
             main([*alone, *method])
 
 
-def test_absent_data_is_said_plainly(tmp_path):
+def test_missing_data_is_reported(tmp_path):
     with pytest.raises(SystemExit, match="no clips"):
         main(["--data", str(tmp_path)])
 
@@ -179,7 +180,7 @@ def test_bone_errors_are_reproducible_and_symmetric_on_request(symmetric):
     assert same == symmetric
 
 
-def test_measured_bones_are_the_reference_s():
+def test_measured_bones_have_the_lengths_of_the_reference():
     truth = Skeleton.load("anthropometric", 1.9)
     layout = Layout.load("body25b", truth)
     scales = np.ones(truth.joint_count)
@@ -201,7 +202,7 @@ def test_measured_bones_are_the_reference_s():
 
 
 @needs_clips
-def test_a_run_that_finds_nobody_is_counted_and_a_clip_too_short_to_be_scored_is_left_out(capsys):
+def test_a_run_without_a_person_is_counted_and_a_short_clip_is_left_out(capsys):
     options = ["--clips", "exp_running_1,12_01", "--views", "1", "--jobs", "1", "--fps", "30"]
     nobody = [*options, "--set", "min_landmarks=18"]
     assert main(nobody) == 0
@@ -217,7 +218,7 @@ def test_a_run_that_finds_nobody_is_counted_and_a_clip_too_short_to_be_scored_is
 
 @needs_clips
 @pytest.mark.parametrize("figure, count", [("--uncertainty", "joints"), ("--failure-probability", "frames")])
-def test_training_clips_are_kept_out_of_the_bins_too(figure, count, tmp_path, capsys):
+def test_training_clips_are_not_in_the_bins(figure, count, tmp_path, capsys):
     def records(*clips):
         file = tmp_path / "records.json"
         options = ["--clips", ",".join(clips), "--views", "1", "--fps", "30", "--jobs", "1", "--json", str(file)]
@@ -232,7 +233,7 @@ def test_training_clips_are_kept_out_of_the_bins_too(figure, count, tmp_path, ca
 @needs_clips
 @pytest.mark.parametrize("clip", ["exp_running_1", "12_01"])
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 1.0])
-def test_as_many_points_are_missing_as_is_said_in_a_short_clip_too(clip, share):
+def test_the_share_of_missing_points_holds_in_a_short_clip(clip, share):
     view = scene_of(Job(MOCAP / f"{clip}.npz", 0, "lasso", Condition(missing=share))).view
     gone = np.mean(view.confidence == 0, axis=0)
     assert np.abs(gone - share).max() <= 0.5 / len(view.confidence)
@@ -240,7 +241,7 @@ def test_as_many_points_are_missing_as_is_said_in_a_short_clip_too(clip, share):
 
 @needs_clips
 @pytest.mark.parametrize("share", [0.0, 0.1, 1.0])
-def test_in_as_many_frames_a_limb_is_swapped_as_is_said(share):
+def test_the_share_of_swapped_frames_holds(share):
     exact, swapped = (
         scene_of(Job(MOCAP / "exp_running_1.npz", 0, "lasso", Condition(noise_px=0, swaps=s))).view.pixels
         for s in (0.0, share)
@@ -258,7 +259,7 @@ def test_in_as_many_frames_a_limb_is_swapped_as_is_said(share):
     "--duplicates=1.5 --set=sparsity=abc --set=sparsity --set=warm_start=maybe "
     "--set=height=2 --set=landmarks=body25 --set=skeleton=x --set=speed=1".split(),
 )
-def test_an_option_that_cannot_be_meant_is_refused_by_its_name(option, capsys):
+def test_an_invalid_option_is_refused_by_name(option, capsys):
     with pytest.raises(SystemExit) as end:
         main([option, "--clips", "exp_running_1"])
     said = capsys.readouterr().err
@@ -273,13 +274,13 @@ def test_an_option_that_cannot_be_meant_is_refused_by_its_name(option, capsys):
         *(f"--detections any.npz --{what}" for what in ("gap=1", "initialisation")),
     ],
 )
-def test_options_that_do_not_go_together_are_refused(options):
+def test_contradictory_options_are_refused(options):
     with pytest.raises(SystemExit, match="for clips|frame by frame|expected some of"):
         main(options.split())
 
 
 @needs_clips
-def test_clips_that_do_not_have_the_rate_are_said(capsys):
+def test_clips_with_another_frame_rate_are_listed(capsys):
     options = ["--clips", "exp_running_1,ad_jumping_jacks", "--views", "1", "--jobs", "1"]
     for rate, said in ((60, "ad_jumping_jacks 30"), (500, "ad_jumping_jacks 30, exp_running_1 60"), (30, "")):
         assert main([*options, "--fps", str(rate)]) == 0
@@ -288,7 +289,7 @@ def test_clips_that_do_not_have_the_rate_are_said(capsys):
 
 
 @needs_clips
-def test_duplicates_are_the_same_keypoints_against_each_frames_truth(capsys):
+def test_duplicates_repeat_keypoints_and_keep_each_frames_truth(capsys):
     job = Job(MOCAP / "exp_running_1.npz", 0, "lasso")
     single, view = (scene_of(replace(job, condition=Condition(duplicates=k))).view for k in (1, 3))
     assert np.array_equal(view.truth, single.truth) and not np.array_equal(view.truth[3], view.truth[4])
@@ -300,7 +301,7 @@ def test_duplicates_are_the_same_keypoints_against_each_frames_truth(capsys):
 
 
 @needs_clips
-def test_keypoints_are_off_by_what_is_said_and_for_as_long(capsys):
+def test_keypoint_errors_have_the_given_size_and_duration(capsys):
     job = Job(MOCAP / "gs_lambada.npz", 0, "lasso")
 
     def pixels(**how):
@@ -312,14 +313,14 @@ def test_keypoints_are_off_by_what_is_said_and_for_as_long(capsys):
     assert wanders.std() == pytest.approx(3.0, rel=0.1)
     after = round(60 * WANDERS)
     assert np.mean(wanders[after:] * wanders[:-after]) / 9 == pytest.approx(np.exp(-1), abs=0.1)
-    assert np.array_equal(pixels(missing=0.1), exact)  # other draws stay as they were
+    assert np.array_equal(pixels(missing=0.1), exact)  # other draws are unchanged
     options = ["--clips", "exp_running_1", "--views", "1", "--jobs", "1", "--wander-px", "2", "--offset-px", "1.5"]
     assert main(options) == 0
     assert "off by 2 px for 0.1 s on end, and by 1.5 px all the time" in capsys.readouterr().out
 
 
 @needs_clips
-def test_depth_is_measured_with_the_errors_that_are_said():
+def test_depth_errors_have_the_given_sizes():
     job = Job(MOCAP / "gs_lambada.npz", 0, "lasso")
 
     def scene(**errors):
@@ -329,7 +330,7 @@ def test_depth_is_measured_with_the_errors_that_are_said():
     exact = scene().view
     hip = Layout.load("coco17", Skeleton.load("anthropometric", 1.75)).index("left_hip")
     assert np.allclose(exact.depth[:, hip], exact.truth[:, EVALUATED.index("l_hip"), 2])
-    assert np.array_equal(exact.pixels, scene_of(job).view.pixels)  # other draws stay as they were
+    assert np.array_equal(exact.pixels, scene_of(job).view.pixels)  # other draws are unchanged
 
     def error(**errors):
         return scene(**errors).view.depth - exact.depth
@@ -343,7 +344,7 @@ def test_depth_is_measured_with_the_errors_that_are_said():
 
 
 @needs_clips
-def test_measured_depth_is_said_and_makes_the_pose_better(capsys, tmp_path):
+def test_measured_depth_is_printed_and_improves_the_pose(capsys, tmp_path):
     file, errors = tmp_path / "records.json", {}
     options = ["--clips", "exp_running_1", "--views", "1", "--jobs", "1", "--offset-px", "3", "--json", str(file)]
     for depth in ((), ("--depth-noise", "0.01")):
@@ -356,14 +357,14 @@ def test_measured_depth_is_said_and_makes_the_pose_better(capsys, tmp_path):
 
 
 @needs_clips
-def test_a_mounted_camera_and_people_laid_down_are_what_they_say(capsys):
+def test_camera_mount_and_lying_people_have_the_given_orientations(capsys):
     job = Job(MOCAP / "exp_walking_1.npz", 0, "lasso")
 
     def view(**how):
         return scene_of(replace(job, condition=Condition(noise_px=0.0, **how))).view
 
     def up(view):
-        """(3,) from the pelvis to the neck, on average."""
+        """(3,) mean direction from the pelvis to the neck."""
         trunk = np.mean(view.truth[:, EVALUATED.index("neck")] - view.root, axis=0)
         return trunk / np.linalg.norm(trunk)
 
@@ -383,14 +384,14 @@ def test_a_mounted_camera_and_people_laid_down_are_what_they_say(capsys):
 
 
 @needs_clips
-def test_a_lagged_pose_is_scored_against_its_own_frame():
+def test_a_lagged_pose_is_scored_with_its_own_frame():
     at_once, late = (run(Job(MOCAP / "exp_running_1.npz", 0, "lasso", settings={"smoothing_lag": s})) for s in (0, 0.1))
     assert at_once["frames"] == late["frames"] and late["rejected"] == 0 and not late["ends_lost"]
     assert late["accel_error"] < 0.85 * at_once["accel_error"] and late["mpjpe_mm"] < at_once["mpjpe_mm"] + 1
 
 
 @pytest.mark.parametrize("content", [None, b"", b"no array", b"PK\x03\x04", {"kp2d": np.zeros((1, 2, 25, 3))}])
-def test_a_file_that_holds_no_detections_is_one_line(content, tmp_path):
+def test_a_file_without_detections_is_one_line(content, tmp_path):
     file = tmp_path / "detections.npz"
     if isinstance(content, bytes):
         file.write_bytes(content)

@@ -1,4 +1,4 @@
-"""against.py: a revision against itself is as fast, and what cannot be compared is one line."""
+"""against.py: a revision compared with itself has ratios near 1; an unusable argument is one line."""
 
 import json
 import shutil
@@ -18,7 +18,7 @@ def run(*arguments):
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
 
 
-def test_a_revision_against_itself(tmp_path):
+def test_a_revision_compared_with_itself_has_ratios_near_1(tmp_path):
     file = tmp_path / "records.json"
     done = run("HEAD", "--rounds", "2", "--figures", "step,first_upright", "--json", str(file))
     assert done.returncode == 0, done.stderr
@@ -28,7 +28,7 @@ def test_a_revision_against_itself(tmp_path):
 
 
 @pytest.mark.parametrize("arguments", [["no_such_revision"], ["HEAD", "--figures", "nothing"], []])
-def test_what_cannot_be_compared_is_said(arguments):
+def test_an_unusable_argument_is_refused_in_one_line(arguments):
     done = run(*arguments)
     assert done.returncode == 2 and done.stdout == ""
     assert arguments == [] or arguments[-1] in done.stderr

@@ -1,4 +1,4 @@
-"""What a benchmark's user gets wrong is one line on the terminal and exit code 2."""
+"""Errors of usage and input end a benchmark with one line on the terminal and exit code 2."""
 
 import subprocess
 import sys
@@ -11,7 +11,8 @@ from benchmarks import accuracy, latency, soak, solvers
 from benchmarks.common.refusals import exit_code
 from benchmarks.common.report import write_json
 from benchmarks.data.detections import detection_jobs, height_of, load_recording, run_detections
-from benchmarks.data.mocap import load_clip, rate_of
+from benchmarks.data.mocap import load_clip
+from benchmarks.data.simulated_camera import rate_of
 from lassokin_ros.core.body.landmarks import Layout, built_in_layouts
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import LassokinError
@@ -20,7 +21,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.mark.parametrize("error", [SystemExit("no such clip"), LassokinError("no such clip")])
-def test_what_is_refused_is_one_line(error, capsys):
+def test_an_error_is_one_line(error, capsys):
     def command():
         raise error
 
@@ -29,7 +30,7 @@ def test_what_is_refused_is_one_line(error, capsys):
     assert said.err.endswith(": no such clip\n") and said.err.count("\n") == 1 and not said.out
 
 
-def test_what_ends_well_or_says_its_own_code_is_left_alone():
+def test_success_and_explicit_exit_codes_are_unchanged():
     assert exit_code(lambda: None) == 0 and exit_code(lambda: 1) == 1
     with pytest.raises(SystemExit) as end:
         exit_code(lambda: sys.exit(3))
@@ -47,7 +48,7 @@ def test_what_ends_well_or_says_its_own_code_is_left_alone():
         ("solvers", ["--methods", "primal,magic"], "no method's name has magic; expected parts of: default"),
     ],
 )
-def test_scripts_say_what_they_refuse(script, options, said):
+def test_scripts_report_errors_in_one_line(script, options, said):
     command = [sys.executable, f"benchmarks/{script}.py", *options]
     result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
     assert result.returncode == 2
@@ -56,7 +57,7 @@ def test_scripts_say_what_they_refuse(script, options, said):
 
 @pytest.mark.parametrize("command", [accuracy.main, latency.main, solvers.main, soak.main])
 @pytest.mark.parametrize("place", ["nowhere/records.json", "."])
-def test_records_that_could_not_be_written_are_said_before_the_work(command, place, tmp_path, monkeypatch, capsys):
+def test_an_unwritable_record_file_is_reported_before_the_work(command, place, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit) as end:
         command(["--json", place])
@@ -64,7 +65,7 @@ def test_records_that_could_not_be_written_are_said_before_the_work(command, pla
     assert f"argument --json: {place}; expected a file in a folder that exists" in capsys.readouterr().err
 
 
-def test_a_disk_that_is_full_when_the_records_are_written_is_said():
+def test_a_full_disk_is_reported_when_the_records_are_written():
     with pytest.raises(SystemExit, match="cannot write /dev/full: No space left"):
         write_json(Path("/dev/full"), [{"clip": "x"}])
 
@@ -78,7 +79,7 @@ PARENTS = {
 
 
 def clip_arrays():
-    """The least that a clip's file may hold, 4 frames at 50 Hz; nothing in it moves."""
+    """The smallest valid clip: 4 frames at 50 Hz without motion."""
     joints = list(PARENTS)
     named = [name for name in joints if name != "thorax"]
     return {
@@ -93,7 +94,7 @@ def clip_arrays():
     }
 
 
-def test_a_clip_needs_no_more_than_the_form_that_is_described(tmp_path):
+def test_a_clip_with_the_documented_fields_is_accepted(tmp_path):
     np.savez(tmp_path / "still.npz", **clip_arrays())
     assert load_clip(tmp_path / "still.npz").fps == 50 and rate_of(tmp_path / "still.npz", 25) == 25
 
@@ -111,11 +112,11 @@ def test_a_clip_needs_no_more_than_the_form_that_is_described(tmp_path):
         ("joints", lambda joints: joints.astype(object), "is no npz file of plain arrays;"),
         ("local_rot_wxyz", lambda turns: 0 * turns, "has rotations of length 0;"),
         ("local_rot_wxyz", lambda turns: turns[..., :3], "has local_rot_wxyz of shape"),
-        ("std_index", lambda index: index + 9, "has parents that come after their children, or std_index"),
+        ("std_index", lambda index: index + 9, "has parents after their children, or std_index"),
         ("std_names", lambda names: np.array(["nose", *names[1:]]), "has no joint pelvis in std_names;"),
     ],
 )
-def test_a_clip_that_holds_no_motion_is_said_by_its_file(name, value, said, tmp_path):
+def test_an_invalid_clip_is_reported_with_its_file(name, value, said, tmp_path):
     arrays = clip_arrays()
     value = value and value(arrays.pop(name))
     np.savez(tmp_path / "odd.npz", **{k: v for k, v in {**arrays, name: value}.items() if v is not None})
@@ -139,7 +140,7 @@ def layout_names(name):
 
 @pytest.mark.parametrize("name", built_in_layouts())
 @pytest.mark.parametrize("spell", [str, str.upper, lambda n: "".join(p.title() for p in n.split("_"))])
-def test_a_detectors_layout_is_told_by_its_names(name, spell, tmp_path):
+def test_the_layout_is_recognised_by_the_keypoint_names(name, spell, tmp_path):
     names = [spell(n) for n in layout_names(name)]
     points = np.zeros((1, 3, len(names) + 2, 3))
     arrays = {"kp2d": points, "ref_cam": points + 0.1, "keypoint_names": np.array([*names, "extra", "more"])}
@@ -148,7 +149,7 @@ def test_a_detectors_layout_is_told_by_its_names(name, spell, tmp_path):
 
 
 def detection_arrays():
-    """One camera, 3 frames at 30 Hz of a detector with BODY_25B's points, in which there is nobody."""
+    """A recording of one camera, 3 frames at 30 Hz, BODY_25B's points, without a person."""
     return {
         "kp2d": np.zeros((1, 3, 25, 3)),
         "ref_cam": np.random.default_rng(0).normal(size=(1, 3, 25, 3)) * 0.15,
@@ -159,7 +160,7 @@ def detection_arrays():
     }
 
 
-def test_a_recording_in_which_nobody_is_found_is_a_record_without_figures(tmp_path):
+def test_a_recording_without_a_person_gives_a_record_without_figures(tmp_path):
     np.savez(tmp_path / "empty.npz", **detection_arrays())
     for job in detection_jobs([tmp_path / "empty.npz"], ["lasso", "dls"], False, {}):
         record = run_detections(job)
@@ -184,7 +185,7 @@ def test_a_recording_in_which_nobody_is_found_is_a_record_without_figures(tmp_pa
         ("dist", lambda dist: np.zeros((1, 8)), "has dist of shape"),
     ],
 )
-def test_detections_that_cannot_be_used_are_said_by_their_file(name, change, said, tmp_path):
+def test_unusable_detections_are_reported_with_their_file(name, change, said, tmp_path):
     arrays = detection_arrays()
     np.savez(tmp_path / "odd.npz", **{**arrays, name: change(arrays[name])})
     with pytest.raises(SystemExit, match=f"odd.npz {said}.*; expected detections"):
@@ -197,7 +198,7 @@ def test_a_reference_without_limbs_gives_no_height():
         height_of(np.full((3, 25, 3), np.nan), layout)
 
 
-def test_clips_in_which_no_lasso_comes_up_are_said(tmp_path):
+def test_clips_without_a_lasso_are_reported(tmp_path):
     arrays = clip_arrays()
     first = {name: arrays[name][:1] for name in ("joints", "root_trans", "local_rot_wxyz")}
     standing = {**arrays, **first, "offsets": 0.1 * np.ones_like(arrays["offsets"])}
@@ -206,7 +207,7 @@ def test_clips_in_which_no_lasso_comes_up_are_said(tmp_path):
         solvers.main(["--data", str(tmp_path), "--clips", "one_frame", "--problems", "2"])
 
 
-def test_the_offline_fit_says_of_a_clip_without_anybody_what_the_others_say(tmp_path):
+def test_the_offline_fit_of_a_clip_without_a_person_gives_the_same_record_as_other_methods(tmp_path):
     np.savez(tmp_path / "empty.npz", **detection_arrays())
     (job,) = detection_jobs([tmp_path / "empty.npz"], ["smplify"], False, {})
     record = run_detections(job)

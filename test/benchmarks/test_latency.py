@@ -1,4 +1,4 @@
-"""benchmarks/latency.py on a few frames: every part gives its rows, and what is timed is the real thing."""
+"""benchmarks/latency.py on a few frames: every part gives its rows, and the timed code is that of the tracker."""
 
 import json
 from pathlib import Path
@@ -17,7 +17,7 @@ from lassokin_ros.core.lasso import solver
 MOTION = load_motion(Path("no such folder"), 12)
 
 
-def test_without_clips_the_motion_is_synthetic_and_says_so():
+def test_without_clips_the_motion_is_synthetic_and_named():
     assert MOTION.source == "synthetic motion" and MOTION.state.rotations.shape == (12, 24, 3, 3)
 
 
@@ -29,7 +29,7 @@ def test_a_skeleton_with_both_hands_has_55_joints_and_65_landmarks():
     assert np.allclose(hands.mean(0)[0], 0, atol=1e-12)  # left and right mirror each other
 
 
-def test_profile_times_every_stage_and_leaves_the_tracker_as_it_was():
+def test_profile_times_every_stage_and_restores_the_tracker():
     certify = solver.certify
     records = {r["what"]: r for r in profile(Run(MOTION).tracker, Run(MOTION).observations, MOTION)}
     assert solver.certify is certify
@@ -45,7 +45,7 @@ def test_clock_adds_up_time_and_calls():
     assert calls == 2 and seconds > 0 and clock.take() == (0, 0)
 
 
-def test_interleaved_counts_what_it_is_told_to_and_gives_ratios():
+def test_interleaved_counts_frames_and_computes_ratios():
     order = []
 
     def step(name, work):
@@ -66,14 +66,14 @@ def test_interleaved_counts_what_it_is_told_to_and_gives_ratios():
     [(latency.main, o) for o in ("--frames=0", "--frames=9", "--frames=x", "--parts=core,cores", "--parts=")]
     + [(solvers.main, o) for o in ("--problems=0", "--kinds=foo", "--tolerance=nan", "--tolerance=0", "--seed=-1")],
 )
-def test_options_that_cannot_be_meant_are_refused_by_their_name(command, option, capsys):
+def test_invalid_options_are_refused_by_name(command, option, capsys):
     with pytest.raises(SystemExit) as end:
         command([option])
     said = capsys.readouterr().err
     assert end.value.code == 2 and f"argument {option.split('=')[0]}: " in said and "; expected " in said
 
 
-def test_command_line(tmp_path, capsys):
+def test_the_command_line_prints_every_part(tmp_path, capsys):
     file = tmp_path / "records.json"
     options = ["--data", str(tmp_path), "--frames", "12", "--parts", "core,landmarks,people,peers", "--json", str(file)]
     assert main(options) == 0
@@ -85,8 +85,8 @@ def test_command_line(tmp_path, capsys):
     assert "synthetic motion" in capsys.readouterr().out
 
 
-def test_callback_stages(tmp_path):
-    """The real node's callback on real DDS where rclpy is, serialised messages where it is not."""
+def test_callback_stages_are_timed(tmp_path):
+    """With rclpy the real node's callback on real DDS, without it serialised messages."""
     pytest.importorskip("rosbags")
     file = tmp_path / "records.json"
     assert main(["--data", str(tmp_path), "--frames", "10", "--parts", "callback", "--json", str(file)]) == 0

@@ -1,4 +1,4 @@
-"""accuracy.py --leave-one-out: every clip counts, under a prior that has not seen it; on three short clips."""
+"""accuracy.py --leave-one-out on three short clips: every clip counts, with a prior learned without it."""
 
 import json
 import subprocess
@@ -47,7 +47,7 @@ def same(a, b):
 
 
 @needs_clips
-def test_the_prior_without_a_clip_is_learned_from_all_others_and_from_no_more(folder):
+def test_the_prior_is_learned_from_all_other_clips(folder):
     without = PoseDistribution.from_mapping(prior_without(folder / "02_03.npz"), SKELETON)
     others = mapping(*learn(load_clips(folder, ["02_02", "exp_running_1"])))
     everything = mapping(*learn(load_clips(folder)))
@@ -56,7 +56,7 @@ def test_the_prior_without_a_clip_is_learned_from_all_others_and_from_no_more(fo
 
 
 @needs_clips
-def test_another_file_of_the_same_take_is_not_unseen(tmp_path):
+def test_another_file_of_the_same_take_is_left_out_too(tmp_path):
     clips = [tmp_path / f"{name}.npz" for name in ("02_01", "02_03", "exp_walking_1")]
     for file in clips:
         file.symlink_to(MOCAP.resolve() / file.name)
@@ -69,7 +69,7 @@ def test_another_file_of_the_same_take_is_not_unseen(tmp_path):
 
 
 @needs_clips
-def test_no_other_two_clips_are_one_take():
+def test_no_other_clips_show_the_same_take():
     joints = [SKELETON.index(f"{s}_{j}") for s in ("left", "right") for j in ("hip", "knee", "shoulder", "elbow")]
     turns = {clip.name: rotation_vectors(clip)[:, joints].reshape(-1, 24) for clip in load_clips(MOCAP)}
     near = {
@@ -81,7 +81,7 @@ def test_no_other_two_clips_are_one_take():
 
 
 @needs_clips
-def test_a_run_has_its_prior_for_its_own_time_only(folder):
+def test_the_prior_is_replaced_for_the_run_only(folder):
     def prior_of(job):
         return PoseDistribution.load(SKELETON)
 
@@ -96,8 +96,8 @@ def test_a_run_has_its_prior_for_its_own_time_only(folder):
 
 
 @needs_clips
-def test_every_clip_counts_whatever_the_number_of_processes(folder, tmp_path, capsys):
-    # --leave-one-out learns the pose prior anew, not the network: clips of the network's people stay marked with it.
+def test_every_clip_counts_with_any_number_of_processes(folder, tmp_path, capsys):
+    # --leave-one-out learns only the pose prior: clips of the network's training people stay marked.
     options = ["--data", str(folder), "--methods", "lasso,ridge", "--set", "depth_prior=false"]
     one, two = (records_of(tmp_path, *options, "--leave-one-out", "--jobs", jobs) for jobs in "12")
     text = capsys.readouterr().out
@@ -116,7 +116,7 @@ def test_every_clip_counts_whatever_the_number_of_processes(folder, tmp_path, ca
 @pytest.mark.parametrize(
     "mode", ["--initialisation --per-clip 1", "--gap 0.1", "--uncertainty", "--failure-probability"]
 )
-def test_what_else_is_measured_has_that_prior_too(mode, folder, tmp_path):
+def test_other_measurements_use_that_prior_too(mode, folder, tmp_path):
     options = ["--data", str(folder), "--clips", "exp_running_1", "--jobs", "1", *mode.split()]
     figure = {"--initialisation": "init_mpjpe_mm", "--gap": "gap_end_mm", "--uncertainty": "actual_mm"}
     shipped, own = (records_of(tmp_path, *options, *more)[-1] for more in ([], ["--leave-one-out"]))
@@ -125,7 +125,7 @@ def test_what_else_is_measured_has_that_prior_too(mode, folder, tmp_path):
 
 
 @needs_clips
-def test_what_cannot_be_done_is_said(folder):
+def test_a_single_take_is_refused(folder):
     for clip in CLIPS[1:]:
         (folder / f"{clip}.npz").unlink()
     with pytest.raises(SystemExit, match="no clip but 02_02 .* expected others"):
@@ -133,7 +133,7 @@ def test_what_cannot_be_done_is_said(folder):
 
 
 @needs_clips
-def test_what_cannot_be_done_ends_several_processes_too(folder):
+def test_an_error_ends_several_processes(folder):
     for clip in CLIPS[1:]:
         (folder / f"{clip}.npz").unlink()
     command = [sys.executable, "benchmarks/accuracy.py", "--data", str(folder), "--leave-one-out", "--jobs", "2"]
@@ -148,7 +148,7 @@ def test_detections_are_refused(tmp_path):
 
 
 @needs_clips
-def test_the_shipped_prior_is_what_its_training_clips_teach(tmp_path):
+def test_the_shipped_prior_follows_from_its_training_clips(tmp_path):
     clips = load_clips(MOCAP, TRAINING)
     write(tmp_path / "prior.yaml", clips, mapping(*learn(clips)))
     shipped = resources.files("lassokin_ros.core.evidence") / "priors" / "cmu.yaml"

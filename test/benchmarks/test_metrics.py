@@ -1,4 +1,4 @@
-"""The figures of the benchmarks, on cases that can be worked out by hand."""
+"""The metrics of the benchmarks, on cases with known results."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def test_mpjpe_leaves_out_joints_without_reference():
     assert mpjpe(estimate, truth, root, root) == pytest.approx([30.0])
 
 
-def test_pa_mpjpe_is_blind_to_similarities_and_not_to_mirrors():
+def test_pa_mpjpe_ignores_similarities_but_not_reflections():
     truth = body()
     turned = 1.3 * (truth - [0, 0, 2]) @ exponential(np.array([0.3, -1.0, 0.4])).T + [5.0, 1.0, 0.0]
     assert pa_mpjpe(turned, truth)[0] == pytest.approx(0.0, abs=1e-9)
@@ -62,7 +62,7 @@ def test_a_flip_needs_the_other_sign_and_more_than_100_mm():
     assert flipped_frames(estimate, truth, NAMES).tolist() == [False, False, True, False]
 
 
-def test_yaw_error_is_the_turn_of_the_hips_seen_from_above():
+def test_yaw_error_is_the_rotation_of_the_hips_in_the_top_view():
     truth = body(3)
     estimate = truth.copy()
     estimate[1, [0, 1]] = truth[1, [1, 0]]
@@ -71,7 +71,7 @@ def test_yaw_error_is_the_turn_of_the_hips_seen_from_above():
 
 
 class Scripted:
-    """Gives the estimates of a script, in order."""
+    """A follower that returns the given estimates in order."""
 
     def __init__(self, answers):
         self.answers = iter(answers)
@@ -105,6 +105,6 @@ def test_summary_has_median_and_mean_per_method():
     ]
 
 
-def test_table_aligns_and_shows_what_is_missing():
+def test_table_aligns_columns_and_marks_missing_values():
     text = table([{"name": "x", "mm": 12.345}, {"name": "long", "mm": float("nan")}], {"name": "<", "mm": ".1f"})
     assert text.splitlines() == ["name    mm", "----  ----", "x     12.3", "long     -"]

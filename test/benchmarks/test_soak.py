@@ -1,4 +1,4 @@
-"""benchmarks/soak.py for seconds instead of hours: what it counts adds up, and what it promises can fail."""
+"""benchmarks/soak.py for seconds instead of hours: the counts add up, and the limits can fail."""
 
 import json
 
@@ -11,7 +11,7 @@ from benchmarks.timing import live_load, load_table
 from benchmarks.timing.processes import Usage
 
 
-def test_the_core_stays_what_it_was(capsys, tmp_path):
+def test_the_core_does_not_grow(capsys, tmp_path):
     file = tmp_path / "soak.json"
     soak.main(["--hours", str(240 / soak.HZ / 3600), "--json", str(file)])
     rows = {record["what"]: record for record in json.loads(file.read_text())}
@@ -20,19 +20,19 @@ def test_the_core_stays_what_it_was(capsys, tmp_path):
     assert "file descriptors" in capsys.readouterr().out
 
 
-def test_a_rotation_that_is_none_and_what_is_not_finite_are_seen():
+def test_wrong_rotations_and_values_that_are_not_finite_are_detected():
     turn = np.eye(3)[None]
     assert soak._deviation(turn, np.zeros(6)) == 0
     assert soak._deviation(1.001 * turn, np.zeros(6)) > soak.LARGEST_DEVIATION
     assert soak._deviation(turn, np.array([np.nan])) == float("inf")
 
 
-def test_growth_is_seen():
+def test_growth_is_detected():
     before, after = Usage(100.0, 10, 3, 1.0), Usage(100.0 + 2 * load_table.MOST_GROWTH_MB, 11, 3, 2.0)
     assert [record["holds"] for record in soak.usage_rows(before, after)] == ["NO", "NO", "yes"]
 
 
-def test_people_in_view_go_on_and_stand_apart():
+def test_people_in_view_continue_and_keep_their_distance():
     seen = view(10, 5, 60.0, 3)
     assert seen.pixels.shape == (5, 3, 17, 2) and seen.confidence.shape == (5, 3, 17)
     middles = np.nanmedian(np.where(seen.confidence[..., None] > 0, seen.pixels, np.nan), axis=(0, 2))[:, 0]
@@ -42,7 +42,7 @@ def test_people_in_view_go_on_and_stand_apart():
 
 
 @pytest.mark.parametrize("clock_hz", [0.0, 200.0])
-def test_the_real_node_for_two_seconds(monkeypatch, clock_hz):
+def test_the_real_node_passes_two_seconds(monkeypatch, clock_hz):
     pytest.importorskip("rclpy")
     monkeypatch.setattr(live_load, "WARM_UP_S", 1.0)
     monkeypatch.setattr(live_load, "STEPS", 20)
@@ -50,4 +50,4 @@ def test_the_real_node_for_two_seconds(monkeypatch, clock_hz):
     assert rows["messages sent"]["end"] == rows["messages received"]["end"] == "60"
     assert rows["messages neither received nor counted"]["end"] == "0"
     assert int(rows["messages answered for everybody"]["end"]) >= 50
-    assert rows["exit code at SIGINT, lines said"]["end"].startswith("0,")
+    assert rows["exit code at SIGINT, lines on stderr"]["end"].startswith("0,")

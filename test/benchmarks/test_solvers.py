@@ -1,4 +1,4 @@
-"""Every formulation and solver of benchmarks/solvers.py gives the same lasso's minimiser, and none is believed."""
+"""Every formulation and solver of benchmarks/solvers.py gives the minimiser of the same lasso, and is checked."""
 
 import json
 from dataclasses import replace
@@ -19,7 +19,7 @@ NAMES = list(methods())
 
 @pytest.fixture(scope="module")
 def every_method():
-    """The methods by name; no module keeps their solvers, which proxsuite's binding would call leaked at the end."""
+    """The methods by name. No module keeps their solvers, because proxsuite's binding would report them as leaked."""
     return methods()
 
 
@@ -39,7 +39,7 @@ def test_every_method_solves_the_lasso(name, size, every_method):
     assert certificate.kkt_residual < 1e-2 and abs(certificate.relative_gap) < 1e-3
 
 
-def test_no_method_is_spared_what_another_has_computed_of_the_problem(every_method):
+def test_no_method_uses_cached_results_of_another(every_method):
     found = []
 
     def look(recorded):
@@ -52,7 +52,7 @@ def test_no_method_is_spared_what_another_has_computed_of_the_problem(every_meth
 
 
 @pytest.mark.parametrize("name", NAMES[:2])
-def test_the_products_own_path_is_timed_with_its_certificate(name, every_method, monkeypatch):
+def test_the_default_path_is_timed_with_its_certificate(name, every_method, monkeypatch):
     certify, calls = solver.certify, []
     monkeypatch.setattr(solver, "certify", lambda *arguments: calls.append(1) or certify(*arguments))
     recorded = problem(50, 20)
@@ -60,7 +60,7 @@ def test_the_products_own_path_is_timed_with_its_certificate(name, every_method,
     assert len(calls) >= 2
 
 
-def test_coordinate_descent_starts_from_the_guess_and_has_the_gram_matrix_where_it_is_small():
+def test_coordinate_descent_uses_the_guess_and_a_small_gram_matrix():
     pytest.importorskip("sklearn")
     method = ByScikitLearn()
     for size in ((50, 20), (24, 30)):
@@ -72,7 +72,7 @@ def test_coordinate_descent_starts_from_the_guess_and_has_the_gram_matrix_where_
         assert model.n_iter_ < cold and model.precompute == (size[0] > size[1])
 
 
-def test_a_wrong_answer_and_no_answer_are_counted_as_failures(every_method):
+def test_wrong_and_missing_answers_are_counted_as_failures(every_method):
     def wrong(recorded):
         return np.ones(30), np.zeros(3)
 
@@ -87,7 +87,7 @@ def test_a_wrong_answer_and_no_answer_are_counted_as_failures(every_method):
 
 
 @pytest.mark.skipif(not (data_folder() / "mocap").is_dir(), reason="no motion capture: set LASSOKIN_DATA")
-def test_command_line_on_recorded_problems(tmp_path, capsys):
+def test_the_command_line_solves_recorded_problems(tmp_path, capsys):
     file = tmp_path / "records.json"
     clips = ["--clips", "exp_running_1"]
     assert main([*clips, "--problems", "4", "--methods", "primal split", "--json", str(file)]) == 0

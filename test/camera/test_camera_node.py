@@ -1,4 +1,4 @@
-"""The node `camera` on real DDS: a video file that the test makes, and a camera that goes away."""
+"""The node `camera` on real DDS: a video file made by the test, and a camera that is disconnected."""
 
 import sys
 import time
@@ -17,9 +17,9 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: E402
 from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
 
 from lassokin_ros.camera import node as camera_module  # noqa: E402
-from lassokin_ros.detector.images import decode_image  # noqa: E402
 from lassokin_ros.video.sources import Image as SourceImage  # noqa: E402
 from lassokin_ros.video.sources import Source, SourceError  # noqa: E402
+from msg_adapters.image import decode_image  # noqa: E402
 
 COMMAND = [sys.executable, "-m", "lassokin_ros.camera.command"]
 FRAMES, FPS, SIZE = 12, 20.0, (160, 120)
@@ -28,7 +28,7 @@ DEADLINE_S = 30.0
 
 
 class Log:
-    """Keeps the node's log lines by level."""
+    """Records the node's log lines by level."""
 
     def __init__(self):
         self.lines = {"info": [], "warning": [], "error": []}
@@ -38,7 +38,7 @@ class Log:
 
 @pytest.fixture
 def ros():
-    """A context and an executor; what it makes ends with it."""
+    """A context and an executor; the nodes in it end with it."""
     context = rclpy.Context()
     rclpy.init(context=context, signal_handler_options=NO_HANDLERS)
     executor = SingleThreadedExecutor(context=context)
@@ -57,7 +57,7 @@ def log(monkeypatch):
 
 
 def subscribe(context, executor, namespace):
-    """The images and camera_infos that arrive."""
+    """Collects the received images and camera_infos."""
     images, infos = [], []
     node = rclpy.create_node("viewer", namespace=namespace, context=context)
     qos = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
@@ -110,7 +110,7 @@ def test_a_video_file_is_published_at_its_own_times(ros, log, tmp_path):
     assert "field of view of 60 degrees is assumed" in warning and "parameter fov or calibration" in warning
 
 
-def test_a_camera_that_goes_away_is_reported_once_and_opened_again(ros, log, monkeypatch):
+def test_a_disconnected_camera_is_reported_once_and_opened_again(ros, log, monkeypatch):
     opened = []
 
     def images(count):
@@ -142,7 +142,7 @@ def test_a_camera_that_goes_away_is_reported_once_and_opened_again(ros, log, mon
         (["source:=none.mp4"], "camera: there is no file or folder 'none.mp4'"),
     ],
 )
-def test_what_cannot_be_opened_is_one_line_and_exit_code_2(parameters, words):
+def test_an_unusable_source_is_one_line_and_exit_code_2(parameters, words):
     arguments = [part for parameter in parameters for part in ("-p", parameter)]
     code, said = NodeProcess("/none", *arguments, command=COMMAND).stop(grace_s=30)
     assert code == 2 and said.strip() == words

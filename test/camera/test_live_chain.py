@@ -28,7 +28,7 @@ def process(module, *parameters):
 
 @pytest.fixture
 def slow_video(tmp_path):
-    """The video, smaller and at a quarter of its rate: a busy machine shall keep up."""
+    """The video, smaller and at a quarter of its rate, so that a busy machine keeps up."""
     cv2 = pytest.importorskip("cv2")
     file = tmp_path / "slow.avi"
     writer = cv2.VideoWriter(str(file), cv2.VideoWriter.fourcc(*"MJPG"), FPS, SIZE)
@@ -39,7 +39,7 @@ def slow_video(tmp_path):
 
 
 @pytest.mark.skipif(not VIDEO.is_file(), reason=f"there is no video '{VIDEO}'")
-def test_a_video_becomes_joints_with_the_images_stamps(slow_video):
+def test_a_video_gives_joints_with_the_stamps_of_its_images(slow_video):
     config = ROOT / "config" / "mediapipe.yaml"
     tracker = NodeProcess("/chain", "--params-file", str(config), "-p", "height:=1.72")
     detector = process("lassokin_ros.detector.command")

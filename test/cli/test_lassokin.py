@@ -24,16 +24,17 @@ def test_help_names_every_command(capsys):
 
 
 def test_a_command_gets_its_own_arguments(capsys, monkeypatch):
+    pytest.importorskip("proxsuite")
     monkeypatch.setattr(sys, "argv", ["pytest"])
     assert lassokin.main(["replay", "no_such_bag"]) == 2
     assert "no_such_bag" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["tracker", "detector", "camera"])
-def test_without_ros_a_node_is_one_line(name, capsys, monkeypatch):
+def test_a_node_without_ros_is_one_line(name, capsys, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["pytest"])
     monkeypatch.setitem(sys.modules, "rclpy", None)
-    monkeypatch.setattr(executable, "await_signal", Future)  # it would block the signals of the test's process
+    monkeypatch.setattr(executable, "await_signal", Future)  # no signal handlers in the test's process
     assert lassokin.main([name]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1 and "rclpy" in error
@@ -42,7 +43,7 @@ def test_without_ros_a_node_is_one_line(name, capsys, monkeypatch):
 @pytest.mark.parametrize("module", ["proxsuite", "qpsolvers"])
 @pytest.mark.parametrize("arguments", [["replay", "bag"], ["tracker"]])
 def test_a_missing_solver_is_named(module, arguments, tmp_path):
-    """In a process of its own, in which the package cannot be imported."""
+    """In a process in which the package cannot be imported."""
     without = f"import sys; sys.modules['{module}'] = None"
     code = f"{without}; from lassokin_ros.cli import lassokin; sys.exit(lassokin.main({arguments}))"
     (tmp_path / "bag").mkdir()

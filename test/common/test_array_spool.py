@@ -1,4 +1,4 @@
-"""Arrays in a temporary file come back as they were, one by one and as columns."""
+"""Arrays in a temporary file are read back unchanged, one by one and as columns."""
 
 import errno
 from types import SimpleNamespace
@@ -15,7 +15,7 @@ def records(spool, count):
     return given, [spool.append(arrays) for arrays in given]
 
 
-def test_arrays_come_back_one_by_one():
+def test_arrays_are_read_back_one_by_one():
     spool = ArraySpool()
     given, stored = records(spool, 3)
     strided = spool.append({"places": np.arange(24.0).reshape(6, 4)[::2]})
@@ -26,7 +26,7 @@ def test_arrays_come_back_one_by_one():
 
 
 @pytest.mark.parametrize("wanted", [slice(None), slice(1, 4)])
-def test_columns_of_all_records_or_of_some(wanted):
+def test_columns_contain_all_or_some_records(wanted):
     spool = ArraySpool()
     given, stored = records(spool, 5)
     columns = spool.columns(stored[wanted])
@@ -41,7 +41,7 @@ def test_records_with_other_arrays_have_no_columns():
         spool.columns([*stored, spool.append({})])
 
 
-def test_a_full_disk_is_said_with_what_to_do(monkeypatch):
+def test_a_full_disk_is_reported_with_advice(monkeypatch):
     spool = ArraySpool()
 
     def full():

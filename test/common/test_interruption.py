@@ -1,4 +1,4 @@
-"""Interruption: a signal ends what runs wherever it arrives, and what cleans up is left to end."""
+"""Interruption: a signal ends the running code anywhere, and cleaning up is completed."""
 
 import os
 import signal
@@ -17,11 +17,11 @@ CLEANING_S = 4 * AGAIN_S
 
 def interrupt_this_process(*_):
     os.kill(os.getpid(), signal.SIGTERM)
-    time.sleep(0)  # a place where Python looks for signals
+    time.sleep(0)  # a point where Python handles signals
 
 
 class Dying:
-    """Is interrupted in its destructor, where Python drops exceptions."""
+    """Its destructor is interrupted; Python drops exceptions there."""
 
     def __del__(self):
         interrupt_this_process()
@@ -55,7 +55,7 @@ def wait(seconds):
 
 
 @pytest.mark.parametrize("lose", [lose_in_destructor, lose_in_weak_callback, swallow])
-def test_an_interruption_that_got_lost_comes_again(lose, monkeypatch):
+def test_a_lost_interruption_is_repeated(lose, monkeypatch):
     told = []
     monkeypatch.setattr(sys, "unraisablehook", told.append)
     with pytest.raises(Interrupted), interruptible():
@@ -74,7 +74,7 @@ def cleaned_in_generator(done):
         done.append("generator")
 
 
-def test_what_cleans_up_is_left_to_end():
+def test_cleaning_up_is_completed():
     done = []
     with pytest.raises(Interrupted, match="half"), interruptible():
         with closing(cleaned_in_generator(done)) as generator:
@@ -94,7 +94,7 @@ def test_what_cleans_up_is_left_to_end():
     assert done == ["nested", "finally", "generator"]
 
 
-def test_what_must_not_be_interrupted_is_ended_first():
+def test_a_protected_block_is_completed_first():
     done = []
     with pytest.raises(Interrupted), interruptible():
         with uninterrupted():
@@ -105,7 +105,7 @@ def test_what_must_not_be_interrupted_is_ended_first():
     assert done == ["step"]
 
 
-def test_handlers_and_timer_are_as_before():
+def test_handlers_and_timer_are_restored():
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)
     before = [signal.getsignal(number) for number in numbers]
     with pytest.raises(Interrupted), interruptible():
@@ -115,7 +115,7 @@ def test_handlers_and_timer_are_as_before():
     assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
 
 
-def test_a_second_signal_does_not_stop_the_cleaning_up():
+def test_a_second_signal_does_not_stop_cleaning_up():
     code = (
         "import os, signal, time\n"
         "from lassokin_ros.common.interruption import Interrupted, interruptible\n"

@@ -1,4 +1,4 @@
-"""Small systems side by side are each solved as if alone."""
+"""Small systems in one batch are each solved as if alone."""
 
 import numpy as np
 import pytest

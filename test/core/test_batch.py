@@ -1,4 +1,4 @@
-"""Several people's trackers side by side: the answers of each are those that they would give alone."""
+"""Trackers of several people in one batch: the answers of each are those of a single run."""
 
 from dataclasses import dataclass, replace
 
@@ -7,7 +7,7 @@ import pytest
 from sequences import CONFIG, observations
 
 from lassokin_ros.core import batch as together
-from lassokin_ros.core.batch import BatchedCall, run_batched, run_single, shared
+from lassokin_ros.core.batch import BatchedCall, batched, run_batched, run_single
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.evidence.frame_model import FrameModel
@@ -17,7 +17,7 @@ from lassokin_ros.core.tracker import Tracker
 
 
 def people(count=4):
-    """Trackers, and what each is to see: unlike in motion, noise and lengths, one who comes later, one with gaps."""
+    """Trackers and observations: different motion, noise and lengths, one person who comes later, one with gaps."""
     trackers, sights = [], []
     for person in range(count):
         random = np.random.default_rng(person)
@@ -38,21 +38,21 @@ def without_points(observation):
 
 
 KEPT = {
-    "_body_hypotheses": ("_everyone", "_age", "_advantage", "_costs", "image_costs", "_increments", "_linearised"),
+    "_body_hypotheses": ("_states", "_age", "_advantage", "_costs", "image_costs", "_increments", "_linearised"),
     "_limbs": ("_rotations", "_age", "_advantage", "_apart"),
     "_upright": ("vertical",),
 }
 
 
 def arrays(value):
-    """All arrays of what a tracker keeps."""
+    """All arrays in the state of a tracker."""
     if value is None or isinstance(value, np.ndarray):
         return [] if value is None else [value]
     return [array for part in vars(value).values() for array in arrays(part)]
 
 
 def kept(tracker):
-    """The arrays from which the next frame goes on, by name."""
+    """The arrays from which the next frame starts, by name."""
     for part, names in KEPT.items():
         for name in names:
             if hasattr(getattr(tracker, part), name):
@@ -88,7 +88,7 @@ def test_each_person_gets_the_result_and_state_of_a_single_run():
     assert max(ages) > 2 and np.ptp([tracker._upright.vertical for tracker in others], axis=0).max() > 0.01
 
 
-def test_what_all_have_to_compute_is_computed_at_once(monkeypatch):
+def test_equal_work_is_computed_in_one_batch(monkeypatch):
     trackers, frames = people()
     calls = []
     for kind, name in ((FrameModel, "other_cost"), (LimbHypotheses, "_posed")):
@@ -104,7 +104,7 @@ def test_what_all_have_to_compute_is_computed_at_once(monkeypatch):
 
 
 def test_calls_with_different_optional_arrays_are_not_batched():
-    """One frame after another with others, or in another order, does not matter."""
+    """Batches of different people, or in another order, do not change the results."""
     trackers, frames = people()
     others, _ = people()
     for number, frame in enumerate(frames[:40]):
@@ -117,18 +117,18 @@ def test_calls_with_different_optional_arrays_are_not_batched():
             assert not a.accepted or np.allclose(a.pose.positions, b.pose.positions, rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("method", ["linearise", "advance", "weigh"])
+@pytest.mark.parametrize("method", ["linearise", "advance", "compute_costs"])
 def test_an_error_for_one_person_does_not_affect_the_others(monkeypatch, method):
     trackers, frames = people()
     others, _ = people()
     original = getattr(BodyHypotheses, method)
 
     def failing(self, *arguments):
-        if self._everyone.state.translation.ndim > 2 or self is trackers[0]._body_hypotheses:
+        if self._states.state.translation.ndim > 2 or self is trackers[0]._body_hypotheses:
             raise RuntimeError("on purpose")
         return original(self, *arguments)
 
-    failing.takes, failing.gives = original.takes, original.gives
+    failing.reads, failing.writes = original.reads, original.writes
     for number, frame in enumerate(frames[:45]):
         with monkeypatch.context() as patch:
             if number == 30:
@@ -143,7 +143,7 @@ def test_an_error_for_one_person_does_not_affect_the_others(monkeypatch, method)
     assert expected.accepted and Tracker.track_batch(trackers, frames[45])[0].accepted
 
 
-def test_nobody_at_all():
+def test_an_empty_batch_gives_no_results():
     assert Tracker.track_batch([], []) == []
 
 
@@ -165,7 +165,7 @@ class Pair:
 
 
 class Part:
-    """Says how often it was asked, and by how many at once."""
+    """Records how often it was called, and for how many people at once."""
 
     asked: list = []
 
@@ -176,7 +176,7 @@ class Part:
     def stack(several):
         return Part(0.0)
 
-    @shared(takes=("value",), gives=("seen",))
+    @batched(reads=("value",), writes=("seen",))
     def double(self, pair):
         Part.asked.append(self.value.shape[:-1])
         self.seen = pair.a + self.value

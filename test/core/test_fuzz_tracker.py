@@ -1,4 +1,4 @@
-"""Any observation is used or refused by the core, and the state stays one that can be tracked on."""
+"""Every observation is used or rejected by the core, and tracking can continue from the state."""
 
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ def points(observation, random):
 
 
 def scattered(observation, random):
-    """Anywhere, all at one place, in a line, turned upside down, far too large: no body looks like this."""
+    """Points anywhere, all at one position, on a line, upside down, far too large: no body looks like this."""
     kind = random.integers(5)
     count = len(observation.points)
     if kind == 0:
@@ -71,11 +71,11 @@ WAYS = {f.__name__: f for f in (points, scattered, confidence, shape, focal, sta
 
 
 FILTERED = (Rejection.NOT_CERTIFIED, Rejection.TOO_SMALL, Rejection.TOO_FEW_LANDMARKS)
-"""What may be said of a frame whose points have been filtered already."""
+"""Properties of a frame whose points were filtered before."""
 
 
 class Twins:
-    """A tracker that gets bad observations too, and what one gives that does not."""
+    """A tracker that also gets bad observations, and one that does not."""
 
     def __init__(self):
         self.tracker = Tracker(CONFIG)
@@ -118,14 +118,14 @@ def test_no_observation_prevents_tracking_of_the_next_good_one():
         try:
             throw(twins, *fault)
         except BaseException:
-            twins.__init__()  # what a failure has left behind is not the next case's
+            twins.__init__()  # results of a failure are not used for the next case
             raise
 
     case()
 
 
 def throw(twins, ways, seed, before):
-    """One bad observation, and what must hold after it."""
+    """One bad observation, and the properties that must hold after it."""
     if before == 0 or twins.index > FRAMES - 6:
         twins.restart()
     while twins.index < (4 if before is None else 0):
@@ -152,7 +152,7 @@ def throw(twins, ways, seed, before):
 
 
 def test_the_tracker_recovers_soon_from_an_absurd_first_frame():
-    """Nonsense before anybody is known may be taken for a start; within 0.8 s the true person is tracked."""
+    """Random keypoints before a person is known may initialise; the true person is tracked within 0.8 s."""
     twins, seconds = Twins(), 0.8
     frames = observations(twins.tracker, seconds)
     for seed in range(40):

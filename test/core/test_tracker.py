@@ -50,8 +50,8 @@ def test_every_frame_is_tracked_certified_and_consistent():
     assert np.median(errors) < 0.08 and estimate.reprojection_px < 4 * NOISE_PX
 
 
-def test_motion_is_sparse():
-    """The lasso moves fewer joints where the penalty is larger, none but the translation where it is very large."""
+def test_larger_penalties_move_fewer_joints():
+    """With a very large penalty, only the translation moves."""
     sizes = []
     for sparsity in (0.05, 0.5, 5.0, 100.0):
         tracker = Tracker(replace(CONFIG, sparsity=sparsity))
@@ -89,7 +89,7 @@ def broken(observation, **changes):
 
 
 def bad_observations(good):
-    """Everything that a detector may send and the tracker refuses: (reason, observation)."""
+    """Every observation that a detector may send and the tracker rejects: (reason, observation)."""
     points, confidence = good.points, good.confidence
     few = np.where(np.arange(len(confidence)) < 3, confidence, 0.0)
     hidden = points.copy()
@@ -122,11 +122,11 @@ def bad_observations(good):
 
 @pytest.mark.parametrize("case", range(len(bad_observations(Observation(0.0, np.zeros((17, 2)), np.ones(17), 1.0)))))
 def test_a_rejected_frame_has_a_reason_and_does_not_change_the_state(case):
-    """The frames after it are the same, bit by bit, as if it had never come."""
+    """The frames after it are bitwise the same as without it."""
     disturbed, undisturbed = Tracker(CONFIG), Tracker(CONFIG)
     sequence = [o for _, o in observations(disturbed, 0.4)]
     for i, observation in enumerate(sequence):
-        if i in (0, 1, 5):  # before the first, and while tracking
+        if i in (0, 1, 5):  # before the first frame, and while tracking
             reason, bad = bad_observations(broken(observation, stamp=observation.stamp - 0.01))[case]
             if not (i == 0 and reason is Rejection.OLD_STAMP):
                 before = disturbed.state
@@ -144,8 +144,8 @@ def test_the_same_stamp_twice_is_refused():
     assert tracker.track(frame(tracker)).rejection is Rejection.OLD_STAMP
 
 
-def test_some_missing_landmarks_do_not_matter():
-    """Four are enough for a frame; NaN, confidence 0 and absurd coordinates all mean missing."""
+def test_frames_with_missing_landmarks_are_tracked():
+    """Four landmarks are enough for a frame; NaN, confidence 0 and absurd coordinates all mean missing."""
     tracker = Tracker(CONFIG)
     random = np.random.default_rng(5)
     for i, (_, observation) in enumerate(observations(tracker, 1.0)):
@@ -156,8 +156,8 @@ def test_some_missing_landmarks_do_not_matter():
         assert estimate.accepted and np.isfinite(estimate.reprojection_px)
 
 
-def test_what_is_missing_has_no_say():
-    """Coordinates of a landmark with confidence 0 change nothing, not even the last bit."""
+def test_missing_landmarks_have_no_influence():
+    """Coordinates of a landmark with confidence 0 do not change a single bit."""
     a, b = Tracker(CONFIG), Tracker(CONFIG)
     for i, (_, observation) in enumerate(observations(a, 0.5)):
         confidence = observation.confidence.copy()
@@ -197,19 +197,19 @@ def test_searching_before_the_first_usable_frame():
         assert answer.status is Status.SEARCHING and tracker.state is None
 
 
-def test_reset_forgets():
+def test_reset_forgets_the_state_and_the_stamps():
     tracker, fresh = Tracker(CONFIG), Tracker(CONFIG)
     sequence = [o for _, o in observations(tracker, 4.0)]
     for observation in sequence[:70]:
         tracker.track(observation)
     tracker.reset()
     assert tracker.state is None
-    for observation in sequence:  # the same stamps again are no old stamps
+    for observation in sequence:  # the same stamps are accepted again
         mine, theirs = tracker.track(observation), fresh.track(observation)
         assert mine.initialised == theirs.initialised and same(mine.state, theirs.state)
 
 
-def test_deterministic_to_the_last_bit():
+def test_results_are_bitwise_deterministic():
     runs = []
     for _ in range(2):
         tracker = Tracker(CONFIG)
@@ -228,7 +228,7 @@ def test_an_estimate_is_not_changed_by_later_frames():
 
 
 def test_frames_out_of_order_never_raise_nor_break_the_state():
-    """All points jump away (refused or not), an older frame comes late, then good ones again."""
+    """All points jump (rejected or not), an older frame arrives late, then good frames follow."""
     tracker = Tracker(CONFIG)
     sequence = [o for _, o in observations(tracker, 1.0)]
     for i, observation in enumerate(sequence):
@@ -267,7 +267,7 @@ def test_tuning_to_a_bad_value_changes_nothing():
 
 
 def test_noise_is_in_pixels_of_this_camera():
-    """The same picture at twice the focal length and twice the pixels of noise is the same problem."""
+    """The same image at twice the focal length, with twice the noise in px, is the same problem."""
     near, far = Tracker(CONFIG), Tracker(replace(CONFIG, noise_px=2 * NOISE_PX))
     for _, observation in observations(near, 0.3):
         a, b = near.track(observation), far.track(replace(observation, focal=2 * FOCAL))
@@ -292,7 +292,7 @@ def test_an_uncertified_solve_does_not_move_the_state(monkeypatch):
     before = tracker.state
     with monkeypatch.context() as patch:
         patch.setattr(tracker._increments.lasso._dual, "solve", lambda A, *_: np.full(A.shape[1], 1e3))
-        patch.setattr("lassokin_ros.core.lasso.solver.mend", lambda *_: None)
+        patch.setattr("lassokin_ros.core.lasso.solver.solve_active_set", lambda *_: None)
         answer = tracker.track(sequence[4])
     assert answer.rejection is Rejection.NOT_CERTIFIED and answer.certificate.kkt_residual > 1e-6
     assert answer.status is Status.TRACKING
@@ -302,7 +302,7 @@ def test_an_uncertified_solve_does_not_move_the_state(monkeypatch):
 
 @pytest.mark.parametrize("yaw", [0, 60, 120, 180, 240, 300])
 def test_initialisation_finds_the_way_a_person_faces(yaw):
-    """The prior's mean pose, noise of 2 px, any side to the camera: the pelvis' heading within 30 degrees."""
+    """The prior's mean pose, noise of 2 px, facing any side: the heading of the pelvis is found within 30 degrees."""
     tracker = Tracker(CONFIG)
     kinematics, prior = tracker.kinematics, PoseDistribution.load(tracker.skeleton)
     rotations = exponential(prior.mean)
@@ -341,7 +341,7 @@ def test_a_bone_without_length_is_tracked(joint):
 
 
 def test_the_certificate_is_of_the_problem_that_is_given():
-    """Where sparsity is so small that its alpha has to be raised, the problem has the raised one."""
+    """If sparsity is so small that its alpha must be raised, the problem contains the raised alpha."""
     tracker, raised = Tracker(replace(CONFIG, sparsity=1e-4)), 0
     for _, observation in observations(tracker, 2.0):
         estimate = tracker.track(observation)
@@ -374,8 +374,8 @@ def test_a_frame_without_a_finite_stamp_does_not_change_the_time():
     assert tracker.published == []
 
 
-def test_another_height_is_another_person():
-    """After a live change of the height the tracker gives what a new tracker of that height gives."""
+def test_a_changed_height_starts_a_new_track():
+    """After a live change of the height, the results are those of a new tracker with that height."""
     other = replace(CONFIG, height=1.5)
     tracker, fresh = Tracker(CONFIG), Tracker(other)
     seen = [observation for _, observation in observations(tracker, 0.2)]

@@ -1,4 +1,4 @@
-"""Numbers that stay true however long it runs and whichever library computes them."""
+"""Numerical properties that hold for any duration and any library version."""
 
 import subprocess
 import sys
@@ -13,18 +13,18 @@ from benchmarks import agreement, drift  # noqa: E402
 
 
 def test_rotations_stay_rotations_over_ten_million_retractions():
-    """24 joints of 50 bodies, 8400 steps one after another; benchmarks/drift.py takes one body 10 million steps far."""
+    """24 joints of 50 bodies, 8400 successive steps; benchmarks/drift.py computes 10 million steps of one body."""
     gram, det = drift.retracted(50, 8400)
     assert gram < 1e-14 and det < 1e-14
 
 
-def test_the_drift_would_be_seen():
+def test_drift_without_correction_is_detected():
     gram, _ = drift.retracted(2, 8400, mended=False)
     assert gram > 1e-14
 
 
-def test_the_sequence_for_comparing_versions_is_the_same_every_time(tmp_path):
-    """Saved in another process and here: the same bytes, a difference of 0."""
+def test_the_sequence_for_comparing_versions_is_deterministic(tmp_path):
+    """Computed in another process and here: the same bytes, a difference of 0."""
     file = tmp_path / "there.npz"
     subprocess.run(
         [sys.executable, ROOT / "benchmarks" / "agreement.py", "--save", file], check=True, capture_output=True
@@ -35,7 +35,7 @@ def test_the_sequence_for_comparing_versions_is_the_same_every_time(tmp_path):
     assert here.tobytes() == there.tobytes() and agreement.difference_mm(here, there) == 0
 
 
-def test_a_difference_is_seen():
+def test_a_difference_is_detected():
     one = np.zeros((3, 24, 3))
     other = one.copy()
     other[1, 5, 2] = 2e-3

@@ -1,4 +1,4 @@
-"""The demo for a few seconds of motion: it runs, keeps its promises, leaves what it says, and notices what is wrong."""
+"""The demo for a few seconds of motion: its limits hold, its files exist, and errors are reported."""
 
 import os
 import signal
@@ -31,12 +31,12 @@ def result(tmp_path_factory):
 
 
 def latencies_not_kept(said):
-    """Of the demo's last words: the latencies that a machine with other tests beside it did not keep."""
+    """In the demo's last lines: the latency limits, which a machine that runs other tests may exceed."""
     words = said.splitlines()[-1].removeprefix("outside the limits: ").split(", ")
     return [name for name in words if name in ("latency p50", "latency p99")]
 
 
-def test_the_command_keeps_its_promises_and_leaves_what_it_says(tmp_path):
+def test_the_command_keeps_its_limits_and_writes_its_files(tmp_path):
     command = [sys.executable, "-m", "lassokin_ros.demo", "--output", str(tmp_path / "out"), "--seconds", str(SECONDS)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
     print(done.stdout, done.stderr)
@@ -45,7 +45,7 @@ def test_the_command_keeps_its_promises_and_leaves_what_it_says(tmp_path):
     frames = round(SECONDS * RATE)
     assert f"frames: {frames} in, {frames} out, 0 rejected" in done.stdout
     assert done.stdout.count("FAILED") == len(late)
-    assert f"{frames}/{frames} frames" in done.stderr  # progress, in a few lines where there is no terminal
+    assert f"{frames}/{frames} frames" in done.stderr  # progress, in a few lines without a terminal
     for name in LIMITS:
         assert name in done.stdout
     assert sorted(os.listdir(tmp_path / "out")) == ["keypoints", "report.html", "skeleton.png", "tracked"]
@@ -62,10 +62,10 @@ def test_the_command_keeps_its_promises_and_leaves_what_it_says(tmp_path):
         for bag, topic in (("keypoints", "/keypoints"), ("tracked", "/tracker/joints"))
     )
     delays = [(b - a) * 1e-9 for (a, _), (b, _) in zip(inputs, outputs)]
-    assert -0.001 < min(delays) and (late or np.median(delays) < 0.1)  # recorded at the playback's time
+    assert -0.001 < min(delays) and (late or np.median(delays) < 0.1)  # recorded at the time of the playback
 
 
-def test_the_result_is_held_against_the_motion_frame_by_frame(result):
+def test_the_result_is_compared_with_the_motion_frame_by_frame(result):
     assert result.frames_in == len(result.times) == round(SECONDS * RATE)
     assert np.allclose(result.times, np.arange(len(result.times)) / RATE, atol=1e-9)
     assert result.estimate.shape == result.truth.shape == (len(result.times), 24, 3)
@@ -76,7 +76,7 @@ def test_the_result_is_held_against_the_motion_frame_by_frame(result):
     assert moved.error_mm.max() < 1e-9 and np.allclose(moved.root_error_mm, 50)
 
 
-def test_every_broken_promise_is_found(result):
+def test_every_exceeded_limit_is_reported(result):
     kept = replace(result, latencies_ms=np.full(5, 1.0))
     assert kept.exceeded_limits() == [] and "FAILED" not in table(kept)
     far = result.truth + np.arange(24)[None, :, None] * 0.05
@@ -99,7 +99,7 @@ def children_of(pid):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["int", "term"])
-def test_interrupted_it_says_so_in_one_line_and_leaves_no_node_behind(tmp_path, number):
+def test_an_interrupted_demo_prints_one_line_and_leaves_no_node(tmp_path, number):
     command = [sys.executable, "-m", "lassokin_ros.demo", "--output", str(tmp_path / "out"), "--seconds", "60"]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as demo:
         deadline, nodes = time.monotonic() + 60, {}
@@ -114,14 +114,14 @@ def test_interrupted_it_says_so_in_one_line_and_leaves_no_node_behind(tmp_path, 
 
 
 @pytest.mark.parametrize("seconds", ["0", "-1", "nan", "inf", "long"])
-def test_seconds_that_are_no_motion_are_refused_with_what_was_expected(seconds, tmp_path, capsys):
+def test_an_invalid_duration_is_refused_with_the_expected_range(seconds, tmp_path, capsys):
     with pytest.raises(SystemExit) as ended:
         main(["--output", str(tmp_path / "out"), "--seconds", seconds])
     assert ended.value.code == 2 and f"--seconds: {seconds}; expected 1 to 3600 s" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
-def test_an_output_that_cannot_be_written_is_one_line(tmp_path):
+def test_an_unwritable_output_is_one_line(tmp_path):
     (tmp_path / "file").write_text("")
     command = [sys.executable, "-m", "lassokin_ros.demo", "--output", str(tmp_path / "file"), "--seconds", "1"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)

@@ -1,4 +1,4 @@
-"""The demo's comparison: the same motion is clearly better with measured depth."""
+"""The demo's comparison: measured depth reduces the error of the same motion."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ def test_depth_is_measured_with_the_stated_errors():
     assert np.isclose(np.std(np.diff(depth[:, 0][depth[:, 0] > 2.9]) / np.sqrt(2)), NOISE, rtol=0.15)
 
 
-def test_a_depth_camera_finds_the_joints():
+def test_a_depth_camera_reduces_the_error():
     tracker, times = Tracker(TrackerConfig()), np.arange(60) / 30
     states = motion(tracker.skeleton, times)
     pixels, confidence = detections(exact_pixels(tracker.kinematics, states), 30.0, seed=1)

@@ -1,4 +1,4 @@
-"""Detectors and images: what is decoded, and what is refused with one sentence."""
+"""Detectors and images: decoded formats, and refusals with one sentence."""
 
 from types import SimpleNamespace
 
@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from lassokin_ros.detector.backend import DetectorError, make_detector
-from lassokin_ros.detector.images import decode_image
 from lassokin_ros.detector.onnx_pose import letterbox
 from msg_adapters.errors import AdapterError
+from msg_adapters.image import decode_image
 
 
 def image(encoding, pixels, padding=0):
@@ -27,7 +27,7 @@ def test_colour_images_become_rgb(encoding, padding):
     assert np.array_equal(decode_image(image(encoding, pixels, padding)), expected)
 
 
-def test_grey_image_becomes_rgb():
+def test_a_grey_image_becomes_rgb():
     pixels = np.arange(12, dtype=np.uint8).reshape(3, 4)
     assert np.array_equal(decode_image(image("mono8", pixels))[:, :, 1], pixels)
 

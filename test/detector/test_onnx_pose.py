@@ -1,10 +1,11 @@
 """ONNX models with the inputs and outputs of real pose models, which find the reddest pixel instead of a person.
 
-They are real models: what they return depends on the size, order, type and scale of what they are given.
+They run as real models: the result depends on the size, order, type and scale of the input.
 """
 
 import numpy as np
 import pytest
+from onnx_graph import COCO, Graph
 
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
@@ -14,10 +15,9 @@ from lassokin_ros.detector.pose_models import recognise
 
 pytest.importorskip("cv2")
 
-COCO = 17
 SKELETON = Skeleton.load("anthropometric", 1.75)
 SPOT = np.array([410, 130])
-"""px: x, y of the red square's centre in the image."""
+"""px: x, y of the centre of the red square in the image."""
 
 
 @pytest.fixture(scope="module")
@@ -35,49 +35,6 @@ def image():
     return result
 
 
-class Graph:
-    """Adds nodes to an ONNX graph."""
-
-    def __init__(self, onnx, dtype, shape):
-        self.onnx, self.nodes, self.constants = onnx, [], []
-        self.input = onnx.helper.make_tensor_value_info("input", dtype, shape)
-
-    def constant(self, value, dtype=np.float32):
-        name = f"c{len(self.constants)}"
-        self.constants.append(self.onnx.numpy_helper.from_array(np.asarray(value, dtype), name))
-        return name
-
-    def node(self, operator, *inputs, **attributes):
-        name = f"n{len(self.nodes)}"
-        self.nodes.append(self.onnx.helper.make_node(operator, list(inputs), [name], **attributes))
-        return name
-
-    def save(self, path, outputs, dtype=None):
-        """outputs: [(name, value, declared shape)]."""
-        helper = self.onnx.helper
-        dtype = dtype or self.onnx.TensorProto.FLOAT
-        nodes = [*self.nodes, *(helper.make_node("Identity", [value], [name]) for name, value, _ in outputs)]
-        infos = [helper.make_tensor_value_info(name, dtype, shape) for name, _, shape in outputs]
-        graph = helper.make_graph(nodes, "pose", [self.input], infos, self.constants)
-        model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-        self.onnx.save(model, path)
-        return str(path)
-
-    def reddest(self, image, height, width):
-        """x and y (1, 1) of the reddest pixel; image: (1, 3, h, w)."""
-        red = self.node("Slice", image, *(self.constant(v, np.int64) for v in ([0], [1], [1])))
-        flat = self.node("Reshape", red, self.constant([1, height * width], np.int64))
-        place = self.node("ArgMax", self.node("Round", flat), axis=1, keepdims=1)
-        side = self.constant(width, np.int64)
-        x, y = self.node("Mod", place, side), self.node("Div", place, side)
-        return [self.node("Cast", value, to=self.onnx.TensorProto.FLOAT) for value in (x, y)]
-
-    def row(self, *parts):
-        """Parts (1, 1), joined and repeated to (1, 17, n)."""
-        joined = self.node("Concat", *parts, axis=1)
-        return self.node("Expand", joined, self.constant([1, COCO, len(parts)], np.int64))
-
-
 def movenet(onnx, path, dtype, side=192):
     graph = Graph(onnx, dtype, [1, side, side, 3])
     image = graph.node("Cast", "input", to=onnx.TensorProto.FLOAT)
@@ -89,7 +46,7 @@ def movenet(onnx, path, dtype, side=192):
 
 
 def rtmpose(onnx, path, count=COCO, width=192, height=256):
-    """SimCC: the largest red of each column and row, two bins a pixel; normalised by the model's caller."""
+    """SimCC: the largest red value of each column and row, two bins per pixel; the caller normalises."""
     graph = Graph(onnx, onnx.TensorProto.FLOAT, ["batch", 3, height, width])
     red = graph.node("Slice", "input", *(graph.constant(v, np.int64) for v in ([0], [1], [1])))
     red = graph.node("Mul", red, graph.constant(0.4))  # 2.2 standard deviations of red: a score of 0.9
@@ -148,7 +105,7 @@ def test_a_models_points_are_pixels_of_the_image(name, onnx, image, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["MoveNet Lightning, int32", "RTMPose, COCO"])
-def test_points_in_a_part_of_the_image_are_pixels_of_the_image(name, onnx, image, tmp_path):
+def test_points_of_a_cropped_region_are_pixels_of_the_image(name, onnx, image, tmp_path):
     detector = make_detector(MODELS[name][0](onnx, tmp_path / "pose.onnx"))
     detector._region = (slice(90, 230), slice(330, 460))
     assert np.abs(detector.detect(image, 0.0).pixels - SPOT).max() < 15
@@ -156,14 +113,14 @@ def test_points_in_a_part_of_the_image_are_pixels_of_the_image(name, onnx, image
     assert np.abs(detector.detect(image, 0.0).pixels - SPOT).max() > 100
 
 
-def test_yolo_without_a_person(onnx, image, tmp_path):
+def test_yolo_without_a_person_gives_no_points(onnx, image, tmp_path):
     for end_to_end in (False, True):
         detector = make_detector(yolo(onnx, tmp_path / "pose.onnx", end_to_end, score=0.1))
         found = detector.detect(image, 0.0)
         assert not found.confidence.any() and np.isnan(found.pixels).all()
 
 
-def test_what_is_no_pose_model_is_one_line(onnx, tmp_path):
+def test_a_model_that_is_no_pose_model_is_one_line(onnx, tmp_path):
     file = tmp_path / "model.onnx"
     graph = Graph(onnx, onnx.TensorProto.FLOAT, [1, 3, 8, 8])
     mean = graph.node("GlobalAveragePool", "input")
@@ -197,7 +154,7 @@ def test_kinds_are_recognised_by_shapes():
         assert (found and found[0].name) == name, shapes
 
 
-def test_the_region_holds_the_person_with_a_margin():
+def test_the_region_contains_the_person_with_a_margin():
     points = np.zeros((17, 3))
     points[:, 2] = 0.9
     points[:, :2] = np.random.default_rng(0).uniform((300, 100), (340, 260), (17, 2))

@@ -1,4 +1,4 @@
-"""The documentation's commands and code run as they stand; what it links to exists, what it names is in the code."""
+"""The commands and code of the documentation run as written; its links lead to existing files and names."""
 
 import ast
 import os
@@ -24,15 +24,15 @@ from lassokin_ros.skeleton_readers.load import load_skeleton
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 PAGES = ["README.md", *sorted(page.name for page in DOCS.glob("*.md") if page.name != "README.md")]
-"""In the order in which they run; the first one makes the recording that the others use."""
+"""In the order in which they run; the first page makes the recording that the others use."""
 OTHER_MACHINES = re.compile(r"\$ (ros2 |colcon |rviz2|source |sudo apt |export ROS_)")
 MOST_ON_OTHER_MACHINES = 40
-"""Lines of commands that are not run here, in all pages."""
+"""Largest number of commands, in all pages, that are not run here."""
 
 
 @dataclass(frozen=True)
 class Block:
-    """A piece of code in a page; line: of its fence."""
+    """A fenced block of a page; line: of its fence."""
 
     page: str
     line: int
@@ -45,7 +45,7 @@ class Block:
 
 
 def blocks(page):
-    """Every fenced block of a page; those within a list are indented."""
+    """Every fenced block of a page; those in a list are indented."""
     text = (DOCS / page).read_text(encoding="utf-8")
     for found in re.finditer(r"^( *)```(\w*)\n(.*?)^\1```$", text, re.DOTALL | re.MULTILINE):
         indent, language, body = found.groups()
@@ -53,7 +53,7 @@ def blocks(page):
         yield Block(page, line, language, re.sub(f"^{indent}", "", body, flags=re.MULTILINE))
 
 
-def test_every_block_is_run_or_visibly_of_another_machine():
+def test_every_block_is_run_or_marked_as_not_run():
     languages = {block.language for page in PAGES for block in blocks(page)}
     assert languages <= {"sh", "python", "console", "text", "math", "yaml", "cpp"}, languages
     lines = [
@@ -70,7 +70,7 @@ def test_every_block_is_run_or_visibly_of_another_machine():
 
 @pytest.fixture(scope="module")
 def workplace(tmp_path_factory):
-    """A folder that looks like the repository after `make test`, for what the pages write."""
+    """A folder that looks like the repository after `make test`, for the files that the pages write."""
     for module in ("rclpy", "rosbags", "matplotlib", "distributed", "plotly"):
         pytest.importorskip(module, reason=f"{module} is needed by what the pages show")
     environment = Path(sys.prefix)
@@ -91,7 +91,7 @@ def workplace(tmp_path_factory):
 
 def run(block, command, workplace):
     folder, environment = workplace
-    with tempfile.TemporaryFile("w+") as said:  # no pipe: what ends in the background would be waited for
+    with tempfile.TemporaryFile("w+") as said:  # no pipe: reading it would wait for background processes
         process = subprocess.Popen(
             command, cwd=folder, env=environment, start_new_session=True, stdout=said, stderr=subprocess.STDOUT
         )
@@ -106,8 +106,9 @@ def run(block, command, workplace):
 
 @pytest.mark.parametrize("page", PAGES)
 def test_every_command_of_a_page_runs(page, workplace):
-    """Commands and Python in the page's order; a page's Python blocks are one program, which ends where a command reads
-    what it wrote.
+    """Run commands and Python in the page's order.
+
+    The Python blocks of a page are one program, which is run before a command that reads its output.
     """
     pending = []
     found = list(blocks(page))
@@ -131,7 +132,7 @@ def run_python(pending, workplace):
 
 
 def test_the_recipe_for_smpls_files_makes_a_skeleton(tmp_path):
-    """On a pickle in SMPL's form, of no model: each joint is the mean of two vertices."""
+    """With a pickle in SMPL's form that contains no model: each joint is the mean of two vertices."""
     (recipe,) = re.findall(r"\n\n((?:    .*\n|\n)+)", (DOCS / "files.md").read_text(encoding="utf-8"))
     ours = Skeleton.load("anthropometric", 1.7)
     joints = ours.rest_positions
@@ -193,7 +194,7 @@ def test_the_method_names_every_equation_and_its_code():
         named |= set(range(int(first), int(last)))
     assert set(range(1, 16)) <= named
     linked = {path.name for _, path, _ in links("method.md")}
-    expected = {"kinematics.py", "projection.py", "observation_model.py", "problem.py", "solver.py", "certificate.py"}
+    expected = {"kinematics.py", "projection.py", "stacked_model.py", "problem.py", "solver.py", "certificate.py"}
     assert expected <= linked
 
 
@@ -220,8 +221,8 @@ def test_every_parameter_is_in_the_tuning_guide():
     assert not missing
 
 
-def test_mathematics_in_a_line_ends_in_it():
-    """What renders the pages takes a formula that is broken over lines for text."""
+def test_inline_mathematics_is_on_one_line():
+    """The renderer shows a formula that is broken over lines as text."""
     for page in PAGES:
         text = re.sub(r"```.*?```|`[^`\n]*`", "", (DOCS / page).read_text(encoding="utf-8"), flags=re.DOTALL)
         assert not [line for line in text.splitlines() if line.count("$") % 2], page

@@ -1,4 +1,4 @@
-"""docs/first-skeleton.md, followed literally: its commands, as far as this machine allows, and its tables."""
+"""docs/first-skeleton.md: its commands, as far as this machine allows, and its tables."""
 
 import ast
 import importlib.util
@@ -32,7 +32,7 @@ def commands(*first):
     return [line for line in LINES if line[: len(first)] == list(first)]
 
 
-def test_every_command_is_of_a_kind_that_is_checked_here():
+def test_every_command_is_of_a_tested_kind():
     known = [("pip", "install"), ("lassokin",), ("ros2", "launch"), ("ros2", "run"), ("python3", "-m")]
     assert LINES and all(any(tuple(line[: len(kind)]) == kind for kind in known) for line in LINES), LINES
 
@@ -77,8 +77,8 @@ def test_the_cameras_parameters_are_those_of_the_node():
 
 @pytest.mark.skipif(not VIDEO.is_file(), reason=f"there is no video '{VIDEO}'")
 @pytest.mark.parametrize("line", [line for line in TRACK if line[-1] != "--view"], ids=" ".join)
-def test_the_tracks_of_the_page_run(line, tmp_path):
-    """A recorded video replaces the webcam; all else is as the page has it. The window of --view needs a screen."""
+def test_the_track_commands_of_the_page_run(line, tmp_path):
+    """A recorded video replaces the webcam. The window of --view needs a screen and is not opened."""
     if "--view" in line:
         pytest.importorskip("rerun", reason="--view needs rerun-sdk")
     pytest.importorskip("mediapipe", reason="the detector of the page needs mediapipe")

@@ -1,4 +1,4 @@
-"""The README's code runs as it stands, and does what the text beside it says; the faults' tests are there."""
+"""The README's code runs as written and does what the text states; the tests that docs/faults.md names exist."""
 
 import re
 from pathlib import Path
@@ -16,13 +16,13 @@ README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
 
 
 def code_with(text):
-    """The README's one Python block that holds `text`."""
+    """The only Python block of the README that contains `text`."""
     (block,) = [code for code in re.findall(r"```python\n(.*?)```", README, re.DOTALL) if text in code]
     return block
 
 
-def test_tracking_without_ros(tmp_path, monkeypatch, capsys):
-    """The lines, on keypoints of which the truth is known."""
+def test_tracking_without_ros_runs_as_written(tmp_path, monkeypatch, capsys):
+    """The code runs on keypoints with a known true motion."""
     monkeypatch.chdir(tmp_path)
     code = code_with("Tracker(TrackerConfig")
     assert len([line for line in code.splitlines() if line]) == 8
@@ -40,7 +40,7 @@ def test_tracking_without_ros(tmp_path, monkeypatch, capsys):
     assert np.linalg.norm((found - found[0]) - (expected - expected[0]), axis=1).mean() < 0.08
 
 
-def test_the_message_of_a_detector():
+def test_the_detectors_message_is_read_back():
     header = pytest.importorskip("std_msgs.msg", reason="the ROS message packages are not installed").Header
     names: dict = {}
     exec(compile(code_with("def keypoints_message"), "README.md", "exec"), names)
@@ -51,8 +51,8 @@ def test_the_message_of_a_detector():
     assert np.array_equal(points, xy) and np.allclose(found, confidence)
 
 
-def test_the_tests_that_are_named_exist():
-    """Every row of docs/faults.md names a test file that is there, and a test in it where one is named."""
+def test_the_tests_named_in_the_faults_page_exist():
+    """Every row of docs/faults.md names an existing test file, and an existing test if it names one."""
     page = (Path(__file__).parents[2] / "docs" / "faults.md").read_text(encoding="utf-8")
     rows = [line for line in page.splitlines() if line.startswith("|")][2:]
     assert len(rows) >= 15
@@ -71,7 +71,7 @@ def test_the_readme_is_short():
 
 @pytest.mark.parametrize("name", ["follow_person", "raised_hand", "wrist_in_base"])
 def test_the_examples_of_the_readme_are_those_of_the_folder(name):
-    """Each method that the README shows stands in examples/ with the same statements; the README may write indices."""
+    """Each method in the README is part of the example with the same statements; the README may use index constants."""
     code = (Path(__file__).parents[2] / "examples" / f"{name}.py").read_text(encoding="utf-8")
     code += re.sub(r"joints\.([A-Z]\w+)", lambda found: str(joints.INDEX[found[1].lower()]), code)
     there = {line.strip() for line in code.splitlines()}

@@ -1,4 +1,4 @@
-"""Every row of the tables of docs/reference.md, against the running node on real DDS."""
+"""The tables of docs/reference.md are compared with the running node on real DDS."""
 
 import re
 from pathlib import Path
@@ -33,7 +33,7 @@ FIELDS = {
 
 
 def table(first_header):
-    """The rows, as lists of cells, of the one table whose first column has this header."""
+    """The rows, as lists of cells, of the only table whose first column has this header."""
     (block,) = re.findall(rf"(?m)^\| {first_header} \|.*\n\|[-|]+\n((?:\|.*\n)+)", REFERENCE)
     return [[cell.strip() for cell in row.strip("|").split("|")] for row in block.splitlines()]
 
@@ -55,7 +55,7 @@ def full(name):
 
 
 def of_node(peer, question, own, complete):
-    """Name -> types of one kind of endpoint of the node, when everything in `complete` has been discovered."""
+    """Name -> types of one kind of endpoint of the node, after everything in `complete` has been discovered."""
     found = {}
 
     def known():
@@ -74,12 +74,12 @@ def rows(direction):
     return {full(name): (*kind.split(", "), "")[:2] for where, name, kind, _ in TOPICS if where == direction}
 
 
-def test_directions_are_known():
+def test_the_table_of_topics_has_known_directions():
     assert {row[0] for row in TOPICS} == {"in", "in, optional", "out", "service"}
     assert all(len(row) == 4 and row[3] for row in TOPICS)
 
 
-def test_outputs(peer):
+def test_outputs_are_those_of_the_table(peer):
     expected = {
         name: (NodeSettings().people_type if kind == "parameter `people_type`" else kind, remark)
         for name, (kind, remark) in rows("out").items()
@@ -94,7 +94,7 @@ def test_outputs(peer):
         assert [i.qos_profile.reliability for i in infos] == [ReliabilityPolicy.RELIABLE], name
 
 
-def test_inputs(peer):
+def test_inputs_are_those_of_the_table(peer):
     expected = {
         name: NodeSettings().keypoints_type if kind == "parameter `keypoints_type`" else kind
         for name, (kind, _) in rows("in").items()
@@ -103,16 +103,16 @@ def test_inputs(peer):
     assert {name: [full_type_name(kind)] for name, kind in expected.items()} == found
     for name in expected:
         (info,) = [i for i in peer.node.get_subscriptions_info_by_topic(name) if i.node_namespace == NAMESPACE]
-        assert info.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT  # takes from any publisher
+        assert info.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT  # matches every publisher
 
 
-def test_services(peer):
+def test_services_are_those_of_the_table(peer):
     expected = rows("service")
     found = of_node(peer, "service", lambda name: OWN_SERVICES.fullmatch(name), set(expected))
     assert {name: [kind.replace("/", "/srv/")] for name, (kind, _) in expected.items()} == found
 
 
-def test_parameters(peer):
+def test_parameters_are_those_of_the_table(peer):
     names = [row[0].strip("`") for row in PARAMETERS]
     listed = peer.call(ListParameters, "list_parameters", ListParameters.Request()).result.names
     assert {n for n in listed if not n.startswith("qos_overrides")} - OWN_PARAMETERS == set(names)
@@ -137,7 +137,7 @@ def test_parameters(peer):
             assert not numbers and not descriptor.additional_constraints, name
 
 
-def test_several_people(peer):
+def test_topics_of_several_people_are_as_documented(peer):
     """The sentence below the table."""
     assert "under `~/bodies/<id>/`, the ids are on `~/bodies/tracked` (std_msgs/String, latched)" in REFERENCE
     namespace = f"{NAMESPACE}_several"
@@ -151,8 +151,8 @@ def test_several_people(peer):
     assert not complaints(node.said)
 
 
-def test_detectors():
-    """keypoints_type and landmarks of every detector that is named."""
+def test_keypoint_messages_and_layouts_exist():
+    """keypoints_type and landmarks of every detector in the table."""
     skeleton = Skeleton.load("anthropometric", 1.75)
     kinds = set()
     for _, kind, landmarks, _ in table("from"):

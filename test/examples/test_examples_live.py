@@ -1,4 +1,4 @@
-"""The three examples as processes on real DDS, with somebody there and with nobody."""
+"""The examples as processes on real DDS, with and without a person."""
 
 import importlib.util
 import signal
@@ -26,7 +26,7 @@ DEADLINE_S = 30.0
 
 
 class Robot:
-    """Publishes what the tracker would, and listens to an example."""
+    """Publishes the tracker's outputs, and receives those of an example."""
 
     def __init__(self):
         self.context = rclpy.Context()
@@ -40,7 +40,7 @@ class Robot:
         self.node.create_subscription(message_type, topic, self.got.append, 10)
 
     def spin_until(self, condition, what, act=lambda: None):
-        """Spin, and act again and again, until the condition holds."""
+        """Spin, and repeat `act`, until the condition holds."""
         end = time.monotonic() + DEADLINE_S
         while not condition():
             assert time.monotonic() < end, f"{what} did not come"
@@ -62,7 +62,7 @@ def robot():
 
 @contextmanager
 def example(name):
-    """The example's process; at the end it must stop at SIGINT with exit code 0."""
+    """The process of an example; it must end at SIGINT with exit code 0."""
     command = [sys.executable, f"examples/{name}.py"]
     process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     try:
@@ -84,7 +84,7 @@ def joints(frame_id="camera", **places):
     return message
 
 
-def test_follow_person_stands_still_for_nobody_and_drives_to_somebody(robot):
+def test_follow_person_stops_without_a_person_and_drives_to_one(robot):
     robot.listen(Twist, "cmd_vel")
     tracker = robot.node.create_publisher(PointStamped, "/tracker/translation", 10)
     person = PointStamped()
@@ -99,7 +99,7 @@ def test_follow_person_stands_still_for_nobody_and_drives_to_somebody(robot):
         robot.spin_until(lambda: robot.got[-1].linear.x == 0, "a stop after the person has left")
 
 
-def test_a_raised_hand_is_said_once(robot):
+def test_a_raised_hand_is_logged_once(robot):
     tracker = robot.node.create_publisher(PoseArray, "/tracker/joints", 10)
     up, down = joints(joint_15=(0.0, -0.6, 3.0), joint_20=(0.2, -0.9, 3.0)), joints(joint_20=(0.2, 0.5, 3.0))
     with example("raised_hand") as process:
@@ -113,7 +113,7 @@ def test_a_raised_hand_is_said_once(robot):
         assert "left hand raised" not in process.stdout.read()
 
 
-def test_a_hand_is_published_while_it_is_seen_and_certain(robot):
+def test_a_hand_is_published_while_it_is_visible_and_certain(robot):
     from sensor_msgs.msg import PointCloud2
 
     robot.listen(PointStamped, "hand")
@@ -138,7 +138,7 @@ def test_a_hand_is_published_while_it_is_seen_and_certain(robot):
     not all(importlib.util.find_spec(name) for name in ("tf2_ros", "tf2_geometry_msgs")),
     reason="tf2_ros and tf2_geometry_msgs are not installed",
 )
-def test_the_wrist_is_in_base_link(robot):
+def test_the_wrist_is_published_in_base_link(robot):
     from tf2_msgs.msg import TFMessage
 
     robot.listen(PointStamped, "right_wrist")

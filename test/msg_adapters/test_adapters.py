@@ -1,4 +1,4 @@
-"""Keypoint carriers and camera_info: what comes out, and what is refused with which reason."""
+"""Keypoint messages and camera_info: decoded values, and the reason of each refusal."""
 
 import struct
 
@@ -41,7 +41,7 @@ def reason_of(call):
 
 
 @pytest.mark.parametrize("message_type", list(CARRIERS))
-def test_each_carrier_gives_the_same_landmarks(backend, message_type):
+def test_each_message_type_gives_the_same_landmarks(backend, message_type):
     keypoints = decode(message_type, CARRIERS[message_type](backend, STAMP, XY, CONFIDENCE))
     points, confidence = keypoints.as_landmarks(5)
     assert np.array_equal(points[[0, 2, 3]], XY[[0, 2, 3]])
@@ -52,7 +52,7 @@ def test_each_carrier_gives_the_same_landmarks(backend, message_type):
     assert keypoints.frame_id == (FRAME if stamped else "")
 
 
-def test_cloud_is_read_whatever_its_byte_order_padding_and_further_fields(backend):
+def test_a_cloud_is_read_with_any_byte_order_padding_and_further_fields(backend):
     fields = [("id", 1, 4), ("z", 3, 7), ("v", 8, 8), ("u", 16, 7), ("person", 20, 1), ("confidence", 24, 8)]
     rows = [(7, 1.5, 2.5, 3.5, -2, 0.75), (3, 0.0, 5.0, 6.0, 4, 0.5)]
     data = b"".join(struct.pack(">xH5xdfb3xd", i, v, u, p, c) for i, _, v, u, p, c in rows)
@@ -66,7 +66,7 @@ def test_cloud_is_read_whatever_its_byte_order_padding_and_further_fields(backen
     assert keypoints.as_landmarks(8, person=4)[1].tolist() == [0, 0, 0, 0.5, 0, 0, 0, 0]
 
 
-def test_organised_cloud_with_padded_rows(backend):
+def test_an_organised_cloud_with_padded_rows_is_read(backend):
     message = cloud(backend, STAMP, XY, CONFIDENCE)
     rows = np.frombuffer(bytes(message.data), np.uint8).reshape(2, 32)
     padded = raw_cloud(backend, STAMP, np.pad(rows, ((0, 0), (0, 8))).tobytes(), CLOUD_FIELDS, 16, 2)
@@ -124,15 +124,15 @@ def offset_outside(message):
         (offset_outside, "wrong_layout"),
     ],
 )
-def test_cloud_that_lies_is_refused(backend, change, reason):
+def test_an_inconsistent_cloud_is_refused(backend, change, reason):
     message = cloud(backend, STAMP, XY, CONFIDENCE)
     change(message)
     if getattr(message, "width", 0) == 3:
-        message.row_step = 48  # a row too short for the bytes
+        message.row_step = 48  # a row that is too short for the bytes
     assert reason_of(lambda: decode("sensor_msgs/PointCloud2", message)) == reason
 
 
-def test_what_the_layout_does_not_have_is_refused(backend):
+def test_ids_outside_the_layout_are_refused(backend):
     keypoints = decode("sensor_msgs/PointCloud2", cloud(backend, STAMP, XY, CONFIDENCE))
     assert reason_of(lambda: keypoints.as_landmarks(3)) == "unknown_id"
     twice = decode("sensor_msgs/PointCloud2", cloud(backend, STAMP, XY, ids=[0, 1, 2, 2]))
@@ -141,7 +141,7 @@ def test_what_the_layout_does_not_have_is_refused(backend):
     assert reason_of(lambda: percent.as_landmarks(5)) == "confidence_range"
 
 
-def test_missing_points(backend):
+def test_missing_points_are_not_landmarks(backend):
     xy = np.array([[1.0, 2.0], [np.nan, 3.0], [np.inf, 3.0], [1e30, 3.0], *[[4.0, 5.0]] * 3, [0.0, 0.0], [0.0, 5.0]])
     confidence = np.array([1.0, 1.0, 1.0, 1.0, np.nan, -1.0, 1.25, 0.4, 0.5])
     points, scores = decode("sensor_msgs/PointCloud2", cloud(backend, STAMP, xy, confidence)).as_landmarks(9)
@@ -149,21 +149,21 @@ def test_missing_points(backend):
     assert scores.tolist() == [1, 0, 0, 0, 0, 0, 1, 0, 0.5]
 
 
-def test_stamps(backend):
+def test_stamps_of_zero_are_none_and_negative_ones_are_refused(backend):
     assert decode("sensor_msgs/PointCloud2", cloud(backend, 0, XY)).stamp_ns is None
     message = cloud(backend, STAMP, XY)
     message.header.stamp.sec = -1
     assert reason_of(lambda: decode("sensor_msgs/PointCloud2", message)) == "bad_stamp"
 
 
-def test_no_points_and_too_many(backend):
+def test_no_points_are_read_and_too_many_are_refused(backend):
     for message_type, make in CARRIERS.items():
         assert len(decode(message_type, make(backend, STAMP, np.empty((0, 2)))).ids) == 0
         many = np.ones((MAX_POINTS + 1, 2))
         assert reason_of(lambda: decode(message_type, make(backend, STAMP, many))) == "too_many_points"
 
 
-def test_multi_array_layout_must_be_true(backend):
+def test_an_inconsistent_multi_array_layout_is_refused(backend):
     message = multi_array(backend, STAMP, XY)
     sizes = []
     for size in (4, 3):
@@ -180,7 +180,7 @@ def test_multi_array_layout_must_be_true(backend):
     assert len(decode("std_msgs/Float32MultiArray", message).ids) == 3
 
 
-def test_unknown_message_types():
+def test_unknown_message_types_are_refused():
     assert full_type_name("sensor_msgs/PointCloud2") == "sensor_msgs/msg/PointCloud2"
     with pytest.raises(KeyError):
         keypoint_adapter("sensor_msgs/Image")
@@ -198,7 +198,7 @@ def test_unknown_message_types():
     sizes=st.tuples(*[st.integers(0, 70)] * 4),
     count=st.integers(1, 40),
 )
-def test_any_cloud_is_read_or_refused(data, fields, sizes, count):
+def test_every_cloud_is_read_or_refused(data, fields, sizes, count):
     pytest.importorskip("rosbags")
     from messages import rosbags_backend
 
@@ -216,13 +216,13 @@ def test_any_cloud_is_read_or_refused(data, fields, sizes, count):
 _any_backend: dict = {}
 
 
-def test_camera_info(backend):
+def test_camera_info_gives_the_intrinsics(backend):
     camera = decode_camera_info(camera_info(backend))
     assert camera.K.tolist() == [[FOCAL, 0, 320], [0, FOCAL, 240], [0, 0, 1]]
     assert (camera.model, len(camera.D), camera.width, camera.height, camera.frame_id) == ("", 0, 640, 480, FRAME)
 
 
-def test_camera_info_binning_and_window(backend):
+def test_camera_info_with_binning_or_window_gives_the_intrinsics(backend):
     message = camera_info(backend, binning_x=2, binning_y=2)
     message.roi.x_offset, message.roi.y_offset, message.roi.width, message.roi.height = 100, 40, 320, 240
     camera = decode_camera_info(message)
@@ -247,7 +247,7 @@ def test_camera_info_binning_and_window(backend):
         ("rational_polynomial", [0.1] * 5, "plumb_bob"),
     ],
 )
-def test_distortion_models(backend, model, D, kept):
+def test_distortion_models_are_recognised(backend, model, D, kept):
     camera = decode_camera_info(camera_info(backend, distortion_model=model, d=backend.float64(np.array(D))))
     assert camera.model == kept
 
@@ -270,6 +270,6 @@ def test_distortion_models(backend, model, D, kept):
         ([600.0, 0, 3200, 0, 600, 240, 0, 0, 1], "", [], "camera_uncalibrated"),
     ],
 )
-def test_camera_info_that_is_no_camera_is_refused(backend, K, model, D, reason):
+def test_an_invalid_camera_info_is_refused(backend, K, model, D, reason):
     message = camera_info(backend, k=np.array(K, dtype=float), distortion_model=model, d=backend.float64(np.array(D)))
     assert reason_of(lambda: decode_camera_info(message)) == reason

@@ -1,4 +1,4 @@
-"""Keypoints of hri_msgs, yolo_msgs and zed_msgs: from messages of their true definitions to joints, through a bag."""
+"""Keypoints of hri_msgs, yolo_msgs and zed_msgs: from messages of their real definitions to joints, through a bag."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ SCORES = np.linspace(0.5, 0.95, 38)
 
 
 def decode(message_type, message, size=SIZE):
-    """After a round through its wire format, as from a bag."""
+    """The message after serialisation, as from a bag."""
     types = detector_types()
     message = types.deserialize_cdr(types.serialize_cdr(message, message_type), message_type)
     return keypoint_adapter(message_type).decode(message, size)
@@ -46,7 +46,7 @@ def reason_of(call):
     return caught.value.reason
 
 
-def test_hri_skeleton():
+def test_an_hri_skeleton_gives_pixels():
     scores = SCORES[:18].copy()
     scores[4] = 0
     keypoints = decode(HRI, hri_skeleton(BACKEND, START_NS, FRAME, XY[:18], scores, SIZE))
@@ -59,18 +59,18 @@ def test_hri_skeleton():
     assert reason_of(lambda: decode(HRI, message, None)) == "no_image_size"
 
 
-def test_hri_points_outside_the_image_are_points():
+def test_hri_points_outside_the_image_are_kept():
     points, _ = decode(HRI, hri_skeleton(BACKEND, 1, FRAME, XY[:18] - 200, SCORES, SIZE)).as_landmarks(18)
     assert np.allclose(points, XY[:18] - 200, atol=1e-3)
 
 
-def test_hri_eyes_and_ears_are_not_in_openposes_order():
+def test_hri_eyes_and_ears_have_their_own_order():
     hri, openpose = (Layout.load(name, SKELETON).names for name in ("hri18", "openpose18"))
     assert hri[14:] == ("left_eye", "right_eye", "left_ear", "right_ear")
     assert openpose[14:] == ("right_eye", "left_eye", "right_ear", "left_ear") and hri[:14] == openpose[:14]
 
 
-def test_yolo_detections():
+def test_yolo_detections_give_people_with_keypoints():
     half = np.where(np.arange(17) % 2, 0.0, SCORES[:17])
     people = [(XY[:17], half), (XY[:17] + 100, SCORES[:17]), (XY[:17], np.zeros(17))]
     keypoints = decode(YOLO, yolo_detections(BACKEND, START_NS, FRAME, people, ["7", "3", ""]))
@@ -83,21 +83,21 @@ def test_yolo_detections():
 
 
 @pytest.mark.parametrize("ids", [["", ""], ["4", "4"], ["4", "x"], ["-1", "2"]])
-def test_yolo_ids_that_tell_nobody_apart_last_for_one_message(ids):
+def test_ambiguous_yolo_ids_are_used_for_one_message_only(ids):
     people = [(XY[:17], SCORES[:17]), (XY[:17] + 100, SCORES[:17])]
     keypoints = decode(YOLO, yolo_detections(BACKEND, START_NS, FRAME, people, ids))
     assert not keypoints.persistent
     assert np.allclose(keypoints.as_landmarks(17, person=1)[0], XY[:17] + 100)
 
 
-def test_yolo_without_detections_and_with_ids_from_zero():
+def test_yolo_messages_may_be_empty_or_have_the_id_zero():
     assert len(decode(YOLO, yolo_detections(BACKEND, START_NS, FRAME, [], [])).ids) == 0
     message = yolo_detections(BACKEND, START_NS, FRAME, [(XY[:17], SCORES[:17])], ["1"])
     message.detections[0].keypoints.data[-1].id = 0
     assert reason_of(lambda: decode(YOLO, message)) == "unknown_id"
 
 
-def test_zed_objects():
+def test_zed_objects_give_people_with_keypoints():
     found = XY.copy()
     found[5], found[6], found[7] = np.nan, -1, 0
     keypoints = decode(ZED, zed_objects(BACKEND, START_NS, [found, XY + 50], [2, 9]))
@@ -109,16 +109,16 @@ def test_zed_objects():
     assert keypoints.persistent and keypoints.frame_id == "" and keypoints.stamp_ns == START_NS
 
 
-def test_zed_confidences_of_single_points_come_first():
+def test_zed_confidences_of_single_points_have_priority():
     message = zed_objects(BACKEND, START_NS, [XY[:18]], [2], body_format=0)
     message.objects[0].skeleton_keypoint_confidence[:18] = np.where(np.arange(18) == 3, -1, 80)
     confidence = decode(ZED, message).as_landmarks(18)[1]
     assert confidence[3] == 0 and np.allclose(np.delete(confidence, 3), 0.8)
 
 
-def test_zed_bodies_that_are_not_seen_are_left_out():
+def test_zed_bodies_that_are_not_visible_are_left_out():
     message = zed_objects(BACKEND, START_NS, [XY] * 4, [1, 2, 3, 4])
-    message.objects[0].tracking_state = 2  # searching: its points are a guess
+    message.objects[0].tracking_state = 2  # state "searching": its points are a guess
     message.objects[1].tracking_state = 0
     message.objects[2].skeleton_available = False
     assert set(decode(ZED, message).persons.tolist()) == {4}
@@ -145,7 +145,7 @@ def test_zed38_is_in_body38s_order():
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
 @pytest.mark.parametrize("message_type", [HRI, YOLO, ZED])
 def test_a_recording_of_each_is_tracked(tmp_path, message_type, storage):
-    """What `replay` makes of it lies where the person is; frame_id as the optical frame is called."""
+    """The joints in the output of `replay` are those of the person; frame_id is the name of the optical frame."""
     frames, layout = 20, {HRI: "hri18", YOLO: "coco17", ZED: "zed38"}[message_type]
     stamps, _, _ = synthetic_pixels(frames)
     pixels = pixels_of(layout, frames)

@@ -1,4 +1,4 @@
-"""Any message at all is read or refused with a reason; what is read is what a tracker can use."""
+"""Every message is read or refused with a reason; a tracker can use every message that is read."""
 
 import numpy as np
 import pytest
@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 pytest.importorskip("rosbags", reason="rosbags makes the messages")
 
 from courses import BACKEND, LAYOUTS, NUMBERS, START_NS, TYPES, message_of, over_the_wire, people  # noqa: E402
+from decoder_checks import LONGEST_TEXT, outcome_of, refusal  # noqa: E402
 from fuzzing import count, fuzz  # noqa: E402
 from messages import HEIGHT, WIDTH, camera_info  # noqa: E402
 from spoil import WAYS, spoil  # noqa: E402
@@ -17,31 +18,10 @@ from lassokin_ros.pipeline.lens import Lens  # noqa: E402
 from msg_adapters.camera_info import decode_camera_info  # noqa: E402
 from msg_adapters.detectors.registry import ADAPTERS, keypoint_adapter  # noqa: E402
 from msg_adapters.errors import AdapterError  # noqa: E402
-from msg_adapters.keypoints import LARGEST_PIXEL, MAX_POINTS  # noqa: E402
-
-REASONS = {
-    "wrong_fields",
-    "wrong_datatype",
-    "wrong_layout",
-    "wrong_shape",
-    "too_many_points",
-    "bad_stamp",
-    "bad_frame_id",
-    "unknown_id",
-    "repeated_id",
-    "confidence_range",
-    "no_image_size",
-    "camera_not_finite",
-    "camera_uncalibrated",
-    "camera_matrix",
-    "camera_distortion",
-}
-LONGEST_TEXT = 1500
-"""Characters of what is said of a message, however long it is itself."""
 
 
 def faults(message_type):
-    """Up to three ways of spoiling, and the seed of what they draw."""
+    """Up to three kinds of damage, and the seed of their draws."""
     ways = st.lists(st.sampled_from(sorted(WAYS[message_type])), min_size=1, max_size=3)
     return st.tuples(ways, st.integers(0, 2**32 - 1))
 
@@ -57,38 +37,9 @@ def good(message_type, seed):
     return message_of(message_type, [alone[1][0]], START_NS, NUMBERS[:1])
 
 
-def refusal(error):
-    assert error.reason in REASONS and 0 < len(str(error)) < LONGEST_TEXT
-    return error.reason
-
-
-def outcome_of(adapter, message, size, landmarks):
-    """The reason of the refusal, or "read": then everything in it is of use."""
-    try:
-        keypoints = adapter.decode(message, size)
-    except AdapterError as error:
-        return refusal(error)
-    k = len(keypoints.ids)
-    assert k <= MAX_POINTS and keypoints.xy.shape == (k, 2) and keypoints.confidence.shape == (k,)
-    assert keypoints.stamp_ns is None or keypoints.stamp_ns > 0
-    persons = [] if keypoints.persons is None else np.unique(keypoints.persons)[:5].tolist()
-    outcome = "read"
-    for person in (None, *persons):
-        try:
-            points, confidence = keypoints.as_landmarks(landmarks, person)
-        except AdapterError as error:
-            outcome = refusal(error)
-            continue
-        seen = confidence > 0
-        assert points.shape == (landmarks, 2) and confidence.shape == (landmarks,)
-        assert ((confidence >= 0) & (confidence <= 1)).all() and (np.isfinite(points).all(axis=1) == seen).all()
-        assert (np.abs(points[seen]) <= LARGEST_PIXEL).all()
-    return outcome
-
-
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 @pytest.mark.parametrize("message_type", list(ADAPTERS))
-def test_any_keypoints_are_read_or_refused(message_type):
+def test_all_keypoints_are_read_or_refused(message_type):
     adapter, layout = keypoint_adapter(message_type), LAYOUTS[message_type]
     landmarks = people(layout)[0][1].shape[1]
     name = f"decode {message_type.split('/')[-1]}"
@@ -104,8 +55,8 @@ def test_any_keypoints_are_read_or_refused(message_type):
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 @pytest.mark.parametrize("message_type", list(ADAPTERS))
-def test_any_bytes_are_read_or_refused(message_type):
-    """A message whose bytes were changed, cut or added to, where it can be deserialised at all."""
+def test_all_bytes_are_read_or_refused(message_type):
+    """A message with changed, missing or additional bytes, if it can be deserialised."""
     adapter, layout = keypoint_adapter(message_type), LAYOUTS[message_type]
     landmarks = people(layout)[0][1].shape[1]
     whole = bytes(TYPES.serialize_cdr(good(message_type, 0), message_type))
@@ -135,8 +86,8 @@ PIXELS = np.concatenate([people("coco17")[0][1][0], [[-5.0, 1e4], [np.nan, 3.0],
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 @fuzz(0.15)
 @given(faults("sensor_msgs/msg/CameraInfo"), st.booleans())
-def test_any_camera_info_is_a_camera_or_refused(fault, rectified):
-    """A camera that is taken turns every pixel into finite coordinates or NaN."""
+def test_every_camera_info_is_a_camera_or_refused(fault, rectified):
+    """An accepted camera converts every pixel to finite coordinates or NaN."""
     message = spoilt("sensor_msgs/msg/CameraInfo", camera_info(BACKEND), fault)
     try:
         lens = Lens.from_intrinsics(decode_camera_info(message), rectified)

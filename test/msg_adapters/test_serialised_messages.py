@@ -1,4 +1,4 @@
-"""Messages as bytes: they say what the messages do, frame by frame, whatever changes between frames."""
+"""Serialised messages: they are equal to the messages, frame by frame, for all changes between frames."""
 
 from importlib.util import find_spec
 
@@ -29,15 +29,15 @@ def backend(request):
     return request.param
 
 
-def test_every_output_says_the_same_as_its_message(backend):
+def test_every_serialised_output_equals_its_message(backend):
     pipeline = Pipeline(TrackerConfig(), NodeSettings())
     pipeline.set_camera(camera_info(backend))
-    tf = ALL if isinstance(backend, RosbagsBackend) else OFF  # rclpy's tf2_msgs is not always there
+    tf = ALL if isinstance(backend, RosbagsBackend) else OFF  # rclpy's tf2_msgs may be missing
     settings = {"config": NodeSettings(publish_tf=tf, joint_labels=True)}
     messages, ready = (FrameMessages(backend, pipeline.tracker.skeleton, ready_made=r, **settings) for r in (0, 1))
     for i, xy in enumerate(pixels_of_motion(12)):
         confidence = np.full(17, 0.9)
-        confidence[: i % 4] = 0  # so that there are more and fewer crosses
+        confidence[: i % 4] = 0  # so that the number of crosses changes
         stamp = START_NS + i * 16_666_667
         frame = pipeline.process(cloud(backend, stamp, xy, confidence, frame_id="camera" + "_x" * (i // 5)), 0)
         for (topic, message), (same_topic, serialised) in zip(messages.build(frame), ready.build(frame)):
@@ -46,7 +46,7 @@ def test_every_output_says_the_same_as_its_message(backend):
             assert backend.alike(serialised, message), topic
 
 
-def test_bytes_of_other_numbers_stamps_or_frames_are_told_apart(backend):
+def test_other_numbers_stamps_or_frames_give_other_bytes(backend):
     message, point = PointStampedBuilder(backend), np.array([1.0, 2.0, 3.0])
     serialised = backend.serialise(message.fill(START_NS, "a", point))
     assert backend.alike(serialised, message.fill(START_NS, "a", point))
@@ -55,8 +55,8 @@ def test_bytes_of_other_numbers_stamps_or_frames_are_told_apart(backend):
         assert not backend.alike(serialised, message.fill(*other))
 
 
-def test_a_strict_reader_takes_the_middlewares_bytes():
-    """At the end of joint_states is an empty sequence of doubles."""
+def test_a_strict_reader_accepts_the_middlewares_bytes():
+    """joint_states ends with an empty sequence of doubles."""
     pytest.importorskip("rclpy")
     backend, typestore = RclpyBackend(), rosbags_backend()._typestore
     for names in (["a"], ["a", "b"], ["a", "b", "long"]):
@@ -68,7 +68,7 @@ def test_a_strict_reader_takes_the_middlewares_bytes():
             assert read.header.frame_id == frame_id and read.position.tolist() == read.velocity.tolist() == [*numbers]
 
 
-def test_texts_of_any_length_and_script(backend):
+def test_texts_of_any_length_and_script_are_serialised(backend):
     builder, ready = DiagnosticArrayBuilder(backend), SerialisedStatus(backend)
     texts = ["", "a", "ab", "abc", "abcd", "Größe", "身長"]
     for i, text in enumerate(texts):
@@ -80,13 +80,13 @@ def test_texts_of_any_length_and_script(backend):
 
 
 class Otherwise(RosbagsBackend):
-    """A middleware whose serialised messages are not laid out as is thought here."""
+    """A middleware whose serialised messages have another memory layout."""
 
     def serialise(self, message):
         return super().serialise(message)[::-1]
 
 
-def test_where_the_places_are_not_found_the_message_itself_is_given():
+def test_an_unknown_memory_layout_falls_back_to_the_message():
     backend = Otherwise(rosbags_backend()._typestore)
     builder = JointStateBuilder(backend, ["a", "b"])
     for i in range(2):
@@ -97,7 +97,18 @@ def test_where_the_places_are_not_found_the_message_itself_is_given():
         assert message.status[0].message == "said" and message.header.stamp.nanosec == i
 
 
-def test_a_frame_id_that_is_always_another_takes_no_memory_without_end():
+def test_the_places_are_learned_once_for_each_form_of_a_message():
+    backend = rosbags_backend()
+    ready, learned = SerialisedMessage(JointStateBuilder(backend, ["a"]), backend), []
+    learn = ready._learn
+    ready._learn = lambda stamp_ns, frame_id, numbers: learned.append(frame_id) or learn(stamp_ns, frame_id, numbers)
+    for i in range(3):
+        for frame_id in ("camera", "another"):
+            ready.fill(START_NS + i, frame_id, np.array([1.0]), np.array([i]))
+    assert learned == ["camera", "another"]
+
+
+def test_changing_frame_ids_use_bounded_memory():
     backend = rosbags_backend()
     ready = SerialisedMessage(PointStampedBuilder(backend), backend)
     for i in range(3 * MOST_TEMPLATES):

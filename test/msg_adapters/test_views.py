@@ -1,4 +1,4 @@
-"""What RViz and Foxglove show: messages that lie where the image says, and views from which a person stands upright."""
+"""Views of RViz and Foxglove: messages at the positions of the image, and views in which a person is upright."""
 
 import json
 from importlib.util import find_spec
@@ -34,7 +34,7 @@ DISPLAYS = {
     "rviz_default_plugins/PoseArray": "geometry_msgs/msg/PoseArray",
     "rviz_default_plugins/RobotModel": "std_msgs/msg/String",
 }
-"""What RViz' displays read; Camera reads the image, which is not ours."""
+"""Message types that RViz' displays read; Camera reads the image, which is not an output."""
 OURS = {t.name.replace("~", "tracker"): t for t in (*topics.PERSON_OUTPUTS, *topics.OTHER_OUTPUTS)}
 
 
@@ -55,7 +55,7 @@ def foxglove():
 
 @pytest.fixture(scope="module", params=BACKENDS, ids=lambda b: type(b).__name__)
 def shown(request):
-    """(camera_info, pixels (l, 2), {topic: message}) of a tracked person: through a webcam with distortion."""
+    """(camera_info, pixels (l, 2), {topic: message}) of a tracked person, seen through a webcam with distortion."""
     pipeline, backend = Pipeline(TrackerConfig(), NodeSettings()), rosbags_backend()
     info = camera_info(backend, START_NS, FRAME, WEBCAM.K, WEBCAM.D, WEBCAM.size)
     pipeline.set_camera(info)
@@ -79,20 +79,20 @@ def places(points):
 
 
 def coloured(marker, colours, wanted, points_each):
-    """The points that belong to colours of about this value."""
+    """The points with colours of about this value."""
     same = [np.allclose([c.r, c.g, c.b, c.a], wanted, atol=1e-6) for c in colours]
     return places(marker.points).reshape(len(same), points_each, 3)[np.array(same)]
 
 
-def test_markers_lie_over_the_keypoints(shown):
-    """The markers' balls, projected as a viewer does it, are within a few px of what the detector saw."""
+def test_markers_are_at_the_keypoints(shown):
+    """The markers' spheres, projected as in a viewer, are within a few px of the keypoints."""
     info, pixels, messages = shown
     bones, joints = messages[topics.MARKERS].markers
     assert bones.header.frame_id == joints.header.frame_id == info.header.frame_id == FRAME
     tracker = Tracker(TrackerConfig())
     skeleton, names = tracker.skeleton, tracker.layout.names
     centres = [n for n in names if n.split("_")[-1] in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")]
-    assert len(centres) == 12  # of COCO's keypoints these are the joints' centres
+    assert len(centres) == 12  # keypoints of COCO that are joint centres
     seen = in_image(info, places(joints.points)[[skeleton.index(n) for n in centres]])
     error = np.linalg.norm(seen - pixels[[names.index(n) for n in centres]], axis=1)
     assert np.median(error) < 4 and error.max() < 12
@@ -104,8 +104,10 @@ def test_markers_lie_over_the_keypoints(shown):
     assert np.allclose(places(joints.points), published)
 
 
-def test_a_person_in_the_optical_frame_is_as_rep_103_has_it(shown):
-    """z forward: in front of the camera; y down: the head has the smaller y; x right: who faces us has the left."""
+def test_a_person_in_the_optical_frame_follows_rep_103(shown):
+    """z forward: in front of the camera. y down: the head has the smaller y. x right: a person who faces the camera has
+    the left side there.
+    """
     _, _, messages = shown
     joints = places(messages[topics.MARKERS].markers[1].points)
     index = Skeleton.load("anthropometric", 1.75).index
@@ -114,8 +116,8 @@ def test_a_person_in_the_optical_frame_is_as_rep_103_has_it(shown):
     assert joints[index("left_shoulder"), 0] > joints[index("right_shoulder"), 0] + 0.2
 
 
-def test_image_markers_are_in_the_image(shown):
-    """Bones are the projected markers, upright crosses the detector's points, oblique ones near them."""
+def test_image_markers_are_at_their_pixels(shown):
+    """Bones are the projected markers, upright crosses the detector's points, diagonal ones near them."""
     info, pixels, messages = shown
     marker = messages[topics.IMAGE_MARKERS]
     assert marker.type == 2 and len(marker.points) == 2 * len(marker.outline_colors) and marker.scale > 0
@@ -126,13 +128,13 @@ def test_image_markers_are_in_the_image(shown):
         coloured(marker, marker.outline_colors, c, 2).mean(axis=1)[::2, :2] for c in (DETECTED, REPROJECTED)
     )
     seen = np.isfinite(pixels).all(axis=1)
-    assert np.abs(detected - pixels[seen]).max() < 1e-3  # float32 on the way in
+    assert np.abs(detected - pixels[seen]).max() < 1e-3  # the input is float32
     assert len(back) == len(pixels) and np.median(np.linalg.norm(back[seen] - detected, axis=1)) < 4
     assert (marker.lifetime.sec, marker.lifetime.nanosec) == (1, 0)
 
 
-def test_image_markers_of_as_many_points_as_there_are():
-    """The same builder, with another number of landmarks, and with some missing, from one message to the next."""
+def test_image_markers_follow_the_number_of_points():
+    """The same builder with another number of landmarks, and with missing ones, in successive messages."""
     builder = ImageMarkerBuilder(rosbags_backend(), [-1, 0])
     for missing in ([], [0], [0, 1, 2], [], [1]):
         for count in (3, 5):
@@ -159,13 +161,13 @@ def test_keypoint_markers_are_on_the_rays_of_the_keypoints(shown):
     assert np.abs(in_image(info, detected) - pixels[seen]).max() < 0.01
 
 
-def test_ellipsoids_are_about_the_joints(shown):
+def test_ellipsoids_are_centred_at_the_joints(shown):
     _, _, messages = shown
     centres = [m.pose.position for m in messages[topics.UNCERTAINTY_MARKERS].markers]
     assert np.allclose(places(centres), places(messages[topics.MARKERS].markers[1].points))
 
 
-def test_rviz_shows_topics_that_exist_with_what_can_show_them(rviz):
+def test_rviz_shows_existing_topics_with_matching_displays(rviz):
     shows = set()
     for display in rviz["Displays"]:
         topic = display.get("Topic") or display.get("Description Topic")
@@ -182,15 +184,15 @@ def test_rviz_shows_topics_that_exist_with_what_can_show_them(rviz):
     assert rviz["Global Options"]["Fixed Frame"] == FRAME
 
 
-def test_rviz_lays_the_skeleton_over_the_image(rviz):
+def test_rviz_shows_the_skeleton_over_the_image(rviz):
     (camera,) = [d for d in rviz["Displays"] if d["Class"] == "rviz_default_plugins/Camera"]
-    assert camera["Enabled"] and camera["Topic"]["Value"] == "image_raw"  # beside camera_info, from which RViz has K
+    assert camera["Enabled"] and camera["Topic"]["Value"] == "image_raw"  # next to camera_info, from which RViz reads K
     names = {d["Name"] for d in rviz["Displays"]}
     hidden = {name for name, seen in camera["Visibility"].items() if not seen}
     assert hidden < names and not any(name.startswith(("Skeletons", "Detected")) for name in hidden)
 
 
-def test_foxglove_shows_topics_that_exist(foxglove):
+def test_foxglove_shows_existing_topics(foxglove):
     panels = foxglove["configById"]
     shown = [t.lstrip("/") for t in panels["3D!skeleton"]["topics"]]
     plotted = [p["value"].split(".")[0].lstrip("/") for name in panels for p in panels[name].get("paths", ())]
@@ -213,7 +215,7 @@ def test_foxglove_shows_topics_that_exist(foxglove):
 
 
 def rviz_view(view):
-    """(place, axes) of RViz' orbit view, whose up is the frame's z: axes' rows are right, up and forward."""
+    """(position, axes) of RViz' orbit view, whose up is the frame's z. The rows of axes are right, up and forward."""
     yaw, pitch = view["Yaw"], view["Pitch"]
     focal = np.array([view["Focal Point"][axis] for axis in "XYZ"], dtype=float)
     towards = np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), np.sin(pitch)])
@@ -223,14 +225,14 @@ def rviz_view(view):
 
 
 def foxglove_view(state):
-    """The same of Foxglove's camera: turned by phi about x, then by -thetaOffset about z, from looking along -z."""
+    """The same of Foxglove's camera: rotated by phi about x, then by -thetaOffset about z, from the view along -z."""
     turn = Rotation.from_euler("ZX", [-state["thetaOffset"], state["phi"]], degrees=True)
     right, up, back = turn.as_matrix().T
     return np.array(state["targetOffset"], dtype=float) + state["distance"] * back, np.array([right, up, -back])
 
 
 @pytest.mark.parametrize("viewer", ["rviz", "foxglove"])
-def test_a_person_is_seen_upright_whole_and_from_the_camera_s_side(viewer, request):
+def test_a_person_is_upright_completely_visible_and_seen_from_the_camera(viewer, request):
     config = request.getfixturevalue(viewer)
     if viewer == "rviz":
         assert config["Views"]["Current"]["Class"] == "rviz_default_plugins/Orbit"
@@ -241,9 +243,9 @@ def test_a_person_is_seen_upright_whole_and_from_the_camera_s_side(viewer, reque
     person = {"head": (0, -0.6, 3), "feet": (0, 1.05, 3), "left hand": (0.6, 0, 3), "right hand": (-0.6, 0, 3)}
     seen = {name: axes @ (np.array(point) - place) for name, point in person.items()}
     depth = {name: v[2] for name, v in seen.items()}
-    assert min(depth.values()) > 1  # before the viewer
+    assert min(depth.values()) > 1  # in front of the viewer
     picture = {name: v[:2] / v[2] for name, v in seen.items()}
     assert picture["head"][1] > picture["feet"][1] + 0.2
     assert picture["left hand"][0] > picture["right hand"][0] + 0.1
     assert abs(picture["head"][0] - picture["feet"][0]) < 0.05  # not tilted
-    assert max(np.abs(v).max() for v in picture.values()) < np.tan(np.radians(45 / 2))  # whole, in 45 degrees
+    assert max(np.abs(v).max() for v in picture.values()) < np.tan(np.radians(45 / 2))  # fully visible, in 45 degrees

@@ -1,15 +1,16 @@
-"""Two trackers beside a robot that has its own URDF, joint states and TF change none of them."""
+"""Two trackers beside a robot with its own URDF, joint states and TF change none of them."""
 
 import pytest
 
 pytest.importorskip("rclpy")
 
-from live import NodeProcess, Peer  # noqa: E402
+from live import BACKEND, START_NS, NodeProcess, Peer  # noqa: E402
 from messages import FRAME, pixels_of_motion  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
+from transforms import rpy, tf_message  # noqa: E402
 
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 
@@ -19,7 +20,7 @@ SHARED = ("/diagnostics", "/parameter_events", "/rosout", "/tf")
 """Topics that every node may publish."""
 
 
-def test_nothing_of_the_robots_is_changed():
+def test_the_robots_topics_are_not_changed():
     pixels = pixels_of_motion(1)[0]
     with Peer("/one") as one, Peer("/two") as two:
         robot = Node("robot_state_publisher", context=one.context)
@@ -58,3 +59,42 @@ def test_nothing_of_the_robots_is_changed():
         one.executor.remove_node(robot)
         robot.destroy_node()
     assert first.said.count("is not of this node") == 1
+
+
+def test_no_frame_of_the_robots_gets_another_parent_or_name():
+    """TF of a robot whose frames have the names of the body's joints, beside two trackers that publish all frames."""
+    pytest.importorskip("tf2_msgs", reason="tf2_msgs is not installed: apt, or `make messages`")
+    from tf2_msgs.msg import TFMessage
+
+    of_robot = {"pelvis": "base_link", "head": "pelvis", "left_hand": "pelvis", "body": "base_link", FRAME: "head"}
+    pixels, transforms = pixels_of_motion(1)[0], []
+    with Peer("/one", outputs=False) as one, Peer("/two", outputs=False) as two:
+        one.node.create_subscription(TFMessage, "/tf", lambda m: transforms.extend(m.transforms), 100)
+        one.node.create_subscription(TFMessage, "/tf_static", lambda m: transforms.extend(m.transforms), LATCHED)
+        static = one.node.create_publisher(TFMessage, "/tf_static", LATCHED)
+        static.publish(tf_message(BACKEND, 0, *((parent, child, rpy(0, 0)) for child, parent in of_robot.items())))
+        settings = "-p", "publish_tf:=all", "-p", "camera_mount_frame:=base_link"
+        with NodeProcess("/one", *settings), NodeProcess("/two", *settings, "-p", "max_people:=2"):
+            seen = set()
+
+            def both(sent=[0]):  # noqa: B006
+                sent[0] += 1
+                for peer in (one, two):
+                    peer.send_camera()
+                    peer.send(START_NS + sent[0] * 30_000_000, pixels)
+                two.executor.spin_once(timeout_sec=0.0)
+                seen.update(transform.child_frame_id.partition("/")[0] for transform in transforms)
+                return {"one", "two"} <= seen
+
+            one.spin_until(both, what="the frames of both trackers")
+            publishers = {info.node_name for info in one.node.get_publishers_info_by_topic("/tf_static")}
+    parents = {}
+    for transform in transforms:
+        parents.setdefault(transform.child_frame_id, set()).add(transform.header.frame_id)
+    assert all(len(found) == 1 for found in parents.values()), parents
+    assert {child: found for child, found in parents.items() if "/" not in child} == {
+        child: {parent} for child, parent in of_robot.items()
+    }
+    ours = [name for name in parents if "/" in name]
+    assert len(ours) == 50 and all(name.startswith(("one/tracker/", "two/tracker/p1/")) for name in ours)
+    assert publishers == {"peer"}  # the trackers publish no static frames

@@ -1,4 +1,4 @@
-"""Whoever starts the node with a wrong topic reads on the terminal what is missing, and what there is instead."""
+"""With a wrong topic name, the log tells what is missing and which topics exist."""
 
 import time
 from types import SimpleNamespace
@@ -15,24 +15,24 @@ from rcl_interfaces.srv import SetParameters  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 
-from lassokin_ros.node.missing_input import PATIENCE_S, MissingInput, _may_be_keypoints  # noqa: E402
+from lassokin_ros.node.inputs.missing_input import PATIENCE_S, MissingInput, _may_be_keypoints  # noqa: E402
 from lassokin_ros.node.person_outputs import message_class  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 
 
 class Reader(Peer):
-    """A peer that reads what the node says in its log."""
+    """A peer that reads the node's log."""
 
     def __init__(self, namespace):
         super().__init__(namespace, outputs=False)
         self.said = []
         name = f"{namespace[1:]}.tracker"
         take = lambda log: self.said.append(log.msg) if log.name == name else None  # noqa: E731
-        kept = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # what was said before, too
+        kept = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # earlier lines, too
         self.node.create_subscription(Log, "/rosout", take, kept)
 
     def hears(self, *words):
-        """Spin until one line has all the words."""
+        """Spin until one line contains all the words."""
         self.spin_until(lambda: any(all(w in line for w in words) for line in self.said), what=f"a line with {words}")
 
 
@@ -43,7 +43,7 @@ def test_topics_of_other_names_are_listed_until_a_message_arrives():
         camera = peer.node.create_publisher(message_class(topics.CAMERA_INFO_TYPE), "front/camera_info", 10)
         peer.hears("waiting for camera_info on /absent_name/front/camera_info", "its publisher is silent")
         peer.hears("waiting for keypoints on /absent_name/wrong", "remap keypoints", "/absent_name/keypoints")
-        assert not any("joint_uncertainty" in line for line in peer.said)  # its own outputs are no candidates
+        assert not any("joint_uncertainty" in line for line in peer.said)  # its own outputs are not offered
         camera.publish(camera_info(BACKEND))
         peer.hears("the first message on /absent_name/front/camera_info has come")
         peer.keypoints, sent = peer.node.create_publisher(peer.keypoints.msg_type, "wrong", 10), 0
@@ -70,8 +70,8 @@ def test_a_topic_of_another_type_is_named():
         peer.hears("waiting for camera_info", "sensor_msgs/msg/Image; remap camera_info to another topic")
 
 
-def test_a_camera_info_sent_once_and_kept_is_asked_for():
-    """Beside a publisher that keeps nothing, whose camera_info counts as ever."""
+def test_a_latched_camera_info_is_requested():
+    """Beside a volatile publisher, whose camera_info is used as always."""
     namespace, pixels, sent = "/kept", pixels_of_motion(1)[0], 0
     with Reader(namespace) as peer:
         kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -100,8 +100,8 @@ def test_a_camera_info_sent_once_and_kept_is_asked_for():
             peer.spin_until(seen, what="the state forgotten for the other publisher's camera")
 
 
-def test_what_a_later_publisher_keeps_is_asked_for_too():
-    """The camera's driver is started anew and says once what has changed, before the node has found it."""
+def test_the_latched_camera_info_of_a_later_publisher_is_requested():
+    """The camera's driver restarts and publishes a change once, before the node has discovered it."""
     namespace = "/kept_later"
     kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -112,7 +112,7 @@ def test_what_a_later_publisher_keeps_is_asked_for_too():
 
     with NodeProcess(namespace), Reader(namespace) as peer:
         silent = QoSProfile(depth=1, durability=kept.durability, reliability=ReliabilityPolicy.BEST_EFFORT)
-        peer.node.create_publisher(message_class(topics.CAMERA_INFO_TYPE), topics.CAMERA_INFO, silent)  # keeps nothing
+        peer.node.create_publisher(message_class(topics.CAMERA_INFO_TYPE), topics.CAMERA_INFO, silent)  # volatile
         refused = publisher(peer, camera_info(BACKEND, k=np.zeros(9)))
         said = peer.got[topics.DIAGNOSTICS]
         peer.spin_until(lambda: said and "refused" in said[-1].status[0].message, what="the first camera, refused")
@@ -125,7 +125,7 @@ def test_what_a_later_publisher_keeps_is_asked_for_too():
 
 
 def test_a_simulation_without_a_clock_is_reported():
-    """/clock is remapped, as in test_live_time: another test's would be this node's too."""
+    """/clock is remapped, as in test_live_time; otherwise the clock of another test would be this node's too."""
     namespace = "/absent_clock"
     with NodeProcess(namespace, "-p", "use_sim_time:=true", "-r", "/clock:=clock"), Reader(namespace) as peer:
         peer.hears("waiting for /clock on /absent_clock/clock", "nobody publishes there")
@@ -139,10 +139,10 @@ def test_a_simulation_without_a_clock_is_reported():
         peer.spin_until(told, what="the word that there is a clock")
 
 
-def test_a_clock_is_waited_for_since_use_sim_time_was_set():
+def test_the_wait_for_a_clock_starts_when_use_sim_time_is_set():
     namespace = "/later_clock"
     with NodeProcess(namespace, "-r", "/clock:=clock"), Reader(namespace) as peer:
-        peer.hears("waiting for keypoints")  # later than the word of a clock would have been
+        peer.hears("waiting for keypoints")  # later than a message of a clock would have arrived
         assert not any("waiting for /clock" in line for line in peer.said)
         value = ParameterValue(type=ParameterType.PARAMETER_BOOL, bool_value=True)
         request = SetParameters.Request(parameters=[Parameter(name="use_sim_time", value=value)])
@@ -154,7 +154,7 @@ def test_a_clock_no_longer_needed_is_not_reported_as_received():
     said = []
 
     class Listener:
-        """In place of a node: what is said, and a graph without anybody."""
+        """Replaces a node: its log, and an empty graph."""
 
         def resolve_topic_name(self, name):
             return name
@@ -184,7 +184,7 @@ def test_a_clock_no_longer_needed_is_not_reported_as_received():
     clock.excuse(5.0)
     assert not said
     clock.look(6.0, False)
-    assert not said  # patience begins anew
+    assert not said  # the waiting time starts again
     clock.look(9.0, False)
     clock.look(10.0, True)
     assert [line.split(" ")[0] for line in said] == ["waiting", "the"]
@@ -204,7 +204,7 @@ def test_a_frame_id_other_than_the_cameras_is_reported_once(ours, camera, words)
 
         def tracking():
             nonlocal sent, next_at
-            if time.monotonic() > next_at:  # faster, a busy machine's node would speak of those overtaken
+            if time.monotonic() > next_at:  # at a higher rate, a busy machine's node would report overtaken messages
                 sent, next_at = sent + 1, time.monotonic() + 0.1
                 peer.send_camera(frame_id=camera)
                 peer.send(START_NS + sent * 33_000_000, pixels, frame_id=ours)
@@ -236,7 +236,7 @@ CLOUD = "sensor_msgs/msg/PointCloud2"
 
 
 @pytest.mark.parametrize("name", ["/pose/keypoints", "/detector/people", "/Human_Pose/points", "/body_tracking"])
-def test_topics_that_may_be_keypoints(name):
+def test_topics_that_may_be_keypoints_are_offered(name):
     assert _may_be_keypoints(name, CLOUD)
 
 

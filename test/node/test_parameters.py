@@ -1,4 +1,4 @@
-"""Settings stand once: the parameter file, the table and the node are made from them."""
+"""Parameters have one source: the parameter file, the table and the node are generated from it."""
 
 from dataclasses import fields
 from pathlib import Path
@@ -14,7 +14,7 @@ from lassokin_ros.pipeline.settings import NodeSettings
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def test_no_parameter_is_named_twice_and_each_is_described():
+def test_parameter_names_are_unique_and_described():
     names = [item.name for item in all_settings()]
     assert len(set(names)) == len(names)
     assert all(item.metadata["description"] for item in all_settings())
@@ -25,7 +25,7 @@ def test_defaults_are_in_their_ranges():
     NodeSettings().checked()
 
 
-def test_parameter_file_is_up_to_date():
+def test_the_parameter_file_is_up_to_date():
     text = (ROOT / "config" / "tracker.yaml").read_text(encoding="utf-8")
     assert text == parameter_file(), "run: python3 -m lassokin_ros.node.parameters > config/tracker.yaml"
     values = yaml.safe_load(text)["/**"]["ros__parameters"]
@@ -33,7 +33,7 @@ def test_parameter_file_is_up_to_date():
     assert [type(value) for value in values.values()] == [type(item.default) for item in all_settings()]
 
 
-def test_the_reference_has_the_table():
+def test_the_reference_contains_the_table():
     files = [file for file in (ROOT / "README.md", ROOT / "docs" / "reference.md") if file.is_file()]
     if not files:
         pytest.skip("there is no documentation in this tree")
@@ -51,7 +51,7 @@ def test_a_prefix_that_tf2_refuses_is_refused(prefix):
 @pytest.mark.parametrize("item", fields(NodeSettings), ids=lambda item: item.name)
 def test_values_out_of_range_are_refused(item):
     wrong = "sensor_msgs/msg/Image" if isinstance(item.default, str) else "no"
-    if item.name in ("depth", "base_frame", "frame_prefix", "state_publisher", "skeleton_output"):
+    if item.name in ("depth", "camera_mount_frame", "base_frame", "frame_prefix", "state_publisher", "skeleton_output"):
         wrong = 3
     with pytest.raises(ConfigurationError, match=item.name):
         NodeSettings(**{item.name: wrong}).checked()
@@ -62,7 +62,7 @@ def test_values_out_of_range_are_refused(item):
 
 @pytest.mark.parametrize("name", ["", "me", "me.bvh", "~/.ros/", ".yaml"])
 def test_a_saved_skeleton_is_a_yaml_file(name):
-    """Of another suffix it would be taken for another format when it is loaded."""
+    """With another suffix it would be read as another format."""
     with pytest.raises(ConfigurationError, match=f"skeleton_output is '{name}'; expected .* in .yaml or .yml"):
         NodeSettings(skeleton_output=name).checked()
     NodeSettings(skeleton_output="~/me.yml").checked()

@@ -1,4 +1,4 @@
-"""Several people's topics: of the running node on real DDS, and of the replay."""
+"""The topics of several people: of the running node on real DDS, and of the replay."""
 
 import signal
 import subprocess
@@ -29,14 +29,14 @@ SKELETON = Skeleton.load("anthropometric", 1.75)
 
 
 def two(backend, index, persons=(4, 9), stamp_ns=None):
-    """A message of people who make the same motion side by side."""
+    """A message of people who do the same motion side by side."""
     places = {4: -120.0, 9: 120.0}
     people = [(PIXELS[index % 40] + [places[p], 0.0], np.full(17, 0.9)) for p in persons]
     return crowd(backend, START_NS + index * PERIOD_NS if stamp_ns is None else stamp_ns, people, persons)
 
 
 class PeerOfTwo:
-    """What comes on the topics of p4 and p9, and on those of everybody."""
+    """The messages on the topics of p4 and p9, and on those of everybody."""
 
     def __init__(self, peer):
         self.peer, self.sent = peer, 0
@@ -56,7 +56,7 @@ class PeerOfTwo:
         self.peer.node.create_subscription(kind, name, self.got[name].append, qos)
 
     def send_until(self, condition, what, persons=(4, 9), step=1):
-        """step: periods from one message's stamp to the next's."""
+        """step: periods from one message's stamp to the next one's."""
 
         def met():
             self.peer.send_camera()
@@ -72,7 +72,7 @@ class PeerOfTwo:
 
 def test_each_of_several_people_has_a_set_of_topics():
     namespace = "/several"
-    # Only the stamps say that somebody leaves: this test is silent for a while itself, here and there.
+    # Only the stamps tell that a person leaves: this test itself is silent at times.
     settings = [f"-p {item}" for item in ("max_people:=3", "forget_after:=300.0")]
     with NodeProcess(namespace, *" ".join(settings).split()) as node, Peer(namespace, outputs=False) as peer:
         them = PeerOfTwo(peer)
@@ -104,7 +104,7 @@ def test_each_of_several_people_has_a_set_of_topics():
     assert "Traceback" not in node.said
 
 
-def test_when_the_detector_falls_silent_people_leave():
+def test_people_leave_when_the_detector_is_silent():
     namespace, refused = "/silent_people", "rejected: old_stamp [messages]"
     settings = [f"-p {item}" for item in ("max_people:=3", "forget_after:=1.0", "lost_after:=0.5")]
     with NodeProcess(namespace, *" ".join(settings).split()) as node, Peer(namespace, outputs=False) as peer:
@@ -120,7 +120,7 @@ def test_when_the_detector_falls_silent_people_leave():
         lists = len(them.lists())
         peer.keypoints.publish(two(BACKEND, them.sent - 1))
         peer.next_diagnostics(lambda s: values_of(s).get(refused) == "1")
-        assert len(them.lists()) == lists  # a message that is refused brings nobody back
+        assert len(them.lists()) == lists  # a rejected message does not bring anybody back
         them.send_until(lambda: them.lists()[-1] == "p4,p9", "both again")
         answered = topics.of_person(topics.JOINT_STATES, "p4").replace("~", "tracker")
         them.got[answered].clear()
@@ -130,7 +130,7 @@ def test_when_the_detector_falls_silent_people_leave():
 
 @pytest.mark.parametrize("person_ids", ["message", "node"])
 def test_person_numbers_that_change_in_each_image_are_reported(person_ids):
-    """Else somebody new comes with every other message, all is well by the level, and most messages go unused."""
+    """Otherwise a new person comes with every other message, the level is OK, and most messages are unused."""
     namespace, sent = f"/numbers_{person_ids}", 0
     settings = ("-p", "max_people:=3", "-p", f"person_ids:={person_ids}")
     with NodeProcess(namespace, *settings), Peer(namespace, outputs=False) as peer:
@@ -188,10 +188,11 @@ def test_replay_writes_each_persons_topics(recording, tmp_path, rep155):
     folder, description = ("/humans/bodies", "urdf") if rep155 else ("/tracker/bodies", "robot_description")
     with BagReader(tmp_path / "out") as bag:
         found = {topic.name: topic.count for topic in bag.topics}
-    for person, frames, described in (("p4", 10, 1), ("p9", 30, 2)):  # who stays is calibrated after half a second
+    for person, frames, described in (("p4", 10, 1), ("p9", 30, 2)):  # p9 stays, and is calibrated
         for topic in topics.FRAME_OUTPUTS:
             assert found.pop(f"{folder}/{person}/{topic.name.removeprefix('~/')}") == frames
         assert found.pop(f"{folder}/{person}/{description}") == described
+        assert found.pop(f"{folder}/{person}/roi", 0) == frames * rep155
     assert found == {f"{folder}/tracked": 2, "/tf": 40, "/tracker/people": 30, "/tracker/state": 2}
     frames = {m.transforms[0].child_frame_id for _, m in read(tmp_path / "out", "/tf")}
     assert frames == {"body_p4", "body_p9"} if rep155 else {"tracker/p4/body", "tracker/p9/body"}

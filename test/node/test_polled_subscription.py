@@ -1,4 +1,4 @@
-"""camera_info and /clock wake nobody: they are read when they are needed, in their order, and none is missed."""
+"""camera_info and /clock are polled when needed, in order, and no message is missed."""
 
 import time
 
@@ -11,8 +11,8 @@ from messages import FOCAL, camera_info, cloud, pixels_of_motion  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 
+from lassokin_ros.node.inputs.polled_subscription import UNATTENDED  # noqa: E402
 from lassokin_ros.node.person_outputs import message_class  # noqa: E402
-from lassokin_ros.node.polled_subscription import UNATTENDED  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 
 PIXELS = pixels_of_motion(2)
@@ -30,7 +30,7 @@ def of(focal_px, stamp_s=0):
 
 
 def rests_for_a_second(serve):
-    """While the executor waits, however much it is given to wait for, it takes next to no processor time."""
+    """While the executor waits, it uses next to no processor time, for any number of waiting messages."""
     end, spent = time.monotonic() + 1.0, time.thread_time()
     while time.monotonic() < end:
         serve()
@@ -58,8 +58,8 @@ def test_the_executor_waits_for_camera_info_until_there_is_a_camera():
         peer.spin_until(lambda: node._look_who_is_there() or focal(node) == 700.0, what="the camera")
 
 
-def test_what_a_camera_was_before_is_not_missed():
-    """Three messages between two looks: images from before the change are still read with the camera before."""
+def test_a_change_of_the_camera_between_two_polls_is_not_missed():
+    """Three messages between two polls: images from before the change are still read with the earlier camera."""
     with node_in_this_process("/every_change") as (node, serve), Peer("/every_change", outputs=False) as peer:
         without_timers(node)
         peer.spin_until(lambda: [peer.camera.publish(of(600.0, 99)), serve()] and node._pipeline.has_camera)
@@ -82,9 +82,9 @@ def test_repeated_camera_info_is_not_decoded_but_each_rejection_is_counted():
         for _ in range(3):
             come._on_serialised(serialize_message(of(0.0)))
         assert len(taken) == 4 and node._pipeline.counts["rejected: camera_uncalibrated"] == 3
-        come._on_serialised(serialize_message(of(600.0)))  # the fault is over
+        come._on_serialised(serialize_message(of(600.0)))  # the fault has ended
         assert not node._pipeline.camera_fault
-        come.take(of(700.0))  # by another way
+        come.take(of(700.0))  # with another fault
         come._on_serialised(serialize_message(of(600.0)))
         assert focal(node) == 600.0
         come._on_serialised(b"\0\1\0\0 no message")
@@ -93,7 +93,7 @@ def test_repeated_camera_info_is_not_decoded_but_each_rejection_is_counted():
 
 @pytest.mark.parametrize("policy", [{"depth": 1}, {"reliability": "reliable"}])
 def test_with_an_overridden_qos_the_executor_keeps_waiting(policy):
-    """Of one message alone a change's stamp would be missed, and a publisher that does not match is to be said."""
+    """With a depth of 1 the stamp of a change would be missed, and a publisher that does not match must be reported."""
     settings = {
         f"qos_overrides./own_qos/{topic}.subscription.{name}": value
         for topic in ("camera_info", "keypoints")
@@ -109,7 +109,7 @@ def test_with_an_overridden_qos_the_executor_keeps_waiting(policy):
         assert attended and attended == ["reliability" in policy] * len(attended)
 
 
-def test_time_and_camera_are_read_before_the_keypoints_are_worked_on():
+def test_time_and_camera_are_read_before_the_keypoints_are_processed():
     with node_in_this_process("/in_time") as (node, serve), Peer("/in_time", outputs=False) as peer:
         without_timers(node)
         order = []
@@ -121,7 +121,7 @@ def test_time_and_camera_are_read_before_the_keypoints_are_worked_on():
 
 
 @pytest.mark.parametrize("simulated", [True, False])
-def test_a_clock_is_read_when_the_time_is_needed(simulated):
+def test_the_clock_is_read_when_the_time_is_needed(simulated):
     with node_in_this_process("/sim", use_sim_time=simulated) as (node, serve), Peer("/sim", outputs=False) as peer:
         without_timers(node)
         clock, seconds, seen = peer.node.create_publisher(Clock, "/clock", 10), 100, []
@@ -132,7 +132,7 @@ def test_a_clock_is_read_when_the_time_is_needed(simulated):
             message.clock.sec = seconds
             clock.publish(message)
 
-        node._catch_up()  # from now on it does not wait for the clock
+        node._catch_up()  # from now on the executor does not wait for the clock
         peer.spin_until(lambda: [tick(), serve(), node._catch_up()] and seen)
         now = lambda: node.get_clock().now().nanoseconds  # noqa: E731
         if not simulated:
@@ -164,7 +164,7 @@ def test_an_invalid_time_has_no_other_effect():
         peer.spin_until(lambda: [peer.camera.publish(of(700.0)), node._catch_up()] and focal(node) == 700.0)
 
 
-def test_without_use_sim_time_there_is_no_clock_to_read():
+def test_without_use_sim_time_no_clock_is_read():
     with node_in_this_process("/no_sim") as (node, _):
         assert not any(subscription.msg_type is Clock for subscription in node.subscriptions)
         node._catch_up()

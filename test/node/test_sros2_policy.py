@@ -1,6 +1,6 @@
 """config/sros2_policy.xml allows what the running node does, and nothing else.
 
-The middleware that the tests run on has no security, so that the policy is held against the graph of a real node.
+The middleware of the tests has no security plugins, so the policy is compared with the graph of a real node.
 """
 
 from fnmatch import fnmatchcase
@@ -34,7 +34,7 @@ def allowed(rule, namespace="", node="tracker"):
     return [f"{namespace}{topics.full_name(name, node)}" if name[0] != "/" else name for name in names]
 
 
-def test_it_has_the_form_that_sros2_reads():
+def test_the_policy_has_the_form_of_sros2():
     assert TREE.tag == "policy" and TREE.get("version") == "0.2.0"
     for element in TREE.iter():
         assert {child.tag for child in element} <= CHILD[element.tag]
@@ -49,9 +49,9 @@ def test_it_has_the_form_that_sros2_reads():
     assert (profile.get("ns"), profile.get("node")) == ("/", "tracker")
 
 
-def test_every_output_of_topics_py_may_be_published_and_nothing_more():
+def test_the_policy_allows_exactly_the_outputs_of_topics_py():
     outputs = [t.name for t in topics.PERSON_OUTPUTS]
-    people = [topics.of_person(name, "*", rep155) for rep155 in (False, True) for name in outputs]
+    people = [topics.of_person(t.name, "*", rep155) for rep155 in (False, True) for t in topics.person_outputs(rep155)]
     others = [
         topics.DIAGNOSTICS,
         topics.PEOPLE,
@@ -65,7 +65,7 @@ def test_every_output_of_topics_py_may_be_published_and_nothing_more():
 
 
 def graph_of(peer):
-    """Rule -> names of what the node has in the graph."""
+    """Rule -> names in the graph of the node."""
     kinds = {"publish": "publisher", "subscribe": "subscriber", "reply": "service", "request": "client"}
     ask = {rule: getattr(peer.node, f"get_{kind}_names_and_types_by_node") for rule, kind in kinds.items()}
     return {rule: {name for name, _ in by_node("tracker", peer.namespace)} for rule, by_node in ask.items()}
@@ -78,14 +78,16 @@ def matches(names, patterns):
 
 
 def never_done(done, namespace):
-    """Rule -> patterns that allow what has not been seen done, beside what message packages not everywhere do."""
+    """Rule -> patterns that were not used, except those of message packages that may be missing."""
     unused = {rule: matches(names, allowed(rule, namespace))[1] for rule, names in done.items()}
     left_out = (topics.TF, topics.REP155_BODIES)
     return {rule: {p for p in patterns if not p.startswith(left_out)} for rule, patterns in unused.items()}
 
 
 def watch(peer, done, everything):
-    """Add what the node does to `done`, feeding it somebody, until it has done `everything` or all for one person."""
+    """Add the node's endpoints to `done`, with a visible person, until `everything` or all endpoints of one person
+    exist.
+    """
     pixels, sent = pixels_of_motion(1)[0], 0
 
     def seen():
@@ -101,7 +103,7 @@ def watch(peer, done, everything):
     peer.spin_until(seen, what="all that the policy allows")
 
 
-def test_the_running_node_does_what_is_allowed_and_all_of_it():
+def test_the_running_node_uses_exactly_what_the_policy_allows():
     done, namespace = {}, "/secured"
     one = {"state_publisher": "human_state_publisher", "use_sim_time": "true"}
     for parameters in (one, {"max_people": 2}):

@@ -1,4 +1,4 @@
-"""The URDF of robot_state_publisher follows ~/robot_description, on real DDS. A node with its parameter replaces it."""
+"""robot_state_publisher's URDF follows ~/robot_description, on real DDS. A node with the same parameter replaces it."""
 
 import time
 
@@ -46,10 +46,10 @@ class StandIn:
         self.node.destroy_node()
 
 
-def test_it_follows_the_frame_and_a_restart():
+def test_the_urdf_follows_the_frame_and_a_restart():
     namespace, pixels = "/followed", pixels_of_motion(2)
     with NodeProcess(namespace, "-p", "state_publisher:=human_state_publisher") as node, Peer(namespace) as peer:
-        peer.next_diagnostics()  # the tracker is there first
+        peer.next_diagnostics()  # the tracker starts first
         other = StandIn(peer)
         peer.spin_until(lambda: other.urdf == own_urdf(peer, "camera_optical_frame"), what="the first description")
         peer.start(pixels[0])
@@ -72,7 +72,7 @@ def test_a_missing_state_publisher_is_reported_once_and_served_when_it_starts():
         begun = time.monotonic()
 
         def said_while_tracked(level, words):
-            """Keypoints ten times a second until the status is of this level and begins with these words."""
+            """Send keypoints ten times per second until the status has this level and starts with these words."""
             nonlocal sent
             if time.monotonic() - begun > 0.1 * sent:
                 peer.send(START_NS + 10**8 * sent, pixels[sent])
@@ -104,8 +104,8 @@ def test_a_refusal_is_logged_once_and_has_no_other_effect():
     assert node.said.count("refused robot_description: it is bad") == 1 and "Traceback" not in node.said
 
 
-def test_a_robots_own_urdf_is_never_changed():
-    """Neither a robot's, nor that of another tracker, whose links have another prefix."""
+def test_the_urdf_of_a_robot_is_never_changed():
+    """Neither that of a robot, nor that of another tracker, whose links have another prefix."""
     namespace, pixels = "/guest", pixels_of_motion(2)
     for text in ('<robot name="arm"><link name="base_link"/></robot>', "", urdf(SKELETON, FRAME, "other/tracker/")):
         with NodeProcess(namespace, "-p", "state_publisher:=human_state_publisher") as node, Peer(namespace) as peer:

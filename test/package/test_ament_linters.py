@@ -1,4 +1,4 @@
-"""ament's own linters, with the plugins that ROS machines have (apt install ros-$ROS_DISTRO-ament-lint-common)."""
+"""ament's linters, with the plugins of ROS machines (apt install ros-$ROS_DISTRO-ament-lint-common)."""
 
 from importlib.util import find_spec
 from pathlib import Path
@@ -16,21 +16,21 @@ def run(linter, arguments):
     assert main(argv=arguments) == 0
 
 
-def test_xmllint():
+def test_xml_files_pass_xmllint():
     run("ament_xmllint", [str(ROOT / "package.xml")])
 
 
-def test_flake8():
+def test_sources_pass_flake8():
     run("ament_flake8", ["--config", str(ROOT / "setup.cfg"), *(str(ROOT / folder) for folder in OWN)])
 
 
-def test_pep257():
+def test_docstrings_pass_pep257():
     folders = [str(ROOT / folder) for folder in ("lassokin_ros", "msg_adapters")]
     run("ament_pep257", ["--convention", "numpy", "--add-ignore", IGNORED, "--", *folders])
 
 
 IGNORED = "D100,D104,D105,D107,D203,D205,D212,D213,D400,D401,D403,D407,D413,D415"
-"""As ruff's in pyproject.toml."""
+"""The same as ruff's in pyproject.toml."""
 
 
 def test_pep257_ignores_what_ruff_ignores():

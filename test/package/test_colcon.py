@@ -1,4 +1,4 @@
-"""`colcon build` of this package, as on a ROS machine, and the installed executable answering on DDS."""
+"""`colcon build` of this package, as on a ROS machine, and the installed executable on DDS."""
 
 import os
 import shutil
@@ -48,7 +48,7 @@ def workspace(tmp_path_factory):
     return folder
 
 
-def test_what_is_installed(workspace):
+def test_all_files_are_installed(workspace):
     prefix = workspace / "install" / "lassokin_ros"
     commands = {path.name for path in (prefix / "lib" / "lassokin_ros").iterdir()}
     assert commands == {"tracker", "replay", "detector", "camera", "lassokin"}

@@ -1,4 +1,4 @@
-"""What a file may do: nothing. No code runs from one, no memory goes on one, and what cannot be read is one line."""
+"""Files are data: no code in a file is executed, no file fills the memory, and an unreadable file gives one line."""
 
 import ast
 from pathlib import Path
@@ -27,7 +27,7 @@ def name_of(call):
 
 
 def faults_of(file):
-    """Places in a source file where something from outside could be run."""
+    """Places in a source file at which external content could be executed."""
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             modules = {alias.name.split(".")[0] for alias in node.names}
@@ -51,7 +51,7 @@ def faults_of(file):
             yield f"{file}:{node.lineno} asks a shell"
 
 
-def test_nothing_in_the_sources_unpickles_or_runs_what_it_reads():
+def test_the_sources_neither_unpickle_nor_execute_files():
     assert len(sources()) > 60
     assert [fault for file in sources() for fault in faults_of(file)] == []
 
@@ -69,7 +69,7 @@ def test_nothing_in_the_sources_unpickles_or_runs_what_it_reads():
         "subprocess.run(t, shell=True)",
     ],
 )
-def test_the_search_finds_what_it_looks_for(line, tmp_path):
+def test_the_search_finds_every_unsafe_call(line, tmp_path):
     file = tmp_path / "a.py"
     file.write_text(line)
     assert list(faults_of(file))
@@ -106,7 +106,7 @@ TEXTS = {
 
 
 @pytest.mark.parametrize("kind", TEXTS)
-def test_yaml_files_that_are_more_than_data_are_refused_in_one_line(kind, tmp_path, monkeypatch):
+def test_yaml_files_with_code_are_refused_in_one_line(kind, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     file = tmp_path / "bad.yaml"
     file.write_text(TEXTS[kind], encoding="utf-8")
@@ -124,7 +124,7 @@ def test_yaml_files_that_are_more_than_data_are_refused_in_one_line(kind, tmp_pa
 
 
 @pytest.mark.parametrize("kind", sorted(set(TEXTS) - {"two documents", "long"}))
-def test_parameter_values_that_are_more_than_data_are_refused(kind):
+def test_parameter_values_with_code_are_refused(kind):
     with pytest.raises(LassokinError) as caught:
         offline_settings([], [f"height:={TEXTS[kind].removeprefix('a: ')}"])
     assert len(str(caught.value)) < 1000

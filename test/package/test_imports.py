@@ -1,4 +1,4 @@
-"""Which package may import which: the contracts of pyproject.toml, checked by import-linter."""
+"""Permitted imports between packages: the contracts of pyproject.toml, checked by import-linter."""
 
 import shutil
 import subprocess
@@ -42,7 +42,7 @@ def test_imports_run_down_only():
         ("msg_adapters/detectors/people.py", "from lassokin_ros.core import tracker"),
     ],
 )
-def test_an_import_against_the_contracts_is_found(checkout, module, line):
+def test_a_forbidden_import_is_found(checkout, module, line):
     file = checkout / module
     file.write_text(file.read_text(encoding="utf-8") + f"\n{line}\n", encoding="utf-8")
     assert lint(checkout).returncode != 0

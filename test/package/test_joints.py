@@ -1,4 +1,4 @@
-"""The public indices of joints are those of the built-in skeleton, and the module costs no import."""
+"""The public joint indices are those of the built-in skeleton, and the module imports nothing."""
 
 import re
 import subprocess

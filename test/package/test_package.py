@@ -1,4 +1,4 @@
-"""The package's own facts: manifest, files, licence, one version."""
+"""Package metadata: manifest, files, licence, one version."""
 
 import ast
 import configparser
@@ -12,7 +12,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def test_manifest_is_valid():
+def test_the_manifest_is_valid():
     catkin_pkg = pytest.importorskip("catkin_pkg.package")
     package = catkin_pkg.parse_package(str(ROOT / "package.xml"))
     package.validate()
@@ -22,7 +22,7 @@ def test_manifest_is_valid():
     assert re.fullmatch(r"[\w.+-]+@[\w.-]+\.[a-z]{2,}", package.maintainers[0].email)
 
 
-def test_marker_and_scripts():
+def test_marker_and_scripts_are_installed():
     assert (ROOT / "resource" / "lassokin_ros").is_file()
     setup = configparser.ConfigParser()
     setup.read(ROOT / "setup.cfg")
@@ -30,7 +30,7 @@ def test_marker_and_scripts():
     assert "Apache License" in (ROOT / "LICENSE").read_text(encoding="utf-8")
 
 
-def test_changelog_is_one_that_catkin_can_read():
+def test_catkin_can_read_the_changelog():
     changelog = pytest.importorskip("catkin_pkg.changelog")
     text = (ROOT / "CHANGELOG.rst").read_text(encoding="utf-8")
     assert "Changelog for package lassokin_ros" in text
@@ -56,14 +56,14 @@ def imports_of(path):
         ("msg_adapters", ("lassokin_ros", "rclpy", "rosbags")),
     ],
 )
-def test_arrows_of_the_house(folder, forbidden):
+def test_packages_import_only_what_they_may(folder, forbidden):
     for path in sorted((ROOT / folder).rglob("*.py")):
         for module in imports_of(path):
             assert not any(module == name or module.startswith(name + ".") for name in forbidden), f"{path}: {module}"
 
 
-def test_who_follows_one_person_loads_no_more_than_that_needs():
-    """Memory and time to start; OpenCV comes with a lens that needs it, SciPy's optimisers with several people."""
+def test_tracking_one_person_imports_no_optional_modules():
+    """Saves memory and start-up time: only some lenses need OpenCV, only several people SciPy's optimisers."""
     code = """if True:
         import sys
         from lassokin_ros.core.config import TrackerConfig
@@ -80,7 +80,7 @@ def test_who_follows_one_person_loads_no_more_than_that_needs():
 def test_make_installs_extras_that_exist():
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     targets = dict(re.findall(r"^(\w+): \$\(VENV\)/\.installed-(\w+)$", makefile, re.MULTILINE))
-    assert targets == {"demo": "demo", "test": "test", "fuzz": "test", "lint": "test"}
+    assert targets == {"demo": "demo", "test": "test", "fuzz": "fuzz", "mutants": "mutants", "lint": "test"}
     setup = (ROOT / "setup.py").read_text(encoding="utf-8")
     assert all(f'"{extra}": ' in setup for extra in targets.values())
     wanted = re.search(r"^DEMO = \[(.*?)\]$", setup, re.MULTILINE | re.DOTALL)[1]

@@ -7,13 +7,18 @@ pytest.importorskip("rosbags", reason="rosbags makes the messages")
 
 from messages import FOCAL, HEIGHT, WIDTH, camera_info, cloud, pixels_of_motion, rosbags_backend  # noqa: E402
 
+from lassokin_ros.core.body.kinematics import BodyState, Kinematics  # noqa: E402
+from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
+from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
+from lassokin_ros.core.image.projection import project  # noqa: E402
+from lassokin_ros.demo.synthetic import motion  # noqa: E402
 from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
 from lassokin_ros.pipeline.placeholders import PLACEHOLDERS  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
 BACKEND = rosbags_backend()
-COUNT = 40
+COUNT = 24
 PIXELS = pixels_of_motion(COUNT, 30.0)
 
 
@@ -52,12 +57,41 @@ PLACES = {
     "upper border": to_y(0.0),
     "lower border": to_y(float(HEIGHT)),
     "last row": to_y(HEIGHT - 1.0),
+    "middle of the first column": to_x(0.5),
+    "middle of the last row": to_y(HEIGHT - 0.5),
+    "one pixel inside": to_x(WIDTH - 2.0),
+    "last row of a third of the size": to_y(HEIGHT - 3.0),
     "minus one": lambda xy: np.full_like(xy, -1.0),
     "one coordinate minus one": to_x(-1.0),
     "another sentinel": lambda xy: np.full_like(xy, -999.0),
     "centre": lambda xy: np.full_like(xy, 0.5) * [WIDTH, HEIGHT],
     "one position": lambda xy: np.full_like(xy, 123.0),
 }
+
+
+def test_joints_outside_of_the_image_are_as_uncertain_as_they_are_wrong():
+    """Legs below the image, clamped to its last row: nothing is known of them but the body's habits."""
+    skeleton = Skeleton.load("anthropometric", 1.75)
+    kinematics = Kinematics(skeleton, Layout.load("coco17", skeleton))
+    states = motion(skeleton, np.arange(3 * COUNT) / 30.0)
+    pose = kinematics.pose(BodyState(states.rotations, states.translation + [0.0, 0.35, -1.2]))
+    focal, size = 920.0, np.array([1280, 720])
+    pixels = project(pose.landmarks) * focal + size / 2 + np.random.default_rng(0).normal(size=(3 * COUNT, 17, 2))
+    outside = pixels[..., 1] > size[1] - 1
+    assert outside[:, 15:].all()
+    clamped = np.clip(pixels, 0, size - 0.5)
+    pipeline = Pipeline(TrackerConfig(), NodeSettings())
+    K = [focal, 0, size[0] / 2, 0, focal, size[1] / 2, 0, 0, 1]
+    assert pipeline.set_camera(camera_info(BACKEND, width=1280, height=720, k=np.array(K), p=np.zeros(12))) is None
+    joints = [skeleton.index("left_ankle"), skeleton.index("right_ankle")]
+    errors, deviations = [], []
+    for i, (xy, out) in enumerate(zip(clamped, outside)):
+        frame = pipeline.process(cloud(BACKEND, 10**9 + i * 33_333_333, xy, np.where(out, 0.55, 0.9)), 0)
+        found, true = frame.estimate.pose.positions, pose.positions[i]
+        errors.append(np.linalg.norm((found - found[0] - true + true[0])[joints], axis=1))
+        deviations.append(frame.uncertainty.deviation[joints])
+    assert np.mean(errors) < 0.25 and np.min(deviations) > 0.05
+    assert 0.5 < np.sqrt(np.mean(np.square(np.array(errors) / deviations))) < 2.0
 
 
 @pytest.mark.parametrize("name", PLACES)
@@ -69,7 +103,7 @@ def test_a_placeholder_is_a_missing_point(name):
 def test_ordinary_points_are_no_placeholders():
     _, pipeline = track()
     assert pipeline.counts[PLACEHOLDERS] == 0
-    for change in (to_x(WIDTH + 7.5), to_x(0.5), lambda xy: xy[[0, 0, 2]]):
+    for change in (to_x(WIDTH + 7.5), to_x(7.5), to_y(HEIGHT - 6.0), lambda xy: xy[[0, 0, 2]]):
         _, pipeline = track(change)
         assert pipeline.counts[PLACEHOLDERS] == 0
 

@@ -72,3 +72,88 @@ def test_a_clock_of_arrival_that_is_set_back_opens_no_door(time):
 
 def test_a_jump_to_a_known_time_is_accepted_at_once(time):
     assert time.take(START_S, 1) and time.forgotten == 1 and time.refused == []
+
+
+class Unstamped:
+    """Messages without stamps among others; times in s from START_S."""
+
+    def __init__(self):
+        self.watch = StampWatch()
+
+    def follow(self, stamp_s, arrival_s, stamped=True):
+        self.watch.follow(round(stamp_s * 1e9), round(arrival_s * 1e9), stamped)
+
+    def estimate(self, arrival_s):
+        return self.watch.estimate(round(arrival_s * 1e9)) * 1e-9
+
+
+def test_without_any_stamp_the_arrival_is_the_stamp():
+    time = Unstamped()
+    assert time.estimate(5.0) == 5.0
+    time.follow(5.0, 5.0, stamped=False)
+    assert time.estimate(6.0) == 6.0
+
+
+def test_among_stamps_time_goes_on_by_the_arrivals_for_a_period_at_most():
+    time = Unstamped()
+    time.follow(100.0, 5.0)
+    assert time.estimate(5.02) == pytest.approx(100.02)
+    assert time.estimate(5.0) == time.estimate(4.0) == pytest.approx(100 + 0.1 / 30)  # a tenth of the usual 30 Hz
+    assert time.estimate(5.5) == pytest.approx(100 + 1 / 30)
+    time.follow(100.1, 5.1)  # from now on 10 Hz
+    assert time.estimate(6.0) == pytest.approx(100.2) and time.estimate(5.1) == pytest.approx(100.11)
+    time.follow(100.15, 5.15, stamped=False)  # a message without a stamp goes on, and tells no period
+    assert time.estimate(5.2) == pytest.approx(100.2) and time.estimate(7.0) == pytest.approx(100.25)
+
+
+def test_the_period_shrinks_at_once_and_grows_by_doubling():
+    time = Unstamped()
+    for stamp in (100.0, 100.1, 100.15):
+        time.follow(stamp, stamp)
+    assert time.estimate(200.0) == pytest.approx(100.15 + 0.05)
+    time.follow(110.15, 110.15)
+    assert time.estimate(200.0) == pytest.approx(110.15 + 0.1)
+    time.follow(105.0, 111.0)  # back: no period
+    assert time.estimate(200.0) == pytest.approx(105.1)
+
+
+def test_the_first_stamp_after_arrivals_is_told():
+    watch = StampWatch()
+    assert not watch.is_first_stamp(True)
+    watch.check(10**9, 10**9, JUMP_BACK_S)
+    watch.seen(10**9, True)
+    assert watch.is_first_stamp(True) and not watch.is_first_stamp(False)
+    watch.follow(10**9, 10**9, True)
+    assert not watch.is_first_stamp(True)
+
+
+def test_a_stamp_that_lies_back_by_the_limit_is_old_and_beyond_it_a_jump(time):
+    for back_s, reason in ((0.0, "old_stamp"), (0.5, "old_stamp"), (0.6, None)):
+        taken = time.take(START_S + 29 / 30 - back_s, 1)
+        assert (time.refused[-1:] == [reason]) if reason else taken
+    assert time.forgotten == 1  # 0.6 s back is a time that was seen
+
+
+def test_a_stamp_ahead_by_the_limit_is_taken_and_beyond_it_refused(time):
+    newest, arrival = START_S + 29 / 30, 29 / 30
+    assert not time.take(newest + 2.0 + 0.01, arrival)
+    time.watch.check(round((newest + 0.01) * 1e9), round(arrival * 1e9), JUMP_BACK_S)
+    assert time.take(newest + 0.01 + 1.99, arrival)
+    assert time.take(newest + 2.0 + 2.0 + 10 * 0.1 - 0.01, arrival + 0.1)  # ten times the time that has passed
+    assert not time.take(newest + 5.0 + 2.0 + 10 * 0.1 + 0.01, arrival + 0.2)
+
+
+def test_words_of_a_refused_stamp():
+    watch = StampWatch()
+    watch.check(10**12, 0, JUMP_BACK_S)
+    watch.seen(10**12, True)
+    for ahead_s, words in (
+        (-0.25, "the stamp is 0.250 s older than the newest one"),
+        (60.0, "the stamp is 60.000 s ahead of the newest one; the next message must confirm it"),
+        (-60.0, "the stamp is 60.000 s behind the newest one; the next message must confirm it"),
+    ):
+        with pytest.raises(AdapterError) as error:
+            watch.check(10**12 + round(ahead_s * 1e9), 0, JUMP_BACK_S)
+        assert str(error.value) == words
+    watch.reset()
+    assert watch.check(5, 0, JUMP_BACK_S) is False and watch.estimate(7) == 7

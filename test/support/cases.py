@@ -11,8 +11,8 @@ from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import AXIS_ORDERS, Skeleton
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
-from lassokin_ros.core.image.observation_model import linearise
 from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.image.stacked_model import linearise
 from lassokin_ros.core.lasso.problem import Lasso, eliminate_translation
 
 FACING = np.diag([1.0, -1.0, -1.0])

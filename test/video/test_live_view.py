@@ -13,7 +13,7 @@ from test_track import Standing, images  # noqa: E402, F401
 from lassokin_ros.core.body.rotations import exponential  # noqa: E402
 from lassokin_ros.video import track as track_module  # noqa: E402
 from lassokin_ros.video.command import WINDOW, main, parser  # noqa: E402
-from lassokin_ros.video.live_view import ellipsoids  # noqa: E402
+from lassokin_ros.video.rerun_scene import ellipsoids  # noqa: E402
 
 
 @pytest.fixture

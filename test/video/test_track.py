@@ -1,5 +1,12 @@
 """The command `track` on videos that the test makes, with a detector of known output."""
 
+import json
+import os
+import re
+import signal
+import sys
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -38,29 +45,100 @@ def images(tmp_path):
 
 def test_images_become_motion_and_video(images, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
-    motion, video = tmp_path / "motion.npz", tmp_path / "out.mp4"
-    assert main([str(images), "--height", "1.8", "--export", str(motion), "--video", str(video)]) == 0
+    pytest.importorskip("plotly", reason="the report needs plotly")
+    motion, video, page = (tmp_path / name for name in ("motion.npz", "out.mp4", "page.html"))
+    files = ["--export", str(motion), "--video", str(video), "--report", str(page)]
+    assert main([str(images), "--height", "1.8", *files]) == 0
     output = capsys.readouterr()
     assert "6 in, 6 tracked" in output.out and "field of view of 60 degrees is assumed" in output.err
     assert motion.is_file() and open_source(str(video)).count == 6
     assert not list(tmp_path.glob(".*part*"))
+    text = page.read_text(encoding="utf-8")
+    held = json.loads(re.search(r'<script type="application/json" id="images">(.*?)</script>', text).group(1))
+    assert np.allclose(held["time"], np.arange(6) / 30, atol=1e-4) and len(held["jpeg"]) == 6
+    assert (
+        "<p>0.2 s · keypoints of mediapipe (coco17) · camera with a field of view of 60 degrees, 320 x 240 px" in text
+    )
+
+
+def refused(arguments, text, capsys):
+    """The command ends with code 2, and one line with the text; a warning about the camera may precede it."""
+    assert main([str(argument) for argument in arguments]) == 2
+    output = capsys.readouterr()
+    lines = [line for line in output.err.splitlines() if "field of view of 60 degrees is assumed" not in line]
+    assert len(lines) == 1 and text in lines[0] and lines[0].startswith("track: ") and not output.out
 
 
 def test_what_cannot_be_used_is_one_line_and_writes_nothing(images, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
-    broken = tmp_path / "broken.mp4"
+    broken, none = tmp_path / "broken.mp4", tmp_path / "none"
     broken.write_bytes(b"no video")
     for arguments, text in [
-        ([str(tmp_path / "none.mp4")], "there is no file or folder"),
-        ([str(broken)], "has no video stream"),
+        ([tmp_path / "none.mp4"], "there is no file or folder"),
+        ([broken], "has no video stream"),
+        ([broken, "--report", tmp_path / "r.html", "--video", tmp_path / "v.mp4"], "has no video stream"),
         (["97"], "camera 97 cannot be opened"),
-        ([str(images), "--fov", "0.5"], "expected 1 to 170 degrees"),
-        ([str(images), "--video", str(tmp_path / "out.txt")], "ends in .mp4 or .avi"),
+        ([images, "--fov", "0.5"], "expected 1 to 170 degrees"),
+        ([images, "--camera-info", none], "none"),
+        ([images, "--video", tmp_path / "out.txt"], "ends in .mp4 or .avi"),
+        ([images, "--report", none / "r.html"], "no folder"),
+        ([images, "--export", none / "m.npz"], "no folder"),
+        ([images, "--video", none / "v.mp4"], "no folder"),
+        ([images, "-p", "height:=tall"], "height"),
     ]:
-        assert main(arguments) == 2
-        error = capsys.readouterr().err
-        assert text in error.splitlines()[-1] and "Traceback" not in error
+        refused(arguments, text, capsys)
     assert sorted(file.name for file in tmp_path.iterdir()) == ["broken.mp4", "images"]
+
+
+@pytest.mark.parametrize(
+    "detector, text",
+    [
+        ("openpose", "detector 'openpose'; expected mediapipe, or the path of a .onnx file"),
+        ("mediapipe", "mediapipe 0.10.35 does not contain the weights of MediaPipe Pose; install a release that does"),
+        ("broken.onnx", "broken.onnx"),
+    ],
+)
+def test_a_detector_that_cannot_be_used_is_one_line_and_writes_nothing(
+    detector, text, images, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    if detector == "broken.onnx":
+        pytest.importorskip("onnxruntime", reason="a model needs onnxruntime")
+        (tmp_path / detector).write_bytes(b"no model")
+        text = "'broken.onnx' is no ONNX model"
+    monkeypatch.setitem(sys.modules, "mediapipe", SimpleNamespace())
+    monkeypatch.setattr("importlib.metadata.version", lambda _: "0.10.35")
+    before = sorted(tmp_path.iterdir())
+    refused([images, "--detector", detector, "--report", "r.html", "--video", "v.mp4"], text, capsys)
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_what_was_tracked_stays_when_the_images_end_early(images, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
+    (images / "004.png").write_bytes(b"no image")
+    motion, video = tmp_path / "motion.npz", tmp_path / "out.mp4"
+    assert main([str(images), "--fov", "60", "--export", str(motion), "--video", str(video)]) == 2
+    output = capsys.readouterr()
+    (line,) = output.err.splitlines()
+    assert (
+        line.endswith("004.png' is no image; what was tracked until then is kept") and "4 in, 4 tracked" in output.out
+    )
+    with np.load(motion) as data:
+        assert len(data["stamp_ns"]) == 4
+    assert open_source(str(video)).count == 4 and not list(tmp_path.glob(".*part*"))
+
+
+def test_what_was_tracked_stays_when_the_user_stops_it(images, tmp_path, monkeypatch, capsys):
+    class Stopped(Standing):
+        def detect(self, image, seconds):
+            if seconds > 0.09:  # the fourth image
+                os.kill(os.getpid(), signal.SIGINT)
+            return super().detect(image, seconds)
+
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Stopped())
+    motion = tmp_path / "motion.npz"
+    assert main([str(images), "--fov", "60", "--export", str(motion)]) == 130
+    assert "4 in, 4 tracked" in capsys.readouterr().out and motion.is_file()
 
 
 def test_field_of_view_is_along_the_longer_side():

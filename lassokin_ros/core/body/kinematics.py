@@ -80,7 +80,7 @@ class Kinematics:
         """Stack the kinematics of several people, for states (people, k, ...). Skeletons may differ in lengths only."""
         return stack_attribute(several, "_vectors")
 
-    def reshape(self, skeleton: Skeleton) -> None:
+    def set_skeleton(self, skeleton: Skeleton) -> None:
         """Replace the skeleton by one with other lengths. The tree and the landmarks must be the same."""
         self.skeleton = skeleton
         self._vectors = np.concatenate([skeleton.offsets, self.layout.offsets])[:, :, None]

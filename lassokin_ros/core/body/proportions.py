@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
@@ -21,6 +23,14 @@ PAIRS = {
 }
 """Paired lengths of SMPL's tree: name -> (joints, components of their offsets)."""
 MIDDLE = {"trunk": "spine1 spine2 spine3", "neck": "neck", "head": "head"}
+
+
+@dataclass(frozen=True, eq=False)
+class LengthMotion:
+    """Derivatives with respect to the log-lengths: of the landmarks (l, 3, p) and of the joints (n, 3, p), m."""
+
+    landmarks: np.ndarray
+    joints: np.ndarray
 
 
 class Proportions:
@@ -57,19 +67,22 @@ class Proportions:
         """Rest offsets (..., n, 3) m for log-lengths (..., p)."""
         return self.given.offsets + np.tensordot(np.expm1(lengths), self.parts, 1)
 
-    def jacobian(self, pose: BodyPose, lengths: np.ndarray) -> np.ndarray:
-        """(l, 3, p) m: derivative of the landmarks with respect to the log-lengths, camera frame, root fixed."""
-        return self._moved(self._reach, pose, lengths)
+    def motion(self, pose: BodyPose, lengths: np.ndarray) -> LengthMotion:
+        """Derivatives of the body's points with respect to the log-lengths, camera frame, root fixed."""
+        bones = self._bones(pose, lengths)
+        return LengthMotion(self._moved(self._reach, bones), self._moved(self._ancestors, bones))
 
     def joint_jacobian(self, pose: BodyPose) -> np.ndarray:
         """(n, 3, p) m: the same of the joint centres, at the given lengths."""
-        return self._moved(self._ancestors, pose, np.zeros(self.count))
+        return self._moved(self._ancestors, self._bones(pose, np.zeros(self.count)))
 
-    def _moved(self, reach: np.ndarray, pose: BodyPose, lengths: np.ndarray) -> np.ndarray:
+    def _bones(self, pose: BodyPose, lengths: np.ndarray) -> np.ndarray:
+        """(n, 3 p) m: derivative of each joint's offset in the camera frame."""
         scaled = np.moveaxis(np.exp(lengths)[:, None, None] * self.parts, 0, -1)
-        bones = pose.orientations[self._parent] @ scaled
-        n = self.given.joint_count
-        return (reach @ bones.reshape(n, -1)).reshape(len(reach), 3, self.count)
+        return (pose.orientations[self._parent] @ scaled).reshape(self.given.joint_count, -1)
+
+    def _moved(self, reach: np.ndarray, bones: np.ndarray) -> np.ndarray:
+        return (reach @ bones).reshape(len(reach), 3, self.count)
 
 
 def _parts(skeleton: Skeleton) -> dict[str, np.ndarray]:

@@ -121,6 +121,15 @@ class Skeleton:
         return cls(str(data.get("name", source)), names, parents, offsets * scale, axes, float(height))
 
 
+def has_built_in_proportions(skeleton: Skeleton) -> bool:
+    """Whether a skeleton has the built-in proportions at its height; it may have further joints."""
+    built_in = Skeleton.load("anthropometric", skeleton.height)
+    if not set(built_in.joint_names) <= set(skeleton.joint_names):
+        return False
+    own = skeleton.rest_positions[[skeleton.index(name) for name in built_in.joint_names]]
+    return bool(np.allclose(own, built_in.rest_positions, atol=1e-6))
+
+
 def built_in_skeletons() -> list[str]:
     """Names of the built-in skeletons, for `Skeleton.load`."""
     folder = resources.files("lassokin_ros.core.body") / "skeletons"

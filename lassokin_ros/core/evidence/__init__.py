@@ -1,1 +1,4 @@
-"""What a frame's lasso is made of, one class per file, and what is learned to feed it."""
+"""The evidence of a frame's lasso, one class per file, and the learned quantities that it uses.
+
+`evidence` defines the interface; `frame_model` assembles the rows of all evidence for a frame.
+"""

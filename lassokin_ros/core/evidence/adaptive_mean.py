@@ -54,7 +54,7 @@ class AdaptiveMean:
         #: (k,) rad, rotation vectors of the prior's joints, and (k, k) rad^2, their covariance.
         self.mean, self.covariance = self._shipped, self._lasting
         self._measured_at = -np.inf
-        self._rows.prior.move(self.mean)
+        self._rows.prior.set_mean(self.mean)
 
     def advance(self, stamp: float, start: BodyState, problem: Lasso) -> bool:
         """Use a tracked frame: its lasso about the state `start`. Returns True if the prior's mean has changed."""
@@ -64,7 +64,7 @@ class AdaptiveMean:
         self._measured_at = stamp
         self._wait(step)
         self._measure(start, problem, INDEPENDENT_AFTER / min(step, 2 * EVERY))
-        self._rows.prior.move(self.mean)
+        self._rows.prior.set_mean(self.mean)
         return True
 
     def _wait(self, step: float) -> None:
@@ -81,7 +81,7 @@ class AdaptiveMean:
         prior = self._rows.prior
         theta = logarithm(start.rotations.take(prior.joints, axis=-3))
         others = self._rows.rows_besides_prior(len(problem.z))
-        A = prior.by_theta(problem.A[others, prior.first :], theta)
+        A = prior.in_theta(problem.A[others, prior.first :], theta)
         N = np.concatenate([problem.A[others, : prior.first], problem.B[others]], axis=1)
         z = problem.z[others] + A @ theta.reshape(-1)
         cross = A @ self.covariance

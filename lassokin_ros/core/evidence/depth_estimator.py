@@ -6,7 +6,7 @@ import numpy as np
 
 from lassokin_ros.core.batch import BatchedCall, Steps
 from lassokin_ros.core.body.kinematics import Kinematics
-from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.body.skeleton import has_built_in_proportions
 from lassokin_ros.core.evidence.depth_network import (
     LEAST_SEEN,
     TARGETS,
@@ -29,8 +29,7 @@ class DepthEstimator:
         index = canonical_index(kinematics.layout, kinematics.skeleton)
         self._index, self._there = np.maximum(index, 0), index >= 0
         self._lengths = lengths_of(kinematics.skeleton)
-        built_in = lengths_of(Skeleton.load("anthropometric", self._height))
-        self._lengths_known = np.array(not np.allclose(self._lengths, built_in, atol=1e-6))
+        self._lengths_known = np.array(not has_built_in_proportions(kinematics.skeleton))
         self._history = History()
         self._mount: np.ndarray | None = None
         self._level = np.eye(3)

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from lassokin_ros.core.batch import shared
+from lassokin_ros.core.batch import batched
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 
@@ -246,7 +246,7 @@ class Network:
             h += np.maximum(h @ A + a, 0) @ B + b
         return np.asarray(h @ w[-2] + w[-1])
 
-    @shared(takes=(), gives=())
+    @batched(reads=(), writes=())
     def predict(self, scene: Scene) -> Prediction:
         """The places of the targets in a scene, of one person or of several at once."""
         inputs, rotation = features(scene)

@@ -17,6 +17,7 @@ from typing import TypeVar
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, BodyState, Kinematics
+from lassokin_ros.core.body.proportions import LengthMotion
 from lassokin_ros.core.image.frame_data import FrameData
 
 E = TypeVar("E", bound="Evidence")
@@ -120,6 +121,16 @@ class Evidence(ABC):
     @abstractmethod
     def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
         """(...,) negative log-likelihood of each state, up to a constant."""
+
+    def length_rows(
+        self, columns: np.ndarray, states: EvaluatedState, frame: FrameData, motion: LengthMotion
+    ) -> np.ndarray:
+        """(count, p) derivative of the rows' right sides, negative, with respect to the log-lengths, for one state.
+
+        columns: (live + 3, count) as `linearise` wrote them. Zero for evidence that does not depend on the lengths, or
+        from which calibration shall not learn them.
+        """
+        return np.zeros((self.count, motion.joints.shape[-1]))
 
     @classmethod
     def stack(cls: type[E], several: Sequence[E]) -> E:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
+from lassokin_ros.core.body.proportions import LengthMotion
 from lassokin_ros.core.evidence.balance import Balance
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
 from lassokin_ros.core.evidence.image_points import ImagePoints
@@ -99,6 +100,15 @@ class FrameModel:
             begin, end = end, end + evidence.count
             evidence.linearise(about, columns[..., begin:end], z[..., begin:end])
         return LinearisedFrame(columns, z)
+
+    def length_rows(
+        self, rows: LinearisedFrame, states: EvaluatedState, frame: FrameData, motion: LengthMotion
+    ) -> np.ndarray:
+        """(r, p) negative derivative of the right sides of `linearise` by the log-lengths, for one state."""
+        present = [evidence for evidence in self.evidence if evidence.present(frame)]
+        ends = np.cumsum([evidence.count for evidence in present])
+        parts = zip(present, np.split(rows.columns, ends[:-1], axis=-1))
+        return np.concatenate([evidence.length_rows(own, states, frame, motion) for evidence, own in parts])
 
     def rows_of(self, piece: Evidence, frame: FrameData) -> slice:
         """The rows of one piece of evidence, which must be present in the frame."""

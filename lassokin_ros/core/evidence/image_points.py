@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from lassokin_ros.core.body.proportions import LengthMotion
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project, project_with_jacobian
@@ -28,6 +29,13 @@ class ImagePoints(Evidence):
         error *= weights[..., None]
         about.landmark_columns(F, columns)
         z[...] = error.reshape(z.shape)
+
+    def length_rows(
+        self, columns: np.ndarray, states: EvaluatedState, frame: FrameData, motion: LengthMotion
+    ) -> np.ndarray:
+        """(2 l, p): a landmark's motion changes its rows as the translation does."""
+        by_point = columns[-3:].T.reshape(-1, 2, 3)
+        return np.asarray((by_point @ motion.landmarks).reshape(self.count, -1))
 
     def costs(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
         """(..., l) cost of each landmark, robust (see `capped_cost`)."""

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from lassokin_ros.core.body.proportions import LengthMotion
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
 from lassokin_ros.core.image.frame_data import FrameData
 
@@ -77,6 +78,12 @@ class MeasuredDepth(Evidence):
         F[..., 0, 2] = weights
         about.landmark_columns(F, columns)
         z[...] = weights * error
+
+    def length_rows(
+        self, columns: np.ndarray, states: EvaluatedState, frame: FrameData, motion: LengthMotion
+    ) -> np.ndarray:
+        """(l, p): a landmark's motion changes its row as the translation does."""
+        return np.asarray((columns[-3:].T[:, None] @ motion.landmarks)[:, 0])
 
     def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
         """(...,) loss, summed over the landmarks."""

@@ -120,7 +120,7 @@ class PosePrior(Evidence):
         self.count = len(self.W) + len(self.low)
         rows = np.concatenate([self.W, self.limits])
         self._rows_transposed = np.ascontiguousarray(rows.T)
-        self.move(self.mean)
+        self.set_mean(self.mean)
         self._columns_by_joint = self._rows_transposed.reshape(len(self.joints), 3, len(rows))
         #: Index of the prior's first live degree of freedom. Those before are the root's.
         self.first = int(np.count_nonzero(live[root]))
@@ -141,7 +141,7 @@ class PosePrior(Evidence):
         """Stack the priors of several people, each with the person's own mean, for rotations (people, k, ...)."""
         return stack_attribute(several, "whitened_mean")
 
-    def move(self, mean: np.ndarray) -> None:
+    def set_mean(self, mean: np.ndarray) -> None:
         """Set another mean (k,). Postures computed before are no longer valid."""
         #: (k,), W mean.
         self.whitened_mean = self.W @ mean
@@ -182,7 +182,7 @@ class PosePrior(Evidence):
         """
         return self._columns(posture, turn).take(self._live, axis=-2)
 
-    def by_theta(self, A: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    def in_theta(self, A: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Convert rows A (r, live - first) for Omega to rows (r, 3 joints) for theta: Omega = J_r(theta) d theta."""
         rows = np.zeros((len(A), 3 * len(self.joints)))
         rows[:, self._live] = A

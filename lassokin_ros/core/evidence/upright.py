@@ -34,6 +34,8 @@ TILT_COST = 4.0
 """Negative log-likelihood of an alternative vertical relative to the configured mount. With a smaller value, people who
 lean before a level camera are estimated as upright; with a larger one, upright people before a tilted camera lean."""
 
+LEAST_TILT = 1e-4
+"""rad: a mount that differs by less is the same."""
 LONGEST_STEP = 0.2
 """s: largest weight of one frame, also after a gap."""
 
@@ -45,19 +47,30 @@ class Upright(Evidence):
     """Rows for the root's rotation, and the learned vertical (3,), a unit vector in the camera frame."""
 
     count = 3
+    vertical: np.ndarray
+    _seen: float
 
     def __init__(self, roll: float = 0.0, pitch: float = 0.0) -> None:
-        self.mounted(roll, pitch)
+        self.set_mount(roll, pitch)
 
     @classmethod
     def stack(cls, several: Sequence[Upright]) -> Upright:
         """Stack the verticals of several people, each learned from that person, for roots (people, k, 3, 3)."""
         return stack_attribute(several, "vertical")
 
-    def mounted(self, roll: float, pitch: float) -> None:
+    def set_mount(self, roll: float, pitch: float) -> None:
         """Set the camera's mount, see `vertical_of`, and forget the learned vertical."""
         self._first = vertical_of(roll, pitch)
+        self.configured = bool(roll or pitch)
+        """True if the mount is known, and not assumed to be level."""
         self.reset()
+
+    def move_mount(self, roll: float, pitch: float) -> None:
+        """Set the measured mount of a camera that may move. What was learned moves along with it."""
+        first = vertical_of(roll, pitch)
+        if not self.configured or np.abs(first - self._first).max() > LEAST_TILT:
+            self.vertical = first if self._seen == 0 else _rotate_between(self.vertical, self._first, first)
+            self._first, self.configured = first, True
 
     def reset(self) -> None:
         """Return to the vertical of the camera's mount."""
@@ -130,7 +143,15 @@ class Upright(Evidence):
         return np.asarray(2 * np.log1p(squared_norm(lean) / (4 * SPREAD**2)))
 
 
-def levelling(roll: float, pitch: float) -> np.ndarray:
+def _rotate_between(vector: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Rotate a vector (3,) by the smallest rotation that takes `before` to `after`, unit vectors (3,)."""
+    axis, cosine = hat(before) @ after, float(before.dot(after))
+    if cosine < -0.999:  # any axis would do
+        return after
+    return np.asarray(cosine * vector + hat(axis) @ vector + axis * (axis.dot(vector) / (1 + cosine)))
+
+
+def level_from_camera(roll: float, pitch: float) -> np.ndarray:
     """Rotation (3, 3) from the optical frame of a camera with this mount, rad, to the optical frame of a level camera.
 
     The angles are fixed-axis angles of the camera's body frame (x forward, y left, z up), as in a URDF's rpy: with
@@ -143,5 +164,5 @@ def levelling(roll: float, pitch: float) -> np.ndarray:
 
 
 def vertical_of(roll: float, pitch: float) -> np.ndarray:
-    """(3,) the up direction in the optical frame of a camera with this mount, rad; see `levelling`."""
-    return -levelling(roll, pitch)[1]
+    """(3,) the up direction in the optical frame of a camera with this mount, rad; see `level_from_camera`."""
+    return -level_from_camera(roll, pitch)[1]

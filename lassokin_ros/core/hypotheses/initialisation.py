@@ -21,12 +21,13 @@ from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.evidence.frame_model import FrameModel, LinearisedFrame
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.hypotheses.mirroring import Mirroring
-from lassokin_ros.core.hypotheses.start_orientations import ROOTS, nearest
+from lassokin_ros.core.hypotheses.start_orientations import START_ROTATIONS, nearest
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import capped_weights, norm
 
 STARTS = 8
-UNLIKELY = 1.5
+"""Sides to which each start orientation is turned, at equal angles about the body's up axis."""
+POOR_FIT = 1.5
 """Cost per visible landmark of the best fit above which other start orientations are tried. With 2 px of noise, 19 of
 20 first frames of upright people cost less, and hardly any fit with a wrong orientation does."""
 FEWER_SIDES = np.arange(0, STARTS, 2)
@@ -103,10 +104,10 @@ class Initialiser:
         ones, and limbs are mirrored only if the fit is better than that cost.
         """
         thorough = first is None
-        stance = nearest(self._rows.upright.vertical)
-        turned = self._turned(np.arange(STARTS) if thorough else FEWER_SIDES, [stance], frame)
-        if thorough and turned.costs.min() > UNLIKELY * np.count_nonzero(frame.weights):
-            others = [other for other in range(len(ROOTS)) if other != stance]
+        orientation = nearest(self._rows.upright.vertical)
+        turned = self._turned(np.arange(STARTS) if thorough else FEWER_SIDES, [orientation], frame)
+        if thorough and turned.costs.min() > POOR_FIT * np.count_nonzero(frame.weights):
+            others = [other for other in range(len(START_ROTATIONS)) if other != orientation]
             turned = _joined([turned, self._turned(FEWER_SIDES, others, frame)])
         fits = [turned]
         if self.mirroring.variants and (first is None or turned.costs.min() < first):
@@ -126,7 +127,7 @@ class Initialiser:
         """Fit S states at once, (S, n, 3, 3) and (S, 3), by Gauss-Newton."""
         for factor, iterations in schedule:
             states = self.iterate(states, frame, [factor] * iterations)
-        return self.weighed(states, frame)
+        return self.evaluate(states, frame)
 
     def iterate(self, states: BodyState, frame: FrameData, factors: Iterable[float]) -> BodyState:
         """A Gauss-Newton step from S states for each factor on the noise."""
@@ -136,7 +137,7 @@ class Initialiser:
             in_front(states.translation)
         return states
 
-    def weighed(self, states: BodyState, frame: FrameData) -> Fit:
+    def evaluate(self, states: BodyState, frame: FrameData) -> Fit:
         """S states with their costs on a frame, in the given order."""
         return Fit(states, self._rows.cost(self._rows.evaluate(states), frame))
 
@@ -153,19 +154,19 @@ class Initialiser:
         rotations = start.rotations[None]
         return BodyState(rotations, self._place(rotations, frame))
 
-    def start(self, side: int, stance: int, frame: FrameData) -> BodyState:
+    def start(self, side: int, orientation: int, frame: FrameData) -> BodyState:
         """One start state: the mean pose with a start orientation, turned to one of the `STARTS` sides, and placed."""
-        states = self._starts(np.array([side]), [stance], frame)
+        states = self._starts(np.array([side]), [orientation], frame)
         return BodyState(states.rotations[0], states.translation[0])
 
-    def _turned(self, sides: np.ndarray, stances: Sequence[int], frame: FrameData) -> Fit:
+    def _turned(self, sides: np.ndarray, orientations: Sequence[int], frame: FrameData) -> Fit:
         """Fit the starts of all given sides and start orientations."""
-        return self.refine(self._starts(sides, stances, frame), frame, SCHEDULE)
+        return self.refine(self._starts(sides, orientations, frame), frame, SCHEDULE)
 
-    def _starts(self, sides: np.ndarray, stances: Sequence[int], frame: FrameData) -> BodyState:
+    def _starts(self, sides: np.ndarray, orientations: Sequence[int], frame: FrameData) -> BodyState:
         yaw = sides * (2 * np.pi / STARTS)
         turn = exponential(np.stack([0 * yaw, yaw, 0 * yaw], axis=-1))
-        roots = (ROOTS[stances][:, None] @ turn).reshape(-1, 3, 3)
+        roots = (START_ROTATIONS[orientations][:, None] @ turn).reshape(-1, 3, 3)
         rotations = np.repeat(self._mean[None], len(roots), axis=0)
         rotations[:, 0] = roots
         return BodyState(rotations, self._place(rotations, frame))

@@ -14,7 +14,7 @@ from copy import copy
 import numpy as np
 
 from lassokin_ros.core.band_solver import BandSolver
-from lassokin_ros.core.batch import shared
+from lassokin_ros.core.batch import batched
 from lassokin_ros.core.body.kinematics import BodyPose, BodyState, Kinematics, twists, wrenches
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.evidence.balance import Balance
@@ -24,13 +24,14 @@ from lassokin_ros.core.evidence.upright import Upright
 from lassokin_ros.core.hypotheses.initialisation import within
 from lassokin_ros.core.hypotheses.limb_prior import LimbPrior
 from lassokin_ros.core.hypotheses.mirroring import Mirroring
+from lassokin_ros.core.hypotheses.replacement import LIMB_MARGIN, limb_replaces
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project_with_jacobian
 from lassokin_ros.core.image.robust_loss import capped_cost, capped_weights, norm, squared_norm
 
 COUNTED_FROM = 2
 """Age in frames after which the cost of a hypothesis is averaged; it has converged by then."""
-OLD_ENOUGH = 4
+MATURE_FROM = 4
 """Age in frames from which a hypothesis may win."""
 GIVEN_UP_FROM = 10
 """Age in frames from which a hypothesis may be restarted from the mirrored limb."""
@@ -38,8 +39,6 @@ MEMORY = 6
 """Frames over which costs are averaged."""
 SHARES = np.append(np.zeros(COUNTED_FROM + 1), 1 / np.arange(1.0, MEMORY + 1))
 """Weight of a frame's cost in the running mean, by age in frames; the last value holds for older hypotheses."""
-MARGIN = 0.6
-"""Difference in cost (negative log-likelihood) by which a hypothesis must be better; less than for a whole body."""
 HOPELESS = -6.0
 """A hypothesis worse by this difference is restarted."""
 ALIKE = 0.01
@@ -112,13 +111,13 @@ class LimbHypotheses:
 
     @staticmethod
     def stack(several: Sequence[LimbHypotheses]) -> LimbHypotheses:
-        """Stack the hypotheses of several people, each with the person's vertical. See `batch.shared`."""
+        """Stack the hypotheses of several people, each with the person's vertical. See `batch.batched`."""
         whole, first = copy(several[0]), several[0]
         whole._balance = first._balance.with_vertical(Upright.stack([one._balance.upright for one in several]))
         whole._systems = BandSolver.of(len(several) * first.count, 3 * first._turning)
         return whole
 
-    @shared(takes=("_rotations", "_age", "_advantage"), gives=("_rotations", "_age", "_advantage", "_apart"))
+    @batched(reads=("_rotations", "_age", "_advantage"), writes=("_rotations", "_age", "_advantage", "_apart"))
     def advance(self, published: EvaluatedState, frame: FrameData, image_costs: np.ndarray) -> None:
         """Do one Gauss-Newton step of each hypothesis on a frame, and compare its cost with the published limb's.
 
@@ -163,9 +162,9 @@ class LimbHypotheses:
         """
         if not self.count:
             return None
-        ripe, other = self._age >= OLD_ENOUGH, self._apart > ALIKE
-        best = int(np.where(ripe & other, self._advantage, -np.inf).argmax())
-        if ripe[best] and other[best] and self._advantage[best] > MARGIN:
+        mature, other = self._age >= MATURE_FROM, self._apart > ALIKE
+        best = int(np.where(mature & other, self._advantage, -np.inf).argmax())
+        if mature[best] and other[best] and limb_replaces(self._advantage[best]):
             return self._exchanged(best, published.state)
         done = (self._age >= GIVEN_UP_FROM) & (~other | (self._advantage < HOPELESS))
         if np.count_nonzero(done):  # ten times faster than any() here
@@ -183,7 +182,7 @@ class LimbHypotheses:
         self._age[best] = COUNTED_FROM + MEMORY  # so that one frame cannot change it back
         limb = np.arange(3) + best - best % 3
         self._advantage[limb] -= self._advantage[best]
-        self._advantage[best] = -MARGIN
+        self._advantage[best] = -LIMB_MARGIN
         one, two = (slot for slot in limb if slot != best)
         for values in (self._rotations, self._advantage, self._age):
             values[[one, two]] = values[[two, one]]

@@ -15,19 +15,19 @@ from lassokin_ros.core.body.kinematics import BodyPose, BodyState
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
-from lassokin_ros.core.hypotheses.initialisation import ELSEWHERE, NEAR_SCHEDULE, Initialiser
+from lassokin_ros.core.hypotheses.initialisation import ELSEWHERE, Initialiser
 from lassokin_ros.core.hypotheses.network_pose import state_at
+from lassokin_ros.core.hypotheses.replacement import network_replaces
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import norm
 
 EVERY = 0.1
 """s between the beginnings of two fits while a person is tracked."""
-MARGIN = 2.0
-"""Difference of cost, a negative log-likelihood, by which the fit must be better than the tracked state."""
 AGREE = 0.05
 """m: mean distance of the network's joints from the tracked ones below which no fit begins."""
-FACTORS = np.repeat([factor for factor, _ in NEAR_SCHEDULE], [count for _, count in NEAR_SCHEDULE])
-"""Factor on the noise in each iteration of a fit."""
+FACTORS = np.array([4.0, 2.0, 1.0, 1.0])
+"""Factor on the noise in each iteration of a fit. Twice as many, as in a first frame, gain nothing: the network's pose
+is near, and the tracker goes on with the fit."""
 
 
 class NetworkHypothesis:
@@ -79,8 +79,8 @@ class NetworkHypothesis:
 
     def _chosen(self, fitted: BodyState, frame: FrameData, tracked: BodyPose, cost: float) -> BodyState | None:
         """The fitted state, if it is better and elsewhere."""
-        fit = self._initialiser.weighed(fitted, frame)
-        if not fit.costs[0] < cost - MARGIN:
+        fit = self._initialiser.evaluate(fitted, frame)
+        if not network_replaces(cost, fit.costs[0]):
             return None
         positions = self._initialiser.pose(fit.best).positions
         apart = norm((positions - positions[0]) - (tracked.positions - tracked.positions[0])).mean()

@@ -15,15 +15,13 @@ COSTLY = 2.4
 capture has a higher one."""
 COSTLY_FOR = 0.06
 """s for which the cost must be higher."""
-CHEAPER = 0.5
-"""Share of the tracked state's cost below which the cost of the new state must be."""
 SOONEST, LATEST = 0.15, 2.4
 """s between two attempts: first and longest time. The time doubles with each attempt. After `LATEST` without a frame of
 high cost it returns to `SOONEST`."""
 
 
 class Reinitialisation:
-    """Decides when to initialise again, and whether the new state replaces the tracked one."""
+    """Decides when to initialise again. `replacement` decides whether the new state replaces the tracked one."""
 
     def __init__(self, landmark_count: int) -> None:
         self._limit = COSTLY * landmark_count
@@ -49,7 +47,3 @@ class Reinitialisation:
         self._next = stamp + self._wait
         self._wait = min(2 * self._wait, LATEST)
         return True
-
-    def convinces(self, cost: float, found: float) -> bool:
-        """Whether a new state with the cost `found` must replace the tracked one with `cost`."""
-        return found < CHEAPER * cost

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-ROOTS = np.array([
+START_ROTATIONS = np.array([
     [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
     [[0, 1, 0], [1, 0, 0], [0, 0, -1]],
     [[0, -1, 0], [-1, 0, 0], [0, 0, -1]],
@@ -23,4 +23,4 @@ right, to the left, and upside down; of one that looks down with its head to the
 
 def nearest(up: np.ndarray) -> int:
     """Index of the start orientation whose up axis, the root's y, is nearest to a body's up (3,), camera frame."""
-    return int(np.argmax(ROOTS[:, :, 1].dot(up)))
+    return int(np.argmax(START_ROTATIONS[:, :, 1].dot(up)))

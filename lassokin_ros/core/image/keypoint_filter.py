@@ -14,18 +14,18 @@ import numpy as np
 
 from lassokin_ros.core.image.keypoint_tracks import KeypointTracks
 from lassokin_ros.core.image.robust_loss import norm, squared_norm
-from lassokin_ros.core.image.side_swaps import SWAPPED, SideSwaps
+from lassokin_ros.core.image.side_swaps import SWAP_GAIN, SideSwaps
 
 GATE = 2 * 5.0**2
 """Largest squared distance of a point from its prediction, in units of the variance along each axis: 5 standard
 deviations of both. Points beyond are outliers."""
-CONVINCED_AFTER = 3
+RESTART_AFTER = 3
 """Consecutive frames for which a point must be an outlier before its track restarts there."""
-FORGOTTEN_AFTER = 0.3
+MAX_GAP = 0.3
 """s without a good point after which a track restarts."""
-LONGEST_COURSE = 0.05
+MAX_EXTRAPOLATION = 0.05
 """s of extrapolation with constant velocity. Longer extrapolation increases the error."""
-TRUST = 0.5
+PREDICTED_WEIGHT = 0.5
 """Factor on the weights of points that are predicted and not measured."""
 
 
@@ -45,11 +45,11 @@ class KeypointFilter:
         self._tracks.reset()
         self._swaps.reset()
         self._known = np.zeros(count, dtype=bool)
-        self._off = np.zeros(count)
+        self._outlier_frames = np.zeros(count)
         self._unseen = np.zeros(count)
         self._weights = np.zeros(count)
         #: (l,) index of the landmark whose point each one used in the last update; None: no sides were swapped.
-        self.order: np.ndarray | None = None
+        self.assignment: np.ndarray | None = None
 
     def update(
         self, stamp: float, points: np.ndarray, weights: np.ndarray, acceleration: float, model_error: float
@@ -64,39 +64,39 @@ class KeypointFilter:
         for the standard deviation of the filtered points.
         """
         gap = stamp - self._stamp
-        if gap >= FORGOTTEN_AFTER:  # `_unseen` does not count a gap without any frame
+        if gap >= MAX_GAP:  # `_unseen` does not count a gap without any frame
             self._known[:] = False
-        step = min(max(gap, 0.0), FORGOTTEN_AFTER)  # 0 after an earlier frame was filtered and then rejected
+        step = min(max(gap, 0.0), MAX_GAP)  # 0 after an earlier frame was filtered and then rejected
         self._stamp = stamp
         seen = weights > 0
         variance = 1 / np.where(seen, weights, 1.0) ** 2
         self._tracks.predict(step, acceleration)
         innovation, distance = self._compared(points, variance)
         used = seen & self._known
-        anew = seen & ~self._known
-        strange = np.count_nonzero(used & (distance > SWAPPED / 2))  # ten times faster than any() here
-        if strange or self._swaps.pending:
-            order, given_up = self._sides(points, variance, seen, distance, step)
-            points, variance, seen = points[order], variance[order], seen[order]
-            self.order = order
+        restarted = seen & ~self._known
+        suspicious = np.count_nonzero(used & (distance > SWAP_GAIN / 2))  # ten times faster than any() here
+        if suspicious or self._swaps.pending:
+            assignment, given_up = self._sides(points, variance, seen, distance, step)
+            points, variance, seen = points[assignment], variance[assignment], seen[assignment]
+            self.assignment = assignment
             innovation, distance = self._compared(points, variance)
-            familiar = seen & self._known
-            off = familiar & (distance > GATE)
-            used = familiar & ~off
-            self._off = (self._off + 1) * off
-            anew = (seen & ~self._known) | given_up | (self._off >= CONVINCED_AFTER)
+            tracked = seen & self._known
+            outliers = tracked & (distance > GATE)
+            used = tracked & ~outliers
+            self._outlier_frames = (self._outlier_frames + 1) * outliers
+            restarted = (seen & ~self._known) | given_up | (self._outlier_frames >= RESTART_AFTER)
         else:
-            self._off[:] = 0.0
-            self.order = None
+            self._outlier_frames[:] = 0.0
+            self.assignment = None
         self._tracks.correct(used, innovation, variance)
-        if np.count_nonzero(anew):
-            self._tracks.start(anew, points, variance)
-            self._off[anew] = 0.0
-            self._swaps.begin(anew, stamp)
-        good = used | anew
+        if np.count_nonzero(restarted):
+            self._tracks.start(restarted, points, variance)
+            self._outlier_frames[restarted] = 0.0
+            self._swaps.start_tracks(restarted, stamp)
+        good = used | restarted
         self._unseen = np.where(good, 0.0, self._unseen + step)
-        self._known = (self._known | anew) & (self._unseen < FORGOTTEN_AFTER)
-        coasting = self._known & (~seen | (self._off == 1))
+        self._known = (self._known | restarted) & (self._unseen < MAX_GAP)
+        coasting = self._known & (~seen | (self._outlier_frames == 1))
         filtered = 1 / np.sqrt(np.maximum(self._tracks.variance, 0.0) + model_error * model_error)
         self._weights = np.where(good | coasting, filtered, 0.0)
         return self._tracks.position.copy(), self._weights
@@ -111,8 +111,8 @@ class KeypointFilter:
 
         The weights do not decrease with time: without new keypoints, the last points remain the best estimate.
         """
-        step = min(max(stamp - self._stamp, 0.0), LONGEST_COURSE)
-        return self._tracks.position + step * self._tracks.velocity, TRUST * self._weights
+        step = min(max(stamp - self._stamp, 0.0), MAX_EXTRAPOLATION)
+        return self._tracks.position + step * self._tracks.velocity, PREDICTED_WEIGHT * self._weights
 
     def _compared(self, points: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(innovation (l, 2), squared innovation / variance (l,)) of points."""
@@ -122,10 +122,10 @@ class KeypointFilter:
     def _sides(
         self, points: np.ndarray, variance: np.ndarray, seen: np.ndarray, distance: np.ndarray, step: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Result of `SideSwaps.order`: the landmark whose point each one uses, and the tracks to restart, (l,) each."""
+        """Result of `SideSwaps.assign` for points (l, 2) of variance (l,)."""
         other = self._swaps.other
         _, crossed = self._compared(points[other], variance[other])
         straight = np.where(self._known & seen, distance, np.nan)
         crossed[~(self._known & seen[other])] = np.nan
         spread = self._tracks.variance + variance.min()
-        return self._swaps.order(self._stamp, step, straight, crossed, spread)
+        return self._swaps.assign(self._stamp, step, straight, crossed, spread)

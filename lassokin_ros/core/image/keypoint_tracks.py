@@ -18,21 +18,21 @@ import math
 
 import numpy as np
 
-LIVELINESS = np.array([0.15, 0.5, 1.5, 4.0])
+ACCELERATION_FACTORS = np.array([0.15, 0.5, 1.5, 4.0])
 """Accelerations of the models, as multiples of the typical one."""
-STEADFAST = 0.8
+SOJOURN_TIME = 0.8
 """s: mean time until a track switches to another model."""
 FIRST_VELOCITY = 1.0
 """1/s: standard deviation of a new track's velocity, normalised image coordinates."""
-BOUNDLESS = 1e30
+UNUSED_VARIANCE = 1e30
 """Variance of a point that is not used; it then has no influence."""
-IMPOSSIBLE = 100.0
+MAX_SURPRISE = 100.0
 """Upper limit of the negative log-likelihood, so that not all probabilities become 0 at once."""
 
-LEAST_CHANCE = 1e-6
+MIN_SWITCHING = 1e-6
 """Smallest switching probability per frame, so that no probability becomes 0 for short steps."""
 
-_MODELS = len(LIVELINESS)
+_MODELS = len(ACCELERATION_FACTORS)
 _SAME = np.eye(_MODELS)
 _ONES, _HALVES = np.ones(_MODELS), np.full(_MODELS, 0.5)
 #: Factors of the products pp, pv, vv of p and v; also of gain * covariance, which a correction subtracts from each.
@@ -44,7 +44,7 @@ class KeypointTracks:
 
     def __init__(self, count: int) -> None:
         self._count = count
-        self._squares = (LIVELINESS**2)[:, None]
+        self._squares = (ACCELERATION_FACTORS**2)[:, None]
         self._transition = np.eye(8, 9)
         self._mixed = np.empty((9, _MODELS, count))
         self.reset()
@@ -69,7 +69,7 @@ class KeypointTracks:
 
     def predict(self, step: float, acceleration: float) -> None:
         """Predict by step, s. acceleration: standard deviation of a typical track's, normalised units / s^2."""
-        switching = max(1 - math.exp(-step / STEADFAST), LEAST_CHANCE) / (_MODELS - 1)
+        switching = max(1 - math.exp(-step / SOJOURN_TIME), MIN_SWITCHING) / (_MODELS - 1)
         stays = switching + (1 - _MODELS * switching) * _SAME
         mixed = self._mixed
         np.matmul(stays, self._beliefs, out=mixed[:8])
@@ -85,10 +85,10 @@ class KeypointTracks:
         means, covariance = rows[:4].reshape(2, 2, _MODELS, -1), rows[4:]  # (pv, xy, model, l); (pp pv vv, model, l)
         covariance -= _moments(means)
         own = innovation.T[:, None] - means[0]
-        spread = covariance[0] + np.where(used, 2 * variance, BOUNDLESS)
+        spread = covariance[0] + np.where(used, 2 * variance, UNUSED_VARIANCE)
         squares = own * own
         surprise = (squares[0] + squares[1]) / spread
-        chances *= np.exp(-np.minimum(surprise, IMPOSSIBLE)) / spread
+        chances *= np.exp(-np.minimum(surprise, MAX_SURPRISE)) / spread
         chances /= _ONES.dot(chances)
         gains = covariance[:2] / spread
         means += gains[:, None] * own

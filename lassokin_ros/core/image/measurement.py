@@ -137,10 +137,10 @@ class MeasurementFilter:
             points, weights = self._filter.expected(stamp)
         else:
             points, weights = self._filter.update(stamp, detected, weights, ACCELERATION / depth, model_error / depth)
-        order = self._filter.order
-        if order is not None:
-            detected, visible = detected[order], visible[order]
-            measured = None if measured is None else (measured[0][order], measured[1][order])
+        assignment = self._filter.assignment
+        if assignment is not None:
+            detected, visible = detected[assignment], visible[assignment]
+            measured = None if measured is None else (measured[0][assignment], measured[1][assignment])
         if measured is not None and not repeated:
             measured = measured[0], measured[1] / self._depth_noise.update(stamp, *measured)
         speed = depth * self._filter.speed()

@@ -14,17 +14,17 @@ import numpy as np
 
 from lassokin_ros.core.body.symmetry import other_side
 
-SWAPPED = 40.0
+SWAP_GAIN = 40.0
 """A pair is swapped if the sum of its squared distances from the tracks, over the variances, is less by this amount
 after exchanging the two points."""
-FITTING = 15.0
+MAX_FIT = 15.0
 """Largest squared distance over variance of each point of a swapped pair from the other side's track. Where hands meet,
 points jump and fit neither track. A point without a visible partner gives evidence only if it fits its own track."""
-STRAIGHT = 10.0
+IN_PLACE_GAIN = 10.0
 """A pair is in place if its squared distances are less by this amount as given than after exchanging the points."""
-LONGEST = 2.0
+MAX_DURATION = 2.0
 """s: longest time for which the points of a pair are swapped back."""
-SHARE = 0.25
+MAX_SHARE = 0.25
 """The same as a share of the age of the tracks at the end of the swap, that is a third of the time before the swap."""
 
 
@@ -51,12 +51,12 @@ class SideSwaps:
         self.pending = False
         """Whether a pair was swapped and has not been seen in place since."""
 
-    def begin(self, which: np.ndarray, stamp: float) -> None:
+    def start_tracks(self, which: np.ndarray, stamp: float) -> None:
         """Note that the tracks `which` (l,) bool have started at a stamp, possibly from the other side's points."""
         self._begun[which] = stamp
         self._spent[which] = 0.0
 
-    def order(
+    def assign(
         self, stamp: float, step: float, straight: np.ndarray, crossed: np.ndarray, variance: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return (l,) the landmark whose point each one must use, and (l,) bool the tracks that must be restarted.
@@ -70,7 +70,7 @@ class SideSwaps:
         self._spent = np.maximum(self._spent, self._spent[other])  # one track of a pair may have restarted
         swapped, in_place = self._evidence(straight, crossed, variance)
         lasted = np.max(stamp - np.maximum(self._begun, self._begun[other]), where=swapped, initial=0.0)
-        held = swapped & (self._spent < min(LONGEST, SHARE * lasted))
+        held = swapped & (self._spent < min(MAX_DURATION, MAX_SHARE * lasted))
         given_up = swapped & ~held
         # Pairs without evidence follow the majority of their limbs, or of the body.
         votes = groups @ held
@@ -90,10 +90,10 @@ class SideSwaps:
         other = self.other
         gain = straight - crossed
         gain += gain[other]
-        fits = np.fmax(crossed, crossed[other]) < FITTING
+        fits = np.fmax(crossed, crossed[other]) < MAX_FIT
         # If only one point of a pair is seen, it is in place unless the other side's track explains it as well. The
         # Gaussian likelihoods are compared with their normalisation: a track long unseen has a large variance.
         elsewhere = np.fmin(crossed, crossed[other] + 2 * np.log(variance[other] / variance))
-        alone = np.isnan(gain) & (straight < FITTING) & ~(elsewhere - straight <= STRAIGHT)
-        in_place = (gain < -STRAIGHT) | alone | alone[other]
-        return self._paired & (gain > SWAPPED) & fits, self._paired & in_place
+        alone = np.isnan(gain) & (straight < MAX_FIT) & ~(elsewhere - straight <= IN_PLACE_GAIN)
+        in_place = (gain < -IN_PLACE_GAIN) | alone | alone[other]
+        return self._paired & (gain > SWAP_GAIN) & fits, self._paired & in_place

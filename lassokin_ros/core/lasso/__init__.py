@@ -1,1 +1,1 @@
-"""The frame's lasso: problem, dual, active set, certificate, increment, and Theorem 1."""
+"""The frame's lasso: problem, dual, active set, certificate, and Theorem 1."""

@@ -23,8 +23,10 @@ ALONE_FROM = 12
 """Active-set step from which only the largest violator enters."""
 
 
-def predicted(H: np.ndarray, g: np.ndarray, alpha: np.ndarray, guess: np.ndarray) -> np.ndarray:
-    """Predict the solution (n,) from a guess (n,), for example the last frame's. Its support is a start for `mend`.
+def predict_solution(H: np.ndarray, g: np.ndarray, alpha: np.ndarray, guess: np.ndarray) -> np.ndarray:
+    """Predict the solution (n,) from a guess (n,), for example the last frame's.
+
+    Its support is a start for `solve_active_set`.
 
     One step of reweighted least squares (Daubechies, DeVore, Fornasier, Gunturk 2010): alpha |Omega| is replaced by
     alpha Omega^2 / (2 |guess| + 2 s), and entries below s are set to 0.
@@ -40,7 +42,9 @@ def predicted(H: np.ndarray, g: np.ndarray, alpha: np.ndarray, guess: np.ndarray
     return guess if failed else omega * (np.abs(omega) > smallest)  # three times faster than np.where here
 
 
-def mend(H: np.ndarray, g: np.ndarray, alpha: np.ndarray, omega: np.ndarray, steps: int) -> np.ndarray | None:
+def solve_active_set(
+    H: np.ndarray, g: np.ndarray, alpha: np.ndarray, omega: np.ndarray, steps: int
+) -> np.ndarray | None:
     """The exact solution on a support near that of `omega`, or None if it is not found within `steps`.
 
     On the support V with signs S, KKT-1 is linear: H_VV Omega_V = g_V - alpha_V S. Members whose value contradicts the

@@ -25,7 +25,7 @@ _proxqp = proxsuite.proxqp
 _SOLVED = _proxqp.QPSolverOutput.PROXQP_SOLVED
 TOLERANCE = {"condensed": 1e-4, "projected": 1e-7}
 """Absolute and relative tolerance of ProxQP in the first try. It only has to determine the signs of Omega, because
-`active_set.mend` then solves exactly. With larger tolerances, more signs are wrong than `mend` can correct."""
+`active_set.solve_active_set` then solves exactly. With larger tolerances, it cannot correct all wrong signs."""
 TOLERANCE_AGAIN, GAP_AGAIN = 1e-9, 1e-7
 """Tolerances of the solution and of the duality gap in further tries."""
 LARGEST_CONDITION = 1e10

@@ -14,7 +14,7 @@ from typing import Callable
 import numpy as np
 
 from lassokin_ros.core.errors import SolverError
-from lassokin_ros.core.lasso.active_set import mend, predicted
+from lassokin_ros.core.lasso.active_set import predict_solution, solve_active_set
 from lassokin_ros.core.lasso.certificate import Certificate, certify
 from lassokin_ros.core.lasso.dual import DualSolver
 from lassokin_ros.core.lasso.problem import Lasso, Reduced
@@ -85,19 +85,19 @@ class LassoSolver:
         clamp = SMALLEST_ALPHA * ratio
         alpha = problem.alpha * clamp if clamp > 1 else problem.alpha
         if guess is not None:
-            likely = predicted(reduced.H, reduced.g, alpha, guess)
-            repaired = mend(reduced.H, reduced.g, alpha, likely, GUESS_STEPS)
-            if repaired is not None:
-                return _finished(problem, reduced, alpha, repaired, "guess", True)
+            predicted = predict_solution(reduced.H, reduced.g, alpha, guess)
+            candidate = solve_active_set(reduced.H, reduced.g, alpha, predicted, GUESS_STEPS)
+            if candidate is not None:
+                return _finished(problem, reduced, alpha, candidate, "guess", True)
         for effort, steps in enumerate((8, 100, 100)):
             answer = self._solve_dual(reduced, alpha, effort)
             omega = np.zeros(len(alpha)) if answer is None else answer
-            repaired = mend(reduced.H, reduced.g, alpha, omega, steps)
-            exact = repaired is not None
-            if repaired is None:
-                repaired = _without_tiny_entries(reduced, alpha, omega)
+            candidate = solve_active_set(reduced.H, reduced.g, alpha, omega, steps)
+            exact = candidate is not None
+            if candidate is None:
+                candidate = _without_tiny_entries(reduced, alpha, omega)
             method = "active set" if answer is None else self._dual.name
-            solution = _finished(problem, reduced, alpha, repaired, method, exact)
+            solution = _finished(problem, reduced, alpha, candidate, method, exact)
             if solution.certified:
                 break
         return solution

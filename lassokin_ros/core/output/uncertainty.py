@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import lapack
@@ -29,6 +29,7 @@ from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.learned_depth import LearnedDepth
 from lassokin_ros.core.evidence.model_error import LEAST
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
+from lassokin_ros.core.image.robust_loss import squared_norm
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
 from lassokin_ros.core.output.failure_probability import failure_probability
 
@@ -124,7 +125,10 @@ class UncertaintyModel:
     def of(self, estimate: Estimate) -> JointUncertainty:
         """Of an accepted estimate."""
         assert estimate.pose is not None and estimate.problem is not None
-        problem = self._believable(estimate.problem, estimate.excess)
+        share = min(estimate.excess * LEAST / LASTING, 1.0)
+        problem = estimate.problem
+        if share < 1 and estimate.depth_measured:  # rows of the image are not the only ones with the translation
+            problem, share = self._scaled(problem, share), 1.0
         disagreement = USUAL_DISAGREEMENT
         if self._learned_depth is not None and estimate.joint_depths is not None:
             disagreement = self._learned_depth.disagreement(estimate.pose, estimate.joint_depths)
@@ -135,19 +139,31 @@ class UncertaintyModel:
             factor,
             estimate.length_deviation,
             0.0 if estimate.depth_measured else SCALE_DEVIATION,
+            share,
         )
-        mean, cost = float(np.sqrt(_trace(covariance))[1:].mean()), estimate.cost / max(estimate.measurements, 1)
+        deviation = np.sqrt(_trace(covariance))[1:]
+        mean, cost = float(deviation.sum()) / len(deviation), estimate.cost / max(estimate.measurements, 1)
         return JointUncertainty(covariance, failure_probability(mean, estimate.excess, cost), place)
 
-    def _believable(self, problem: Lasso, excess: float) -> Lasso:
-        """The problem with keypoints that are off by no less than `LASTING`; excess: see `Estimate`."""
-        share = excess * LEAST / LASTING
-        if share >= 1:
-            return problem
+    def _scaled(self, problem: Lasso, share: float) -> Lasso:
+        """The problem with the image's rows multiplied by `share`."""
         A, B = problem.A.copy(), problem.B.copy()
         A[: self._image_rows] *= share
         B[: self._image_rows] *= share
         return Lasso(A, B, problem.z, problem.alpha)
+
+    def _information(self, problem: Lasso, share: float) -> np.ndarray:
+        """(live, live): A^T M A with the image's rows multiplied by `share`; only they hold the translation.
+
+        M does not change if all rows of B are scaled, so the image's part of the product is.
+        """
+        if share == 1:
+            information = problem.reduced.H.copy()
+        else:
+            image = problem.reduced.A[: self._image_rows].T
+            information = problem.reduced.H - (1 - share * share) * image.dot(image.T)
+        information.reshape(-1)[:: len(information) + 1] += WEAKEST
+        return information
 
     def covariance(
         self,
@@ -156,50 +172,59 @@ class UncertaintyModel:
         factor: float,
         length_deviation: np.ndarray | float,
         size_deviation: float = SCALE_DEVIATION,
+        share: float = 1.0,
     ) -> tuple[np.ndarray, Callable[[], AbsoluteUncertainty]]:
         """(n, 3, 3) m^2, from a frame's last problem and the pose that its solution led to; and what computes the rest.
 
         factor: on the posterior's standard deviation. length_deviation: (p,) standard deviation of the log-lengths.
-        size_deviation: see SCALE_DEVIATION.
+        size_deviation: see SCALE_DEVIATION. share: factor on the image's rows, which with a factor below 1 are the
+        only ones that depend on the translation: keypoints are off by no less than `LASTING`.
         """
         spread = self._jacobian.at(pose)
         live = spread[:, :, : self._live_count]
-        information = problem.reduced.H.copy()
-        information.reshape(-1)[:: len(information) + 1] += WEAKEST
+        information = self._information(problem, share)
         # The transposed views are what LAPACK works on in place.
         lower, _ = lapack.dpotrf(information.T, lower=1, overwrite_a=1)
         right = live.reshape(-1, self._live_count).T
         seen, _ = lapack.dtrtrs(lower, right, lower=1, overwrite_b=1)  # J H^-1 J^T = seen^T seen
         live[:] = seen.T.reshape(live.shape)
         by_length = self._proportions.joint_jacobian(pose) * (LENGTHS * length_deviation)
-        by_length *= by_length
-        added = by_length.sum((1, 2))
-        covariance = _sized(spread @ np.swapaxes(spread, -1, -2), factor, added)
-        return covariance, partial(self._absolute, spread, lower, pose, problem, factor, added, size_deviation)
+        added = squared_norm(by_length.reshape(len(by_length), -1))
+        relative = spread @ np.swapaxes(spread, -1, -2)
+
+        def place() -> AbsoluteUncertainty:
+            return self._absolute(live, relative, lower, pose, problem, share, factor, added, size_deviation)
+
+        return _sized(relative, factor, added), place
 
     def _absolute(
         self,
-        spread: np.ndarray,
+        live: np.ndarray,
+        relative: np.ndarray,
         lower: np.ndarray,
         pose: BodyPose,
         problem: Lasso,
+        share: float,
         factor: float,
         added: np.ndarray,
         size_deviation: float,
     ) -> AbsoluteUncertainty:
         """Add the pelvis' own uncertainty: x = Y (z - A Omega) by (15), and (B^T B)^-1 = Y Y^T about it.
 
-        spread: (n, 3, k), with spread @ spread^T the covariances relative to the pelvis; lower: Cholesky factor of the
-        information; factor, added: as in `_sized`; size_deviation: see SCALE_DEVIATION.
+        live: (n, 3, live) and relative: (n, 3, 3), their part and the whole of the covariances relative to the pelvis,
+        relative = live live^T + a part that the pelvis does not share. lower: Cholesky factor of the information.
+        share: see `covariance`. factor, added: as in `_sized`. size_deviation: see SCALE_DEVIATION.
         """
         Y, pelvis = problem.reduced.Y, pose.positions[0]
-        columns = np.hstack([-(Y @ problem.A).T, self._turns @ pose.orientations[0].T])
+        columns = np.empty((self._live_count, 6))
+        columns[:, :3], columns[:, 3:] = -Y.dot(problem.A).T, self._turns @ pose.orientations[0].T
         root, _ = lapack.dtrtrs(lower, columns, lower=1)
-        spread = spread.copy()
-        spread[:, :, : self._live_count] += root[:, :3].T
-        joints = _sized(spread @ np.swapaxes(spread, -1, -2), factor, added)
-        joints += factor**2 * Y @ Y.T + size_deviation**2 * np.outer(pelvis, pelvis) + PLACE_DEVIATION**2 * np.eye(3)
-        whole = factor**2 * root.T @ root
+        whole = factor**2 * root.T.dot(root)
+        crossed = live.reshape(-1, self._live_count).dot(root[:, :3]).reshape(-1, 3, 3)
+        joints = _sized(relative + crossed + crossed.swapaxes(1, 2) + root[:, :3].T.dot(root[:, :3]), factor, added)
+        place = (factor / share) ** 2 * Y.dot(Y.T) + size_deviation**2 * pelvis[:, None] * pelvis
+        place.reshape(-1)[::4] += PLACE_DEVIATION**2
+        joints += place
         whole[:3, :3] = joints[0]
         return AbsoluteUncertainty(joints, whole)
 
@@ -208,8 +233,7 @@ def _sized(covariance: np.ndarray, factor: float, added: np.ndarray) -> np.ndarr
     """Scale covariances (n, 3, 3) by `factor` on the deviation, limited by `LARGEST`, and to `added` (n,) m^2 more."""
     size = _trace(covariance)
     wanted = factor**2 * size / (1 + size / LARGEST**2) + added
-    covariance *= (wanted / np.maximum(size, 1e-12))[:, None, None]
-    return covariance
+    return covariance * (wanted / np.maximum(size, 1e-12))[:, None, None]
 
 
 class PositionJacobian:

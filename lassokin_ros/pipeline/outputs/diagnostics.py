@@ -225,6 +225,8 @@ class Diagnostics:
             gone = len(set(self._pipeline.ids or ()) - set(presence.ids))  # in a silence: the next message counts them
             values["people come"], values["people left"] = str(counts["people come"]), str(counts["people left"] + gone)
             values["people beyond max_people"] = str(counts["people beyond max_people"])
+        if self._pipeline.mount is not None and (angles := self._pipeline.mount.angles) is not None:
+            values["camera roll, pitch from TF [rad]"] = "{:.3f}, {:.3f}".format(*angles)
         if self._pipeline.depth is not None:
             values |= {f"{key} [messages]": str(counts[key]) for key in DEPTH_COUNTS}
         listed = (OUTSIDE_IMAGE, PLACEHOLDERS, NOBODY)

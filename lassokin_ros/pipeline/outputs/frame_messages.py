@@ -12,8 +12,9 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.pipeline.outputs.body_frames import BodyFrames, body_quaternion
+from lassokin_ros.pipeline.outputs.body_frames import BodyFrames
 from lassokin_ros.pipeline.outputs.certificate_status import certificate_status
+from lassokin_ros.pipeline.outputs.rep155 import MappedJoints
 from lassokin_ros.pipeline.outputs.urdf import joint_names
 from lassokin_ros.pipeline.settings import OFF, NodeSettings
 from msg_adapters.backends import Backend
@@ -23,6 +24,7 @@ from msg_adapters.output_messages.builders import (
     PointStampedBuilder,
     PoseArrayBuilder,
     PoseWithCovarianceBuilder,
+    RegionBuilder,
     StampedBuilder,
     StringBuilder,
     TransformsBuilder,
@@ -33,6 +35,11 @@ from msg_adapters.output_messages.markers import SkeletonMarkersBuilder
 from msg_adapters.output_messages.serialised_messages import SerialisedMessage
 from msg_adapters.output_messages.serialised_status import SerialisedStatus
 from msg_adapters.output_messages.skeleton_cloud import SkeletonCloudBuilder
+
+DETAILS = (topics.CERTIFICATE, topics.JOINT_UNCERTAINTY, topics.UNCERTAINTY_MARKERS)
+"""Topics that the parameter detail_rate limits. They take longer than all others together."""
+EARLY = 0.1
+"""Share of the period by which a message of these may be early: jitter of the stamps must not lower the rate."""
 
 
 class FrameMessages:
@@ -55,13 +62,17 @@ class FrameMessages:
         self._backend, self._ready_made = backend, ready_made
         self._config = config or NodeSettings()
         self._builders: dict[str, Callable[[int, str, Any, Any], Any]] = {}
+        self._detailed_ns: int | None = None  # stamp of the last frame with DETAILS
         prefix = f"{person}/" if person else ""
-        self._add_pose_outputs(skeleton, prefix)
+        self._add_pose_outputs(skeleton, person, prefix)
         self._add_certificate(f"{name}: {person}" if person else name)
         self._add_uncertainty_outputs(skeleton, prefix)
         self._add_image_outputs(skeleton, prefix)
         if self._config.publish_tf != OFF:
             self._add_tf(BodyFrames(skeleton, self._config, name, person))
+        if self._config.detects_bodies:
+            roi = RegionBuilder(self._backend).fill
+            self._builders[topics.ROI] = lambda t, f, frame, _: roi(t, f, keypoint_region(frame))
 
     def build(
         self, frame: FrameResult, wanted: Callable[[str], bool] = lambda topic: True
@@ -69,24 +80,40 @@ class FrameMessages:
         """Yield (topic, message) for the wanted topics of an accepted frame, in the order of topics.PERSON_OUTPUTS."""
         if not frame.accepted or frame.estimate is None:
             return
+        in_detail = self._in_detail(frame.stamp_ns)
         for topic, build in self._builders.items():
-            if wanted(topic):
+            if (in_detail or topic not in DETAILS) and wanted(topic):
                 yield topic, build(frame.stamp_ns, frame.frame_id, frame, frame.estimate)
+
+    def _in_detail(self, stamp_ns: int) -> bool:
+        """Return True if the frame with this stamp gets the topics of DETAILS."""
+        rate, last = self._config.detail_rate, self._detailed_ns
+        if rate == 0:
+            return True
+        if last is not None and 0 <= stamp_ns - last < (1 - EARLY) * 1e9 / rate:
+            return False
+        self._detailed_ns = stamp_ns
+        return True
 
     def _fill(self, builder: StampedBuilder) -> Callable[..., Any]:
         return SerialisedMessage(builder, self._backend).fill if self._ready_made else builder.fill
 
-    def _add_pose_outputs(self, skeleton: Skeleton, prefix: str) -> None:
+    def _add_pose_outputs(self, skeleton: Skeleton, person: str, prefix: str) -> None:
         backend, parents = self._backend, skeleton.parents.tolist()
         labels = skeleton.joint_names if self._config.joint_labels else ()
-        joint_states = self._fill(JointStateBuilder(backend, joint_names(skeleton)))
+        names = joint_names(skeleton)
+        mapped = MappedJoints(names, person) if self._config.rep155 and person else None
+        joint_states = self._fill(JointStateBuilder(backend, names if mapped is None else mapped.names))
+        extend = (lambda values: values) if mapped is None else mapped.extend
         translation = self._fill(PointStampedBuilder(backend))
         joints = self._fill(PoseArrayBuilder(backend, skeleton.joint_count))
         markers = self._fill(SkeletonMarkersBuilder(backend, parents, prefix, labels))
         self._builders |= {
-            topics.JOINT_STATES: lambda t, f, frame, _: joint_states(t, f, frame.positions, frame.velocities),
+            topics.JOINT_STATES: lambda t, f, frame, _: joint_states(
+                t, f, extend(frame.positions), extend(frame.velocities)
+            ),
             topics.TRANSLATION: lambda t, f, _, e: translation(t, f, e.state.translation),
-            topics.JOINTS: lambda t, f, _, e: joints(t, f, e.pose.positions, to_quaternion(e.pose.orientations)),
+            topics.JOINTS: lambda t, f, frame, e: joints(t, f, e.pose.positions, frame.quaternions[:-1]),
             topics.MARKERS: lambda t, f, _, e: markers(t, f, e.pose.positions),
         }
 
@@ -108,7 +135,7 @@ class FrameMessages:
                 t, f, e.pose.positions, frame.uncertainty.covariance, frame.uncertainty.deviation
             ),
             topics.POSE: lambda t, f, frame, e: pose(
-                t, f, e.pose.positions[0], body_quaternion(e), frame.uncertainty.absolute.pelvis
+                t, f, e.pose.positions[0], frame.quaternions[-1], frame.uncertainty.absolute.pelvis
             ),
             topics.SKELETON: lambda t, f, frame, e: joints(
                 t, f, e.pose.positions, frame.joint_velocities, frame.uncertainty.absolute.joints, frame.observed
@@ -145,6 +172,16 @@ def image_points(frame: FrameResult) -> tuple[np.ndarray, np.ndarray, np.ndarray
     pose, n = frame.estimate.pose, len(frame.estimate.pose.positions)
     pixels = frame.in_image(np.concatenate([pose.positions, pose.landmarks]))  # one call of the lens is faster
     return pixels[:n], frame.detected, pixels[n:]
+
+
+def keypoint_region(frame: FrameResult) -> np.ndarray:
+    """Return the region of a person's keypoints: xmin, ymin, xmax, ymax, 0 to 1 of the image, and the confidence."""
+    assert frame.detected is not None and frame.lens is not None
+    found = frame.detected[np.isfinite(frame.detected).all(axis=1)]
+    if not len(found) or not all(frame.lens.size):
+        return np.zeros(5)
+    corners = np.concatenate([found.min(axis=0), found.max(axis=0)]) / np.tile(frame.lens.size, 2)
+    return np.append(corners.clip(0.0, 1.0), 1.0 - frame.uncertainty.failure_probability)
 
 
 def principal_axes(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

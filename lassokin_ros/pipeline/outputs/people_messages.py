@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.pipeline.frame_result import FrameResult
-from lassokin_ros.pipeline.outputs.body_frames import body_quaternion
 from msg_adapters.backends import Backend
 from msg_adapters.output_messages.people import PersonReport, people_builder
 
@@ -79,7 +78,7 @@ def person_report(frame: FrameResult, tracked: bool) -> PersonReport:
         tracked=tracked,
         confidence=confidence(frame) if tracked else 0.0,
         position=positions[0],
-        quaternion=body_quaternion(estimate),
+        quaternion=frame.quaternions[-1],
         velocity=frame.velocity,
         covariance=frame.uncertainty.absolute.pelvis,
         corners=np.stack([positions.min(axis=0), positions.max(axis=0)]),

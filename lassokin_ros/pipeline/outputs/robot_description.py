@@ -13,6 +13,7 @@ import numpy as np
 
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.pipeline.outputs.naming import Naming
 from lassokin_ros.pipeline.outputs.urdf import urdf
 from msg_adapters.backends import Backend
 from msg_adapters.output_messages.builders import StringBuilder
@@ -24,11 +25,11 @@ LARGEST_ERROR = 1e-4
 class RobotDescription:
     """Makes the message when it is due, and remembers what has been said."""
 
-    def __init__(self, backend: Backend, skeleton: Skeleton, base_frame: str, prefix: str = "") -> None:
-        """base_frame: for messages without frame_id; prefix: of the link names, see `topics.link_prefix`."""
+    def __init__(self, backend: Backend, skeleton: Skeleton, base_frame: str, naming: Naming = Naming()) -> None:
+        """base_frame: for messages without frame_id; naming: of the links and joints."""
         self._message = StringBuilder(backend)
         self._given, self._fallback = skeleton, base_frame
-        self._prefix = prefix
+        self._naming = naming
         self._base_frame: str | None = None
         self._skeleton: Skeleton | None = None
         self._same: Skeleton | None = None  # compared already
@@ -58,7 +59,7 @@ class RobotDescription:
 
     def _say(self, base_frame: str, skeleton: Skeleton) -> Any:
         self._base_frame, self._skeleton, self._same = base_frame, skeleton, skeleton
-        return self._message.fill(urdf(skeleton, base_frame, self._prefix))
+        return self._message.fill(urdf(skeleton, base_frame, self._naming.prefix, self._naming.body_id))
 
 
 def farthest_move(one: Skeleton, other: Skeleton) -> float:

@@ -36,6 +36,7 @@ DIAGNOSTICS = "/diagnostics"
 TRACKED = "tracked"
 SKELETON2D = "skeleton2d"
 TF = "/tf"
+TF_STATIC = "/tf_static"
 
 
 def depth_type(topic: str) -> str:
@@ -64,6 +65,10 @@ FRAME_OUTPUTS = (
 )
 """One message per accepted frame."""
 
+ROI = "~/roi"
+ROI_OUTPUT = OutputTopic(ROI, "hri_msgs/msg/NormalizedRegionOfInterest2D")
+"""Only with rep155, and if no other node detects the bodies."""
+
 UNCERTAINTY_MARKERS_OUTPUT = OutputTopic(UNCERTAINTY_MARKERS, "visualization_msgs/msg/MarkerArray")
 LIVE_OUTPUTS = (
     UNCERTAINTY_MARKERS_OUTPUT,
@@ -83,6 +88,12 @@ TF_OUTPUT = OutputTopic(TF, "tf2_msgs/msg/TFMessage")
 
 PERSON_OUTPUTS = (*FRAME_OUTPUTS, *LIVE_OUTPUTS, DESCRIPTION_OUTPUT)
 """The topics of one person."""
+
+
+def person_outputs(regions: bool) -> tuple[OutputTopic, ...]:
+    """Return the topics of one person. regions: with that of REP-155's body detector."""
+    return (*PERSON_OUTPUTS, ROI_OUTPUT) if regions else PERSON_OUTPUTS
+
 
 BODIES, REP155_BODIES = "~/bodies", "/humans/bodies"
 """Namespaces of the topics of several people: <namespace>/<id>/joint_states and so on, and <namespace>/tracked."""

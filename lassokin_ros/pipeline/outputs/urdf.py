@@ -17,6 +17,8 @@ import numpy as np
 from lassokin_ros.core.body.joint_angles import ROOT_JOINTS
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import SkeletonError
+from lassokin_ros.pipeline.outputs import rep155
+from lassokin_ros.pipeline.outputs.naming import Naming
 
 _AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 _TURNS = 200 * np.pi  # rad: published angles are unwrapped, a spinning dancer's grow
@@ -29,16 +31,17 @@ def joint_names(skeleton: Skeleton) -> list[str]:
     return list(ROOT_JOINTS) + [f"{joint}_{axis}" for joint in skeleton.joint_names for axis in "xyz"]
 
 
-def urdf(skeleton: Skeleton, base_frame: str, prefix: str = "") -> str:
+def urdf(skeleton: Skeleton, base_frame: str, prefix: str = "", body_id: str = "") -> str:
     """The URDF of a skeleton as XML text.
 
-    base_frame: name of the base link, the frame in which translations are given (the camera's optical frame). prefix:
-    precedes the names of the body's links, so that several bodies fit into one TF tree; joints have no prefix.
-    Raises SkeletonError if the name of the base link is empty or the name of one of the body's links.
+    base_frame: name of the base link, the frame in which translations are given (the camera's optical frame). prefix,
+    body_id: see `Naming`; several bodies fit into one TF tree. With a body_id, REP-155's links are added. Raises
+    SkeletonError if the name of the base link is empty or the name of one of the body's links.
     """
+    naming = Naming(prefix, body_id)
     if not base_frame:
         raise SkeletonError("base frame is empty; expected a name, such as camera_optical_frame (base_frame)")
-    if base_frame in {prefix + name for name in _link_names(skeleton)}:
+    if base_frame in {*map(naming.link, _link_names(skeleton)), *map(naming.link_of_joint, skeleton.joint_names)}:
         raise SkeletonError(f"base frame is '{base_frame}'; expected a name that is not one of the skeleton's joints")
     robot = ElementTree.Element("robot", name=skeleton.name)
     for side, colour in _COLOURS.items():
@@ -47,13 +50,16 @@ def urdf(skeleton: Skeleton, base_frame: str, prefix: str = "") -> str:
     ElementTree.SubElement(robot, "link", name=base_frame)
     above = base_frame
     for name, axis in zip(ROOT_JOINTS, "xyz"):
-        link = f"{prefix}{name}_link"
+        link = naming.link(f"{name}_link")
         ElementTree.SubElement(robot, "link", name=link)
-        _add_joint(robot, name, "prismatic", above, link, axis, np.zeros(3), _REACH)
+        _add_joint(robot, naming.joint(name), "prismatic", above, link, axis, np.zeros(3), _REACH)
         above = link
     for index, joint in enumerate(skeleton.joint_names):
         parent = skeleton.parents[index]
-        _add_ball_joint(robot, skeleton, index, above if parent < 0 else prefix + skeleton.joint_names[parent], prefix)
+        parent_link = above if parent < 0 else naming.link_of_joint(skeleton.joint_names[parent])
+        _add_ball_joint(robot, skeleton, index, parent_link, naming)
+    if naming.body_id:
+        _add_rep155_links(robot, skeleton, naming)
     ElementTree.indent(robot)
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding="unicode") + "\n"
 
@@ -83,15 +89,35 @@ def _link_names(skeleton: Skeleton) -> list[str]:
     return [*skeleton.joint_names, *(f"{name}_link" for name in joint_names(skeleton))]
 
 
-def _add_ball_joint(robot: ElementTree.Element, skeleton: Skeleton, index: int, above: str, prefix: str) -> None:
+def _add_rep155_links(robot: ElementTree.Element, skeleton: Skeleton, naming: Naming) -> None:
+    """Add REP-155's links, with their own axes, at the joints of the skeleton."""
+    for link, index, axes in rep155.links_of(skeleton.joint_names):
+        ElementTree.SubElement(robot, "link", name=naming.link(link))
+        joint = ElementTree.SubElement(robot, "joint", name=naming.joint(f"{link}_fixed"), type="fixed")
+        ElementTree.SubElement(joint, "parent", link=naming.link_of_joint(skeleton.joint_names[index]))
+        ElementTree.SubElement(joint, "child", link=naming.link(link))
+        ElementTree.SubElement(joint, "origin", xyz="0 0 0", rpy=_text(_rpy(axes)))
+
+
+def _rpy(rotation: np.ndarray) -> tuple[float, float, float]:
+    """Return the fixed-axis angles, rad, of a rotation (3, 3); at a pitch of 90 degrees, the yaw is 0."""
+    up, across = -float(rotation[2, 0]), float(np.hypot(rotation[0, 0], rotation[1, 0]))
+    if across < 1e-9:
+        roll, yaw = np.arctan2(-rotation[1, 2], rotation[1, 1]), 0.0
+    else:
+        roll, yaw = np.arctan2(rotation[2, 1], rotation[2, 2]), np.arctan2(rotation[1, 0], rotation[0, 0])
+    return float(roll), float(np.arctan2(up, across)), float(yaw)
+
+
+def _add_ball_joint(robot: ElementTree.Element, skeleton: Skeleton, index: int, above: str, naming: Naming) -> None:
     joint, offset = skeleton.joint_names[index], skeleton.offsets[index]
     for number, axis in enumerate(skeleton.axes[index]):
         last = number == 2
-        child = prefix + (joint if last else f"{joint}_{axis}_link")
+        child = naming.link_of_joint(joint) if last else naming.link(f"{joint}_{axis}_link")
         link = ElementTree.SubElement(robot, "link", name=child)
         if last:
             _add_visuals(link, skeleton, index)
-        _add_joint(robot, f"{joint}_{axis}", "revolute", above, child, axis, offset, _TURNS)
+        _add_joint(robot, naming.joint(f"{joint}_{axis}"), "revolute", above, child, axis, offset, _TURNS)
         above, offset = child, np.zeros(3)
 
 

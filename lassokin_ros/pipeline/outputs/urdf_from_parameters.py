@@ -7,7 +7,7 @@ from the settings that it starts the node with.
 from __future__ import annotations
 
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.pipeline.outputs import topics
+from lassokin_ros.pipeline.outputs.topics import link_prefix
 from lassokin_ros.pipeline.outputs.urdf import urdf
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.pipeline.settings import NodeSettings
@@ -16,5 +16,5 @@ from lassokin_ros.skeleton_readers.load import load_skeleton
 
 def urdf_from_settings(tracker: TrackerConfig, settings: NodeSettings, node: str = NODE_NAME) -> str:
     """Return the URDF as XML text. node: the full name of the node without the first slash. Raises a LassokinError."""
-    prefix = topics.link_prefix(settings.frame_prefix, node)
+    prefix = link_prefix(settings.frame_prefix, node)
     return urdf(load_skeleton(tracker.skeleton, tracker.assumed_height), settings.base_frame, prefix)

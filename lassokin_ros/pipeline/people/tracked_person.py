@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,7 +11,6 @@ from functools import partial
 import numpy as np
 
 from lassokin_ros.core.batch import Steps, run_batched, run_single
-from lassokin_ros.core.body.joint_angles import JointAngleReader
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Estimate
@@ -20,6 +20,7 @@ from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.lens import Lens
 from lassokin_ros.pipeline.outputs.rejection_text import rejection_text
+from lassokin_ros.pipeline.people.joint_states import JointStates, Moment
 
 VELOCITY_MEMORY_S = 0.2
 """s: averaging time of the velocity used for prediction."""
@@ -50,17 +51,16 @@ class TrackedPerson:
     def __init__(self, config: TrackerConfig, skeleton: Skeleton | None = None) -> None:
         """skeleton: replaces the skeleton of `config`. Raises a LassokinError if these are unusable."""
         self.tracker = Tracker(config, skeleton)
-        self._reader = JointAngleReader(self.tracker.skeleton.axes)
         self.reset()
 
     def reset(self, same_camera: bool = False) -> None:
         """Forget the person. With same_camera, keep the direction of gravity in the camera frame."""
         self.tracker.reset(same_camera)
-        self._reader.reset()
+        self._joint_states = JointStates(self.tracker.skeleton.axes)  # results of before keep theirs
         self.status = Status.SEARCHING
         self.seen_ns: int | None = None
         self._origin_ns: int | None = None
-        self._last: tuple[int, np.ndarray, np.ndarray] | None = None
+        self._last: tuple[Moment, np.ndarray] | None = None  # and the positions of its joints
         # Results held back by smoothing_lag: stamp in ns, stamp in s of the tracker, function that makes the result.
         self._waiting: deque[tuple[int, float, Callable[..., FrameResult]]] = deque()
         self._place: np.ndarray | None = None
@@ -135,15 +135,17 @@ class TrackedPerson:
         """Return the held results of these estimates, with joint states. The tracker returns them in the same order."""
         frames = []
         for estimate in estimates:
+            assert estimate.state is not None and estimate.pose is not None
             stamp_ns, stamp, frame = self._waiting.popleft()
             while stamp < estimate.stamp:  # skip results lost by an error
                 stamp_ns, stamp, frame = self._waiting.popleft()
-            earlier = None
+            moment, before, earlier = Moment(stamp_ns, estimate.state, estimate.initialised), None, None
             if self._last is not None and not estimate.initialised:
-                earlier = (stamp_ns - self._last[0]) * 1e-9, self._last[2]
-            positions, velocities = self._joint_states(stamp_ns, estimate)
-            held_s = (now_ns - stamp_ns) * 1e-9
-            frames.append(frame(estimate, positions=positions, velocities=velocities, earlier=earlier, held_s=held_s))
+                before, places = self._last
+                earlier = (stamp_ns - before.stamp_ns) * 1e-9, places
+            self._last = moment, estimate.pose.positions
+            states = partial(self._joint_states.read, moment, before)
+            frames.append(frame(estimate, joint_states=states, earlier=earlier, held_s=(now_ns - stamp_ns) * 1e-9))
         return frames
 
     def _update_motion(self, stamp_ns: int, estimate: Estimate) -> None:
@@ -154,25 +156,9 @@ class TrackedPerson:
             self._velocity[:] = 0.0
         else:
             seconds = (stamp_ns - self.seen_ns) * 1e-9
-            share = 1 - np.exp(-seconds / VELOCITY_MEMORY_S)
+            share = 1 - math.exp(-seconds / VELOCITY_MEMORY_S)
             self._velocity += share * ((place - self._place) / seconds - self._velocity)
         self._place, self._landmarks, self.seen_ns = place, estimate.pose.landmarks, stamp_ns
-
-    def _joint_states(self, stamp_ns: int, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
-        """Return positions, and velocities as differences over stamps. Velocities are 0 after initialisation."""
-        assert estimate.state is not None and estimate.pose is not None
-        if estimate.initialised:
-            self._reader.reset()
-            self._last = None
-        angles = self._reader.read(estimate.state.rotations)
-        positions = np.concatenate([estimate.state.translation, angles.ravel()])
-        if self._last is None:
-            velocities = np.zeros_like(positions)
-        else:
-            seconds = (stamp_ns - self._last[0]) * 1e-9
-            velocities = (positions - self._last[1]) / seconds
-        self._last = stamp_ns, positions, estimate.pose.positions
-        return positions, velocities
 
     def unseen_s(self, stamp_ns: int) -> float:
         """Return s since the person was last tracked; infinite before the first time."""

@@ -1,7 +1,7 @@
 // Data, colours and helpers of the page. page.py concatenates all scripts into one function.
 const element = (id) => document.getElementById(id);
 const read = (id) => JSON.parse(element(id).textContent);
-const data = read("data"), times = read("times");
+const data = read("data"), times = read("times"), photos = read("images");
 const SIDES = ["left", "right", "middle"];
 const COLOUR = { left: "#0072b2", right: "#d55e00", middle: "#4d4d4d" };
 const DETECTED = "#009e73", REPROJECTED = "#22262b", INK = "#22262b", LINE = "#e3e7eb", CURSOR = "#22262b";
@@ -11,6 +11,7 @@ const QUIET = { scrollZoom: true, displaylogo: false, responsive: true, displayM
 const HOME = { ...QUIET, displayModeBar: true, modeBarButtons: [["resetCameraDefault3d"]] };
 const TURN_PER_SECOND = 0.5;                             // rad
 const OUTLYING_M = 0.3, OUTLYING_PX = 100;              // a few outlier frames must not shrink the view
+const SAME_TIME = 0.002, PHOTO_OPACITY = 0.8;            // s; paler than the lines on it
 const CURSOR_EVERY = 80;                                 // ms: moving the cursor line in all plots is slower than moving the skeleton
 
 function fail(error) {

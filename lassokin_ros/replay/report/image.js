@@ -29,6 +29,27 @@ function imageRanges() {
   return [[sides[0][0] - pad, sides[0][1] + pad], [sides[1][1] + pad, sides[1][0] - pad]];
 }
 
+// The video's image of the current frame; of a thinned recording the nearest one.
+function nearestPhoto() {
+  let best = 0;
+  photos.time.forEach((t, i) => { if (Math.abs(t - now()) < Math.abs(photos.time[best] - now())) best = i; });
+  return best;
+}
+
+function photoSource() {
+  const shown = photos.time.length > 0 && data.image && element("photo").checked, index = shown ? nearestPhoto() : 0;
+  const apart = shown ? photos.time[index] - now() : 0;
+  element("photo-time").textContent = Math.abs(apart) < SAME_TIME ? "" :
+    `The image is ${Math.abs(apart).toFixed(2)} s ${apart < 0 ? "older" : "newer"} than the skeleton.`;
+  return shown ? `data:image/jpeg;base64,${photos.jpeg[index]}` : "";
+}
+
+function photoLayer() {
+  const source = photoSource();
+  return source ? [{ source, xref: "x", yref: "y", x: 0, y: 0, sizex: data.image[0], sizey: data.image[1], sizing: "stretch",
+    layer: "below", opacity: PHOTO_OPACITY }] : [];
+}
+
 function drawImage() {
   const x = imageValues(0), y = imageValues(1), [across, down] = imageRanges();
   const names = data.landmarks.map(plain);
@@ -41,17 +62,19 @@ function drawImage() {
   traces.push({ type: "scatter", mode: "markers", x: x[5], y: y[5], text: names,
     hovertemplate: "%{text}, reprojected<br>%{x:.1f}, %{y:.1f} px<extra></extra>",
     marker: { color: REPROJECTED, size: 7, symbol: "x-thin", line: { color: REPROJECTED, width: 1.6 } } });
-  const axis = { showgrid: true, gridcolor: LINE, zeroline: false, ticks: "outside", tickcolor: "#aab3bc" };
+  const images = photoLayer();
+  const axis = { showgrid: !images.length, gridcolor: LINE, zeroline: false, ticks: "outside", tickcolor: "#aab3bc" };
   const shapes = data.image ? [{ type: "rect", x0: 0, y0: 0, x1: data.image[0], y1: data.image[1], layer: "below",
     line: { color: "#8a949e", width: 1.5 }, fillcolor: "#fbfcfd" }] : [];
   return Plotly.react("image", traces, { xaxis: { ...axis, range: across, constrain: "domain", side: "top" },
-    yaxis: { ...axis, range: down, scaleanchor: "x", constrain: "domain" }, shapes, showlegend: false, font: FONT,
+    yaxis: { ...axis, range: down, scaleanchor: "x", constrain: "domain" }, shapes, images, showlegend: false, font: FONT,
     margin: { l: 42, r: 12, t: 26, b: 12 }, hovermode: "closest", dragmode: "pan", plot_bgcolor: "#f0f2f4",
     paper_bgcolor: "#fff" }, QUIET);
 }
 function moveImage() {
-  const update = { x: imageValues(0), y: imageValues(1) };
-  if (element("view").value !== "person") return Plotly.restyle("image", update, [0, 1, 2, 3, 4, 5]);
-  const [across, down] = imageRanges();
-  return Plotly.update("image", update, { "xaxis.range": across, "yaxis.range": down }, [0, 1, 2, 3, 4, 5]);
+  const update = { x: imageValues(0), y: imageValues(1) }, layout = {};
+  const source = photoSource();
+  if (source) layout["images[0].source"] = source;
+  if (element("view").value === "person") [layout["xaxis.range"], layout["yaxis.range"]] = imageRanges();
+  return Plotly.update("image", update, layout, [0, 1, 2, 3, 4, 5]);
 }

@@ -88,6 +88,8 @@ async function start() {
   element("joint").onchange = drawSeries;
   element("follow").onchange = drawSpace;
   element("view").onchange = drawImage;
+  element("photo").onchange = drawImage;
+  element("photo-label").hidden = !photos.time.length || !data.image;
   element("turn").onchange = () => requestAnimationFrame(turn);
   document.addEventListener("keydown", (event) => {
     if (event.target.tagName === "SELECT" || event.target.tagName === "BUTTON") return;

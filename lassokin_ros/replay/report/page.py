@@ -21,6 +21,9 @@ from lassokin_ros.replay.report.page_data import page_data, timing_data
 SCRIPTS = ("common", "space", "image", "series", "page")
 """The scripts are concatenated in this order, into one function."""
 
+FIRST_DATE_NS = 946_684_800_000_000_000
+"""ns: the year 2000. Earlier stamps are no dates: those of a simulation or of a video begin with zero."""
+
 
 class ReportError(LassokinError):
     """The report cannot be created or written."""
@@ -32,8 +35,8 @@ def check_report(path: Path, replace: bool = False) -> None:
     refuse_existing(path, replace, ReportError)
 
 
-def page(facts: Facts) -> str:
-    """Return the HTML text. Raises ReportError if plotly is not installed."""
+def page(facts: Facts, images: dict[str, Any]) -> str:
+    """Return the HTML text. images: see `ReportImages.data`. Raises ReportError if plotly is not installed."""
     template = Template(_file("page.html"))
     return template.substitute(
         title=escape(facts.title),
@@ -49,6 +52,7 @@ def page(facts: Facts) -> str:
         settings=tables.settings(facts),
         data=_script_json(page_data(facts)),
         times=_script_json(timing_data(facts)),
+        images=_script_json(images),
         plotly=_plotly().replace("</script", "<\\/script"),
         script="\n".join(_file(f"{name}.js") for name in SCRIPTS),
     )
@@ -56,7 +60,7 @@ def page(facts: Facts) -> str:
 
 def _subtitle(facts: Facts) -> Iterator[str]:
     first = facts.log.first_stamp_ns
-    if first:
+    if first and first >= FIRST_DATE_NS:
         yield datetime.fromtimestamp(first // 1_000_000_000, timezone.utc).strftime("%Y-%m-%d %H:%M:%S UTC")
     yield f"{facts.duration:.1f} s"
     yield f"keypoints {facts.topics[0]} ({facts.tracker.landmarks})"

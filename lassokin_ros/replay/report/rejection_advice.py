@@ -53,6 +53,8 @@ REASONS: dict[str, tuple[str, str]] = {
     "too_many_people": ("too many people", "the message contains more people than can be tracked"),
     "depth_encoding": ("unknown encoding of a depth image", "depth images must be 16UC1 (mm) or 32FC1 (m)"),
     "depth_layout": ("inconsistent depth image", "height, width, step and data of the depth image do not match"),
+    "image_encoding": ("unknown encoding of an image", "images must be 8-bit RGB, BGR or grey, YUV 4:2:2, JPEG or PNG"),
+    "image_layout": ("inconsistent image", "height, width, step and data of the image do not match"),
     "not_deserialised": ("malformed message", "the recording is damaged, or has another message definition"),
 }
 """Key of a rejection reason -> (plain text, advice)."""

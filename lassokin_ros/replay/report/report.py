@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+
+import numpy as np
 
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.replay.report.facts import Facts
+from lassokin_ros.replay.report.images import ReportImages
 from lassokin_ros.replay.report.log import ReplayLog
 from lassokin_ros.replay.report.page import check_report, page
 
@@ -22,16 +25,21 @@ class Report:
         self._path, self._pipeline = path, pipeline
         self._skeleton = pipeline.tracker.skeleton  # before calibration
         self._log = ReplayLog(late=pipeline.tracker.config.smoothing_lag)
+        self._images = ReportImages()
 
     def add(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
         """Add the frames of one keypoint message, see `OfflineTracker.listeners`."""
         self._log.add(frames, time_ns, seconds)
 
+    def add_image(self, stamp_ns: int, read: Callable[[], np.ndarray]) -> None:
+        """Add the image of the keypoint message with the same stamp, see `ReportImages.add`."""
+        self._images.add(stamp_ns, read)
+
     def write(self, files: AtomicFiles, title: str, topics: tuple[str, str]) -> None:
         """Write the page as part of `files`.
 
-        title: name of the recording. topics: keypoint topic and camera_info topic. Raises ReportError, and the error of
-        `files`.
+        title: name of the recording. topics: keypoint topic and camera_info topic, or what else they come from. Raises
+        ReportError, and the error of `files`.
         """
         title = title.encode(errors="backslashreplace").decode()  # file names may hold bytes that are not UTF-8
         pipeline = self._pipeline
@@ -42,4 +50,5 @@ class Report:
         names = tracker.layout.names
         counts = dict(pipeline.counts)
         facts = Facts(title, topics, self._log, counts, tracker.config, pipeline.config, self._skeleton, names, size)
-        files.write_text(self._path, page(facts))
+        images = self._images.data({message.stamp_ns: message.time for message in self._log.messages})
+        files.write_text(self._path, page(facts, images))

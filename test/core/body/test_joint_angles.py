@@ -1,4 +1,4 @@
-"""Joint angles: exact, continuous, and right through the URDF as independent readers understand it."""
+"""Joint angles: exact, continuous, and consistent with the URDF as other libraries read it."""
 
 import itertools
 from dataclasses import replace
@@ -19,7 +19,7 @@ ORDERS = tuple("".join(order) for order in itertools.permutations("xyz"))
 
 
 def product(angles, orders):
-    """R = product of the elementary turns in each joint's intrinsic order, by scipy."""
+    """R = product of the elementary rotations in each joint's intrinsic order, by scipy."""
     return np.array(
         [
             Rotation.from_euler(order.upper(), [row["xyz".index(axis)] for axis in order]).as_matrix()
@@ -37,7 +37,7 @@ def test_all_six_orders_are_known():
     assert sorted(ORDERS) == sorted(AXIS_ORDERS)
 
 
-def test_any_rotation_is_reproduced():
+def test_every_rotation_is_reproduced():
     orders = ORDERS * 4
     reader, random = JointAngleReader(orders), np.random.default_rng(0)
     for _ in range(100):
@@ -73,7 +73,7 @@ def test_at_gimbal_lock_the_first_angle_is_kept():
 
 
 def test_smooth_angles_are_reproduced_over_many_turns():
-    """Away from lock: no jump, no lost turn, whatever the order."""
+    """Away from gimbal lock there is no jump and no lost turn, for every order of the axes."""
     reader = JointAngleReader(ORDERS)
     for t in np.linspace(0, 10, 2001):
         turn = [7 * t * np.sin(0.3 * t), 1.3 * np.sin(t), -5 * t]
@@ -82,16 +82,16 @@ def test_smooth_angles_are_reproduced_over_many_turns():
     assert abs(angles).max() > 40
 
 
-def test_rolling_right_through_gimbal_lock_is_smooth():
-    """The middle angle runs from 0 through 90 degrees to 180: it goes on past 90, the others stay."""
+def test_angles_are_smooth_through_gimbal_lock():
+    """The middle angle goes from 0 through 90 to 180 degrees, and the other angles do not change."""
     reader = JointAngleReader(ORDERS)
     for middle in np.linspace(0, np.pi, 1001):
         angles = by_axis(np.tile([0.2, middle, -0.5], (6, 1)), ORDERS)
         assert np.abs(reader.read(product(angles, ORDERS)) - angles).max() < 1e-9
 
 
-def test_a_spinning_body_never_jumps():
-    """Three turns one way and back: pelvis angles follow without a step of more than the turn made."""
+def test_the_angles_of_a_spinning_body_do_not_jump():
+    """Three turns and back: the pelvis' angles change by no more than the rotation."""
     kinematics = body()
     reader = JointAngleReader(kinematics.skeleton.axes)
     state = random_state(np.random.default_rng(2), kinematics, 0.2)
@@ -110,7 +110,7 @@ def test_a_spinning_body_never_jumps():
 
 
 def test_random_walks_never_step_by_more_than_half_a_turn():
-    """Through every region of SO(3), lock included: the product is right and no angle ever jumps by 2 pi."""
+    """Through every region of SO(3), gimbal lock included, the product is right and no angle jumps by 2 pi."""
     random = np.random.default_rng(3)
     reader = JointAngleReader(ORDERS)
     rotations = np.tile(np.eye(3), (6, 1, 1))
@@ -123,7 +123,16 @@ def test_random_walks_never_step_by_more_than_half_a_turn():
     assert np.abs(product(last, ORDERS) - rotations).max() < 1e-10
 
 
-def test_reset_forgets_the_turns():
+def test_no_joint_is_locked_before_the_first_call_or_after_a_reset():
+    reader = JointAngleReader(ORDERS[:4])
+    assert reader.locked.tolist() == [False] * 4
+    reader.read(product(by_axis(np.tile([0.9, np.pi / 2, -0.3], (4, 1)), ORDERS[:4]), ORDERS[:4]))
+    assert reader.locked.tolist() == [True] * 4
+    reader.reset()
+    assert reader.locked.tolist() == [False] * 4
+
+
+def test_reset_forgets_full_turns():
     reader = JointAngleReader(("xyz",))
     for angle in np.linspace(0, 7, 100):
         angles = reader.read(product([[angle, 0, 0]], ("xyz",)))
@@ -136,7 +145,7 @@ def test_reset_forgets_the_turns():
 
 
 def near_lock(random, kinematics):
-    """A state whose joints all stand within 1e-9 to 1e-3 rad of gimbal lock."""
+    """A state with all joints within 1e-9 to 1e-3 rad of gimbal lock."""
     axes = kinematics.skeleton.axes
     angles = random.uniform(-3, 3, (len(axes), 3))
     away = 10 ** random.uniform(-9, -3, len(axes))
@@ -147,7 +156,7 @@ def near_lock(random, kinematics):
 
 
 def states_with_joint_values(kinematics, seed):
-    """States of every kind with the values that JointState would carry, by joint name."""
+    """States of every kind with the values of JointState, by joint name."""
     random = np.random.default_rng(seed)
     reader = JointAngleReader(kinematics.skeleton.axes)
     states = [random_state(random, kinematics, spread) for spread in (0.2, 0.8, 3.0)] + [near_lock(random, kinematics)]
@@ -196,7 +205,7 @@ def test_the_urdf_reproduces_the_joints_through_yourdfpy(tmp_path):
             assert np.abs(transform[:3, :3] - pose.orientations[j]).max() < 1e-7
 
 
-def test_the_urdf_is_what_robot_state_publisher_wants():
+def test_the_urdf_is_a_tree_with_the_joint_names():
     skeleton = body().skeleton
     root = ElementTree.fromstring(urdf(skeleton, "camera/optical <1>"))
     links = [link.get("name") for link in root.iter("link")]
@@ -209,15 +218,15 @@ def test_the_urdf_is_what_robot_state_publisher_wants():
         limit = joint.find("limit")
         assert float(limit.get("upper")) == -float(limit.get("lower")) > 100
     children = [joint.find("child").get("link") for joint in joints.values()]
-    assert sorted(children) == sorted(links[1:])  # a tree: each link but the base is one joint's child
+    assert sorted(children) == sorted(links[1:])  # a tree: each link except the base is the child of one joint
     assert root.find("link").find("inertial") is None and len(list(root.iter("visual"))) > 40
     colours = {material.get("name") for material in root.findall("material")}
     assert {visual.find("material").get("name") for visual in root.iter("visual")} == colours
 
 
 @pytest.mark.parametrize("name, twice", [("root", "joints .* 'root_x'"), ("head_x_link", "links .* 'head_x_link'")])
-def test_joint_names_of_which_no_urdf_can_be_made_are_refused(name, twice):
-    """`root` had two joints of each name root_x, root_y and root_z, one that slides and one that turns."""
+def test_joint_names_that_collide_in_the_urdf_are_refused(name, twice):
+    """`root` would give two joints with each of the names root_x, root_y and root_z, a prismatic and a revolute one."""
     skeleton = body().skeleton
     check_names(skeleton)
     with pytest.raises(SkeletonError, match=f"two {twice}; give the joint"):
@@ -241,6 +250,6 @@ def test_bones_in_the_urdf_end_at_the_next_joint():
 
 
 @pytest.mark.parametrize("frame, what", [("", "empty; expected a name"), ("pelvis", "'pelvis'; expected a name that")])
-def test_a_base_frame_that_cannot_be_is_refused(frame, what):
+def test_an_impossible_base_frame_is_refused(frame, what):
     with pytest.raises(SkeletonError, match=f"base frame is {what}"):
         urdf(body().skeleton, frame)

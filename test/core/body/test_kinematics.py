@@ -1,21 +1,22 @@
-"""Forward and differential kinematics against pinocchio and against finite differences, at random poses and bodies."""
+"""Forward and differential kinematics compared with pinocchio and finite differences, at random poses and bodies."""
 
 import numpy as np
 import pytest
 from cases import body, central_difference, random_body, random_state, relative_error
 
+from lassokin_ros.core.batch import select_person, stack_values
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import exponential, to_quaternion
 from lassokin_ros.core.errors import LayoutError
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior, joint_limits
 from lassokin_ros.core.evidence.upright import Upright
-from lassokin_ros.core.image.observation_model import linearise, stacked_matrices
 from lassokin_ros.core.image.projection import project, projection_jacobian
+from lassokin_ros.core.image.stacked_model import linearise, stacked_matrices
 
 
 def bodies():
-    """Built-in bodies by layout and random trees: (kinematics, generator of its draws)."""
+    """Built-in bodies by layout and random trees: (kinematics, random generator)."""
     for seed, layout in enumerate(("coco17", "body25", "smpl24")):
         yield body(layout), np.random.default_rng(seed)
     for seed in range(10, 20):
@@ -33,7 +34,7 @@ def case(request):
 
 
 def one_by_one(kinematics, state):
-    """Equations (1)-(2) as they stand, joint after joint."""
+    """Equations (1)-(2) as written, joint after joint."""
     skeleton, layout = kinematics.skeleton, kinematics.layout
     transforms = []
     for j, parent in enumerate(skeleton.parents):
@@ -55,7 +56,7 @@ def test_pose_is_the_product_of_transforms(case):
         assert np.abs(pose.landmarks - landmarks).max() < 1e-12
 
 
-def test_batches_are_poses_one_by_one(case):
+def test_a_batch_equals_single_poses(case):
     kinematics, states = case
     batch = BodyState(np.stack([s.rotations for s in states]), np.stack([s.translation for s in states]))
     together, P = kinematics.pose(batch), projection_jacobian(kinematics.pose(batch).landmarks)
@@ -68,7 +69,7 @@ def test_batches_are_poses_one_by_one(case):
         assert np.allclose(image[i], kinematics.image_jacobian(alone, rows[i]), rtol=0, atol=1e-12)
 
 
-def test_jacobian_against_finite_differences(case):
+def test_jacobian_agrees_with_finite_differences(case):
     kinematics, states = case
     n = 3 * kinematics.joint_count
     for state in states:
@@ -80,7 +81,7 @@ def test_jacobian_against_finite_differences(case):
         assert relative_error(L, central_difference(landmarks, n)) < 1e-8
 
 
-def test_image_jacobian_against_finite_differences_of_the_projection(case):
+def test_image_jacobian_agrees_with_finite_differences(case):
     kinematics, states = case
     n, count = 3 * kinematics.joint_count, kinematics.landmark_count
     for state in states:
@@ -97,7 +98,7 @@ def test_image_jacobian_against_finite_differences_of_the_projection(case):
         assert np.allclose(model.residual, -project(pose.landmarks).reshape(-1), rtol=0, atol=0)
 
 
-def test_linearise_is_the_stacked_model(case):
+def test_linearise_equals_the_stacked_model(case):
     kinematics, states = case
     random = np.random.default_rng(5)
     for state in states:
@@ -123,6 +124,62 @@ def test_dead_columns_are_zero_in_every_pose(case):
         assert np.abs(L[:, kinematics.live]).max(axis=0).min(initial=np.inf) > 1e-9
 
 
+def test_the_live_columns_are_the_jacobians(case):
+    """`landmark_columns` of the live degrees of freedom, for two rows per landmark and for three."""
+    kinematics, states = case
+    random, live = np.random.default_rng(7), np.flatnonzero(kinematics.live)
+    pose = kinematics.pose(states[0])
+    L = kinematics.jacobian(pose).reshape(kinematics.landmark_count, 3, -1)
+    moving = kinematics.live_twists(pose, pose.orientations)
+    for per_landmark in (2, 3):
+        rows = random.normal(size=(kinematics.landmark_count, per_landmark, 3))
+        out = np.full((len(live), rows.shape[0] * per_landmark), np.nan)
+        kinematics.landmark_columns(moving, pose, rows.reshape(-1, 3), out)
+        expected = (rows @ L).reshape(out.shape[1], -1)[:, live]
+        assert np.allclose(out.T, expected, rtol=0, atol=1e-11)
+    root = live[live < 3]
+    assert np.array_equal(kinematics.live_root, root)  # joint 0 is the root
+
+
+def test_the_joints_columns_are_the_derivatives_of_their_centres(case):
+    kinematics, states = case
+    random, live = np.random.default_rng(8), np.flatnonzero(kinematics.live)
+    joints = random.integers(kinematics.joint_count, size=3)
+    rows = random.normal(size=(3, 2, 3))
+    pose = kinematics.pose(states[0])
+    out = np.full((len(live), 6), np.nan)
+    moving = kinematics.live_twists(pose, pose.orientations)
+    kinematics.joint_columns(moving, pose, joints, rows.reshape(-1, 3), out)
+
+    def values(omega):
+        centres = kinematics.pose(states[0].retract(omega, np.zeros(3))).positions[joints]
+        return (rows @ centres[..., None])[..., 0]
+
+    expected = central_difference(values, 3 * kinematics.joint_count)[:, live]
+    assert np.allclose(out.T, expected, rtol=0, atol=1e-7)
+
+
+def test_other_offsets_are_another_skeleton(case):
+    """As an argument, as the kinematics' own, and of several people at once."""
+    kinematics, states = case
+    skeleton = kinematics.skeleton.with_offsets(kinematics.skeleton.offsets * 1.3)
+    other = Kinematics(skeleton, kinematics.layout)
+    expected = other.pose(states[0])
+    reshaped = Kinematics(kinematics.skeleton, kinematics.layout)
+    reshaped.set_skeleton(skeleton)
+    assert reshaped.skeleton is skeleton
+    people = Kinematics.stack([kinematics, other])
+    two = stack_values([stack_values([states[0]])] * 2)
+    for pose in (
+        kinematics.pose(states[0], skeleton.offsets),
+        reshaped.pose(states[0]),
+        select_person(select_person(people.pose(two), 1), 0),
+    ):
+        assert np.allclose(pose.positions, expected.positions, rtol=0, atol=1e-13)
+        assert np.allclose(pose.landmarks, expected.landmarks, rtol=0, atol=1e-13)
+    assert np.allclose(people.pose(two).landmarks[0, 0], kinematics.pose(states[0]).landmarks, rtol=0, atol=1e-13)
+
+
 def test_coco17_has_the_expected_live_degrees_of_freedom():
     kinematics = body("coco17")
     live = {
@@ -132,7 +189,7 @@ def test_coco17_has_the_expected_live_degrees_of_freedom():
         if kinematics.live[3 * i + k]
     }
     assert {"pelvis_x", "pelvis_y", "pelvis_z", "left_elbow_y", "left_elbow_z", "left_knee_x", "head_y"} <= live
-    assert "left_elbow_x" not in live  # turning about the forearm moves nothing that is seen
+    assert "left_elbow_x" not in live  # rotation about the forearm moves no landmark
     assert not {name for name in live if "wrist" in name or "hand" in name or "ankle" in name or "foot" in name}
 
 
@@ -142,7 +199,7 @@ def test_points_at_and_behind_the_camera_stay_finite():
 
 
 def pinocchio_model(kinematics: Kinematics, pin):
-    """The same tree out of pinocchio's own joints: a translation, then spherical joints; landmarks as frames."""
+    """The same tree of pinocchio's joints: a translation, then spherical joints; landmarks as frames."""
     model, skeleton, layout = pin.Model(), kinematics.skeleton, kinematics.layout
     root = model.addJoint(0, pin.JointModelTranslation(), pin.SE3.Identity(), "root")
     joints = []
@@ -159,7 +216,7 @@ def pinocchio_model(kinematics: Kinematics, pin):
     return model, joints, frames
 
 
-def test_kinematics_and_jacobians_are_pinocchios(case):
+def test_kinematics_and_jacobians_agree_with_pinocchio(case):
     pin = pytest.importorskip("pinocchio", reason="pinocchio (pip install pin) is a test-only dependency")
     kinematics, states = case
     model, joints, frames = pinocchio_model(kinematics, pin)
@@ -185,7 +242,7 @@ def test_kinematics_and_jacobians_are_pinocchios(case):
             assert np.abs(theirs[:, :3] - np.eye(3)).max() < 1e-12  # Gamma's block
 
 
-def test_prior_rows_against_finite_differences():
+def test_prior_rows_agree_with_finite_differences():
     kinematics = body()
     rows = PosePrior(PoseDistribution.load(kinematics.skeleton), kinematics)
     for seed in range(5):
@@ -216,10 +273,10 @@ def test_a_limit_acts_only_beyond_the_range_of_motion():
         assert bool(z[limits].any()) is pushed and bool(A[limits].any()) is pushed
         if pushed:
             row = int(np.flatnonzero(z[limits])[0]) + len(rows.W)
-            assert z[row] * A[row, 3 * knee] * angle < 0  # the step that lessens the row's residual leads back
+            assert z[row] * A[row, 3 * knee] * angle < 0  # the increment leads back into the range
 
 
-def test_the_upright_rows_against_finite_differences_and_what_they_learn():
+def test_upright_rows_agree_with_finite_differences_and_learn_the_vertical():
     upright = Upright()
     root = np.diag([1.0, -1.0, -1.0]) @ exponential(np.array([0.1, 0.7, -0.2]))
     A, z = upright.rows(root)
@@ -243,7 +300,7 @@ def test_the_vertical_is_learned_quickly_at_first_and_slowly_later():
         for _ in range(30):
             upright.learn(there, 1 / 30)
         shares.append(1 - np.linalg.norm(upright.vertical - there[:, 1]) / before)
-        if second == 20:  # it is far off again
+        if second == 20:  # the error is large again
             upright.vertical = level.copy()
     assert 0.55 < shares[0] < 0.75 and np.all(np.diff(shares[:4]) < 0)
     assert shares[30] == pytest.approx(1 - np.exp(-0.2), abs=0.02)  # 5 s
@@ -251,7 +308,7 @@ def test_the_vertical_is_learned_quickly_at_first_and_slowly_later():
     assert np.array_equal(np.abs(upright.vertical), np.abs(level)) and upright.vertical[1] < 0
     for _ in range(15):
         upright.learn(there, 1 / 30)
-    assert np.linalg.norm(upright.vertical - there[:, 1]) < 0.6 * 2 * np.sin(0.2)  # quickly anew
+    assert np.linalg.norm(upright.vertical - there[:, 1]) < 0.6 * 2 * np.sin(0.2)  # fast again
 
 
 def test_a_gap_does_not_count_as_time_with_a_visible_person():
@@ -262,7 +319,7 @@ def test_a_gap_does_not_count_as_time_with_a_visible_person():
     assert np.degrees(np.arccos(upright.vertical @ there[:, 1])) < 2.5
 
 
-def test_a_layout_that_only_the_root_moves_is_refused():
+def test_a_layout_moved_by_the_root_only_is_refused():
     kinematics = body()
     points = [{"name": f"{i}", "joint": "pelvis", "offset": [0.1 * i, 0, 0]} for i in range(4)]
     layout = Layout.from_mapping({"name": "belt", "landmarks": points}, kinematics.skeleton)
@@ -270,7 +327,7 @@ def test_a_layout_that_only_the_root_moves_is_refused():
         PosePrior(PoseDistribution.load(kinematics.skeleton), Kinematics(kinematics.skeleton, layout))
 
 
-def test_prior_rows_measure_the_distance_of_the_covariance():
+def test_prior_rows_measure_the_mahalanobis_distance():
     kinematics = body()
     prior = PoseDistribution.load(kinematics.skeleton)
     rows = PosePrior(prior, kinematics)
@@ -283,7 +340,7 @@ def test_prior_rows_measure_the_distance_of_the_covariance():
     assert residual @ residual == pytest.approx(expected, rel=1e-9)
 
 
-def test_the_live_rows_are_the_rows_of_the_live_degrees_of_freedom():
+def test_live_rows_equal_the_rows_of_live_degrees_of_freedom():
     kinematics = body()
     rows = PosePrior(PoseDistribution.load(kinematics.skeleton), kinematics)
     live = np.flatnonzero(kinematics.live)

@@ -1,4 +1,4 @@
-"""SO(3) against scipy's Rotation, near 0 and near pi too, and its Jacobians against finite differences."""
+"""SO(3) compared with scipy's Rotation, also near 0 and pi, and its Jacobians with finite differences."""
 
 import numpy as np
 import pytest
@@ -26,14 +26,14 @@ def directions(count=50, seed=0):
 
 
 @pytest.mark.parametrize("angle", ANGLES + [np.pi, 4, 6, 20])
-def test_exponential_is_scipys(angle):
+def test_exponential_agrees_with_scipy(angle):
     vectors = directions() * angle
     expected = Rotation.from_rotvec(vectors).as_matrix()
     assert np.abs(exponential(vectors) - expected).max() < 4e-15 * max(1, angle)
 
 
 @pytest.mark.parametrize("angle", ANGLES)
-def test_logarithm_is_the_inverse_and_scipys(angle):
+def test_logarithm_is_the_inverse_and_agrees_with_scipy(angle):
     vectors = directions() * angle
     matrices = exponential(vectors)
     assert np.abs(logarithm(matrices) - vectors).max() < 1e-14
@@ -47,14 +47,14 @@ def test_logarithm_at_a_half_turn_gives_either_sign_of_the_axis():
     assert np.abs(exponential(result) - exponential(vectors)).max() < 1e-14
 
 
-def test_functions_take_any_leading_axes():
+def test_functions_accept_leading_axes():
     vectors = np.random.default_rng(1).normal(size=(2, 3, 4, 3))
     one_by_one = np.array([exponential(v) for v in vectors.reshape(-1, 3)]).reshape(2, 3, 4, 3, 3)
-    assert np.abs(exponential(vectors) - one_by_one).max() < 1e-15  # BLAS may round a batch otherwise than one alone
+    assert np.abs(exponential(vectors) - one_by_one).max() < 1e-15  # BLAS may round a batch differently
     assert np.array_equal(logarithm(one_by_one)[1, 2], logarithm(one_by_one[1, 2]))
 
 
-def test_quaternions_are_scipys_with_a_positive_last_component():
+def test_quaternions_agree_with_scipy_and_have_a_positive_last_component():
     matrices = exponential(np.concatenate([directions() * angle for angle in ANGLES]))
     mine, scipys = to_quaternion(matrices), Rotation.from_matrix(matrices).as_quat()
     scipys *= np.where(np.sum(mine * scipys, axis=1) < 0, -1, 1)[:, None]
@@ -68,7 +68,7 @@ def test_hat_is_the_cross_product():
 
 
 @pytest.mark.parametrize("angle", [0, 1e-6, 1e-3, 0.0316, 0.0317, 0.5, 1.5, 3.0, 3.14])
-def test_right_jacobian_against_finite_differences(angle):
+def test_right_jacobian_agrees_with_finite_differences(angle):
     for direction in directions(6):
         vector = direction * angle
         at_vector = exponential(vector)
@@ -80,7 +80,7 @@ def test_right_jacobian_against_finite_differences(angle):
 
 
 @pytest.mark.parametrize("angle", [0, 1e-6, 1e-3, 0.0316, 0.0317, 0.5, 1.5, 3.0])
-def test_inverse_right_jacobian_against_finite_differences(angle):
+def test_inverse_right_jacobian_agrees_with_finite_differences(angle):
     for direction in directions(6):
         vector = direction * angle
 
@@ -91,7 +91,7 @@ def test_inverse_right_jacobian_against_finite_differences(angle):
         assert np.abs(right_jacobian_inverse(vector) @ right_jacobian(vector) - np.eye(3)).max() < 1e-12
 
 
-def test_orthonormalised_takes_rounding_drift_out():
+def test_orthonormalised_removes_rounding_drift():
     matrices = exponential(directions())
     drifted = matrices + np.random.default_rng(3).normal(size=matrices.shape) * 1e-8
     mended = orthonormalised(drifted)
@@ -121,7 +121,7 @@ def test_least_turn_rotates_one_direction_to_the_other(angle):
         assert Rotation.from_matrix(turn).magnitude() == pytest.approx(angle, abs=1e-8)
 
 
-def test_the_least_turn_to_the_exact_opposite_is_half_a_turn_across():
+def test_least_turn_to_the_opposite_direction_is_half_a_turn():
     for a in [*np.eye(3), *-np.eye(3), np.array([0.3, -0.2, 0.9])]:
         assert np.allclose(least_turn(a, -a) @ a, -a, atol=1e-15)
         assert np.trace(least_turn(a, -a)) == pytest.approx(-1)

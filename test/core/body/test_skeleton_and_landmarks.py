@@ -1,4 +1,4 @@
-"""Skeletons, layouts and settings: the built-in ones are sound, and bad ones are refused with a useful line."""
+"""Skeletons, layouts and settings: the built-in ones are valid, and bad ones are refused with a useful error."""
 
 import dataclasses
 import re
@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from lassokin_ros.core.body.landmarks import Layout, built_in_layouts
+from lassokin_ros.core.body.landmarks import SURFACE, Layout, built_in_layouts
 from lassokin_ros.core.body.skeleton import HEIGHT_RANGE, Skeleton, built_in_skeletons
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError, LassokinError, LayoutError, SkeletonError, SolverError
@@ -35,7 +35,7 @@ def tree(*joints, **more):
     return {"name": "test", "height_unit": "metre", "joints": list(joints), **more}
 
 
-def test_the_built_in_tree_is_smpls():
+def test_the_built_in_tree_is_that_of_smpl():
     skeleton = Skeleton.load("anthropometric", 1.75)
     assert skeleton.parents.tolist() == SMPL_PARENTS
     assert skeleton.joint_count == 24
@@ -43,7 +43,7 @@ def test_the_built_in_tree_is_smpls():
     assert built_in_skeletons() == ["anthropometric"]
 
 
-def test_the_built_in_body_is_a_body():
+def test_the_built_in_body_has_human_proportions():
     skeleton = Skeleton.load("anthropometric", 2.0)
     place = dict(zip(skeleton.joint_names, skeleton.rest_positions))
     assert place["head"][1] > place["neck"][1] > place["spine3"][1] > 0 > place["left_hip"][1] > place["left_knee"][1]
@@ -56,7 +56,7 @@ def test_the_built_in_body_is_a_body():
     assert np.allclose(Skeleton.load("anthropometric", 1.0).offsets * 2, skeleton.offsets)
 
 
-def test_offsets_cannot_be_written_by_accident():
+def test_offsets_are_read_only():
     skeleton = Skeleton.load("anthropometric", 1.75)
     with pytest.raises(ValueError):
         skeleton.offsets[3] = 0
@@ -64,7 +64,7 @@ def test_offsets_cannot_be_written_by_accident():
     assert np.allclose(longer.offsets, skeleton.offsets * 1.1) and longer.joint_names == skeleton.joint_names
 
 
-def test_a_skeleton_from_a_file(tmp_path):
+def test_a_skeleton_is_loaded_from_a_file(tmp_path):
     file = tmp_path / "stick.yaml"
     file.write_text(
         "height_unit: metre\njoints:\n  - {name: a, parent: null, position: [1, 1, 1]}\n"
@@ -76,7 +76,7 @@ def test_a_skeleton_from_a_file(tmp_path):
 
 
 @pytest.mark.parametrize("name", sorted(LANDMARKS))
-def test_built_in_layouts(name):
+def test_built_in_layouts_are_valid(name):
     assert built_in_layouts() == sorted(LANDMARKS)
     skeleton = Skeleton.load("anthropometric", 1.75)
     layout = Layout.load(name, skeleton)
@@ -114,6 +114,9 @@ BAD_SKELETONS = {
     "misspelt in a joint": (tree({**joint("a", None), "axis": "xyz"}), "joint 'a' has the key 'axis', .*mean 'axes'"),
     "huge position": (tree({**joint("a", None), "position": [0, 10**400, 0]}), "expected three finite numbers"),
     "too many": (tree(*(joint(f"{i}", f"{i - 1}" if i else None) for i in range(301))), "301 joints; expected at most"),
+    "joints a text": ({"joints": "pelvis"}, "'joints' must be a list"),
+    "the second": (tree(joint("a", None), {"name": 1}), "joint 1 is .*expected a mapping"),
+    "too far": (tree(joint("a", None, (0, -10.1, 0))), "three finite numbers, .* of at most 10"),
 }
 
 
@@ -131,7 +134,7 @@ def test_a_height_out_of_range_is_refused(height):
         Skeleton.load("anthropometric", height)
 
 
-def test_a_missing_file_is_named_with_what_there_is():
+def test_a_missing_file_is_named_with_the_existing_names():
     with pytest.raises(SkeletonError, match="'nobody.yaml' is neither built in .anthropometric. nor a file; expected"):
         Skeleton.load("nobody.yaml", 1.75)
     with pytest.raises(LayoutError, match="'nothing' is neither built in .body25, .*coco17.* nor a YAML file"):
@@ -179,10 +182,16 @@ BAD_LAYOUTS = {
     ),
     "unknown": ({"landmarks": [{"name": "a", "joint": "head"}], "of": "us"}, "the key 'of', which is none of: name, l"),
     "too many": ({"landmarks": [{"name": f"{i}", "joint": "head"} for i in range(1001)]}, "1001 .*expected at most"),
+    "no list": ({"landmarks": {"name": "a", "joint": "head"}}, "'landmarks' must be a list"),
+    "empty list": ({"landmarks": []}, "'landmarks' must be a list"),
+    "the second": ({"landmarks": [{"name": "a", "joint": "head"}, {"name": 1}]}, "landmark 1 is .*expected a mapping"),
+    "noise too large": ({"landmarks": [{"name": "a", "joint": "head", "noise": 100.1}]}, "has noise 100.1; expected"),
+    "surface too deep": ({"landmarks": [{"name": "a", "joint": "head", "surface": 0.21}]}, "has surface 0.21; exp"),
+    "surface outside": ({"landmarks": [{"name": "a", "joint": "head", "surface": -0.01}]}, "has surface -0.01; exp"),
 }
 
 
-def test_a_file_in_the_home_is_found(tmp_path, monkeypatch):
+def test_a_file_in_the_home_directory_is_found(tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     (tmp_path / "body.yaml").write_text(
         "height_unit: metre\njoints:\n  - {name: a, parent: null, position: [0, 0, 0]}\n"
@@ -197,6 +206,45 @@ def test_bad_layouts_are_refused(case):
     data, text = BAD_LAYOUTS[case]
     with pytest.raises(LayoutError, match=text):
         Layout.from_mapping(data, Skeleton.load("anthropometric", 1.75))
+
+
+def test_the_limits_themselves_are_allowed():
+    for height in HEIGHT_RANGE:
+        assert Skeleton.load("anthropometric", height).height == height
+    chain = tree(*(joint(f"{i}", f"{i - 1}" if i else None, (10, -10, 0)) for i in range(300)))
+    skeleton = Skeleton.from_mapping(chain, 1.75)
+    assert skeleton.joint_count == 300
+    ends = [{"noise": 0.1, "surface": 0}, {"noise": 100, "surface": 0.2}]
+    points = [{"name": f"{i}", "joint": "0", **ends[i % 2]} for i in range(1000)]
+    layout = Layout.from_mapping({"landmarks": points}, skeleton)
+    assert layout.noise[:2].tolist() == [0.1, 100] and layout.surface[:2] == pytest.approx([0, 0.2 * 1.75])
+
+
+def test_what_a_file_leaves_out_has_a_default():
+    data = {"joints": [joint("a", None, (0, 1, 0)), joint("left_knee", "a", (0, 0.5, 0))]}
+    skeleton = Skeleton.from_mapping(data, 2.0, "file.yaml")
+    assert skeleton.name == "file.yaml" and skeleton.height == 2.0
+    assert skeleton.offsets.tolist() == [[0, 0, 0], [0, -1, 0]]  # fractions of the height
+    centre = {"name": "centre", "joint": "left_knee"}
+    points = [centre, {**centre, "name": "patella", "offset": [0, 0.1, 0]}]
+    layout = Layout.from_mapping({"landmarks": points}, skeleton, "points.yaml")
+    assert layout.name == "points.yaml" and layout.noise.tolist() == [1, 1]
+    assert layout.offsets.tolist() == [[0, 0, 0], [0, 0.2, 0]]
+    # Half of a knee's depth from its centre to the surface; a landmark with an offset is on it.
+    assert layout.surface == pytest.approx([SURFACE["knee"] * 2.0, 0.0])
+
+
+@pytest.mark.parametrize("suffix", ["npz", "bvh", "urdf", "pkl", "xacro", "fbx", "BVH"])
+def test_another_format_is_told_from_a_missing_file(suffix):
+    with pytest.raises(SkeletonError, match=f"body.{suffix}: the core reads skeletons from YAML only"):
+        Skeleton.load(f"body.{suffix}", 1.75)
+
+
+def test_a_taller_skeleton_is_the_same_body():
+    skeleton = Skeleton.load("anthropometric", 1.6)
+    taller = skeleton.scaled(1.25)
+    assert taller.height == 2.0 and np.allclose(taller.offsets, skeleton.offsets * 1.25)
+    assert (taller.name, taller.joint_names, taller.axes) == (skeleton.name, skeleton.joint_names, skeleton.axes)
 
 
 def test_errors_for_unknown_names_list_the_existing_ones():
@@ -235,10 +283,10 @@ def test_every_setting_has_a_description():
             assert metadata["low"] < metadata["high"], field.name
             assert metadata["low"] <= field.default <= metadata["high"], field.name
     assert TrackerConfig().checked() == TrackerConfig()
-    assert TrackerConfig(noise_px=3).checked().noise_px == 3  # an integer is a fine float
+    assert TrackerConfig(noise_px=3).checked().noise_px == 3  # an integer is a valid float
 
 
-def test_all_errors_have_one_base():
+def test_all_errors_have_a_common_base_class():
     for error in (ConfigurationError, LayoutError, SkeletonError, SolverError):
         assert issubclass(error, LassokinError)
     with pytest.raises(SolverError, match="'gurobi2' is not available"):

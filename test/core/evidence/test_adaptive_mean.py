@@ -1,4 +1,4 @@
-"""A person's own mean posture: each measurement against a least-squares fit, what is learned and what is not."""
+"""The adaptive mean: each measurement compared with a least-squares fit, and the conditions for learning."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ NOISE = 0.002
 
 
 class Person:
-    """Somebody in a posture of their own, in front of a camera; what the tracker would make of each frame."""
+    """A person with an unusual posture in front of a camera, and the problem of each frame."""
 
     def __init__(self, seed=0, layout="coco17"):
         self.random, self.kinematics = np.random.default_rng(seed), body(layout)
@@ -34,21 +34,21 @@ class Person:
         self.mean = shipped + spread @ self.random.normal(size=len(shipped))
 
     def state(self, yaw=0.0, mean=None):
-        """In that posture, or another, turned by yaw."""
+        """The state with this or another posture, turned by yaw."""
         rotations = np.tile(np.eye(3), (self.kinematics.joint_count, 1, 1))
         rotations[self.rows.prior.joints] = exponential((self.mean if mean is None else mean).reshape(-1, 3))
         rotations[0] = FACING @ exponential(np.array([0.0, yaw, 0.0]))
         return BodyState(rotations, np.array([0.1, 0.0, 3.5]))
 
     def problem(self, state, weight=1 / NOISE):
-        """The lasso about a state of the image of the same state."""
+        """The lasso about a state, for the image of the same state."""
         count = self.kinematics.landmark_count
         points = project(self.kinematics.pose(state).landmarks) + NOISE * self.random.normal(size=(count, 2))
         rows = self.rows.linearise(self.rows.evaluate(state), FrameData(points, np.full(count, weight)), np.ones_like)
         return Lasso(rows.columns[:-3].T, rows.columns[-3:].T, rows.z, np.ones(len(self.rows.live)))
 
     def strangeness(self, mean):
-        """m: how far, on average, the joints of this posture are from those of another."""
+        """Mean distance of the joints between two postures, m."""
         own, other = (self.kinematics.pose(self.state(0.0, m)).positions for m in (self.mean, mean))
         return np.linalg.norm(own - other, axis=-1).mean()
 
@@ -60,8 +60,8 @@ def test_a_measurement_is_the_least_squares_fit_of_mean_departure_root_and_trans
     problem = person.problem(state)
     assert adaptive_mean.advance(0.0, state, problem)
     k, first, tempering = len(prior.mean), prior.first, INDEPENDENT_AFTER / (2 * EVERY)
-    others = np.r_[0 : 2 * person.kinematics.landmark_count, -6:0]  # images; uprightness and balance
-    A = prior.by_theta(problem.A[others, first:], person.mean.reshape(-1, 3))
+    others = np.r_[0 : 2 * person.kinematics.landmark_count, -6:0]  # rows of the image, uprightness and balance
+    A = prior.in_theta(problem.A[others, first:], person.mean.reshape(-1, 3))
     N = np.concatenate([problem.A[others, :first], problem.B[others]], axis=1)
     z = problem.z[others] + A @ person.mean
 
@@ -86,12 +86,12 @@ def test_a_measurement_is_the_least_squares_fit_of_mean_departure_root_and_trans
     assert np.allclose(prior.whitened_mean, prior.W @ adaptive_mean.mean)
 
 
-def test_rows_by_rotation_vectors_undo_the_increments_jacobian():
+def test_rows_in_theta_are_independent_of_the_increments_jacobian():
     person = Person(1, "smpl24")
     prior, state = person.rows.prior, person.state()
     posture = prior.posture(state.rotations)
-    rows = prior.by_theta(prior.live_columns(posture).T, posture.theta)
-    turning = person.kinematics.live.reshape(-1, 3)[prior.joints].all(axis=1)  # not about their own bone alone
+    rows = prior.in_theta(prior.live_columns(posture).T, posture.theta)
+    turning = person.kinematics.live.reshape(-1, 3)[prior.joints].all(axis=1)  # not about their own bone only
     assert turning.sum() > 15
     columns = np.repeat(turning, 3)
     assert np.allclose(rows[: len(prior.W), columns], prior.W[:, columns])
@@ -116,7 +116,7 @@ def test_without_an_image_the_mean_returns_to_the_shipped_mean():
     learned, known = adaptive_mean.mean - shipped, lasting - adaptive_mean.covariance
     assert np.abs(learned).max() > 0.05
     blank = person.problem(state, weight=0.0)
-    blank.z[:] = blank.A[:] = blank.B[:] = 0.0  # not even uprightness and balance
+    blank.z[:] = blank.A[:] = blank.B[:] = 0.0  # not even rows of uprightness and balance
     assert not adaptive_mean.advance(0.9 * EVERY, state, blank)
     assert adaptive_mean.advance(MEMORY, state, blank)
     assert np.allclose(adaptive_mean.mean - shipped, learned / np.e)
@@ -128,7 +128,7 @@ def test_without_an_image_the_mean_returns_to_the_shipped_mean():
 
 def test_the_tracker_learns_from_new_keypoints_and_forgets_when_reset():
     tracker = Tracker(TrackerConfig(noise_px=2.0))
-    sequence = [observation for _, observation in observations(tracker, 58 / RATE)]  # it ends with a measurement
+    sequence = [observation for _, observation in observations(tracker, 58 / RATE)]  # ends with a measurement
     shipped = tracker.adaptive_mean.mean.copy()
     answers = [tracker.track(observation).state.translation for observation in sequence]
     assert tracker.adaptive_mean._measured_at == sequence[-1].stamp
@@ -138,7 +138,7 @@ def test_the_tracker_learns_from_new_keypoints_and_forgets_when_reset():
     assert np.allclose(prior.whitened_mean, prior.W @ learned)
     assert np.allclose(published.posture.residual, prior.residual(published.state.rotations), atol=1e-9)
     last = sequence[-1]
-    for number in range(1, 20):  # the same detections again: no news, however often
+    for number in range(1, 20):  # the same detections again are no new evidence
         again = Observation(last.stamp + number / RATE, last.points, last.confidence, last.focal)
         assert tracker.track(again).repeated > 0
     assert tracker.adaptive_mean.mean is learned
@@ -147,7 +147,7 @@ def test_the_tracker_learns_from_new_keypoints_and_forgets_when_reset():
     assert np.array_equal([tracker.track(observation).state.translation for observation in sequence], answers)
 
 
-def test_limbs_mirrored_in_depth_are_judged_by_the_shipped_mean():
+def test_limbs_mirrored_in_depth_are_compared_with_the_shipped_mean():
     person, state = Person(), None
     searches = []
     for moved in (False, True):
@@ -155,7 +155,7 @@ def test_limbs_mirrored_in_depth_are_judged_by_the_shipped_mean():
         state = person.state()
         search.start(state)
         if moved:
-            person.rows.prior.move(person.mean)
+            person.rows.prior.set_mean(person.mean)
         count = person.kinematics.landmark_count
         points, weights = project(person.kinematics.pose(state).landmarks), np.full(count, 1 / NOISE)
         search.advance(person.rows.evaluate(state), FrameData(points, weights), np.zeros(count))

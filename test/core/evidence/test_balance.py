@@ -1,4 +1,4 @@
-"""A body above its feet: rows against differences, cost, and whom it leaves alone."""
+"""The balance prior: rows compared with finite differences, cost, and skeletons without an effect."""
 
 from dataclasses import replace
 
@@ -44,7 +44,7 @@ def test_rows_are_the_derivative_of_the_offset(seed):
 
     numeric = weight * central_difference(moved, 72)[:, np.flatnonzero(kinematics.live)]
     assert np.allclose(z, -weight * there) and np.abs(columns.T - numeric).max() < 1e-6 * np.abs(numeric).max()
-    turn = right_jacobian(0.3 * random.normal(size=(24, 3)))  # of increments that have been made already
+    turn = right_jacobian(0.3 * random.normal(size=(24, 3)))  # of increments that were applied before
     turned, _ = balance.rows(pose, pose.orientations @ turn)
     every = weight * central_difference(moved, 72).reshape(3, 24, 1, 3) @ turn
     expected = every.reshape(3, 72)[:, np.flatnonzero(kinematics.live)]
@@ -60,7 +60,7 @@ def test_cost_and_rows_agree_and_large_offsets_pull_less():
     assert balance.offset_cost(np.zeros(3)) == 0 and balance.offset_cost(np.array([0.0, 0.0, 2.0])) < 20
 
 
-def test_it_is_horizontal_and_does_not_care_where_the_body_is_or_faces():
+def test_balance_is_horizontal_and_independent_of_position_and_facing():
     random, kinematics = np.random.default_rng(1), body()
     balance = balance_of(kinematics, (0.2, -1.0, 0.3))
     state = random_state(random, kinematics, 0.5)
@@ -88,7 +88,9 @@ def test_balance_has_no_effect_on_a_skeleton_of_other_names():
 
 @pytest.mark.parametrize("seed", [13, 17, 20])
 def test_a_squat_is_not_estimated_as_a_lean(seed):
-    """From the front both look alike. Without the balance each of these draws of noise ends in a lean of 3 s."""
+    """From the front, a squat and a lean look alike. Without balance, each of these noise draws ends in a lean within 3
+    s.
+    """
     tracker, sequence = detected(10.0, seed)
     truth = tracker.kinematics.pose(motion(tracker.skeleton, np.arange(len(sequence)) / RATE)).positions
     errors = [aligned_error(tracker.track(o), t) for o, t in zip(sequence, truth)]

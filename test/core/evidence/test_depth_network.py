@@ -26,7 +26,7 @@ SKELETON = Skeleton.load("anthropometric", 1.75)
 
 
 def history(rate, seconds=1.2):
-    """Points that move steadily, seen at a rate in Hz; the newest at the same time for each rate."""
+    """Points with constant velocity, sampled at a rate in Hz; the newest sample has the same time for each rate."""
     filled, random = History(), np.random.default_rng(0)
     place, speed = random.normal(size=(len(NAMES), 2)), random.normal(size=(len(NAMES), 2))
     for stamp in np.arange(round(seconds * rate), -1, -1) / rate:

@@ -1,4 +1,4 @@
-"""A frame's rows: those of image, prior, uprightness and balance side by side, of several states as of each alone."""
+"""The rows of a frame: image, prior, uprightness and balance together, for several states as for each alone."""
 
 from copy import copy
 
@@ -12,9 +12,9 @@ from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.evidence.upright import Upright
 from lassokin_ros.core.image.frame_data import FrameData
-from lassokin_ros.core.image.observation_model import linearise
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.robust_loss import capped_weights, huber_weights
+from lassokin_ros.core.image.stacked_model import linearise
 
 STATES = 3
 
@@ -29,7 +29,7 @@ def rows():
 
 @pytest.fixture(scope="module")
 def frame(rows):
-    """(states, points, weights) of one frame with a landmark that is missing and one that is far off."""
+    """(states, points, weights) of one frame with a missing landmark and an outlier."""
     random = np.random.default_rng(3)
     several = [random_state(random, rows.kinematics, 0.4) for _ in range(STATES)]
     states = BodyState(np.stack([s.rotations for s in several]), np.stack([s.translation for s in several]))
@@ -41,7 +41,7 @@ def frame(rows):
 
 
 def rows_of_the_parts(rows, state, points, weights, robust):
-    """(J, z) from each part by itself: columns of all degrees of freedom, then the translation."""
+    """(J, z) of each piece of evidence alone: columns of all degrees of freedom, then the translation."""
     pose = rows.kinematics.pose(state)
     size = np.linalg.norm(points - project(pose.landmarks), axis=-1) * weights
     image = linearise(rows.kinematics, pose, points, weights * np.sqrt(robust(size)))
@@ -55,14 +55,14 @@ def rows_of_the_parts(rows, state, points, weights, robust):
 
 
 def all_of(balance):
-    """The same with the columns of all degrees of freedom: a turn mixes the live ones with others."""
+    """The same with the columns of all degrees of freedom, because the right Jacobian mixes live and other ones."""
     result = copy(balance)
     result._live = np.arange(72)
     return result
 
 
 @pytest.mark.parametrize("robust", [huber_weights, capped_weights])
-def test_they_are_the_parts_rows_of_each_state(rows, frame, robust):
+def test_rows_equal_those_of_each_evidence_for_each_state(rows, frame, robust):
     states, points, weights = frame
     together = rows.linearise(rows.evaluate(states), FrameData(points, weights), robust)
     chosen = np.append(rows.live, [72, 73, 74])
@@ -96,5 +96,5 @@ def test_hypotheses_are_replaced_with_pose_and_posture(rows, frame):
     after = rows.linearise(exchanged, FrameData(points, weights), huber_weights)
     assert np.array_equal(after.columns, before.columns[[2, 0, 0]]) and np.array_equal(after.z, before.z[[2, 0, 0]])
     again = rows.cost(exchanged, FrameData(points, weights))
-    assert np.allclose(again, costs[[2, 0, 0]], rtol=1e-14)  # BLAS rounds by place
+    assert np.allclose(again, costs[[2, 0, 0]], rtol=1e-14)  # BLAS rounds by position
     assert np.array_equal(everyone.state.rotations, states.rotations)

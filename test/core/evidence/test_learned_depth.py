@@ -1,13 +1,14 @@
-"""Learned depth: rows against finite differences, and what the tracker makes of them."""
+"""Learned depth: rows compared with finite differences, and its effect on tracking."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from cases import body, random_state
+from cases import body, central_difference, random_state, relative_error
 from sequences import CONFIG, FOCAL, RATE, aligned_error, observations
 
 from lassokin_ros.core.body.kinematics import BodyState
+from lassokin_ros.core.body.proportions import Proportions
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.evidence.depth_network import DEPTHS
 from lassokin_ros.core.evidence.frame_model import FrameModel
@@ -42,6 +43,32 @@ def moved(model, state, step):
     omega = np.zeros(72)
     omega[model.live] = step[:-3]
     return BodyState(state.rotations @ exponential(omega.reshape(-1, 3)), state.translation + step[-3:])
+
+
+def test_length_rows_are_the_derivatives_of_all_errors(scene):
+    """Of image, measured and learned depth. Weights are constants of a linearisation."""
+    model, learned, state, frame = scene
+    frame = replace(frame, depth=np.full(17, 3.0), depth_weights=np.full(17, 0.01))
+    proportions = Proportions(model.kinematics)
+    about = model.evaluate(state)
+    rows = model.linearise(about, frame, huber_weights)
+    C = model.length_rows(rows, about, frame, proportions.motion(about.pose, np.zeros(proportions.count)))
+    weight = np.sqrt((TAIL + 1) / (TAIL + learned._whitened(learned._points(about.pose), frame.joint_depths) ** 2))
+    errors = {
+        model.image: (lambda pose: project(pose.landmarks).ravel(), 300.0),
+        model.measured_depth: (lambda pose: pose.landmarks[:, 2], None),
+        learned: (lambda pose: -learned._whitened(learned._points(pose), frame.joint_depths), weight[:, None]),
+    }
+    for piece, (value, factor) in errors.items():
+        expected = central_difference(
+            lambda d, value=value: value(model.kinematics.pose(state, proportions.offsets(d))), proportions.count
+        )
+        actual = C[model.rows_of(piece, frame)]
+        if factor is None:
+            factor = rows.columns[-1, model.rows_of(piece, frame)][:, None]  # by the translation along the optical axis
+        assert relative_error(actual, factor * expected) < 1e-6
+    others = np.delete(C, np.r_[tuple(model.rows_of(piece, frame) for piece in errors)], axis=0)
+    assert len(others) and not others.any()
 
 
 def test_rows_are_the_derivative_of_the_whitened_errors(scene):
@@ -101,7 +128,7 @@ def test_a_tracker_with_the_network_follows_and_is_certified():
     assert error < 0.1 and tracker._joint_depths is not None
 
 
-def test_switched_off_there_are_no_rows():
+def test_there_are_no_rows_if_switched_off():
     _, tracker = followed(CONFIG)
     assert tracker._joint_depths is None and len(tracker._rows.evidence) == 5
 

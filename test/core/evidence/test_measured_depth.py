@@ -1,4 +1,4 @@
-"""Measured depth: rows against finite differences, a heavy tail, gating, and what a tracker makes of it."""
+"""Measured depth: rows compared with finite differences, a heavy tail, gating, and its effect on tracking."""
 
 from dataclasses import replace
 
@@ -55,7 +55,7 @@ def test_rows_are_the_derivative_of_the_depth(scene):
 
 
 def test_cost_and_rows_agree(scene):
-    """The row's pull J^T z is the cost's negative gradient up to the loss' curvature: both vanish far away."""
+    """J^T z of the rows equals the gradient of the cost up to the loss' curvature; both vanish for large errors."""
     model, state, frame = scene
     near = float(model.measured_depth.cost(model.evaluate(state), frame))
     far = replace(frame, depth=frame.depth - 5.0)
@@ -93,7 +93,7 @@ def test_without_depth_there_are_no_rows(scene):
 @pytest.mark.parametrize(
     "depth", [np.full(17, np.nan), np.zeros(17), np.full(17, np.inf), -np.ones(17), np.ones(16), np.full(17, 65.535e3)]
 )
-def test_depth_that_is_none_is_not_used(depth):
+def test_invalid_depth_is_not_used(depth):
     observation = Observation(0.0, np.zeros((17, 2)), np.ones(17), FOCAL, depth=depth)
     assert gate_depth(observation, np.ones(17, bool), 0.0, None, 1.75) is None
 
@@ -107,7 +107,7 @@ def test_background_is_not_used_and_the_surface_is_in_front_of_the_landmark():
 
 
 def followed(with_depth):
-    """(mean joint error, mean root error), m, over 2 s, the landmarks' depths with noise and occluders."""
+    """(mean joint error, mean root error) over 2 s, m; the landmarks' depths have noise and occluders."""
     tracker, random = Tracker(CONFIG), np.random.default_rng(0)
     times = np.arange(60) / RATE
     landmarks = tracker.kinematics.pose(motion(tracker.skeleton, times)).landmarks
@@ -130,7 +130,7 @@ def test_a_tracker_with_depth_is_nearer_to_the_truth():
     assert with_joints < 0.8 * joints and with_root < 0.03
 
 
-def test_depth_may_come_and_go():
+def test_depth_may_be_missing_in_some_frames():
     tracker = Tracker(CONFIG)
     for number, (truth, observation) in enumerate(observations(tracker)):
         depth = np.full(17, truth[0, 2]) if number % 3 else None

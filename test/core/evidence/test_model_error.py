@@ -1,4 +1,6 @@
-"""How far off a detector's keypoints stay: the count of what a fit leaves free, and what is learned from it."""
+"""The constant error of a detector's keypoints: the degrees of freedom of a fit, and what is learned from its
+residuals.
+"""
 
 from dataclasses import replace
 
@@ -16,7 +18,7 @@ IMAGES = 2 * LANDMARKS
 
 
 def drawn(random, errors):
-    """(problem, its Omega): rows of image and prior at random, with errors (l, 2) of the image's in deviations."""
+    """(problem, its Omega): random rows of image and prior, with errors (l, 2) of the image's in deviations."""
     A = random.normal(size=(IMAGES + PRIOR, UNKNOWNS)) * random.uniform(0.1, 3, (IMAGES + PRIOR, 1))
     B = np.concatenate([random.normal(size=(IMAGES, 3)), np.zeros((PRIOR, 3))])
     z = np.concatenate([errors.reshape(-1), random.normal(size=PRIOR)])
@@ -25,7 +27,9 @@ def drawn(random, errors):
 
 
 def learned(true, seed=0, frames=200, wrong=0, missing=0):
-    """m: from frames whose keypoints are off by `true` m; the first `wrong` of each by 7 times that."""
+    """The learned error, m, from keypoints with an error of `true` m; the first `wrong` of each frame have 7 times
+    that.
+    """
     random, model_error = np.random.default_rng(seed), ModelError(HEIGHT)
     for second in range(frames):
         errors = random.normal(size=(LANDMARKS, 2)) * true / model_error.deviation
@@ -68,8 +72,8 @@ def test_the_learned_value_is_limited_and_can_be_reset():
     assert model_error.deviation == FIRST * HEIGHT
 
 
-def test_the_tracker_learns_what_its_detector_is_off_by():
-    """In m, whatever the distance; from good keypoints, that they are good."""
+def test_the_tracker_learns_the_error_of_its_detector():
+    """In m, independent of the distance; good keypoints give a small error."""
     said = []
     for off in (0.0, 0.015):
         tracker = Tracker(CONFIG)

@@ -1,4 +1,4 @@
-"""Other explanations of the same images: what they begin from, what holds their motion, and when one wins."""
+"""Body hypotheses: their start states, the penalty of their motion, and when one replaces the published state."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ BACK = np.diag([-1.0, 1.0, -1.0])
 
 
 class Wrong:
-    """A tracker's challengers beside a published state that stays where it is, on one frame that comes again."""
+    """A tracker's body hypotheses beside a fixed published state, on one frame that is repeated."""
 
     def __init__(self, seed, wrong):
         tracker = Tracker(TrackerConfig(depth_prior=False))
@@ -27,17 +27,17 @@ class Wrong:
         self.pool.start(wrong(self.right), FrameData(self.points, self.weights))
 
     def distance(self, state):
-        """m: of the joints from the right ones, on average, pelvis on pelvis."""
+        """Mean distance of the joints from the true ones, pelvis on pelvis, m."""
         places, right = (self.kinematics.pose(s).positions for s in (state, self.right))
         return np.linalg.norm((places - places[0]) - (right - right[0]), axis=-1).mean()
 
     def winner(self, frames, alpha=1e-3):
-        """(frames until one won, the winner); a winner of None when none did."""
+        """(number of frames until one was selected, the selected state); None if none was."""
         for frame in range(frames):
             self.pool.linearise(FrameData(self.points, self.weights))
             self.pool.advance(np.zeros(72), np.zeros(3), np.full(len(self.live), alpha))
-            self.pool.weigh(FrameData(self.points, self.weights))
-            state = self.pool.compete(FrameData(self.points, self.weights), np.full(len(self.live), alpha))
+            self.pool.compute_costs(FrameData(self.points, self.weights))
+            state = self.pool.select(FrameData(self.points, self.weights), np.full(len(self.live), alpha))
             if state is not None:
                 return frame, state
         return frames, None
@@ -54,10 +54,10 @@ def test_the_first_hypothesis_corrects_a_body_that_faces_the_wrong_way(seed):
     scene = Wrong(seed, turned_round)
     assert scene.distance(scene.pool.published.state) > 0.15
     frame, winner = scene.winner(body_hypotheses.GIVEN_UP_AT)
-    assert frame < body_hypotheses.OLD_ENOUGH + 5 and scene.distance(winner) < 0.06
+    assert frame < body_hypotheses.MATURE_FROM + 5 and scene.distance(winner) < 0.06
 
 
-def test_both_legs_are_mirrored_every_other_time_and_in_every_way(monkeypatch):
+def test_every_second_start_mirrors_both_legs_in_each_variant(monkeypatch):
     scene = Wrong(1, lambda state: state)
     begun = []
     mirroring = scene.pool._initialiser.mirroring
@@ -73,13 +73,13 @@ def test_a_converged_hypothesis_is_damped_like_the_published_state(monkeypatch):
     initialiser, ridges = scene.pool._initialiser, []
     step = initialiser.step
     monkeypatch.setattr(initialiser, "step", lambda rows, ridge: ridges.append(ridge.copy()) or step(rows, ridge))
-    scene.winner(body_hypotheses.OLD_ENOUGH, alpha=4.0)
+    scene.winner(body_hypotheses.MATURE_FROM, alpha=4.0)
     assert not any(ridge.any() for ridge in ridges[: body_hypotheses.STEADY_FROM])
     assert all((ridge == 8.0).all() for ridge in ridges[body_hypotheses.STEADY_FROM :])  # 1 / variance = alpha^2 / 2
     assert len(ridges) > body_hypotheses.STEADY_FROM
 
 
-def test_a_steps_ridge_is_on_the_angles_diagonal():
+def test_the_ridge_of_a_step_is_added_to_the_angles_diagonal():
     tracker, frames = detected(0.5)
     for observation in frames:
         estimate = tracker.track(observation)

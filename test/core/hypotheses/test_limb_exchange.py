@@ -1,4 +1,4 @@
-"""A limb's exchange belongs to the next frame: each answer is where its own certified increment led."""
+"""A limb is exchanged in the next frame: each estimate is the result of its own certified increment."""
 
 import numpy as np
 import pytest

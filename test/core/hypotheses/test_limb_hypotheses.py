@@ -1,4 +1,4 @@
-"""Limbs on the other side: posed, linearised and costed like the whole body, exchanged when they explain more."""
+"""Limb hypotheses: posed, linearised and costed like the whole body, and exchanged if their cost is lower."""
 
 from dataclasses import replace
 
@@ -16,8 +16,9 @@ from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.evidence.upright import Upright
 from lassokin_ros.core.hypotheses.initialisation import Initialiser, within
-from lassokin_ros.core.hypotheses.limb_hypotheses import MARGIN, OLD_ENOUGH, LimbHypotheses
+from lassokin_ros.core.hypotheses.limb_hypotheses import MATURE_FROM, LimbHypotheses
 from lassokin_ros.core.hypotheses.mirroring import Mirroring
+from lassokin_ros.core.hypotheses.replacement import LIMB_MARGIN
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.tracker import Tracker
@@ -27,7 +28,7 @@ NOISE = 0.002
 
 
 class Scene:
-    """A body near the mean pose, and what a camera sees of it."""
+    """A body near the mean pose, and its image."""
 
     def __init__(self, layout="coco17", seed=0):
         random = np.random.default_rng(seed)
@@ -45,31 +46,31 @@ class Scene:
         self.weights = np.full(len(seen), 1 / NOISE)
 
     def settled(self, state):
-        """The nearest state of least cost."""
+        """The state of lowest cost near a start."""
         states = BodyState(state.rotations[None], state.translation[None])
         return self.initialiser.refine(states, FrameData(self.points, self.weights), ((1.0, 30),)).best
 
     def cost(self, state):
-        """Of the whole body."""
+        """Cost of the whole body."""
         return float(self.rows.cost(self.rows.evaluate(state), FrameData(self.points, self.weights)))
 
     def image_costs(self, published):
-        """Of each landmark as it is published."""
+        """Cost of each landmark of the published state."""
         return self.rows.image_costs(published, FrameData(self.points, self.weights))
 
     def advance(self, published):
-        """One frame."""
+        """The frame's data."""
         self.search.advance(published, FrameData(self.points, self.weights), self.image_costs(published))
 
     def whole(self, explanation, published):
-        """The whole body with the limb of one explanation."""
+        """The whole body with the limb of one hypothesis."""
         rotations = published.state.rotations.copy()
         rotations[self.search._chains[explanation]] = self.search._rotations[explanation]
         return self.rows.evaluate(BodyState(rotations, published.state.translation))
 
 
 def prior_rows(search, published):
-    """The prior's columns and right sides, of the explanations and as published."""
+    """The prior's columns and right sides, of the hypotheses and of the published limbs."""
     return search._limb_prior.linearise(published.posture, search._rotations[:, : search._turning])
 
 
@@ -129,7 +130,7 @@ def test_rows_equal_numerical_derivatives(layout):
     scene = Scene(layout, 3)
     published, search = scene.rows.evaluate(scene.state), scene.search
     search.start(scene.state)
-    scene.weights *= 0.01  # so that no point is cut off, whose weight then would depend on the turn
+    scene.weights *= 0.01  # no point is cut off; its weight would depend on the rotation
     there, turning = search._rotations.copy(), search._turning
 
     def right_sides(increment):
@@ -148,24 +149,24 @@ def test_rows_equal_numerical_derivatives(layout):
         assert relative_error(actual, expected) < 1e-6
 
 
-# Not 0, where from so wrong an arm no mirroring leads back, nor 4, where the first exchange is not the last.
+# Not 0: no mirroring helps for so large an error. Not 4: the first exchange is not the last.
 @pytest.mark.parametrize("seed", [1, 2, 3, 5])
-def test_a_limb_on_the_wrong_side_is_replaced_soon_and_nothing_else(seed):
+def test_only_a_limb_on_the_wrong_side_is_replaced(seed):
     scene = Scene(seed=seed)
     right = scene.initialiser.fit(FrameData(scene.points, scene.weights)).best
     wrongs = [scene.settled(scene.mirroring.mirrored(right, variant)) for variant in range(scene.search.count)]
     variant = int(np.argmax([scene.cost(wrong) for wrong in wrongs]))
     (chain, _), wrong = scene.mirroring.variants[variant], wrongs[variant]
     gain = scene.cost(wrong) - scene.cost(right)
-    assert gain > 2 * MARGIN, "a scene in which image and prior tell"
+    assert gain > 2 * LIMB_MARGIN, "a scene in which image and prior tell"
     published = scene.rows.evaluate(wrong)
     scene.search.start(wrong)
-    for frame in range(1, 4 * OLD_ENOUGH):
+    for frame in range(1, 4 * MATURE_FROM):
         scene.advance(published)
         winner = scene.search.exchange(published)
         if winner is not None:
             break
-    assert winner is not None and frame >= OLD_ENOUGH
+    assert winner is not None and frame >= MATURE_FROM
     rest = np.setdiff1d(np.arange(24), chain)
     assert np.array_equal(winner.rotations[rest], wrong.rotations[rest])
     assert np.array_equal(winner.translation, wrong.translation)
@@ -173,7 +174,7 @@ def test_a_limb_on_the_wrong_side_is_replaced_soon_and_nothing_else(seed):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_limb_on_the_right_side_stays_there(seed):
+def test_a_limb_on_the_right_side_is_kept(seed):
     scene = Scene(seed=seed)
     published = scene.rows.evaluate(scene.initialiser.fit(FrameData(scene.points, scene.weights)).best)
     scene.search.start(published.state)
@@ -231,7 +232,7 @@ def test_limbs_without_landmarks_are_not_mirrored(tmp_path, arm, searched):
 @pytest.mark.parametrize("hidden", [("knee", "ankle"), ("ankle",)], ids="-".join)
 @pytest.mark.parametrize("seed", [0, 1])
 def test_joints_without_landmarks_stay_at_the_mean(tmp_path, hidden, seed):
-    """Else the body's balance alone would bend it, with nothing to bring it back."""
+    """Otherwise the balance would bend the joint, and no evidence would bend it back."""
     skeleton = Skeleton.load("anthropometric", 1.75)
     coco = Layout.load("coco17", skeleton)
     entries = [
@@ -249,7 +250,7 @@ def test_joints_without_landmarks_stay_at_the_mean(tmp_path, hidden, seed):
         assert np.allclose(tracker.track(observation).solved.rotations[dead], mean, atol=1e-9)
 
 
-def test_too_large_a_rotation_is_scaled_with_all_others():
+def test_all_rotations_are_scaled_if_one_is_too_large():
     turns = np.array([[[0.1, -0.2, 0.3]], [[1.4, -0.7, 0.0]]])
     held = within(turns.copy())
     assert np.array_equal(held[0], turns[0]) and np.allclose(held[1], 0.5 * turns[1])

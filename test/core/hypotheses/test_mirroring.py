@@ -1,4 +1,4 @@
-"""Limbs mirrored in depth: the image stays, the lean along the line of sight turns round, lengths and the rest stay."""
+"""Limbs mirrored in depth: the image, the lengths and the other limbs are unchanged, the lean in depth is reversed."""
 
 import numpy as np
 import pytest
@@ -44,7 +44,7 @@ def test_each_mirrored_bone_changes_its_sign_along_the_line_of_sight(variant):
     assert np.abs(products - np.eye(3)).max() < 1e-12 and np.linalg.det(after.rotations).min() > 0
 
 
-def test_twice_mirrored_is_where_it_was():
+def test_mirroring_twice_restores_the_state():
     kinematics = body()
     mirroring = Mirroring(kinematics)
     before = state(3)
@@ -114,7 +114,7 @@ def test_a_bone_is_redirected_by_the_smallest_rotation(angle):
         assert np.allclose(after, least_turn(a, b) @ rotation.as_matrix(), atol=1e-12 + 4 * digits_left)
 
 
-def test_a_skeleton_without_limbs_has_none():
+def test_a_skeleton_without_limbs_has_no_variants():
     kinematics = random_body(np.random.default_rng(0))
     mirroring = Mirroring(kinematics)
     n = kinematics.joint_count
@@ -128,7 +128,7 @@ def test_a_skeleton_without_limbs_has_none():
 
 
 def of_body(change):
-    """Mirroring for the built-in body with its joints (names, parents, positions) changed."""
+    """Mirroring for the built-in body with changed joints (names, parents, positions)."""
     skeleton = body().skeleton
     joints = []
     for name, parent, place in zip(skeleton.joint_names, skeleton.parents, skeleton.rest_positions.tolist()):
@@ -138,7 +138,7 @@ def of_body(change):
     return Mirroring(Kinematics(skeleton, Layout.load("coco17", skeleton)))
 
 
-def test_a_limb_with_a_joint_more_or_a_bone_less_is_not_mirrored():
+def test_a_limb_with_another_number_of_joints_is_not_mirrored():
     def with_roll(joint):
         if joint["name"] != "left_elbow":
             return [joint]

@@ -1,4 +1,4 @@
-"""The keypoints' tracks: single wrong points, gaps, and what is expected where nothing new comes."""
+"""The keypoint filter: single outliers, gaps, and predictions for frames without new keypoints."""
 
 from dataclasses import replace
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sequences import CONFIG, observations
 
-from lassokin_ros.core.image.keypoint_filter import FORGOTTEN_AFTER, LONGEST_COURSE, TRUST, KeypointFilter
+from lassokin_ros.core.image.keypoint_filter import MAX_EXTRAPOLATION, MAX_GAP, PREDICTED_WEIGHT, KeypointFilter
 from lassokin_ros.core.tracker import Tracker
 
 NAMES = ("nose", "left_knee", "right_knee", "left_ankle")
@@ -31,9 +31,9 @@ def test_an_unpaired_outlier_is_left_out():
     assert np.abs(points - places(20)).max() < 0.01
 
 
-@pytest.mark.parametrize("gap", [FORGOTTEN_AFTER + 0.01, 0.5, 0.9, 100.0])
+@pytest.mark.parametrize("gap", [MAX_GAP + 0.01, 0.5, 0.9, 100.0])
 def test_tracks_restart_after_a_gap_without_frames(gap):
-    """The time in which no frame came is one without a good point, too: nothing is held against the first after it."""
+    """A gap without frames counts as time without a good point: the first point after it is accepted."""
     keypoint_filter = KeypointFilter(NAMES, LIMBS)
     weights = np.full(4, 1 / NOISE)
     for frame in range(20):
@@ -41,11 +41,11 @@ def test_tracks_restart_after_a_gap_without_frames(gap):
     moved, seen = places(20) + 0.3, np.array([1, 1, 1, 0]) * weights
     points, answer = keypoint_filter.update(19 / RATE + gap, moved, seen, 1.0, LIKENESS)
     assert np.array_equal(points[:3], moved[:3]) and np.all(answer[:3] > 0)
-    assert answer[3] == 0  # where it was before the gap says nothing of it
+    assert answer[3] == 0  # the position before the gap is no evidence
 
 
 def test_the_tracker_follows_a_person_who_moved_in_a_gap():
-    """0.9 s without a frame, less than `lost_after`: the state is kept, and each frame after it is used."""
+    """0.9 s without a frame, less than `lost_after`: the state is kept, and each frame after the gap is used."""
     tracker = Tracker(CONFIG)
     frames = observations(tracker, 2.0)
     before, after = frames[:30], frames[30:40]
@@ -68,8 +68,8 @@ def test_predicted_points_are_extrapolated_briefly_and_do_not_update_tracks():
         b, v = asked.update(frame / RATE, points, weights, 1.0, LIKENESS)
         assert np.array_equal(a, b) and np.array_equal(u, v)
         soon, less = asked.expected((frame + 0.5) / RATE)
-        assert np.array_equal(less, TRUST * v)
+        assert np.array_equal(less, PREDICTED_WEIGHT * v)
     assert np.allclose(soon - b, 0.5 / RATE * asked._tracks.velocity) and np.abs(soon - places(59.5)).max() < 5 * NOISE
-    latest = asked.expected(59 / RATE + LONGEST_COURSE)[0]
-    assert np.allclose(latest - b, LONGEST_COURSE * asked._tracks.velocity)
+    latest = asked.expected(59 / RATE + MAX_EXTRAPOLATION)[0]
+    assert np.allclose(latest - b, MAX_EXTRAPOLATION * asked._tracks.velocity)
     assert np.allclose(asked.expected(1e9)[0], latest, rtol=0, atol=1e-12)

@@ -1,4 +1,4 @@
-"""Tracks of points at several degrees of liveliness: against one textbook filter, and better than any one of them."""
+"""Interacting multiple models: compared with one textbook filter, and better than each single model."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ RATE, NOISE, ACCELERATION = 60.0, 0.002, 1.0
 
 
 def tracked(points, noise=NOISE, used=None, steps=None):
-    """(f, l, 2) positions and (f, l) variances of tracks that begin at the first frame of points (f, l, 2)."""
+    """(f, l, 2) positions and (f, l) variances of tracks that start at the first frame of points (f, l, 2)."""
     count = points.shape[1]
     tracks, variance, all_of_them = KeypointTracks(count), np.full(count, noise**2), np.ones(count, dtype=bool)
     tracks.start(all_of_them, points[0], variance)
@@ -40,8 +40,8 @@ def textbook(points, used, steps, acceleration):
     return np.array(positions), np.array(variances)
 
 
-def test_models_that_agree_are_the_textbooks_filter(monkeypatch):
-    monkeypatch.setattr(keypoint_tracks, "LIVELINESS", np.full(4, 1.5))
+def test_equal_models_equal_the_textbook_filter(monkeypatch):
+    monkeypatch.setattr(keypoint_tracks, "ACCELERATION_FACTORS", np.full(4, 1.5))
     random = np.random.default_rng(0)
     points = np.cumsum(0.01 * random.normal(size=(80, 3, 2)), axis=0)
     steps, used = random.uniform(0.005, 0.05, 80), random.random((80, 3)) < 0.8
@@ -58,7 +58,7 @@ def lively_after_rest(random, frames=240, count=40):
     return np.cumsum(np.cumsum(acceleration / RATE, axis=0) / RATE, axis=0)
 
 
-def test_it_follows_rest_and_liveliness_better_than_one_filter(monkeypatch):
+def test_the_error_at_rest_and_in_motion_is_lower_than_with_one_filter(monkeypatch):
     random = np.random.default_rng(1)
     truth = lively_after_rest(random)
     points = truth + NOISE * random.normal(size=truth.shape)
@@ -68,14 +68,14 @@ def test_it_follows_rest_and_liveliness_better_than_one_filter(monkeypatch):
         return np.sqrt(np.mean((positions - truth)[10:] ** 2))
 
     together, alone = error(), []
-    for liveliness in keypoint_tracks.LIVELINESS:
+    for factor in keypoint_tracks.ACCELERATION_FACTORS:
         with monkeypatch.context() as patch:
-            patch.setattr(keypoint_tracks, "LIVELINESS", np.full(4, liveliness))
+            patch.setattr(keypoint_tracks, "ACCELERATION_FACTORS", np.full(4, factor))
             alone.append(error())
     assert together < 0.95 * min(alone) and together < 0.8 * NOISE
 
 
-def test_its_variance_is_what_its_error_is():
+def test_the_variance_equals_the_mean_squared_error():
     random = np.random.default_rng(2)
     truth = lively_after_rest(random)
     positions, variances = tracked(truth + NOISE * random.normal(size=truth.shape))
@@ -83,7 +83,7 @@ def test_its_variance_is_what_its_error_is():
     assert np.mean(error**2) == pytest.approx(np.mean(variances[20:]), rel=0.4)
 
 
-def test_tracks_are_independent_and_one_that_is_not_used_coasts():
+def test_tracks_are_independent_and_unused_ones_coast():
     random = np.random.default_rng(3)
     points = np.cumsum(0.01 * random.normal(size=(60, 2, 2)), axis=0)
     used = np.ones((60, 2), dtype=bool)
@@ -92,11 +92,11 @@ def test_tracks_are_independent_and_one_that_is_not_used_coasts():
     alone, _ = tracked(points[:, :1])
     assert np.allclose(together[:, :1], alone)
     steps = np.diff(together[29:, 1], axis=0)
-    assert np.allclose(steps, steps[0], atol=1e-9)  # straight on, with the velocity that it had
+    assert np.allclose(steps, steps[0], atol=1e-9)  # at constant velocity
     assert np.all(np.diff(variances[30:, 1]) > 0)
 
 
-def test_numbers_stay_sound_after_a_point_far_off():
+def test_numbers_stay_finite_after_an_extreme_outlier():
     points = np.zeros((20, 2, 2))
     points[10:, 0] = 1e3
     positions, variances = tracked(points)

@@ -1,4 +1,4 @@
-"""What a frame shows beside those before it: what is new in it, and how long ago the last one was."""
+"""The measurement of a frame: which keypoints are new, and how much time has passed since the last ones."""
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ def test_time_is_counted_from_frames_that_were_used():
     assert (later.step, later.news) == pytest.approx((0.3, 0.3)) and not later.lost
 
 
-def test_repeated_keypoints_are_not_news_and_the_next_frame_counts_from_the_last_news():
+def test_repeated_keypoints_are_no_news_and_do_not_advance_the_time():
     measurements = MeasurementFilter(NAMES, LIMBS)
     seen(measurements, 5.0, moved(0))
     again = seen(measurements, 5.1, moved(0))
@@ -55,7 +55,7 @@ def test_repeated_keypoints_are_not_news_and_the_next_frame_counts_from_the_last
     assert after.repeated == 0 and (after.step, after.news) == pytest.approx((0.1, 0.2))
 
 
-def test_tracks_are_dropped_after_too_long_a_gap():
+def test_tracks_are_dropped_after_a_long_gap():
     measurements = MeasurementFilter(NAMES, LIMBS)
     seen(measurements, 5.0, moved(0))
     elsewhere = moved(0) + 0.4
@@ -85,7 +85,7 @@ def test_speed_does_not_depend_on_the_distance(depth):
 
 
 def test_the_model_error_limits_the_weight_of_a_keypoint():
-    """However long it stands still, and however exact the detector is."""
+    """However long the point keeps still, and however exact the detector is."""
     for depth, model_error in ((3.0, 0.0035), (3.0, 0.01), (6.0, 0.0035)):
         measurements = MeasurementFilter(NAMES, LIMBS)
         for frame in range(200):
@@ -102,7 +102,7 @@ def test_the_scale_follows_the_configured_height():
         _, observation = observations(tracker, noise_px=0.0)[0]
         tracker.track(observation)
         weights.append(tracker._measurements._filter._weights)
-    assert weights[0] == pytest.approx(2 * weights[1], rel=0.02)  # both as if at a typical depth: it is the first frame
+    assert weights[0] == pytest.approx(2 * weights[1], rel=0.02)  # both as at a typical depth: it is the first frame
 
 
 def test_reprojection_error_is_of_the_visible_points_as_detected():
@@ -115,8 +115,8 @@ def test_reprojection_error_is_of_the_visible_points_as_detected():
     assert measurement.reprojection_px(pose) == pytest.approx(1000 * np.sqrt((0.003**2 + 0.004**2) / 2))
 
 
-def test_what_is_changed_back_is_visible_as_the_side_that_it_is():
-    """Else a swap that is mended well would be told of as a large error; also where its message comes again."""
+def test_corrected_swaps_are_visible_on_the_correct_side():
+    """Otherwise a corrected swap would count as a large reprojection error, also in repeated messages."""
     measurements, hidden = MeasurementFilter(NAMES, LIMBS), np.array([1.0, 0.0, 1.0])
     landmarks = 2.0 * np.concatenate([POINTS, np.ones((3, 1))], axis=1)
     pose = BodyPose(orientations=np.eye(3)[None], positions=np.zeros((1, 3)), landmarks=landmarks)

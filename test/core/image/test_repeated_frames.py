@@ -1,4 +1,4 @@
-"""Keypoints that come again under a new stamp: answered, but no evidence; and a camera that has frozen."""
+"""Keypoints repeated with a new stamp: they get an output but are no evidence. And a frozen camera."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ NOW = replace(CONFIG, smoothing=0.0)
 
 
 def tracked(seconds=2.0, config=CONFIG):
-    """(a tracker that has followed the synthetic motion, its last observation)."""
+    """(a tracker that has tracked the synthetic motion, its last observation)."""
     tracker = Tracker(config)
     sequence = [observation for _, observation in observations(tracker, seconds)]
     for observation in sequence:
@@ -27,7 +27,7 @@ def later(observation, seconds):
     return replace(observation, stamp=observation.stamp + seconds)
 
 
-def test_the_age_is_that_of_keypoints_that_are_the_same_to_the_bit():
+def test_the_age_is_that_of_bitwise_equal_keypoints():
     repeats = RepeatedFrames()
     points, confidence = np.full((2, 2), np.nan), np.ones(2)
     ages = [repeats.age(stamp, points.copy(), confidence) for stamp in (1.0, 1.5, 3.0)]
@@ -39,9 +39,9 @@ def test_the_age_is_that_of_keypoints_that_are_the_same_to_the_bit():
 
 @pytest.mark.parametrize("times", [2, 4])
 def test_detecting_repeated_keypoints_improves_tracking_with_a_slow_detector(times):
-    """In the image, against where the points are at each frame's own stamp."""
+    """Image error relative to the true points at each frame's own stamp."""
     errors = []
-    for trifle in (0.0, 1e-12):  # which makes them new
+    for trifle in (0.0, 1e-12):  # makes them new
         tracker = Tracker(replace(CONFIG, noise_px=1.0))
         sequence = [observation for _, observation in observations(tracker, 6.0, noise_px=0.5)]
         exact = [observation for _, observation in observations(tracker, 6.0, noise_px=0.0)]
@@ -68,7 +68,7 @@ def test_a_repeated_frame_is_not_used_for_learning():
 
 
 def test_repeated_keypoints_are_no_evidence_of_a_standstill():
-    """Half of the frames repeated: the state is about where it is when those are left out."""
+    """With half of the frames repeated, the state is about the same as without these frames."""
     with_repeats, without = Tracker(NOW), Tracker(NOW)
     sequence = [observation for _, observation in observations(without, 4.0)]
     for i, observation in enumerate(sequence[::2]):
@@ -88,11 +88,11 @@ def test_frozen_keypoints_keep_the_pose_and_report_their_age():
     assert np.abs(answers[-1].pose.positions - answers[10].pose.positions).max() < 0.1
     assert np.abs(answers[-1].pose.positions - answers[-2].pose.positions).max() < 1e-3
     moves_on = replace(later(last, 10.1), points=last.points + 1e-3)
-    assert tracker.track(moves_on).initialised  # what was between is not known
+    assert tracker.track(moves_on).initialised  # the motion in between is unknown
 
 
-def test_one_frame_again_and_again_stays_what_it_was():
-    """As from `ros2 topic pub`: the first frame's velocity is unknown, and the points count on."""
+def test_a_single_frame_repeated_gives_a_constant_pose():
+    """As with `ros2 topic pub`: the velocity of the first frame is unknown, and the points still count."""
     tracker = Tracker(CONFIG)
     first = tracker.track(frame(tracker))
     for i in range(60):
@@ -100,7 +100,7 @@ def test_one_frame_again_and_again_stays_what_it_was():
     assert answer.accepted and np.abs(answer.pose.positions - first.pose.positions).max() < 0.1
 
 
-def test_the_same_keypoints_after_a_refused_start_or_a_gap_are_used():
+def test_equal_keypoints_after_a_rejected_start_or_a_gap_are_used():
     tracker = Tracker(replace(CONFIG, lost_after=0.5))
     good = frame(tracker)
     tracker.tune(replace(tracker.config, min_landmarks=18))

@@ -1,4 +1,4 @@
-"""Keypoints that a detector has taken for each other, left for right: changed back together, but not for ever."""
+"""Left/right swaps of keypoints: corrected together, but only for a limited time."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ from lassokin_ros.core.body.landmarks import Layout, built_in_layouts
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.body.symmetry import limb_groups, other_side
 from lassokin_ros.core.image.keypoint_filter import KeypointFilter
-from lassokin_ros.core.image.side_swaps import LONGEST, SHARE, SideSwaps
+from lassokin_ros.core.image.side_swaps import MAX_DURATION, MAX_SHARE, SideSwaps
 from lassokin_ros.core.tracker import Tracker
 
 PARTS = ("eye", "shoulder", "wrist", "hip", "knee", "ankle")
@@ -20,17 +20,17 @@ ALL = PARTS
 LEGS = ("hip", "knee", "ankle")
 RATE, NOISE, LIKENESS = 60.0, 0.002, 0.001
 EPOCH = 1.7e9
-"""s: stamps are of the clock, not of the start."""
+"""s: stamps are clock times that do not start at 0."""
 
 
 def crossed(parts):
-    """(l,) the landmarks' order with left and right of some parts exchanged."""
+    """(l,) order of the landmarks with left and right of some parts exchanged."""
     named = [other_side(name) if name.split("_")[-1] in parts else name for name in NAMES]
     return [NAMES.index(name) for name in named]
 
 
 def places(frame):
-    """(13, 2): somebody who walks by; knees, ankles and wrists pass twice a second, hips stay side by side."""
+    """(13, 2): a person who walks; knees, ankles and wrists pass twice per second, hips are side by side."""
     time = frame / RATE
     points, stride = [(0.0, -0.4)], np.sin(2 * np.pi * time)
     halves = (0.02, 0.06, -0.1 * stride, 0.004, 0.06 * stride, 0.1 * stride)
@@ -40,7 +40,7 @@ def places(frame):
 
 
 def hands_together(frame):
-    """The same, with a hand where the other one might be soon after it is hidden."""
+    """The same, with a hand that is hidden and then appears near the position of the other one."""
     points = places(frame)
     for side, place in (("left", 0.02), ("right", -0.02)):
         points[NAMES.index(f"{side}_wrist"), 0] = place + 0.2 * frame / RATE
@@ -48,9 +48,9 @@ def hands_together(frame):
 
 
 def filtered(frames, swapped=(), parts=ALL, weights=None, at=places):
-    """The filter's answers to noisy points, of which some parts are swapped in some frames.
+    """The filter's answers to noisy points, with some parts swapped in some frames.
 
-    weights: (l,), or of a frame; at: the places of a frame.
+    weights: (l,), or a function of the frame; at: the points of a frame.
     """
     random = np.random.default_rng(0)
     keypoint_filter = KeypointFilter(NAMES, LIMBS)
@@ -65,7 +65,7 @@ def filtered(frames, swapped=(), parts=ALL, weights=None, at=places):
 
 
 def without(hidden, first=0):
-    """Weights of a frame: some landmarks are missing from a frame on."""
+    """Weights of a frame: some landmarks are missing from a given frame on."""
     seen = np.array([name not in hidden for name in NAMES])
     return lambda frame: np.where(seen | (frame < first), 1 / NOISE, 0.0)
 
@@ -77,50 +77,53 @@ def assert_same(plain, mended):
 
 @pytest.mark.parametrize("length", [1, 2, 5, 25, 90, 115])
 def test_a_swap_of_the_whole_body_is_corrected(length):
-    """Hips are closer to each other than their noise, wrists and legs pass: they follow the others."""
+    """Hips are closer than their noise, and wrists and legs pass each other; they follow the other pairs."""
     assert_same(filtered(520), filtered(520, range(400, 400 + length)))
 
 
 @pytest.mark.parametrize("parts", [LEGS, ("knee", "ankle"), ("shoulder", "wrist")], ids="-".join)
 @pytest.mark.parametrize("first, last", [(405, 418), (390, 412), (400, 425), (400, 490)])
-def test_limbs_are_changed_back_while_the_rest_is_not(parts, first, last):
-    """Also where the swap begins, lasts or ends while the legs pass each other (frames 390, 420, 450, …)."""
+def test_a_swap_of_limbs_is_corrected_without_the_rest(parts, first, last):
+    """Also if the swap begins, lasts or ends while the legs pass each other (frames 390, 420, 450, …)."""
     plain, mended = filtered(560), filtered(560, range(first, last), parts)
     off = max(np.abs(a - b).max() for (a, _), (b, _) in zip(plain, mended))
-    assert off < 3 * NOISE  # pairs that pass are nearer to each other than this
+    assert off < 3 * NOISE  # pairs that pass each other are closer than this
     assert np.array_equal(plain[-1][1] > 0, mended[-1][1] > 0)
 
 
 @pytest.mark.parametrize("of, out_of", [(40, 100), (3, 4)])
-def test_the_time_is_of_one_swap_not_of_all(of, out_of):
+def test_the_time_limit_holds_for_each_swap(of, out_of):
     swapped = [frame for frame in range(400, 1400) if frame % out_of < of]
     assert_same(filtered(1400), filtered(1400, swapped))
 
 
-def test_weights_go_with_their_points():
+def test_weights_are_exchanged_with_their_points():
     weights = np.where(np.arange(len(NAMES)) % 3, 500.0, 100.0)
     assert_same(filtered(120, (), ALL, weights), filtered(120, range(60, 65), ALL, weights))
 
 
 @pytest.mark.parametrize("before", [60, 600])
 def test_a_lasting_swap_is_accepted_in_the_end(before):
-    """Else a start with left for right, which the detector then corrects, would be held for ever."""
+    """Otherwise a start with swapped sides, which the detector then corrects, would be kept for ever."""
     swapped = range(before, before + 240)
     answers = filtered(before + 240, swapped)
     believed = [np.abs(answers[frame][0] - places(frame)[crossed(ALL)]).max() < 0.02 for frame in swapped]
-    first, hold = believed.index(True), min(LONGEST, SHARE / (1 - SHARE) * before / RATE)
+    first, hold = believed.index(True), min(MAX_DURATION, MAX_SHARE / (1 - MAX_SHARE) * before / RATE)
     assert hold - 0.02 < first / RATE < hold + 0.05 and all(believed[first + 2 :])
 
 
-def test_of_what_was_believed_nothing_is_surer_than_the_rest():
-    """Eyes side by side say nothing while all else is given up; when they come apart, they may not hold it back."""
+def test_pairs_without_evidence_are_accepted_with_the_others():
+    """Eyes side by side give no evidence while all other pairs are accepted as swapped.
+
+    They must not undo this later.
+    """
 
     def at(frame):
         points = places(frame)
         points[[NAMES.index("left_eye"), NAMES.index("right_eye")], 0] += 0.02 * (frame < 1940) * np.array([-1, 1])
         return points
 
-    swapped = range(1800, 1950)  # for longer than LONGEST, after half a minute
+    swapped = range(1800, 1950)  # for longer than MAX_DURATION, after half a minute
     answers = filtered(1980, swapped, at=at)
     assert all(np.abs(answers[frame][0] - at(frame)).max() < 0.02 for frame in (1850, *range(1965, 1980)))
     assert np.abs(answers[1948][0] - at(1948)[crossed(ALL)]).max() < 0.02
@@ -129,7 +132,7 @@ def test_of_what_was_believed_nothing_is_surer_than_the_rest():
 @pytest.mark.parametrize("parts", [LEGS, ("ankle",)], ids="-".join)
 @pytest.mark.parametrize("first", [0, 370, 398])
 def test_a_limb_without_its_visible_partner_is_not_swapped(parts, first):
-    """From the side the far arm is hidden: nothing is there to be exchanged with, though the legs are swapped."""
+    """From the side the far arm is hidden: there is no partner to exchange with, although the legs are swapped."""
     weights = without({"right_wrist", "right_shoulder"}, first)
     plain, mended = (filtered(430, swapped, parts, weights, hands_together) for swapped in ((), range(400, 425)))
     near = [NAMES.index("left_wrist"), NAMES.index("left_shoulder")]
@@ -139,42 +142,42 @@ def test_a_limb_without_its_visible_partner_is_not_swapped(parts, first):
 
 @pytest.mark.parametrize("first", [0, 330, 395])
 def test_a_limb_without_its_visible_partner_follows_the_body(first):
-    """Of a body that is swapped as a whole its one wrist comes as the other one."""
+    """If the whole body is swapped, its single visible wrist appears as the other one."""
     weights = without({"right_wrist"}, first)
     assert_same(*(filtered(430, swapped, ALL, weights, hands_together) for swapped in ((), range(400, 425))))
 
 
-def test_what_is_not_seen_has_no_say():
-    """Only the wrists, which are swapped, and the hips, side by side, are left: these go with those."""
+def test_missing_pairs_give_no_evidence():
+    """Only the swapped wrists and the hips, side by side, are visible: the hips follow the wrists."""
     hidden = {f"{side}_{part}" for part in ("eye", "shoulder", "knee", "ankle") for side in ("left", "right")}
     weights = without(hidden, 400)
     assert_same(filtered(420, (), ALL, weights), filtered(420, range(400, 410), ALL, weights))
 
 
 def test_a_wrist_detected_at_the_other_wrist_is_left_out():
-    """Both are at one place, where one of them is: nothing is exchanged, and the other coasts."""
+    """Both wrists are detected at the position of one: nothing is exchanged, and the other one coasts."""
     random = np.random.default_rng(0)
     keypoint_filter, weights = KeypointFilter(NAMES, LIMBS), np.full(len(NAMES), 1 / NOISE)
     left, right = NAMES.index("left_wrist"), NAMES.index("right_wrist")
-    for frame in range(400, 436):  # the stride is at its widest at its end
+    for frame in range(400, 436):  # the stride is widest at its end
         points = places(frame) + NOISE * random.normal(size=(len(NAMES), 2))
         if frame == 435:
             points[left] = points[right] + NOISE * random.normal(size=2)
         answer, _ = keypoint_filter.update(EPOCH + frame / RATE, points, weights, 1.0, LIKENESS)
     assert np.linalg.norm(places(435)[left] - places(435)[right]) > 0.15
     assert np.abs(answer - places(435)).max() < 6 * NOISE
-    assert keypoint_filter.order is not None and np.array_equal(keypoint_filter.order, np.arange(len(NAMES)))
+    assert keypoint_filter.assignment is not None and np.array_equal(keypoint_filter.assignment, np.arange(len(NAMES)))
 
 
 def evidence(swaps, stamp, straight, crossed, step=0.1):
-    """The answer to distances of ("left_wrist", "right_wrist", "left_knee", "right_knee") with tracks alike."""
-    order, given_up = swaps.order(stamp, step, np.array(straight), np.array(crossed), np.ones(len(straight)))
+    """The answer to distances of ("left_wrist", "right_wrist", "left_knee", "right_knee") for equal tracks."""
+    order, given_up = swaps.assign(stamp, step, np.array(straight), np.array(crossed), np.ones(len(straight)))
     return list(order), list(given_up)
 
 
 @pytest.mark.parametrize("crossed, swapped", [((3.0, 9.0), True), ((3.0, 39.0), False), ((np.nan, np.nan), False)])
 def test_outliers_are_not_treated_as_swaps(crossed, swapped):
-    """Where hands meet, both jump: each may be nearer to the other's track, and yet not where that goes on."""
+    """Where hands meet, both points jump: each may be nearer to the other's track without fitting it."""
     swaps = SideSwaps(("left_wrist", "right_wrist"), (0, 0))
     order, given_up = evidence(swaps, 1.0, (58.0, 60.0), crossed)
     assert order == ([1, 0] if swapped else [0, 1]) and not any(given_up)
@@ -182,9 +185,9 @@ def test_outliers_are_not_treated_as_swaps(crossed, swapped):
 
 
 def test_the_time_limit_of_a_swap_recovers_without_a_swap():
-    """Pairs that stand side by side are led by others, and may never show that they are straight again."""
+    """Pairs side by side follow other pairs, and may never show that they are in place again."""
     swaps = SideSwaps(("left_wrist", "right_wrist", "left_knee", "right_knee"), (0, 0, 1, 1))
-    swaps.begin(np.full(4, True), 90.0)
+    swaps.start_tracks(np.full(4, True), 90.0)
     beside, apart = (1.0, 1.0), (60.0, 60.0)
     for frame in range(15):
         assert evidence(swaps, 100 + frame / 10, beside + apart, beside + beside)[0] == [1, 0, 3, 2]
@@ -197,7 +200,7 @@ def test_the_time_limit_of_a_swap_recovers_without_a_swap():
 
 
 def test_both_points_of_a_pair_are_corrected_and_restarted_together():
-    """Whatever they are like: no point may be given to both."""
+    """For random tracks and points: no point may be used for both landmarks."""
     random = np.random.default_rng(0)
     for _ in range(20):
         swaps, stamp, step = SideSwaps(NAMES, random.integers(-1, 3, size=len(NAMES))), 90.0, 1 / RATE
@@ -207,17 +210,17 @@ def test_both_points_of_a_pair_are_corrected_and_restarted_together():
             straight, across = random.exponential(random.choice([1.0, 60.0], size=(2, len(NAMES))))
             across = np.where(missing | missing[swaps.other], np.nan, across)
             variance = random.exponential(size=len(NAMES))
-            order, given_up = swaps.order(stamp, step, np.where(missing, np.nan, straight), across, variance)
+            order, given_up = swaps.assign(stamp, step, np.where(missing, np.nan, straight), across, variance)
             assert np.array_equal(order[order], np.arange(len(NAMES)))
             assert np.array_equal(given_up, given_up[swaps.other])
-            swaps.begin(anew | given_up, stamp)
+            swaps.start_tracks(anew | given_up, stamp)
 
 
 def test_restarted_tracks_do_not_depend_on_earlier_points():
     swaps, apart, beside = SideSwaps(("left_wrist", "right_wrist"), (0, 0)), (60.0, 60.0), (1.0, 1.0)
-    swaps.begin(np.full(2, True), 90.0)
+    swaps.start_tracks(np.full(2, True), 90.0)
     assert evidence(swaps, 100.0, apart, beside) == ([1, 0], [False, False])
-    swaps.begin(np.full(2, True), 100.1)
+    swaps.start_tracks(np.full(2, True), 100.1)
     assert evidence(swaps, 100.2, apart, beside) == ([1, 0], [False, False])
     assert evidence(swaps, 100.3, apart, beside) == ([0, 1], [True, True])  # a quarter of 0.2 s is over
     swaps.reset()
@@ -254,7 +257,7 @@ def test_the_tracker_keeps_the_limbs_of_a_detector_that_mixes_them_up():
 
 
 def test_the_tracker_is_not_moved_by_a_body_swapped_for_half_a_second():
-    """The same states to the bit: every keypoint is back in its place."""
+    """The states are bitwise equal: every keypoint is assigned to its landmark again."""
     plain, mixed = Tracker(CONFIG), Tracker(CONFIG)
     order = [plain.layout.names.index(other_side(name)) for name in plain.layout.names]
     for frame, (_, observation) in enumerate(observations(plain, 3.0)):

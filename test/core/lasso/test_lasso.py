@@ -1,4 +1,4 @@
-"""The lasso: 1,000 random problems certified and held against an independent solver, and what is refused."""
+"""The lasso: 1,000 random problems certified and compared with an independent solver, and refused inputs."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ def solved():
     return [(draw, problem, solver.solve(problem)) for draw, problem in problems()]
 
 
-def test_the_draws_cover_what_they_should(solved):
+def test_the_draws_cover_all_kinds_of_problems(solved):
     draws = [draw for draw, _, _ in solved]
     ranks = [np.linalg.matrix_rank(problem.A) < problem.A.shape[1] for _, problem, _ in solved]
     assert len(draws) == COUNT
@@ -49,8 +49,8 @@ def test_the_draws_cover_what_they_should(solved):
         assert 100 < sum(getattr(draw, field) for draw in draws) < COUNT - 100
 
 
-def test_kkt_residuals(solved):
-    """Under 1e-6 of alpha for alpha >= 0.01 alpha_max, under 1e-6 of alpha_max below."""
+def test_kkt_residuals_are_below_their_limit(solved):
+    """Below 1e-6 of alpha for alpha >= 0.01 alpha_max, below 1e-6 of alpha_max for smaller ones."""
     for draw, problem, solution in solved:
         unit = 1.0 if draw.fraction >= 0.01 else draw.fraction
         assert solution.certificate.kkt_residual * unit < 1e-6, draw
@@ -59,7 +59,7 @@ def test_kkt_residuals(solved):
 
 
 def test_kkt_residuals_recomputed_from_their_equations(solved):
-    """The certificate is the library's own; this is (13)-(15) once more, written out."""
+    """The library computes the certificate itself; this test computes (13)-(15) independently."""
     for draw, problem, solution in solved:
         r = problem.z - problem.B @ solution.x - problem.A @ solution.omega
         unit = solution.alpha if draw.fraction >= 0.01 else solution.alpha / draw.fraction
@@ -70,7 +70,7 @@ def test_kkt_residuals_recomputed_from_their_equations(solved):
         assert np.abs(problem.B.T @ r).max() < 1e-6 * unit.min(), draw
 
 
-def test_duality_gap(solved):
+def test_the_duality_gap_is_below_its_limit(solved):
     for draw, problem, solution in solved:
         value = objective(problem, solution.omega, solution.x)
         assert solution.certificate.objective == pytest.approx(value, rel=1e-12)
@@ -90,7 +90,7 @@ def test_omega_is_exactly_zero_from_alpha_max_on(solved):
 
 
 def primal_by_clarabel(problem, clarabel):
-    """The primal as it is written, by an interior-point method: variables x, Omega, r, t; |Omega| <= t."""
+    """The primal as written, by an interior-point method: variables x, Omega, r, t; |Omega| <= t."""
     m, n = problem.A.shape
     unit = np.sqrt(problem.z @ problem.z)
     identity = sparse.eye(n)
@@ -114,7 +114,7 @@ def primal_by_clarabel(problem, clarabel):
     return values[3 : 3 + n], values[:3]
 
 
-def test_objective_is_an_independent_solvers(solved):
+def test_the_objective_equals_that_of_an_independent_solver(solved):
     clarabel = pytest.importorskip("clarabel", reason="clarabel is a test-only dependency")
     worst = 0.0
     for draw, problem, solution in solved:
@@ -145,7 +145,7 @@ def test_other_solvers_find_the_same_objective(name):
 
 
 def test_a_guess_never_changes_the_answer():
-    """Whatever is guessed: the solution, nonsense, NaN, all zero, one previous frame's."""
+    """For any guess: the solution, random values, NaN, zeros, the last frame's answer."""
     solver, random = LassoSolver(), np.random.default_rng(9)
     last = None
     taken = 0
@@ -160,10 +160,10 @@ def test_a_guess_never_changes_the_answer():
             assert guessed.certificate.objective == pytest.approx(plain.certificate.objective, rel=1e-9), draw
             taken += guessed.method == "guess"
         last = plain.omega
-    assert taken > 100  # the guess is really used where it is right
+    assert taken > 100  # a right guess is really used
 
 
-def test_a_reused_solver_gives_the_answers_of_a_new_one():
+def test_a_reused_solver_gives_the_same_answers_as_a_new_one():
     used = LassoSolver()
     for draw, problem in problems(150, seed=10):
         again, new = used.solve(problem), LassoSolver().solve(problem)
@@ -176,7 +176,7 @@ def test_the_same_problems_give_the_same_bits():
     assert first == again
 
 
-def test_no_landmark_or_one_is_solvable():
+def test_problems_with_at_most_one_landmark_are_solvable():
     problem = LASSOS.draw(np.random.default_rng(1), Draw(fraction=0.1))
     for seen in (0, 1):
         keep = np.arange(len(problem.z)) < 2 * seen
@@ -195,7 +195,7 @@ def test_alpha_below_the_limit_is_raised_and_returned():
 
 @pytest.mark.parametrize("field", ["A", "B", "z", "alpha"])
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_refuses_values_that_are_not_finite(field, value):
+def test_values_that_are_not_finite_are_refused(field, value):
     problem = LASSOS.draw(np.random.default_rng(3), Draw(fraction=0.1))
     arrays = {name: np.array(getattr(problem, name)) for name in ("A", "B", "z", "alpha")}
     arrays[field].flat[5] = value
@@ -204,29 +204,29 @@ def test_refuses_values_that_are_not_finite(field, value):
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0])
-def test_refuses_an_alpha_that_is_not_positive(value):
+def test_an_alpha_that_is_not_positive_is_refused(value):
     problem = LASSOS.draw(np.random.default_rng(3), Draw(fraction=0.1))
     problem.alpha[7] = value
     with pytest.raises(SolverError, match="expected every alpha above 0"):
         LassoSolver().solve(problem)
 
 
-def test_refuses_shapes_that_do_not_fit():
+def test_shapes_that_do_not_match_are_refused():
     problem = LASSOS.draw(np.random.default_rng(3), Draw(fraction=0.1))
     with pytest.raises(SolverError, match=r"expected \(34, 72\), \(34, 3\)"):
         LassoSolver().solve(Lasso(problem.A, problem.B[:-1], problem.z, problem.alpha))
 
 
-def test_refuses_a_solver_that_does_not_exist():
+def test_an_unknown_solver_is_refused():
     with pytest.raises(SolverError, match="'simplex' is not available; expected one of: proxqp"):
         LassoSolver("simplex")
 
 
 def test_the_certificate_detects_a_wrong_answer(solved):
-    """Perturbed solutions: the residual grows with the perturbation, and the gap bounds what they lose."""
+    """Perturbed solutions: the residual grows with the perturbation, and the gap bounds the loss in the objective."""
     random = np.random.default_rng(12)
     for draw, problem, solution in solved[::5]:
-        if draw.fraction >= 1:  # Omega is 0: nothing to perturb
+        if draw.fraction >= 1:  # Omega is 0: no support to perturb
             continue
         direction = np.where(solution.omega != 0, random.normal(size=len(solution.omega)), 0.0)
         residuals = []
@@ -262,13 +262,13 @@ def test_every_kind_of_wrong_answer_is_named():
     assert certificate(flipped, right.x).kkt1 > 1
 
 
-def test_uncertified_when_the_solver_gives_nonsense(monkeypatch):
-    """A solver that answers wrongly through the same interface is found out."""
+def test_a_wrong_answer_of_the_solver_is_not_certified(monkeypatch):
+    """The solver gives wrong answers through the same interface."""
     problem = LASSOS.draw(np.random.default_rng(14), Draw(fraction=0.01))
     right = LassoSolver().solve(problem)
     solver = LassoSolver()
     monkeypatch.setattr(solver._dual, "solve", lambda *_: np.random.default_rng(0).normal(size=72))
-    monkeypatch.setattr("lassokin_ros.core.lasso.solver.mend", lambda *_: None)
+    monkeypatch.setattr("lassokin_ros.core.lasso.solver.solve_active_set", lambda *_: None)
     wrong = solver.solve(problem)
     assert right.certified and not wrong.certified
     assert wrong.certificate.duality_gap > right.certificate.duality_gap

@@ -1,11 +1,11 @@
-"""Theorem 1: by hand on a small matrix, and as a promise on synthetic sparse motion without noise."""
+"""Theorem 1: by hand on a small matrix, and exact recovery of synthetic sparse motion without noise."""
 
 import numpy as np
 import pytest
 from cases import body, random_state
 
-from lassokin_ros.core.image.observation_model import linearise
 from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.image.stacked_model import linearise
 from lassokin_ros.core.lasso.problem import Lasso, eliminate_translation
 from lassokin_ros.core.lasso.recovery import theorem1_literal, theorem1_projected
 from lassokin_ros.core.lasso.solver import LassoSolver
@@ -14,7 +14,7 @@ FIRST = np.array([0])
 
 
 def by_hand(alpha=1.0, overlap=0.6):
-    """Two columns of length 1 whose scalar product is `overlap`; the truth moves the first by 3."""
+    """Two columns of length 1 with the scalar product `overlap`; the true motion is 3 times the first."""
     A = np.zeros((5, 2))
     A[0, 0], A[:2, 1] = 1.0, (overlap, np.sqrt(1 - overlap**2))
     B = np.zeros((5, 3))
@@ -26,28 +26,28 @@ def test_literal_form_on_a_matrix_checked_by_hand():
     # (A_V)^{+T} sign = (1, 0, 0, 0, 0): scalar product with the other column 0.6, with B's first column 2.
     conditions = theorem1_literal(by_hand(), np.zeros(3), FIRST, np.array([1.0]))
     assert conditions.condition1 == pytest.approx(0.6)
-    assert conditions.condition2 == pytest.approx(2.0)  # 3 shrunk by alpha = 1
+    assert conditions.condition2 == pytest.approx(2.0)  # 3 reduced by alpha = 1
     assert conditions.condition3 == pytest.approx(2.0)
     assert not conditions.holds  # condition 3
 
 
-def test_literal_form_takes_what_x_explains_off():
-    # x* = (1, 0, 0) explains 2 of the 3: what is left, 1, just survives alpha = 0.5 and not alpha = 1.5.
+def test_literal_form_subtracts_the_part_that_x_explains():
+    # x* = (1, 0, 0) explains 2 of the 3. The rest, 1, survives alpha = 0.5 but not alpha = 1.5.
     x = np.array([1.0, 0, 0])
     assert theorem1_literal(by_hand(0.5), x, FIRST, np.array([1.0])).condition2 == pytest.approx(0.5)
     assert theorem1_literal(by_hand(1.5), x, FIRST, np.array([1.0])).condition2 == pytest.approx(-0.5)
 
 
-def test_projected_form_on_the_same_matrix():
-    # M removes the first, third and fourth rows: the first column cannot be told from a translation at all.
+def test_projected_form_on_a_matrix_checked_by_hand():
+    # M removes the first, third and fourth rows: the first column cannot be distinguished from a translation.
     second = theorem1_projected(by_hand(), np.array([1]), np.array([1.0]))
     assert second.condition1 == pytest.approx(0.0) and second.condition3 == pytest.approx(0.0)
 
 
 @pytest.mark.parametrize("order", ["C", "F"])
 @pytest.mark.parametrize("dependent", [False, True])
-def test_both_forms_are_the_theorem_as_it_is_written(order, dependent):
-    """With pseudo-inverses, for signs of the support that are the estimate's, and for others."""
+def test_both_forms_agree_with_the_theorem_as_written(order, dependent):
+    """With pseudo-inverses, for the signs of the estimate's support and for other signs."""
     random = np.random.default_rng(5)
     for _ in range(20):
         A, B, z = random.normal(size=(20, 9)), random.normal(size=(20, 3)), random.normal(size=20)
@@ -75,7 +75,7 @@ def test_both_forms_are_the_theorem_as_it_is_written(order, dependent):
 
 
 def test_columns_close_to_a_translation_lose_no_digits_in_the_literal_form():
-    """Its first two conditions know B by z* alone, and dependent columns are told by the last digits."""
+    """Its first two conditions depend on B only through z*, and dependent columns differ only in the last digits."""
     random = np.random.default_rng(3)
     A, z, alpha, support = random.normal(size=(20, 9)), random.normal(size=20), np.full(9, 0.1), np.array([2, 4, 7])
     A[:, 4] = A[:, 2] + A[:, 7]
@@ -93,7 +93,7 @@ def test_an_empty_support_holds():
 def sparse_motion(random, k):
     """(lasso, support, signs, truth): k degrees of freedom and the translation move, without noise.
 
-    alpha is in proportion to the columns' lengths, which is the lasso with normalised columns.
+    alpha is proportional to the lengths of the columns: the lasso with normalised columns.
     """
     kinematics = body("smpl24")
     state = random_state(random, kinematics, 0.4)
@@ -112,8 +112,8 @@ def sparse_motion(random, k):
 
 
 @pytest.mark.parametrize("k", [1, 2, 3])
-def test_conditions_1_and_2_promise_exact_recovery(k):
-    """Projected form, columns normalised: where it holds, the support and signs are the truth's, and only there."""
+def test_conditions_1_and_2_imply_exact_recovery(k):
+    """Projected form, normalised columns: support and signs are the true ones if and only if the conditions hold."""
     random = np.random.default_rng(20 + k)
     solver = LassoSolver()
     held = 0
@@ -129,13 +129,13 @@ def test_conditions_1_and_2_promise_exact_recovery(k):
         if conditions.condition1 < 1 - 1e-6 and conditions.condition2 > 0:
             held += 1
             assert conditions.holds and recovered
-            # What is found is the truth shrunk by exactly alpha (A_V^T A_V)^-1 sign.
+            # The estimate is the truth reduced by exactly alpha (A_V^T A_V)^-1 sign.
             reduced = eliminate_translation(problem)
             shrinkage = np.linalg.solve(reduced.H[np.ix_(support, support)], problem.alpha[support] * signs)
             assert solution.omega[support] == pytest.approx(truth[support] - shrinkage, rel=1e-7)
             kept = np.abs(truth[support]) - signs * shrinkage
             assert conditions.condition2 == pytest.approx(kept.min(), rel=1e-6)
         elif conditions.condition1 > 1 + 1e-6:
-            assert not recovered  # without noise the condition is necessary too
+            assert not recovered  # without noise the condition is also necessary
     print(f"k = {k}: conditions hold in {held} of 60")
     assert held > (0, 50, 15, 8)[k]

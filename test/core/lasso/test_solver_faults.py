@@ -1,4 +1,4 @@
-"""A solver that fails, in every way: no state moves uncertified, no frame takes long, the next good one tracks."""
+"""A failing solver: no uncertified answer changes the state, no frame takes long, the next good frame is tracked."""
 
 import time
 from dataclasses import replace
@@ -17,11 +17,11 @@ from lassokin_ros.core.tracker import Tracker
 
 LASSOS = Lassos()
 LONGEST_S = 0.05
-"""CPU time of a frame, whatever the solver is given; a frame that goes well takes 1 ms."""
+"""Limit of the CPU time of a frame, for any answer of the solver; a normal frame takes 1 ms."""
 
 
 class FaultySolver:
-    """Stands in for core/dual.py's DualSolver; `answer` makes something else of its Omega."""
+    """Replaces DualSolver of core/lasso/dual.py; `answer` changes its Omega."""
 
     def __init__(self, answer):
         self.name, self.calls = "proxqp", 0
@@ -62,11 +62,14 @@ FAULTS = {
 
 
 def with_solver(answer, mended, monkeypatch, **settings):
-    """A tracker whose every lasso goes to a faulty solver; mended: whether the active set may make it good."""
+    """A tracker with a faulty solver for every lasso.
+
+    mended: whether the active set may correct the answers.
+    """
     tracker = Tracker(replace(CONFIG, warm_start=False, **settings))
     faulty = tracker._increments.lasso._dual = FaultySolver(answer)
     if not mended:
-        monkeypatch.setattr("lassokin_ros.core.lasso.solver.mend", lambda *_: None)
+        monkeypatch.setattr("lassokin_ros.core.lasso.solver.solve_active_set", lambda *_: None)
     return tracker, faulty
 
 
@@ -100,7 +103,7 @@ def test_an_uncertified_answer_of_a_faulty_solver_does_not_change_the_state(faul
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_faulty_solver_in_the_first_frames_does_not_start_tracking(fault, monkeypatch):
-    """Unless Omega is 0, which needs no solver to be certified."""
+    """Except if Omega is 0, which is certified without a solver."""
     with monkeypatch.context() as patch:
         tracker, faulty = with_solver(FAULTS[fault], False, patch)
         frames = observations(tracker, 5 / RATE)
@@ -115,7 +118,7 @@ def test_a_faulty_solver_in_the_first_frames_does_not_start_tracking(fault, monk
 
 
 def test_an_answer_without_the_qp_solver_names_its_method():
-    """Where the active set alone finds the exact solution, the frame is solved; its method tells."""
+    """If the active set alone finds the exact solution, the frame is solved, and the method names it."""
     solver = LassoSolver()
     problem = LASSOS.draw(np.random.default_rng(5), Draw(fraction=0.1, with_prior=True, live_columns=True))
     right = solver.solve(problem)
@@ -128,8 +131,8 @@ def test_an_answer_without_the_qp_solver_names_its_method():
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("place", ["A", "z", "H", "g", "alpha"])
-def test_the_qp_solver_itself_survives_values_that_are_not_finite(place, value):
-    """Past the check of the problem: whatever comes out is quick, and certifies nothing."""
+def test_the_qp_solver_survives_values_that_are_not_finite(place, value):
+    """Without the check of the problem, the answer is quick and not certified."""
     problem = LASSOS.draw(np.random.default_rng(3), Draw(fraction=0.1))
     reduced = eliminate_translation(problem)
     arrays = {"A": reduced.A, "z": reduced.z, "H": reduced.H, "g": reduced.g, "alpha": problem.alpha}
@@ -145,11 +148,11 @@ def test_the_qp_solver_itself_survives_values_that_are_not_finite(place, value):
         assert time.thread_time() - started < LONGEST_S
     sound = dual.solve(reduced.A, reduced.z, reduced.H, reduced.g, problem.alpha, 0)
     fresh = DualSolver("proxqp").solve(reduced.A, reduced.z, reduced.H, reduced.g, problem.alpha, 0)
-    assert np.allclose(sound, fresh, rtol=0, atol=1e-5 * np.abs(fresh).max())  # nothing of it stays in the object
+    assert np.allclose(sound, fresh, rtol=0, atol=1e-5 * np.abs(fresh).max())  # the object keeps none of the values
 
 
 def degenerate_problems(count=60):
-    """(kind, lasso): dependent, equal and empty columns, scales that lie 12 decades apart, hardly any penalty."""
+    """(kind, lasso): dependent, equal and empty columns, scales of 12 orders of magnitude, nearly no penalty."""
     random = np.random.default_rng(21)
     for _ in range(count):
         problem = LASSOS.draw(random, random_draw(random))
@@ -172,8 +175,8 @@ def degenerate_problems(count=60):
         yield "infeasible in floating point", Lasso(A * 1e100, B, z, alpha)
 
 
-def test_degenerate_problems_are_solved_or_refused_in_time_and_leave_the_solver_sound():
-    """Cost in CPU time, the best of two: the machine may be busy."""
+def test_degenerate_problems_are_solved_or_refused_in_time():
+    """Cost in CPU time, the better of two runs, because the machine may be busy."""
     used, certified, total = LassoSolver(), 0, 0
     sound = LASSOS.draw(np.random.default_rng(8), Draw(fraction=0.02))
     expected = LassoSolver().solve(sound)
@@ -197,16 +200,16 @@ def test_a_problem_whose_squares_overflow_is_refused():
         LassoSolver().solve(Lasso(problem.A * 1e200, problem.B, problem.z, problem.alpha))
 
 
-def test_iteration_caps_end_in_a_refusal_not_in_a_wrong_answer(monkeypatch):
+def test_iteration_limits_cause_a_refusal_instead_of_a_wrong_answer(monkeypatch):
     monkeypatch.setattr("lassokin_ros.core.lasso.dual.ITERATIONS", ((1, 1),) * 3)
-    monkeypatch.setattr("lassokin_ros.core.lasso.solver.mend", lambda *_: None)
+    monkeypatch.setattr("lassokin_ros.core.lasso.solver.solve_active_set", lambda *_: None)
     tracker = Tracker(replace(CONFIG, warm_start=False))
     refused = 0
     for _, observation in observations(tracker, 8 / RATE):
         estimate = tracker.track(observation)
         refused += estimate.rejection is Rejection.NOT_CERTIFIED
         if estimate.accepted:
-            assert estimate.solution.method == "zero"  # Omega is 0: no solver was asked
+            assert estimate.solution.method == "zero"  # Omega is 0: no solver was called
         else:
             assert estimate.certificate.kkt_residual > 1e-6
     assert refused > 4
@@ -220,4 +223,4 @@ def test_the_time_of_a_frame_is_bounded_for_any_answer_of_the_solver(fault, monk
         started = time.thread_time()
         tracker.track(observation)
         costs.append(time.thread_time() - started)
-    assert sorted(costs)[-2] < LONGEST_S  # the slowest is forgiven: a page fault, a neighbour on the core
+    assert sorted(costs)[-2] < LONGEST_S  # the slowest frame is ignored: a page fault, another process on the core

@@ -1,4 +1,4 @@
-"""How likely a pose is wrong: a probability that grows with the deviation, and with keypoints that fit no person."""
+"""Failure probability: it grows with the deviation, and for keypoints that fit no person."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ from lassokin_ros.core.output.failure_probability import failure_probability
 from lassokin_ros.core.tracker import Tracker
 
 
-def test_a_probability_that_grows_with_deviation_and_learned_error():
+def test_the_probability_grows_with_deviation_and_learned_error():
     values = [failure_probability(deviation, 3.0, 1.5) for deviation in (0.0, 0.03, 0.06, 0.12, 0.3, 1.0, 1e6)]
     assert values == sorted(values) and values[0] >= 0 and values[1] < 0.02 and 0.9 < values[4] < values[-1] <= 1
     assert np.isnan(failure_probability(float("nan"), 1.0, 1.0))
@@ -19,7 +19,7 @@ def test_a_probability_that_grows_with_deviation_and_learned_error():
         assert 0 < least < more < most < 1
 
 
-def test_a_person_is_less_doubtful_than_shuffled_keypoints():
+def test_a_person_has_a_lower_probability_than_shuffled_keypoints():
     tracker, shuffled = Tracker(CONFIG), Tracker(CONFIG)
     order = np.random.default_rng(0).permutation(17)
     good, bad = [], []
@@ -39,7 +39,7 @@ def test_only_an_initialised_frame_has_a_confidence():
     assert 0.5 <= estimates[0].confidence <= 1 and all(np.isnan(e.confidence) for e in estimates[1:])
 
 
-def test_area_under_the_curve():
+def test_the_area_under_the_curve_ranks_wrong_poses():
     score, positive = np.array([1.0, 2.0, 3.0, 4.0]), np.array([False, False, True, True])
     assert area(score, positive) == 1 and area(-score, positive) == 0 and area(0 * score, positive) == 0.5
     assert area(np.array([1.0, 3.0, 2.0, 4.0]), positive) == 0.75

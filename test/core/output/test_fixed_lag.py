@@ -1,4 +1,4 @@
-"""Poses smoothed with the frames after them: against the textbook's matrices, and who is published when."""
+"""Fixed-lag smoothing: compared with the textbook's matrices, and the order of publication."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ LAGGED = replace(CONFIG, smoothing_lag=0.1)  # three frames
 
 
 def textbook(values, steps, times):
-    """Rauch, Tung and Striebel on (f, k) values: their smoothed (f, k), of unit noise and accelerations 1 / times^2."""
+    """Rauch-Tung-Striebel smoothing (f, k) of values (f, k), for unit noise and accelerations 1 / times^2."""
     f = len(values)
     means, covariances, ahead = np.zeros((f, 2, values.shape[1])), np.zeros((f, 2, 2)), np.zeros((f, 2, 2))
     means[0, 0], covariances[0] = values[0], np.diag([1.0, times[0] ** -2])
@@ -38,7 +38,10 @@ def textbook(values, steps, times):
 
 
 def lagging(values, steps, offsets=None, speeds=None):
-    """A FixedLag in which frames wait: the body moved by values (f, 3), m; the angles stay. speeds: (f,) m/s."""
+    """A FixedLag with waiting frames: the body is moved by values (f, 3), m; the angles are constant.
+
+    speeds: (f,) m/s.
+    """
     kinematics = body()
     output_filter, lag = OutputFilter(kinematics.joint_count), FixedLag(kinematics)
     rotations = np.tile(np.eye(3), (kinematics.joint_count, 1, 1))
@@ -66,7 +69,7 @@ def test_the_backward_pass_equals_the_textbook_smoother():
     assert np.abs(smooth - textbook(nearer, steps, DEPTH * times)).max() < 1e-9
     values = np.cumsum(1e-4 * random.normal(size=(40, 3)), axis=0) * [1.0, 1.0, 0.0] + [0.0, 0.0, 3.0]
     smooth = np.array([e.state.translation for e in lagging(values, steps, speeds=speeds).flush()])
-    assert np.abs(smooth - textbook(values, steps, times)).max() < 1e-6  # the viewing ray turns a little
+    assert np.abs(smooth - textbook(values, steps, times)).max() < 1e-6  # the viewing ray rotates a little
     stamps = np.cumsum(steps)
     lag = lagging(values, steps)
     due = lag.due(stamps[-1], 0.2)
@@ -75,7 +78,9 @@ def test_the_backward_pass_equals_the_textbook_smoother():
 
 
 def test_a_frame_without_new_keypoints_does_not_change_earlier_frames():
-    """In a steady turn all is as predicted, but for the viewing ray, which turns as the joints see it."""
+    """In a steady rotation all frames equal their prediction, except for the viewing ray, which rotates relative to the
+    joints.
+    """
     kinematics = body()
     output_filter, lag = OutputFilter(kinematics.joint_count), FixedLag(kinematics)
     omega = np.zeros((kinematics.joint_count, 3))
@@ -113,7 +118,7 @@ def test_pose_and_reprojection_are_of_the_smoothed_state_and_the_frames_own_skel
         assert np.allclose(np.linalg.norm(bones, axis=1), np.linalg.norm(offsets[1:], axis=1))
 
 
-def test_without_a_lag_what_is_published_is_the_answer_itself():
+def test_without_a_lag_the_answer_is_published_unchanged():
     tracker = Tracker(CONFIG)
     for _, observation in observations(tracker, 1.0):
         estimate = tracker.track(observation)
@@ -121,7 +126,7 @@ def test_without_a_lag_what_is_published_is_the_answer_itself():
     assert not tracker.track(observation).accepted and tracker.published == [] == tracker.flush()
 
 
-def test_each_frame_once_in_order_after_its_lag_and_the_tracking_is_the_same():
+def test_each_frame_is_published_once_in_order_after_the_lag():
     plain, lagged = Tracker(CONFIG), Tracker(LAGGED)
     sequence = [observation for _, observation in observations(plain, 2.0)]
     published = []
@@ -151,7 +156,7 @@ def test_smoothing_reduces_noise_and_error():
     assert jerks[1] < 0.75 * jerks[0] and jerks[2] <= 1.02 * jerks[1] and max(errors[1:]) < errors[0]
 
 
-def test_refused_frames_are_time_too():
+def test_rejected_frames_advance_the_time():
     tracker = Tracker(LAGGED)
     sequence = [observation for _, observation in observations(tracker, 0.5)]
     for observation in sequence:
@@ -169,7 +174,7 @@ def test_refused_frames_are_time_too():
 
 
 def test_smoothing_stops_at_an_initialisation():
-    """What waits when the person is lost is published as if nothing had come after it."""
+    """Frames that wait when the person is lost are published without later frames."""
     ended, went_on = Tracker(LAGGED), Tracker(LAGGED)
     sequence = [observation for _, observation in observations(ended, 1.0)]
     for observation in sequence:
@@ -182,7 +187,7 @@ def test_smoothing_stops_at_an_initialisation():
         assert a.stamp == b.stamp and same(a.state, b.state)
 
 
-def test_reset_drops_what_waits():
+def test_reset_drops_waiting_frames():
     tracker = Tracker(LAGGED)
     for _, observation in observations(tracker, 0.5):
         tracker.track(observation)
@@ -215,8 +220,8 @@ def test_without_smoothing_frames_only_wait(smoothing):
     assert all(same(a.state, b.state) for a, b in zip(answers, published)) == (smoothing == 0.0)
 
 
-def test_frames_that_wait_are_not_moved_when_the_next_one_starts_from_another_explanation():
-    """What has to settle is the next frame's: those before it are published as if they had not waited for it."""
+def test_waiting_frames_are_not_changed_by_a_replaced_hypothesis():
+    """Only the next frame moves gradually; those before it are published as without the replacement."""
     kinematics = body()
     rotations = np.tile(np.eye(3), (kinematics.joint_count, 1, 1))
     rotations[0], none = FACING, np.zeros(3 * kinematics.joint_count)

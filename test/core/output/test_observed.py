@@ -20,7 +20,7 @@ def observed(visible, layout="coco17"):
     return {SKELETON.joint_names[i] for i in np.flatnonzero(ObservedJoints(SKELETON, landmarks.joints).of(seen))}
 
 
-def test_all_of_coco():
+def test_all_joints_between_cocos_landmarks_are_observed():
     assert observed(Layout.load("coco17", SKELETON).names) == LIMBS | {"head", "pelvis"}
 
 
@@ -39,12 +39,12 @@ def test_a_joint_between_two_visible_ones_is_observed(visible, expected):
     assert observed(visible) == expected
 
 
-def test_landmarks_at_the_trunk_and_feet():
+def test_landmarks_at_trunk_and_feet_make_more_joints_observed():
     assert observed(("neck", "mid_hip"), "body25") == {"spine3", "pelvis"}
     assert observed(("left_big_toe",), "body25") == {"left_ankle"}
 
 
-def test_a_tracked_frame():
+def test_a_tracked_frame_has_its_observed_joints():
     tracker, estimate = followed(("left_wrist",))
     names = [tracker.skeleton.joint_names[i] for i in np.flatnonzero(~tracker.observed(estimate))]
     assert {"left_wrist", "left_hand", "right_hand"} <= set(names) and "right_wrist" not in names

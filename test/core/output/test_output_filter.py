@@ -1,4 +1,4 @@
-"""The published pose, steadied: what passes through unchanged, what is taken away, what is never touched."""
+"""The output filter: steady motion is unchanged, jitter is removed, and the tracking is not affected."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ AHEAD = np.array([0.0, 0.0, 3.0])
 
 
 def turned(vectors, place=AHEAD):
-    """Joints that hang on nothing: their rotations are their orientations."""
+    """Joints without a parent: their rotations are their orientations."""
     return BodyState(Rotation.from_rotvec(vectors).as_matrix(), place + 0.1 * vectors[0])
 
 
@@ -27,14 +27,14 @@ def posed(state):
 
 
 def filtered(output_filter, last, state, step=STEP, time=TIME, speed=TYPICAL_SPEED):
-    """The state to publish after the increment from the last one."""
+    """The state to publish after the increment from the last state."""
     omega = Rotation.from_matrix(np.swapaxes(last.rotations, -1, -2) @ state.rotations).as_rotvec()
     moved = state.translation - last.translation
     return output_filter.filtered(state, posed(state), omega.ravel(), moved, step, speed, time)
 
 
 def followed(states, step=STEP, time=TIME, speed=TYPICAL_SPEED):
-    """Steady a list of states; the increments are those between them."""
+    """Filter a list of states; the increments are those between them."""
     output_filter, last, published = OutputFilter(JOINTS), states[0], []
     for state in states:
         published.append(filtered(output_filter, last, state, step, time, speed))
@@ -51,7 +51,7 @@ def test_steady_turns_are_published_without_lag(step):
     speed = np.array([[1.0, -2.0, 0.5], [0.0, 3.0, 0.0], [2.0, 0.0, 0.0]])
     states = [turned(speed * step * i) for i in range(int(1 / step))]
     published = followed(states, step)
-    # One joint's axis stays as it turns, so a constant rate is a constant increment: no lag at all once it has settled.
+    # The axis of the joint is constant, so a constant rate is a constant increment: no lag once the filter has settled.
     assert angle(states[-1], published[-1]) < 1e-3
     assert np.abs(states[-1].translation - published[-1].translation).max() < 1e-4
 
@@ -65,7 +65,7 @@ def test_jitter_is_removed():
     assert jerk[1] < 0.55 * jerk[0] and left[50:].std() < 0.9 * noise[50:].std()
 
 
-def test_longer_time_is_steadier():
+def test_a_longer_time_is_steadier():
     random = np.random.default_rng(1)
     states = [turned(0.02 * random.normal(size=(JOINTS, 3))) for _ in range(200)]
     spreads = []
@@ -103,8 +103,8 @@ def test_motion_in_depth_is_smoothed_more():
     assert sideways > towards_us and np.isclose(left, places[:, 2].std(), rtol=0.35)
 
 
-def test_what_counts_as_depth_is_seen_from_the_camera_not_from_the_joint():
-    """The same motion, in a body that is turned otherwise and its camera with it, is published alike."""
+def test_depth_is_defined_by_the_camera_not_by_the_joint():
+    """The same motion gives the same output if the body and its camera are rotated together."""
     random = np.random.default_rng(3)
     vectors, steps = 0.05 * random.normal(size=(40, JOINTS, 3)), 0.05 * random.normal(size=(40, 3))
     other = Rotation.random(random_state=3).as_matrix()
@@ -145,7 +145,7 @@ def test_the_first_state_and_the_one_after_a_gap_are_published_as_solved():
     assert filtered(output_filter, c, b) is b
 
 
-def test_the_tracker_follows_the_same_states_whatever_is_published():
+def test_the_tracked_states_do_not_depend_on_the_output():
     tracks = []
     for smoothing in (0.0, 0.02, 0.5):
         tracker = Tracker(replace(CONFIG, smoothing=smoothing))
@@ -159,14 +159,14 @@ def test_the_tracker_follows_the_same_states_whatever_is_published():
     assert moves[0] == 0 and 0 < moves[1] < moves[2]
 
 
-def test_the_tracker_steadies_by_the_speed_that_the_keypoints_have():
+def test_the_smoothing_time_depends_on_the_speed_of_the_keypoints():
     tracker = Tracker(CONFIG)
     sequence, steadied_by, told = observations(tracker, 2.0), tracker._output_filter.filtered, []
     tracker._output_filter.filtered = lambda *a: told.append(a[-2]) or steadied_by(*a)  # speed, before the time
     depths = [tracker.track(observation).state.translation[2] for _, observation in sequence]
     steps = np.diff([observation.points for _, observation in observations(tracker, 2.0, noise_px=0.0)], axis=0)
     moved = np.linalg.norm(steps, axis=-1).mean(axis=1) * RATE * depths[1:]
-    settled = slice(15, None)  # a new track's velocity is its noise
+    settled = slice(15, None)  # the velocity of a new track is noise
     assert 0.8 < np.mean(told[1:][settled]) / np.mean(moved[settled]) < 1.25
     assert np.corrcoef(told[1:][settled], moved[settled])[0, 1] > 0.5
 
@@ -188,7 +188,9 @@ def test_the_output_moves_gradually_to_another_limb_and_at_once_to_another_body(
 
 
 def test_a_body_that_jumps_in_depth_is_not_published_through_the_camera():
-    """Solved towards the camera ever faster and then away: what is published goes anew from there, and not on."""
+    """The solved body moves towards the camera ever faster and then away. The output restarts there and does not
+    continue.
+    """
     depths = [3.0, 3.0, 2.6, 2.0, 1.2, 0.3, 2.0, 5.0, 5.0]
     still = np.zeros((JOINTS, 3))
     states = [turned(still, np.array([0.0, 0.0, depth])) for depth in depths]
@@ -196,4 +198,4 @@ def test_a_body_that_jumps_in_depth_is_not_published_through_the_camera():
     assert max(abs(ratio - 1) for ratio in ratios) <= FARTHEST
     assert ratios[5] == 1.0
     gentle = [turned(still, np.array([0.0, 0.0, 3.0 - 0.02 * i])) for i in range(20)]
-    assert followed(gentle, time=0.06)[-1].translation[2] != gentle[-1].translation[2]  # that goes on
+    assert followed(gentle, time=0.06)[-1].translation[2] != gentle[-1].translation[2]  # the motion that continues

@@ -1,4 +1,4 @@
-"""`smoothing_lag` through the pipeline, the replay and the live node: late, in order, each under its own stamp."""
+"""`smoothing_lag` in the pipeline, the replay and the live node: later, in order, each frame with its own stamp."""
 
 import time
 
@@ -36,7 +36,7 @@ def stamp_of(message):
     return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
 
 
-def test_frames_are_their_own_messages_and_joint_states_go_on():
+def test_late_frames_have_their_own_messages_and_continuous_joint_states():
     pipeline, frames = pipeline_for(), []
     for i, xy in enumerate(PIXELS):
         due = pipeline.frames(cloud(BACKEND, stamp(i), xy), 0)
@@ -54,7 +54,7 @@ def test_frames_are_their_own_messages_and_joint_states_go_on():
             assert np.allclose(frame.velocities, (frame.positions - frames[i - 1].positions) / (PERIOD_NS * 1e-9))
 
 
-def test_the_keypoints_delay_is_without_the_lag():
+def test_the_keypoints_delay_does_not_include_the_lag():
     pipeline = pipeline_for()
     diagnostics = Diagnostics(pipeline, "tracker", 0.0)
     for i in range(10):
@@ -64,7 +64,7 @@ def test_the_keypoints_delay_is_without_the_lag():
     assert diagnostics.line(1.0).values["keypoints delay median [s]"] == "0.040"
 
 
-def test_each_person_has_an_own_lag_and_absent_people_are_published_too():
+def test_each_person_has_a_separate_lag_and_absent_people_are_published_too():
     pipeline, got = pipeline_for(max_people=2), {}
     for i in range(30):
         people = [PIXELS[i] - [300, 0], PIXELS[i] + [300, 0]][: 2 if i < 20 else 1]
@@ -77,7 +77,7 @@ def test_each_person_has_an_own_lag_and_absent_people_are_published_too():
 
 
 def loop(pipeline):
-    """Stamps of an earlier time, which two messages make believed."""
+    """Stamps of an earlier time, which two messages confirm."""
     for i in (-90, -89):
         pipeline.frames(cloud(BACKEND, stamp(i), PIXELS[0]), 0)
 
@@ -112,7 +112,7 @@ def test_the_replay_publishes_every_frame_and_the_same_bytes_again(tmp_path):
     assert "not monotonic" not in page.read_text(encoding="utf-8")
 
 
-def test_the_live_node_publishes_late_what_the_pipeline_does():
+def test_the_live_node_publishes_the_same_late_frames_as_the_pipeline():
     pytest.importorskip("rclpy", reason="the node needs rclpy")
     from live import NodeProcess, Peer, values_of
     from std_srvs.srv import Trigger

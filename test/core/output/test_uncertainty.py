@@ -1,4 +1,4 @@
-"""Uncertainty of joints: its Jacobian, depth worse than image, what is not seen worse than what is."""
+"""Uncertainty of the joints: its Jacobian, larger in depth than in the image, larger for hidden joints."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ FOCAL, RATE = 1000.0, 30.0
 
 
 def followed(hidden=(), noise_px=2.0, seconds=1.0):
-    """(tracker, last estimate) after the synthetic motion, with some landmarks hidden all the time."""
+    """(tracker, last estimate) after the synthetic motion, with some landmarks always hidden."""
     tracker = Tracker(TrackerConfig(noise_px=noise_px))
     times = np.arange(round(seconds * RATE)) / RATE
     points = project(tracker.kinematics.pose(motion(tracker.skeleton, times)).landmarks)
@@ -58,7 +58,7 @@ def test_jacobian_is_the_derivative_of_the_joints_about_the_root():
     assert relative_error(chosen.reshape(72, 50), expected[:, some] * factors) < 1e-8
 
 
-def test_covariances_are_proper_and_the_pelvis_is_the_origin():
+def test_covariances_are_positive_and_zero_at_the_pelvis():
     tracker, estimate = followed()
     uncertainty = tracker.uncertainty(estimate)
     assert uncertainty.covariance.shape == (24, 3, 3) and uncertainty.deviation.shape == (24,)
@@ -69,7 +69,7 @@ def test_covariances_are_proper_and_the_pelvis_is_the_origin():
 
 @pytest.mark.parametrize("seen", [72, 44, 1])
 def test_covariances_are_those_of_the_joints_jacobian(seen):
-    """J H^-1 J^T of what the problem holds, the prior's variances of what it does not, whatever their order."""
+    """J H^-1 J^T for the degrees of freedom of the problem, the prior's variances for the others, in any order."""
     random = np.random.default_rng(1)
     kinematics = body()
     prior = PoseDistribution.load(kinematics.skeleton)
@@ -90,7 +90,7 @@ def test_covariances_are_those_of_the_joints_jacobian(seen):
     assert np.allclose(found.deviation**2, np.trace(found.covariance, axis1=1, axis2=2), rtol=1e-12)
 
 
-def test_the_lengths_uncertainty_moves_the_joints_that_they_carry():
+def test_uncertain_lengths_affect_the_joints_below_them():
     random, kinematics = np.random.default_rng(2), body()
     proportions, pose = Proportions(kinematics), kinematics.pose(random_state(random, kinematics))
     exact = UncertaintyModel(kinematics, PoseDistribution.load(kinematics.skeleton), proportions)
@@ -108,7 +108,7 @@ def test_the_lengths_uncertainty_moves_the_joints_that_they_carry():
     assert added[[index("left_hip"), index("head"), index("right_wrist")]] == pytest.approx(0, abs=1e-6)
 
 
-def test_unseen_legs_have_the_deviation_that_such_legs_have():
+def test_hidden_legs_have_the_deviation_of_their_errors():
     tracker, estimate = followed([f"{side}_{joint}" for side in ("left", "right") for joint in ("knee", "ankle")])
     deviation = tracker.uncertainty(estimate).deviation
     for side in ("left", "right"):
@@ -125,7 +125,7 @@ def test_depth_is_less_certain_than_the_image_directions():
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_an_unseen_arm_is_less_certain(side):
+def test_a_hidden_arm_is_less_certain(side):
     tracker, seen = followed()
     other, unseen = followed((f"{side}_elbow", f"{side}_wrist"))
     before, after = tracker.uncertainty(seen).deviation, other.uncertainty(unseen).deviation
@@ -138,7 +138,7 @@ def test_an_unseen_arm_is_less_certain(side):
         assert after[kept] == pytest.approx(before[kept], rel=0.4)
 
 
-def test_noise_makes_it_larger_and_tips_are_less_certain_than_hips():
+def test_uncertainty_grows_with_noise_and_towards_the_limbs_ends():
     small, large = followed(noise_px=1.0), followed(noise_px=8.0)
     a, b = (tracker.uncertainty(estimate).deviation for tracker, estimate in (small, large))
     index = small[0].skeleton.index
@@ -162,7 +162,7 @@ def replace_points(tracker, estimate):
 
 
 def numeric_absolute(tracker, estimate):
-    """(n, 3, 3) and (6, 6): of the whole linear model of Omega and x, before they are calibrated."""
+    """(n, 3, 3) and (6, 6): of the whole linear model of Omega and x, before calibration of the uncertainty."""
     problem, pose = estimate.problem, estimate.pose
     live = np.flatnonzero(tracker.kinematics.live)
     model = np.hstack([problem.A, problem.B])
@@ -184,7 +184,7 @@ def test_absolute_covariances_are_those_of_increment_and_translation():
     joints, pelvis = numeric_absolute(tracker, estimate)
     place = estimate.pose.positions[0]
     size = SCALE_DEVIATION**2 * np.outer(place, place) + PLACE_DEVIATION**2 * np.eye(3)
-    # What the problem does not hold (hands, feet) is the prior's, and no part of the pelvis' or an elbow's covariance.
+    # Degrees of freedom outside the problem (hands, feet) have the prior's variance and no effect on pelvis or elbow.
     for name in ("pelvis", "left_elbow", "right_knee"):
         i = tracker.skeleton.index(name)
         Y = problem_free(estimate)
@@ -210,7 +210,7 @@ def test_depth_is_as_uncertain_as_the_size_of_the_body():
     assert deviation[2] > SCALE_DEVIATION * z and max(deviation[:2]) < 0.3 * deviation[2]
 
 
-def test_absolute_is_computed_once_and_only_when_asked():
+def test_the_absolute_covariance_is_computed_once_and_only_on_request():
     tracker, estimate = followed()
     uncertainty = tracker.uncertainty(estimate)
     assert "absolute" not in vars(uncertainty)

@@ -1,4 +1,4 @@
-"""What calibration has learned reaches the URDF, the diagnostics and a file, live and in a replay."""
+"""Calibrated lengths in the URDF, the diagnostics and a file, live and in a replay."""
 
 import os
 from dataclasses import replace
@@ -25,7 +25,7 @@ APART = "left and right of the skeleton differ by 9.5 % on average"
 
 
 def learned(seconds=5.0, seed=3):
-    """A calibration that has come to lengths of its own."""
+    """A calibration with learned lengths."""
     kinematics = body()
     prior = PosePrior(PoseDistribution.load(kinematics.skeleton), kinematics)
     calibration = Calibration(FrameModel(kinematics, prior, Upright()))
@@ -43,7 +43,7 @@ def wrong_skeleton_file(folder, spread=0.08, seed=3):
 
 
 def uneven_skeleton_file(folder):
-    """The built-in skeleton with its left limbs longer than its right ones, as a file."""
+    """The built-in skeleton with longer left limbs, as a file."""
     right = Skeleton.load("anthropometric", 1.75)
     scales = [1.1 if name.startswith("left_") else 1.0 for name in right.joint_names]
     return write_text(folder / "uneven.yaml", skeleton_text(right.with_bone_scales(scales)))
@@ -66,15 +66,15 @@ def test_a_saved_skeleton_is_loaded_again_with_its_lengths(tmp_path):
     assert [file.name for file in path.parent.iterdir()] == ["me.yaml"]
 
 
-def test_a_name_cannot_leave_its_comment_or_its_string(tmp_path):
+def test_special_characters_in_a_name_are_escaped(tmp_path):
     skeleton = Skeleton.load("anthropometric", 1.75)
     odd = skeleton_text(type(skeleton)('a"\njoints: []', *list(vars(skeleton).values())[1:6]), ["one"])
     path = write_text(tmp_path / "odd.yaml", odd)
     assert Skeleton.load(str(path), 1.75).name == 'a"\njoints: []'
 
 
-def test_a_name_in_any_script_comes_back(tmp_path):
-    """JSON's string, which stands in the file, has two halves for a character beyond 16 bits."""
+def test_a_name_in_any_script_is_read_back(tmp_path):
+    """JSON writes a character beyond 16 bits as two halves."""
     skeleton = replace(Skeleton.load("anthropometric", 1.75), name="J\u00f6 \U0001f9cd")
     path = write_text(tmp_path / "me.yaml", skeleton_text(skeleton))
     assert Skeleton.load(str(path), 1.75).name == skeleton.name
@@ -92,13 +92,13 @@ def test_each_calibrated_person_has_a_file(tmp_path):
 
 
 @pytest.mark.parametrize("people", [{}, {"": 0.0}, {"p1": 0.5, "p2": 0.0}], ids=["nobody", "one", "two"])
-def test_nothing_calibrated_is_refused(tmp_path, people):
+def test_saving_without_calibration_is_refused(tmp_path, people):
     with pytest.raises(SkeletonError, match="nothing has been calibrated"):
         save_all({person: learned(moved) for person, moved in people.items()}, tmp_path / "me.yaml", NOW_NS)
     assert not list(tmp_path.iterdir())
 
 
-def test_a_file_that_cannot_be_written_is_refused_and_the_old_one_stays(tmp_path, monkeypatch):
+def test_an_unwritable_file_is_refused_and_the_old_one_is_kept(tmp_path, monkeypatch):
     calibration, old = learned(), tmp_path / "me.yaml"
     old.write_text("old")
     (tmp_path / "folder").mkdir()
@@ -115,13 +115,13 @@ def test_a_file_that_cannot_be_written_is_refused_and_the_old_one_stays(tmp_path
     assert old.read_text() == "old" and sorted(os.listdir(tmp_path)) == ["folder", "me.yaml"]
 
 
-def test_the_home_folder_may_be_written_as_a_tilde(tmp_path, monkeypatch):
+def test_a_tilde_is_the_home_folder(tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     (path,) = save_all({"": learned()}, type(tmp_path)("~/.ros/me.yaml"), NOW_NS)
     assert path == tmp_path / ".ros" / "me.yaml" and path.is_file()
 
 
-def test_figures_for_the_diagnostics():
+def test_diagnostics_contain_the_calibration_figures():
     calibration = learned()
     values = calibration_figures(calibration, True, "p4")
     assert values["p4 calibration"] == "learning" and values["p4 calibration: motion seen [s]"] == "5.00"
@@ -136,7 +136,7 @@ def test_figures_for_the_diagnostics():
 # The URDF ------------------------------------------------------------------------------------------------------------
 
 
-def test_in_a_replay_every_frames_joints_are_those_of_the_newest_urdf(tmp_path):
+def test_the_joints_of_a_replay_agree_with_the_newest_urdf(tmp_path):
     pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
     from recordings import RATE, read, write_recording
 
@@ -151,7 +151,7 @@ def test_in_a_replay_every_frames_joints_are_those_of_the_newest_urdf(tmp_path):
     streams = {topic: read(tmp_path / "once", f"/tracker/{topic}") for topic in names}
     descriptions = [(time_ns, DescribedBody(m.data)) for time_ns, m in streams["robot_description"]]
     assert 4 < len(descriptions) <= 8 + frames / RATE
-    apart = np.diff([time_ns for time_ns, _ in descriptions])  # often at first, then once a second
+    apart = np.diff([time_ns for time_ns, _ in descriptions])  # often at first, then once per second
     assert apart.min() > 0.9e9 * UPDATE.first and apart[-2:].min() > 0.9e9 * UPDATE.last
     errors, first = [], descriptions[0][1]
     for (time_ns, state), (_, joints) in zip(streams["joint_states"], streams["joints"]):
@@ -159,19 +159,19 @@ def test_in_a_replay_every_frames_joints_are_those_of_the_newest_urdf(tmp_path):
         errors.append((newest.error(state, joints), first.error(state, joints)))
     assert len(errors) > 0.95 * frames
     assert max(error for error, _ in errors) < PROMISE_M
-    assert errors[-1][1] > 5 * PROMISE_M  # the lengths have moved by much more
+    assert errors[-1][1] > 5 * PROMISE_M  # the lengths have changed by much more
     again = [(time_ns, m.data) for time_ns, m in read(tmp_path / "again", "/tracker/robot_description")]
     assert again == [(time_ns, m.data) for time_ns, m in streams["robot_description"]]
 
 
-def test_replay_saves_the_skeleton(tmp_path, capsys):
+def test_replay_saves_the_learned_skeleton(tmp_path, capsys):
     pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
     from recordings import read, write_recording
 
     from lassokin_ros.cli.replay import main
     from lassokin_ros.pipeline.outputs.urdf import urdf
 
-    # Its end is between two updates: what the last frame teaches is saved, but no frame is published with it.
+    # The end is between two updates: the lengths learned from the last frame are saved, but not published.
     recording, saved = write_recording(tmp_path / "walk", 140), tmp_path / "me.yaml"
     wrong = wrong_skeleton_file(tmp_path)
     given = [str(recording), "--save-skeleton", str(saved), "-p", f"skeleton:={wrong}", "--force"]
@@ -192,7 +192,7 @@ def test_replay_saves_the_skeleton(tmp_path, capsys):
     brief = [str(short), *calibrated[1:], "-o", str(tmp_path / "brief"), "--report", str(tmp_path / "brief.html")]
     assert main([*brief, "--export", str(tmp_path / "brief.csv")]) == 2
     assert "nothing has been calibrated" in capsys.readouterr().err and saved.read_text() == text
-    assert not list(tmp_path.glob("*brief*"))  # the recording neither
+    assert not list(tmp_path.glob("*brief*"))  # nor the recording
     assert main([str(short), *calibrated]) == 2 and "recording" in capsys.readouterr().err
 
 
@@ -254,7 +254,7 @@ def test_the_node_reports_that_it_averaged_an_asymmetric_skeleton(tmp_path):
 
 
 def saved_under(peer, name):
-    """What ~/save_skeleton answers with the parameter skeleton_output at `name`, taken only when that is a YAML's."""
+    """The answer of ~/save_skeleton with the parameter skeleton_output at `name`, accepted only for YAML files."""
     from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
     from rcl_interfaces.srv import SetParameters
     from std_srvs.srv import Trigger
@@ -266,7 +266,7 @@ def saved_under(peer, name):
     return peer.call(Trigger, "save_skeleton", Trigger.Request())
 
 
-def test_the_running_node_describes_saves_and_reports_what_it_has_learned(tmp_path):
+def test_the_running_node_publishes_saves_and_reports_learned_lengths(tmp_path):
     pytest.importorskip("rclpy")
     from live import ROOT, START_NS, NodeProcess, Peer, values_of
     from messages import FRAME, pixels_of_motion
@@ -296,16 +296,16 @@ def test_the_running_node_describes_saves_and_reports_what_it_has_learned(tmp_pa
         values = values_of(peer.next_diagnostics())
         assert values["calibration"] == "learning" and float(values["calibration: motion seen [s]"]) > 2
         assert any(abs(float(v)) > 1 for key, v in values.items() if key.startswith("calibration: ") and "%" in key)
-        assert 3 < len(texts) <= 16  # often at first, then once a second
+        assert 3 < len(texts) <= 16  # often at first, then once per second
         bodies, current = [DescribedBody(text.data) for text in texts], 0
-        for state, poses in zip(states, joints):  # topics overtake one another: in order, each with one of them
+        for state, poses in zip(states, joints):  # each fits a description, in their order
             fits = [k for k in range(current, len(bodies)) if bodies[k].error(state, poses) < PROMISE_M]
             assert fits, "no description reproduces this frame's joints"
             current = fits[0]
-        assert fits[-1] == len(bodies) - 1  # two that came soon one after the other may be as good as the same
+        assert fits[-1] == len(bodies) - 1  # two updates in short succession may be equally good
         answer = peer.call(Trigger, "save_skeleton", Trigger.Request())
         assert answer.success and str(saved) in answer.message
-        peer.send(START_NS + len(pixels) * 40_000_000, pixels[-1])  # tracked with what has been saved
+        peer.send(START_NS + len(pixels) * 40_000_000, pixels[-1])  # tracked with the saved skeleton
         peer.spin_until(lambda: len(joints) == len(states) == len(pixels) + 1, what="the last answer")
         described = DescribedBody(urdf(Skeleton.load(str(saved), 1.75), FRAME))
         assert described.error(states[-1], joints[-1]) < 1e-6
@@ -313,7 +313,7 @@ def test_the_running_node_describes_saves_and_reports_what_it_has_learned(tmp_pa
         relative, impossible, refused = (saved_under(peer, name) for name in names)
         assert relative.success and relative.message.startswith("written: /") and saved.name in relative.message
         assert not impossible.success and "cannot be written" in impossible.message
-        assert refused.message == impossible.message  # that parameter was not taken
+        assert refused.message == impossible.message  # the parameter was not accepted
         peer.call(Trigger, "reset", Trigger.Request())
         answer = peer.call(Trigger, "save_skeleton", Trigger.Request())
         assert not answer.success and "nothing has been calibrated" in answer.message

@@ -1,4 +1,4 @@
-"""What the status says of keypoints that are no body's."""
+"""The status for keypoints that fit no body, and for other unusual inputs."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ PIXELS = pixels_of_motion(60)
 
 
 def status_of(pixels, silence_s=0.0, confidence=None):
-    """After a second of them, or of two statuses the second, after so long without any."""
+    """The status after a second of such messages, or the second of two statuses after a period without them."""
     pipeline = Pipeline(TrackerConfig(), NodeSettings())
     pipeline.set_camera(camera_info(BACKEND))
     diagnostics = Diagnostics(pipeline, "tracker", 0.0)
@@ -34,8 +34,8 @@ def status_of(pixels, silence_s=0.0, confidence=None):
 
 
 @pytest.mark.parametrize("layout", ["h36m17", "openpose18"])
-def test_landmarks_counted_otherwise_than_said_are_a_warning(layout):
-    """Another detector's first 17 points for COCO's; lengths are learned meanwhile, and explain them no better."""
+def test_landmarks_of_another_layout_are_a_warning(layout):
+    """The first 17 points of another detector instead of COCO's; learned lengths do not explain them either."""
     status = status_of(pixels_of_motion(60, layout=layout)[:, :17])
     assert status.level == WARN and "m off the best body" in status.message and "`landmarks: coco17`" in status.message
 
@@ -54,7 +54,7 @@ def test_a_good_and_a_bad_detector_do_not_cause_warnings(noise_px):
     ids=["usual", "larger", "near the border", "not believed"],
 )
 def test_pixels_of_a_larger_image_are_a_warning(scale, low, confidence, said):
-    """Not so feet that the border cuts, nor points out of sight of which the detector itself is not sure."""
+    """There is no warning for feet outside the image, or for points outside with a low confidence."""
     pixels, confidences = scale * PIXELS, np.ones(PIXELS.shape[:2])
     pixels[:, 13:, 1] += low
     confidences[:, 13:] = confidence
@@ -64,7 +64,7 @@ def test_pixels_of_a_larger_image_are_a_warning(scale, low, confidence, said):
 
 
 def test_pixels_from_another_origin_are_a_warning():
-    """The image's centre, say."""
+    """For example the image's centre."""
     status = status_of(PIXELS - [320.0, 240.0])
     assert status.level == WARN and "of 640 x 480 px" in status.message
 

@@ -1,16 +1,17 @@
-"""The pipeline without middleware, and its messages made for rclpy and for rosbags."""
+"""The pipeline without middleware, and its messages for rclpy and for rosbags."""
 
 import numpy as np
 import pytest
+from detector_messages import detector_types
 from messages import FOCAL, FRAME, HEIGHT, WIDTH, camera_info, cloud, pixels_of_motion, rosbags_backend
 from scipy.spatial.transform import Rotation
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
+from lassokin_ros.pipeline.outputs.frame_messages import DETAILS, FrameMessages
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import ROOT, NodeSettings
-from msg_adapters.backends import RclpyBackend
+from msg_adapters.backends import RclpyBackend, RosbagsBackend
 from msg_adapters.output_messages.builders import set_header
 
 pytest.importorskip("rosbags")
@@ -34,7 +35,7 @@ def frame(pipeline, index, stamp_ns=None, **options):
 
 
 def as_plain(message):
-    """A message as nested lists and dictionaries, whichever library made it."""
+    """A message of either library as nested lists and dictionaries."""
     if hasattr(message, "__slots__") or hasattr(message, "__dataclass_fields__"):
         names = getattr(message, "__dataclass_fields__", None) or message.get_fields_and_field_types()
         return {n: as_plain(getattr(message, n)) for n in names if n == n.lower() and not n.startswith("__")}
@@ -60,7 +61,7 @@ def test_both_backends_give_equal_messages(pipeline):
         assert as_plain(ours[name]) == as_plain(theirs[name]), name
 
 
-def test_only_what_is_wanted_is_made(pipeline):
+def test_only_requested_messages_are_made(pipeline):
     tracked = frame(pipeline, 0)
     messages = FrameMessages(BACKEND, pipeline.tracker.skeleton)
     assert [t for t, _ in messages.build(tracked, lambda topic: topic == topics.JOINTS)] == [topics.JOINTS]
@@ -76,21 +77,22 @@ def test_tf_gives_position_and_front_of_the_pelvis(pipeline):
     place, q = transform.transform.translation, transform.transform.rotation
     assert np.array_equal([place.x, place.y, place.z], tracked.positions[:3])
     turn = Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix()
-    front, left, up = turn.T  # in the camera's frame; the person stands upright and looks into the camera
+    front, left, up = turn.T  # in the camera's frame: the person is upright and looks into the camera
     assert front[2] < -0.8 and left[0] > 0.8 and up[1] < -0.8
     assert np.allclose(left, tracked.estimate.pose.orientations[0][:, 0])
 
 
 def test_rep155s_body_is_midway_between_the_hips(pipeline):
     tracked = frame(pipeline, 0)
-    messages = FrameMessages(BACKEND, pipeline.tracker.skeleton, config=NodeSettings(publish_tf=ROOT, rep155=True))
+    config, backend = NodeSettings(publish_tf=ROOT, rep155=True), RosbagsBackend(detector_types())
+    messages = FrameMessages(backend, pipeline.tracker.skeleton, config=config)
     place = dict(messages.build(tracked))[topics.TF].transforms[0].transform.translation
     hips = tracked.estimate.pose.positions[[1, 2]]
     assert np.allclose([place.x, place.y, place.z], hips.mean(axis=0))
     assert np.linalg.norm(hips.mean(axis=0) - tracked.positions[:3]) > 0.05
 
 
-def test_stamps_and_frames(pipeline):
+def test_messages_have_the_stamp_and_frame_of_the_keypoints(pipeline):
     first = frame(pipeline, 0)
     assert (first.stamp_ns, first.frame_id, first.accepted) == (START_NS, FRAME, True)
     assert frame(pipeline, 0).rejection == "old_stamp"
@@ -106,7 +108,7 @@ def test_a_stamp_of_zero_is_the_time_of_arrival(pipeline):
     assert pipeline.counts["unstamped"] == 1
 
 
-def test_the_frame_of_the_camera_stands_in_for_a_missing_one(pipeline):
+def test_a_missing_frame_is_replaced_by_that_of_the_camera(pipeline):
     assert frame(pipeline, 0, frame_id="").frame_id == FRAME
 
 
@@ -118,7 +120,7 @@ def test_a_looped_bag_gives_the_same_bytes(pipeline):
             assert np.array_equal(once.velocities, again.velocities)
 
 
-def test_two_publishers_of_the_same_images_count_once(pipeline):
+def test_messages_of_two_publishers_of_the_same_images_are_used_once(pipeline):
     for i in range(10):
         assert frame(pipeline, i).accepted
         assert frame(pipeline, i).rejection == "old_stamp"
@@ -133,7 +135,7 @@ def test_a_new_camera_is_used_from_the_next_frame_on(pipeline):
 
 
 def double(pipeline):
-    """Twice the resolution from image 10 on. The noise is twice as many pixels too, so that all else stays the same."""
+    """Twice the resolution from image 10 on, with twice the noise in px, so that all else is equal."""
     info = camera_info(BACKEND, focal=2 * FOCAL, width=2 * WIDTH, height=2 * HEIGHT)
     info.k[2], info.k[5] = WIDTH, HEIGHT
     set_header(info.header, START_NS + 10 * PERIOD_NS, FRAME)
@@ -144,7 +146,7 @@ def send(pipeline, index, pixels):
     return pipeline.process(cloud(BACKEND, START_NS + index * PERIOD_NS, pixels), 7)
 
 
-def test_another_resolution_while_running_leaves_the_person_where_they_are(pipeline):
+def test_another_resolution_does_not_move_the_person(pipeline):
     other = Pipeline(TrackerConfig(), NodeSettings())
     other.set_camera(camera_info(BACKEND))
     for i in range(20):
@@ -156,8 +158,8 @@ def test_another_resolution_while_running_leaves_the_person_where_they_are(pipel
         assert np.abs(a.positions - b.positions).max() < 1e-6, i
 
 
-def test_keypoints_still_under_way_are_read_with_the_camera_that_took_them(pipeline):
-    """The detector is three images behind when the camera changes."""
+def test_late_keypoints_are_read_with_their_own_camera(pipeline):
+    """The detector is three images late when the camera changes."""
     plain = Pipeline(TrackerConfig(), NodeSettings())
     plain.set_camera(camera_info(BACKEND))
     for i in range(20):
@@ -169,7 +171,7 @@ def test_keypoints_still_under_way_are_read_with_the_camera_that_took_them(pipel
         assert np.abs(a.positions - b.positions).max() < 1e-6, i
 
 
-def test_another_lens_while_running(pipeline):
+def test_another_lens_is_used_from_its_first_image_on(pipeline):
     cv2 = pytest.importorskip("cv2")
     K, D = np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]]), np.array([-0.02, 0.004, -0.003, 0.0])
     depths = []
@@ -184,7 +186,7 @@ def test_another_lens_while_running(pipeline):
     assert np.abs(np.diff(depths, axis=0)).max() < 0.1 and pipeline.counts["resets"] == 0
 
 
-def test_another_cameras_info_forgets_the_state(pipeline):
+def test_the_info_of_another_camera_resets_the_state(pipeline):
     assert frame(pipeline, 0).accepted
     pipeline.set_camera(camera_info(BACKEND, frame_id="another_camera"))
     assert frame(pipeline, 1, frame_id="").estimate.initialised and pipeline.counts["resets"] == 1
@@ -201,7 +203,7 @@ def test_late_images_of_the_previous_camera_are_forgotten_too(pipeline):
     assert [f.estimate.initialised for f in (*late, *new)] == [True, False, True, False]
 
 
-def test_a_refused_camera_is_counted_each_time_and_the_good_one_stays(pipeline):
+def test_a_rejected_camera_is_counted_each_time_and_the_good_one_is_kept(pipeline):
     for _ in range(3):
         assert pipeline.set_camera(camera_info(BACKEND, k=np.zeros(9))) == "camera_uncalibrated"
     assert pipeline.counts["rejected: camera_uncalibrated"] == 3
@@ -223,4 +225,35 @@ def test_one_of_several_people_is_followed_until_lost(pipeline):
         return raw_cloud(BACKEND, START_NS + index * PERIOD_NS, points.tobytes(), fields, 20, 34)
 
     x = [pipeline.process(two_people(i, c), 0).estimate.state.translation[0] for i, c in enumerate((0.5, 0.9, 0.9))]
-    assert min(x) > 0.5  # person 9 stands to the right, and stays the one when the other becomes the surer
+    assert min(x) > 0.5  # person 9 is to the right, and is kept when the other one has higher confidences
+
+
+@pytest.mark.parametrize(("rate", "expected"), [(0.0, 12), (20.0, 4), (15.0, 3), (60.0, 12)])
+def test_detail_rate_limits_the_slow_topics_and_no_other(pipeline, rate, expected):
+    messages = FrameMessages(BACKEND, pipeline.tracker.skeleton, config=NodeSettings(detail_rate=rate))
+    jitter = np.random.default_rng(0).integers(-500_000, 500_000, 12)
+    frames = [frame(pipeline, i, START_NS + i * PERIOD_NS + int(jitter[i])) for i in range(12)]
+    topics_of = [topic for tracked in frames for topic, _ in messages.build(tracked)]
+    for topic in DETAILS:
+        assert topics_of.count(topic) == expected, topic
+    assert topics_of.count(topics.JOINT_STATES) == topics_of.count(topics.SKELETON) == 12
+
+
+def test_detail_rate_goes_on_after_a_jump_back_in_time(pipeline):
+    messages = FrameMessages(BACKEND, pipeline.tracker.skeleton, config=NodeSettings(detail_rate=1.0))
+    first = frame(pipeline, 300)
+    pipeline.reset()
+    for tracked in (first, frame(pipeline, 0)):
+        assert topics.CERTIFICATE in dict(messages.build(tracked))
+
+
+def test_joint_states_may_be_read_from_any_frame_on():
+    """Reading starts in the middle: the same angles and velocities as if all frames had been read."""
+    always, late = Pipeline(TrackerConfig(), NodeSettings()), Pipeline(TrackerConfig(), NodeSettings())
+    for one in (always, late):
+        one.set_camera(camera_info(BACKEND))
+    for i in range(6):
+        read, unread = frame(always, i), frame(late, i)
+        assert read.positions is not None and read.velocities is not None
+    assert np.array_equal(unread.positions, read.positions) and np.array_equal(unread.velocities, read.velocities)
+    assert np.any(read.velocities)

@@ -1,4 +1,4 @@
-"""A frame that is not used is said in words that hold its numbers and what was expected, and no key of ours."""
+"""The text for a rejected frame contains numbers and the expected values, and no internal keys."""
 
 from dataclasses import replace
 
@@ -15,13 +15,13 @@ FEWEST = "expected 4 or more (min_landmarks)"
 
 
 def with_landmarks(observation, count):
-    """Only so many of its landmarks are seen."""
+    """An observation with only this number of visible landmarks."""
     seen = np.where(np.arange(len(observation.confidence)) < count, observation.confidence, 0.0)
     return replace(observation, confidence=seen)
 
 
 def spoilt(rejection, used):
-    """What a tracker that has used an observation refuses for this reason, and words in which it is to be said."""
+    """Observations that a tracker rejects for this reason, and words that the text must contain."""
     later = replace(used, stamp=used.stamp + 1 / 30)
     small = replace(later, points=1e-3 * used.points, stamp=used.stamp + 10.0)
     return {
@@ -41,7 +41,7 @@ def spoilt(rejection, used):
 
 
 @pytest.mark.parametrize("rejection", Rejection)
-def test_every_refusal_is_described_with_what_was_expected(rejection, monkeypatch):
+def test_every_rejection_is_described_with_the_expected_values(rejection, monkeypatch):
     tracker = Tracker(CONFIG)
     assert tracker.track(frame(tracker)).accepted
     observation, words = spoilt(rejection, frame(tracker))
@@ -53,7 +53,7 @@ def test_every_refusal_is_described_with_what_was_expected(rejection, monkeypatc
     assert words in said and "expected" in said and rejection.value not in said and "\n" not in said
 
 
-def test_landmarks_that_no_camera_sees():
+def test_invisible_landmarks_are_described():
     tracker = Tracker(CONFIG)
     observation = with_landmarks(frame(tracker), 5)
     observation = replace(observation, points=1e3 * observation.points)
@@ -63,15 +63,15 @@ def test_landmarks_that_no_camera_sees():
     )
 
 
-def test_landmarks_that_are_enough_but_not_where_they_were_going():
-    """Four are left, and two of them twice far off, when the others' tracks have ended."""
+def test_enough_landmarks_far_from_their_tracks_are_described():
+    """Four are left, two of them far off twice, when the tracks of the others have ended."""
     tracker = Tracker(CONFIG)
     first = frame(tracker)
     away = first.points.copy()
     away[:2] += 0.4
     answers = []
     for stamp, points in ((0.0, first.points), (0.2, first.points), (0.29, away), (0.35, away)):
-        moved = points + 1e-3 * stamp  # or it would be the same keypoints again
+        moved = points + 1e-3 * stamp  # otherwise they would be repeated keypoints
         observation = replace(with_landmarks(first, 17 if stamp == 0.0 else 4), points=moved, stamp=stamp)
         answers.append(tracker.track(observation))
     assert [answer.accepted for answer in answers] == [True, True, True, False]

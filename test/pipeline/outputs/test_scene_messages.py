@@ -1,9 +1,10 @@
-"""Messages of all people, the state of tracking, TF of the joints, and labels, without middleware."""
+"""Messages about all people, the state of tracking, TF of the joints, and labels, without middleware."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from detector_messages import detector_types
 from messages import FRAME, camera_info, cloud, pixels_of_motion, rosbags_backend
 from scipy.spatial.transform import Rotation
 
@@ -12,13 +13,16 @@ from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
+from lassokin_ros.pipeline.outputs.naming import Naming
 from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, images_of
 from lassokin_ros.pipeline.outputs.presence_state import PresenceState
+from lassokin_ros.pipeline.outputs.rep155 import LINKS
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.offline_tracker import add_type
+from msg_adapters.backends import RosbagsBackend
 from msg_adapters.output_messages.people import BUILDERS, CLOUD_TYPE, DEFINITIONS, DETECTIONS_TYPE, PEOPLE_TYPE, POINT
 
 pytest.importorskip("rosbags")
@@ -37,7 +41,7 @@ def frames():
 
 
 def people_at(frames, message_type, stamp_ns):
-    """The message at a time after the last frame, serialised and read again as another node would."""
+    """The message at a time after the last frame, serialised and deserialised."""
     messages = PeopleMessages(BACKEND, message_type)
     messages.update(frames, None)
     store = BACKEND._typestore
@@ -47,7 +51,7 @@ def people_at(frames, message_type, stamp_ns):
 
 @pytest.mark.parametrize("message_type", BUILDERS)
 @pytest.mark.parametrize("age_s, state", [(0, "tracking"), (2, "lost"), (4, "nobody")])
-def test_each_type_of_people_has_the_person_of_the_frame(frames, message_type, age_s, state):
+def test_each_people_type_contains_the_person_of_the_frame(frames, message_type, age_s, state):
     newest = frames[-1]
     message = people_at(frames, message_type, newest.stamp_ns + age_s * SECOND)
     assert message.header.frame_id == FRAME
@@ -103,7 +107,7 @@ def test_people_who_left_or_are_of_another_camera_are_left_out(frames):
     assert messages.build((at, FRAME), 1.0, 3.0).width == 0
 
 
-def test_the_images_of_a_message():
+def test_the_scene_contains_the_people_of_each_image():
     def result(stamp_ns, estimate, accepted):
         return SimpleNamespace(estimate=estimate, stamp_ns=stamp_ns, frame_id="a", accepted=accepted)
 
@@ -136,7 +140,7 @@ def test_the_state_of_one_person_is_lost_and_then_nobody():
         assert state.value == expected and changed == (before != expected), seconds
 
 
-def test_the_state_of_several_people():
+def test_the_state_of_several_people_is_the_best_one():
     state = PresenceState()
     for status, ids, expected in (
         (Status.SEARCHING, [], "nobody"),
@@ -149,12 +153,13 @@ def test_the_state_of_several_people():
 
 
 def test_tf_of_all_joints_gives_the_joints_of_the_pose(frames):
-    """Chained from the camera, each frame is where its joint is, turned as the joint is."""
+    """Chained from the camera, each frame has the position and orientation of its joint."""
     frame = frames[-1]
     for rep155 in (False, True):
         config = NodeSettings(publish_tf="all", rep155=rep155)
         person = "p4" if rep155 else ""
-        message = dict(FrameMessages(BACKEND, frame.skeleton, "tracker", person, config).build(frame))[topics.TF]
+        backend = RosbagsBackend(detector_types())
+        message = dict(FrameMessages(backend, frame.skeleton, "tracker", person, config).build(frame))[topics.TF]
         known = {FRAME: (np.zeros(3), Rotation.identity())}
         for transform in message.transforms:
             assert transform.child_frame_id not in known
@@ -162,16 +167,15 @@ def test_tf_of_all_joints_gives_the_joints_of_the_pose(frames):
             t, q = transform.transform.translation, transform.transform.rotation
             there = place + turn.apply([t.x, t.y, t.z])
             known[transform.child_frame_id] = there, turn * Rotation.from_quat([q.x, q.y, q.z, q.w])
-        pose, prefix = frame.estimate.pose, "tracker/p4/" if rep155 else "tracker/"
-        assert len(known) == 26
-        for name, place, turn in zip(frame.skeleton.joint_names, pose.positions, pose.orientations):
-            assert np.allclose(known[prefix + name][0], place) and np.allclose(
-                known[prefix + name][1].as_matrix(), turn
-            )
+        pose, naming = frame.estimate.pose, Naming(body_id=person) if rep155 else Naming("tracker/")
+        assert len(known) == 26 + len(LINKS) * rep155
+        for joint, place, turn in zip(frame.skeleton.joint_names, pose.positions, pose.orientations):
+            there, turned = known[naming.link_of_joint(joint)]
+            assert np.allclose(there, place) and np.allclose(turned.as_matrix(), turn)
         assert ("body_p4" if rep155 else "tracker/body") in known
 
 
-def test_labels_stand_at_the_joints(frames):
+def test_labels_are_at_the_joints(frames):
     frame = frames[-1]
     config = NodeSettings(joint_labels=True)
     markers = dict(FrameMessages(BACKEND, frame.skeleton, config=config).build(frame))[topics.MARKERS].markers
@@ -182,7 +186,7 @@ def test_labels_stand_at_the_joints(frames):
 
 
 @pytest.mark.parametrize("text, expected", [("off", "off"), ("false", "off"), ("true", "root"), ("all", "all")])
-def test_publish_tf_takes_yamls_booleans(text, expected):
+def test_publish_tf_accepts_the_booleans_of_yaml(text, expected):
     assert offline_settings([], [f"publish_tf:={text}"])[1].publish_tf == expected
 
 

@@ -1,4 +1,4 @@
-"""The joints' uncertainty as messages: what the core says, in a cloud and as ellipsoids."""
+"""The joints' uncertainty as messages: the values of the core in a cloud and as ellipsoids."""
 
 from importlib.util import find_spec
 
@@ -20,7 +20,7 @@ FIELDS = ["x", "y", "z", "joint", "deviation", "xx", "xy", "xz", "yy", "yz", "zz
 
 
 def points_of(message):
-    """A PointCloud2 as a structured array, by its own description of itself."""
+    """A PointCloud2 as a structured array, by its fields."""
     kinds = {5: "<i4", 7: "<f4"}
     dtype = np.dtype(
         {
@@ -36,7 +36,7 @@ def points_of(message):
 
 @pytest.fixture(scope="module")
 def tracked():
-    """A pipeline, and its frame after some of a motion."""
+    """A pipeline, and its frame after a part of the motion."""
     backend = rosbags_backend()
     pipeline = Pipeline(TrackerConfig(), NodeSettings())
     pipeline.set_camera(camera_info(backend))
@@ -49,7 +49,7 @@ BACKENDS = [rosbags_backend(), *([RclpyBackend()] if find_spec("rclpy") else [])
 
 
 @pytest.mark.parametrize("backend", BACKENDS, ids=lambda b: type(b).__name__)
-def test_the_cloud_holds_the_values_of_the_core(tracked, backend):
+def test_the_cloud_contains_the_values_of_the_core(tracked, backend):
     pipeline, frame = tracked
     expected = pipeline.tracker.uncertainty(frame.estimate)
     (message,) = (m for t, m in FrameMessages(backend, frame.skeleton).build(frame) if t == topics.JOINT_UNCERTAINTY)
@@ -78,10 +78,10 @@ def test_ellipsoids_are_one_standard_deviation_along_each_axis(tracked, backend)
         axes = Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix()
         shape = axes @ np.diag(np.square([s.x, s.y, s.z]) / 4) @ axes.T
         assert np.allclose(shape, covariance, rtol=1e-6, atol=1e-6)
-    assert min(markers[0].scale.x, markers[0].scale.y, markers[0].scale.z) > 0  # the pelvis' is none: still a marker
+    assert min(markers[0].scale.x, markers[0].scale.y, markers[0].scale.z) > 0  # 0 for the pelvis, but still a marker
 
 
-def test_it_is_computed_when_asked_and_once(tracked):
+def test_uncertainty_is_computed_once_and_only_on_request(tracked):
     pipeline, _ = tracked
     asked = []
     frame = pipeline.process(cloud(rosbags_backend(), START_NS + 10**9, pixels_of_motion(1)[0]), 7)
@@ -99,7 +99,7 @@ def test_it_is_computed_when_asked_and_once(tracked):
     assert len(list(messages.build(frame, lambda t: t in uncertain))) == 5 and len(asked) == 1
 
 
-def test_a_rejected_frame_has_none(tracked):
+def test_a_rejected_frame_has_no_uncertainty(tracked):
     pipeline, _ = tracked
     frame = pipeline.process(cloud(rosbags_backend(), 0, np.full((17, 2), np.nan)), START_NS + 2 * 10**9)
     assert not frame.accepted
@@ -107,7 +107,7 @@ def test_a_rejected_frame_has_none(tracked):
         frame.uncertainty
 
 
-def test_the_running_node_publishes_both_and_says_the_largest():
+def test_the_running_node_publishes_both_and_reports_the_largest():
     pytest.importorskip("rclpy")
     from live import START_NS as LIVE_NS
     from live import NodeProcess, Peer, stamp_of, values_of

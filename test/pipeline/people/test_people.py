@@ -1,4 +1,4 @@
-"""Several people: who is who, births, absences, deaths, crossings; and the one who is followed among several."""
+"""Several people: their ids, appearances, absences, departures and crossings; and one tracked person among several."""
 
 import os
 from collections import defaultdict
@@ -54,7 +54,7 @@ def pipeline_for(max_people=4, **settings):
 
 
 def feed(pipeline, index, people, persons=None):
-    """One message of people's pixels; person id -> frame."""
+    """Process one message with the people's pixels; return person id -> frame."""
     pairs = [(xy, np.full(len(xy), 0.9)) for xy in people]
     frames = pipeline.frames(crowd(BACKEND, stamp(index), pairs, persons), 0)
     assert all(f.accepted for f in frames), [f.rejection for f in frames]
@@ -62,17 +62,17 @@ def feed(pipeline, index, people, persons=None):
 
 
 def two_who_cross(frames=120):
-    """One goes to the right in front, one to the left behind; who is behind is hidden while they overlap."""
+    """One person walks to the right in front, one to the left behind; the one behind is hidden while they overlap."""
     course = np.linspace(-1.0, 1.0, frames)
     front = walk(frames, course, 3.2, 0.0, 1)
-    back = walk(frames, -1.3 * course, 4.4, 3.0, 2)  # before the squat, which one camera hardly tells from a lean
+    back = walk(frames, -1.3 * course, 4.4, 3.0, 2)  # before the squat, which resembles a lean
     hidden = np.abs(front[1][:, :, 0].mean(1) - back[1][:, :, 0].mean(1)) < 40
     assert 10 < hidden.sum() < 30
     return front, back, hidden
 
 
 def run_single(pixels):
-    """Joints (f, 24, 3) about the pelvis of a person who is the only one."""
+    """Joints (f, 24, 3) relative to the pelvis, of a person who is alone."""
     pipeline = pipeline_for(max_people=1)
     poses = [
         pipeline.process(crowd(BACKEND, stamp(i), [(xy, np.full(17, 0.9))]), 0).estimate.pose.positions
@@ -82,7 +82,7 @@ def run_single(pixels):
 
 
 @pytest.mark.parametrize("numbered", [True, False], ids=["message", "node"])
-def test_two_who_cross_keep_their_ids_and_skeletons(numbered):
+def test_two_people_who_cross_keep_their_ids_and_skeletons(numbered):
     front, back, hidden = two_who_cross()
     pipeline = pipeline_for(person_ids="message" if numbered else "node")
     random = np.random.default_rng(3)
@@ -110,11 +110,11 @@ def test_two_who_cross_keep_their_ids_and_skeletons(numbered):
         assert error(joints[who]) < 1.25 * error(by_itself) < 0.25, "a person among others is tracked as one alone"
 
 
-def test_births_absences_and_deaths():
+def test_people_appear_are_absent_and_leave():
     pixels = walk(200, 0.8, 3.5, 0.0, 1)[1], walk(200, -0.8, 3.5, 3.0, 2)[1]
     pipeline = pipeline_for(max_people=2, person_ids="node", forget_after=1.0)
     seen = [feed(pipeline, i, [pixels[0][i]]) for i in range(10)]
-    assert [list(s) for s in seen] == [[], []] + [["p1"]] * 8  # believed in at the third measurement
+    assert [list(s) for s in seen] == [[], []] + [["p1"]] * 8  # confirmed with the third measurement
     seen = [feed(pipeline, i, [pixels[1][i], pixels[0][i]]) for i in range(10, 20)]
     assert list(seen[0]) == ["p1"] and set(seen[-1]) == {"p1", "p2"}
     for i in range(20, 40):  # a short absence
@@ -133,7 +133,7 @@ def test_births_absences_and_deaths():
 
 @pytest.mark.parametrize("people", [1, 3])
 def test_silence_is_reported_and_does_not_reset_the_state(people):
-    """By the clock of arrivals, however far from the stamps it is, and only while that goes on."""
+    """By the clock of arrivals, at any distance from the stamps, and only while it advances."""
     pixels = walk(30, 0.8, 3.5, 0.0, 1)[1], walk(30, -0.8, 3.5, 3.0, 2)[1]
     config = TrackerConfig(lost_after=0.5), NodeSettings(max_people=people, person_ids="node", forget_after=1.0)
     asked, left_alone = Pipeline(*config), Pipeline(*config)
@@ -150,7 +150,7 @@ def test_silence_is_reported_and_does_not_reset_the_state(people):
     arrival_ns = stamp(29) // 7
     said = [asked.presence_at(arrival_ns + round(silent_s * 1e9)) for silent_s in (-5.0, 0.4, 0.7, 1.2)]
     tracking, lost, gone = (Presence(status) for status in (Status.TRACKING, Status.LOST, Status.LOST))
-    if people > 1:  # the second one was seen last half a second before the first
+    if people > 1:  # the second person was last seen half a second before the first
         tracking, lost = Presence(Status.TRACKING, ["p1", "p2"]), Presence(Status.LOST, ["p1"])
         gone = Presence(Status.SEARCHING, [])
     assert said == [tracking, tracking, lost, gone]
@@ -167,14 +167,14 @@ def test_rejected_messages_do_not_change_the_list_of_people():
     assert pipeline.presence_at(stamp(4) + 2 * 10**9).status is Status.LOST
 
 
-def test_what_came_before_a_simulated_clock_has_no_age():
+def test_messages_before_the_first_clock_have_no_age():
     pixels, pipeline = walk(5, 0.0, 3.5, 0.0, 1)[1], pipeline_for(max_people=1)
     assert pipeline.process(crowd(BACKEND, stamp(0), [(pixels[0], np.full(17, 0.9))]), 0).accepted
     assert pipeline.presence_at(10**18).status is Status.TRACKING
 
 
 def test_new_people_start_with_the_learned_vertical(monkeypatch):
-    """By who is there; in an empty room by who was there the longest; after a reset by nobody."""
+    """That of present people; in an empty room that of the person tracked for the longest time; none after a reset."""
     pixels = walk(100, -0.8, 3.5, 0.0, 1)[1], walk(100, 0.8, 4.0, 1.0, 2)[1]
     pipeline, verticals = pipeline_for(person_ids="message", forget_after=0.2), []
     candidates = Upright.candidates
@@ -183,7 +183,7 @@ def test_new_people_start_with_the_learned_vertical(monkeypatch):
         verticals.append([vertical for vertical, _ in candidates(upright)])
         return candidates(upright)
 
-    monkeypatch.setattr(Upright, "candidates", seen)  # asked for once in each initialisation
+    monkeypatch.setattr(Upright, "candidates", seen)  # requested once per initialisation
     there = {1: range(30), 2: range(20, 25), 3: range(60, 80), 4: range(90, 100)}
     longest = None
     for i in range(100):
@@ -193,13 +193,13 @@ def test_new_people_start_with_the_learned_vertical(monkeypatch):
         feed(pipeline, i, list(people.values()), list(people))
         if i == 29:
             longest = pipeline.people.tracked["p1"].tracker._upright.vertical
-            assert np.any(longest != verticals[1][0])  # it has learned since the second one came
+            assert np.any(longest != verticals[1][0])  # it has learned since the second person came
     assert pipeline.counts["people come"] == 4 and [len(of) for of in verticals] == [3, 1, 1, 3]
     assert np.array_equal(verticals[2][0], longest)
     assert np.array_equal(verticals[3][0], verticals[0][0])
 
 
-def test_the_detectors_second_look_at_a_person_is_no_second_person():
+def test_a_duplicate_detection_is_no_second_person():
     pixels = walk(20, 0.0, 3.5, 0.0, 1)[1]
     pipeline = pipeline_for(person_ids="node")
     for i in range(20):
@@ -207,7 +207,7 @@ def test_the_detectors_second_look_at_a_person_is_no_second_person():
     assert list(got) == ["p1"] and pipeline.counts["people come"] == 1
 
 
-def test_more_people_than_allowed():
+def test_more_people_than_allowed_are_ignored():
     places = (-1.0, 0.0, 1.0)
     pixels = [walk(60, x, 4.0, x, 1)[1] for x in places]
     pipeline = pipeline_for(max_people=2)
@@ -220,7 +220,7 @@ def test_more_people_than_allowed():
 
 @pytest.mark.parametrize("lasting", [True, False], ids=["message", "node"])
 def test_lost_people_are_initialised_a_few_at_a_time(lasting):
-    """All at once would take a slow machine so long that they are lost again by the next message."""
+    """Initialising all at once would take a slow machine so long that they are lost again before the next message."""
     pixels = [walk(12, x, 6.0, x, 1)[1] for x in np.linspace(-2.5, 2.5, 7)]
     pipeline = pipeline_for(max_people=7, person_ids="message" if lasting else "node")
     ids = {person for i in range(6) for person in feed(pipeline, i, [of[i] for of in pixels], range(7))}
@@ -243,7 +243,7 @@ def test_a_jump_back_in_time_forgets_all_people():
             assert [f.positions.tolist() for f in mine.values()] == [f.positions.tolist() for f in theirs.values()]
 
 
-def test_a_message_that_cannot_be_read_is_refused_as_a_whole():
+def test_an_unreadable_message_is_rejected_as_a_whole():
     pixels = walk(3, 0.0, 3.5, 0.0, 1)[1]
     pipeline = pipeline_for()
     many = [pixels[0][:5]] * (MOST_PEOPLE + 1)
@@ -260,8 +260,8 @@ def test_a_rejected_frame_reports_its_content():
 
 
 @pytest.mark.parametrize("missing", [0.0, np.nan], ids=["origin", "nan"])
-def test_points_that_are_missing_are_nobodys_whatever_their_confidence(missing):
-    """Neither is somebody chosen for them, nor is a person of nothing else one of the people in a message."""
+def test_missing_points_belong_to_nobody_with_any_confidence(missing):
+    """No person is chosen because of them, and they alone do not make a person of the message."""
     pipeline, here = pipeline_for(max_people=1), walk(2, 0.0, 3.5, 0.0, 1)[1]
     half, nothing = here[0] + 150.0, np.full((17, 2), missing)
     half[5:14] = missing
@@ -272,7 +272,7 @@ def test_points_that_are_missing_are_nobodys_whatever_their_confidence(missing):
         assert frame.rejection == "too_few_landmarks"
 
 
-def test_a_number_without_points_does_not_hide_that_the_person_has_another_now():
+def test_a_number_without_points_does_not_block_the_persons_new_number():
     here, confidence = walk(40, 0.0, 3.5, 0.0, 1)[1], np.full(17, 0.9)
     pipeline = pipeline_for(max_people=1)
     assert all(feed(pipeline, i, [here[i]], [1])[""].accepted for i in range(10))
@@ -283,8 +283,8 @@ def test_a_number_without_points_does_not_hide_that_the_person_has_another_now()
 
 
 @pytest.mark.parametrize("lasting", [True, False], ids=["message", "node"])
-def test_a_message_of_others_alone_is_refused_for_that(lasting):
-    """Not for too few landmarks: there are enough, of others."""
+def test_a_message_with_other_people_only_is_rejected_as_person_absent(lasting):
+    """Not as too few landmarks: there are enough, of others."""
     here, there = walk(2, -0.8, 3.5, 0.0, 1)[1], walk(2, 3.2, 6.0, 0.0, 2)[1]
     pipeline = pipeline_for(max_people=1, person_ids="message" if lasting else "node")
     assert feed(pipeline, 0, [here[0]], [4])
@@ -297,8 +297,8 @@ def test_a_message_of_others_alone_is_refused_for_that(lasting):
     assert frame.rejection == "too_few_landmarks"
 
 
-def test_one_followed_keeps_the_track_when_the_detector_gives_another_number():
-    """Some number people anew in every image; a detector's tracker does when it lost somebody for a moment."""
+def test_the_tracked_person_is_kept_if_the_number_changes():
+    """Some detectors number people anew in every image, others after they lost a person for a moment."""
     here = walk(20, -0.8, 3.5, 0.0, 1)[1]
     pipeline = pipeline_for(max_people=1)
     frames = [feed(pipeline, i, [here[i]], [100 + i])[""] for i in range(20)]
@@ -306,8 +306,8 @@ def test_one_followed_keeps_the_track_when_the_detector_gives_another_number():
     assert [frame.estimate.initialised for frame in frames] == [True] + 19 * [False]
 
 
-def test_a_bystander_who_hides_the_followed_one_is_not_taken_for_them():
-    """Though they stand where the other is expected: they were seen beside each other."""
+def test_a_bystander_who_hides_the_tracked_person_does_not_replace_them():
+    """The bystander is at the expected position, but both were seen side by side before."""
     here = walk(3, -0.8, 3.5, 0.0, 1)[1]
     pipeline = pipeline_for(max_people=1)
     assert feed(pipeline, 0, [here[0], here[0] + 60.0], [4, 5])[""].accepted
@@ -316,7 +316,7 @@ def test_a_bystander_who_hides_the_followed_one_is_not_taken_for_them():
     assert feed(pipeline, 2, [here[2]], [6])[""].accepted, "somebody whom nobody has seen beside them"
 
 
-def test_one_followed_among_several_whose_order_changes():
+def test_the_tracked_person_is_kept_if_the_order_of_people_changes():
     front, back, hidden = two_who_cross()
     pipeline = pipeline_for(max_people=1, person_ids="node")
     random = np.random.default_rng(3)
@@ -332,7 +332,7 @@ def test_one_followed_among_several_whose_order_changes():
 
 @pytest.mark.parametrize("lasting", [True, False], ids=["message", "node"])
 def test_after_a_silence_the_first_message_is_used_for_any_person(lasting):
-    """A detector that starts anew numbers people anew, and they have gone elsewhere."""
+    """A detector that restarts numbers people anew, and they have moved."""
     before, after = walk(10, -0.8, 3.5, 0.0, 1)[1], walk(10, 3.2, 6.0, 0.0, 2)[1]
     pipeline = pipeline_for(max_people=1, person_ids="message" if lasting else "node")
     for i in range(10):
@@ -342,7 +342,7 @@ def test_after_a_silence_the_first_message_is_used_for_any_person(lasting):
         assert frame.estimate.initialised is (i == 0) and abs(frame.positions[2] - 6.0) < 1.0
 
 
-def test_the_followed_person_stays_the_same_over_a_silence():
+def test_the_tracked_person_is_kept_over_a_silence():
     followed, other = walk(10, -0.8, 3.5, 0.0, 1)[1], walk(10, 0.8, 3.5, 0.0, 2)[1]
     pipeline = pipeline_for(max_people=1)
     for i in range(10):
@@ -354,7 +354,7 @@ def test_the_followed_person_stays_the_same_over_a_silence():
 
 @pytest.mark.parametrize("hidden", ["no place", "low confidence"])
 def test_a_person_who_cannot_be_tracked_does_not_block_others(hidden):
-    """Confidences count for nothing where the points are not there, or are all too low."""
+    """Confidences are ignored if the points are missing, or if all confidences are too low."""
     xy, pipeline = walk(5, 0.0, 3.5, 0.0, 1)[1], pipeline_for(max_people=1)
     seen = np.arange(17) % 3 == 0
     for i in range(5):
@@ -366,8 +366,8 @@ def test_a_person_who_cannot_be_tracked_does_not_block_others(hidden):
 
 @pytest.mark.skipif(not (DETECTIONS / "openpose_balancing.npz").is_file(), reason="no real detections (LASSOKIN_DATA)")
 @pytest.mark.parametrize("camera", [0, 1])
-def test_real_people_in_an_unstable_order_keep_their_ids(camera):
-    """OpenPose numbers the people of each image anew; `kp2d` of the recording says where one of them is."""
+def test_real_people_in_a_changing_order_keep_their_ids(camera):
+    """OpenPose numbers the people of each image anew; `kp2d` of the recording identifies one of them."""
     data = np.load(DETECTIONS / "openpose_balancing.npz")
     everybody = data["kp2d_all"][camera].astype(float)
     config = TrackerConfig(landmarks="body25b")

@@ -1,4 +1,4 @@
-"""Several people, of whom one's step fails."""
+"""Several people, if the step of one of them fails."""
 
 from collections import defaultdict
 
@@ -16,8 +16,8 @@ from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.1])
-def test_an_error_in_one_persons_step_costs_the_others_that_message_and_no_more(monkeypatch, lag):
-    """What they publish stays under its own stamp."""
+def test_an_error_in_one_persons_step_does_not_affect_later_messages(monkeypatch, lag):
+    """The outputs of the others keep their own stamps."""
     tracks = [walk(40, x, 3.5, phase, seed)[1] for seed, (x, phase) in enumerate([(-1.2, 0.0), (0.0, 0.5), (1.2, 1.0)])]
     pipeline = Pipeline(TrackerConfig(smoothing_lag=lag), NodeSettings(max_people=4, person_ids="message"))
     assert pipeline.set_camera(camera_info(BACKEND)) is None
@@ -31,7 +31,7 @@ def test_an_error_in_one_persons_step_costs_the_others_that_message_and_no_more(
         with monkeypatch.context() as patch:
             if index == 20:
                 one = pipeline.people.tracked["p1"].tracker._body_hypotheses
-                patch.setattr(one, "compete", lambda *arguments: 1 / 0)
+                patch.setattr(one, "select", lambda *arguments: 1 / 0)
                 with pytest.raises(ZeroDivisionError):
                     pipeline.frames(message(index), 0)
                 continue

@@ -1,6 +1,6 @@
-"""Bodies whose keypoints come on topics of their own (REP-155): the pipelines, and the node on real DDS.
+"""Bodies with separate keypoint topics (REP-155): the pipelines, and the node on real DDS.
 
-The live tests need hri_msgs and tf2_msgs, which are not on PyPI; they run where those are installed or have been built.
+The live tests need hri_msgs and tf2_msgs, which are not on PyPI; they run if these are installed or were built.
 """
 
 from importlib.util import find_spec
@@ -34,7 +34,7 @@ live = pytest.mark.skipif(
 
 
 def fractions(count=40):
-    """(count, 18, 2) of the image: what Skeleton2D holds of the synthetic motion."""
+    """(count, 18, 2), fractions of the image: the points of Skeleton2D for the synthetic motion."""
     skeleton = Skeleton.load("anthropometric", 1.75)
     kinematics = Kinematics(skeleton, Layout.load("hri18", skeleton))
     points = project(kinematics.pose(motion(skeleton, np.arange(count) / 30)).landmarks) * FOCAL
@@ -45,7 +45,7 @@ POINTS = fractions()
 
 
 def skeleton2d(backend, stamp_ns, index, aside=0.0):
-    """A Skeleton2D, `aside` of the image's width to the right."""
+    """A Skeleton2D, shifted by `aside` of the image's width to the right."""
     message = backend.make(HRI)
     set_header(message.header, stamp_ns, FRAME)
     for point, (x, y) in zip(message.skeleton, POINTS[index % len(POINTS)].tolist()):
@@ -67,7 +67,7 @@ def feed(pipeline, person, index, aside=0.0):
     return pipeline.frames_of(person, skeleton2d(BACKEND, START_NS + index * PERIOD_NS, index, aside), 7)
 
 
-def test_each_body_is_followed_by_itself_at_the_same_stamps(pipeline):
+def test_each_body_is_tracked_separately_with_the_same_stamps(pipeline):
     pipeline.keep(["abc", "xyz"])
     for i in range(20):
         (left,), (right,) = feed(pipeline, "abc", i, -0.2), feed(pipeline, "xyz", i, 0.2)
@@ -78,7 +78,7 @@ def test_each_body_is_followed_by_itself_at_the_same_stamps(pipeline):
     assert set(pipeline.calibrations()) == {"abc", "xyz"} and pipeline.status.value == "tracking"
 
 
-def test_bodies_appear_and_leave(pipeline):
+def test_listed_bodies_appear_and_leave(pipeline):
     assert pipeline.ids == [] and feed(pipeline, "abc", 0) == []
     pipeline.keep(["abc", "xyz", "third"])
     assert pipeline.ids == ["abc", "xyz"] and pipeline.counts["people beyond max_people"] == 1
@@ -86,7 +86,7 @@ def test_bodies_appear_and_leave(pipeline):
     assert not feed(pipeline, "abc", 1)[0].estimate.initialised
     pipeline.keep(["third", "xyz"])
     assert pipeline.ids == ["xyz", "third"] and feed(pipeline, "abc", 2) == []
-    assert feed(pipeline, "third", 2)[0].estimate.initialised  # nothing of abc's is left
+    assert feed(pipeline, "third", 2)[0].estimate.initialised  # no state of abc is left
     counts = pipeline.counts
     assert (counts["people come"], counts["people left"], counts["resets"]) == (3, 1, 0)
 
@@ -102,7 +102,7 @@ def test_new_people_start_with_the_vertical_of_present_people(pipeline):
     assert len(two.candidates()) == 3
 
 
-def test_in_silence_bodies_stay_that_the_detector_lists_and_are_lost(pipeline):
+def test_listed_bodies_are_lost_in_silence_but_stay(pipeline):
     pipeline.keep(["abc", "xyz"])
     feed(pipeline, "abc", 0), feed(pipeline, "xyz", 0)
     assert pipeline.presence_at(7) == Presence(Status.TRACKING, ["abc", "xyz"])
@@ -135,7 +135,7 @@ def test_only_skeletons_have_a_topic_for_each_body():
 
 
 class Humans:
-    """A detector in REP-155's manner, and what comes back."""
+    """A detector as in REP-155, and a subscriber of the outputs."""
 
     def __init__(self, peer):
         from hri_msgs.msg import IdsList, Skeleton2D
@@ -152,7 +152,7 @@ class Humans:
         self.peer.node.create_subscription(kind, name, self.got[name].append, 100)
 
     def send(self, **aside):
-        """A frame of each body, by id how far aside."""
+        """Send a frame of each body; by id, its shift."""
         self.peer.send_camera()
         for person, shift in aside.items():
             if person not in self.out:
@@ -171,17 +171,17 @@ def started(namespace, **settings):
 
 def test_accepted_ids_are_valid_in_topic_names():
     rclpy = pytest.importorskip("rclpy.validate_full_topic_name")
-    from lassokin_ros.node.rep155_inputs import ID
+    from lassokin_ros.node.inputs.rep155_inputs import ID
 
     for person in ("abc", "_", "a" * 100):
         assert ID.fullmatch(person)
         for topic in topics.PERSON_OUTPUTS:
-            rclpy.validate_full_topic_name(topics.of_person(topic.name, person, True))  # raises for one that is none
+            rclpy.validate_full_topic_name(topics.of_person(topic.name, person, True))  # raises for an invalid one
     assert not any(map(ID.fullmatch, ("", "9a", "a/b", "a b", "a\n", "\u00e4", "a" * 101, "a" * 10_000)))
 
 
 @live
-def test_the_node_follows_the_bodies_of_the_list():
+def test_the_node_tracks_the_bodies_of_the_list():
     from live import Peer, stamp_of, values_of
     from sensor_msgs.msg import JointState
     from std_msgs.msg import String
@@ -189,13 +189,13 @@ def test_the_node_follows_the_bodies_of_the_list():
     from visualization_msgs.msg import MarkerArray
 
     namespace = "/per_body"
-    with started(namespace, publish_tf="true") as node, Peer(namespace, outputs=False) as peer:
+    with started(namespace, publish_tf="all") as node, Peer(namespace, outputs=False) as peer:
         humans = Humans(peer)
         for person in ("abc", "xyz"):
             humans.listen(f"/humans/bodies/{person}/joint_states", JointState)
             humans.listen(f"/humans/bodies/{person}/urdf", String)
         humans.listen("/tf", TFMessage)
-        humans.listen("markers", MarkerArray)
+        humans.listen("tracker/markers", MarkerArray)
 
         def until(condition, what, ids, **aside):
             peer.spin_until(lambda: [humans.say(*ids), humans.send(**aside)] and condition(), what=what)
@@ -205,11 +205,16 @@ def test_the_node_follows_the_bodies_of_the_list():
         assert places[0] < -0.3 < 0.3 < places[1]
         stamps = [stamp_of(m) for m in humans.got["/humans/bodies/xyz/joint_states"]]
         assert len(set(stamps)) == len(stamps) and min(stamps) >= START_NS
-        assert "/abc/pelvis" in humans.got["/humans/bodies/abc/urdf"][-1].data
+        assert 'link name="l_hip_abc"' in humans.got["/humans/bodies/abc/urdf"][-1].data
+        assert not peer.node.count_publishers("/humans/bodies/abc/roi")  # it is the detector's
         until(lambda: {m.transforms[0].child_frame_id for m in humans.got["/tf"]} == {"body_abc", "body_xyz"}, "TF",
               ["abc", "xyz"], abc=-0.2, xyz=0.2)  # fmt: skip
+        parents = {t.child_frame_id: t.header.frame_id for m in humans.got["/tf"] for t in m.transforms}
+        assert parents["body_xyz"] == FRAME and all(name.endswith(("_abc", "_xyz")) for name in parents)
+        assert parents["pelvis_abc"] == "body_abc" and parents["l_wrist_abc"] == "left_wrist_abc"
+        assert "l_knee_xyz" in humans.got["/humans/bodies/xyz/joint_states"][-1].name
         (tracked,) = peer.node.get_publishers_info_by_topic("/humans/bodies/tracked")
-        assert tracked.node_name == "peer"  # the list is the detector's
+        assert tracked.node_name == "peer"  # the list is that of the detector
         assert values_of(peer.next_diagnostics())["people"] == "abc, xyz"
         gone = "/humans/bodies/abc/joint_states"
         until(lambda: not peer.node.get_publishers_info_by_topic(gone), "the end of abc", ["xyz"], xyz=0.2)
@@ -222,7 +227,7 @@ def test_the_node_follows_the_bodies_of_the_list():
 
 
 @live
-def test_without_a_list_existing_topics_are_found():
+def test_existing_topics_are_found_without_a_list():
     from live import Peer
     from sensor_msgs.msg import JointState
 
@@ -235,9 +240,9 @@ def test_without_a_list_existing_topics_are_found():
 
 
 @live
-def test_several_people_of_one_message_under_rep155s_names():
+def test_several_people_of_one_message_have_the_names_of_rep155():
     """PointCloud2 in, hri_msgs/IdsList out, latched."""
-    from hri_msgs.msg import IdsList
+    from hri_msgs.msg import IdsList, NormalizedRegionOfInterest2D
     from live import Peer
     from messages import crowd, pixels_of_motion
     from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -245,7 +250,8 @@ def test_several_people_of_one_message_under_rep155s_names():
     namespace, pixels = "/rep155", pixels_of_motion(1)[0]
     settings = {"keypoints_type": "sensor_msgs/PointCloud2", "landmarks": "coco17"}
     with started(namespace, **settings) as node, Peer(namespace, outputs=False) as peer:
-        lists, sent = [], []
+        lists, sent, regions = [], [], []
+        peer.node.create_subscription(NormalizedRegionOfInterest2D, "/humans/bodies/p9/roi", regions.append, 10)
         qos = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         peer.node.create_subscription(IdsList, topics.REP155_TRACKED_OUTPUT.name, lists.append, qos)
 
@@ -259,4 +265,6 @@ def test_several_people_of_one_message_under_rep155s_names():
         peer.spin_until(both, what="the list")
         assert list(lists[0].ids) == []
         peer.spin_until(lambda: peer.node.get_publishers_info_by_topic("/humans/bodies/p9/joint_states"), what="p9")
+        peer.spin_until(lambda: both() and regions, what="the region of p9")
+        assert 0 <= regions[0].xmin < regions[0].xmax < 1 and 0 < regions[0].c <= 1
     assert "Traceback" not in node.said

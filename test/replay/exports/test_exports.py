@@ -333,7 +333,7 @@ def two_people(tmp_path_factory):
     return write_people(tmp_path_factory.mktemp("two") / "in", 20, {4: -120.0, 9: 120.0})
 
 
-def test_several_people(two_people, tmp_path, capsys):
+def test_topics_of_several_people_are_as_documented(two_people, tmp_path, capsys):
     """One table for all, in which each row says who; a file each of the formats that hold one person."""
     output = tmp_path / "out"
     arguments = [str(two_people), "--output", str(output), "-p", "max_people:=2"]

@@ -1,0 +1,176 @@
+"""A simulated camera in front of a clip, and a simulated detector: keypoints with the errors of a condition."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.signal import lfilter
+from scipy.spatial.transform import Rotation
+
+from benchmarks.data.depth_sensor import DepthSensor
+from benchmarks.data.mocap import EVALUATED, Clip, clip_fps, landmark_positions
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.skeleton import Skeleton
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A clip in the image of one camera.
+
+    truth: (f, 14, 3) m and root: (f, 3) m in the camera frame; pixels: (f, l, 2); confidence: (f, l), 0 = missing;
+    depth: (f, l) m, measured along the optical axis, None without a depth sensor.
+    """
+
+    clip: Clip
+    fps: float
+    focal: float
+    centre: np.ndarray
+    truth: np.ndarray
+    root: np.ndarray
+    pixels: np.ndarray
+    confidence: np.ndarray
+    depth: np.ndarray | None = None
+
+    @property
+    def normalised(self) -> np.ndarray:
+        """(f, l, 2) normalised image coordinates."""
+        return (self.pixels - self.centre) / self.focal
+
+
+@dataclass(frozen=True)
+class Condition:
+    """The errors of a simulated detector, and the set-up.
+
+    noise_px: standard deviation of white noise, px. wander_px, offset_px: standard deviations of errors that last
+    `WANDERS` s, and of constant errors, one per landmark and view, px. missing: share of missing points, in bursts.
+    outliers: share of wrong points. swaps: share of the frames in which left and right of a limb are exchanged, in
+    bursts. duplicates: number of frames, with stamps of their own, that each detection is used for: a detector slower
+    than the camera. fps: frame rate, Hz. camera_roll, camera_pitch: rad, the camera's mount, as the tracker's settings.
+    lying: the person lies on a side drawn by the seed, and moves as if standing. depth: sensor that measures the depth
+    of each landmark, or None.
+    """
+
+    noise_px: float = 2.0
+    missing: float = 0.0
+    outliers: float = 0.0
+    fps: float = 60.0
+    swaps: float = 0.0
+    duplicates: int = 1
+    camera_roll: float = 0.0
+    camera_pitch: float = 0.0
+    lying: bool = False
+    wander_px: float = 0.0
+    offset_px: float = 0.0
+    depth: DepthSensor | None = None
+
+
+def step_for(clip_fps: float, fps: float) -> int:
+    """Step between the frames of a clip that are used, so that the rate is near `fps`; 1 if the clip is slower."""
+    return max(1, round(clip_fps / fps))
+
+
+def rate_of(file: Path, fps: float) -> float:
+    """Frame rate, Hz, at which a clip is used if `fps` is requested."""
+    own = clip_fps(file)
+    return own / step_for(own, fps)
+
+
+def view_of(clip: Clip, layout: Layout, skeleton: Skeleton, condition: Condition, view: int, seed: int) -> View:
+    """One view: a camera that faces the middle of the clip, at 3-4 m, f 1000-1400 px, drawn by seed and view."""
+    random = np.random.default_rng([seed, view, *clip.name.encode()])
+    step = step_for(clip.fps, condition.fps)
+    centre = 0.5 * (clip.position("pelvis").min(0) + clip.position("pelvis").max(0))
+    focal, distance = random.uniform(1000, 1400), random.uniform(3.0, 4.0)
+    yaw = random.uniform(-np.pi, np.pi)
+    R = Rotation.from_euler("y", yaw).as_matrix()
+    flip = np.diag([1.0, -1.0, -1.0])
+    pitch = Rotation.from_euler("x", condition.camera_pitch + random.uniform(-0.15, 0.15)).as_matrix()
+    # With scipy, not with the tracker's `level_from_camera`, which is measured here.
+    mount = Rotation.from_euler("z", -condition.camera_roll).as_matrix() @ pitch
+    spread = np.linalg.norm((clip.position("pelvis") - centre)[:, [0, 2]], axis=1).max()
+    camera = np.array([0, 0, distance + spread])
+    if condition.lying:
+        R = R @ Rotation.from_euler("xy", [np.pi / 2, random.uniform(-np.pi, np.pi)]).as_matrix()
+
+    def to_camera(points: np.ndarray) -> np.ndarray:
+        return ((points - centre) @ R.T) @ (mount @ flip).T + camera
+
+    frames = slice(None, None, step)
+    truth = to_camera(np.stack([clip.position(name)[frames] for name in EVALUATED], axis=1))
+    root = to_camera(clip.position("pelvis")[frames])
+    points = to_camera(landmark_positions(clip, layout, skeleton)[frames])
+    centre_px = np.array([640.0, 360.0])
+    exact = points[..., :2] / points[..., 2:] * focal + centre_px
+    pixels = exact + random.normal(size=exact.shape) * condition.noise_px
+    own = np.random.default_rng([seed, view, 5, *clip.name.encode()])  # other draws do not change
+    pixels += _lasting(exact.shape, clip.fps / step, condition, own)
+    confidence = np.ones(exact.shape[:2])
+    _spoil(pixels, confidence, condition, random)
+    if condition.swaps > 0:
+        swap_sides(pixels, confidence, layout.names, condition.swaps, random)
+    detected = np.arange(len(pixels)) // condition.duplicates * condition.duplicates
+    pixels, confidence = pixels[detected], confidence[detected]
+    depth = None
+    if condition.depth is not None:
+        sensor = np.random.default_rng([seed, view, 9, *clip.name.encode()])
+        depth = condition.depth.measured(points[..., 2], sensor)[detected]
+    return View(clip, clip.fps / step, focal, centre_px, truth, root, pixels, confidence, depth)
+
+
+WANDERS = 0.1
+"""s: correlation time (1 / e) of a detector's wandering error, as on real recordings."""
+
+
+def _lasting(shape: tuple[int, ...], fps: float, condition: Condition, random: np.random.Generator) -> np.ndarray:
+    """(f, l, 2) px: lasting errors, the sum of a first-order Gauss-Markov process and an offset."""
+    offset = condition.offset_px * random.normal(size=shape[1:])
+    wander = condition.wander_px * random.normal(size=shape)
+    kept = np.exp(-1 / (fps * WANDERS))
+    wander[1:] *= np.sqrt(1 - kept**2)
+    return np.asarray(offset + lfilter([1.0], [1.0, -kept], wander, axis=0))
+
+
+SWAPPED = (("hip", "knee", "ankle"), ("knee", "ankle"), ("shoulder", "elbow", "wrist"), ("elbow", "wrist"))
+"""Joints that a detector exchanges with the other side together."""
+LONGEST_SWAP = 12
+"""Longest duration of a swap, frames; the shortest is 1."""
+
+
+def swap_sides(
+    pixels: np.ndarray, confidence: np.ndarray, names: Sequence[str], share: float, random: np.random.Generator
+) -> None:
+    """Exchange left and right of one of `SWAPPED` per burst, in place, in a share of the frames; pixels (f, l, 2)."""
+    frames = len(pixels)
+    untouched = np.arange(frames) > 0  # the first frame stays
+    left = min(round(share * frames), frames - 1)
+    while left > 0:
+        limb, start = SWAPPED[random.integers(len(SWAPPED))], random.integers(1, frames)
+        length = random.integers(1, LONGEST_SWAP + 1)
+        burst = start + np.flatnonzero(untouched[start : start + length])[:left]
+        one, other = ([names.index(f"{side}_{joint}") for joint in limb] for side in ("left", "right"))
+        for values in (pixels, confidence):
+            values[burst[:, None], one + other] = values[burst[:, None], other + one]
+        untouched[burst] = False
+        left -= len(burst)
+
+
+def _spoil(pixels: np.ndarray, confidence: np.ndarray, condition: Condition, random: np.random.Generator) -> None:
+    """Add bursts of 5-30 missing frames per landmark, and single wrong points 30-150 px away with full confidence.
+
+    The last burst ends when the share is reached. A whole burst more would make 24 % instead of 10 % in a clip of 82
+    frames.
+    """
+    frames, landmarks = confidence.shape
+    for landmark in range(landmarks):
+        left = round(condition.missing * frames)
+        while left > 0:
+            start, length = random.integers(0, frames), random.integers(5, 31)
+            burst = start + np.flatnonzero(confidence[start : start + length, landmark])[:left]
+            confidence[burst, landmark] = 0
+            left -= len(burst)
+    wrong = random.random((frames, landmarks)) < condition.outliers
+    angle, size = random.uniform(0, 2 * np.pi, wrong.sum()), random.uniform(30, 150, wrong.sum())
+    pixels[wrong] += np.stack([np.cos(angle), np.sin(angle)], axis=-1) * size[:, None]

@@ -1,0 +1,43 @@
+"""When another hypothesis replaces the tracked pose: all criteria in one place.
+
+In each frame with new keypoints, `Tracker` compares the tracked state with one of these hypotheses:
+
+- with the depth network: the network's pose, fitted to the frames (`network_hypothesis`), by `NETWORK_MARGIN`;
+- without it: alternative bodies (`body_hypotheses`), by `BODY_MARGIN`, and if none replaces the state, the mirrored
+  limbs (`limb_hypotheses`), by `LIMB_MARGIN`;
+- if the cost stays high: a newly initialised state (`reinitialisation`), by `REINITIALISATION_SHARE`.
+
+Costs are negative log-likelihoods: the image, all other evidence and, for body hypotheses, motion. The replacement
+takes effect in the next frame, so that each published answer is that of its own certified lasso.
+"""
+
+from __future__ import annotations
+
+BODY_MARGIN = 2.0
+"""Difference in mean cost by which an alternative body must be better."""
+LIMB_MARGIN = 0.6
+"""Difference in mean cost by which a mirrored limb must be better; less than for a whole body."""
+NETWORK_MARGIN = 2.0
+"""Difference in cost by which the fitted pose of the network must be better."""
+REINITIALISATION_SHARE = 0.5
+"""Share of the tracked state's cost below which the cost of a newly initialised state must be."""
+
+
+def body_replaces(advantage: float) -> bool:
+    """Whether an alternative body with this mean advantage in cost replaces the tracked one. False for NaN."""
+    return bool(advantage > BODY_MARGIN)
+
+
+def limb_replaces(advantage: float) -> bool:
+    """Whether a mirrored limb with this mean advantage in cost replaces the tracked one. False for NaN."""
+    return bool(advantage > LIMB_MARGIN)
+
+
+def network_replaces(tracked: float, fitted: float) -> bool:
+    """Whether the network's fitted pose replaces the tracked one, by their costs. False for NaN."""
+    return bool(fitted < tracked - NETWORK_MARGIN)
+
+
+def reinitialisation_replaces(tracked: float, found: float) -> bool:
+    """Whether a newly initialised state replaces the tracked one, by their costs. False for NaN."""
+    return bool(found < REINITIALISATION_SHARE * tracked)

@@ -1,0 +1,122 @@
+"""Depth images, and the keypoint messages that wait a moment for theirs.
+
+A depth image is large and often arrives a few milliseconds after the small keypoint message of the same time. The
+keypoint message then waits, at most WAIT_S. If the images are always later than that, messages no longer wait.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+
+from lassokin_ros.node.inputs.missing_input import MissingInput
+from lassokin_ros.node.inputs.polled_subscription import ignore_events
+from lassokin_ros.node.log_throttle import LogThrottle
+from lassokin_ros.node.person_outputs import message_class
+from lassokin_ros.node.qos import overrides
+from lassokin_ros.pipeline.depth_images import RECEIVED, DepthImages
+from lassokin_ros.pipeline.outputs.topics import depth_type
+
+DEPTH = 5
+"""Depth images in the middleware's queue."""
+WAIT_S = 0.018
+"""s: longest time for which a keypoint message waits for its depth image. Fast DDS with its defaults delivers an image
+of 848 x 480 px 11 to 14 ms after a keypoint message that was sent with it: parts of it are sent twice."""
+SILENT_S = 0.5
+"""s without a depth image after which keypoint messages do not wait."""
+USELESS = 10
+"""Consecutive waits without success after which keypoint messages do not wait, until images come in time again."""
+
+
+class DepthInput:
+    """The node's subscription to depth images; `hold` the processing of each keypoint message."""
+
+    def __init__(self, node: Node, topic: str, images: DepthImages, counts: Any, now: float) -> None:
+        """topic: of the depth images; counts: the Counter of `images`; now: s, steady clock."""
+        self._node, self._images, self._counts = node, images, counts
+        self._warning = LogThrottle(node.get_logger().warning, time.monotonic)
+        self._waiting: deque[tuple[int | None, Callable[[], None]]] = deque()
+        self._came_at, self._useless = -float("inf"), 0
+        self._missing = MissingInput(node, topic, depth_type(topic), (), now)
+        self._topic, self._overrides = topic, overrides(node, topic, "subscription")
+        self._noted = ""
+        self._subscription = self._subscribe(ReliabilityPolicy.BEST_EFFORT)
+        self._timer = node.create_timer(WAIT_S, self._on_timeout, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer.cancel()
+
+    def _subscribe(self, reliability: ReliabilityPolicy) -> Subscription:
+        return self._node.create_subscription(
+            message_class(depth_type(self._topic)),
+            self._topic,
+            self._on_image,
+            QoSProfile(depth=DEPTH, reliability=reliability),
+            qos_overriding_options=self._overrides,
+        )
+
+    def hold(self, stamp_ns: int | None, work: Callable[[], None]) -> None:
+        """Process a keypoint message: now if its depth image has come or is not expected, otherwise a moment later.
+
+        stamp_ns: ns, None for a message without a stamp. work: processes the message.
+        """
+        self._release(all_of_them=True)  # messages stay in their order
+        if not self._images.awaits(stamp_ns):
+            self._useless = 0
+            work()
+        elif self._useless >= USELESS or time.monotonic() - self._came_at > SILENT_S:
+            work()
+        else:
+            self._waiting.append((stamp_ns, work))
+            self._timer.reset()
+
+    def look(self, now: float) -> None:
+        """Log what is missing; now: s, steady clock. Call it from time to time."""
+        came = self._counts[RECEIVED] > 0
+        self._missing.look(now, came)
+        if self._overrides is None:
+            self._match_publishers()
+        if came:
+            ignore_events(self._subscription)
+        if self._images.note != self._noted:
+            self._noted = self._images.note
+            self._node.get_logger().info(self._noted)
+
+    def _match_publishers(self) -> None:
+        """Subscribe reliably if all publishers are reliable.
+
+        An image is sent in hundreds of packets. A best-effort subscription loses the whole image with one of them.
+        """
+        found = self._node.get_publishers_info_by_topic(self._subscription.topic_name)
+        reliable = bool(found) and all(info.qos_profile.reliability == ReliabilityPolicy.RELIABLE for info in found)
+        wanted = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
+        if wanted != self._subscription.qos_profile.reliability:
+            self._node.destroy_subscription(self._subscription)
+            self._subscription = self._subscribe(wanted)
+
+    def _on_image(self, message: Any) -> None:
+        self._came_at = time.monotonic()
+        try:
+            reason = self._images.add(message, self._node.get_clock().now().nanoseconds)
+        except Exception as error:  # no message, however strange, ends the node
+            reason, self._images.fault = "internal_error", f"{type(error).__name__}: {error}"
+        if reason is not None:
+            self._warning.say(reason, self._images.fault)
+        self._release()
+
+    def _release(self, all_of_them: bool = False) -> None:
+        """Process the waiting messages whose depth image has come."""
+        while self._waiting and (all_of_them or not self._images.awaits(self._waiting[0][0])):
+            stamp_ns, work = self._waiting.popleft()
+            self._useless = self._useless + 1 if self._images.awaits(stamp_ns) else 0
+            work()
+        if not self._waiting:
+            self._timer.cancel()
+
+    def _on_timeout(self) -> None:
+        self._release(all_of_them=True)

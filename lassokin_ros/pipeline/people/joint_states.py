@@ -1,0 +1,50 @@
+"""Joint states of one person: continuous angles and velocities, computed for the frames that are asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from lassokin_ros.core.body.joint_angles import JointAngleReader
+from lassokin_ros.core.body.kinematics import BodyState
+
+
+class Moment(NamedTuple):
+    """The published state of one frame. stamp_ns: ns; begins: the state was initialised in this frame."""
+
+    stamp_ns: int
+    state: BodyState
+    begins: bool
+
+
+class JointStates:
+    """Reads angles that are continuous from one frame to the next frame that is asked for."""
+
+    def __init__(self, axes: Sequence[str]) -> None:
+        """axes: see JointAngleReader."""
+        self._reader = JointAngleReader(axes)
+        self._last: tuple[Moment | None, np.ndarray] = None, np.empty(0)
+
+    def read(self, moment: Moment, before: Moment | None) -> tuple[np.ndarray, np.ndarray]:
+        """Return positions (3 + 3 n,) in m and rad, and velocities as differences over stamps.
+
+        before: the frame before, None for the first one. Velocities are 0 after initialisation.
+        """
+        if moment.begins or before is None:
+            positions = self._positions(moment)
+            return positions, np.zeros_like(positions)
+        if self._last[0] is not before:
+            self._positions(before)
+        earlier = self._last[1]
+        positions = self._positions(moment)
+        return positions, (positions - earlier) / ((moment.stamp_ns - before.stamp_ns) * 1e-9)
+
+    def _positions(self, moment: Moment) -> np.ndarray:
+        if moment.begins:
+            self._reader.reset()
+        angles = self._reader.read(moment.state.rotations)
+        positions = np.concatenate([moment.state.translation, angles.ravel()])
+        self._last = moment, positions
+        return positions

@@ -1,0 +1,61 @@
+"""The camera's images of a recording, for the image plane of the report."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from lassokin_ros.core.errors import ConfigurationError
+from lassokin_ros.replay.bags import BagReader, RecordedTopic
+from msg_adapters.errors import AdapterError
+from msg_adapters.image import decode_compressed_image, decode_image
+from msg_adapters.keypoints import header_stamp
+
+OPTION = "--image-topic"
+DECODERS = {"sensor_msgs/msg/Image": decode_image, "sensor_msgs/msg/CompressedImage": decode_compressed_image}
+"""By message type."""
+AddImage = Callable[[int, Callable[[], np.ndarray]], None]
+"""Stamp in ns, and a function that returns the image; see `ReportImages.add`."""
+
+
+class RecordedImages:
+    """Takes the messages of an image topic. Images that cannot be decoded are left out and counted."""
+
+    def __init__(self, topic: RecordedTopic, add: AddImage) -> None:
+        """add: takes the images."""
+        self.topic, self._add, self._decode = topic, add, DECODERS[topic.message_type]
+        self._reasons: dict[str, int] = {}
+
+    def take(self, message: Any, _time_ns: int) -> Iterator[tuple[str, str, Any]]:
+        """Take a message, None if it is malformed; yields nothing, for images have no outputs."""
+        try:
+            if message is None:
+                raise AdapterError("not_deserialised", "")
+            stamp_ns = header_stamp(message.header)
+            if stamp_ns is not None:
+                self._add(stamp_ns, lambda: self._decode(message))
+        except AdapterError as error:
+            self._reasons[error.reason] = self._reasons.get(error.reason, 0) + 1
+        yield from ()
+
+    def __str__(self) -> str:
+        rejected = "".join(f"; not shown: {reason} {count}" for reason, count in sorted(self._reasons.items()))
+        return f"{self.topic}{rejected}"
+
+
+def recorded_images(bag: BagReader, options: argparse.Namespace, report: Any) -> list[RecordedImages]:
+    """Return the images of --image-topic for the report, none without the option.
+
+    Raises BagError, ConfigurationError.
+    """
+    if options.image_topic is None:
+        return []
+    if report is None:
+        raise ConfigurationError(f"{OPTION} shows the images in the report; add --report HTML")
+    raw, compressed = DECODERS
+    recorded = {topic.name.strip("/"): topic.message_type for topic in bag.topics}
+    message_type = compressed if recorded.get(options.image_topic.strip("/")) == compressed else raw
+    return [RecordedImages(bag.find(message_type, options.image_topic, "image_raw", OPTION), report.add_image)]

@@ -1,0 +1,202 @@
+"""The layout of the viewer Rerun: image with keypoints and skeleton, skeleton with its uncertainty, angles and errors.
+
+`lassokin track --view` and the node `viewer` both log through it.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lassokin_ros.common.atomic_files import refuse_existing
+from lassokin_ros.core.body.rotations import logarithm, to_quaternion
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.errors import LassokinError
+
+CAMERA, IMAGE, BODY = "camera", "camera/image", "body"
+ANGLES, ERRORS = "angles", "errors"
+PLOTS = {ANGLES: "angles, degrees", ERRORS: "errors"}
+PLOTTED = ("left_knee", "right_knee", "left_elbow", "right_elbow")
+REPROJECTION, UNCERTAINTY = "reprojection", "uncertainty"
+FIGURES = {REPROJECTION: "reprojection error, px", UNCERTAINTY: "joint uncertainty, cm"}
+COLOURS = {"left": (0, 114, 178), "right": (213, 94, 0), "middle": (77, 77, 77)}
+"""Of the sides, as in the report."""
+KEYPOINT, ELLIPSOID = (0, 158, 115), (86, 180, 233)
+POINT_SIZE, LINE_SIZE, THIN_SIZE = -3.0, -1.5, -0.5
+"""Radii; Rerun takes a negative number for points of the screen, whatever the zoom."""
+BONE_M = 0.006
+"""m: radius of a bone, less than the usual uncertainty of a joint."""
+LONGEST_SIDE = 960
+"""px: of the logged images."""
+JPEG_QUALITY = 80
+
+
+class ViewError(LassokinError):
+    """The live view cannot be opened or its recording cannot be written."""
+
+
+class RerunScene:
+    """Logs to a viewer window, or records for the viewer. A recording has its name only after `finish`.
+
+    `place` in the methods is empty for one person, else "/" and the person's id.
+    """
+
+    def __init__(self, path: Path | None, name: str, option: str, replace: bool, timeline: str) -> None:
+        """path: of the recording (.rrd); None opens a window. name: of the recording in the viewer.
+
+        option: the command line option that asks for the scene, for errors. replace: an existing file may be replaced.
+        Raises ViewError.
+        """
+        self._rerun = _rerun(option)
+        self._path, self._part = path, None if path is None else path.with_name(f".{path.stem}.{os.getpid()}.part.rrd")
+        self._option, self._timeline = option, timeline
+        self._scale: float | None = None
+        self._stream = self._rerun.RecordingStream("lassokin")
+        self._stream.send_recording_name(name)
+        self._open(replace)
+        self._log_styles()
+
+    def set_time(self, **time: Any) -> None:
+        """Set the time of what is logged next: duration in s, or timestamp in s or as datetime64."""
+        self._stream.set_time(self._timeline, **time)
+
+    def set_camera(self, K: np.ndarray, size: tuple[int, int]) -> None:
+        """Log the camera. K: (3, 3) px; size: (width, height) px of the images."""
+        self._scale = min(1.0, LONGEST_SIDE / max(size))
+        matrix = K * np.array([[self._scale], [self._scale], [1.0]])
+        resolution = [side * self._scale for side in size]
+        pinhole = self._rerun.Pinhole(image_from_camera=matrix, resolution=resolution, image_plane_distance=0.5)
+        self._log(IMAGE, pinhole, static=True)
+
+    def add_image(self, rgb: np.ndarray) -> None:
+        """Log an image (height, width, 3), uint8 RGB."""
+        import cv2
+
+        scale = min(1.0, LONGEST_SIDE / max(rgb.shape[:2]))
+        self._scale = scale if self._scale is None else self._scale
+        if scale < 1.0:
+            rgb = cv2.resize(rgb, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        self._log(IMAGE, self._rerun.Image(rgb).compress(jpeg_quality=JPEG_QUALITY))
+
+    def add_keypoints(self, place: str, pixels: np.ndarray) -> None:
+        """Log keypoints (l, 2) px, NaN = missing."""
+        points = pixels[np.isfinite(pixels).all(axis=1)] * (self._scale or 1.0)
+        self._log(f"{IMAGE}/keypoints{place}", self._rerun.Points2D(points, colors=KEYPOINT, radii=POINT_SIZE))
+
+    def add_skeleton(self, place: str, skeleton: Skeleton, joints: np.ndarray, outline: np.ndarray | None) -> None:
+        """Log the bones between joints (n, 3) m. outline: the joints in the image (n, 2) px, None without a camera."""
+        bones = np.array([(parent, joint) for joint, parent in enumerate(skeleton.parents) if parent >= 0])
+        colours = [COLOURS[_side(skeleton.joint_names[joint])] for _, joint in bones]
+        if outline is not None:
+            lines = self._rerun.LineStrips2D(outline[bones] * (self._scale or 1.0), colors=colours, radii=LINE_SIZE)
+            self._log(f"{IMAGE}/skeleton{place}", lines)
+        self._log(f"{BODY}/skeleton{place}", self._rerun.LineStrips3D(joints[bones], colors=colours, radii=BONE_M))
+
+    def add_uncertainty(self, place: str, joints: np.ndarray, covariance: np.ndarray, deviation: np.ndarray) -> None:
+        """Log an ellipsoid about each joint. joints: (n, 3) m, covariance: (n, 3, 3) m^2, deviation: (n,) m."""
+        half_sizes, quaternions = ellipsoids(covariance)
+        ellipsoid = self._rerun.Ellipsoids3D(
+            centers=joints, half_sizes=half_sizes, quaternions=quaternions, colors=ELLIPSOID, line_radii=THIN_SIZE
+        )
+        self._log(f"{BODY}/uncertainty{place}", ellipsoid)
+        self.add_error(place, UNCERTAINTY, 100 * float(deviation[1:].mean()))
+
+    def add_angles(self, place: str, skeleton: Skeleton, rotations: np.ndarray) -> None:
+        """Log how far some joints are bent. rotations: (n, 3, 3), of each joint relative to its parent."""
+        bends = np.degrees(np.linalg.norm(logarithm(rotations), axis=1))
+        for name in PLOTTED:
+            if name in skeleton.joint_names:
+                self._plot(f"{ANGLES}/{name}{place}", bends[skeleton.joint_names.index(name)])
+
+    def add_error(self, place: str, figure: str, value: float) -> None:
+        """Log a figure of FIGURES, in its unit."""
+        self._plot(f"{ERRORS}/{figure}{place}", value)
+
+    def clear(self, place: str) -> None:
+        """Remove the skeleton from the view."""
+        for path in (f"{IMAGE}/skeleton{place}", f"{BODY}/skeleton{place}", f"{BODY}/uncertainty{place}"):
+            self._log(path, self._rerun.Clear(recursive=False))
+
+    def finish(self) -> None:
+        """End the recording and give it its name. A second call does nothing. Raises ViewError."""
+        self._stream.flush()
+        self._stream.disconnect()
+        part, self._part = self._part, None
+        if part is not None and self._path is not None:
+            try:
+                part.replace(self._path)
+            except OSError as error:
+                raise ViewError(f"'{self._path}' cannot be written: {error.strerror}") from None
+
+    def discard(self) -> None:
+        """Remove what was recorded, unless `finish` has run."""
+        self._stream.disconnect()
+        if self._part is not None:
+            self._part.unlink(missing_ok=True)
+
+    def _open(self, replace: bool) -> None:
+        if self._path is None or self._part is None:
+            try:
+                self._stream.spawn(default_blueprint=self._blueprint())
+            except Exception as error:  # Rerun's own, of several kinds
+                raise ViewError(f"the viewer cannot be started: {' '.join(str(error).split())[:200]}") from None
+            return
+        if self._path.suffix != ".rrd":
+            raise ViewError(f"{self._option} '{self._path}'; expected a name that ends in .rrd, or none (a window)")
+        refuse_existing(self._path, replace, ViewError)
+        try:
+            self._stream.save(self._part, default_blueprint=self._blueprint())
+        except Exception as error:
+            raise ViewError(f"'{self._path}' cannot be written: {' '.join(str(error).split())[:200]}") from None
+
+    def _blueprint(self) -> Any:
+        from rerun import blueprint
+
+        plots = [blueprint.TimeSeriesView(origin=place, name=name) for place, name in PLOTS.items()]
+        image = blueprint.Spatial2DView(origin=IMAGE, name="image")
+        space = blueprint.Spatial3DView(origin="/", contents=[f"/{CAMERA}/**", f"/{BODY}/**"], name="skeleton")
+        return blueprint.Blueprint(
+            blueprint.Vertical(blueprint.Horizontal(image, space), blueprint.Horizontal(*plots), row_shares=[2, 1]),
+            collapse_panels=True,
+        )
+
+    def _log_styles(self) -> None:
+        rerun = self._rerun
+        self._log("/", rerun.ViewCoordinates.RDF, static=True)
+        for name in PLOTTED:
+            colour = COLOURS[name.split("_")[0]]
+            self._log(f"{ANGLES}/{name}", rerun.SeriesLines(colors=colour, names=name), static=True)
+        for figure, name in FIGURES.items():
+            self._log(f"{ERRORS}/{figure}", rerun.SeriesLines(names=name), static=True)
+
+    def _plot(self, path: str, value: float) -> None:
+        self._log(path, self._rerun.Scalars(float(value)))
+
+    def _log(self, path: str, what: Any, static: bool = False) -> None:
+        self._stream.log(path, what, static=static)
+
+
+def ellipsoids(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the ellipsoids of one standard deviation: half axes (n, 3) m, and orientations (n, 4) x, y, z, w.
+
+    covariance: (n, 3, 3) m^2.
+    """
+    variances, axes = np.linalg.eigh(covariance)
+    axes[..., 0] *= np.sign(np.linalg.det(axes))[:, None]  # right-handed
+    return np.sqrt(np.maximum(variances, 0.0)), to_quaternion(axes)
+
+
+def _side(name: str) -> str:
+    first = name.split("_")[0]
+    return first if first in COLOURS else "middle"
+
+
+def _rerun(option: str) -> Any:
+    try:
+        import rerun
+    except ImportError:
+        raise ViewError(f"{option} needs rerun-sdk; install it with: pip install '.[view]'") from None
+    return rerun

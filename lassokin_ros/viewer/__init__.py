@@ -1,0 +1,1 @@
+"""The node `viewer`: the tracker's topics in the viewer Rerun."""

@@ -1,0 +1,127 @@
+"""The node `viewer`: image, keypoints and the tracker's outputs in the viewer Rerun."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from std_msgs.msg import String
+
+from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.core.observation import Status
+from lassokin_ros.node.log_throttle import LogThrottle
+from lassokin_ros.node.qos import sensor_data
+from lassokin_ros.pipeline.lens import Lens
+from lassokin_ros.pipeline.outputs import topics
+from lassokin_ros.video.rerun_scene import RerunScene, ViewError
+from lassokin_ros.viewer.person_topics import PersonTopics
+from msg_adapters.camera_info import decode_camera_info
+from msg_adapters.detectors.point_cloud2 import PointCloud2Adapter
+from msg_adapters.errors import AdapterError
+from msg_adapters.image import decode_image
+from msg_adapters.keypoints import stamp_of
+
+TIMELINE = "stamp"
+DEPTH = 5
+
+
+class ViewerNode(Node):
+    """Logs the messages at their stamps. A message that cannot be shown is left out and reported in the log."""
+
+    def __init__(self, path: Path | None, replace: bool, node_name: str = "viewer", **options: Any) -> None:
+        """path: of the recording (.rrd), None opens a window. replace: an existing file may be replaced.
+
+        options: of rclpy's Node. Raises ViewError.
+        """
+        self._scene = RerunScene(path, "lassokin viewer", "viewer --save", replace, TIMELINE)
+        super().__init__(node_name, **options)
+        description = ParameterDescriptor(description="name of the tracker's node", read_only=True)
+        self._tracker = str(self.declare_parameter("tracker", "tracker", description).value)
+        self._warning = LogThrottle(self.get_logger().warning, time.monotonic)
+        self._keypoints = PointCloud2Adapter()
+        self._camera: tuple[Any, ...] = ()
+        self._lens: Lens | None = None
+        self._people = {"": self._person("")}
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self.create_subscription(Image, "image_raw", self._show(self._on_image), sensor_data(1))
+        self.create_subscription(CameraInfo, topics.CAMERA_INFO, self._show(self._on_camera), sensor_data(DEPTH))
+        self.create_subscription(PointCloud2, topics.KEYPOINTS, self._show(self._on_keypoints), sensor_data(DEPTH))
+        self.create_subscription(String, self._topic(topics.STATE), self._show(self._on_state), latched)
+        tracked = self._topic(topics.TRACKED_OUTPUT.name)
+        self.create_subscription(String, tracked, self._show(self._on_tracked), latched)
+        where = "in a window" if path is None else f"in '{path}', which is complete when this node ends"
+        self.get_logger().info(f"shows the topics of '{self._tracker}' {where}")
+
+    def _topic(self, name: str) -> str:
+        return name.replace("~", self._tracker)
+
+    def _person(self, person: str) -> PersonTopics:
+        topics_of_person = PersonTopics(self, self._scene, self._topic, person, self._show)
+        topics_of_person.lens = self._lens
+        return topics_of_person
+
+    def _show(self, log: Callable[[Any], None]) -> Callable[[Any], None]:
+        """Return the callback that logs a message at its stamp, and reports a message that cannot be shown."""
+        return partial(self._log, log)
+
+    def _log(self, log: Callable[[Any], None], message: Any) -> None:
+        stamp_ns = stamp_of(message)
+        if stamp_ns is not None:
+            self._scene.set_time(timestamp=np.datetime64(stamp_ns, "ns"))
+        try:
+            log(message)
+        except AdapterError as error:
+            self._warning.say(error.reason, f"not shown ({error.reason}): {error}")
+        except LassokinError as error:
+            self._warning.say(type(error).__name__, f"not shown: {error}")
+        except Exception as error:
+            if self.context.ok():
+                self._warning.say("internal_error", f"not shown: {type(error).__name__}: {error}")
+
+    def _on_camera(self, message: CameraInfo) -> None:
+        camera = decode_camera_info(message)
+        key = (camera.K.tobytes(), camera.D.tobytes(), camera.model, camera.width, camera.height)
+        if key == self._camera:
+            return
+        self._lens = Lens.from_intrinsics(camera)
+        if camera.width > 0 and camera.height > 0:
+            self._scene.set_camera(camera.K, (camera.width, camera.height))
+        for person in self._people.values():
+            person.lens = self._lens
+        self._camera = key
+
+    def _on_image(self, message: Image) -> None:
+        self._scene.add_image(decode_image(message))
+
+    def _on_keypoints(self, message: PointCloud2) -> None:
+        keypoints = self._keypoints.decode(message, None)
+        self._scene.add_keypoints("", keypoints.xy[keypoints.present])
+
+    def _on_state(self, message: String) -> None:
+        if message.data != Status.TRACKING.value:
+            for person in self._people.values():
+                person.clear()
+
+    def _on_tracked(self, message: String) -> None:
+        """Subscribe to the topics of people who appear, and remove those who leave."""
+        present = {"", *filter(None, message.data.split(","))}
+        for person in self._people.keys() - present:
+            self._people.pop(person).close()
+        for person in present - self._people.keys():
+            self._people[person] = self._person(person)
+
+    def destroy_node(self) -> None:
+        """Complete the recording, too."""
+        try:
+            self._scene.finish()
+        except ViewError as error:
+            self.get_logger().error(str(error))
+        super().destroy_node()

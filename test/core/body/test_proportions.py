@@ -1,0 +1,89 @@
+"""The lengths of a skeleton: which bones each of them scales, and how much of the stature it is."""
+
+import numpy as np
+import pytest
+from cases import body, central_difference, random_state, relative_error
+
+from lassokin_ros.core.body.kinematics import Kinematics
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.proportions import MIDDLE, PAIRS, Proportions
+from lassokin_ros.core.body.skeleton import Skeleton
+
+
+@pytest.fixture(scope="module")
+def all_lengths():
+    """Proportions of the built-in body of which every joint is seen."""
+    return Proportions(body("smpl24"))
+
+
+def chain(*joints, seen):
+    """A body of (name, parent, position), and landmarks at the joints `seen`."""
+    rows = [{"name": name, "parent": parent, "position": list(place)} for name, parent, place in joints]
+    skeleton = Skeleton.from_mapping({"height_unit": "metre", "joints": rows}, 1.7)
+    layout = Layout.from_mapping({"landmarks": [{"name": name, "joint": name} for name in seen]}, skeleton)
+    return Proportions(Kinematics(skeleton, layout))
+
+
+def test_every_length_scales_its_own_bones_and_no_other(all_lengths):
+    assert set(all_lengths.names) == {*PAIRS, *MIDDLE} and all_lengths.count == 13
+    given = all_lengths.given
+    assert np.allclose(all_lengths.parts.sum(axis=0), given.offsets)  # each component belongs to one length
+    for length, part in zip(all_lengths.names, all_lengths.parts):
+        kinds, axes = PAIRS[length] if length in PAIRS else (MIDDLE[length], "xyz")
+        for joint, name in enumerate(given.joint_names):
+            belongs = name.split("_")[-1] in kinds.split()
+            expected = [offset if belongs and axis in axes else 0 for axis, offset in zip("xyz", given.offsets[joint])]
+            assert np.array_equal(part[joint], expected), (length, name)
+
+
+def test_log_lengths_scale_by_their_exponential(all_lengths):
+    lengths = np.zeros(all_lengths.count)
+    thigh = all_lengths.names.index("thigh")
+    lengths[thigh] = np.log(1.25)
+    given, taller = all_lengths.given, all_lengths.skeleton(lengths)
+    ratios = np.linalg.norm(taller.offsets[1:], axis=1) / np.linalg.norm(given.offsets[1:], axis=1)
+    knees = np.isin(given.joint_names[1:], ["left_knee", "right_knee"])
+    assert ratios == pytest.approx(np.where(knees, 1.25, 1.0))
+    assert all_lengths.offsets(np.stack([lengths, 0 * lengths]))[1] == pytest.approx(given.offsets)
+
+
+def test_the_shares_of_the_stature_are_its_derivative(all_lengths):
+    """Stature at rest: from the lowest joint's height to the highest's, along the tree."""
+
+    def log_stature(lengths):
+        height = all_lengths.skeleton(lengths).rest_positions[:, 1]
+        return np.log(np.ptp(height)).reshape(1)
+
+    expected = central_difference(log_stature, all_lengths.count)[0]
+    assert all_lengths.stature_shares == pytest.approx(expected, abs=1e-8)
+    # Lengths across the body have no share. The built-in foot points forward and down, so it has one.
+    assert all_lengths.stature_shares[all_lengths.names.index("hip width")] == 0
+    assert all_lengths.stature_shares[all_lengths.names.index("thigh")] > 0.2
+
+
+def test_the_joints_jacobian_is_the_derivative_of_their_centres(all_lengths):
+    kinematics = body("smpl24")
+    state = random_state(np.random.default_rng(4), kinematics)
+    expected = central_difference(
+        lambda lengths: kinematics.pose(state, all_lengths.offsets(lengths)).positions, all_lengths.count
+    )
+    actual = all_lengths.joint_jacobian(kinematics.pose(state))
+    assert actual.shape == (24, 3, 13)
+    assert relative_error(actual.reshape(-1, 13), expected) < 1e-8
+
+
+def test_unknown_joints_have_a_length_by_kind_and_unseen_ones_none():
+    tail = ("tail", "pelvis", (0, -0.2, -0.3))
+    wings = [(f"{side}_wing", "pelvis", (x, 0.4, 0)) for side, x in (("left", 0.5), ("right", -0.5))]
+    antenna = ("antenna", "left_wing", (0.5, 0.6, 0))
+    proportions = chain(("pelvis", None, (0, 0, 0)), tail, *wings, antenna, seen=["left_wing", "right_wing", "tail"])
+    assert proportions.names == ("tail", "wing")
+    wing = proportions.parts[1]
+    assert np.array_equal(wing, [[0, 0, 0], [0, 0, 0], [0.5, 0.4, 0], [-0.5, 0.4, 0], [0, 0, 0]])
+    # From the tail, 0.2 m below the root, to the antenna's end, 0.6 m above it by a wing of 0.4 m.
+    assert proportions.stature_shares == pytest.approx([0.2 / 0.8, 0.4 / 0.8])
+
+
+def test_a_body_without_height_has_finite_shares():
+    flat = chain(("a", None, (0, 0, 0)), ("b", "a", (1, 0, 0)), seen=["b"])
+    assert flat.names == ("b",) and flat.stature_shares.tolist() == [0.0]

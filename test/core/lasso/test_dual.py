@@ -1,0 +1,152 @@
+"""The two duals, by ProxQP and through qpsolvers: one Omega, whichever way; and which way is taken."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import qpsolvers
+from cases import Draw, Lassos
+
+from lassokin_ros.core.errors import SolverError
+from lassokin_ros.core.lasso import dual as module
+from lassokin_ros.core.lasso.dual import DualSolver, available_solvers
+from lassokin_ros.core.lasso.problem import eliminate_translation
+from lassokin_ros.core.lasso.solver import LassoSolution, LassoSolver, _without_tiny_entries
+
+LASSOS = Lassos()
+
+
+def posed(seed=5, **draw):
+    """(A, z, H, g, alpha) of a frame with the prior's rows, and its Omega."""
+    options = {"fraction": 0.1, "with_prior": True, "live_columns": True, "per_degree_of_freedom": True, **draw}
+    problem = LASSOS.draw(np.random.default_rng(seed), Draw(**options))
+    reduced = eliminate_translation(problem)
+    return (reduced.A, reduced.z, reduced.H, reduced.g, problem.alpha), LassoSolver().solve(problem).omega
+
+
+@pytest.mark.parametrize("name", ["proxqp", "daqp", "quadprog"])
+@pytest.mark.parametrize("unit", [1.0, 100.0])
+def test_both_forms_give_omega_in_every_unit(name, unit):
+    if name not in available_solvers():
+        pytest.skip(f"{name} is not installed (test-only dependency)")
+    (A, z, H, g, alpha), omega = posed()
+    solver = DualSolver(name)
+    scaled = A * unit, z * unit, H * unit**2, g * unit**2, alpha * unit**2
+    close = {"rtol": 0, "atol": 2e-3 * np.abs(omega).max()}
+    assert np.allclose(solver._condensed(module._inverse(scaled[2]), scaled[3], scaled[4], 0), omega, **close)
+    for effort in (0, 1, 2):
+        assert np.allclose(solver._projected(scaled[0], scaled[1], scaled[4], effort), omega, **close)
+        assert np.allclose(solver.solve(*scaled, effort), omega, **close)
+
+
+def test_the_first_try_is_condensed_if_h_is_well_conditioned(monkeypatch):
+    solver = DualSolver("proxqp")
+    monkeypatch.setattr(solver, "_condensed", lambda *_: "condensed")
+    monkeypatch.setattr(solver, "_projected", lambda *_: "projected")
+    tall, n = posed()[0], posed()[0][0].shape[1]
+    assert [solver.solve(*tall, effort) for effort in (0, 1, 2)] == ["condensed", "projected", "projected"]
+    A, z, H, g, alpha = tall
+    assert solver.solve(A[:n], z[:n], H, g, alpha, 0) == "projected"  # as many rows as columns
+    dependent = H.copy()
+    dependent[1], dependent[:, 1] = dependent[0], dependent[:, 0]
+    dependent[1, 1] = dependent[0, 0]
+    assert solver.solve(A, z, dependent, g, alpha, 0) == "projected"
+
+
+def test_the_inverse_is_refused_from_a_condition_of_1e10():
+    random = np.random.default_rng(0)
+    root = random.normal(size=(12, 6))
+    assert np.allclose(module._inverse(root.T @ root), np.linalg.inv(root.T @ root), rtol=1e-9)
+    assert np.allclose(module._inverse(np.diag([1.0, 1e-9])), np.diag([1.0, 1e9]), rtol=1e-9)
+    assert module._inverse(np.diag([1.0, 1e-11])) is None
+    assert module._inverse(np.diag([1.0, -1.0])) is None
+
+
+def test_an_object_is_kept_per_size_and_form_and_made_anew_after_a_failure(monkeypatch):
+    solver, (problem, _) = DualSolver("proxqp"), posed()
+    made, new = [], module._new_proxqp
+    monkeypatch.setattr(module, "_new_proxqp", lambda *key: made.append(key) or new(*key))
+    n = len(problem[-1])
+    for _ in range(2):
+        solver.solve(*problem, 0)
+    assert made == [("condensed", n, 0, 0)]  # no constraints but the box
+    for effort in (1, 2):
+        solver.solve(*problem, effort)
+    m = len(problem[1])
+    assert made[1:] == [("projected", m, n, 1), ("projected", m, n, 2)]
+    monkeypatch.setattr(module, "ITERATIONS", ((1, 1),) * 3)
+    solver._objects.clear()
+    for _ in range(2):
+        solver.solve(*problem, 0)  # not solved within one iteration
+    assert made[3:] == [("condensed", n, 0, 0)] * 2
+
+
+@pytest.mark.parametrize(
+    ("form", "effort", "tolerance", "gap", "iterations", "mu"),
+    [
+        ("condensed", 0, 1e-4, 1e-4, (40, 25), 1.0),
+        ("condensed", 1, 1e-9, 1e-7, (50, 30), 1.0),
+        ("projected", 0, 1e-7, 1e-7, (40, 25), 1e-4),
+        ("projected", 1, 1e-9, 1e-7, (50, 30), 1e-2),
+        ("projected", 2, 1e-9, 1e-7, (50, 30), 1.0),
+    ],
+)
+def test_the_settings_with_which_proxqp_is_reliable(form, effort, tolerance, gap, iterations, mu):
+    """The docstring of `_new_proxqp` gives the reasons."""
+    box = form == "condensed"
+    qp = module._new_proxqp(form, 5, 0 if box else 7, effort)
+    settings = qp.settings
+    assert (settings.eps_abs, settings.eps_rel) == (tolerance, tolerance)
+    assert settings.check_duality_gap
+    assert (settings.eps_duality_gap_abs, settings.eps_duality_gap_rel) == (gap, gap)
+    assert (settings.eps_primal_inf, settings.eps_dual_inf) == (0, 0)
+    assert (settings.max_iter, settings.max_iter_in) == iterations and settings.default_mu_in == mu
+    assert not settings.compute_preconditioner
+    assert settings.initial_guess == module._proxqp.InitialGuess.NO_INITIAL_GUESS
+    assert (qp.model.dim, qp.model.n_eq, qp.model.n_in) == (5, 0, 0 if box else 7)
+
+
+def test_the_solvers_that_exist_are_named_once():
+    names = available_solvers()
+    assert names[0] == "proxqp" and names[1:] == sorted(set(names[1:])) and "proxqp" not in names[1:]
+    assert set(names[1:]) == set(qpsolvers.available_solvers) - {"proxqp"}
+    with pytest.raises(SolverError, match="'none' is not available; expected one of: proxqp, "):
+        DualSolver("none")
+
+
+@pytest.mark.parametrize("z", [None, np.array([1.0, np.nan, 0, 0])])
+def test_a_solver_without_an_answer_gives_zeros(z, monkeypatch):
+    monkeypatch.setattr(qpsolvers, "solve_problem", lambda *_, **__: SimpleNamespace(z=z))
+    assert module._by_qpsolvers("daqp", np.eye(2), np.ones(2), None, np.ones(2)).tolist() == [0, 0]
+
+
+def test_an_answer_is_exact_if_the_active_set_finds_it(monkeypatch):
+    problem = LASSOS.draw(np.random.default_rng(5), Draw(fraction=0.1, with_prior=True, live_columns=True))
+    found = LassoSolver().solve(problem)
+    guessed = LassoSolver().solve(problem, found.omega)
+    assert found.exact and guessed.exact and (found.method, guessed.method) == ("proxqp", "guess")
+    monkeypatch.setattr("lassokin_ros.core.lasso.solver.solve_active_set", lambda *_: None)
+    assert not LassoSolver().solve(problem).exact
+    assert not LassoSolution(found.omega, found.x, found.alpha, found.certifier, "proxqp").exact
+
+
+def test_tiny_entries_are_cut_where_that_fits_the_conditions_better():
+    """A solver leaves what it could not bring to zero; a small value that is right stays."""
+    (A, z, H, g, alpha), omega = posed()
+    reduced = SimpleNamespace(H=H, g=g)
+    for size in (1e-9, 1e-7, 1e-5):
+        dirty = np.where(omega == 0, size * np.abs(omega).max() * 0.9, omega)
+        assert np.array_equal(_without_tiny_entries(reduced, alpha, dirty), omega)
+    assert np.array_equal(_without_tiny_entries(reduced, alpha, omega), omega)
+    one = SimpleNamespace(
+        H=np.eye(2), g=np.array([3.0, 1.00001])
+    )  # the second moves by 1e-5, half of 1e-5 of the first
+    right = np.array([2.0, 1e-5])
+    assert np.array_equal(_without_tiny_entries(one, np.ones(2), right), right)
+    # An entry of half a penalty's correlation moves wrongly, beside one that is nearly at its bound and does not move.
+    three = SimpleNamespace(H=np.eye(3), g=np.array([3.0, 0.5, 0.9]))
+    for sign in (1, -1):
+        three.g *= sign
+        dirty = sign * np.array([2.0, 1e-7, 0.0])
+        assert _without_tiny_entries(three, np.ones(3), dirty).tolist() == [2.0 * sign, 0, 0]
+        three.g *= sign

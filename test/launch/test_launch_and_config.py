@@ -1,0 +1,176 @@
+"""Launch file, parameter files, RViz and Foxglove configurations agree with the code."""
+
+import importlib.util
+import re
+import sys
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import pytest
+import yaml
+
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.errors import ConfigurationError
+from lassokin_ros.core.tracker import Tracker
+from lassokin_ros.pipeline.outputs.urdf import urdf
+from lassokin_ros.pipeline.outputs.urdf_from_parameters import urdf_from_settings
+from lassokin_ros.pipeline.parameter_files import offline_settings
+from lassokin_ros.pipeline.settings import NodeSettings
+
+ROOT = Path(__file__).resolve().parents[2]
+CONFIG = ROOT / "config"
+FILES = sorted(file.stem for file in CONFIG.glob("*.yaml"))
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_every_parameter_file_starts_a_tracker(name):
+    tracker, node = offline_settings([CONFIG / f"{name}.yaml"], [])
+    assert Tracker(tracker).layout.name == tracker.landmarks and node.checked() is node
+    text = (CONFIG / f"{name}.yaml").read_text(encoding="utf-8")
+    values = yaml.safe_load(text)["/**"]["ros__parameters"]
+    settings = {**vars(TrackerConfig()), **vars(NodeSettings())}
+    for key, value in values.items():  # rclpy does not accept 4 for 4.0
+        assert key == "use_sim_time" or type(value) is type(settings[key]), f"{name}.yaml: {key}"
+
+
+def test_each_usual_set_up_has_a_parameter_file():
+    assert set(FILES) == {"tracker", "webcam_yolo", "openpose", "mediapipe", "rosbag", "realsense", "oak", "zed"}
+
+
+def test_the_urdf_follows_from_settings():
+    skeleton = Skeleton.load("anthropometric", TrackerConfig().height)
+    base_frame = NodeSettings().base_frame
+    assert urdf_from_settings(TrackerConfig(), NodeSettings()) == urdf(skeleton, base_frame, "tracker/")
+    bare = urdf_from_settings(TrackerConfig(), NodeSettings(base_frame="lens", frame_prefix=""), "cam/tracker")
+    assert bare == urdf(skeleton, "lens")
+
+
+FOLLOWER = {"state_publisher": "human_state_publisher"}
+
+
+class Recorded(SimpleNamespace):
+    """Replaces any class of launch and records its arguments."""
+
+    def __init__(self, *args, **kwargs):
+        super().__init__(args=args, **kwargs)
+
+
+@pytest.fixture
+def launch_file(monkeypatch):
+    """The launch file as a module, with recording replacements if launch is not installed (it is not on PyPI)."""
+    for name, members in {
+        "launch": ("LaunchContext", "LaunchDescription"),
+        "launch.actions": ("DeclareLaunchArgument", "ExecuteProcess", "OpaqueFunction"),
+        "launch_ros": (),
+        "launch_ros.actions": ("Node",),
+        "launch_ros.parameter_descriptions": ("ParameterValue",),
+    }.items():
+        module = ModuleType(name)
+        for member in members:
+            setattr(module, member, Recorded)
+        monkeypatch.setitem(sys.modules, name, module)
+    spec = importlib.util.spec_from_file_location("tracker_launch", ROOT / "launch" / "tracker.launch.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def start(launch_file, **given):
+    """The nodes that are started for these arguments, by package, and the bag's command."""
+    *arguments, function = launch_file.generate_launch_description().args[0]
+    defaults = {argument.args[0]: argument.default_value for argument in arguments}
+    assert all(argument.description for argument in arguments)
+    context = SimpleNamespace(launch_configurations={**defaults, **given})
+    actions = function.function(context)
+    return {getattr(action, "package", "bag"): action for action in actions}
+
+
+def own_urdf(base_frame="camera_optical_frame", height=1.75, node="tracker"):
+    return urdf(Skeleton.load("anthropometric", height), base_frame, f"{node}/")
+
+
+def test_launch_starts_the_default_nodes(launch_file):
+    started = start(launch_file)
+    assert set(started) == {"lassokin_ros", "robot_state_publisher"}
+    tracker, frames = started["lassokin_ros"], started["robot_state_publisher"]
+    assert (tracker.executable, tracker.name) == ("tracker", "tracker")
+    assert tracker.parameters == [str(CONFIG / "tracker.yaml"), {"use_sim_time": False}, FOLLOWER]
+    assert tracker.remappings == [("keypoints", "keypoints"), ("camera_info", "camera_info")]
+    assert frames.name == FOLLOWER["state_publisher"]
+    assert frames.parameters[0]["publish_frequency"] >= 60
+    assert frames.parameters[0]["robot_description"].args[0] == own_urdf()
+    assert ("joint_states", "tracker/joint_states") in frames.remappings
+    assert not hasattr(tracker, "namespace")
+
+
+def test_launch_passes_its_arguments(launch_file, tmp_path):
+    file = tmp_path / "mine.yaml"
+    file.write_text("/**:\n  ros__parameters:\n    height: 1.6\n")
+    given = {"keypoints": "/d/k", "camera": "/cam/", "params": str(file), "frame": "lens", "bag": "walk", "rviz": "1"}
+    started = start(launch_file, **given)
+    tracker = started["lassokin_ros"]
+    assert tracker.parameters == [str(file), {"use_sim_time": True}, {"base_frame": "lens", **FOLLOWER}]
+    assert tracker.remappings == [("keypoints", "/d/k"), ("camera_info", "/cam/camera_info")]
+    assert started["robot_state_publisher"].parameters[0]["robot_description"].args[0] == own_urdf("lens", 1.6)
+    rviz = started["rviz2"]
+    assert Path(rviz.arguments[1]).is_file() and rviz.arguments[2:] == ["-f", "lens"]
+    assert rviz.remappings == [("image_raw", "/cam/image_raw"), ("camera_info", "/cam/camera_info")]
+    assert started["bag"].cmd == ["ros2", "bag", "play", "walk", "--clock"]
+    by_name = start(launch_file, params="webcam_yolo", bag="walk", use_sim_time="false", frames="false")["lassokin_ros"]
+    assert by_name.parameters == [str(CONFIG / "webcam_yolo.yaml"), {"use_sim_time": False}]
+
+
+def test_launch_sets_parameters_and_the_namespace(launch_file):
+    given = {"height": "1.9", "camera_pitch": "0.3", "landmarks": "body25", "namespace": "/left", "log_level": "WARN"}
+    mount = {"camera_mount_frame": "base_footprint"}
+    started = start(launch_file, **given, **mount)
+    tracker, frames = started["lassokin_ros"], started["robot_state_publisher"]
+    assert tracker.parameters[2] == {"height": 1.9, "camera_pitch": 0.3, "landmarks": "body25", **mount, **FOLLOWER}
+    assert tracker.namespace == frames.namespace == "/left"
+    assert tracker.arguments == ["--ros-args", "--log-level", "warn"]
+    assert frames.parameters[0]["robot_description"].args[0] == own_urdf(height=1.9, node="left/tracker")
+
+
+def test_launch_of_several_people_starts_no_state_publisher(launch_file, tmp_path):
+    """The tracker publishes TF of the limbs itself, unless a parameter file chooses otherwise."""
+    started = start(launch_file, max_people="3")
+    assert set(started) == {"lassokin_ros"}
+    assert started["lassokin_ros"].parameters[2] == {"max_people": 3, "publish_tf": "all"}
+    assert start(launch_file, max_people="3", frames="no")["lassokin_ros"].parameters[2] == {"max_people": 3}
+    file = tmp_path / "mine.yaml"
+    for people, chosen, set_here in ((3, "root", []), (1, "all", []), (1, "root", [FOLLOWER]), (1, "off", [FOLLOWER])):
+        file.write_text(f"/**:\n  ros__parameters:\n    max_people: {people}\n    publish_tf: {chosen}\n")
+        started = start(launch_file, params=str(file))
+        assert started["lassokin_ros"].parameters[2:] == set_here and ("robot_state_publisher" in started) == bool(
+            set_here
+        )
+
+
+@pytest.mark.parametrize("text, value", [("true", True), ("1", True), ("ON", True), ("false", False), ("No", False)])
+def test_launch_reads_every_boolean_in_the_same_way(launch_file, text, value):
+    started = start(launch_file, rviz=text, frames=text, use_sim_time=text)
+    assert ("rviz2" in started) is value and ("robot_state_publisher" in started) is value
+    assert started["lassokin_ros"].parameters[1] == {"use_sim_time": value}
+
+
+@pytest.mark.parametrize(
+    "given, words",
+    [
+        ({"rviz": "maybe"}, "rviz:=maybe; expected one of: true"),
+        ({"frames": "never"}, "frames:=never"),
+        ({"use_sim_time": "2"}, "use_sim_time:=2"),
+        ({"log_level": "loud"}, "log_level:=loud; expected one of: debug"),
+        ({"heigth": "1.8"}, "no argument 'heigth'; did you mean 'height'"),
+        ({"keypoint": "/a"}, "did you mean 'keypoints'"),
+        ({"height": "9"}, "0 to 2.6 m"),
+        ({"params": "nothing"}, "nothing.yaml"),
+    ],
+)
+def test_launch_refuses_bad_arguments_before_anything_starts(launch_file, given, words):
+    with pytest.raises((RuntimeError, ConfigurationError), match=re.escape(words)):
+        start(launch_file, **given)
+
+
+def test_launch_ignores_arguments_of_an_including_launch_file(launch_file):
+    assert start(launch_file, robot_name="arm", world="office")

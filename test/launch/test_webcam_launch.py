@@ -1,0 +1,126 @@
+"""webcam.launch.py: the camera that it starts, and its parameters; with recording replacements of `launch`."""
+
+import importlib.util
+import re
+import sys
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import pytest
+
+from lassokin_ros.pipeline.parameter_files import offline_settings
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+class Recorded(SimpleNamespace):
+    """Replaces any class of launch and records its arguments."""
+
+    def __init__(self, *args, **kwargs):
+        super().__init__(args=args, **kwargs)
+
+
+class NotFound(Exception):
+    """Replaces PackageNotFoundError."""
+
+
+@pytest.fixture
+def webcam(monkeypatch, tmp_path):
+    """(module of the launch file, set of the installed packages)."""
+    installed = set()
+
+    def share(package):
+        if package not in installed:
+            raise NotFound
+        return str(ROOT)
+
+    for name, members in {
+        "ament_index_python": {},
+        "ament_index_python.packages": {"PackageNotFoundError": NotFound, "get_package_share_directory": share},
+        "launch": {"LaunchContext": Recorded, "LaunchDescription": Recorded},
+        "launch.actions": dict.fromkeys(
+            ("DeclareLaunchArgument", "ExecuteProcess", "IncludeLaunchDescription", "OpaqueFunction"), Recorded
+        ),
+        "launch.launch_description_sources": {"PythonLaunchDescriptionSource": Recorded},
+        "launch_ros": {},
+        "launch_ros.actions": {"Node": Recorded},
+        "launch_ros.parameter_descriptions": {"ParameterValue": Recorded},
+    }.items():
+        module = ModuleType(name)
+        vars(module).update(members)
+        monkeypatch.setitem(sys.modules, name, module)
+    module = load("webcam")
+    monkeypatch.setattr(module, "CALIBRATIONS", tmp_path)
+    return module, installed
+
+
+def load(name):
+    spec = importlib.util.spec_from_file_location(f"{name}_launch", ROOT / "launch" / f"{name}.launch.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def start(module, **given):
+    """(camera, detector, arguments of tracker.launch.py) of the started nodes."""
+    *arguments, function = module.generate_launch_description().args[0]
+    defaults = {argument.args[0]: argument.default_value for argument in arguments}
+    assert all(argument.description for argument in arguments)
+    context = SimpleNamespace(launch_configurations={**defaults, **given})
+    camera, detector, tracker = function.function(context)
+    assert Path(tracker.args[0].args[0]).samefile(ROOT / "launch" / "tracker.launch.py")
+    return camera, detector, {**context.launch_configurations, **dict(tracker.launch_arguments)}
+
+
+def test_without_a_driver_opencv_reads_the_camera(webcam):
+    camera, detector, _ = start(webcam[0])
+    assert (camera.package, camera.executable) == ("lassokin_ros", "camera")
+    assert camera.parameters == [{"source": "0", "frame_id": "camera_optical_frame"}]
+    assert (detector.executable, detector.parameters) == ("detector", [{"detector": "mediapipe"}])
+
+
+def test_parameters_of_the_own_camera_exist(webcam):
+    node = pytest.importorskip("lassokin_ros.camera.node", reason="the node needs rclpy")
+    camera, _, _ = start(webcam[0], fov="70", calibration="ost.yaml", source="walk.mp4")
+    assert set(camera.parameters[0]) < set(node.PARAMETERS) and camera.parameters[0]["fov"] == 70.0
+
+
+def test_a_driver_is_used_if_there_is_a_calibration(webcam, tmp_path):
+    module, installed = webcam
+    installed.add("usb_cam")
+    assert start(module)[0].package == "lassokin_ros"
+    (tmp_path / "default_cam.yaml").touch()
+    camera = start(module, source="2")[0]
+    assert camera.package == "usb_cam" and camera.parameters[0]["video_device"] == "/dev/video2"
+    installed.add("v4l2_camera")
+    camera = start(module, calibration="/c/ost.yaml")[0]
+    assert (camera.package, camera.parameters[0]["camera_info_url"]) == ("v4l2_camera", "file:///c/ost.yaml")
+    assert start(module, source="walk.mp4")[0].package == start(module, driver="opencv")[0].package == "lassokin_ros"
+
+
+def test_the_tracker_gets_the_detectors_layout(webcam):
+    tracker_launch = load("tracker")
+    for given, layout in [({}, "mediapipe33"), ({"detector": "rtmpose.onnx"}, "coco17"), ({"landmarks": "h36m17"}, "")]:
+        _, _, arguments = start(webcam[0], height="1.6", **given)
+        # tracker.launch.py refuses misspelt names and starts the tracker.
+        *declared, function = tracker_launch.generate_launch_description().args[0]
+        defaults = {argument.args[0]: argument.default_value for argument in declared}
+        actions = function.function(SimpleNamespace(launch_configurations={**defaults, **arguments}))
+        node = next(action for action in actions if action.package == "lassokin_ros")
+        assignments = [f"{name}:={value}" for name, value in node.parameters[-1].items()]
+        settings, node_settings = offline_settings([Path(node.parameters[0])], assignments)
+        assert (settings.landmarks, settings.height) == (layout or "h36m17", 1.6)
+        assert node_settings.base_frame == "camera_optical_frame"
+
+
+@pytest.mark.parametrize(
+    "given, words",
+    [
+        ({"driver": "gige"}, "driver:=gige; expected one of: v4l2_camera, usb_cam, opencv"),
+        ({"driver": "usb_cam", "source": "walk.mp4"}, "takes the number of a webcam"),
+        ({"driver": "usb_cam", "fov": "70"}, "and no fov; use driver:=opencv"),
+    ],
+)
+def test_bad_arguments_are_refused(webcam, given, words):
+    with pytest.raises(RuntimeError, match=re.escape(words)):
+        start(webcam[0], **given)

@@ -1,0 +1,252 @@
+"""Each detector's message at the limits of its rules: counts, sizes, identities, and depth."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags", reason="rosbags knows message types that are not installed")
+
+from detector_messages import HRI, YOLO, ZED, backend, hri_skeleton, yolo_detections, zed_objects  # noqa: E402
+from messages import CLOUD_FIELDS, cloud, multi_array, polygon, raw_cloud  # noqa: E402
+
+from msg_adapters.detectors.point_cloud2 import MAX_FIELDS, MAX_POINT_STEP  # noqa: E402
+from msg_adapters.detectors.registry import ADAPTERS, full_type_name, keypoint_adapter  # noqa: E402
+from msg_adapters.errors import AdapterError  # noqa: E402
+from msg_adapters.keypoints import MAX_POINTS  # noqa: E402
+
+BACKEND = backend()
+CLOUD, POLYGON, ARRAY = list(ADAPTERS)[:3]
+STAMP, FRAME = 5_000_000_007, "optical"
+XY = np.array([[10.0, 20.0], [30.0, 40.0], [50.0, 60.0]])
+NAN = float("nan")
+
+
+def decode(message_type, message, size=(100, 200)):
+    return keypoint_adapter(message_type).decode(message, size)
+
+
+def refused(message_type, message, reason, size=(100, 200)):
+    with pytest.raises(AdapterError) as error:
+        decode(message_type, message, size)
+    assert error.value.reason == reason
+    return str(error.value)
+
+
+def test_every_adapter_is_found_by_both_forms_of_its_type():
+    for name in ADAPTERS:
+        assert type(keypoint_adapter(name)) is type(keypoint_adapter(name.replace("/msg/", "/")))
+    assert full_type_name("a/msg/B") == "a/msg/B" and full_type_name("B") == "B"
+
+
+# PointCloud2 ---------------------------------------------------------------------------------------------------------
+
+
+def with_depth(depths, step=20):
+    rows = np.zeros(
+        len(depths), [*((name, "<f4") for name in ("x", "y", "confidence")), ("id", "<u4"), ("depth", "<f4")]
+    )
+    rows["x"], rows["y"], rows["confidence"], rows["id"], rows["depth"] = 1, 2, 0.5, np.arange(len(depths)), depths
+    return raw_cloud(BACKEND, STAMP, rows.tobytes(), (*CLOUD_FIELDS, ("depth", 16, 7)), step, len(depths), FRAME)
+
+
+def test_depth_of_a_cloud():
+    found = decode(CLOUD, with_depth([1.5, 0.0, -1.0, NAN]))
+    assert np.array_equal(found.depth, [1.5, NAN, NAN, NAN], equal_nan=True) and found.depth_of_surface
+    assert (found.stamp_ns, found.frame_id, found.persons) == (STAMP, FRAME, None)
+    assert decode(CLOUD, with_depth([0.0, NAN, np.inf])).depth is None
+    assert decode(CLOUD, cloud(BACKEND, STAMP, XY)).depth is None
+
+
+def test_limits_of_a_clouds_layout():
+    rows = np.zeros((3, MAX_POINT_STEP), np.uint8)
+    wide = raw_cloud(BACKEND, STAMP, rows.tobytes(), CLOUD_FIELDS, MAX_POINT_STEP, 3)
+    assert len(decode(CLOUD, wide).ids) == 3
+    wide.point_step = MAX_POINT_STEP + 1
+    assert "expected at most 4096 bytes" in refused(CLOUD, wide, "wrong_layout")
+    others = [(f"f{i}", 0, 7) for i in range(MAX_FIELDS - 4)]
+    message = raw_cloud(BACKEND, STAMP, bytes(48), [*CLOUD_FIELDS, *others], 16, 3)
+    assert len(decode(CLOUD, message).ids) == 3
+    message = raw_cloud(BACKEND, STAMP, bytes(48), [*CLOUD_FIELDS, *others, ("one", 0, 7)], 16, 3)
+    assert "has 65 fields" in refused(CLOUD, message, "wrong_fields")
+
+
+def test_a_field_may_end_with_the_point_and_not_after():
+    assert len(decode(CLOUD, cloud(BACKEND, STAMP, XY)).ids) == 3  # the id takes the last four bytes
+    fields = [*CLOUD_FIELDS[:3], ("id", 13, 6)]
+    text = refused(CLOUD, raw_cloud(BACKEND, STAMP, bytes(48), fields, 16, 3), "wrong_layout")
+    assert "'id' at offset 13 does not fit in a point_step of 16" in text
+
+
+@pytest.mark.parametrize(("field", "kind"), [(0, "float32 or float64"), (3, "an integer type")])
+def test_a_field_of_several_values_is_refused(field, kind):
+    message = cloud(BACKEND, STAMP, XY)
+    message.fields[field].count = 2
+    assert f"count 2; expected one value of {kind}" in refused(CLOUD, message, "wrong_datatype")
+    message.fields[field].count = 0  # some drivers leave it at 0
+    assert len(decode(CLOUD, message).ids) == 3
+
+
+def test_missing_fields_are_named_with_those_that_are_there():
+    message = raw_cloud(BACKEND, STAMP, bytes(48), [("x", 0, 7), ("z" * 40, 4, 7)], 16, 3)
+    text = refused(CLOUD, message, "wrong_fields")
+    assert text == f"the cloud has no field y, confidence, id; its fields are: x, {'z' * 32}"
+    assert "its fields are: none" in refused(CLOUD, raw_cloud(BACKEND, STAMP, b"", [], 16, 0), "wrong_fields")
+    many = raw_cloud(BACKEND, STAMP, bytes(48), [(f"f{i}", 0, 7) for i in range(20)], 16, 3)
+    assert refused(CLOUD, many, "wrong_fields").endswith("f14, f15")
+
+
+def test_an_empty_cloud_of_either_side():
+    for width, height in ((0, 1), (3, 0), (0, 0)):
+        message = cloud(BACKEND, STAMP, XY[:0])
+        message.width, message.height, message.row_step = width, height, 16 * width
+        assert len(decode(CLOUD, message).ids) == 0
+
+
+# Polygons and arrays -------------------------------------------------------------------------------------------------
+
+
+def test_polygons_and_arrays_are_numbered_by_their_order():
+    for found in (
+        decode(POLYGON, polygon(BACKEND, STAMP, XY, [0.1, 0.2, 0.3], FRAME)),
+        decode(ARRAY, multi_array(BACKEND, 0, XY, [0.1, 0.2, 0.3])),
+    ):
+        assert found.ids.tolist() == [0, 1, 2] and found.xy.tolist() == XY.tolist()
+        assert found.confidence == pytest.approx([0.1, 0.2, 0.3])
+        assert found.persons is None and found.depth is None
+    assert decode(POLYGON, polygon(BACKEND, STAMP, XY, frame_id=FRAME)).frame_id == FRAME
+
+
+def dimensions(*sizes):
+    made = [BACKEND.make("std_msgs/msg/MultiArrayDimension") for _ in sizes]
+    for dimension, size in zip(made, sizes):
+        dimension.size = size
+    return made
+
+
+@pytest.mark.parametrize(("sizes", "good"), [((), 1), ((3, 3), 1), ((9,), 1), ((3,), 0), ((3, 3, 1), 0), ((3, 2), 0)])
+def test_dimensions_of_an_array(sizes, good):
+    message = multi_array(BACKEND, 0, XY)
+    message.layout.dim = dimensions(*sizes)
+    if good:
+        assert len(decode(ARRAY, message).ids) == 3
+    else:
+        shape = " x ".join(map(str, sizes))
+        assert refused(ARRAY, message, "wrong_shape").startswith(f"9 values, data_offset 0, dimensions {shape}; ")
+
+
+def test_the_offset_of_an_array():
+    message = multi_array(BACKEND, 0, XY)
+    for offset, ids in ((3, [0, 1]), (9, [])):
+        message.layout.data_offset = offset
+        found = decode(ARRAY, message)
+        assert found.ids.tolist() == ids and found.xy.tolist() == XY[3 - len(ids) :].tolist()
+    for offset in (1, 12):
+        message.layout.data_offset = offset
+        assert f"data_offset {offset}, dimensions none" in refused(ARRAY, message, "wrong_shape")
+
+
+# Skeletons of packages -----------------------------------------------------------------------------------------------
+
+
+def test_hri_points_that_were_not_found():
+    pixels = np.tile([[10.0, 20.0]], (18, 1))
+    message = hri_skeleton(BACKEND, STAMP, FRAME, pixels, np.full(18, 0.5), (100, 200))
+    message.skeleton[4].x = message.skeleton[4].y = -1.0
+    message.skeleton[5].x = -1.0
+    found = decode(HRI, message)
+    assert found.ids.tolist() == list(range(18)) and found.confidence.tolist() == [0.5] * 18
+    assert np.isnan(found.xy[4]).all() and found.xy[5] == pytest.approx([-100, 20])
+    for size in (None, (0, 200), (100, 0)):
+        refused(HRI, message, "no_image_size", size)
+    assert decode(HRI, message, (1, 1)).xy[0] == pytest.approx([0.1, 0.1])
+
+
+def yolo(ids=("1",), count=3):
+    people = [(np.tile(XY[:1], (17, 1)), np.where(np.arange(17) < count, 0.5, 0))] * len(ids)
+    return yolo_detections(BACKEND, STAMP, FRAME, people, ids)
+
+
+def measure(detection, depths, frame_id=FRAME):
+    """Fill keypoints3d; depths: z by keypoint id."""
+    detection.keypoints3d.frame_id = frame_id
+    for number, z in depths.items():
+        point = BACKEND.make("yolo_msgs/msg/KeyPoint3D")
+        point.id, point.point.x, point.point.z = number, 9.0, z
+        detection.keypoints3d.data.append(point)
+
+
+def test_yolo_depths_in_the_optical_frame():
+    message = yolo(("1", "2"))
+    measure(message.detections[0], {1: 1.5, 3: 2.5})
+    found = decode(YOLO, message)
+    assert found.ids.tolist() == [2, 1, 0] * 2  # COCO's index, in the order of the message
+    assert np.array_equal(found.depth, [2.5, NAN, 1.5, NAN, NAN, NAN], equal_nan=True)
+    assert found.depth_of_surface
+
+
+@pytest.mark.parametrize("frame_id", ["", "base_link"])
+def test_yolo_depths_of_another_frame_are_not_used(frame_id):
+    message = yolo()
+    measure(message.detections[0], {1: 1.5}, frame_id)
+    assert decode(YOLO, message).depth is None
+    message.header.frame_id = ""
+    assert decode(YOLO, message).depth is None
+
+
+def test_yolo_messages_that_are_too_long():
+    message = yolo()
+    measure(message.detections[0], {1: 1.5})
+    message.detections[0].keypoints3d.data *= MAX_POINTS
+    assert decode(YOLO, message).depth is not None
+    message.detections[0].keypoints3d.data *= 2
+    refused(YOLO, message, "too_many_points")
+    message.detections = yolo(("",), 0).detections * MAX_POINTS
+    assert len(decode(YOLO, message).ids) == 0
+    message.detections = message.detections * 2
+    refused(YOLO, message, "too_many_points")
+
+
+def zed(count=1, body_format=0, **more):
+    return zed_objects(BACKEND, STAMP, [np.tile(XY[:1], (70, 1))] * count, range(count), body_format, **more)
+
+
+@pytest.mark.parametrize(("body_format", "count"), [(0, 18), (1, 34), (2, 38), (3, 70)])
+def test_zed_formats(body_format, count):
+    assert decode(ZED, zed(body_format=body_format)).ids.tolist() == list(range(count))
+
+
+@pytest.mark.parametrize("body_format", [-1, 4])
+def test_zed_formats_that_do_not_exist(body_format):
+    text = refused(ZED, zed(body_format=body_format), "wrong_shape")
+    assert text == f"body_format is {body_format}; expected 0 to 3"
+
+
+def test_zed_depths_are_along_x_inside_the_body():
+    message = zed()
+    points = message.objects[0].skeleton_3d.keypoints
+    for index, x in ((0, 2.5), (1, 0.0), (2, -1.0), (3, np.nan)):
+        points[index].kp = np.array([x, 7, 8], np.float32)
+    found = decode(ZED, message)
+    assert found.depth[0] == 2.5 and np.isnan(found.depth[1:]).all() and not found.depth_of_surface
+    assert decode(ZED, zed()).depth is None
+
+
+def test_zed_points_are_missing_if_both_coordinates_are_0_or_one_is_negative():
+    message = zed()
+    for index, xy in enumerate([(0, 0), (0, 5), (5, 0), (-1, 5), (5, -1)]):
+        message.objects[0].skeleton_2d.keypoints[index].kp = np.array(xy, np.float32)
+    assert decode(ZED, message).ids.tolist() == [1, 2, *range(5, 18)]
+
+
+def test_zed_confidence_of_the_body_stands_in_for_its_points():
+    message = zed()
+    assert decode(ZED, message).confidence == pytest.approx([0.9] * 18)
+    message.objects[0].skeleton_keypoint_confidence[0] = 50
+    found = decode(ZED, message).confidence
+    assert found[0] == 0.5 and not found[1:].any()
+
+
+def test_zed_without_people_and_with_too_many():
+    assert len(decode(ZED, zed(0)).ids) == 0
+    most = MAX_POINTS // 18
+    assert len(decode(ZED, zed(most)).ids) == 18 * most
+    refused(ZED, zed(most + 1), "too_many_points")

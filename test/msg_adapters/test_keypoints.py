@@ -1,0 +1,164 @@
+"""Keypoints as arrays: which points count, whose they are, and the limits of each rule."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from msg_adapters.detectors.people import gather
+from msg_adapters.errors import AdapterError
+from msg_adapters.keypoints import (
+    LARGEST_PIXEL,
+    LONGEST_FRAME_ID,
+    MAX_POINTS,
+    Keypoints,
+    check_count,
+    frame_name,
+    header_stamp,
+    stamp_of,
+)
+
+
+def keypoints(ids, persons=None, depth=None, xy=None, confidence=None):
+    xy = np.array([[10.0 + i, 20.0 + i] for i in range(len(ids))]) if xy is None else np.array(xy, dtype=float)
+    scores = np.full(len(ids), 0.5) if confidence is None else np.array(confidence, dtype=float)
+    persons = None if persons is None else np.array(persons)
+    return Keypoints(1, "camera", np.array(ids), xy, scores, persons, depth=depth)
+
+
+def refused(call, reason):
+    with pytest.raises(AdapterError) as error:
+        call()
+    assert error.value.reason == reason
+    return str(error.value)
+
+
+def test_a_point_is_missing_by_its_coordinates_or_its_score():
+    far, edge = LARGEST_PIXEL * 1.001, LARGEST_PIXEL
+    cases = [
+        ([edge, 1], 0.5, True),
+        ([1, -edge], 0.5, True),
+        ([far, 1], 0.5, False),
+        ([1, -far], 0.5, False),
+        ([np.nan, 1], 0.5, False),
+        ([1, np.inf], 0.5, False),
+        ([0, 0], 0.5, False),
+        ([0, 1], 0.5, True),
+        ([1, 0], 0.5, True),
+        ([1, 1], 0.0, False),
+        ([1, 1], -0.1, False),
+        ([1, 1], np.nan, False),
+        ([1, 1], 1e-6, True),
+    ]
+    found = keypoints(range(13), xy=[xy for xy, _, _ in cases], confidence=[score for _, score, _ in cases])
+    assert found.present.tolist() == [present for *_, present in cases]
+    points, confidence = found.as_landmarks(13)
+    assert np.isfinite(points).all(axis=1).tolist() == (confidence > 0).tolist() == found.present.tolist()
+    assert confidence[12] == 1e-6
+
+
+def test_scores_up_to_2_are_limited_to_1_and_larger_ones_cost_their_point():
+    confidence = keypoints(range(4), confidence=[0.5, 1.0, 1.5, 2.0]).as_landmarks(4)[1]
+    assert confidence.tolist() == [0.5, 1, 1, 1]
+    half = keypoints(range(4), confidence=[0.5, 2.1, 90, 1.0]).as_landmarks(4)[1]
+    assert half.tolist() == [0.5, 0, 0, 1]
+    most = keypoints(range(4), confidence=[0.5, 2.1, 90, 3.0])
+    text = refused(lambda: most.as_landmarks(4), "confidence_range")
+    assert "3 of 4 confidences are above 2, up to 90; expected 0 to 1" in text
+
+
+def test_ids_beyond_the_layout_and_repeated_ones_are_refused():
+    assert keypoints([0, 4]).as_landmarks(5)[1].tolist() == [0.5, 0, 0, 0, 0.5]
+    assert "id 5; expected 0 to 4" in refused(lambda: keypoints([0, 5]).as_landmarks(5), "unknown_id")
+    assert "id -1; expected 0 to 4" in refused(lambda: keypoints([0, -1]).as_landmarks(5), "unknown_id")
+    refused(lambda: keypoints([3, 3]).as_landmarks(5), "repeated_id")
+    missing = keypoints([3, 3, 9], confidence=[0.5, 0, 0])  # what is missing is no matter of the layout
+    assert missing.as_landmarks(5)[1].tolist() == [0, 0, 0, 0.5, 0]
+    points, confidence = keypoints([2], confidence=[0]).as_landmarks(3)
+    assert np.isnan(points).all() and points.shape == (3, 2) and not confidence.any()
+
+
+def test_each_person_has_its_points():
+    both = keypoints([0, 1, 0, 2], persons=[7, 7, 3, 3], depth=np.array([1.0, 2.0, 3.0, np.nan]))
+    assert both.as_landmarks(3, person=7)[1].tolist() == [0.5, 0.5, 0]
+    assert both.as_landmarks(3, person=3)[0][2].tolist() == [13, 23]
+    assert not both.as_landmarks(3, person=4)[1].any()
+    refused(lambda: both.as_landmarks(3), "repeated_id")
+    numbers, points, confidence = both.by_person(3)
+    assert numbers.tolist() == [3, 7] and points.shape == (2, 3, 2)
+    assert confidence.tolist() == [[0.5, 0, 0.5], [0.5, 0.5, 0]]
+    assert points[0, 0].tolist() == [12, 22] and points[1, 1].tolist() == [11, 21]
+    assert np.array_equal(both.depth_as_landmarks(3, 7), [1, 2, np.nan], equal_nan=True)
+    assert np.array_equal(both.depth_as_landmarks(3, 3), [3, np.nan, np.nan], equal_nan=True)
+
+
+def test_without_person_numbers_there_is_one_person():
+    alone = keypoints([0, 2], depth=np.array([1.0, 2.0]))
+    numbers, points, confidence = alone.by_person(3)
+    assert numbers.tolist() == [0] and points.shape == (1, 3, 2) and confidence.tolist() == [[0.5, 0, 0.5]]
+    assert alone.as_landmarks(3, person=4)[1].tolist() == [0.5, 0, 0.5]
+    for person in (None, 4):
+        assert np.array_equal(alone.depth_as_landmarks(3, person), [1, np.nan, 2], equal_nan=True)
+    assert keypoints([0, 2]).depth_as_landmarks(3) is None
+    unseen = keypoints([0, 2], depth=np.array([1.0, 2.0]), confidence=[0.5, 0])
+    assert np.array_equal(unseen.depth_as_landmarks(3), [1, np.nan, np.nan], equal_nan=True)
+
+
+def header(sec=1, nanosec=0, frame_id="camera"):
+    return SimpleNamespace(stamp=SimpleNamespace(sec=sec, nanosec=nanosec), frame_id=frame_id)
+
+
+def test_stamps_from_0_to_their_limits():
+    assert header_stamp(header(2, 3)) == 2_000_000_003
+    assert header_stamp(header(0, 999_999_999)) == 999_999_999
+    assert header_stamp(header(0, 0)) is None
+    for bad in (header(-1, 5), header(1, 1_000_000_000)):
+        assert "expected a time after 1970" in refused(lambda: header_stamp(bad), "bad_stamp")
+        assert stamp_of(SimpleNamespace(header=bad)) is None
+    assert stamp_of(SimpleNamespace(header=header(2, 3))) == 2_000_000_003
+    assert stamp_of(SimpleNamespace()) is None
+
+
+def test_frame_names_are_printable_and_not_endless():
+    assert frame_name(header(frame_id="")) == ""
+    assert len(frame_name(header(frame_id="x" * LONGEST_FRAME_ID))) == LONGEST_FRAME_ID
+    for bad in ("x" * (LONGEST_FRAME_ID + 1), "a\nb", "a\0"):
+        text = refused(lambda: frame_name(header(frame_id=bad)), "bad_frame_id")
+        assert f"has {len(bad)} characters" in text and len(text) < 200
+
+
+def test_as_many_points_as_are_allowed():
+    check_count(MAX_POINTS)
+    assert f"{MAX_POINTS + 1} keypoints" in refused(lambda: check_count(MAX_POINTS + 1), "too_many_points")
+
+
+PERSON = [(0, 1.0, 2.0, 0.5), (3, 4.0, 5.0, 0.75)]
+
+
+@pytest.mark.parametrize(
+    ("ids", "numbers", "persistent"),
+    [
+        (["4", "2"], [4, 4, 2, 2], True),
+        (["0", "1"], [0, 0, 1, 1], True),
+        (["4", "4"], [0, 0, 1, 1], False),
+        (["4", "x"], [0, 0, 1, 1], False),
+        (["4", "²"], [0, 0, 1, 1], False),
+        (["4", "-2"], [0, 0, 1, 1], False),
+        (["4", "9" * 18], [4, 4, int("9" * 18), int("9" * 18)], True),
+        (["4", "9" * 19], [0, 0, 1, 1], False),
+    ],
+)
+def test_people_are_numbered_by_their_ids_or_in_order(ids, numbers, persistent):
+    found = gather(5, "camera", [PERSON, PERSON], ids)
+    assert (found.persons.tolist(), found.persistent) == (numbers, persistent)
+    assert (found.stamp_ns, found.frame_id, found.depth, found.depth_of_surface) == (5, "camera", None, True)
+    assert found.ids.tolist() == [0, 3, 0, 3] and found.xy[1].tolist() == [4, 5]
+    assert found.confidence.tolist() == [0.5, 0.75] * 2
+
+
+def test_gathered_depths_and_nobody():
+    found = gather(5, "", [PERSON], ["1"], [[1.5, float("nan")]], depth_of_surface=False)
+    assert found.depth[0] == 1.5 and np.isnan(found.depth[1]) and not found.depth_of_surface
+    assert gather(5, "", [PERSON], ["1"], [[float("nan")] * 2]).depth is None
+    nobody = gather(5, "", [], [])
+    assert nobody.persistent and nobody.xy.shape == (0, 2) and len(nobody.persons) == 0

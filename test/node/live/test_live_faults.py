@@ -1,0 +1,340 @@
+"""The node under faults: bursts, peers that end or stop, signals at any moment."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from concurrent.futures import Future
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip("rclpy")
+
+from live import (  # noqa: E402
+    BACKEND,
+    NO_HANDLERS,
+    START_NS,
+    NodeProcess,
+    Peer,
+    complaints,
+    node_in_this_process,
+    stamp_of,
+    values_of,
+)
+from messages import camera_info, cloud, multi_array, pixels_of_motion  # noqa: E402
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue  # noqa: E402
+from rcl_interfaces.srv import SetParameters  # noqa: E402
+from rclpy.serialization import serialize_message  # noqa: E402
+
+from lassokin_ros.node.person_outputs import message_class  # noqa: E402
+from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN  # noqa: E402
+from lassokin_ros.pipeline.outputs import topics  # noqa: E402
+
+PIXELS = pixels_of_motion(120)
+STEP_NS, BURST_STEP_NS = 16_666_667, 1_000_000
+INT, TERM = signal.SIGINT, signal.SIGTERM
+WARN = b"\x01"
+
+
+@pytest.fixture(scope="module")
+def running():
+    """(process, peer) of one node that tracks."""
+    namespace = "/faults"
+    with NodeProcess(namespace) as node, Peer(namespace) as peer:
+        peer.start(PIXELS[0])
+        peer.frames_sent, peer.newest_ns = 1, START_NS
+        yield node.process, peer
+
+
+def send(peer, count=1, step_ns=STEP_NS):
+    """Send the next frames without a pause; return the stamp of the last."""
+    for _ in range(count):
+        peer.newest_ns += step_ns
+        peer.send(peer.newest_ns, PIXELS[peer.frames_sent % len(PIXELS)])
+        peer.frames_sent += 1
+    return peer.newest_ns
+
+
+def answered(peer, stamp):
+    """True if the joint states with this stamp have arrived."""
+    return any(stamp_of(m) == stamp for m in peer.got[topics.JOINT_STATES])
+
+
+def counts(peer):
+    """The node's counts in its next diagnostics, as numbers."""
+    values = values_of(peer.next_diagnostics())
+    return {key.removesuffix(" [messages]"): int(v) for key, v in values.items() if key.endswith(" [messages]")}
+
+
+def increase(peer, before):
+    """The increase of each count since `before`, without zeros."""
+    return {key: n - before.get(key, 0) for key, n in counts(peer).items() if n != before.get(key, 0)}
+
+
+@contextmanager
+def standing_still(process, probe):
+    """A process that is stopped meanwhile, at a moment when it holds no lock of DDS's shared memory.
+
+    A message to a process that holds such a lock blocks the sender for a second and is lost; `probe` sends such a
+    message.
+    """
+    while True:
+        process.send_signal(signal.SIGSTOP)
+        os.waitid(os.P_PID, process.pid, os.WSTOPPED)
+        started = time.monotonic()
+        probe()
+        if time.monotonic() - started < 0.5:
+            break
+        process.send_signal(signal.SIGCONT)
+    yield
+    process.send_signal(signal.SIGCONT)
+
+
+@contextmanager
+def endpoint(role, namespace, **options):
+    """test/support/endpoint.py as a process, killed at the end."""
+    command = [sys.executable, str(Path(__file__).parents[2] / "support" / "endpoint.py"), role, namespace]
+    process = subprocess.Popen(command, **options)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_after_a_short_hiccup_every_message_is_used(running):
+    process, peer = running
+    before, outputs = counts(peer), len(peer.got[topics.JOINT_STATES])
+    with standing_still(process, peer.send_camera):
+        last = send(peer, 4)
+    peer.spin_until(lambda: len(peer.got[topics.JOINT_STATES]) == outputs + 4, what="an answer for each")
+    assert answered(peer, last)
+    assert increase(peer, before) == {"received": 4, "accepted": 4}
+
+
+def test_the_newest_message_of_a_burst_is_used_and_the_others_are_counted(running):
+    process, peer = running
+    before, outputs, sent = counts(peer), len(peer.got[topics.JOINT_STATES]), 300
+    with standing_still(process, peer.send_camera):
+        last = send(peer, sent, BURST_STEP_NS)
+    peer.spin_until(lambda: answered(peer, last), what="the newest message's answer")
+    status = peer.next_diagnostics(lambda s: OVERTAKEN in s.message)
+    assert status.level == WARN and f"messages {OVERTAKEN}" in status.message
+    new = Counter(increase(peer, before))
+    assert new["received"] + new[LOST] == sent
+    assert new["accepted"] + new[OVERTAKEN] == new["received"]
+    assert new["accepted"] == len(peer.got[topics.JOINT_STATES]) - outputs < 20
+
+
+def test_messages_faster_than_the_callback_are_answered_without_delay(running):
+    _, peer = running
+    before, sent = counts(peer), 1000
+    last = send(peer, sent, BURST_STEP_NS)
+    peer.spin_until(lambda: answered(peer, last), deadline_s=2.0, what="the newest message's answer")
+    new = Counter(increase(peer, before))
+    assert new["accepted"] + new[OVERTAKEN] + new[LOST] == sent
+
+
+def test_broken_data_of_a_right_type_is_counted(running):
+    _, peer = running
+    before = counts(peer)
+    good = serialize_message(BACKEND.make("sensor_msgs/msg/PointCloud2"))
+    for data in (b"", good[:20], b"\x00\x01\x00\x00" + b"\xff" * 400, b"this was never serialised by anybody"):
+        peer.keypoints.publish(data)
+    last = send(peer)
+    peer.spin_until(lambda: answered(peer, last), what="an answer")
+    assert increase(peer, before) == {"received": 1, "accepted": 1, LOST: 4}
+
+
+def test_parameters_can_change_during_a_burst(running):
+    _, peer = running
+    before, sent = counts(peer), 0
+    client = peer.node.create_client(SetParameters, "tracker/set_parameters")
+    peer.spin_until(client.service_is_ready, what="the service set_parameters")
+    futures = []
+    for noise in np.linspace(2.0, 9.0, 30):
+        value = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=float(noise))
+        futures.append(client.call_async(SetParameters.Request(parameters=[Parameter(name="noise_px", value=value)])))
+        last = send(peer, 3)
+        sent += 3
+        # A service's queues hold 10 requests; of more at a time some would never be answered.
+        peer.spin_until(lambda: sum(not f.done() for f in futures) < 5, what="answers of the service")
+    peer.spin_until(lambda: all(f.done() for f in futures) and answered(peer, last), what="all answers")
+    assert all(f.result().results[0].successful for f in futures)
+    new = Counter(increase(peer, before))
+    assert new["accepted"] + new[OVERTAKEN] + new[LOST] == sent
+    assert np.isfinite(peer.got[topics.JOINT_STATES][-1].position).all()
+    peer.node.destroy_client(client)
+
+
+def test_a_camera_info_without_publisher_stays_in_use(running):
+    _, peer = running
+    peer.node.destroy_publisher(peer.camera)
+    age = "camera_info age [s]"
+    old = float(values_of(peer.next_diagnostics())[age])
+    status = peer.next_diagnostics(lambda s: float(values_of(s)[age]) > old + 1)
+    assert "camera_info" not in status.message
+    last = send(peer)
+    peer.spin_until(lambda: answered(peer, last), what="an answer")
+    peer.camera = peer.node.create_publisher(type(camera_info(BACKEND)), topics.CAMERA_INFO, 10)
+
+
+def test_a_stopped_subscriber_does_not_block_the_node(running):
+    _, peer = running
+
+    def probe():
+        last = send(peer)
+        peer.spin_until(lambda: answered(peer, last), what="an answer")
+
+    with endpoint("sink", peer.namespace, stdout=subprocess.PIPE) as slow:
+        assert slow.stdout.readline() == b"ready\n"
+        subscribers = peer.node.count_subscribers
+        peer.spin_until(lambda: subscribers(f"{peer.namespace}/tracker/joint_states") == 2, what="the other subscriber")
+        with standing_still(slow, probe):
+            waits = []
+            for _ in range(200):
+                started, last = time.monotonic(), send(peer)
+                peer.spin_until(lambda: answered(peer, last), deadline_s=2.0, what="an answer")  # noqa: B023
+                waits.append(time.monotonic() - started)
+                peer.got[topics.JOINT_STATES].clear()
+    assert np.percentile(waits, 90) < 0.1  # a busy machine may delay single messages
+
+
+def test_a_restarted_publisher_is_used_again():
+    namespace = "/publisher_killed"
+    with NodeProcess(namespace) as node, Peer(namespace) as peer:
+        for _ in range(2):
+            peer.got[topics.JOINT_STATES].clear()
+            with endpoint("source", namespace):
+                peer.spin_until(lambda: len(peer.got[topics.JOINT_STATES]) > 5, what="joint states")
+            peer.next_diagnostics(lambda s: s.level == WARN and s.message.startswith("no keypoints for"))
+        assert counts(peer)[LOST] == 0
+        code, said = node.stop(INT)
+    assert (code, "Traceback" in said) == (0, False)
+
+
+def test_a_restarted_node_answers_within_a_second_of_the_first_usable_frame():
+    namespace = "/node_killed"
+    with endpoint("source", namespace), Peer(namespace) as peer:
+        states = peer.got[topics.JOINT_STATES]
+        with NodeProcess(namespace) as first:
+            peer.spin_until(lambda: states, what="joint states")
+            first.stop(signal.SIGKILL)
+        peer.clear()
+        with NodeProcess(namespace):
+            peer.spin_until(lambda: states, what="joint states")
+            late_ns = time.time_ns() - stamp_of(states[0])
+            values = counts(peer)
+    # The node answers every frame from the first camera_info on, unless it is so busy that newer ones overtake it.
+    # DDS determines how soon it and its peers discover each other.
+    unanswered = values.get("rejected: no_camera_info", 0) + values["overtaken by newer"]
+    assert values["received"] == values["accepted"] + unanswered
+    assert late_ns < 1e9
+
+
+def test_signals_under_load_end_the_node():
+    """The nodes track the same keypoints, so that the test is short."""
+    namespace, signals = "/under_load", [(INT,), (INT, INT), (TERM,), (TERM, TERM)]
+    with endpoint("source", namespace), Peer(namespace) as peer, ExitStack() as stack:
+        names = [f"tracker_{number}" for number in range(len(signals))]
+        shared = ("-r", "~/joint_states:=tracker/joint_states")
+        nodes = [stack.enter_context(NodeProcess(namespace, "-r", f"__node:={name}", *shared)) for name in names]
+
+        def all_answer():
+            answers = Counter(stamp_of(m) for m in peer.got[topics.JOINT_STATES])
+            return len(nodes) in answers.values()
+
+        peer.spin_until(all_answer, what="an answer of each node to the same frame")
+        ends = [node.stop(*numbers) for node, numbers in zip(nodes, signals)]
+    assert [(code, complaints(said)) for code, said in ends] == [(0, [])] * len(signals)
+
+
+def test_a_signal_before_camera_info_ends_the_node():
+    namespace = "/before_camera"
+    with NodeProcess(namespace) as node, Peer(namespace) as peer:
+        assert peer.next_diagnostics().message == "waiting for camera_info"
+        code, said = node.stop(INT)
+    assert (code, complaints(said)) == (0, [])
+
+
+def test_signals_during_initialisation_end_the_node():
+    """At any moment after the process handles signals; before, it has done nothing."""
+    signals = [(TERM,), (INT, INT), (INT,), (TERM, TERM), (INT, TERM), (INT, INT)]
+    with ExitStack() as stack:
+        nodes = [stack.enter_context(NodeProcess("/early")) for _ in signals]
+        ends = []
+        for node, numbers in zip(nodes, signals):
+            while not awaits(node.process.pid, TERM):
+                assert node.process.poll() is None
+                time.sleep(0.002)
+            ends.append(node.stop(*numbers))
+            time.sleep(0.3)  # no condition is awaited: the next process is signalled later
+    assert [(code, complaints(said)) for code, said in ends] == [(0, [])] * len(signals)
+
+
+def awaits(pid, number):
+    """True if a process handles a signal itself: it is blocked, and a thread waits for it."""
+    status = Path(f"/proc/{pid}/status").read_text(encoding="ascii")
+    blocked = next(line.split()[1] for line in status.splitlines() if line.startswith("SigBlk"))
+    return bool(int(blocked, 16) >> (number - 1) & 1)
+
+
+def test_a_failing_callback_does_not_end_the_node():
+    from lassokin_ros.node.executable import spin
+
+    context = rclpy.Context()
+    rclpy.init(context=context, signal_handler_options=NO_HANDLERS)
+    node, calls = rclpy.create_node("failing", context=context), []
+
+    def fail():
+        calls.append(None)
+        if len(calls) == 3:
+            context.shutdown()
+        raise ValueError("on purpose")
+
+    node.create_timer(0.01, fail)
+    spin(node, Future())
+    assert len(calls) == 3
+    node.destroy_node()
+
+
+def test_waiting_messages_are_stamped_with_their_time_of_arrival():
+    namespace, kind = "/waiting", "std_msgs/msg/Float32MultiArray"
+    with node_in_this_process(namespace, keypoints_type=kind) as (_, serve), Peer(namespace, kind) as peer:
+        states, seen = peer.got[topics.JOINT_STATES], []
+        peer.node.create_subscription(message_class(kind), topics.KEYPOINTS, seen.append, 10)
+
+        def tracked():
+            peer.send_camera()
+            peer.keypoints.publish(multi_array(BACKEND, 0, PIXELS[0]))
+            serve()
+            return states and seen
+
+        peer.spin_until(tracked, what="the first output")
+        peer.spin_until(lambda: serve() or len(states) > 1 and peer.keypoints.wait_for_all_acked())
+        sent = []
+        for index in range(3):
+            seen.clear()
+            sent.append(time.time_ns())
+            peer.keypoints.publish(multi_array(BACKEND, 0, PIXELS[index]))
+            peer.spin_until(lambda: seen and time.time_ns() - sent[-1] > 30_000_000, what="its arrival")
+        held_up_until = time.time_ns()
+        stamps = lambda: [stamp_of(m) for m in states if stamp_of(m) >= sent[0]]  # noqa: E731
+        peer.spin_until(lambda: serve() or len(stamps()) == 3, what="the outputs")
+        assert [sum(at <= stamp for at in sent) for stamp in stamps()] == [1, 2, 3]
+        assert stamps()[-1] < held_up_until
+
+
+def test_keypoints_without_a_stamp_are_reported_once(monkeypatch, capfd):
+    monkeypatch.setattr("lassokin_ros.node.log_throttle.PERIOD_S", 0.0)
+    with node_in_this_process("/unstamped_once") as (node, _):
+        node._camera_info.take(camera_info(BACKEND))
+        for index, stamp_ns in enumerate((0, *(time.time_ns() + n * STEP_NS for n in range(3)))):
+            node.work_on(cloud(BACKEND, stamp_ns, PIXELS[index]))
+        assert node._pipeline.counts["unstamped"] == 1
+    assert capfd.readouterr().err.count("without a stamp") == 1

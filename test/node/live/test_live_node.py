@@ -1,0 +1,351 @@
+"""The running node: parameters, reset, diagnostics, rejected inputs, stamps that jump."""
+
+import signal
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from live import BACKEND, START_NS, NodeProcess, Peer, stamp_of, values_of  # noqa: E402
+from live_session import (  # noqa: E402
+    PIXELS,
+    feed,
+    get_parameter,
+    parameter,
+    restart,
+    send_next,
+    send_until_rejected,
+    set_parameters,
+)
+from messages import FOCAL, FRAME, HEIGHT, WIDTH, camera_info  # noqa: E402
+from rcl_interfaces.srv import (  # noqa: E402
+    DescribeParameters,
+    ListParameters,
+    SetParametersAtomically,
+)
+from std_srvs.srv import SetBool, Trigger  # noqa: E402
+
+from lassokin_ros.node.parameters import all_settings  # noqa: E402
+from lassokin_ros.pipeline.outputs import topics  # noqa: E402
+
+OK, WARN, ERROR = b"\x00", b"\x01", b"\x02"
+
+
+@pytest.fixture(scope="module")
+def running():
+    """A node that tracks, and its peer; `feed` sends the next frames of one motion."""
+    namespace = "/running"
+    with NodeProcess(namespace), Peer(namespace) as peer:
+        peer.start(PIXELS[0])
+        peer.frames_sent = 0
+        yield peer
+
+
+def test_every_setting_is_a_described_parameter(running):
+    names = [item.name for item in all_settings()]
+    listed = running.call(ListParameters, "list_parameters", ListParameters.Request()).result.names
+    own = {name for name in listed if not name.startswith("qos_overrides")} - {
+        "use_sim_time",
+        "start_type_description_service",
+    }
+    assert own == set(names)
+    request = DescribeParameters.Request(names=names)
+    descriptors = running.call(DescribeParameters, "describe_parameters", request).descriptors
+    for item, descriptor in zip(all_settings(), descriptors):
+        facts = item.metadata
+        assert descriptor.description.startswith(facts["description"]) and facts["unit"] in descriptor.description
+        assert descriptor.read_only is not facts["live"], item.name
+        ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
+        assert [(r.from_value, r.to_value) for r in ranges] == (
+            [(facts["low"], facts["high"])] if facts["low"] else ranges and [(0, facts["high"])]
+        )
+        assert get_parameter(running, item.name) == item.default
+
+
+def test_there_are_no_unrequested_qos_parameters(running):
+    listed = running.call(ListParameters, "list_parameters", ListParameters.Request()).result.names
+    assert not [name for name in listed if name.startswith("qos_overrides./running/")]
+
+
+def test_start_reset_and_switch_log_one_line_each():
+    with NodeProcess("/spoken", "-r", "keypoints:=/detector/points", "-p", "height:=1.6") as node:
+        with Peer("/spoken", outputs=False) as peer:
+            peer.next_diagnostics()
+            peer.call(Trigger, "reset", Trigger.Request())
+            for value in (False, False, True):
+                peer.call(SetBool, "set_enabled", SetBool.Request(data=value))
+        _, said = node.stop(signal.SIGINT)
+    (start,) = [line for line in said.splitlines() if "]: lassokin_ros " in line]
+    assert "height 1.6 m, landmarks coco17, reads /detector/points, /spoken/camera_info" in start
+    assert start.endswith("publishes /spoken/tracker/...")
+    assert [said.count(f"]: {words}") for words in ("reset: ", "disabled", "enabled")] == [1, 1, 1]
+
+
+def test_bad_values_are_refused_with_the_reason(running):
+    structure, too_small, wrong_type, too_large = (
+        set_parameters(running, **{name: value})[0]
+        for name, value in (("landmarks", "body25"), ("noise_px", -5.0), ("noise_px", "much"), ("min_landmarks", 1000))
+    )
+    for result, word in (
+        (structure, "read-only"),
+        (too_small, "noise_px"),
+        (wrong_type, "DOUBLE"),
+        (too_large, "min_landmarks"),
+    ):
+        assert not result.successful and word in result.reason, result
+    assert get_parameter(running, "landmarks") == "coco17"
+    assert get_parameter(running, "noise_px") == 3.0
+    assert get_parameter(running, "min_landmarks") == 4
+
+
+def test_several_values_are_applied_together_or_not_at_all(running):
+    values = [parameter("sparsity", 0.5), parameter("noise_px", 1e9)]
+    request = SetParametersAtomically.Request(parameters=values)
+    result = running.call(SetParametersAtomically, "set_parameters_atomically", request).result
+    assert not result.successful and "noise_px" in result.reason
+    assert get_parameter(running, "sparsity") == 0.05
+    feed(running)
+
+
+def test_a_live_change_takes_effect_on_the_next_frame(running):
+    feed(running, confidence=0.5)
+    assert set_parameters(running, min_confidence=0.6)[0].successful
+    send_until_rejected(running, "too_few_landmarks", lambda: send_next(running, confidence=0.5))
+    assert set_parameters(running, min_confidence=0.2)[0].successful
+    feed(running, confidence=0.5)
+
+
+def test_a_live_change_of_noise_px_takes_effect_on_the_next_frame(running):
+    """The same frames twice. The results are bitwise equal up to the change, and differ from the next frame on."""
+
+    def joints(count):
+        feed(running, count)
+        poses = running.got[topics.JOINTS][-count:]
+        return np.array([[(p.position.x, p.position.y, p.position.z) for p in m.poses] for m in poses])
+
+    rounds = []
+    for noise_px in (3.0, 30.0):
+        restart(running)
+        before = joints(8)
+        assert set_parameters(running, noise_px=noise_px)[0].successful
+        rounds.append((before, joints(1)))
+    assert set_parameters(running, noise_px=3.0)[0].successful
+    (before, same), (again, other) = rounds
+    assert np.array_equal(before, again)
+    assert np.abs(same - other).max() > 1e-4
+
+
+def test_a_new_height_takes_effect_on_the_next_frame(running):
+    def distance():
+        restart(running)
+        feed(running, 3)
+        return running.got[topics.TRANSLATION][-1].point.z
+
+    normal = distance()
+    assert set_parameters(running, height=0.2)[0].successful is False
+    assert set_parameters(running, height=1.2)[0].successful
+    feed(running)
+    assert values_of(running.got[topics.CERTIFICATE][-1])["initialised"] == "true"
+    child = distance()
+    assert np.isclose(child / normal, 1.2 / 1.75, rtol=0.02)
+    assert set_parameters(running, height=1.75)[0].successful
+    assert np.isclose(distance(), normal, rtol=1e-6)
+
+
+def test_a_read_only_value_makes_the_whole_request_fail(running):
+    values = [parameter("sparsity", 0.5), parameter("max_people", 3)]
+    request = SetParametersAtomically.Request(parameters=values)
+    result = running.call(SetParametersAtomically, "set_parameters_atomically", request).result
+    assert not result.successful and "read-only" in result.reason
+    assert (get_parameter(running, "sparsity"), get_parameter(running, "max_people")) == (0.05, 1)
+
+
+def test_a_stamp_of_zero_is_the_time_of_arrival_if_no_message_has_a_stamp(running):
+    restart(running)
+    before, states = running.node.get_clock().now().nanoseconds, running.got[topics.JOINT_STATES]
+    running.spin_until(
+        lambda: [running.send(0, PIXELS[0])] and stamp_of(states[-1]) > before, what="an output stamped on arrival"
+    )
+    running.settle()
+    assert stamp_of(states[-1]) < running.node.get_clock().now().nanoseconds
+    restart(running)
+
+
+def test_a_stamp_of_zero_among_others_continues_them(running):
+    restart(running)
+    previous, last = feed(running, 2)
+    states = running.got[topics.JOINT_STATES]
+    running.send(0, PIXELS[2])
+    running.spin_until(lambda: stamp_of(states[-1]) != last, what="the output of the message without a stamp")
+    assert last < stamp_of(states[-1]) <= last + (last - previous)
+    restart(running)
+
+
+def test_reset_forgets_the_state(running):
+    feed(running, 2)
+    assert values_of(running.got[topics.CERTIFICATE][-1])["initialised"] == "false"
+    response = running.call(Trigger, "reset", Trigger.Request())
+    assert response.success and response.message
+    feed(running)
+    assert values_of(running.got[topics.CERTIFICATE][-1])["initialised"] == "true"
+    assert not np.any(running.got[topics.JOINT_STATES][-1].velocity)
+
+
+def test_a_disabled_node_reports_this_and_publishes_nothing(running):
+    feed(running, 2)
+    outputs = len(running.got[topics.JOINT_STATES])
+    response = running.call(SetBool, "set_enabled", SetBool.Request(data=False))
+    assert (response.success, response.message) == (True, "disabled")
+    assert running.call(SetBool, "set_enabled", SetBool.Request(data=False)).message == "disabled already"
+    for _ in range(3):
+        send_next(running)
+    key = "ignored while disabled [messages]"
+    status = running.next_diagnostics(lambda s: values_of(s)[key] == "3")
+    assert (status.level, status.message) == (OK, "disabled by ~/set_enabled")
+    assert len(running.got[topics.JOINT_STATES]) == outputs
+    assert running.call(SetBool, "set_enabled", SetBool.Request(data=True)).message == "enabled"
+    feed(running)
+    assert values_of(running.got[topics.CERTIFICATE][-1])["initialised"] == "true"
+
+
+def test_diagnostics_while_tracking_are_complete(running):
+    running.settle()
+    running.got[topics.DIAGNOSTICS].clear()
+    while len(running.got[topics.DIAGNOSTICS]) < 2:
+        feed(running)
+    message = running.got[topics.DIAGNOSTICS][1]
+    status, values = message.status[0], values_of(message)
+    assert (status.level, status.name, status.message, status.hardware_id) == (
+        OK,
+        "running/tracker: person",
+        "tracking",
+        FRAME,
+    )
+    assert values["state"] == "tracking"
+    assert float(values["input rate [Hz]"]) > 1
+    assert values["input rate [Hz]"] == values["output rate [Hz]"]
+    assert 0 <= float(values["keypoints age [s]"]) < 1
+    assert float(values["camera_info age [s]"]) > 0
+    assert 0 < float(values["callback time median [ms]"]) <= float(values["callback time maximum [ms]"])
+    assert 0 < float(values["reprojection error [px]"]) < 20
+    assert int(values["accepted [messages]"]) <= int(values["received [messages]"])
+    assert stamp_of(message) > 1e18  # the time of the wall clock
+
+
+def test_frozen_keypoints_get_outputs_and_are_reported(running):
+    feed(running, 2)
+    count, last = values_of(running.next_diagnostics())["duplicated [messages]"], running.frames_sent - 1
+    for _ in range(5):
+        running.frames_sent += 18  # 0.3 s
+        outputs = len(running.got[topics.JOINT_STATES])
+        running.send(START_NS + running.frames_sent * 16_666_667, PIXELS[last % len(PIXELS)])
+        running.spin_until(lambda: len(running.got[topics.JOINT_STATES]) > outputs, what="an answer")  # noqa: B023
+    status = running.next_diagnostics(lambda s: "frozen" in s.message)
+    assert status.level == WARN and "the same ones for more than 1 s" in status.message
+    assert int(values_of(status)["duplicated [messages]"]) == int(count) + 5
+    running.frames_sent += 1
+    feed(running)
+    running.next_diagnostics(lambda s: s.message == "tracking")
+    assert values_of(running.got[topics.CERTIFICATE][-1])["initialised"] == "true"  # the motion in between is unknown
+
+
+def test_rejected_keypoints_are_counted_by_reason_and_keep_the_state(running):
+    feed(running, 3)
+    old = START_NS + (running.frames_sent - 1) * 16_666_667
+    wrong = {
+        "unknown_id": {"ids": np.arange(17) + 1},
+        "repeated_id": {"ids": np.zeros(17, int)},
+        "confidence_range": {"confidence": 90.0},
+        "too_few_landmarks": {"confidence": 0.0},
+    }
+    counts = values_of(running.next_diagnostics())
+    before = {reason: int(counts.get(f"rejected: {reason} [messages]", 0)) for reason in ("old_stamp", *wrong)}
+    outputs = len(running.got[topics.JOINT_STATES])
+    for options in wrong.values():
+        send_next(running, **options)
+    running.send(old, PIXELS[0])
+
+    def all_counted(status):
+        counts = values_of(status)
+        return all(counts.get(f"rejected: {reason} [messages]") == str(n + 1) for reason, n in before.items())
+
+    status = running.next_diagnostics(all_counted)
+    assert status.level == WARN and "unknown_id" in status.message
+    assert len(running.got[topics.JOINT_STATES]) == outputs
+    feed(running)
+    assert values_of(running.got[topics.CERTIFICATE][-1])["initialised"] == "false"
+
+
+def test_a_stamp_that_jumps_back_resets_the_state(running):
+    restart(running)
+    feed(running, 40)  # more than jump_back
+    before = int(values_of(running.next_diagnostics())["resets"])
+    running.frames_sent = 0  # the bag loops
+    stamps = feed(running, 2)
+    assert [values_of(m)["initialised"] for m in running.got[topics.CERTIFICATE][-2:]] == ["true", "false"]
+    assert [stamp_of(m) for m in running.got[topics.JOINT_STATES][-2:]] == stamps
+    assert int(values_of(running.next_diagnostics())["resets"]) == before + 1
+
+
+def test_a_bag_looped_three_times_gives_the_same_joints_each_time(running):
+    restart(running)
+    feed(running, 40)
+    rounds = []
+    for _ in range(3):
+        running.frames_sent = 0
+        stamps = feed(running, 40)
+        poses = running.got[topics.JOINTS][-40:]
+        assert [stamp_of(m) for m in poses] == stamps
+        rounds.append([[(p.position.x, p.position.y, p.position.z, p.orientation.w) for p in m.poses] for m in poses])
+    assert rounds[0] == rounds[1] == rounds[2]
+
+
+def test_another_resolution_does_not_move_the_person(running):
+    """Twice as many pixels, with a matching camera_info."""
+    feed(running, 5)
+    before = running.got[topics.TRANSLATION][-1].point.z
+    changed, outputs = len(running.got[topics.CERTIFICATE]), running.got[topics.TRANSLATION]
+    seen = camera_info(BACKEND, focal=2 * FOCAL, width=2 * WIDTH, height=2 * HEIGHT)
+    seen.k[2], seen.k[5] = WIDTH, HEIGHT
+    for info, scale in ((seen, 2), (camera_info(BACKEND), 1)):
+        running.camera.publish(info)
+        running.next_diagnostics(lambda s: float(values_of(s)["camera_info age [s]"]) < 1.1)
+        for _ in range(10):
+            answers = len(outputs)
+            stamp = START_NS + running.frames_sent * 16_666_667
+            running.send(stamp, scale * PIXELS[running.frames_sent % len(PIXELS)])
+            running.frames_sent += 1
+            running.spin_until(lambda: len(outputs) > answers, what="an output")  # noqa: B023
+            assert abs(outputs[-1].point.z - before) < 0.4
+    running.settle()
+    initialised = {values_of(m)["initialised"] for m in running.got[topics.CERTIFICATE][changed:]}
+    assert initialised == {"false"}
+
+
+def test_no_output_before_a_usable_camera_info():
+    namespace = "/no_camera"
+    with NodeProcess(namespace) as node, Peer(namespace) as peer:
+        peer.frames_sent = 0
+        status = peer.next_diagnostics(lambda s: s.hardware_id == "none")
+        assert (status.level, status.message) == (WARN, "waiting for camera_info")
+        peer.spin_until(lambda: peer.keypoints.get_subscription_count() and peer.camera.get_subscription_count())
+
+        def refused(status):
+            send_next(peer)
+            peer.send_camera(k=np.zeros(9))
+            values = values_of(status)
+            return int(values.get("rejected: no_camera_info [messages]", 0)) > 0 and status.level == ERROR
+
+        status = peer.next_diagnostics(refused)
+        assert "K[0] = 0" in status.message
+        assert int(values_of(status)["rejected: camera_uncalibrated [messages]"]) > 0
+        assert not any(peer.got[topic.name] for topic in topics.FRAME_OUTPUTS)
+        peer.spin_until(lambda: [peer.send_camera(), send_next(peer)] and peer.got[topics.JOINT_STATES])
+        # A later invalid camera_info does not replace the good one.
+        peer.send_camera(k=np.zeros(9))
+        status = peer.next_diagnostics(lambda s: s.level == ERROR)
+        assert "stays in use" in status.message
+        outputs = len(peer.got[topics.JOINT_STATES])
+        peer.spin_until(lambda: [send_next(peer)] and len(peer.got[topics.JOINT_STATES]) > outputs)
+    assert "camera is not calibrated" in node.said

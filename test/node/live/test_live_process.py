@@ -1,0 +1,78 @@
+"""Start and end of the process: signals, bad arguments, a node that is killed and restarts."""
+
+import signal
+import subprocess
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from live import ROOT, TRACKER, NodeProcess, Peer  # noqa: E402
+from messages import pixels_of_motion  # noqa: E402
+
+from lassokin_ros.pipeline.outputs import topics  # noqa: E402
+
+INT, TERM = signal.SIGINT, signal.SIGTERM
+
+
+@pytest.mark.parametrize("signals", [(INT,), (TERM, TERM)], ids=["int", "term2"])
+def test_a_signal_ends_the_node_with_exit_code_0(signals):
+    """While the node is idle; under load see test_live_faults."""
+    namespace = "/signals_" + "_".join(str(int(s)) for s in signals)
+    with NodeProcess(namespace) as node, Peer(namespace) as peer:
+        peer.start(pixels_of_motion(1)[0])
+        code, said = node.stop(*signals)
+    assert code == 0, said
+    assert "Traceback" not in said
+
+
+@pytest.mark.parametrize(
+    "arguments, word",
+    [
+        (["--ros-args", "-p", "height:=5.0"], "0 to 2.6 m"),
+        (["--ros-args", "-p", "height:=2"], "decimal point"),
+        (["--ros-args", "-p", "skeleton:=nobody"], "anthropometric"),
+        (["--ros-args", "-p", "landmarks:=nothing"], "coco17"),
+        (["--ros-args", "-p", "solver:=guess"], "proxqp"),
+        (["--ros-args", "-p", "keypoints_type:=sensor_msgs/Image"], "sensor_msgs/msg/PointCloud2"),
+        (["--ros-args", "-p", "keypoints_type:=zed_msgs/ObjectsStamped"], "ros-$ROS_DISTRO-zed-msgs"),
+        (["--ros-args", "-p", "base_frame:=tracker/pelvis"], "base frame"),
+        (["--ros-args", "-p", "base_frame:=''"], "base frame is empty"),
+        (["--ros-args", "-p", "state_publisher:=bad name"], "state_publisher is 'bad name'; expected the name"),
+        (["--ros-args", "--params-file", "not_there.yaml"], "not_there.yaml"),
+        (["--ros-args", "--params-file", "README.md"], "README.md"),
+    ],
+)
+def test_a_failed_start_is_explained_in_one_line(arguments, word):
+    done = subprocess.run([*TRACKER, *arguments], capture_output=True, text=True, cwd=ROOT, timeout=30)
+    lines = done.stderr.strip().splitlines()
+    assert done.returncode == 2, done.stderr
+    assert len(lines) == 1 and lines[0].startswith("tracker: ") and word in lines[0], done.stderr
+
+
+def test_a_misspelt_parameter_is_reported():
+    with NodeProcess("/misspelt", "-p", "heigth:=1.8") as node, Peer("/misspelt") as peer:
+        peer.next_diagnostics()
+    assert "did you mean 'height'?" in node.said
+
+
+def test_a_qos_policy_that_cannot_be_overridden_is_reported():
+    own, other = "qos_overrides./overridden/camera_info.subscription", "qos_overrides./image.subscription"
+    settings = [f"{own}.durability:=transient_local", f"{own}.depth:=2", f"{other}.durability:=transient_local"]
+    with NodeProcess("/overridden", *(word for item in settings for word in ("-p", item))) as node:
+        with Peer("/overridden") as peer:
+            peer.next_diagnostics()
+        _, said = node.stop(signal.SIGINT)
+    assert said.count("there is no parameter") == 1 and f"'{own}.durability'" in said
+
+
+def test_a_killed_node_can_be_started_again():
+    namespace, pixels = "/killed", pixels_of_motion(1)[0]
+    with Peer(namespace) as peer:
+        with NodeProcess(namespace) as first:
+            peer.start(pixels)
+            first.stop(signal.SIGKILL)
+        peer.clear()
+        with NodeProcess(namespace):
+            peer.start(pixels)
+            assert peer.got[topics.JOINT_STATES]

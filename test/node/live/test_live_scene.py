@@ -1,0 +1,160 @@
+"""~/state and ~/people on real DDS: who is visible, and that a person has left."""
+
+import time
+from functools import partial
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from live import BACKEND, START_NS, NodeProcess, Peer, stamp_of  # noqa: E402
+from messages import FRAME, crowd, pixels_of_motion  # noqa: E402
+
+from lassokin_ros import joints  # noqa: E402
+from lassokin_ros.pipeline.outputs import topics  # noqa: E402
+from msg_adapters.output_messages.people import CLOUD_TYPE, POINT  # noqa: E402
+
+PEOPLE_OUTPUT = topics.people_output(CLOUD_TYPE)
+PIXELS = pixels_of_motion(40)
+NOWHERE = np.full((17, 2), np.nan)
+
+
+def listen(peer):
+    """Collect ~/people, ~/state and translations."""
+    peer.got[topics.PEOPLE] = []
+    for topic in (PEOPLE_OUTPUT, topics.STATE_OUTPUT, *topics.FRAME_OUTPUTS[1:4]):
+        peer.listen(topic)
+    return peer.got[topics.PEOPLE], peer.got[topics.STATE]
+
+
+def said(states):
+    return [message.data for message in states]
+
+
+def send_until(peer, send, condition, what):
+    """Call `send` with 0, 1, ... until the condition holds."""
+    sent = 0
+
+    def met():
+        nonlocal sent
+        peer.send_camera()
+        send(sent)
+        sent += 1
+        return condition()
+
+    peer.spin_until(met, what=what)
+
+
+def points_of(message):
+    """The entries of a message, from its own fields."""
+    assert [field.name for field in message.fields] == list(POINT.names)
+    assert message.header.frame_id == FRAME and message.point_step == POINT.itemsize
+    return np.frombuffer(bytes(message.data), POINT)
+
+
+def test_the_state_changes_when_a_person_comes_and_leaves_without_messages():
+    namespace = "/state"
+    settings = "-p", "lost_after:=0.4", "-p", "forget_after:=1.2"
+    with NodeProcess(namespace, *settings) as node, Peer(namespace, outputs=False) as peer:
+        people, states = listen(peer)
+        peer.spin_until(lambda: states, what="the latched state")
+        assert said(states) == ["nobody"]
+
+        def send(i):
+            peer.send(START_NS + i * 20_000_000, PIXELS[i % 40])
+
+        send_until(peer, send, lambda: len(states) > 1 and people, "tracking")
+        peer.spin_until(lambda: len(states) >= 4, what="lost and nobody, in silence")
+        assert said(states) == ["nobody", "tracking", "lost", "nobody"]
+        with Peer(namespace, outputs=False) as late:
+            late.listen(topics.STATE_OUTPUT)
+            late.spin_until(lambda: late.got[topics.STATE], what="the state for a late subscriber")
+            assert said(late.got[topics.STATE]) == ["nobody"]
+    lines = [line.partition("]: ")[2] for line in node.said.splitlines()]
+    assert [line for line in lines if line.startswith(("tracking", "lost", "nobody"))] == [
+        "tracking",
+        "lost: no usable frame for lost_after",
+        "nobody is tracked",
+    ]
+
+
+def test_people_lists_one_person_as_lost_and_then_not_at_all():
+    namespace = "/people_of_one"
+    settings = "-p", "lost_after:=0.4", "-p", "forget_after:=1.0", "-p", "joint_labels:=true", "-p", "publish_tf:=off"
+    with NodeProcess(namespace, *settings) as node, Peer(namespace, outputs=False) as peer:
+        people, _ = listen(peer)
+        places = peer.got[topics.TRANSLATION]
+        stamps, sent_at = [START_NS], 0.0
+
+        def send(xy):  # the next one after the last answer, because the node skips overtaken messages
+            nonlocal sent_at
+            if (people and stamp_of(people[-1]) == stamps[-1]) or time.monotonic() - sent_at > 0.5:
+                stamps.append(stamps[-1] + 100_000_000)
+                peer.send(stamps[-1], xy)
+                sent_at = time.monotonic()
+
+        send_until(peer, lambda _: send(PIXELS[0]), lambda: len(people) > 2 and len(places) > 2, "people")
+        by_stamp = {stamp_of(message): message.point for message in places}
+        (message,) = [message for message in people if stamp_of(message) in by_stamp][:1]
+        (person,) = points_of(message)
+        place = by_stamp[stamp_of(message)]
+        assert np.allclose([person[name] for name in "xyz"], [place.x, place.y, place.z], atol=1e-6)
+        assert (person["person"], person["tracked"]) == (1, 1) and 0.5 < person["confidence"] <= 1
+        assert person["zz"] > person["xx"] > 0
+        send_until(peer, lambda _: send(NOWHERE), lambda: len(points_of(people[-1])) == 0, "an empty list")
+        later = {stamp_of(message): points_of(message)["tracked"].tolist() for message in people}
+        last_seen = max(map(stamp_of, places))  # a busy machine may skip some of the sent messages
+        for stamp, tracked in later.items():  # on a busy machine the clock decides before the stamps do
+            age_s = (stamp - last_seen) * 1e-9
+            assert tracked in ([[1]] if age_s < 0.05 else [[1], [0], []] if age_s < 1.05 else [[]]), age_s
+            assert age_s < 0.45 or tracked != [1], age_s
+        peer.spin_until(lambda: peer.got[topics.MARKERS], what="markers")
+        labels = [marker.text for marker in peer.got[topics.MARKERS][-1].markers if marker.text]
+        assert labels == list(joints.NAMES)
+        assert [0] in later.values() and sorted(later) == list(later)
+    assert "Traceback" not in node.said
+
+
+def test_people_lists_several_people_and_then_nobody():
+    namespace = "/people_of_two"
+    with NodeProcess(namespace, "-p", "max_people:=3", "-p", "forget_after:=1.0") as node:
+        with Peer(namespace, outputs=False) as peer:
+            people, states = listen(peer)
+
+            def send(i, persons):
+                shifts = {4: -120.0, 9: 120.0}
+                xy = [(PIXELS[0] + [shifts[p], 0.0], np.full(17, 0.9)) for p in persons]
+                nonlocal stamp
+                stamp += 100_000_000
+                peer.keypoints.publish(crowd(BACKEND, stamp, xy, persons))
+
+            stamp = START_NS
+            both = partial(send, persons=(4, 9))
+            send_until(peer, both, lambda: people and len(points_of(people[-1])) == 2, "two people")
+            points = points_of(people[-1])
+            assert points["person"].tolist() == [4, 9] and points["tracked"].tolist() == [1, 1]
+            assert points["x"][0] < points["x"][1]
+            one = partial(send, persons=(9,))
+            send_until(peer, one, lambda: points_of(people[-1])["person"].tolist() == [9], "one person")
+            peer.spin_until(lambda: said(states)[-1:] == ["nobody"], what="nobody, in silence")
+    assert "Traceback" not in node.said
+
+
+@pytest.mark.skipif(find_spec("tf2_msgs") is None, reason="tf2_msgs is not installed")
+def test_the_node_publishes_tf_of_all_joints():
+    from tf2_msgs.msg import TFMessage
+
+    namespace, got = "/tf_of_all", []
+    with NodeProcess(namespace, "-p", "publish_tf:=all"), Peer(namespace, outputs=False) as peer:
+        peer.node.create_subscription(TFMessage, topics.TF, got.append, 10)
+
+        def send(i):
+            peer.send(START_NS + i * 20_000_000, PIXELS[i % 40])
+
+        send_until(peer, send, lambda: got, "TF")
+    parents = {transform.child_frame_id: transform.header.frame_id for transform in got[0].transforms}
+    prefix = "tf_of_all/tracker/"
+    assert len(parents) == 25 and parents[f"{prefix}body"] == parents[f"{prefix}pelvis"] == FRAME
+    assert parents[f"{prefix}left_wrist"] == f"{prefix}left_elbow"

@@ -1,0 +1,67 @@
+"""Bodies with topics of their own: who comes and leaves with the detector's list, without any message."""
+
+from dataclasses import replace
+
+import pytest
+
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.observation import Status
+from lassokin_ros.pipeline.people.per_body_pipeline import PerBodyPipeline
+from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.settings import NodeSettings
+
+CONFIG = NodeSettings(rep155=True, max_people=2, keypoints_type="hri_msgs/msg/Skeleton2D")
+
+
+@pytest.fixture
+def bodies():
+    return PerBodyPipeline(TrackerConfig(), CONFIG)
+
+
+def test_people_are_those_of_the_list(bodies):
+    assert bodies.ids == [] and bodies.status is Status.SEARCHING and bodies.config == CONFIG
+    bodies.keep(["a", "b", "a"])
+    assert bodies.ids == ["a", "b"] and list(bodies.calibrations()) == ["a", "b"]
+    assert bodies.counts == {"people come": 2}
+    bodies.keep(["b"])
+    assert bodies.ids == ["b"] and bodies.counts == {"people come": 2, "people left": 1, "resets": 0}
+    assert bodies.presence_at(10**9) == Presence(Status.SEARCHING, ["b"])
+
+
+def test_of_too_many_the_first_are_kept(bodies):
+    bodies.keep(["a", "b", "c", "d"])
+    assert bodies.ids == ["a", "b"] and bodies.counts["people beyond max_people"] == 2
+    bodies.keep(["d", "b"])
+    assert bodies.ids == ["b", "d"]
+
+
+def test_the_best_status_of_the_bodies(bodies):
+    bodies.keep(["a", "b"])
+    for person, status in zip(bodies._present.values(), (Status.LOST, Status.TRACKING)):
+        person.tracker._status = status
+        person._trackable[0].status = status
+    assert bodies.status is Status.TRACKING
+    bodies._present["b"]._trackable[0].status = Status.SEARCHING
+    assert bodies.status is Status.LOST
+
+
+def test_messages_of_somebody_who_is_not_listed_are_dropped(bodies):
+    assert bodies.frames_of("nobody", object(), 5) == [] and not bodies.counts
+
+
+def test_all_share_the_camera_and_the_counts(bodies):
+    for one in bodies._all:
+        assert one.camera is bodies.camera and one.counts is bodies.counts
+        assert (one.config.max_people, one.config.rep155) == (1, False)
+
+
+def test_reset_and_settings_count_once_and_reach_all(bodies):
+    bodies.reset()
+    assert bodies.counts["resets"] == 1
+    bodies.keep(["a"])
+    bodies.tune(replace(TrackerConfig(), noise_px=5.0), replace(CONFIG, jump_back=1.5))
+    assert bodies.counts["resets"] == 1 and bodies.config.jump_back == 1.5 and bodies.config.max_people == 2
+    assert all(one.tracker.config.noise_px == 5.0 and one.config.jump_back == 1.5 for one in bodies._all)
+    bodies.tune(replace(TrackerConfig(), height=1.5), CONFIG)
+    assert bodies.counts["resets"] == 2
+    assert all(one.tracker.skeleton.height == 1.5 for one in bodies._all)

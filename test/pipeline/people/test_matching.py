@@ -1,0 +1,138 @@
+"""Which detection is whose: distances by hand, the assignment, and how far a person may have gone."""
+
+import numpy as np
+import pytest
+
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.observation import Status
+from lassokin_ros.pipeline.detections import MOST_PEOPLE, detection, detections_by_person
+from lassokin_ros.pipeline.lens import Lens
+from lassokin_ros.pipeline.people.assignment import assign
+from lassokin_ros.pipeline.people.matching import distance, distances, is_trackable, match_radius
+from lassokin_ros.pipeline.people.multi_person import SAME_BODY, _without_duplicates, name
+from lassokin_ros.pipeline.people.presence import best
+from lassokin_ros.pipeline.people.tracked_person import Detection
+from msg_adapters.errors import AdapterError
+from msg_adapters.keypoints import Keypoints
+
+NAN = float("nan")
+BODY = np.array([[0.0, 0.0], [0.3, 0.0], [0.0, 0.4], [0.3, 0.4]])
+"""Its diagonal, the person's size, is 0.5."""
+
+
+def seen(points, confidence=None):
+    points = np.array(points, dtype=float)
+    return Detection(points, np.full(len(points), 0.5) if confidence is None else np.array(confidence, dtype=float))
+
+
+def test_distance_is_the_mean_in_units_of_the_persons_size():
+    assert distance(BODY, seen(BODY), 0.2) == 0
+    assert distance(BODY, seen(BODY + [0.05, 0]), 0.2) == pytest.approx(0.1)
+    one_off = BODY.copy()
+    one_off[0] += [0, -0.2]
+    assert distance(BODY, seen(one_off), 0.2) == pytest.approx(0.1)  # 0.4 of the size, for one of four
+    one_off[0] += [0, -100]
+    assert distance(BODY, seen(one_off), 0.2) == pytest.approx(0.25)  # never more than the whole size
+
+
+@pytest.mark.parametrize(
+    ("confidence", "expected"),
+    [
+        ([0.2, 0.2, 0.2, 0.19], 0.1),
+        ([0.2, 0.2, 0.19, 0.19], np.inf),
+        ([0.5, 0.5, 0.5, NAN], 0.1),
+        ([0, 0, 0.5, 0.5], np.inf),
+    ],
+)
+def test_three_confident_points_are_needed(confidence, expected):
+    assert distance(BODY, seen(BODY + [0.05, 0], confidence), 0.2) == pytest.approx(expected)
+
+
+def test_points_without_confidence_never_count():
+    assert distance(BODY, seen(BODY, [0.5, 0.5, 0, 0]), 0.0) == np.inf
+    assert distance(BODY, seen([*BODY[:2], [NAN, NAN], [NAN, 0]]), 0.0) == np.inf
+
+
+def test_a_person_partly_predicted_has_the_size_of_what_is():
+    predicted = BODY.copy()
+    predicted[3] = NAN
+    assert distance(predicted, seen(BODY + [0.05, 0]), 0.2) == pytest.approx(0.1)
+
+
+def test_all_pairs_at_once():
+    people = np.stack([BODY, BODY + 1])
+    table = distances(people, [seen(BODY + 1), seen(BODY), seen(BODY + [0.05, 0])], 0.2)
+    assert table == pytest.approx(np.array([[1, 0, 0.1], [0, 1, 1]]))
+    assert distances(people, [], 0.2).shape == (2, 0) and distances(people[:0], [seen(BODY)], 0.2).shape == (0, 1)
+
+
+def test_the_assignment_of_least_total_cost_within_the_limits():
+    costs = np.array([[0.1, 0.2], [0.2, 0.9]])
+    assert assign(costs, [1, 1]) == [(0, 1), (1, 0)]  # 0.4 in all; the nearest first would make 1.0
+    assert assign(costs, [0.15, 1]) == [(0, 0), (1, 1)]
+    assert assign(costs, [0.2, 0.2]) == [(0, 1), (1, 0)]  # a limit itself is allowed
+    assert assign(costs, [0.05, 0.05]) == []
+    assert assign(np.array([[np.inf, 0.3]]), [1]) == [(0, 1)]
+    assert assign(np.zeros((0, 2)), []) == [] and assign(np.zeros((2, 0)), [1, 1]) == []
+
+
+def test_a_person_may_walk_while_out_of_sight():
+    assert match_radius(0.0) == 0.3 and match_radius(0.5) == pytest.approx(0.6)
+    assert 0.99 < match_radius(2.0) == match_radius(100.0) < 1.0  # a whole size away is never the same person
+
+
+@pytest.mark.parametrize(("count", "enough"), [(3, False), (4, True)])
+def test_enough_landmarks_for_a_tracker(count, enough):
+    config = TrackerConfig(min_landmarks=4, min_confidence=0.2)
+    points = np.ones((6, 2))
+    confident = np.where(np.arange(6) < count, 0.2, 0.19)
+    assert is_trackable(seen(points, confident), config) == enough
+    points[count:, 1] = NAN
+    assert is_trackable(seen(points), config) == enough
+    anything = TrackerConfig(min_landmarks=4, min_confidence=0.0)
+    assert is_trackable(seen(np.ones((6, 2)), np.where(np.arange(6) < count, 0.1, 0.0)), anything) == enough
+
+
+def test_the_best_status():
+    every = [Status.SEARCHING, Status.LOST, Status.TRACKING]
+    assert best(every) is Status.TRACKING and best(every[:2]) is Status.LOST
+    assert best(every[:1]) is Status.SEARCHING and best([]) is Status.SEARCHING
+
+
+def test_of_duplicate_detections_the_fuller_one_stays():
+    full, part = seen(BODY), seen(BODY + [0.05, 0], [0.5, 0.5, 0.5, 0])
+    other = seen(BODY + [2 * SAME_BODY * 0.5, 0])
+    assert _without_duplicates([part, full, other]) == [full, other]
+    assert name(12) == "p12"
+
+
+LENS = Lens(np.array([[100.0, 0, 50], [0, 100, 50], [0, 0, 1]]))
+
+
+def message(persons, depth=None):
+    ids = np.array([0, 1] * (len(persons) // 2))
+    xy = np.array([[50.0 + i, 150.0] for i in range(len(persons))])
+    return Keypoints(1, "", ids, xy, np.full(len(ids), 0.5), np.array(persons), depth=depth, depth_of_surface=False)
+
+
+def test_detections_of_a_message():
+    keypoints = message([7, 7, 3, 3], depth=np.array([1.0, 2, 3, NAN]))
+    third, seventh = detections_by_person(keypoints, 2, LENS)
+    assert (third.number, seventh.number) == (3, 7)
+    assert third.points == pytest.approx(np.array([[0.02, 1], [0.03, 1]]))
+    assert third.pixels.tolist() == [[52, 150], [53, 150]] and third.confidence.tolist() == [0.5, 0.5]
+    assert np.array_equal(third.depth, [3, NAN], equal_nan=True) and seventh.depth.tolist() == [1, 2]
+    assert not third.depth_of_surface
+    alone = detection(keypoints, 7, 2, LENS)
+    for field in ("points", "confidence", "pixels", "depth"):
+        assert np.array_equal(getattr(alone, field), getattr(seventh, field))
+    assert alone.number == 7 and not alone.depth_of_surface
+    assert detection(message([7, 7]), None, 2, LENS).number == 0
+
+
+def test_as_many_people_as_a_message_may_have():
+    most = [number for number in range(MOST_PEOPLE) for _ in (0, 1)]
+    assert len(detections_by_person(message(most), 2, LENS)) == MOST_PEOPLE
+    with pytest.raises(AdapterError, match="101 people; expected at most 100") as error:
+        detections_by_person(message([*most, 200, 200]), 2, LENS)
+    assert error.value.reason == "too_many_people"

@@ -1,0 +1,91 @@
+"""One tracked person's motion between messages: velocity, prediction, status over time, joint states."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.observation import Status
+from lassokin_ros.pipeline.people.joint_states import JointStates, Moment
+from lassokin_ros.pipeline.people.tracked_person import LONGEST_PREDICTION_S, VELOCITY_MEMORY_S, TrackedPerson
+
+SECOND = 10**9
+LANDMARKS = np.array([[0.0, 0.0, 2.0], [0.5, -0.5, 2.5]])
+
+
+@pytest.fixture
+def person():
+    return TrackedPerson(TrackerConfig(lost_after=1.0))
+
+
+def at(place, initialised=False, turn=0.0):
+    """An estimate with the pelvis at `place`."""
+    rotations = np.tile(np.eye(3), (24, 1, 1))
+    cosine, sine = np.cos(turn), np.sin(turn)
+    rotations[5] = [[1, 0, 0], [0, cosine, -sine], [0, sine, cosine]]
+    state = SimpleNamespace(translation=np.array(place, dtype=float), rotations=rotations)
+    pose = SimpleNamespace(landmarks=LANDMARKS + place, positions=np.zeros((24, 3)) + place)
+    return SimpleNamespace(state=state, pose=pose, initialised=initialised, stamp=0.0)
+
+
+def move(person, *steps):
+    """(s, x) of the pelvis; the first one initialises."""
+    for i, (seconds, x) in enumerate(steps):
+        person._update_motion(round(seconds * SECOND), at([x, 0.0, 0.5 * x], i == 0))
+
+
+def test_before_the_first_frame_nothing_is_predicted(person):
+    assert person.predicted_landmarks(SECOND) is None and person.unseen_s(SECOND) == float("inf")
+    assert person.status is Status.SEARCHING and person.status_at(SECOND) is Status.SEARCHING
+
+
+def test_velocity_is_averaged(person):
+    move(person, (1.0, 0.0), (1.1, 0.2))
+    share = 1 - np.exp(-0.1 / VELOCITY_MEMORY_S)
+    assert person._velocity == pytest.approx(share * np.array([2.0, 0, 1.0]))
+    person._update_motion(round(1.2 * SECOND), at([0.2, 0, 0.1]))
+    assert person._velocity == pytest.approx((1 - share) * share * np.array([2.0, 0, 1.0]))
+    person._update_motion(round(1.3 * SECOND), at([9.0, 0, 0], initialised=True))
+    assert not person._velocity.any()
+
+
+def test_landmarks_are_predicted_to_move_sideways_for_a_while(person):
+    move(person, (1.0, 0.0), (11.0, 1.0))  # so long that the velocity is 0.1 m/s
+    place = [1.0, 0.0, 0.5]
+    for unseen_s, metres in ((0.0, 0.0), (0.2, 0.02), (LONGEST_PREDICTION_S, 0.05), (2.0, 0.05)):
+        predicted = person.predicted_landmarks(round((11 + unseen_s) * SECOND))
+        assert predicted == pytest.approx(project(LANDMARKS + place + [metres, 0, 0]), abs=1e-6)  # depth stays
+
+
+def test_a_person_is_lost_after_a_while_without_a_message(person):
+    move(person, (1.0, 0.0))
+    person.status = Status.TRACKING
+    assert person.unseen_s(3 * SECOND) == 2.0
+    assert person.status_at(2 * SECOND) is Status.TRACKING  # lost_after itself
+    assert person.status_at(2 * SECOND + 10**6) is Status.LOST and person.status is Status.TRACKING
+    person.status = Status.SEARCHING
+    assert person.status_at(9 * SECOND) is Status.SEARCHING
+
+
+def test_joint_states_and_their_velocities():
+    states = JointStates(("xyz",) * 24)
+    first = Moment(SECOND, at([1, 2, 3]).state, True)
+    second = Moment(SECOND + SECOND // 2, at([1, 2, 4], turn=0.1).state, False)
+    positions, velocities = states.read(first, None)
+    assert positions[:3].tolist() == [1, 2, 3] and not positions[3:].any() and not velocities.any()
+    for _ in range(2):  # of the frame before, whichever was read last
+        positions, velocities = states.read(second, first)
+        assert velocities[:3] == pytest.approx([0, 0, 2]) and positions[3 + 3 * 5] == pytest.approx(0.1)
+        assert velocities[3 + 3 * 5] == pytest.approx(0.2)
+    assert not states.read(Moment(2 * SECOND, at([9, 9, 9]).state, True), second)[1].any()
+    assert not states.read(second, None)[1].any()
+
+
+def test_reset_forgets_the_motion(person):
+    move(person, (1.0, 0.0), (1.1, 0.5))
+    person.status = Status.TRACKING
+    person.reset()
+    assert person.predicted_landmarks(2 * SECOND) is None and person.seen_ns is None
+    assert person.status is Status.SEARCHING and not person._velocity.any() and person.flush() == []

@@ -1,0 +1,193 @@
+"""The pipeline's book-keeping: what is counted, what resets, and what the next message means after it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags", reason="rosbags makes the messages")
+
+from depth_camera import depth_message  # noqa: E402
+from messages import FRAME, camera_info, cloud, crowd, pixels_of_motion, rosbags_backend  # noqa: E402
+
+from lassokin_ros.core.config import TrackerConfig  # noqa: E402
+from lassokin_ros.core.errors import SkeletonError  # noqa: E402
+from lassokin_ros.core.observation import Status  # noqa: E402
+from lassokin_ros.pipeline.camera import OUTSIDE_IMAGE  # noqa: E402
+from lassokin_ros.pipeline.pipeline import NOBODY, Pipeline  # noqa: E402
+from lassokin_ros.pipeline.placeholders import PLACEHOLDERS  # noqa: E402
+from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
+
+BACKEND = rosbags_backend()
+PIXELS = pixels_of_motion(12, 30.0)
+START_NS, PERIOD_NS = 10**12, 33_333_333
+
+
+@pytest.fixture
+def pipeline():
+    result = Pipeline(TrackerConfig(), NodeSettings())
+    assert result.set_camera(camera_info(BACKEND)) is None
+    return result
+
+
+def message(index, stamp_ns=None, confidence=None, pixels=None, **more):
+    stamp_ns = START_NS + index * PERIOD_NS if stamp_ns is None else stamp_ns
+    return cloud(BACKEND, stamp_ns, PIXELS[index] if pixels is None else pixels, confidence, **more)
+
+
+def changes(pipeline, *messages, arrival_ns=5):
+    """How the counts change with messages; and the results."""
+    before = dict(pipeline.counts)
+    frames = [frame for one in messages for frame in pipeline.frames(one, arrival_ns)]
+    after = {key: count - before.get(key, 0) for key, count in pipeline.counts.items()}
+    return {key: count for key, count in after.items() if count}, frames
+
+
+def test_an_accepted_message(pipeline):
+    counts, (frame,) = changes(pipeline, message(0))
+    assert counts == {"received": 1, "accepted": 1} and frame.accepted
+    assert pipeline.image == (START_NS, FRAME) and pipeline.status is Status.TRACKING and pipeline.ids is None
+    assert (frame.stamp_ns, frame.frame_id, frame.rejection, frame.detail) == (START_NS, FRAME, None, "")
+    assert pipeline.calibrations() == {"": pipeline.tracker.calibration} and not pipeline.nobody_in_view
+
+
+def test_before_the_camera_messages_are_refused():
+    pipeline = Pipeline(TrackerConfig(), NodeSettings())
+    assert not pipeline.has_camera and pipeline.camera_fault == ""
+    counts, (frame,) = changes(pipeline, message(0), arrival_ns=77)
+    assert counts == {"received": 1, "rejected: no_camera_info": 1}
+    assert (frame.rejection, frame.stamp_ns, frame.frame_id, frame.estimate) == ("no_camera_info", 77, "", None)
+    assert frame.detail == "no camera_info has come yet" and pipeline.image is None
+    assert pipeline.set_camera(camera_info(BACKEND, 0.0)) == "camera_uncalibrated"
+    assert pipeline.counts["rejected: camera_uncalibrated"] == 1 and pipeline.camera_fault
+
+
+def test_a_disabled_pipeline_counts_and_does_nothing(pipeline):
+    pipeline.enabled = False
+    assert changes(pipeline, message(0)) == ({"received": 1, "ignored while disabled": 1}, [])
+    assert pipeline.status is Status.SEARCHING and pipeline.image is None
+
+
+def test_a_message_without_anybody(pipeline):
+    counts, (frame,) = changes(pipeline, message(0, confidence=np.full(17, 0.19)))
+    assert counts == {"received": 1, "rejected: too_few_landmarks": 1, NOBODY: 1}
+    assert pipeline.nobody_in_view and frame.estimate is not None
+    counts, _ = changes(pipeline, message(1, confidence=np.where(np.arange(17) == 3, 0.2, 0.1)))
+    assert NOBODY not in counts and not pipeline.nobody_in_view
+    pipeline.frames(message(2, confidence=np.zeros(17)), 5)
+    assert pipeline.nobody_in_view
+    pipeline.frames(message(2, stamp_ns=-(10**9) + 2 * 10**9), 5)  # whatever it is
+    assert not pipeline.nobody_in_view
+
+
+def test_placeholders_and_points_outside_are_counted(pipeline):
+    pixels = PIXELS[0].copy()
+    pixels[[9, 10]] = -1
+    assert changes(pipeline, message(0, pixels=pixels))[0] == {"received": 1, "accepted": 1, PLACEHOLDERS: 1}
+    counts, _ = changes(pipeline, message(1, pixels=PIXELS[1] + [400, 0]))
+    assert counts[OUTSIDE_IMAGE] == 1
+    unsure = np.where(PIXELS[2][:, 0] > 350, 0.1, 0.9)
+    assert OUTSIDE_IMAGE not in changes(pipeline, message(2, confidence=unsure, pixels=PIXELS[2] + [250, 0]))[0]
+
+
+def test_repeated_keypoints_are_counted(pipeline):
+    frames = [message(0), *(message(0, START_NS + i * PERIOD_NS) for i in (1, 2))]
+    counts, _ = changes(pipeline, *frames)
+    assert counts == {"received": 3, "accepted": 3, "duplicated": 2}
+
+
+def test_messages_without_a_stamp_have_that_of_their_arrival(pipeline):
+    counts, (frame,) = changes(pipeline, message(0, 0), arrival_ns=START_NS)
+    assert counts == {"received": 1, "accepted": 1, "unstamped": 1} and frame.stamp_ns == START_NS
+    counts, (frame,) = changes(pipeline, message(1, 5 * START_NS), arrival_ns=START_NS + PERIOD_NS)
+    assert counts == {"received": 1, "accepted": 1, "resets": 1}  # the first stamp begins another clock ...
+    later = START_NS + PERIOD_NS + 10**7
+    counts, (frame,) = changes(pipeline, message(2, 0), arrival_ns=later)
+    assert frame.stamp_ns == 5 * START_NS + 10**7 and counts["unstamped"] == 1  # ... which goes on by the arrivals
+
+
+def test_the_first_stamp_after_arrival_times_of_a_later_clock_resets(pipeline):
+    pipeline.frames(message(0, 0), 5 * START_NS)
+    counts, (frame,) = changes(pipeline, message(1, START_NS), arrival_ns=5 * START_NS + PERIOD_NS)
+    assert counts == {"received": 1, "accepted": 1, "resets": 1} and frame.estimate.initialised
+
+
+def test_a_jump_back_needs_somebody_to_follow(pipeline):
+    pipeline.frames(message(5), 5)
+    pipeline.frames(message(6), 5)
+    back = START_NS + 5 * PERIOD_NS
+    nobody = message(5, back, confidence=np.zeros(17))
+    pipeline.config = replace(pipeline.config, jump_back=0.01)
+    counts, (frame,) = changes(pipeline, nobody)
+    assert counts == {"received": 1, "rejected: too_few_landmarks": 1, NOBODY: 1}
+    assert frame.detail == "the message is from an earlier time, and nobody is in it"
+    counts, (frame,) = changes(pipeline, message(5, back))
+    assert counts == {"received": 1, "accepted": 1, "resets": 1} and frame.estimate.initialised
+
+
+def test_reset_forgets_people_and_stamps_and_keeps_camera_and_counts(pipeline):
+    pipeline.frames(message(5), 5)
+    pipeline.reset()
+    assert pipeline.status is Status.SEARCHING and pipeline.image is None and pipeline.has_camera
+    assert pipeline.counts["resets"] == 1 and pipeline.counts["received"] == 1
+    counts, (frame,) = changes(pipeline, message(0))  # an earlier stamp is no old one
+    assert counts == {"received": 1, "accepted": 1} and frame.estimate.initialised
+
+
+def test_reset_forgets_the_depth_images():
+    pipeline = Pipeline(TrackerConfig(), NodeSettings(depth="depth"))
+    pipeline.depth.add(depth_message(BACKEND, START_NS, np.ones((4, 4))), 5)
+    assert pipeline.depth.newest_ns == START_NS
+    pipeline.reset()
+    assert pipeline.depth.newest_ns is None and pipeline.counts["resets"] == 1
+
+
+def test_presence_goes_on_with_the_clock_of_arrivals(pipeline):
+    assert pipeline.presence_at(10**15).status is Status.SEARCHING
+    lost_after_ns = round(pipeline.tracker.config.lost_after * 1e9)
+    pipeline.frames(message(0), 7 * 10**9)
+    for after_ns, status in ((-(10**9), "tracking"), (lost_after_ns, "tracking"), (lost_after_ns + 10**6, "lost")):
+        presence = pipeline.presence_at(7 * 10**9 + after_ns)
+        assert (presence.status.value, presence.ids) == (status, None)
+    assert pipeline.status is Status.TRACKING
+
+
+def test_another_height_resets_and_other_settings_do_not(pipeline):
+    pipeline.frames(message(0), 5)
+    config = pipeline.tracker.config
+    pipeline.tune(replace(config, noise_px=5.0), replace(pipeline.config, jump_back=1.5))
+    assert (pipeline.tracker.config.noise_px, pipeline.config.jump_back) == (5.0, 1.5)
+    assert pipeline.status is Status.TRACKING and pipeline.counts["resets"] == 0
+    pipeline.tune(replace(config, height=1.5), pipeline.config)
+    assert pipeline.tracker.skeleton.height == 1.5 and pipeline.counts["resets"] == 1
+    assert pipeline.status is Status.SEARCHING
+
+
+def test_a_skeleton_that_is_gone_changes_nothing(pipeline, tmp_path):
+    config = replace(pipeline.tracker.config, height=1.5, skeleton=str(tmp_path / "gone.yaml"), noise_px=5.0)
+    before = pipeline.tracker.config
+    with pytest.raises(SkeletonError):
+        pipeline.tune(config, replace(pipeline.config, jump_back=1.5))
+    assert pipeline.tracker.config == before and pipeline.config.jump_back == 0.5
+
+
+@pytest.mark.parametrize(
+    ("person_ids", "numbers", "lasting"), [("message", [3], True), ("node", [3], False), ("message", [-1], False)]
+)
+def test_who_numbers_people(person_ids, numbers, lasting):
+    pipeline = Pipeline(TrackerConfig(), NodeSettings(max_people=2, person_ids=person_ids))
+    pipeline.set_camera(camera_info(BACKEND))
+    pairs = [(PIXELS[0], np.full(17, 0.9))]
+    frames = pipeline.frames(crowd(BACKEND, START_NS, pairs, numbers), 5)
+    assert [frame.person for frame in frames] == (["p3"] if lasting else [])  # else after three messages
+    assert pipeline.ids == (["p3"] if lasting else [])
+    assert pipeline.counts["accepted"] == 1 and pipeline.image == (START_NS, FRAME)
+
+
+def test_held_results_come_later_and_with_a_flush():
+    pipeline = Pipeline(TrackerConfig(smoothing_lag=0.1), NodeSettings())
+    pipeline.set_camera(camera_info(BACKEND))
+    stamps = [frame.stamp_ns for i in range(8) for frame in pipeline.frames(message(i), 5)]
+    rest = [frame.stamp_ns for frame in pipeline.flush()]
+    assert stamps + rest == [START_NS + i * PERIOD_NS for i in range(8)] and len(stamps) < 8 and rest
+    assert pipeline.flush() == []

@@ -1,0 +1,95 @@
+"""Which coordinates count as placeholders: each rule by itself, at its limit."""
+
+import numpy as np
+import pytest
+
+from lassokin_ros.pipeline.placeholders import without_placeholders
+from msg_adapters.keypoints import Keypoints
+
+SIZE = (641, 481)
+ELSEWHERE = [[100.0, 200.0], [300.0, 50.0]]
+"""Two ordinary points, so that a person is large enough."""
+
+
+def removed(points, size=SIZE, persons=None, confidence=None):
+    """Which of the points are removed."""
+    xy = np.array([*ELSEWHERE, *points], dtype=float)
+    scores = np.full(len(xy), 0.5) if confidence is None else np.array([0.5, 0.5, *confidence])
+    persons = None if persons is None else np.array(persons)
+    given = Keypoints(1, "", np.arange(len(xy)), xy, scores, persons)
+    kept = without_placeholders(given, size)
+    gone = np.isnan(kept.xy).any(axis=1) & np.isfinite(xy).all(axis=1)
+    assert np.array_equal(kept.xy[~gone], xy[~gone], equal_nan=True)
+    assert np.array_equal(given.xy, xy, equal_nan=True)  # the message stays as it is
+    assert (kept is given) == (not gone.any())
+    assert not gone[:2].any()
+    return gone[2:].tolist()
+
+
+@pytest.mark.parametrize(
+    ("point", "gone"),
+    [
+        ((-1, 100), True),
+        ((100, -1), True),
+        ((-5, -5), True),
+        ((-5, -6), False),
+        ((5, 5), False),
+        ((-1.5, 100), False),
+        ((0, 100), True),
+        ((100, 0), True),
+        ((0.009, 100), True),
+        ((3.2, 100), True),
+        ((3.3, 100), False),
+        ((636.7, 100), False),
+        ((636.9, 100), True),
+        ((100, 2.4), True),
+        ((100, 2.5), False),
+        ((100, 477.5), False),
+        ((100, 477.7), True),
+        ((-0.02, 100), False),
+        ((640, 100), True),
+        ((641, 100), True),
+        ((640.5, 100), True),
+        ((642, 100), False),
+        ((100, 480), True),
+        ((100, 481), True),
+        ((100, 482), False),
+        ((480, 100), False),
+        ((320, 240), True),
+        ((320.5, 240.5), True),
+        ((320.5, 240), False),
+        ((320, 100), False),
+        ((np.nan, -1), False),
+    ],
+)
+def test_single_coordinates(point, gone):
+    assert removed([point]) == [gone]
+
+
+def test_without_an_image_size_there_is_no_centre_and_no_far_border():
+    for size in ((0, 0), (641, 0), (0, 481)):
+        assert removed([(640, 100), (320, 240), (0, 100), (100, 0)], size) == [False, False, True, True]
+
+
+def test_three_at_one_place_are_placeholders():
+    assert removed([(50, 60)] * 2) == [False] * 2
+    assert removed([(50, 60)] * 3) == [True] * 3
+    assert removed([(50, 60), (50, 61), (50, 62), (50, 63)]) == [False] * 4
+    assert removed([(50, 60), (70, 80)] * 3) == [True] * 6
+    assert removed([(50, 60)] * 3, confidence=[0.5, 0.5, 0]) == [False] * 3
+
+
+def test_places_are_counted_per_person():
+    assert removed([(50, 60)] * 3, persons=[1, 1, 1, 1, 2]) == [False] * 3
+    assert removed([(50, 60)] * 4, persons=[2, 2, 1, 2, 2, 2]) == [False, True, True, True]
+    assert (
+        removed([(50, 60), (50, 60), (50, 60)], persons=[1, 1, 2, 2, 2]) == [False] * 3
+    )  # a person of one place is tiny
+
+
+@pytest.mark.parametrize(("extent", "gone"), [(49.0, False), (50.0, True)])
+def test_tiny_people_may_have_points_at_one_place(extent, gone):
+    points = [(50, 60)] * 3 + [(50, 60 + extent)]
+    assert removed(points, persons=[1, 1, 2, 2, 2, 2]) == [gone] * 3 + [False]
+    points = [(50, 60)] * 3 + [(50 + extent, 60)]
+    assert removed(points, persons=[1, 1, 2, 2, 2, 2]) == [gone] * 3 + [False]

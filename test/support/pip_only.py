@@ -1,0 +1,8 @@
+"""Modules that tests import and apt does not have: a machine with ROS 2 and rosdep's packages alone is without them."""
+
+PIP_ONLY = {
+    *("qpsolvers", "proxsuite", "rosbags", "hypothesis", "pinocchio", "yourdfpy", "matplotlib", "plotly"),
+    *("distributed", "clarabel", "daqp", "quadprog", "sklearn", "onnx", "onnxruntime", "playwright", "pybvh"),
+    *("importlinter", "catkin_pkg", "colcon_core"),
+}
+"""Some of them (matplotlib, sklearn, catkin_pkg) have apt packages, but package.xml does not ask for them."""
