@@ -71,7 +71,7 @@ class TrackerConfig:
     )
     depth_noise: float = setting(
         0.03,
-        "standard deviation of measured depth up to 3 m; beyond, it grows with the square of the distance",
+        "standard deviation of measured depth; a larger noise, such as that of stereo far away, is noticed",
         "m",
         0.005,
         1.0,

@@ -8,8 +8,6 @@ from lassokin_ros.core.observation import Observation
 
 DEVIATION = 0.03
 """m: standard deviation of a measured depth, if neither the observation nor the caller gives it."""
-STEREO_FROM = 3.0
-"""m: beyond this distance that deviation grows with the square of the distance, as the noise of stereo cameras does."""
 SMALLEST_DEVIATION = 0.005
 """m: lower limit of the standard deviation. The distance of surface and landmark is not known better."""
 DEPTH_RANGE = 0.05, 100.0
@@ -28,8 +26,8 @@ def gate_depth(
 
     visible: (l,) bool, landmarks whose keypoints are used. surface: (l,) m from the body's surface to the landmark.
     expected: m, depth of the person; None if unknown: the median of the measurements is used. reach: m, measurements
-    farther from the person are ignored. noise: m, standard deviation of a depth up to STEREO_FROM, if the observation
-    does not give it. weights: 1/m, 1 / standard deviation, 0 = not used.
+    farther from the person are ignored. noise: m, standard deviation of a depth, if the observation does not give it.
+    weights: 1/m, 1 / standard deviation, 0 = not used.
     """
     if observation.depth is None or observation.depth.shape != visible.shape:
         return None
@@ -39,7 +37,7 @@ def gate_depth(
     given = observation.depth_deviation
     with np.errstate(invalid="ignore"):
         if given is None:
-            deviation = noise * np.maximum(1.0, (depth / STEREO_FROM) ** 2)
+            deviation = np.full(depth.shape, noise)
         else:
             deviation = np.asarray(given, dtype=float)
         used = visible & (depth > DEPTH_RANGE[0]) & (depth < DEPTH_RANGE[1]) & (deviation > 0) & (deviation < 10.0)

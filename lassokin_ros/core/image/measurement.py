@@ -16,6 +16,7 @@ import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose
 from lassokin_ros.core.image.depth_gating import DEVIATION, gate_depth
+from lassokin_ros.core.image.depth_noise import DepthNoise
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.keypoint_filter import KeypointFilter
 from lassokin_ros.core.image.projection import project
@@ -84,6 +85,7 @@ class MeasurementFilter:
         """
         self._surface, self._reach = surface, reach
         self._repeats, self._filter = RepeatedFrames(), KeypointFilter(names, limbs)
+        self._depth_noise = DepthNoise()
         self.reset()
 
     def resize(self, surface: np.ndarray | float, reach: float) -> None:
@@ -95,12 +97,14 @@ class MeasurementFilter:
         #: s: the stamp of the last frame that was used, -inf before the first.
         self.newest = -np.inf
         self._informed = -np.inf
+        self._depth_noise.reset()
         self.forget()
 
     def forget(self) -> None:
         """Forget the keypoints, but not the stamps."""
         self._repeats.reset()
         self._filter.reset()
+        self._depth_noise.forget()
 
     def filtered(
         self,
@@ -137,6 +141,8 @@ class MeasurementFilter:
         if assignment is not None:
             detected, visible = detected[assignment], visible[assignment]
             measured = None if measured is None else (measured[0][assignment], measured[1][assignment])
+        if measured is not None and not repeated:
+            measured = measured[0], measured[1] / self._depth_noise.update(stamp, *measured)
         speed = depth * self._filter.speed()
         news = 0.0 if repeated else stamp - self._informed
         step = stamp - self.newest

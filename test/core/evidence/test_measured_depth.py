@@ -10,6 +10,7 @@ from sequences import CONFIG, FOCAL, RATE, aligned_error, observations
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.evidence.frame_model import FrameModel
+from lassokin_ros.core.evidence.measured_depth import NEARER
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.evidence.upright import Upright
 from lassokin_ros.core.image.depth_gating import DEVIATION, gate_depth
@@ -59,9 +60,25 @@ def test_cost_and_rows_agree(scene):
     near = float(model.measured_depth.cost(model.evaluate(state), frame))
     far = replace(frame, depth=frame.depth - 5.0)
     bounded = float(model.measured_depth.cost(model.evaluate(state), far))
-    assert near < bounded < 17 * 0.5 * 2.5**2 + 1e-9
+    assert near < bounded < 17 * 0.5 * NEARER**2 + 1e-9
     which = model.rows_of(model.measured_depth, far)
-    assert np.abs(model.linearise(model.evaluate(state), far, huber_weights).z[which]).max() < 0.05
+    assert np.abs(model.linearise(model.evaluate(state), far, huber_weights).z[which]).max() < 0.1
+
+
+def test_a_body_that_comes_nearer_is_no_occluder(scene):
+    """If all depths change by 4 standard deviations, the rows keep their weights; a single one that does loses its."""
+    model, state, frame = scene
+    which = model.rows_of(model.measured_depth, frame)
+
+    def weights(depth):
+        rows = model.linearise(model.evaluate(state), replace(frame, depth=depth), huber_weights)
+        return rows.columns[-1, which] * DEVIATION
+
+    all_of_them = weights(frame.depth - 0.12)
+    one = weights(frame.depth - 0.12 * (np.arange(17) == 5))
+    seen = np.delete(np.arange(17), 3)
+    assert all_of_them[seen].min() > 0.7 and one[5] < 0.6 and np.delete(one, [3, 5]).min() > 0.7
+    assert weights(frame.depth + 2.5).max() == 0.0  # the wall behind
 
 
 def test_without_depth_there_are_no_rows(scene):

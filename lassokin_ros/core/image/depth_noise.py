@@ -1,0 +1,62 @@
+"""The noise of measured depth, learned from its changes from frame to frame.
+
+Depth cameras differ: the noise of stereo grows with the square of the distance, that of time of flight hardly does. For
+successive depths d of one landmark with independent errors of standard deviation s, the second difference
+d_1 - 2 d_2 + d_3 has the standard deviation sqrt(6) s; a body's acceleration adds little at the rate of a camera. The
+median over the landmarks ignores occluders that come and go.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+NORMAL = 0.6745
+"""Median of the absolute value of a standard normal variable."""
+LONGEST_STEP = 0.05
+"""s between frames; after a longer step the acceleration is larger than the noise."""
+FEWEST = 4
+"""Least number of landmarks with three successive depths."""
+WORTH, MEMORY = 0.3, 2.0
+"""s: weight of the initial value, and largest weight of the learned one, as durations of frames."""
+MOTION = 1.3
+"""Factor by which motion and occluders enlarge the median."""
+LARGEST = 4.0
+"""Upper limit of the factor. Its lower limit is 1: what stays from frame to frame, such as the distance from the
+surface to the joint, is not seen here."""
+
+
+class DepthNoise:
+    """A factor, 1 or more, on the standard deviations of one person's depths."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Return to the factor 1."""
+        self._log = 0.0  # logarithm of the factor before the lower limit
+        self._known = WORTH
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget the last depths, but not the factor."""
+        self._stamp = -math.inf
+        self._past: list[np.ndarray] = []
+
+    def update(self, stamp: float, depth: np.ndarray, weights: np.ndarray) -> float:
+        """Use a frame's depths (l,) m with weights (l,), 1 / standard deviation, 0 = missing. Return the factor."""
+        step, self._stamp = stamp - self._stamp, stamp
+        if step > LONGEST_STEP:
+            self._past = []
+        self._past = [*self._past[-2:], np.where(weights > 0, depth, np.nan)]
+        if len(self._past) == 3:
+            first, second, third = self._past
+            change = np.abs(first - 2 * second + third) * weights
+            change = change[np.isfinite(change)]
+            if len(change) >= FEWEST:
+                size = float(np.median(change)) / (MOTION * NORMAL * math.sqrt(6))
+                share = step / (self._known + step)
+                self._known = min(self._known + step, MEMORY)
+                self._log += share * (math.log(min(max(size, 1 / LARGEST), LARGEST)) - self._log)
+        return max(1.0, math.exp(self._log))
