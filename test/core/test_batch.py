@@ -82,7 +82,7 @@ def test_each_person_gets_the_result_and_state_of_a_single_run():
                 assert np.allclose(answer.pose.positions, one.pose.positions, rtol=0, atol=1e-8)
                 assert answer.cost == pytest.approx(one.cost, rel=1e-5)
                 assert answer.certificate.kkt_residual < 1e-6
-    assert accepted > 250 and exchanged > 1
+    assert accepted > 250 and exchanged > 0
     assert all(np.allclose(a.skeleton.offsets, b.skeleton.offsets) for a, b in zip(trackers, others))
     assert not np.allclose(trackers[1].skeleton.offsets, trackers[0].skeleton.offsets)
     assert max(ages) > 2 and np.ptp([tracker._upright.vertical for tracker in others], axis=0).max() > 0.01

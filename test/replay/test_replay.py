@@ -45,7 +45,7 @@ def recording(tmp_path_factory):
 @pytest.fixture(scope="module")
 def replayed(recording, tmp_path_factory):
     output = tmp_path_factory.mktemp("out") / "tracked"
-    assert main([str(recording), "--output", str(output)]) == 0
+    assert main([str(recording), "--output", str(output), "-p", "calibrate:=false"]) == 0
     return output
 
 
@@ -124,7 +124,7 @@ def test_the_same_recording_gives_the_same_bytes(tmp_path, storage):
 
 def test_sqlite_and_mcap_contain_the_same_messages(recording, replayed, tmp_path):
     other = tmp_path / "other"
-    assert main([str(recording), "-o", str(other), "--storage", "sqlite3"]) == 0
+    assert main([str(recording), "-o", str(other), "--storage", "sqlite3", "-p", "calibrate:=false"]) == 0
     types = typestore()
     for topic, kind in FRAME_TOPICS.items():
         a, b = ([types.serialize_cdr(m, kind) for _, m in read(path, topic)] for path in (replayed, other))
@@ -252,7 +252,7 @@ def test_an_existing_output_is_kept_without_force(recording, replayed, tmp_path,
     assert main([str(recording), "-o", str(output)]) == 2
     assert "exists already; choose another output or add --force" in capsys.readouterr().err
     assert contents(output) == before
-    assert main([str(recording), "-o", str(output), "--force"]) == 0
+    assert main([str(recording), "-o", str(output), "--force", "-p", "calibrate:=false"]) == 0
     assert contents(output) == contents(replayed) and os.listdir(tmp_path) == ["out"]
 
 

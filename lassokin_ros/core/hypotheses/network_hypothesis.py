@@ -15,7 +15,7 @@ from lassokin_ros.core.body.kinematics import BodyPose, BodyState
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
-from lassokin_ros.core.hypotheses.initialisation import ELSEWHERE, Initialiser
+from lassokin_ros.core.hypotheses.initialisation import ELSEWHERE, NEAR_SCHEDULE, Initialiser
 from lassokin_ros.core.hypotheses.network_pose import state_at
 from lassokin_ros.core.hypotheses.replacement import network_replaces
 from lassokin_ros.core.image.frame_data import FrameData
@@ -25,9 +25,8 @@ EVERY = 0.1
 """s between the beginnings of two fits while a person is tracked."""
 AGREE = 0.05
 """m: mean distance of the network's joints from the tracked ones below which no fit begins."""
-FACTORS = np.array([4.0, 2.0, 1.0, 1.0])
-"""Factor on the noise in each iteration of a fit. Twice as many, as in a first frame, gain nothing: the network's pose
-is near, and the tracker goes on with the fit."""
+FACTORS = np.repeat([factor for factor, _ in NEAR_SCHEDULE], [count for _, count in NEAR_SCHEDULE])
+"""Factor on the noise in each iteration of a fit. With half as many a person is found again less well after a gap."""
 
 
 class NetworkHypothesis:

@@ -51,6 +51,8 @@ REASONS: dict[str, tuple[str, str]] = {
     "wrong_layout": ("inconsistent cloud layout", "point_step, row_step and data of the cloud do not match"),
     "too_many_points": ("too many keypoints", "check that this topic does not carry another kind of point cloud"),
     "too_many_people": ("too many people", "the message contains more people than can be tracked"),
+    "depth_data": ("damaged compressed depth image", "the image cannot be unpacked; check how it was sent"),
+    "no_opencv": ("OpenCV is absent", "compressed depth images in PNG need OpenCV: pip install opencv-python-headless"),
     "depth_encoding": ("unknown encoding of a depth image", "depth images must be 16UC1 (mm) or 32FC1 (m)"),
     "depth_layout": ("inconsistent depth image", "height, width, step and data of the depth image do not match"),
     "image_encoding": ("unknown encoding of an image", "images must be 8-bit RGB, BGR or grey, YUV 4:2:2, JPEG or PNG"),

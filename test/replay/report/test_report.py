@@ -84,9 +84,10 @@ def clean(tmp_path_factory):
 
 def test_a_clean_recording_has_no_warnings(clean):
     _, page = clean
-    good, doubt = said(page)
+    good, lengths, doubt = said(page)
     assert good == ("good", "No problem found: 100.0% of the frames were tracked and certified.")
     stated = re.match(r"The joints are off by about (\d+) mm relative to the pelvis, mostly in depth", doubt[1])
+    assert lengths[0] == "note" and lengths[1].startswith("calibration changed the bone lengths")
     assert doubt[0] == "note" and 60 < int(stated.group(1)) < 120
     assert figure(page, "Keypoint messages") == f"{FRAMES} in 2.5 s, 30.0 Hz"
     assert figure(page, "With a skeleton") == f"{FRAMES} (100.0%)" and figure(page, "Initialised") == "once"
