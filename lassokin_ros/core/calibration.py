@@ -38,11 +38,11 @@ FARTHEST = 0.3
 INFORMATION = 0.6
 """Factor on a kept frame's information, because the errors of the prior and of the tracks are not independent. For
 frames at shorter intervals than the last one of `KEEP`, it is reduced in proportion to the interval."""
-KEEP = Schedule(0.04, 0.05, 0.25)
+KEEP = Schedule(0.05, 0.08, 0.25)
 """s between kept frames, by the duration that they cover. It is short at first, because the lengths are wrong until
 enough frames are kept. All kept frames stay: dropping every other one would halve the evidence, and wrong lengths would
 count as measured."""
-WORK = Schedule(0.02, 0.02, 0.13)
+WORK = Schedule(0.05, 0.05, 0.13)
 """s between two pieces of work: keep one frame, or relinearise one."""
 STEPS = 4
 """Steps of one piece of work: linearise and eliminate; rows of the volume; its determinants; update."""

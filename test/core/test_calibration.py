@@ -20,6 +20,7 @@ from lassokin_ros.core.evidence.upright import Upright
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project, projection_jacobian
 from lassokin_ros.core.observation import Observation
+from lassokin_ros.core.schedule import Schedule
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion
 
@@ -167,8 +168,10 @@ def test_lengths_become_more_certain_with_time(seed):
     assert len(seen) > 8 and np.all(seen[1:] < 1.06 * seen[:-1]) and seen[-1] < 0.7 * seen[0], seen
 
 
-def test_work_is_spread_over_the_frames_until_the_next_piece():
+def test_work_is_spread_over_the_frames_until_the_next_piece(monkeypatch):
     """Three calls at 100 Hz do what one call every 0.03 s does; a frame is kept in the second one."""
+    monkeypatch.setattr(calibration_module, "KEEP", Schedule(0.04, 0.05, 0.25))
+    monkeypatch.setattr(calibration_module, "WORK", Schedule(0.02, 0.02, 0.13))
     kinematics = body()
     prior = PoseDistribution.load(kinematics.skeleton)
     states = postures(prior, 14, 0)
