@@ -36,7 +36,7 @@ def test_the_chain_is_as_accurate_as_the_tracker_alone(monkeypatch, capsys):
     monkeypatch.setattr(module, "make_detector", lambda name: Shared())
     shared, chain = module.pair(NAME, "mediapipe")
     assert chain["frames"] == shared["frames"] == 100 and chain["apart_px"] < 0.01
-    for figure, limit in (("mpjpe_mm", 0.5), ("pa_mpjpe_mm", 0.5), ("reprojection_px", 0.1)):
+    for figure, limit in (("mpjpe_mm", 1.5), ("pa_mpjpe_mm", 1.5), ("reprojection_px", 0.1)):
         assert abs(chain[figure] - shared[figure]) < limit, (figure, chain[figure], shared[figure])
 
 
