@@ -30,7 +30,10 @@ BUILT_IN_ODDS = (0.5, 0.1, 0.4)
 
 @dataclass(frozen=True, eq=False)
 class LengthModel:
-    """A Gaussian of the log-lengths. mean: (p,); precision: (p, p); odds: its prior probability."""
+    """A Gaussian of the log-lengths, which have no unit.
+
+    mean: (p,); precision: (p, p); odds: prior probability of this case. measured: whether the given lengths are right.
+    """
 
     mean: np.ndarray
     precision: np.ndarray
@@ -49,7 +52,7 @@ def _population() -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
 
 
 def length_models(proportions: Proportions) -> list[LengthModel]:
-    """The cases for a given skeleton."""
+    """The cases for the skeleton of some proportions, with (p,) log-lengths in the order of `proportions.names`."""
     count = proportions.count
 
     def about_given(spread: float, odds: float, measured: bool = False) -> LengthModel:

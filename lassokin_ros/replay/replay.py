@@ -65,18 +65,15 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
         read = [keypoints, *camera.recorded, *others]
         if options.two_pass:
             first = OfflineTracker(tracker_config, node_config, bag.types, only_track=True)
-            messages = camera.messages(bag, read)
-            tracker_config = learn_lengths(
-                messages, _inputs(first, keypoints, camera, others), first, tracker_config, Path(folder)
-            )
+            inputs, messages = _inputs(first, keypoints, camera, others), camera.messages(bag, read)
+            tracker_config = learn_lengths(messages, inputs, first, tracker_config, Path(folder))
         tracker = OfflineTracker(tracker_config, node_config, bag.types, ready_made=True)
         report = _report(options, tracker)
         exports = _exports(options, tracker)
         images = recorded_images(bag, options, report, keypoints)
         inputs = {**_inputs(tracker, keypoints, camera, others), **{shown.topic.name: shown.take for shown in images}}
         read += [shown.topic for shown in images]
-        output = options.output
-        storage = options.storage or bag.storage
+        output, storage = options.output, options.storage or bag.storage
         # All or nothing: every file is complete on the disk before the recording and the files get their names.
         with AtomicFiles(options.force, OutputError) as files:
             with BagWriter(output, storage, bag.types, options.force, is_inside_name) as writer:
@@ -90,9 +87,8 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
                 files.check()
             files.placed.append(output)
     written.update({"images": str(shown) for shown in images})
-    summary = _summary(
-        f"{options.bag} -> {output} ({storage})", (str(keypoints), camera.title), tracker, seconds, written
-    )
+    title = f"{options.bag} -> {output} ({storage})"
+    summary = _summary(title, (str(keypoints), camera.title), tracker, seconds, written)
     return Replayed(summary, figures, 1e3 * float(np.median(tracker.frame_seconds or [np.nan])))
 
 
