@@ -64,7 +64,7 @@ def test_packages_import_only_what_they_may(folder, forbidden):
 
 
 def test_tracking_one_person_imports_no_optional_modules():
-    """Saves memory and start-up time: only some lenses need OpenCV, only several people SciPy's optimisers."""
+    """Saves memory and start-up time: images need OpenCV, only several people SciPy's optimisers."""
     code = """if True:
         import sys
         from lassokin_ros.core.config import TrackerConfig
