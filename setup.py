@@ -22,7 +22,7 @@ VIEW = [
     *VIDEO,
 ]
 REPORT = ["plotly>=6.0", *REPLAY]
-DEMO = ["matplotlib>=3.6", *ROS, *REPORT]
+DEMO = [*ROS, *REPORT]
 TEST = [
     "pytest>=7.4,<9.2",  # 3.8 of pytest-xdist groups nothing under pytest 9.2
     "pytest-xdist>=3.6",
@@ -49,6 +49,7 @@ TEST = [
     "types-PyYAML>=6.0",
     "playwright>=1.40",
     "pybvh>=0.9",
+    "matplotlib>=3.6",  # the figures of docs/; reads screenshots
     "onnx>=1.16",
     "onnxruntime>=1.17",
     *DEMO,
