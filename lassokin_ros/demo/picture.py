@@ -14,9 +14,9 @@ from lassokin_ros.demo.synthetic import WEBCAM
 if TYPE_CHECKING:
     from lassokin_ros.demo.result import DemoResult
 
-SIZE = (1240, 1120)  # px
+SIZE = (1270, 1240)  # px
 COLUMNS = 6
-LEFT_EDGE, TOP, COLUMN, GAP = 80, 60, 180, 14  # px: left edge, upper edge, width of a column, and between two
+LEFT_EDGE, TOP, COLUMN, GAP = 80, 60, 168, 34  # px: left edge, upper edge, width of a column, and between two
 TALL, PLOT, SUPPORT = 252, 140, 90  # px: heights of the views, of the errors, of the moving degrees of freedom
 LEFT, RIGHT, MIDDLE, TRUE, DETECTED = "#1f6fb4", "#d1495b", "#3c3c46", "#b9b9b9", "#2a9d4a"
 HALF_WIDTH, BELOW, ABOVE = 0.8, -1.22, 0.92  # m, of the views in space

@@ -88,6 +88,19 @@ def test_make_installs_extras_that_exist():
     assert set(re.findall(r"\*(\w+)", wanted)) == {"ROS", "REPORT"}  # nothing of the test tools
 
 
+def test_the_demo_needs_neither_opencv_nor_matplotlib(monkeypatch):
+    """Both are large: 153 and 80 MB of 690."""
+    setup = []
+    monkeypatch.setattr("setuptools.setup", lambda **arguments: setup.append(arguments))
+    monkeypatch.chdir(ROOT)
+    runpy.run_path("setup.py")
+    demo = " ".join(setup[0]["install_requires"] + setup[0]["extras_require"]["demo"])
+    assert "plotly" in demo and "opencv" not in demo and "matplotlib" not in demo
+    for room in ("core", "pipeline", "node", "demo"):
+        for path in (ROOT / "lassokin_ros" / room).rglob("*.py"):
+            assert not {"cv2", "matplotlib"} & {module.partition(".")[0] for module in imports_of(path)}, path
+
+
 @pytest.mark.parametrize(
     "command, others", [("bdist_wheel", 0), ("editable_wheel", 0), ("dist_info", 0), ("install", 5), ("develop", 5)]
 )
