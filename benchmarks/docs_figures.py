@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np  # noqa: E402
 
-from benchmarks.docs_figures_scenes import (  # noqa: E402
+from benchmarks.data.figure_scenes import (  # noqa: E402
     NO_GAPS,
     averages,
     error,

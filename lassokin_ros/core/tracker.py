@@ -22,10 +22,10 @@ import numpy as np
 from lassokin_ros.core.batch import BatchedCall, Steps, run_batched, run_single
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import orthonormalised
+from lassokin_ros.core.calibration.height import HeightEstimator
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.evidence import EvaluatedState
-from lassokin_ros.core.height import HeightEstimator
 from lassokin_ros.core.hypotheses.initialisation import Fit
 from lassokin_ros.core.hypotheses.replacement import reinitialisation_replaces
 from lassokin_ros.core.image.frame_data import FrameData

@@ -32,9 +32,9 @@ from lassokin_ros.node.scene_outputs import SceneOutputs
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.keypoint_queue import KeypointQueue
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.pipeline.outputs.calibration_status import averaged_sides
-from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics
-from lassokin_ros.pipeline.outputs.skeleton_file import save_all
+from lassokin_ros.pipeline.outputs.description.skeleton_file import save_all
+from lassokin_ros.pipeline.outputs.status.calibration_status import averaged_sides
+from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
 from lassokin_ros.pipeline.people.per_body_pipeline import PerBodyPipeline
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings

@@ -14,12 +14,12 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.node.qos import overrides
-from lassokin_ros.node.state_publisher import StatePublisher
+from lassokin_ros.node.robot_state_publisher_client import RobotStatePublisherClient
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
+from lassokin_ros.pipeline.outputs.description.robot_description import RobotDescription
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages, id_list
 from lassokin_ros.pipeline.outputs.naming import Naming
-from lassokin_ros.pipeline.outputs.robot_description import RobotDescription
 from lassokin_ros.pipeline.settings import OFF, NodeSettings
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.detectors.registry import full_type_name
@@ -88,7 +88,7 @@ class PersonOutputs:
         self._messages = FrameMessages(backend, skeleton, title, person, config, ready_made=True)
         self.state_publisher = None
         if not person and config.state_publisher:
-            self.state_publisher = StatePublisher(node, config.state_publisher, naming.prefix)
+            self.state_publisher = RobotStatePublisherClient(node, config.state_publisher, naming.prefix)
         if not person:
             self._describe(self._description.first())
 

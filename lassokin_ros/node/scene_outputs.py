@@ -10,7 +10,7 @@ from lassokin_ros.node.person_outputs import advertise, subscribers
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, images_of
-from lassokin_ros.pipeline.outputs.presence_state import LOST, NOBODY, TRACKING, PresenceState
+from lassokin_ros.pipeline.outputs.status.presence_state import LOST, NOBODY, TRACKING, PresenceState
 from lassokin_ros.pipeline.pipeline import Pipeline
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.detectors.registry import full_type_name

@@ -94,7 +94,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
 
 def _check_learning(options: argparse.Namespace, tracker: TrackerConfig, node: NodeSettings) -> None:
     """Raise a LassokinError if --save-skeleton or --two-pass cannot be done with these settings."""
-    from lassokin_ros.pipeline.outputs.skeleton_file import check_skeleton_file
+    from lassokin_ros.pipeline.outputs.description.skeleton_file import check_skeleton_file
     from lassokin_ros.replay.first_pass import check_two_passes
 
     if options.save_skeleton is not None:
@@ -196,7 +196,7 @@ def _summary(title: str, inputs: Sequence[str], tracker: Any, seconds: float, wr
     import numpy as np
 
     from lassokin_ros.pipeline.depth_images import MATCHED, UNMATCHED
-    from lassokin_ros.pipeline.outputs.calibration_status import averaged_sides
+    from lassokin_ros.pipeline.outputs.status.calibration_status import averaged_sides
     from lassokin_ros.replay.offline_tracker import LINK_AS_FRAME
 
     counts, error = tracker.pipeline.counts, tracker.reprojection_px

@@ -19,7 +19,7 @@ from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.observation import Status
 from lassokin_ros.node.log_throttle import LogThrottle
 from lassokin_ros.node.qos import sensor_data
-from lassokin_ros.pipeline.lens import Lens
+from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.video.rerun_scene import RerunScene, ViewError
 from lassokin_ros.viewer.person_topics import PersonTopics

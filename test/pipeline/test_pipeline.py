@@ -13,7 +13,7 @@ from messages import FRAME, camera_info, cloud, crowd, pixels_of_motion, rosbags
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.errors import SkeletonError  # noqa: E402
 from lassokin_ros.core.observation import Status  # noqa: E402
-from lassokin_ros.pipeline.camera import OUTSIDE_IMAGE  # noqa: E402
+from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE  # noqa: E402
 from lassokin_ros.pipeline.pipeline import NOBODY, Pipeline  # noqa: E402
 from lassokin_ros.pipeline.placeholders import PLACEHOLDERS  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402

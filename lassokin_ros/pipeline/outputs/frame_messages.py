@@ -13,9 +13,9 @@ from lassokin_ros.core.image.projection import project
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.body_frames import BodyFrames
-from lassokin_ros.pipeline.outputs.certificate_status import certificate_status
+from lassokin_ros.pipeline.outputs.description.urdf import joint_names
 from lassokin_ros.pipeline.outputs.rep155 import MappedJoints
-from lassokin_ros.pipeline.outputs.urdf import joint_names
+from lassokin_ros.pipeline.outputs.status.certificate_status import certificate_status
 from lassokin_ros.pipeline.settings import OFF, NodeSettings
 from msg_adapters.backends import Backend
 from msg_adapters.output_messages.builders import (

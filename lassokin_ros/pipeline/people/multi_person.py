@@ -9,9 +9,9 @@ from typing import Sequence
 import numpy as np
 
 from lassokin_ros.core.observation import Status
+from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.detections import detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult
-from lassokin_ros.pipeline.lens import Lens
 from lassokin_ros.pipeline.people.assignment import assign
 from lassokin_ros.pipeline.people.matching import NEAR, distance, distances, is_trackable, match_radius
 from lassokin_ros.pipeline.people.people_tracker import PeopleImage

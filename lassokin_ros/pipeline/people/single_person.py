@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from lassokin_ros.core.observation import Status
+from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.detections import MOST_PEOPLE, detection, detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult
-from lassokin_ros.pipeline.lens import Lens
 from lassokin_ros.pipeline.people.matching import distances, is_trackable, match_radius
 from lassokin_ros.pipeline.people.people_tracker import PeopleImage
 from lassokin_ros.pipeline.people.presence import Presence

@@ -8,8 +8,8 @@ import pytest
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Status
+from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.frame_result import FrameResult
-from lassokin_ros.pipeline.lens import Lens
 from lassokin_ros.pipeline.people import multi_person
 from lassokin_ros.pipeline.people.multi_person import FOUND_AT_ONCE, MultiPersonTracker
 from lassokin_ros.pipeline.people.people_tracker import PeopleImage

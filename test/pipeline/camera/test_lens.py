@@ -7,7 +7,7 @@ import pytest
 from messages import camera_info
 
 from lassokin_ros.core.errors import CameraError
-from lassokin_ros.pipeline.lens import COUNTS, Lens
+from lassokin_ros.pipeline.camera.lens import COUNTS, Lens
 from msg_adapters.camera_info import decode_camera_info
 
 K = np.array([[600.0, 0, 330], [0, 610, 235], [0, 0, 1]])

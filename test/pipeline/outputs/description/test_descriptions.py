@@ -16,13 +16,13 @@ from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.errors import SkeletonError  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
-from lassokin_ros.pipeline.outputs.calibration_status import averaged_sides  # noqa: E402
+from lassokin_ros.pipeline.outputs.description.robot_description import LARGEST_ERROR, RobotDescription, farthest_move  # noqa: E402
+from lassokin_ros.pipeline.outputs.description.skeleton_file import check_skeleton_file, for_person, write_text  # noqa: E402
+from lassokin_ros.pipeline.outputs.description.urdf import has_prefix, joint_names, urdf  # noqa: E402
+from lassokin_ros.pipeline.outputs.description.urdf_from_parameters import urdf_from_settings  # noqa: E402
 from lassokin_ros.pipeline.outputs.frame_messages import id_list  # noqa: E402
 from lassokin_ros.pipeline.outputs.naming import Naming  # noqa: E402
-from lassokin_ros.pipeline.outputs.robot_description import LARGEST_ERROR, RobotDescription, farthest_move  # noqa: E402
-from lassokin_ros.pipeline.outputs.skeleton_file import check_skeleton_file, for_person, write_text  # noqa: E402
-from lassokin_ros.pipeline.outputs.urdf import has_prefix, joint_names, urdf  # noqa: E402
-from lassokin_ros.pipeline.outputs.urdf_from_parameters import urdf_from_settings  # noqa: E402
+from lassokin_ros.pipeline.outputs.status.calibration_status import averaged_sides  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
 BACKEND = rosbags_backend()

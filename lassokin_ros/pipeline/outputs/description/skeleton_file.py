@@ -11,10 +11,10 @@ from pathlib import Path
 
 from lassokin_ros.common.atomic_files import AtomicFiles, files_of_people, refuse_existing
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.calibration import Calibration
+from lassokin_ros.core.calibration.bone_lengths import Calibration
 from lassokin_ros.core.errors import LassokinError, SkeletonError
 from lassokin_ros.core.yaml_files import SUFFIXES
-from lassokin_ros.pipeline.outputs.calibration_status import length_changes
+from lassokin_ros.pipeline.outputs.status.calibration_status import length_changes
 
 LEAST_MOTION = 1.0
 """s of motion that calibration must have used before its skeleton is saved."""

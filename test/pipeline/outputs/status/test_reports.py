@@ -13,10 +13,10 @@ from lassokin_ros.core.lasso.solver import LassoSolution
 from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs.body_frames import BodyFrames, hip_joints
-from lassokin_ros.pipeline.outputs.certificate_status import certificate_status
 from lassokin_ros.pipeline.outputs.frame_messages import principal_axes
 from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, confidence, person_report
-from lassokin_ros.pipeline.outputs.presence_state import PresenceState
+from lassokin_ros.pipeline.outputs.status.certificate_status import certificate_status
+from lassokin_ros.pipeline.outputs.status.presence_state import PresenceState
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.output_messages.builders import OK, WARN

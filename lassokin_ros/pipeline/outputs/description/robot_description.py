@@ -13,8 +13,8 @@ import numpy as np
 
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.pipeline.outputs.description.urdf import urdf
 from lassokin_ros.pipeline.outputs.naming import Naming
-from lassokin_ros.pipeline.outputs.urdf import urdf
 from msg_adapters.backends import Backend
 from msg_adapters.output_messages.builders import StringBuilder
 

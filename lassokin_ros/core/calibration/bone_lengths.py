@@ -22,11 +22,11 @@ from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.proportions import Proportions
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.calibration.length_prior import LengthPosterior, initial_spread, length_models, posterior
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project, projection_jacobian
 from lassokin_ros.core.image.robust_loss import huber_cost, huber_weights, norm
-from lassokin_ros.core.length_prior import LengthPosterior, initial_spread, length_models, posterior
 from lassokin_ros.core.schedule import Schedule
 
 STATURE_SPREAD = 0.005

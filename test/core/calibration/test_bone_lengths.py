@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from cases import FACING, body, central_difference, random_body, random_state, relative_error
 
-from lassokin_ros.core import calibration as calibration_module
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.proportions import Proportions
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.body.symmetry import LARGEST_ASYMMETRY, asymmetry, symmetrised
-from lassokin_ros.core.calibration import DAMPING, Calibration, KeptFrame
+from lassokin_ros.core.calibration import bone_lengths as calibration_module
+from lassokin_ros.core.calibration.bone_lengths import DAMPING, Calibration, KeptFrame
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior

@@ -8,7 +8,7 @@ pytest.importorskip("rosbags", reason="rosbags makes the messages")
 from messages import rosbags_backend  # noqa: E402
 
 from lassokin_ros.core.errors import CameraError  # noqa: E402
-from lassokin_ros.pipeline.calibration_file import Calibration, read_calibration, split_camera  # noqa: E402
+from lassokin_ros.pipeline.camera.calibration_file import Calibration, read_calibration, split_camera  # noqa: E402
 
 K = [[600.0, 0, 320], [0, 610, 240], [0, 0, 1]]
 FLAT = "[600, 0, 320, 0, 610, 240, 0, 0, 1]"

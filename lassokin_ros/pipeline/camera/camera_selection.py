@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.core.errors import CameraError
-from lassokin_ros.pipeline.lens import Lens
+from lassokin_ros.pipeline.camera.lens import Lens
 from msg_adapters.camera_info import Intrinsics, decode_camera_info
 from msg_adapters.errors import AdapterError
 

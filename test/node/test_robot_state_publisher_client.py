@@ -13,7 +13,7 @@ from rclpy.node import Node  # noqa: E402
 
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
-from lassokin_ros.pipeline.outputs.urdf import urdf  # noqa: E402
+from lassokin_ros.pipeline.outputs.description.urdf import urdf  # noqa: E402
 
 SKELETON = Skeleton.load("anthropometric", 1.75)
 

@@ -7,7 +7,7 @@ pytest.importorskip("rosbags", reason="rosbags makes the messages")
 
 from messages import camera_info, rosbags_backend  # noqa: E402
 
-from lassokin_ros.pipeline.camera import ALTERNATIONS, MOST_CAMERAS, Camera  # noqa: E402
+from lassokin_ros.pipeline.camera.camera_selection import ALTERNATIONS, MOST_CAMERAS, Camera  # noqa: E402
 from msg_adapters.errors import AdapterError  # noqa: E402
 from msg_adapters.output_messages.builders import set_header  # noqa: E402
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from lassokin_ros.core.errors import CameraError
 from lassokin_ros.core.yaml_files import load_mapping, read_text
-from lassokin_ros.pipeline.lens import Lens
+from lassokin_ros.pipeline.camera.lens import Lens
 from msg_adapters.backends import Backend
 from msg_adapters.camera_info import decode_camera_info
 from msg_adapters.errors import AdapterError

@@ -8,9 +8,9 @@ from functools import lru_cache
 
 import numpy as np
 from detector_messages import HRI, YOLO, ZED, backend, hri_skeleton, yolo_detections, zed_objects
+from faults.damage import STEP_NS
 from messages import FOCAL, FRAME, HEIGHT, WIDTH, camera_info, cloud, crowd, multi_array, polygon
 from sequences import TRACKED_WITHIN, aligned_error
-from spoil import STEP_NS
 
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout

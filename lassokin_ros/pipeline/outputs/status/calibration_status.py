@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lassokin_ros.core.calibration import Calibration
+from lassokin_ros.core.calibration.bone_lengths import Calibration
 
 
 def length_changes(calibration: Calibration) -> dict[str, float]:

@@ -17,7 +17,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from lassokin_ros.core.errors import ConfigurationError
-from lassokin_ros.pipeline.outputs.urdf import has_prefix
+from lassokin_ros.pipeline.outputs.description.urdf import has_prefix
 
 PARAMETER = "robot_description"
 RESPONSE_TIMEOUT_S = 5.0
@@ -26,7 +26,7 @@ START_TIMEOUT_S = 5.0
 """s: the other node may need this long to start."""
 
 
-class StatePublisher:
+class RobotStatePublisherClient:
     """Sets the parameter of the other node when the URDF changes. No call blocks."""
 
     def __init__(self, node: Node, name: str, prefix: str) -> None:

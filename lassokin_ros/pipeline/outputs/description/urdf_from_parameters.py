@@ -7,8 +7,8 @@ from the settings that it starts the node with.
 from __future__ import annotations
 
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.pipeline.outputs.description.urdf import urdf
 from lassokin_ros.pipeline.outputs.topics import link_prefix
-from lassokin_ros.pipeline.outputs.urdf import urdf
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.skeleton_readers.load import load_skeleton

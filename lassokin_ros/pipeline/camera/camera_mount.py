@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from lassokin_ros.pipeline.transforms import TransformError, Transforms
+from lassokin_ros.pipeline.camera.transforms import TransformError, Transforms
 
 
 class CameraMount:

@@ -9,7 +9,7 @@ from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.proportions import Proportions
 from lassokin_ros.core.body.skeleton import Skeleton, has_built_in_proportions
-from lassokin_ros.core.length_prior import (
+from lassokin_ros.core.calibration.length_prior import (
     BUILT_IN_ODDS,
     GUESSED,
     MEASURED,

@@ -9,12 +9,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from lassokin_ros.core.observation import Rejection, Status
-from lassokin_ros.pipeline.camera import OUTSIDE_IMAGE
+from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
 from lassokin_ros.pipeline.depth_images import COUNTS as DEPTH_COUNTS
 from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
-from lassokin_ros.pipeline.outputs.calibration_status import calibration_figures
+from lassokin_ros.pipeline.outputs.status.calibration_status import calibration_figures
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.pipeline import NOBODY, Pipeline
 from lassokin_ros.pipeline.placeholders import PLACEHOLDERS

@@ -15,10 +15,10 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.upright import Upright, level_from_camera, vertical_of
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.demo.synthetic import motion
-from lassokin_ros.pipeline.camera_mount import CameraMount, roll_and_pitch
+from lassokin_ros.pipeline.camera.camera_mount import CameraMount, roll_and_pitch
+from lassokin_ros.pipeline.camera.transforms import TransformError, Transforms
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
-from lassokin_ros.pipeline.transforms import TransformError, Transforms
 
 pytest.importorskip("rosbags")
 BACKEND = rosbags_backend()
