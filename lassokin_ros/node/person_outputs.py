@@ -77,7 +77,7 @@ class PersonOutputs:
         """title: name of the node. person: id, empty if one person is followed. Raises SkeletonError for base_frame."""
         backend = RclpyBackend()
         self._node = node
-        naming = Naming.of(config, title, person)
+        naming = Naming.of_person(config, title, person)
         self._description = RobotDescription(backend, skeleton, config.base_frame, naming)
         name = partial(topics.of_person, person=person, rep155=config.rep155)
         self._out = {

@@ -236,7 +236,7 @@ class PersonMessages:
         """person: the id, empty when one person is followed. ready_made: see FrameMessages."""
         skeleton, config = pipeline.tracker.skeleton, pipeline.config
         self._messages = FrameMessages(backend, skeleton, NODE_NAME, person, config, ready_made)
-        naming = Naming.of(config, NODE_NAME, person)
+        naming = Naming.of_person(config, NODE_NAME, person)
         self._description = RobotDescription(backend, skeleton, config.base_frame, naming)
         self._counts = pipeline.counts
 

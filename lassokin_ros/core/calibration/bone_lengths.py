@@ -53,11 +53,11 @@ SETTLED = 0.05
 DAMPING = 1e-3
 """1/rad^2, fixes unobservable degrees of freedom."""
 TYPICAL_COST = 12.0
-"""Robust cost of a frame (image and prior) at which its weight is halved: a wrong pose explains the image badly. If the
-median over the kept frames is larger, as it is while the lengths are wrong, the median is used instead."""
+"""Robust cost of a frame (image and prior) at which its weight is halved, because a high cost indicates a wrong pose.
+If the median over the kept frames is larger, as it is while the lengths are wrong, the median is used instead."""
 VOLUME = 0.4
 """Factor on the pose's volume, the log determinant of its information. The best pose alone favours limbs that are too
-long and lean in depth; the volume accounts for the many poses that are likely for correct lengths. VOLUME and
+long and lean in depth. The volume accounts for the number of poses that are likely for given lengths. VOLUME and
 INFORMATION were chosen on the training clips of the prior."""
 VOLUME_STEP = 0.05
 """Step of the log-length for the finite difference of the volume, about the effect of noise on a limb in the image."""

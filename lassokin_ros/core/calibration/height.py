@@ -1,12 +1,13 @@
 """The person's height, measured with depth.
 
-One camera does not see size: a body twice as tall, twice as far away, gives the same keypoints. Measured depths decide
-between the two. In each frame the body's pose is held. Its scale s and translation t are fitted to the keypoints u_i
-and the depths d_i by weighted least squares, linear in (s, t), with q_i the landmarks relative to the pelvis:
+One camera does not observe size: a body twice as tall at twice the distance gives the same keypoints. Measured depths
+remove this ambiguity. In each frame the body's pose is kept fixed. Its scale s and translation t are fitted to the
+keypoints u_i and the depths d_i by weighted least squares, linear in (s, t), with q_i the landmarks relative to the
+pelvis:
 
     s q_xy + t_xy - u_i (s q_z + t_z) = 0,     s q_z + t_z - d_i = 0.
 
-The logarithms of the frames' scales are averaged over time, together with what is known of people in general.
+The logarithms of the frames' scales are averaged over time, together with a prior of people's heights.
 """
 
 from __future__ import annotations
@@ -21,13 +22,13 @@ SPREAD = 0.15
 FEWEST = 4
 """Smallest number of measured depths in a frame."""
 FRAME_DEVIATION = 0.04
-"""Standard deviation of the logarithm of one frame's scale, in addition to that of the fit: the pose is not exact."""
+"""Standard deviation of the logarithm of one frame's scale, in addition to that of the fit, for the pose's errors."""
 CORRELATED_S = 0.1
-"""s: frames closer than this count as one, because their errors last."""
+"""s: frames closer than this count as one, because their errors are correlated."""
 MEMORY_S = 5.0
 """s: time constant of the average. The first frames' poses are the least exact."""
 LEAST_DEVIATION = 0.01
-"""Lower limit of the logarithm's standard deviation: errors that last are not averaged out."""
+"""Lower limit of the logarithm's standard deviation: an average does not remove constant errors."""
 CHANGE = 0.01
 """Change of the logarithm from which a new height is adopted."""
 PAUSE_S = 0.25
