@@ -47,7 +47,8 @@ def message_class(message_type: str) -> Any:
 def advertise(node: Node, topic: topics.OutputTopic, name: str = "", overridable: bool = True) -> Publisher:
     """Create the publisher of an output topic. name: replaces the topic's name if given.
 
-    overridable: QoS can be set by parameters. False for topics of one of several people: parameters would stay.
+    overridable: QoS can be set by parameters. False for the topics of one of several people, because their parameters
+    would remain when the person leaves.
     """
     durability = DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE
     qos = QoSProfile(depth=1 if topic.latched else OUTPUT_DEPTH, durability=durability)
@@ -85,7 +86,7 @@ class PersonOutputs:
         }
         if config.publish_tf != OFF:
             self._out[topics.TF] = advertise(node, topics.TF_OUTPUT, overridable=not person)
-        self._messages = FrameMessages(backend, skeleton, title, person, config, ready_made=True)
+        self._messages = FrameMessages(backend, skeleton, title, person, config, serialised=True)
         self.state_publisher = None
         if not person and config.state_publisher:
             self.state_publisher = RobotStatePublisherClient(node, config.state_publisher, naming.prefix)

@@ -230,7 +230,7 @@ class Pipeline:
         confident = keypoints.confidence >= self.tracker.config.min_confidence  # others may be out of view
         self.nobody_in_view = not np.count_nonzero(confident & keypoints.present)
         self.counts[NOBODY] += self.nobody_in_view
-        if view.is_left_by(keypoints.xy.compress(confident, axis=0)):
+        if view.has_outside(keypoints.xy.compress(confident, axis=0)):
             self.counts[OUTSIDE_IMAGE] += 1
 
     def _is_back_in_time(self, image: PeopleImage, arrival_ns: int, stamped: bool) -> bool:

@@ -72,7 +72,7 @@ class PeerOfTwo:
 
 def test_each_of_several_people_has_a_set_of_topics():
     namespace = "/several"
-    # Only the stamps tell that a person leaves: this test itself is silent at times.
+    # Stamps alone decide that a person has left, because this test sends nothing at times.
     settings = [f"-p {item}" for item in ("max_people:=3", "forget_after:=300.0")]
     with NodeProcess(namespace, *" ".join(settings).split()) as node, Peer(namespace, outputs=False) as peer:
         them = PeerOfTwo(peer)

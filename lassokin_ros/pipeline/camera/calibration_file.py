@@ -113,7 +113,7 @@ def split_camera(path: Path) -> tuple[Path, str]:
 
 
 def _plain_yaml(text: str, file: Path) -> str:
-    """Return the text without what only OpenCV's own reader understands. Raises CameraError for XML and INI."""
+    """Return the text without syntax that only OpenCV's reader has. Raises CameraError for XML and INI."""
     if re.search(r"\A\s*<|^\[image\]", text, re.MULTILINE):
         raise CameraError(f"'{file}' is XML or INI; {FORMS}")
     text = re.sub(r"\A\s*%YAML:.*\n", "", text)

@@ -15,7 +15,7 @@ from msg_adapters.camera_info import Intrinsics, decode_camera_info
 from msg_adapters.errors import AdapterError
 
 IN_FLIGHT_NS = 1_000_000_000
-"""An image up to this much older than a change of the camera belongs to the camera before: detectors have a delay."""
+"""ns: an image older than a change of the camera, by up to this, belongs to the previous camera: detectors are late."""
 OUTSIDE_IMAGE = "beyond the image"
 """Key of the count of messages with keypoints outside the image."""
 MARGIN = 0.05
@@ -48,8 +48,8 @@ class View:
         margin = np.where(size > 0, MARGIN * size, np.inf)
         return -margin, size + margin
 
-    def is_left_by(self, xy: np.ndarray) -> bool:
-        """Return True if many of the keypoints (k, 2), px, lie outside: they belong to another image."""
+    def has_outside(self, xy: np.ndarray) -> bool:
+        """Return True if many of the keypoints (k, 2), px, are outside the image: they belong to another one."""
         least, greatest = self._limits
         outside = (xy < least) | (xy > greatest)
         return int(np.count_nonzero(outside[:, 0] | outside[:, 1])) > FEW * len(xy)
@@ -78,8 +78,8 @@ class Camera:
         return self._views(self._frame)[0]
 
     @property
-    def suspicion(self) -> str:
-        """Why the camera_info in use may be wrong, in words; empty if nothing is suspicious."""
+    def warning(self) -> str:
+        """Why the camera_info in use may be wrong, in words; empty if nothing indicates that."""
         if (view := self.view) is None:
             return ""
         recent = list(self._recent)
@@ -89,7 +89,7 @@ class Camera:
                 f"camera_info of several cameras on one topic ({names}); used is '{view.intrinsics.frame_id[:40]}'; "
                 "expected one camera, or keypoints with the frame_id of their camera"
             )
-        return view.intrinsics.suspicion
+        return view.intrinsics.warning
 
     def update(self, message: Any) -> bool:
         """Apply a CameraInfo message. Return True if the present camera changes to another frame_id.
@@ -144,7 +144,7 @@ class Camera:
             self._frame = frame
         now, before = self._views(self._frame)
         if now is None:
-            raise AdapterError("no_camera_info", self.fault or "no camera_info has come yet")
+            raise AdapterError("no_camera_info", self.fault or "no camera_info received yet")
         if before is None or stamp_ns is None:
             return now
         early = 0 < now.stamp_ns - stamp_ns <= IN_FLIGHT_NS

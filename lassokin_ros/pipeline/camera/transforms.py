@@ -62,7 +62,7 @@ class Transforms:
         of_frame, of_base = list(self._chain(frame)), list(self._chain(base))
         common = next((name for name in of_frame if name in of_base), None)
         if common is None:
-            raise TransformError(self._apart(frame, of_frame, base, of_base))
+            raise TransformError(self._difference_of_trees(frame, of_frame, base, of_base))
         up = self._product(of_frame[: of_frame.index(common)], stamp_ns)
         x, y, z, w = self._product(of_base[: of_base.index(common)], stamp_ns)
         return np.asarray(Rotation.from_quat(_product((-x, -y, -z, w), up)).as_matrix())
@@ -82,11 +82,11 @@ class Transforms:
             total = _product(self._frames[name].at(stamp_ns, name), total)
         return total
 
-    def _apart(self, frame: str, of_frame: list[str], base: str, of_base: list[str]) -> str:
+    def _difference_of_trees(self, frame: str, of_frame: list[str], base: str, of_base: list[str]) -> str:
         known = {item for name, one in self._frames.items() for item in (name, one.parent)}
         unknown = [f"'{name}'" for name in (frame, base) if name not in known]
         if unknown:
-            return f"no transform of {' or '.join(unknown)} has come on /tf or /tf_static"
+            return f"no transform of {' or '.join(unknown)} was received on /tf or /tf_static"
         return (
             f"'{frame}' and '{base}' are not connected: the one belongs to '{of_frame[-1]}', the other to "
             f"'{of_base[-1]}'"

@@ -32,17 +32,17 @@ def pipeline():
 )
 def test_an_unlikely_matrix_is_a_warning_with_numbers(pipeline, fx, fy, cx, cy, text):
     assert pipeline.set_camera(camera_info(BACKEND, k=np.array([fx, 0, cx, 0, fy, cy, 0, 0, 1.0]))) is None
-    assert text in pipeline.camera.suspicion and f"fx = {fx}" in pipeline.camera.suspicion
-    assert "640 x 480" in pipeline.camera.suspicion
+    assert text in pipeline.camera.warning and f"fx = {fx}" in pipeline.camera.warning
+    assert "640 x 480" in pipeline.camera.warning
 
 
 def test_a_usual_matrix_is_no_warning(pipeline):
     pipeline.set_camera(camera_info(BACKEND, k=np.array([610.0, 0, 300, 0, 590, 260, 0, 0, 1])))
-    assert pipeline.camera.suspicion == ""
+    assert pipeline.camera.warning == ""
     window = camera_info(BACKEND)
     window.roi.x_offset, window.roi.y_offset, window.roi.width, window.roi.height = 400, 300, 200, 100
     pipeline.set_camera(window)
-    assert pipeline.camera.suspicion == ""
+    assert pipeline.camera.warning == ""
 
 
 @pytest.mark.parametrize("others", [1, 3])
@@ -53,8 +53,8 @@ def test_the_camera_with_the_keypoints_frame_is_used(pipeline, others):
             assert pipeline.set_camera(camera) is None
         frame = pipeline.process(cloud(BACKEND, 10**9 + i * 33_333_333, xy), 0)
         assert frame.accepted and frame.lens.K[0, 0] == 600.0 and frame.estimate.initialised is (i == 0)
-    assert "several cameras on one topic" in pipeline.camera.suspicion
-    assert f"used is '{FRAME}'" in pipeline.camera.suspicion
+    assert "several cameras on one topic" in pipeline.camera.warning
+    assert f"used is '{FRAME}'" in pipeline.camera.warning
 
 
 def test_the_camera_changes_with_the_frame_of_the_keypoints(pipeline):

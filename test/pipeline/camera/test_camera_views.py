@@ -31,8 +31,8 @@ def camera():
 
 
 def test_before_camera_info_there_is_no_camera(camera):
-    assert camera.view is None and camera.suspicion == "" and camera.fault == ""
-    with pytest.raises(AdapterError, match="no camera_info has come yet") as error:
+    assert camera.view is None and camera.warning == "" and camera.fault == ""
+    with pytest.raises(AdapterError, match="no camera_info received yet") as error:
         camera.at(5)
     assert error.value.reason == "no_camera_info"
     with pytest.raises(AdapterError) as error:
@@ -130,21 +130,21 @@ def test_the_number_of_stored_cameras_is_limited(camera):
 def test_several_cameras_on_a_topic_are_detected_by_their_alternation(camera):
     for i in range(ALTERNATIONS):
         camera.update(info("ab"[i % 2]))
-        assert camera.suspicion == ""
+        assert camera.warning == ""
     camera.update(info("ab"[ALTERNATIONS % 2]))
-    assert "several cameras on one topic ('a', 'b'); used is " in camera.suspicion
+    assert "several cameras on one topic ('a', 'b'); used is " in camera.warning
     for _ in range(20):
         camera.update(info("a"))
-    assert camera.suspicion == ""  # of the last twenty none changes
+    assert camera.warning == ""  # of the last twenty none changes
 
 
 def test_a_suspicious_matrix_is_reported(camera):
     camera.update(info(focal=600.0, width=1280, height=960))
-    assert "another resolution" in camera.suspicion
+    assert "another resolution" in camera.warning
 
 
 def outside(camera, points):
-    return camera.view.is_left_by(np.array(points, dtype=float))
+    return camera.view.has_outside(np.array(points, dtype=float))
 
 
 def test_keypoints_beyond_the_margin_are_outside_the_image(camera):

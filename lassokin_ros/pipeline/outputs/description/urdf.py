@@ -1,9 +1,9 @@
 """The skeleton as a URDF, which `joint_states` drives through robot_state_publisher.
 
-From the base link (the camera's optical frame) three prismatic joints `root_x`, `root_y`, `root_z` carry the body; each
-ball joint is then three revolute joints `<joint>_x`, `<joint>_y`, `<joint>_z` in the order of its axes, and the link
-behind the third is named `<joint>`: its pose is the joint's pose in the topic `joints`. Links have shapes to look at
-and no mass: this describes where a body is, not how it would fall.
+Three prismatic joints `root_x`, `root_y`, `root_z` connect the base link (the camera's optical frame) with the body.
+Each ball joint is three revolute joints `<joint>_x`, `<joint>_y`, `<joint>_z` in the order of its axes. The child link
+of the third one is named `<joint>`: its pose is the joint's pose in the topic `joints`. Links have visual shapes and no
+mass, because the URDF describes kinematics and not dynamics.
 """
 
 from __future__ import annotations
@@ -140,7 +140,7 @@ def _add_joint(
 
 
 def _add_visuals(link: ElementTree.Element, skeleton: Skeleton, index: int) -> None:
-    """A sphere at the joint and a cylinder along each of its bones; a sphere for a head above a joint of that name."""
+    """Add a sphere at the joint, a cylinder along each of its bones, and a sphere above a joint named head."""
     height, name = skeleton.height, skeleton.joint_names[index]
     _add_shape(link, name, np.zeros(3), (0.0, 0.0), "sphere", radius=0.02 * height)
     if name == "head":

@@ -34,8 +34,7 @@ TURNOVER = 2
 each image."""
 NOT_SEEN = Rejection.TOO_FEW_LANDMARKS.value
 NO_BODY = 0.06
-"""As a fraction of the height: keypoints farther than this from the best body do not belong to it; detectors are off by
-2 %."""
+"""As a fraction of the height: largest distance of keypoints from the best body that fits. Detectors have 0.02."""
 
 
 class Diagnostics:
@@ -64,20 +63,20 @@ class Diagnostics:
         self._misfits: list[float] = []
 
     @property
-    def camera_came(self) -> bool:
+    def camera_received(self) -> bool:
         """True if a camera_info has been received, usable or not."""
         return self._camera_at is not None
 
     @property
-    def keypoints_came(self) -> bool:
+    def keypoints_received(self) -> bool:
         """True if keypoints have been received."""
         return self._keypoints_at is not None
 
-    def saw_camera(self, now: float) -> None:
+    def count_camera_info(self, now: float) -> None:
         """Count a received camera_info."""
         self._camera_at = now
 
-    def saw_message(self, frames: Sequence[FrameResult], arrival_ns: int, now: float, callback_s: float) -> None:
+    def count_message(self, frames: Sequence[FrameResult], arrival_ns: int, now: float, callback_s: float) -> None:
         """Count a processed keypoint message.
 
         frames: its results, none if nobody was there. arrival_ns: ns, of the clock that stamps messages; callback_s: s,
@@ -105,12 +104,12 @@ class Diagnostics:
         period = max(now - self._since, 1e-3)
         recent = Counter(self._pipeline.counts)
         recent.subtract(self._counts)
-        level, message = self._judge(now, recent, presence.status, concern)
+        level, message = self._level_and_text(now, recent, presence.status, concern)
         values = self._figures(now, period, recent, presence)
         self._begin(now)
         return StatusLine(level, f"{self._name}: person", message, self._hardware_id or "none", values)
 
-    def _judge(self, now: float, recent: Counter[str], status: Status, concern: str) -> tuple[int, str]:
+    def _level_and_text(self, now: float, recent: Counter[str], status: Status, concern: str) -> tuple[int, str]:
         pipeline = self._pipeline
         if not pipeline.enabled:
             return OK, "disabled by ~/set_enabled"
@@ -128,15 +127,15 @@ class Diagnostics:
                 f"keypoints are frozen: the same ones for more than {FROZEN_S:g} s; check that "
                 "the camera's image changes and reaches the detector"
             )
-        suspicion = "" if pipeline.camera.view is None else pipeline.camera.suspicion
+        warning = "" if pipeline.camera.view is None else pipeline.camera.warning
         possible = (
-            suspicion,
+            warning,
             _unused(recent),
-            self._beyond(recent),
-            self._no_body(),
-            self._turnover(recent),
+            self._outside_advice(recent),
+            self._fit_advice(),
+            self._turnover_advice(recent),
             self._depth_concern(recent),
-            self._past(),
+            self._clock_advice(),
             concern,
         )
         concerns = [words for words in possible if words]
@@ -146,7 +145,7 @@ class Diagnostics:
         level = OK if (nobody or status is Status.TRACKING) and not concerns else WARN
         return level, "; ".join([NOBODY if nobody else status.value, *concerns])
 
-    def _past(self) -> str:
+    def _clock_advice(self) -> str:
         """Return advice if the stamps are of another clock than the node's; else empty."""
         if not self._delays or float(np.median(self._delays)) < PAST_S:
             return ""
@@ -155,7 +154,7 @@ class Diagnostics:
             "`ros2 bag play --clock` and set use_sim_time"
         )
 
-    def _beyond(self, recent: Counter[str]) -> str:
+    def _outside_advice(self, recent: Counter[str]) -> str:
         """Return advice if most keypoints of the period were outside the image; else empty."""
         if (view := self._pipeline.camera.view) is None or 2 * recent[OUTSIDE_IMAGE] <= recent["received"]:
             return ""
@@ -165,7 +164,7 @@ class Diagnostics:
             "pixels of the raw image at full resolution"
         )
 
-    def _no_body(self) -> str:
+    def _fit_advice(self) -> str:
         """Return advice if the keypoints of the period do not fit a body; else empty."""
         if not self._misfits or float(np.median(self._misfits)) < NO_BODY:
             return ""
@@ -175,8 +174,8 @@ class Diagnostics:
             f"are those of `landmarks: {config.landmarks}`, in pixels of the raw image"
         )
 
-    def _turnover(self, recent: Counter[str]) -> str:
-        """Return advice if people came and left faster than people do; else empty."""
+    def _turnover_advice(self, recent: Counter[str]) -> str:
+        """Return advice if more people came and left than is plausible; else empty."""
         config, changed = self._pipeline.config, min(recent["people come"], recent["people left"])
         if changed <= TURNOVER or recent["resets"] or config.topic_per_body or config.person_ids != MESSAGE:
             return ""
@@ -206,7 +205,7 @@ class Diagnostics:
 
     def _figures(self, now: float, period: float, recent: Counter[str], presence: Presence) -> dict[str, str]:
         counts = self._pipeline.counts
-        followed = presence.status is Status.TRACKING  # the last figures of a lost person are no news
+        followed = presence.status is Status.TRACKING  # the last figures of a lost person are outdated
         values = {
             "state": presence.status.value,
             "input rate [Hz]": f"{recent['received'] / period:.2f}",
@@ -236,7 +235,7 @@ class Diagnostics:
             values[f"{key} [messages]"] = str(counts[key])
         tracker = self._pipeline.tracker
         if tracker.averaged:
-            values["skeleton: left and right apart, averaged [%]"] = f"{100 * tracker.averaged:.1f}"
+            values["skeleton: left/right difference, averaged [%]"] = f"{100 * tracker.averaged:.1f}"
         for person, calibration in self._pipeline.calibrations().items():
             if presence.ids is None or person in presence.ids:
                 values |= calibration_figures(calibration, tracker.config.calibrate, person)

@@ -250,7 +250,7 @@ def test_the_node_reports_that_it_averaged_an_asymmetric_skeleton(tmp_path):
     namespace = "/uneven"
     with NodeProcess(namespace, "-p", f"skeleton:={uneven_skeleton_file(tmp_path)}") as node, Peer(namespace) as peer:
         values = values_of(peer.next_diagnostics())
-    assert values["skeleton: left and right apart, averaged [%]"] == "9.5"
+    assert values["skeleton: left/right difference, averaged [%]"] == "9.5"
     assert APART in node.said
 
 

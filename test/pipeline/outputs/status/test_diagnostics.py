@@ -26,7 +26,7 @@ def status_of(pixels, silence_s=0.0, confidence=None):
     for i, xy in enumerate(pixels):
         stamp_ns = 5_000_000_000 + i * 16_666_667
         frames = pipeline.frames(cloud(BACKEND, stamp_ns, xy, None if confidence is None else confidence[i]), stamp_ns)
-        diagnostics.saw_message(frames, stamp_ns, i / 60, 0.001)
+        diagnostics.count_message(frames, stamp_ns, i / 60, 0.001)
     status = diagnostics.line(1.0)
     if silence_s:
         status = diagnostics.line(1.0 + silence_s, pipeline.presence_at(6_000_000_000 + int(1e9 * silence_s)))
@@ -81,7 +81,7 @@ def messages(diagnostics, pipeline, count, confidence, stamp_ns, late_ns=0):
     for i in range(count):
         stamp = stamp_ns + i * 33_333_333
         frames = pipeline.frames(cloud(BACKEND, stamp, PIXELS[i], np.full(17, confidence)), stamp + late_ns)
-        diagnostics.saw_message(frames, stamp + late_ns, (stamp - 10**12) * 1e-9, 0.001)
+        diagnostics.count_message(frames, stamp + late_ns, (stamp - 10**12) * 1e-9, 0.001)
     return diagnostics.line((stamp - 10**12) * 1e-9)
 
 

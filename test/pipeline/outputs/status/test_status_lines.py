@@ -31,7 +31,7 @@ def pipeline():
         enabled=True,
         camera_fault="",
         has_camera=True,
-        camera=SimpleNamespace(view=view, suspicion=""),
+        camera=SimpleNamespace(view=view, warning=""),
         counts=Counter(received=100, accepted=100),
         status=Status.TRACKING,
         ids=None,
@@ -46,8 +46,8 @@ def pipeline():
 @pytest.fixture
 def diagnostics(pipeline):
     result = Diagnostics(pipeline, "tracker", 10.0)
-    result.saw_camera(10.0)
-    result.saw_message([], SECOND, 10.0, 0.001)
+    result.count_camera_info(10.0)
+    result.count_message([], SECOND, 10.0, 0.001)
     return result
 
 
@@ -72,7 +72,7 @@ def said(diagnostics, now=11.0, **more):
 
 
 def test_the_line_of_a_person_who_is_tracked(diagnostics):
-    diagnostics.saw_message([frame()], SECOND, 10.5, 0.001)
+    diagnostics.count_message([frame()], SECOND, 10.5, 0.001)
     line = diagnostics.line(11.0)
     assert (line.level, line.name, line.message, line.hardware_id) == (OK, "tracker: person", "tracking", "optical")
     assert Diagnostics(diagnostics._pipeline, "other", 0.0).line(1.0).hardware_id == "none"
@@ -92,15 +92,15 @@ def test_what_prevents_tracking_comes_first(pipeline, diagnostics):
     assert said(diagnostics) == (OK, "disabled by ~/set_enabled")
     fresh = Diagnostics(SimpleNamespace(**{**vars(pipeline), "enabled": True, "has_camera": True}), "tracker", 0.0)
     assert said(fresh) == (WARN, "waiting for keypoints")
-    assert not fresh.camera_came and not fresh.keypoints_came
-    assert diagnostics.camera_came and diagnostics.keypoints_came
+    assert not fresh.camera_received and not fresh.keypoints_received
+    assert diagnostics.camera_received and diagnostics.keypoints_received
 
 
 @pytest.mark.parametrize(("seconds", "level"), [(1.0, OK), (1.1, WARN)])
 def test_frozen_keypoints(diagnostics, seconds, level):
-    diagnostics.saw_message([frame(repeated=seconds)], SECOND, 10.5, 0.001)
+    diagnostics.count_message([frame(repeated=seconds)], SECOND, 10.5, 0.001)
     assert said(diagnostics)[0] == level
-    diagnostics.saw_message([frame()], SECOND, 10.5, 0.001)
+    diagnostics.count_message([frame()], SECOND, 10.5, 0.001)
     assert said(diagnostics) == (OK, "tracking")
 
 
@@ -123,7 +123,7 @@ def test_nobody_in_view(pipeline, diagnostics):
 
 
 def test_concerns_of_the_camera_and_of_others_stand_after_the_state(pipeline, diagnostics):
-    pipeline.camera.suspicion = "K hardly fits"
+    pipeline.camera.warning = "K hardly fits"
     assert said(diagnostics, concern="busy") == (WARN, "tracking; K hardly fits; busy")
     pipeline.camera.view = None
     assert said(diagnostics) == (OK, "tracking")
@@ -160,7 +160,7 @@ def test_rejected_messages_are_named_once_and_without_numbers(pipeline, diagnost
 def test_keypoints_that_are_no_bodys(diagnostics, pixels, level):
     """30 px at 3.5 m with a focal length of 1000 px are 0.105 m: 0.06 of the height."""
     for i in range(3):
-        diagnostics.saw_message([frame(reprojection_px=pixels if i else 500.0)], SECOND, 10.5, 0.001)
+        diagnostics.count_message([frame(reprojection_px=pixels if i else 500.0)], SECOND, 10.5, 0.001)
     found = said(diagnostics)
     assert found[0] == level
     if level == WARN:
@@ -208,7 +208,7 @@ def test_depth(pipeline, diagnostics):
 def test_stamps_of_another_clock(diagnostics, behind_s, level):
     for i in range(3):
         stamp_ns = SECOND if i else 10**5 * SECOND
-        diagnostics.saw_message([frame(stamp_ns)], SECOND + behind_s * SECOND, 10.5, 0.001)
+        diagnostics.count_message([frame(stamp_ns)], SECOND + behind_s * SECOND, 10.5, 0.001)
     assert said(diagnostics)[0] == level
 
 
@@ -217,7 +217,7 @@ def test_figures_of_a_period(pipeline, diagnostics):
     for i, took_s in enumerate((0.001, 0.002, 0.009)):
         stamp_ns = SECOND - i * 10**8
         frames = [frame(stamp_ns, 2.0 + i, deviation=0.05 + 0.01 * i, held_s=0.1), frame(SECOND, 1.0)]
-        diagnostics.saw_message(frames, SECOND + 3 * 10**8, 10.5 + i, took_s)
+        diagnostics.count_message(frames, SECOND + 3 * 10**8, 10.5 + i, took_s)
     pipeline.counts.update({"received": 10, "accepted": 6, "duplicated": 2, "unstamped": 3, "resets": 4})
     pipeline.counts.update({"ignored while disabled": 5, OVERTAKEN: 7, LOST: 8, PLACEHOLDERS: 9, "rejected: x": 1})
     pipeline.tracker.averaged = 0.0951
@@ -243,7 +243,7 @@ def test_figures_of_a_period(pipeline, diagnostics):
         "resets": "4",
         f"{PLACEHOLDERS} [messages]": "9",
         "rejected: x [messages]": "1",
-        "skeleton: left and right apart, averaged [%]": "9.5",
+        "skeleton: left/right difference, averaged [%]": "9.5",
     }
     later = diagnostics.line(15.0).values
     assert (later["input rate [Hz]"], later["keypoints delay median [s]"]) == ("0.00", "nan")
