@@ -27,7 +27,7 @@ from lassokin_ros.core.body.landmarks import Layout, built_in_layouts
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Observation
-from lassokin_ros.pipeline.lens import Lens
+from lassokin_ros.pipeline.camera.lens import Lens
 
 JOINTS = {
     f"{side[0]}_{joint}": f"{side}_{joint}"

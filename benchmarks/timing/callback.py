@@ -121,7 +121,7 @@ def _stages(
     for on_camera_info, *_ in callbacks.values():
         on_camera_info(info)
     ready = bool(callbacks)  # as in the node
-    messages = FrameMessages(backend, pipeline.tracker.skeleton, ready_made=ready)
+    messages = FrameMessages(backend, pipeline.tracker.skeleton, serialised=ready)
     adapter = keypoint_adapter("sensor_msgs/PointCloud2")
     lens = pipeline.camera.view.lens
     assert lens is not None

@@ -14,7 +14,7 @@ from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.image.projection import project
-from lassokin_ros.pipeline.lens import Lens
+from lassokin_ros.pipeline.camera.lens import Lens
 
 UPRIGHT = np.diag([1.0, -1.0, -1.0])
 """Orientation of a person who stands upright and faces the camera."""

@@ -32,9 +32,9 @@ from lassokin_ros.node.scene_outputs import SceneOutputs
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.keypoint_queue import KeypointQueue
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.pipeline.outputs.calibration_status import averaged_sides
-from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics
-from lassokin_ros.pipeline.outputs.skeleton_file import save_all
+from lassokin_ros.pipeline.outputs.description.skeleton_file import save_all
+from lassokin_ros.pipeline.outputs.status.calibration_status import averaged_sides
+from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
 from lassokin_ros.pipeline.people.per_body_pipeline import PerBodyPipeline
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
@@ -44,7 +44,7 @@ from msg_adapters.keypoints import stamp_of
 from msg_adapters.output_messages.builders import DiagnosticArrayBuilder
 
 DIAGNOSTICS_PERIOD_S = 1.0
-LOOK_PERIOD_S = 0.25
+CHECK_PERIOD_S = 0.25
 """s: period of the check for people and cameras that have left. A departure is noticed within twice this time."""
 
 
@@ -115,7 +115,7 @@ class TrackerNode(Node):
         self._camera_info = CameraInfoInput(
             self,
             known=lambda: self._pipeline.has_camera,
-            on_any=lambda: self._diagnostics.saw_camera(time.monotonic()),
+            on_any=lambda: self._diagnostics.count_camera_info(time.monotonic()),
             on_new=self._on_camera_info,
             on_error=partial(self._count_internal_error, "a camera_info message"),
         )
@@ -145,7 +145,7 @@ class TrackerNode(Node):
         self.create_service(Trigger, "~/save_skeleton", self._on_save_skeleton)
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # diagnostics continue while simulated time is paused
         self._as_of_ns = self._looked_ns = 0
-        self.create_timer(LOOK_PERIOD_S, self._look_who_is_there, clock=steady)
+        self.create_timer(CHECK_PERIOD_S, self._update_presence, clock=steady)
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics, clock=steady)
         jump = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True)
         self._jump_watch = self.get_clock().create_jump_callback(jump, post_callback=self._on_clock_jump)
@@ -173,7 +173,7 @@ class TrackerNode(Node):
     def _on_camera_info(self, message: Any) -> bool:
         reason = self._pipeline.set_camera(message)
         if reason is not None:
-            self._camera_warning.say(reason, f"camera_info refused: {self._pipeline.camera_fault}")
+            self._camera_warning.log(reason, f"camera_info refused: {self._pipeline.camera_fault}")
         return reason is None
 
     def _on_keypoints(self, message: Any, info: Mapping[str, Any]) -> None:
@@ -225,17 +225,17 @@ class TrackerNode(Node):
             frames = (frames_in or self._pipeline.frames)(message, arrival_ns)
             self._publish(frames)
             self._scene.publish(frames, arrival_ns)
-            self._comment(frames)
+            self._log_problems(frames)
         except Exception as error:  # no message may end the node
             self._count_internal_error("a keypoint message", error)
             return
         ended = time.monotonic()
-        self._diagnostics.saw_message(frames, arrival_ns, ended, ended - started)
+        self._diagnostics.count_message(frames, arrival_ns, ended, ended - started)
 
     def _count_internal_error(self, what: str, error: Exception) -> None:
         if self.context.ok():
             self._pipeline.counts["rejected: internal_error"] += 1
-            self._warning.say("internal_error", f"{what} was dropped: {type(error).__name__}: {error}")
+            self._warning.log("internal_error", f"{what} was dropped: {type(error).__name__}: {error}")
 
     def _publish(self, frames: list[FrameResult]) -> None:
         accepted = [frame for frame in frames if frame.accepted]
@@ -249,13 +249,13 @@ class TrackerNode(Node):
             try:
                 publish()
             except LassokinError as error:
-                self._warning.say("base_frame", str(error))
+                self._warning.log("base_frame", str(error))
 
-    def _comment(self, frames: list[FrameResult]) -> None:
+    def _log_problems(self, frames: list[FrameResult]) -> None:
         """Log rejections and, once, missing stamps and unexpected frames."""
         for frame in frames:
             if not frame.accepted and not self._pipeline.nobody_in_view:
-                self._warning.say(str(frame.rejection), f"keypoints rejected ({frame.rejection}): {frame.detail}")
+                self._warning.log(str(frame.rejection), f"keypoints rejected ({frame.rejection}): {frame.detail}")
         if self._pipeline.counts["unstamped"] and not self._reported_unstamped:  # only once
             self._reported_unstamped = True
             self.get_logger().warning("keypoints without a stamp: outputs carry the time of their arrival")
@@ -265,7 +265,7 @@ class TrackerNode(Node):
                 self._reported_misplaced = True
                 self.get_logger().warning(words)
 
-    def _look_who_is_there(self) -> None:
+    def _update_presence(self) -> None:
         """Poll the inputs, and update the list of people while no keypoints arrive (see `presence_at`).
 
         The time of the previous call is used: after a delay of the node itself, unread messages may be waiting.
@@ -275,31 +275,31 @@ class TrackerNode(Node):
         ids = self._pipeline.presence_at(self._as_of_ns).ids
         if self._people is not None and ids is not None:
             self._people.keep(ids)
-        self._scene.look(self._as_of_ns)
+        self._scene.check(self._as_of_ns)
 
     def _publish_diagnostics(self) -> None:
         if self._bodies is not None:
-            self._bodies.look_around()
+            self._bodies.find_bodies()
         concerns = []
         if self._person is not None and self._person.state_publisher is not None:
             self._person.state_publisher.update()
             concerns.append(self._person.state_publisher.fault)
         now, presence = time.monotonic(), self._pipeline.presence_at(self._as_of_ns)
         if self._transforms is not None:
-            concerns.append(self._transforms.look(now))
+            concerns.append(self._transforms.check(now))
         clock = self.get_clock()
         simulated = isinstance(clock, ROSClock) and clock.ros_time_is_active
         if simulated:
-            self._absent_clock.look(now, clock.now().nanoseconds > 0)
+            self._absent_clock.check(now, clock.now().nanoseconds > 0)
         else:
-            self._absent_clock.excuse(now)
-        self._kept_camera_info.look(now, self._diagnostics.camera_came)
-        self._absent_camera.look(now, self._diagnostics.camera_came)
+            self._absent_clock.restart(now)
+        self._kept_camera_info.check(now, self._diagnostics.camera_received)
+        self._absent_camera.check(now, self._diagnostics.camera_received)
         if self._depth is not None:
-            self._depth.look(now)
+            self._depth.check(now)
         if self._absent_keypoints is not None:
-            self._absent_keypoints.look(now, self._diagnostics.keypoints_came)
-            if self._diagnostics.keypoints_came and matches_every_publisher(self._keypoints.qos_profile):
+            self._absent_keypoints.check(now, self._diagnostics.keypoints_received)
+            if self._diagnostics.keypoints_received and matches_every_publisher(self._keypoints.qos_profile):
                 ignore_events(self._keypoints)
         line = self._diagnostics.line(now, presence, "; ".join(filter(None, concerns)))
         self._diagnostics_out.publish(self._status.fill(clock.now().nanoseconds, "", [line]))

@@ -24,7 +24,7 @@ LARGEST_ASPECT_ERROR = 0.02
 """Largest difference of width / height between a depth image and the image of its camera_info."""
 
 REGISTERED_NAMES = ("aligned_depth_to_color", "depth_registered", "depth_to_rgb")
-"""Parts of topic names by which drivers say that a depth image is registered to the colour image."""
+"""Parts of topic names of depth images that drivers register to the colour image."""
 
 RECEIVED, MATCHED, UNMATCHED = "depth: received", "depth: matched", "depth: no image of the keypoints' time"
 REFUSED, NOT_REGISTERED = "depth: refused", "depth: not registered"
@@ -91,7 +91,7 @@ class DepthImages:
         self._images.append(image)
         return None
 
-    def awaits(self, stamp_ns: int | None) -> bool:
+    def may_receive(self, stamp_ns: int | None) -> bool:
         """Return True if the depth image of keypoints with this stamp may still come."""
         newest = self.newest_ns
         return stamp_ns is not None and newest is not None and newest < stamp_ns - self.tolerance_ns

@@ -34,7 +34,7 @@ def test_every_serialised_output_equals_its_message(backend):
     pipeline.set_camera(camera_info(backend))
     tf = ALL if isinstance(backend, RosbagsBackend) else OFF  # rclpy's tf2_msgs may be missing
     settings = {"config": NodeSettings(publish_tf=tf, joint_labels=True)}
-    messages, ready = (FrameMessages(backend, pipeline.tracker.skeleton, ready_made=r, **settings) for r in (0, 1))
+    messages, ready = (FrameMessages(backend, pipeline.tracker.skeleton, serialised=r, **settings) for r in (0, 1))
     for i, xy in enumerate(pixels_of_motion(12)):
         confidence = np.full(17, 0.9)
         confidence[: i % 4] = 0  # so that the number of crosses changes

@@ -15,7 +15,7 @@ from rcl_interfaces.srv import SetParameters  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 
-from lassokin_ros.node.inputs.missing_input import PATIENCE_S, MissingInput, _may_be_keypoints  # noqa: E402
+from lassokin_ros.node.inputs.missing_input import FIRST_WARNING_S, MissingInput, _may_be_keypoints  # noqa: E402
 from lassokin_ros.node.person_outputs import message_class  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 
@@ -41,11 +41,11 @@ def test_topics_of_other_names_are_listed_until_a_message_arrives():
     remap = "-r", "keypoints:=wrong", "-r", "camera_info:=front/camera_info"
     with NodeProcess(namespace, *remap), Reader(namespace) as peer:
         camera = peer.node.create_publisher(message_class(topics.CAMERA_INFO_TYPE), "front/camera_info", 10)
-        peer.hears("waiting for camera_info on /absent_name/front/camera_info", "its publisher is silent")
+        peer.hears("waiting for camera_info on /absent_name/front/camera_info", "its publisher has sent nothing")
         peer.hears("waiting for keypoints on /absent_name/wrong", "remap keypoints", "/absent_name/keypoints")
         assert not any("joint_uncertainty" in line for line in peer.said)  # its own outputs are not offered
         camera.publish(camera_info(BACKEND))
-        peer.hears("the first message on /absent_name/front/camera_info has come")
+        peer.hears("received the first message on /absent_name/front/camera_info")
         peer.keypoints, sent = peer.node.create_publisher(peer.keypoints.msg_type, "wrong", 10), 0
 
         def tracking():
@@ -55,7 +55,7 @@ def test_topics_of_other_names_are_listed_until_a_message_arrives():
             return "tracking" in peer.said
 
         peer.spin_until(tracking, what="the word that it tracks")
-        peer.hears("the first message on /absent_name/wrong has come")
+        peer.hears("received the first message on /absent_name/wrong")
 
 
 def test_a_topic_of_another_type_is_named():
@@ -134,7 +134,7 @@ def test_a_simulation_without_a_clock_is_reported():
 
         def told():
             clock.publish(now)
-            return "the first message on /absent_clock/clock has come" in peer.said
+            return "received the first message on /absent_clock/clock" in peer.said
 
         peer.spin_until(told, what="the word that there is a clock")
 
@@ -179,14 +179,14 @@ def test_a_clock_no_longer_needed_is_not_reported_as_received():
 
     clock = MissingInput(Listener(), "/clock", "rosgraph_msgs/msg/Clock", (), 0.0)
     for now in (1.0, 2.0, 4.0):
-        clock.look(now, False)
+        clock.check(now, False)
     assert len(said) == 1 and said.pop().startswith("waiting for /clock")
-    clock.excuse(5.0)
+    clock.restart(5.0)
     assert not said
-    clock.look(6.0, False)
+    clock.check(6.0, False)
     assert not said  # the waiting time starts again
-    clock.look(9.0, False)
-    clock.look(10.0, True)
+    clock.check(9.0, False)
+    clock.check(10.0, True)
     assert [line.split(" ")[0] for line in said] == ["waiting", "the"]
 
 
@@ -224,12 +224,12 @@ def test_nothing_is_logged_if_all_inputs_arrive():
     with NodeProcess(namespace), Reader(namespace) as peer:
         peer.listen(topics.FRAME_OUTPUTS[0])
         peer.start(pixels)
-        if time.monotonic() - began > PATIENCE_S:
+        if time.monotonic() - began > FIRST_WARNING_S:
             pytest.skip("this machine takes longer to start than the node waits")
         peer.hears("tracking")
         for _ in range(4):
             peer.next_diagnostics()
-        assert not [line for line in peer.said if "waiting" in line or "has come" in line]
+        assert not [line for line in peer.said if "waiting" in line or "the first message" in line]
 
 
 CLOUD = "sensor_msgs/msg/PointCloud2"

@@ -55,7 +55,7 @@ def test_the_executor_waits_for_camera_info_until_there_is_a_camera():
         peer.camera.publish(of(700.0))
         peer.spin_until(lambda: seen, what="camera_info at somebody else's")
         assert rests_for_a_second(serve) and not calls and focal(node) == FOCAL
-        peer.spin_until(lambda: node._look_who_is_there() or focal(node) == 700.0, what="the camera")
+        peer.spin_until(lambda: node._update_presence() or focal(node) == 700.0, what="the camera")
 
 
 def test_a_change_of_the_camera_between_two_polls_is_not_missed():
@@ -102,7 +102,7 @@ def test_with_an_overridden_qos_the_executor_keeps_waiting(policy):
     with node_in_this_process("/own_qos", **settings) as (node, serve), Peer("/own_qos", outputs=False) as peer:
         without_timers(node)
         peer.spin_until(lambda: [peer.send_camera(), serve()] and node._pipeline.has_camera)
-        peer.spin_until(lambda: [peer.send(0, PIXELS[0]), serve()] and node._diagnostics.keypoints_came)
+        peer.spin_until(lambda: [peer.send(0, PIXELS[0]), serve()] and node._diagnostics.keypoints_received)
         peer.spin_until(lambda: [peer.camera.publish(of(700.0)), serve()] and focal(node) == 700.0)
         node._publish_diagnostics()
         attended = [event.callback_group is not UNATTENDED for event in node._keypoints.event_handlers]

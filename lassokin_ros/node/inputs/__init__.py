@@ -2,5 +2,5 @@
 
 `camera_info_input` is the subscription of camera_info; `latched_camera_info` requests a message that was published
 before the node started. Both only receive messages: `msg_adapters.camera_info` checks their content, and
-`pipeline.camera` finds the camera of each image.
+`pipeline.camera.camera_selection` finds the camera of each image.
 """

@@ -54,7 +54,7 @@ def counted(hypothesis, monkeypatch):
 def test_no_fit_begins_where_the_network_agrees(seen, monkeypatch):
     hypothesis, calls = seen
     counts = counted(hypothesis, monkeypatch)
-    monkeypatch.setattr("lassokin_ros.core.hypotheses.network_hypothesis.AGREE", 0.5)
+    monkeypatch.setattr("lassokin_ros.core.hypotheses.network_hypothesis.SAME_POSE", 0.5)
     assert all(hypothesis.better_state(*arguments) is None for arguments in calls)
     assert counts == []
 

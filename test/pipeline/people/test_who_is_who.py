@@ -8,10 +8,10 @@ import pytest
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Status
+from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.frame_result import FrameResult
-from lassokin_ros.pipeline.lens import Lens
 from lassokin_ros.pipeline.people import multi_person
-from lassokin_ros.pipeline.people.multi_person import FOUND_AT_ONCE, MultiPersonTracker
+from lassokin_ros.pipeline.people.multi_person import MOST_REINITIALISED, MultiPersonTracker
 from lassokin_ros.pipeline.people.people_tracker import PeopleImage
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.people.single_person import SinglePersonTracker
@@ -245,8 +245,8 @@ def test_lost_people_are_initialised_a_few_per_message():
     assert len(room.see(0, *bodies, numbers=numbers)) == 6
     assert len(room.see(1, *bodies, numbers=numbers)) == 6
     found = room.see(20, *bodies, numbers=numbers)  # after 1.9 s all are lost
-    assert found == [f"p{n}" for n in range(FOUND_AT_ONCE)]
-    assert [person.absences for person in room.people[::-1]] == [0] * FOUND_AT_ONCE + [1] * 2
+    assert found == [f"p{n}" for n in range(MOST_REINITIALISED)]
+    assert [person.absences for person in room.people[::-1]] == [0] * MOST_REINITIALISED + [1] * 2
     assert len(room.see(21, *bodies, numbers=numbers)) == 6
 
 
