@@ -162,7 +162,7 @@ def test_points_behind_the_lens_have_pixels_far_away():
     assert np.isfinite(far[2]).all() and not (np.abs(far[:2, 0]) < 1e9).any()
 
 
-def test_opencv_that_is_missing_is_told_when_the_lens_is_made(monkeypatch):
+def test_a_missing_opencv_is_reported_when_the_lens_is_made(monkeypatch):
     monkeypatch.setitem(sys.modules, "cv2", None)
     with pytest.raises(CameraError, match="has a plumb_bob lens, which needs OpenCV: pip install opencv-python-headl"):
         Lens(K, [0.1, 0, 0, 0], "plumb_bob")
