@@ -53,17 +53,19 @@ class Tracked:
 
 def track(options: argparse.Namespace) -> Tracked:
     """Track a source and write the requested files. Raises a LassokinError."""
+    source = open_source(options.source, options.fps)  # before the detector, which takes seconds to load
     detector = make_detector(options.detector)
     height = [] if options.height is None else [f"height:={options.height}"]
     layout = f"landmarks:={detector.landmarks}"
     configs = offline_settings(options.params_file, [layout, *options.p, *height])
+    if configs[1].camera_mount_frame:
+        print_note("track: camera_mount_frame is not used, since a video has no TF; set camera_pitch and camera_roll")
     types = typestore()
     tracker = OfflineTracker(*configs, types)
     report = None if options.report is None else Report(options.report, tracker.pipeline, options.force)
     exports = _exports(options, tracker)
     if report is not None:
         tracker.listeners.append(report.add)
-    source = open_source(options.source, options.fps)
     backend = RosbagsBackend(types)
     with ExitStack() as stack, AtomicFiles(options.force, OutputError) as files:
         stack.callback(detector.close)

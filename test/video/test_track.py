@@ -141,6 +141,15 @@ def test_tracked_frames_are_kept_if_the_user_interrupts(images, tmp_path, monkey
     assert "4 in, 4 tracked" in capsys.readouterr().out and motion.is_file()
 
 
+def test_a_mount_frame_is_not_silently_without_effect(images, monkeypatch, capsys):
+    """A video has no TF."""
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
+    assert main([str(images), "--fov", "60", "-p", "camera_mount_frame:=base_link"]) == 0
+    output = capsys.readouterr()
+    assert output.err.startswith("track: camera_mount_frame is not used") and output.err.count("\n") == 1
+    assert "6 in, 6 tracked" in output.out
+
+
 def test_the_field_of_view_is_along_the_longer_side():
     K = from_fov(90.0, (480, 640)).K
     assert np.isclose(K[0, 0], 320) and np.isclose(K[1, 1], 320) and K[1, 2] == 319.5
