@@ -40,7 +40,7 @@ class DepthImages:
         """counts: a Counter that receives the numbers of messages, see COUNTS.
 
         topic: of the images. registered: whether images with another frame_id than the colour image's are registered to
-        it nevertheless; they are in any case if the topic's name says so (REGISTERED_NAMES).
+        it nevertheless; they are in any case if the topic's name is one of REGISTERED_NAMES.
         """
         self._counts = counts
         self._registered = registered or any(name in topic for name in REGISTERED_NAMES)
