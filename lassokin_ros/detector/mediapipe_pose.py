@@ -26,6 +26,7 @@ class MediaPipePose:
         self._loaded = False
         with _quiet_stderr():
             self._pose = _pose()
+            self._pose.process(np.zeros((64, 64, 3), np.uint8))  # returns when the models are loaded
 
     def detect(self, image: np.ndarray, seconds: float) -> Detected:
         """See Detector.detect."""

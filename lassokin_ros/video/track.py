@@ -37,6 +37,8 @@ from msg_adapters.inputs import point_cloud
 FIRST_STAMP_NS = 1_000_000_000
 """ns: a stamp of zero means no stamp."""
 FRAME = "camera_optical_frame"
+COMPLETE = 0.9
+"""Share of the images that a file announces, from which on it is not called cut. Some formats give an estimate."""
 
 
 @dataclass(frozen=True)
@@ -135,6 +137,9 @@ class Run:
                 progress.close()
             for _ in self._tracker.finish():
                 pass
+        read, count = len(self.detect_seconds), self._source.count
+        if not stopped and not self.fault and read < COMPLETE * count:
+            print_note(f"track: {self._source.name} announces {count} images, {read} could be read; it may be damaged")
         self.seconds = time.monotonic() - started
         return not stopped or self._source.count == 0
 

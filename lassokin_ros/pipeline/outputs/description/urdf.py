@@ -9,7 +9,9 @@ mass, because the URDF describes kinematics and not dynamics.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 from xml.etree import ElementTree
 
 import numpy as np
@@ -23,10 +25,15 @@ from lassokin_ros.pipeline.outputs.naming import Naming
 _AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 _TURNS = 200 * np.pi  # rad: published angles are continuous and grow with each turn
 _REACH = 1000.0  # m
+SHORTEST_BONE = 1e-6
+"""m: a shorter bone has no cylinder."""
+_SIZE = "\0"
+"""Placeholder of a size in the document; XML allows no such character in names."""
+_HERE = "0 0 0"
 _COLOURS = {"left": "0.20 0.45 0.75 1", "right": "0.80 0.35 0.25 1", "": "0.55 0.55 0.58 1"}
 
 
-def joint_names(skeleton: Skeleton) -> list[str]:
+def joint_names(skeleton: Skeleton | Tree) -> list[str]:
     """Names in JointState's order: the three of the root, then x, y, z of each ball joint (75 for SMPL's tree)."""
     return list(ROOT_JOINTS) + [f"{joint}_{axis}" for joint in skeleton.joint_names for axis in "xyz"]
 
@@ -38,12 +45,44 @@ def urdf(skeleton: Skeleton, base_frame: str, prefix: str = "", body_id: str = "
     body_id: see `Naming`; several bodies fit into one TF tree. With a body_id, REP-155's links are added. Raises
     SkeletonError if the name of the base link is empty or the name of one of the body's links.
     """
-    naming = Naming(prefix, body_id)
+    bones = tuple(np.flatnonzero(bone_lengths(skeleton) >= SHORTEST_BONE).tolist())
+    tree = Tree(skeleton.name, skeleton.joint_names, tuple(skeleton.parents.tolist()), skeleton.axes, bones)
+    first, *others = _texts(tree, base_frame, Naming(prefix, body_id))
+    pairs = zip(_sizes(skeleton, tree), others, strict=True)
+    return "".join([first, *(part for pair in pairs for part in pair)])
+
+
+@dataclass(frozen=True)
+class Tree:
+    """What all URDFs of a body have in common: names, parents and axes of the joints, see `Skeleton`.
+
+    bones: indices of the joints at the end of a visible bone.
+    """
+
+    name: str
+    joint_names: tuple[str, ...]
+    parents: tuple[int, ...]
+    axes: tuple[str, ...]
+    bones: tuple[int, ...]
+
+    def bones_of(self, joint: int) -> list[int]:
+        """Return the indices of the joints at the end of the visible bones that begin at a joint."""
+        return [bone for bone in self.bones if self.parents[bone] == joint]
+
+
+@lru_cache(maxsize=32)
+def _texts(tree: Tree, base_frame: str, naming: Naming) -> list[str]:
+    """Return the parts of the URDF before, between and after the sizes of `_sizes`. Raises SkeletonError as `urdf`.
+
+    Building the document takes ten times as long as filling in the sizes, which calibration changes.
+    """
     if not base_frame:
         raise SkeletonError("base frame is empty; expected a name, such as camera_optical_frame (base_frame)")
-    if base_frame in {*map(naming.link, _link_names(skeleton)), *map(naming.link_of_joint, skeleton.joint_names)}:
+    if base_frame in {*map(naming.link, _link_names(tree)), *map(naming.link_of_joint, tree.joint_names)}:
         raise SkeletonError(f"base frame is '{base_frame}'; expected a name that is not one of the skeleton's joints")
-    robot = ElementTree.Element("robot", name=skeleton.name)
+    if any(_SIZE in name for name in (tree.name, *tree.joint_names, base_frame, naming.prefix, naming.body_id)):
+        raise SkeletonError(f"skeleton '{tree.name}' or base frame '{base_frame}': a name holds the character NUL")
+    robot = ElementTree.Element("robot", name=tree.name)
     for side, colour in _COLOURS.items():
         material = ElementTree.SubElement(robot, "material", name=_material(side))
         ElementTree.SubElement(material, "color", rgba=colour)
@@ -52,16 +91,42 @@ def urdf(skeleton: Skeleton, base_frame: str, prefix: str = "", body_id: str = "
     for name, axis in zip(ROOT_JOINTS, "xyz"):
         link = naming.link(f"{name}_link")
         ElementTree.SubElement(robot, "link", name=link)
-        _add_joint(robot, naming.joint(name), "prismatic", above, link, axis, np.zeros(3), _REACH)
+        _add_joint(robot, naming.joint(name), "prismatic", above, link, axis, _HERE, _REACH)
         above = link
-    for index, joint in enumerate(skeleton.joint_names):
-        parent = skeleton.parents[index]
-        parent_link = above if parent < 0 else naming.link_of_joint(skeleton.joint_names[parent])
-        _add_ball_joint(robot, skeleton, index, parent_link, naming)
+    for index, parent in enumerate(tree.parents):
+        parent_link = above if parent < 0 else naming.link_of_joint(tree.joint_names[parent])
+        _add_ball_joint(robot, tree, index, parent_link, naming)
     if naming.body_id:
-        _add_rep155_links(robot, skeleton, naming)
+        _add_rep155_links(robot, tree, naming)
     ElementTree.indent(robot)
-    return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding="unicode") + "\n"
+    text = '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding="unicode") + "\n"
+    return text.split(_SIZE)
+
+
+def _sizes(skeleton: Skeleton, tree: Tree) -> Iterator[str]:
+    """Yield the sizes in the URDF, as texts, in the document's order."""
+    height, lengths = skeleton.height, bone_lengths(skeleton)
+    # a cylinder's axis is z: pitch, then yaw, rotate z to the bone
+    pitches = np.arccos(np.clip(skeleton.offsets[:, 2] / np.maximum(lengths, SHORTEST_BONE), -1, 1)).tolist()
+    yaws = np.arctan2(skeleton.offsets[:, 1], skeleton.offsets[:, 0]).tolist()
+    radii = np.clip(0.12 * lengths, 0.008 * height, 0.025 * height).tolist()
+    offsets, middles = skeleton.offsets.tolist(), (skeleton.offsets / 2).tolist()
+    for joint, name in enumerate(tree.joint_names):
+        yield "%.12g %.12g %.12g" % tuple(offsets[joint])
+        yield f"{0.02 * height:.6g}"
+        if name == "head":
+            yield f"0 {0.045 * height:.12g} {0.02 * height:.12g}"
+            yield f"{0.055 * height:.6g}"
+        for bone in tree.bones_of(joint):
+            yield "%.12g %.12g %.12g" % tuple(middles[bone])
+            yield f"0 {pitches[bone]:.12g} {yaws[bone]:.12g}"
+            yield f"{radii[bone]:.6g}"
+            yield f"{lengths[bone]:.6g}"
+
+
+def bone_lengths(skeleton: Skeleton) -> np.ndarray:
+    """(n,) m: distance of each joint from its parent at rest; 0 for the root."""
+    return np.asarray(np.linalg.norm(skeleton.offsets, axis=1))
 
 
 def has_prefix(text: str, prefix: str) -> bool:
@@ -84,19 +149,19 @@ def check_names(skeleton: Skeleton) -> None:
             )
 
 
-def _link_names(skeleton: Skeleton) -> list[str]:
+def _link_names(tree: Tree | Skeleton) -> list[str]:
     """Names of all links of the body without a prefix, including some that may be added."""
-    return [*skeleton.joint_names, *(f"{name}_link" for name in joint_names(skeleton))]
+    return [*tree.joint_names, *(f"{name}_link" for name in joint_names(tree))]
 
 
-def _add_rep155_links(robot: ElementTree.Element, skeleton: Skeleton, naming: Naming) -> None:
+def _add_rep155_links(robot: ElementTree.Element, tree: Tree, naming: Naming) -> None:
     """Add REP-155's links, with their own axes, at the joints of the skeleton."""
-    for link, index, axes in rep155.links_of(skeleton.joint_names):
+    for link, index, axes in rep155.links_of(tree.joint_names):
         ElementTree.SubElement(robot, "link", name=naming.link(link))
         joint = ElementTree.SubElement(robot, "joint", name=naming.joint(f"{link}_fixed"), type="fixed")
-        ElementTree.SubElement(joint, "parent", link=naming.link_of_joint(skeleton.joint_names[index]))
+        ElementTree.SubElement(joint, "parent", link=naming.link_of_joint(tree.joint_names[index]))
         ElementTree.SubElement(joint, "child", link=naming.link(link))
-        ElementTree.SubElement(joint, "origin", xyz="0 0 0", rpy=_text(_rpy(axes)))
+        ElementTree.SubElement(joint, "origin", xyz=_HERE, rpy=_text(_rpy(axes)))
 
 
 def _rpy(rotation: np.ndarray) -> tuple[float, float, float]:
@@ -109,16 +174,16 @@ def _rpy(rotation: np.ndarray) -> tuple[float, float, float]:
     return float(roll), float(np.arctan2(up, across)), float(yaw)
 
 
-def _add_ball_joint(robot: ElementTree.Element, skeleton: Skeleton, index: int, above: str, naming: Naming) -> None:
-    joint, offset = skeleton.joint_names[index], skeleton.offsets[index]
-    for number, axis in enumerate(skeleton.axes[index]):
+def _add_ball_joint(robot: ElementTree.Element, tree: Tree, index: int, above: str, naming: Naming) -> None:
+    joint, offset = tree.joint_names[index], _SIZE
+    for number, axis in enumerate(tree.axes[index]):
         last = number == 2
         child = naming.link_of_joint(joint) if last else naming.link(f"{joint}_{axis}_link")
         link = ElementTree.SubElement(robot, "link", name=child)
         if last:
-            _add_visuals(link, skeleton, index)
+            _add_visuals(link, tree, index)
         _add_joint(robot, naming.joint(f"{joint}_{axis}"), "revolute", above, child, axis, offset, _TURNS)
-        above, offset = child, np.zeros(3)
+        above, offset = child, _HERE
 
 
 def _add_joint(
@@ -128,47 +193,32 @@ def _add_joint(
     parent: str,
     child: str,
     axis: str,
-    offset: np.ndarray,
+    offset: str,
     limit: float,
 ) -> None:
     joint = ElementTree.SubElement(robot, "joint", name=name, type=kind)
     ElementTree.SubElement(joint, "parent", link=parent)
     ElementTree.SubElement(joint, "child", link=child)
-    ElementTree.SubElement(joint, "origin", xyz=_text(offset), rpy="0 0 0")
+    ElementTree.SubElement(joint, "origin", xyz=offset, rpy="0 0 0")
     ElementTree.SubElement(joint, "axis", xyz=_text(_AXES[axis]))
     ElementTree.SubElement(joint, "limit", lower=f"{-limit:.6g}", upper=f"{limit:.6g}", effort="1000", velocity="1000")
 
 
-def _add_visuals(link: ElementTree.Element, skeleton: Skeleton, index: int) -> None:
+def _add_visuals(link: ElementTree.Element, tree: Tree, index: int) -> None:
     """Add a sphere at the joint, a cylinder along each of its bones, and a sphere above a joint named head."""
-    height, name = skeleton.height, skeleton.joint_names[index]
-    _add_shape(link, name, np.zeros(3), (0.0, 0.0), "sphere", radius=0.02 * height)
+    name = tree.joint_names[index]
+    _add_shape(link, name, _HERE, "0 0 0", "sphere", "radius")
     if name == "head":
-        _add_shape(link, name, np.array([0.0, 0.045, 0.02]) * height, (0.0, 0.0), "sphere", radius=0.055 * height)
-    for child in np.flatnonzero(skeleton.parents == index):
-        bone = skeleton.offsets[child]
-        length = float(np.linalg.norm(bone))
-        if length < 1e-6:
-            continue
-        # a cylinder's axis is z: pitch, then yaw, rotate z to the bone
-        direction = float(np.arccos(np.clip(bone[2] / length, -1, 1))), float(np.arctan2(bone[1], bone[0]))
-        radius = float(np.clip(0.12 * length, 0.008 * height, 0.025 * height))
-        side = skeleton.joint_names[child]
-        _add_shape(link, side, bone / 2, direction, "cylinder", radius=radius, length=length)
+        _add_shape(link, name, _SIZE, "0 0 0", "sphere", "radius")
+    for child in tree.bones_of(index):
+        _add_shape(link, tree.joint_names[child], _SIZE, _SIZE, "cylinder", "radius", "length")
 
 
-def _add_shape(
-    link: ElementTree.Element,
-    side_of: str,
-    centre: np.ndarray,
-    direction: tuple[float, float],
-    shape: str,
-    **sizes: float,
-) -> None:
+def _add_shape(link: ElementTree.Element, side_of: str, centre: str, direction: str, shape: str, *sizes: str) -> None:
     visual = ElementTree.SubElement(link, "visual")
-    ElementTree.SubElement(visual, "origin", xyz=_text(centre), rpy=_text((0.0, *direction)))
+    ElementTree.SubElement(visual, "origin", xyz=centre, rpy=direction)
     geometry = ElementTree.SubElement(visual, "geometry")
-    ElementTree.SubElement(geometry, shape, {name: f"{size:.6g}" for name, size in sizes.items()})
+    ElementTree.SubElement(geometry, shape, dict.fromkeys(sizes, _SIZE))
     side = next((side for side in ("left", "right") if side_of.startswith(side)), "")
     ElementTree.SubElement(visual, "material", name=_material(side))
 

@@ -127,6 +127,17 @@ def test_the_shapes_of_the_urdf():
     assert list(shapes(ElementTree.fromstring(urdf(middle, "c")), "pelvis"))[1][1]["radius"] == pytest.approx(0.036)
 
 
+def test_each_urdf_of_one_tree_has_its_own_sizes():
+    lengths = []
+    for length in (0.5, 0.25, 0.0):
+        bones = np.array([[0.0, 0, 0], [0.0, 0, length], [0, 0.1, 0], [0, 0, 0]])
+        root = ElementTree.fromstring(urdf(small(offsets=bones), "camera"))
+        lengths.append([float(bone.get("length")) for bone in root.iter("cylinder")])
+    assert lengths == [[0.5, 0.1], [0.25, 0.1], [0.1]]
+    with pytest.raises(SkeletonError, match="NUL"):
+        urdf(small(joint_names=("pelvis", "left\0hip", "head", "stub")), "camera")
+
+
 def test_a_urdf_knows_its_prefix():
     text = urdf(small(), "camera", "me/")
     assert has_prefix(text, "me/") and not has_prefix(text, "") and not has_prefix("<robot", "me/")
