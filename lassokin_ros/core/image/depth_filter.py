@@ -1,0 +1,74 @@
+"""A filter on the landmarks' measured depths: it reduces noise and removes occluders that pass, without lag.
+
+Each landmark has a track of its depth, with the same motion models as its track in the image (`keypoint_tracks`). A
+depth too far from its prediction is left out. If it stays there, the track restarts at it: the robust loss of
+`measured_depth` then decides whether that is the body or an occluder.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lassokin_ros.core.image.keypoint_tracks import KeypointTracks
+
+ACCELERATION = 3.5
+"""m/s^2: standard deviation of a body point's acceleration, as in the image."""
+GATE = 3.5**2
+"""Largest squared distance of a depth from its prediction, in units of its variance."""
+RESTART_AFTER = 4
+"""Consecutive frames for which a depth must be too far before its track restarts there."""
+MAX_GAP = 0.3
+"""s without a good depth after which a track restarts."""
+LONGEST_PREDICTION = 0.1
+"""s without a good depth for which the prediction takes its place."""
+LASTING = 0.02
+"""m: standard deviation of what no filter removes, such as the distance from the body's surface to the landmark."""
+
+
+class DepthFilter:
+    """Tracks of the depths of l landmarks."""
+
+    def __init__(self, count: int) -> None:
+        self._tracks = KeypointTracks(count)
+        self._count = count
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all tracks."""
+        self._stamp = -np.inf
+        self._tracks.reset()
+        self._known = np.zeros(self._count, dtype=bool)
+        self._rejected = np.zeros(self._count)
+        self._unseen = np.zeros(self._count)
+
+    def update(self, stamp: float, depth: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Filtered depths (l,) m and weights (l,), 1 / standard deviation, 0 = missing.
+
+        stamp: s, later than the last; depth: (l,) m; weights: (l,) 1/m, 0 = missing.
+        """
+        gap = stamp - self._stamp
+        if gap >= MAX_GAP:
+            self._known[:] = False
+        step = min(max(gap, 0.0), MAX_GAP)
+        self._stamp = stamp
+        seen = weights > 0
+        variance = 1 / np.where(seen, weights, 1.0) ** 2
+        tracks = self._tracks
+        tracks.predict(step, ACCELERATION)
+        innovation = depth - tracks.position[:, 0]
+        near = innovation**2 <= GATE * (tracks.variance + variance)
+        tracked = seen & self._known
+        used, far = tracked & near, tracked & ~near
+        self._rejected = (self._rejected + 1) * far
+        restarted = (seen & ~self._known) | (self._rejected >= RESTART_AFTER)
+        # A track has two coordinates with one variance. Both are the depth here.
+        tracks.correct(used, np.repeat(innovation[:, None], 2, axis=1), variance)
+        if restarted.any():
+            tracks.start(restarted, np.repeat(depth[:, None], 2, axis=1), variance)
+            self._rejected[restarted] = 0.0
+        good = used | restarted
+        self._unseen = np.where(good, 0.0, self._unseen + step)
+        self._known = (self._known | restarted) & (self._unseen < MAX_GAP)
+        present = self._known & (self._unseen <= LONGEST_PREDICTION)
+        deviation = np.sqrt(np.maximum(tracks.variance, 0.0) + LASTING**2)
+        return np.where(present, tracks.position[:, 0], 0.0), np.where(present, 1 / deviation, 0.0)
