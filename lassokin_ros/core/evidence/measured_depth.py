@@ -17,7 +17,7 @@ from lassokin_ros.core.body.proportions import LengthMotion
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
 from lassokin_ros.core.image.frame_data import FrameData
 
-FARTHER, NEARER = 2.5, 3.5
+FARTHER, NEARER = 5.0, 6.0
 """Scales of the loss for measurements behind and in front of the state's landmark, in standard deviations. They were
 chosen on the network's validation people, with 10 % of the depths and with half of the landmarks on an occluder."""
 FARTHEST = 0.8

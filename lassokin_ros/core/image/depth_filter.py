@@ -1,8 +1,9 @@
 """A filter on the landmarks' measured depths: it reduces noise and removes occluders that pass, without lag.
 
 Each landmark has a track of its depth, with the same motion models as its track in the image (`keypoint_tracks`). A
-depth too far from its prediction is left out. If it stays there, the track restarts at it: the robust loss of
-`measured_depth` then decides whether that is the body or an occluder.
+depth too far from its prediction is left out. If it stays there, the track restarts at it: soon if it is farther, since
+the track then was on an occluder, and later if it is nearer, like an occluder, or far behind, like a wall. The robust
+loss of `measured_depth` decides whether a track that stays is on the body.
 """
 
 from __future__ import annotations
@@ -15,10 +16,12 @@ ACCELERATION = 3.5
 """m/s^2: standard deviation of a body point's acceleration, as in the image."""
 GATE = 3.5**2
 """Largest squared distance of a depth from its prediction, in units of its variance."""
-RESTART_AFTER = 4
-"""Consecutive frames for which a depth must be too far before its track restarts there."""
+FARTHER_FRAMES = 2
+"""Consecutive frames in which a depth must be behind its prediction before its track restarts there."""
+WALL = 0.8
+"""m behind the prediction from which a depth is that of a wall."""
 MAX_GAP = 0.3
-"""s without a good depth after which a track restarts."""
+"""s without a good depth after which a track restarts at any depth."""
 LONGEST_PREDICTION = 0.1
 """s without a good depth for which the prediction takes its place."""
 LASTING = 0.02
@@ -38,7 +41,7 @@ class DepthFilter:
         self._stamp = -np.inf
         self._tracks.reset()
         self._known = np.zeros(self._count, dtype=bool)
-        self._rejected = np.zeros(self._count)
+        self._behind = np.zeros(self._count)
         self._unseen = np.zeros(self._count)
 
     def update(self, stamp: float, depth: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -59,13 +62,13 @@ class DepthFilter:
         near = innovation**2 <= GATE * (tracks.variance + variance)
         tracked = seen & self._known
         used, far = tracked & near, tracked & ~near
-        self._rejected = (self._rejected + 1) * far
-        restarted = (seen & ~self._known) | (self._rejected >= RESTART_AFTER)
+        self._behind = (self._behind + 1) * (far & (innovation > 0) & (innovation < WALL))
+        restarted = (seen & ~self._known) | (self._behind >= FARTHER_FRAMES)
         # A track has two coordinates with one variance. Both are the depth here.
         tracks.correct(used, np.repeat(innovation[:, None], 2, axis=1), variance)
         if restarted.any():
             tracks.start(restarted, np.repeat(depth[:, None], 2, axis=1), variance)
-            self._rejected[restarted] = 0.0
+            self._behind[restarted] = 0.0
         good = used | restarted
         self._unseen = np.where(good, 0.0, self._unseen + step)
         self._known = (self._known | restarted) & (self._unseen < MAX_GAP)

@@ -12,6 +12,25 @@ SMALLEST_DEVIATION = 0.005
 """m: lower limit of the standard deviation. The distance of surface and landmark is not known better."""
 DEPTH_RANGE = 0.05, 100.0
 """m: a depth outside this range is ignored."""
+HIDDEN = 0.03
+"""Distance / height from the nearest surface of the body to a landmark's own surface from which the landmark is hidden
+by another part of the body."""
+SAME_SURFACE = 0.12
+"""m: a depth this near to the body's nearest surface is that of this surface."""
+
+
+def without_hidden(
+    depth: np.ndarray, landmarks: np.ndarray, nearest: np.ndarray, surface: np.ndarray, height: float
+) -> np.ndarray:
+    """Depths (l,) m of a camera, NaN for the landmarks behind another part of the body: they were not measured.
+
+    landmarks: (l,) m, depths of the last pose's landmarks. nearest: (l,) m, where the line of sight meets the last pose's
+    body. surface, height: m, as in `gate_depth`. A depth in front of the nearest surface, or behind it, is kept: there
+    the last pose is wrong.
+    """
+    hidden = landmarks - nearest - surface > HIDDEN * height
+    with np.errstate(invalid="ignore"):
+        return np.where(hidden & (np.abs(depth - nearest) < SAME_SURFACE), np.nan, depth)
 
 
 def gate_depth(
