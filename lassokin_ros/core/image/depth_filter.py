@@ -24,6 +24,8 @@ MAX_GAP = 0.3
 """s without a good depth after which a track restarts at any depth."""
 LONGEST_PREDICTION = 0.1
 """s without a good depth for which the prediction takes its place."""
+AGED_SPEED = 0.5
+"""m/s: standard deviation of the error of a track's velocity, with which an older depth is moved to the present."""
 LASTING = 0.02
 """m: standard deviation of what no filter removes, such as the distance from the body's surface to the landmark."""
 
@@ -44,10 +46,12 @@ class DepthFilter:
         self._behind = np.zeros(self._count)
         self._unseen = np.zeros(self._count)
 
-    def update(self, stamp: float, depth: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def update(
+        self, stamp: float, depth: np.ndarray, weights: np.ndarray, age: float = 0.0
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Filtered depths (l,) m and weights (l,), 1 / standard deviation, 0 = missing.
 
-        stamp: s, later than the last; depth: (l,) m; weights: (l,) 1/m, 0 = missing.
+        stamp: s, later than the last; depth: (l,) m; weights: (l,) 1/m, 0 = missing. age: s since `depth` was measured.
         """
         gap = stamp - self._stamp
         if gap >= MAX_GAP:
@@ -55,9 +59,11 @@ class DepthFilter:
         step = min(max(gap, 0.0), MAX_GAP)
         self._stamp = stamp
         seen = weights > 0
-        variance = 1 / np.where(seen, weights, 1.0) ** 2
+        variance = 1 / np.where(seen, weights, 1.0) ** 2 + (age * AGED_SPEED) ** 2
         tracks = self._tracks
         tracks.predict(step, ACCELERATION)
+        if age:
+            depth = depth + age * np.where(self._known, tracks.velocity[:, 0], 0.0)
         innovation = depth - tracks.position[:, 0]
         near = innovation**2 <= GATE * (tracks.variance + variance)
         tracked = seen & self._known

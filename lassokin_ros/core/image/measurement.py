@@ -146,7 +146,7 @@ class MeasurementFilter:
             measured = None if measured is None else (measured[0][assignment], measured[1][assignment])
         if measured is not None and not repeated:
             weighted = measured[1] / self._depth_noise.update(stamp, *measured)
-            measured = self._depth_filter.update(stamp, measured[0], weighted)
+            measured = self._depth_filter.update(stamp, measured[0], weighted, observation.depth_age)
         speed = depth * self._filter.speed()
         news = 0.0 if repeated else stamp - self._informed
         step = stamp - self.newest
