@@ -62,9 +62,7 @@ class Scene:
         v, points = self.view, self.view.normalised
         depth = [None] * len(points) if v.depth is None else v.depth
         return [
-            Observation(
-                f / v.fps, points[f], v.confidence[f], v.focal, depth[f], depth_of_surface=v.depth_of_surface
-            )
+            Observation(f / v.fps, points[f], v.confidence[f], v.focal, depth[f], depth_of_surface=v.depth_of_surface)
             for f in range(len(points))
         ]
 

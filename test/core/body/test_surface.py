@@ -23,7 +23,11 @@ def pose(yaw):
 
 def test_entry_points_are_one_radius_from_the_axis():
     random = np.random.default_rng(0)
-    starts, ends, radii = random.normal(size=(5, 3)) + [0, 0, 4], random.normal(size=(5, 3)) + [0, 0, 4], np.full(5, 0.2)
+    starts, ends, radii = (
+        random.normal(size=(5, 3)) + [0, 0, 4],
+        random.normal(size=(5, 3)) + [0, 0, 4],
+        np.full(5, 0.2),
+    )
     rays = np.column_stack([random.uniform(-0.5, 0.5, (400, 2)), np.ones(400)])
     depth = _entry_depths(rays, starts, ends, radii)
     assert np.isfinite(depth).sum() > 50
