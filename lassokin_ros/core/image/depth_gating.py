@@ -15,22 +15,29 @@ DEPTH_RANGE = 0.05, 100.0
 HIDDEN = 0.03
 """Distance / height from the nearest surface of the body to a landmark's own surface from which the landmark is hidden
 by another part of the body."""
+THINNEST = 0.5
+"""Share of `surface` by which the distance from surface to landmark may be less."""
 SAME_SURFACE = 0.12
 """m: a depth this near to the body's nearest surface is that of this surface."""
 
 
-def without_hidden(
+def of_own_surface(
     depth: np.ndarray, landmarks: np.ndarray, nearest: np.ndarray, surface: np.ndarray, height: float
 ) -> np.ndarray:
-    """Depths (l,) m of a camera, NaN for the landmarks behind another part of the body: they were not measured.
+    """Depths (l,) m of a camera, corrected by the last pose, so that `surface` is the distance to the landmarks.
 
-    landmarks: (l,) m, depths of the last pose's landmarks. nearest: (l,) m, where the line of sight meets the last pose's
-    body. surface, height: m, as in `gate_depth`. A depth in front of the nearest surface, or behind it, is kept: there
-    the last pose is wrong.
+    A landmark behind another part of the body was not measured: NaN. For the others the distance from the surface to the
+    landmark along the line of sight is that of the last pose, within limits: a limb that leans is thicker there.
+
+    landmarks: (l,) m, depths of the last pose's landmarks. nearest: (l,) m, where the line of sight meets the last
+    pose's body. surface: m, as in `gate_depth`; height: m, of the person. A depth in front of the nearest surface, or
+    behind it, is kept: there the last pose is wrong.
     """
-    hidden = landmarks - nearest - surface > HIDDEN * height
+    more = landmarks - nearest - surface
     with np.errstate(invalid="ignore"):
-        return np.where(hidden & (np.abs(depth - nearest) < SAME_SURFACE), np.nan, depth)
+        met = np.abs(depth - nearest) < SAME_SURFACE
+    corrected = depth + np.clip(more, -THINNEST * surface, HIDDEN * height)
+    return np.where(met, np.where(more > HIDDEN * height, np.nan, corrected), depth)
 
 
 def gate_depth(

@@ -15,8 +15,8 @@ from functools import cached_property
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose
-from lassokin_ros.core.image.depth_gating import DEVIATION, gate_depth
 from lassokin_ros.core.image.depth_filter import DepthFilter
+from lassokin_ros.core.image.depth_gating import DEVIATION, gate_depth
 from lassokin_ros.core.image.depth_noise import DepthNoise
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.keypoint_filter import KeypointFilter
