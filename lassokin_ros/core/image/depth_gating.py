@@ -26,8 +26,8 @@ def of_own_surface(
 ) -> np.ndarray:
     """Depths (l,) m of a camera, corrected by the last pose, so that `surface` is the distance to the landmarks.
 
-    A landmark behind another part of the body was not measured: NaN. For the others the distance from the surface to the
-    landmark along the line of sight is that of the last pose, within limits: a limb that leans is thicker there.
+    A landmark behind another part of the body was not measured: NaN. For the others the distance from the surface to
+    the landmark along the line of sight is that of the last pose, within limits: a limb that leans is thicker there.
 
     landmarks: (l,) m, depths of the last pose's landmarks. nearest: (l,) m, where the line of sight meets the last
     pose's body. surface: m, as in `gate_depth`; height: m, of the person. A depth in front of the nearest surface, or
