@@ -11,18 +11,18 @@ NAME = "lassokin_ros"
 MANIFEST = ElementTree.parse(Path(__file__).parent / "package.xml").getroot()
 
 ROS = ["ros-jazzy-rclpy[fastrtps]>=7.1.6", "ros-jazzy-common-interfaces>=5.3.6"]
-LENS = ["opencv-python-headless>=4.6"]
-REPLAY = ["rosbags>=0.11", *LENS]
+REPLAY = ["rosbags>=0.11"]
+VIDEO = ["opencv-python-headless>=4.6", *REPLAY]
 CLUSTER = ["distributed>=2024.8", *REPLAY]
-MEDIAPIPE = ["mediapipe>=0.10.14,<0.10.22", *REPLAY]  # later releases do not contain the weights of MediaPipe Pose
-ONNX = ["onnxruntime>=1.17", *REPLAY]
+MEDIAPIPE = ["mediapipe>=0.10.14,<0.10.22", *VIDEO]  # later releases do not contain the weights of MediaPipe Pose
+ONNX = ["onnxruntime>=1.17", *VIDEO]
 VIEW = [
     "rerun-sdk>=0.23.1",
     "pyarrow<25; python_version < '3.13'",  # later ones need numpy 2 without saying so, and mediapipe needs numpy 1
-    *REPLAY,
+    *VIDEO,
 ]
 REPORT = ["plotly>=6.0", *REPLAY]
-DEMO = ["matplotlib>=3.6", *ROS, *REPORT]
+DEMO = [*ROS, *REPORT]
 TEST = [
     "pytest>=7.4,<9.2",  # 3.8 of pytest-xdist groups nothing under pytest 9.2
     "pytest-xdist>=3.6",
@@ -49,9 +49,11 @@ TEST = [
     "types-PyYAML>=6.0",
     "playwright>=1.40",
     "pybvh>=0.9",
+    "matplotlib>=3.6",  # the figures of docs/; reads screenshots
     "onnx>=1.16",
     "onnxruntime>=1.17",
     *DEMO,
+    *VIDEO,
     *CLUSTER,
 ]
 MUTANTS = ["cosmic-ray>=8.7,<9", *TEST]
@@ -101,10 +103,9 @@ setup(
     install_requires=["setuptools", "numpy>=1.26", "scipy>=1.11", "qpsolvers>=4.3", "proxsuite>=0.6.5", "PyYAML>=6.0"],
     extras_require={
         "ros": ROS,
-        "lens": LENS,
         "replay": REPLAY,
         "report": REPORT,
-        "video": REPLAY,
+        "video": VIDEO,
         "view": VIEW,
         "mediapipe": MEDIAPIPE,
         "onnx": ONNX,

@@ -31,7 +31,7 @@ from benchmarks.accuracy_run.leave_one_out import under_its_prior
 from benchmarks.accuracy_run.options import apply_presets, depth_sensor, parser, unheeded
 from benchmarks.accuracy_run.people import seen_by_network, test_clips
 from benchmarks.accuracy_run.special import initialise_frames, run_gap
-from benchmarks.accuracy_run.table import detections_head, head, report, told
+from benchmarks.accuracy_run.table import detections_head, given_settings, head, report
 from benchmarks.accuracy_run.uncertainty import COLUMNS as UNCERTAINTY
 from benchmarks.accuracy_run.uncertainty import binned, uncertainty_of
 from benchmarks.common.refusals import exit_code
@@ -79,7 +79,7 @@ def measure(options: argparse.Namespace) -> list[Record]:
             raise SystemExit("--gap and --initialisation are for clips, not for --detections")
         own = options.uncertainty or options.failure_probability
         methods = ["lasso"] if own else options.methods
-        recordings = detection_jobs(options.detections, methods, options.measured_bones, told(options))
+        recordings = detection_jobs(options.detections, methods, options.measured_bones, given_settings(options))
         if options.uncertainty:
             return _of_recordings(binned(in_parallel(uncertainty_of, recordings, options.jobs)))
         if options.failure_probability:
@@ -96,7 +96,7 @@ def measure(options: argparse.Namespace) -> list[Record]:
     methods = ["lasso"] if o.uncertainty or o.failure_probability else o.methods
     jobs = [
         Job(file, view, method, condition, o.landmarks, seed, o.generic_skeleton, o.bone_error, o.symmetric,
-            told(o), o.score_from, o.leave_one_out)
+            given_settings(o), o.score_from, o.leave_one_out)
         for seed in range(o.seed, o.seed + o.seeds)
         for file in clip_files(options) for view in range(o.views) for method in methods
     ]  # fmt: skip

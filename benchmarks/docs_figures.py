@@ -1,6 +1,7 @@
-"""Draws the figures of docs/tuning.md: `python benchmarks/docs_figures.py [NAME ...] [--folder docs/figures]`.
+"""Draws the figures of the documentation: `python benchmarks/docs_figures.py [NAME ...] [--folder docs/figures]`.
 
-Every figure is one parameter's effect on synthetic motion with a simulated detector, which anybody can repeat.
+`joints` shows the skeleton with the index and name of each joint. Every other figure shows the effect of one parameter
+on synthetic motion with a simulated detector, which anybody can repeat.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np  # noqa: E402
 
-from benchmarks.docs_figures_scenes import (  # noqa: E402
+from benchmarks.data.figure_scenes import (  # noqa: E402
     NO_GAPS,
     averages,
     error,
@@ -32,12 +33,49 @@ from benchmarks.docs_figures_scenes import (  # noqa: E402
     with_gap,
     with_poor_points,
 )
+from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.demo.synthetic import Detector  # noqa: E402
 
 TRUE, COLOURS = "#8a8a8a", ("#d1495b", "#1f6fb4", "#2a9d4a", "#e08d20")
 LEFT_KNEE = 4
 SEEDS = (0, 1, 2)
 """Seeds of the detector's noise. Figures in the text are means over them."""
+
+LABEL_OFFSETS = {
+    "shoulder": (0, 7),
+    "elbow": (0, 7),
+    "wrist": (-2, 7),
+    "hand": (3, -8),
+    "collar": (7, -8),
+    "foot": (7, -3),
+}
+"""Points between a joint and its number, for the joints whose names contain the key; x to the outside of the body."""
+
+
+def joints(axes: Any) -> None:
+    """The skeleton at rest, seen from the front, with the index and the name of each joint."""
+    skeleton = Skeleton.load("anthropometric", 1.75)
+    places = skeleton.rest_positions[:, :2]
+    for joint, parent in enumerate(skeleton.parents):
+        if parent >= 0:
+            axes[0].plot(*places[[joint, parent]].T, color=TRUE, lw=2, zorder=1)
+    axes[0].plot(*places.T, "o", color=COLOURS[1], ms=4, zorder=2)
+    for joint, name in enumerate(skeleton.joint_names):
+        x, y = next((offset for part, offset in LABEL_OFFSETS.items() if part in name), (7, 0))
+        side = -1 if name.startswith("right") else 1
+        axes[0].annotate(
+            str(joint), places[joint], xytext=(side * x, y), textcoords="offset points", fontsize=7, ha="center",
+            va="center",
+        )  # fmt: skip
+    for direction, name, colour in ((np.array([0.2, 0.0]), "x", COLOURS[0]), (np.array([0.0, 0.2]), "y", COLOURS[2])):
+        origin = np.array([0.45, -0.7])
+        axes[0].annotate("", origin + direction, origin, arrowprops={"arrowstyle": "->", "color": colour})
+        axes[0].annotate(name, origin + 1.15 * direction, color=colour, fontsize=9, ha="center", va="center")
+    axes[0].annotate("z to the front", (0.47, -0.82), fontsize=8)
+    axes[0].set(aspect="equal", xlabel="to the person's left [m]", ylabel="up [m]")
+    for joint, name in enumerate(skeleton.joint_names):
+        axes[1].text(0.5 * (joint // 12), 1 - (joint % 12 + 0.5) / 12, f"{joint:2d}  {name}", fontsize=9, va="center")
+    axes[1].axis("off")
 
 
 def knee_depth(joints: np.ndarray) -> np.ndarray:
@@ -203,7 +241,8 @@ def frame_rate(axes: Any) -> None:
 FIGURES: dict[str, Callable[[Any], None]] = {
     drawing.__name__: drawing
     for drawing in (
-        height, noise_px, smoothing, sparsity, relinearisations, min_confidence, lost_after, person_ids, frame_rate
+        joints, height, noise_px, smoothing, sparsity, relinearisations, min_confidence, lost_after, person_ids,
+        frame_rate,
     )
 }  # fmt: skip
 

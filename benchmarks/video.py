@@ -24,7 +24,7 @@ from benchmarks.common.report import Record, data_folder, table, write_json
 from benchmarks.data.detections import DetectionJob, Recording, prepared, run_detections, score
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.detector.backend import make_detector
-from lassokin_ros.pipeline.calibration_file import Calibration
+from lassokin_ros.pipeline.camera.calibration_file import Calibration
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.replay.bags import typestore

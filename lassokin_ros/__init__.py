@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from lassokin_ros.core.estimate import Estimate
     from lassokin_ros.core.observation import Observation, Rejection, Status
     from lassokin_ros.core.tracker import Tracker
-    from lassokin_ros.pipeline.lens import Lens
+    from lassokin_ros.pipeline.camera.lens import Lens
 
 __all__ = ["Estimate", "LassokinError", "Lens", "Observation", "Rejection", "Status", "Tracker", "TrackerConfig"]
 
 _MODULES = {
     "Estimate": "lassokin_ros.core.estimate",
     "LassokinError": "lassokin_ros.core.errors",
-    "Lens": "lassokin_ros.pipeline.lens",
+    "Lens": "lassokin_ros.pipeline.camera.lens",
     "Observation": "lassokin_ros.core.observation",
     "Rejection": "lassokin_ros.core.observation",
     "Status": "lassokin_ros.core.observation",

@@ -17,7 +17,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 from lassokin_ros.common.missing_package import missing_package
 
 try:
-    from lassokin_ros.pipeline.outputs.urdf_from_parameters import urdf_from_settings
+    from lassokin_ros.pipeline.outputs.description.urdf_from_parameters import urdf_from_settings
     from lassokin_ros.pipeline.parameter_files import offline_settings
     from lassokin_ros.pipeline.settings import ALL, OFF
 except ImportError as error:

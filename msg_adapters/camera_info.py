@@ -50,7 +50,7 @@ class Intrinsics:
     model: "plumb_bob", "rational_polynomial", "equidistant" or "" when there is no distortion.
     R: (3, 3), P: (3, 4) px, of the rectified image.
     width, height: px, of the image; frame_id: the optical frame of the camera.
-    suspicion: why K hardly fits the image size, with numbers; empty if it fits.
+    warning: why K is unlikely for the image size, with numbers; empty if it is usual.
     """
 
     K: np.ndarray
@@ -61,7 +61,7 @@ class Intrinsics:
     width: int
     height: int
     frame_id: str
-    suspicion: str = ""
+    warning: str = ""
 
 
 def decode_camera_info(message: Any) -> Intrinsics:
@@ -89,11 +89,11 @@ def decode_camera_info(message: Any) -> Intrinsics:
     frame_id = frame_name(message.header)
     K, P = K.reshape(3, 3), P.reshape(3, 4)
     K[2] = 0, 0, 1
-    suspicion = _check_size(K, message)
+    warning = _check_size(K, message)
     width, height = _apply_window(message, K, P)
     if min(K[0, 0], K[1, 1]) < 1 or np.abs(K).max() >= LARGEST:
         raise AdapterError("camera_matrix", f"after binning and region of interest K is {K.tolist()}; expected px")
-    return Intrinsics(K, D, model, R.reshape(3, 3), P, width, height, frame_id, suspicion)
+    return Intrinsics(K, D, model, R.reshape(3, 3), P, width, height, frame_id, warning)
 
 
 def _distortion(model: str, D: np.ndarray) -> tuple[str, np.ndarray]:
@@ -129,7 +129,7 @@ def _without_surplus_zeros(model: str, D: np.ndarray) -> np.ndarray:
 
 
 def _check_size(K: np.ndarray, message: Any) -> str:
-    """Return why K (3, 3) px hardly fits the full image size, in words. Raises AdapterError if it cannot fit."""
+    """Return why K (3, 3) px is unlikely for the full image size, in words. Raises AdapterError if it is impossible."""
     size = np.array([message.width, message.height], dtype=float)
     focal, centre = K[[0, 1], [0, 1]], K[:2, 2]
     numbers = (

@@ -109,8 +109,8 @@ def _from_rvl(packed: bytes) -> np.ndarray:
     """Return the (height, width) pixels, uint16.
 
     RVL (Wilson, Fast lossless depth image compression, 2017) is a list of numbers: a count of zeros, a count of other
-    pixels, their differences, and so on. A number is a chain of 4-bit digits of 3 bits each, lowest first; the fourth
-    bit says that another digit follows.
+    pixels, their differences, and so on. A number is a chain of 4-bit digits of 3 bits each, lowest first. The fourth
+    bit is set if another digit follows.
     """
     width, height = (int.from_bytes(packed[at : at + 4], "little") for at in (0, 4))
     _check_size(width, height)
@@ -145,7 +145,7 @@ def _rvl_numbers(packed: bytes) -> np.ndarray:
 
 def _check_size(width: int, height: int) -> None:
     if not (0 < width <= LARGEST and 0 < height <= LARGEST and width * height <= MOST_PIXELS):
-        raise _damaged(f"says that it has {width} x {height} px")
+        raise _damaged(f"has a header with {width} x {height} px")
 
 
 def _damaged(how: str) -> AdapterError:

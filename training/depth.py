@@ -20,7 +20,7 @@ import numpy as np
 
 from lassokin_ros.core.evidence.depth_network import Network, interpreted
 from training.motion import TEST, VALIDATION, Motion, load_motion, sources, training_sources
-from training.network import JITTER, Adam, backpropagated, initial_weights, loss
+from training.network import JITTER, Optimiser, backpropagated, initial_weights, loss
 from training.views import Batch, Views
 
 LICENCES = (
@@ -29,7 +29,8 @@ LICENCES = (
     "ACCAD motion capture by The Ohio State University, CC BY 3.0.",
     "AnimatedDrawings example motion by Meta Platforms, MIT licence.",
 )
-RATE = 1.5e-3
+WARM_UP = 200
+"""Number of steps in which the learning rate rises."""
 _views: Views | None = None
 
 
@@ -65,23 +66,22 @@ def train(
     check: Motion | None = None,
 ) -> Network:
     """A network after the given number of steps. If `check` has motion, its loss on other people is printed."""
-    weights = initial_weights(width, blocks, np.random.default_rng([seed, 1]))
-    network, adam = Network(weights), None
-    adam = Adam(network.weights)
+    network = Network(initial_weights(width, blocks, np.random.default_rng([seed, 1])))
+    optimiser = Optimiser(network.weights)
     random = np.random.default_rng([seed, 2])
     begun, recent = time.perf_counter(), 0.0
     for number, batch in enumerate(batches(motion, seed, size, steps, processes)):
-        rate = RATE * min(1.0, (number + 1) / 200) * 0.5 * (1 + math.cos(math.pi * number / steps))
+        share = min(1.0, (number + 1) / WARM_UP) * 0.5 * (1 + math.cos(math.pi * number / steps))
         places = batch.places.copy()
         places[..., 2] += JITTER * random.standard_normal(places.shape[:-1], dtype=np.float32)
         value, gradients = backpropagated(network, batch.inputs, places)
-        adam.step(gradients, rate)
+        optimiser.step(gradients, share)
         recent += (value - recent) * max(0.01, 1 / (number + 1))
         if (number + 1) % 1000 == 0 or number + 1 == steps:
             passed = time.perf_counter() - begun
-            report = "" if check is None else described(Network(adam.averaged), check)
+            report = "" if check is None else described(Network(optimiser.averaged), check)
             print(f"{number + 1} steps, {passed:.0f} s, loss {recent:.2f} {report}", flush=True)
-    return Network(adam.averaged)
+    return Network(optimiser.averaged)
 
 
 def described(network: Network, motion: Motion) -> str:
@@ -112,8 +112,8 @@ def main() -> int:
     parser.add_argument("--data", type=Path, required=True, help="folder that holds mocap and corpus")
     parser.add_argument("--output", type=Path, required=True, help="npz file to write")
     parser.add_argument("--hold-out", default=",".join((*TEST, *VALIDATION)), help="people left out, comma-separated")
-    parser.add_argument("--steps", type=int, default=20000)
-    parser.add_argument("--batch", type=int, default=512)
+    parser.add_argument("--steps", type=int, default=12000)
+    parser.add_argument("--batch", type=int, default=1024)
     parser.add_argument("--width", type=int, default=384)
     parser.add_argument("--blocks", type=int, default=2)
     parser.add_argument("--seed", type=int, default=0)

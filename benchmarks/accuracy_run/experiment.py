@@ -26,7 +26,7 @@ METHODS = (*FOLLOWERS, "smplify", "mediapipe_world")
 
 @dataclass(frozen=True)
 class Job:
-    """What to run; everything that a worker process needs to know.
+    """What to run; all inputs of a worker process.
 
     bone_error: standard deviation of the bones' relative error; symmetric: left and right bones get the same one.
     settings: of TrackerConfig, beside height, landmarks and noise_px. score_from: s, earlier frames are not scored.

@@ -101,7 +101,7 @@ def head(options: argparse.Namespace) -> str:
     elif sensor is not None:
         lines.append(
             f"Depth of each keypoint is measured: noise {sensor.noise:g} m and {sensor.noise_z2:g}/m times the depth "
-            f"squared, {sensor.bias:g} m that stay, {sensor.occluded:.0%} on an occluder. Its noise is not told."
+            f"squared, {sensor.bias:g} m constant, {sensor.occluded:.0%} on an occluder. The noise is no input."
         )
     if options.lying:
         lines.append("The people are laid down.")
@@ -123,7 +123,7 @@ def detections_head(options: argparse.Namespace) -> str:
     given = height + (", and the reference's bones" if options.measured_bones else " alone")
     return (
         f"Real detections: {', '.join(f.name for f in options.detections)}; one camera at a time.\n"
-        f"Given: {given}. Settings {told(options) or 'default'}. Automatic initialisation.\n"
+        f"Given: {given}. Settings {given_settings(options) or 'default'}. Automatic initialisation.\n"
         "Limb joints against the multi-camera 3D reference, aligned at the middle of the hips (no hips in view: of the "
         "shoulders).\nThe reference is the detector's own points triangulated; 2-4 cm of bias are its own.\n"
     )
@@ -148,7 +148,7 @@ def initialisation_rows(records: Sequence[Record]) -> list[Record]:
     return rows
 
 
-def told(options: argparse.Namespace) -> dict[str, Any]:
+def given_settings(options: argparse.Namespace) -> dict[str, Any]:
     """Settings of the tracker that the command line gives."""
     noise = {} if options.tracker_noise_px is None else {"noise_px": options.tracker_noise_px}
     height = {"height": 0.0} if options.unknown_height else {}

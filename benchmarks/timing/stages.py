@@ -22,7 +22,7 @@ STAGES = {
     "solve": "lasso.solver:LassoSolver.solve",
     "solve: eliminate the translation": "lasso.problem:eliminate_translation",
     "solve: QP": "lasso.dual:DualSolver.solve",
-    "solve: predict the support": "lasso.solver:predicted",
+    "solve: predict the support": "lasso.solver:predict_solution",
     "solve: active set": "lasso.solver:solve_active_set",
     "solve: certify": "lasso.solver:certify",
     "body hypotheses: a step": "hypotheses.body_hypotheses:BodyHypotheses.advance",

@@ -86,7 +86,7 @@ def tasks_of(options: argparse.Namespace) -> list[Task]:
             alone.params_file = [file.absolute() for file in options.params_file]
             if options.camera_info is not None:
                 alone.camera_info = options.camera_info.absolute()
-            output_files.give_own(alone, name)
+            output_files.use_own_files(alone, name)
             tasks[output] = Task(name, alone)
     check_output_paths([task.options for task in tasks.values()])
     for needed in {place for task in tasks.values() for place in output_files.folders(task.options)}:

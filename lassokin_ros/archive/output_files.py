@@ -32,7 +32,7 @@ def check(options: argparse.Namespace) -> None:
         check_archive_exports(options.export)
 
 
-def give_own(options: argparse.Namespace, name: str) -> None:
+def use_own_files(options: argparse.Namespace, name: str) -> None:
     """Replace the folders of --report and --save-skeleton by this recording's files in them.
 
     options: the options of this recording, changed in place. name: path of the recording relative to the archive.
@@ -49,7 +49,7 @@ def folders(options: argparse.Namespace) -> list[Path]:
     return [file.parent for file in files if file is not None]
 
 
-def all_there(options: argparse.Namespace) -> bool:
+def all_exist(options: argparse.Namespace) -> bool:
     """Return True if all files that the options request exist beside the output of a recording."""
     _, node_config = offline_settings(options.params_file, options.p)
     several = node_config.several_people

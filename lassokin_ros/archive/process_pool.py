@@ -24,7 +24,7 @@ ATTEMPTS = 3
 """Number of processes that try a recording before it counts as failed."""
 
 
-class Dismissed(BaseException):
+class Terminated(BaseException):
     """SIGTERM in a worker process that is processing a recording."""
 
 
@@ -40,16 +40,16 @@ def in_processes(jobs: int | None) -> Runner:
     def run(tasks: Sequence[Task]) -> Generator[Result, None, None]:
         # One BLAS thread per process: the matrices are small, and each core processes a recording.
         os.environ["OMP_NUM_THREADS"] = "1"
-        crew = Crew(tasks, min(jobs or cores(), len(tasks)))
+        pool = WorkerPool(tasks, min(jobs or cores(), len(tasks)))
         try:
-            yield from crew.results()
+            yield from pool.results()
         finally:
-            crew.dismiss()
+            pool.stop()
 
     return run
 
 
-class Crew:
+class WorkerPool:
     """Worker processes, each with one recording at a time."""
 
     def __init__(self, tasks: Sequence[Task], workers: int) -> None:
@@ -68,7 +68,7 @@ class Crew:
                 result: Result | None
                 try:
                     result = future.result()
-                except (BrokenProcessPool, Dismissed):
+                except (BrokenProcessPool, Terminated):
                     worker.shutdown(wait=False)
                     worker = _worker()
                     remove_leftovers(task.options.output)
@@ -82,7 +82,7 @@ class Crew:
                 if result is not None:
                     yield result
 
-    def dismiss(self) -> None:
+    def stop(self) -> None:
         """Stop all processes. Busy ones remove their unfinished output first."""
         if self._busy:
             for process in multiprocessing.active_children():
@@ -121,4 +121,4 @@ def _work(task: Task) -> Result:
 
 
 def _stop(_number: int, _frame: FrameType | None) -> None:
-    raise Dismissed
+    raise Terminated

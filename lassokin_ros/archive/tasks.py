@@ -76,7 +76,7 @@ def _done_before(task: Task, quiet: bool = False) -> Result | None:
     record = record_of(options.output)
     if record is not None and record.origin == origin_of(options):
         nobody = record.figures.frames_out == 0  # nothing to export
-        return Result(task.name, DONE_BEFORE, record.figures) if nobody or output_files.all_there(options) else None
+        return Result(task.name, DONE_BEFORE, record.figures) if nobody or output_files.all_exist(options) else None
     if quiet:
         return None
     raise ArchiveError(f"'{options.output}' exists, from another input, version or settings; add --force to replace it")

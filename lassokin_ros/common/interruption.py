@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
-AGAIN_S = 0.05
+REPEAT_S = 0.05
 """s: period in which a lost `Interrupted` is raised again."""
 
 
@@ -57,7 +57,7 @@ def uninterrupted() -> Iterator[None]:
 def _interrupt(_number: int, _frame: FrameType | None) -> None:
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
-    signal.setitimer(signal.ITIMER_REAL, AGAIN_S, AGAIN_S)
+    signal.setitimer(signal.ITIMER_REAL, REPEAT_S, REPEAT_S)
     raise Interrupted("nothing was written")
 
 

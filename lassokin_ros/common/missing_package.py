@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-FROM_PIP = ("proxsuite", "qpsolvers", "numpy", "scipy", "yaml", "rosbags")
-"""Packages that pip installs, wherever ROS comes from. Only pip has the first two."""
-PIP_NAMES = {"yaml": "PyYAML"}
+FROM_PIP = ("proxsuite", "qpsolvers", "numpy", "scipy", "yaml", "rosbags", "cv2")
+"""Packages that pip installs, with any installation of ROS. The first two exist only for pip."""
+PIP_NAMES = {"yaml": "PyYAML", "cv2": "opencv-python-headless"}
 
 
 def missing_package(error: ImportError) -> str:

@@ -1,4 +1,4 @@
-"""Print notes and the summary of finished work. A failure to print must not look like failed work."""
+"""Print notes and the summary of finished work. An error of printing is reported as such, not as failed work."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def print_summary(text: str) -> None:
 
 
 def print_note(text: str) -> None:
-    """Print a note to stderr. A stderr that is closed or full stops no work."""
+    """Print a note to stderr. Errors of stderr (closed, full) are ignored."""
     with suppress(OSError, ValueError, AttributeError):
         print(text, file=sys.stderr, flush=True)
 

@@ -17,8 +17,8 @@ class BandSolver:
 
     @staticmethod
     @lru_cache(maxsize=32)
-    def of(h: int, n: int) -> BandSolver:
-        """A cached solver, for numbers of systems that change."""
+    def cached(h: int, n: int) -> BandSolver:
+        """Return the solver for these numbers, created at the first call."""
         return BandSolver(h, n)
 
     def __init__(self, h: int, n: int) -> None:

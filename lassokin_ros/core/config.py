@@ -71,7 +71,7 @@ class TrackerConfig:
     )
     depth_noise: float = setting(
         0.03,
-        "standard deviation of measured depth; a larger noise, such as that of stereo far away, is noticed",
+        "standard deviation of measured depth; a larger noise, such as that of distant stereo, is estimated",
         "m",
         0.005,
         1.0,

@@ -22,10 +22,10 @@ import numpy as np
 from lassokin_ros.core.batch import BatchedCall, Steps, run_batched, run_single
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import orthonormalised
+from lassokin_ros.core.calibration.height import HeightEstimator
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.evidence import EvaluatedState
-from lassokin_ros.core.height import HeightEstimator
 from lassokin_ros.core.hypotheses.initialisation import Fit
 from lassokin_ros.core.hypotheses.replacement import reinitialisation_replaces
 from lassokin_ros.core.image.depth_gating import of_own_surface
@@ -45,7 +45,7 @@ STUCK_AFTER = 3
 """Consecutive frames without a usable answer (no certificate, behind the camera, too small) until the tracker
 initialises anew."""
 
-LIKELY = 3.0
+GOOD_FIT = 3.0
 """Cost per visible landmark up to which a fit that started from the network's pose is used without another search."""
 
 VERTICAL_AFTER = 1.0
@@ -104,10 +104,10 @@ class Tracker(TrackerParts):
         return self._lag.flush()
 
     def uncertainty(self, estimate: Estimate) -> JointUncertainty:
-        """How far off an estimate may be, computed on request. Raises ValueError for a rejected frame."""
+        """The uncertainty of an accepted estimate, computed on request. Raises ValueError for a rejected frame."""
         if estimate.pose is None or estimate.problem is None:
             raise ValueError("only an accepted estimate has an uncertainty; this frame was rejected")
-        return self._uncertainty.of(estimate)
+        return self._uncertainty.evaluate(estimate)
 
     def _filter_keypoints(self, observation: Observation, weights: np.ndarray) -> Measurement:
         depth = None if self._state is None else float(self._state.translation[2])
@@ -132,7 +132,7 @@ class Tracker(TrackerParts):
         return replace(observation, depth=own)
 
     def _with_learned_depth(self, measurement: Measurement) -> Steps[FrameData]:
-        """The frame's measurements, with the depths that the network estimates from them and those before."""
+        """The frame's measurements, with the depths that the network estimates from this frame and earlier ones."""
         if self._depth is None:
             return self._with_measured_depth(measurement)
         if measurement.lost:
@@ -171,7 +171,7 @@ class Tracker(TrackerParts):
             return self._initialiser.fit(frame)
         vertical = self._upright.vertical
         near = self._initialiser.fit(frame, self._network_hypothesis.start(places, self.skeleton))
-        if near.costs[0] <= LIKELY * np.count_nonzero(frame.weights):
+        if near.costs[0] <= GOOD_FIT * np.count_nonzero(frame.weights):
             return near
         chosen, self._upright.vertical = self._upright.vertical, vertical
         fit = self._initialiser.fit(frame)
@@ -261,7 +261,7 @@ class Tracker(TrackerParts):
             self._successor, self._another_body = winner, True
 
     def _compare_limbs(self, frame: FrameData) -> Steps[None]:
-        """Use a limb's other explanation from the next frame on, if it has become better than the published one."""
+        """Use another hypothesis of a limb from the next frame on, if its mean cost has become lower."""
         published = self._body_hypotheses.published
         if self._limbs.count:
             yield BatchedCall(self._limbs, "advance", (published, frame, self._body_hypotheses.image_costs))
@@ -313,7 +313,7 @@ class Tracker(TrackerParts):
     def _learn(
         self, measurement: Measurement, frame: FrameData, start: BodyState, fit: Fit | None, increment: Increment
     ) -> None:
-        """Update bone lengths, the person's mean pose, and the keypoints' lasting error."""
+        """Update bone lengths, the person's mean pose, and the keypoints' model error."""
         stamp, new = measurement.stamp, not measurement.repeated
         if self.config.calibrate and (fit is not None or new):
             self._calibrate(stamp, frame, fit is not None)
@@ -328,7 +328,7 @@ class Tracker(TrackerParts):
         """Return (n,) bool, the joints that keypoints observe. Raises ValueError for a rejected estimate."""
         if estimate.visible is None:
             raise ValueError("this frame was rejected; only an accepted estimate has observed joints")
-        return self._observed.of(estimate.visible)
+        return self._observed.from_visible(estimate.visible)
 
     def _calibrate(self, stamp: float, frame: FrameData, initialised: bool) -> None:
         """Update the bone lengths from a tracked frame. New lengths are used from the next frame on."""
@@ -347,7 +347,7 @@ class Tracker(TrackerParts):
             self._adopt_height(height.height, frame)
 
     def _adopt_height(self, height: float, frame: FrameData) -> None:
-        """Scale the body and its distance; what was learned of the proportions starts again."""
+        """Scale the body and its distance. The proportions are learned anew."""
         assert self._state is not None
         ratio, depth, waiting = height / self.skeleton.height, self._depth, self._lag.flush()
         self._resize(height)

@@ -11,7 +11,8 @@ from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.body.surface import BodySurface
 from lassokin_ros.core.body.symmetry import LARGEST_ASYMMETRY, asymmetry, limb_groups, symmetrised
-from lassokin_ros.core.calibration import Calibration
+from lassokin_ros.core.calibration.bone_lengths import Calibration
+from lassokin_ros.core.calibration.height import HeightEstimator
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.adaptive_mean import AdaptiveMean
@@ -23,7 +24,6 @@ from lassokin_ros.core.evidence.learned_depth import LearnedDepth, has_target_jo
 from lassokin_ros.core.evidence.model_error import ModelError
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.evidence.upright import Upright
-from lassokin_ros.core.height import HeightEstimator
 from lassokin_ros.core.hypotheses.body_hypotheses import BodyHypotheses
 from lassokin_ros.core.hypotheses.initialisation import Initialiser
 from lassokin_ros.core.hypotheses.limb_hypotheses import LimbHypotheses

@@ -1,6 +1,6 @@
 """Synthetic motion with known truth, and simulated detections of it, for the demo and the tests.
 
-The motion is a function of time, the detections also depend on a seed. Everything is repeatable.
+The motion is a function of time; the detections also depend on a seed. Both are repeatable.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.image.projection import project
-from lassokin_ros.pipeline.lens import Lens
+from lassokin_ros.pipeline.camera.lens import Lens
 
 UPRIGHT = np.diag([1.0, -1.0, -1.0])
 """Orientation of a person who stands upright and faces the camera."""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from importlib import metadata
 from typing import Any
 
@@ -20,13 +23,18 @@ class MediaPipePose:
 
     def __init__(self) -> None:
         """Raises DetectorError."""
-        self._pose = _pose()
+        self._loaded = False
+        with _quiet_stderr():
+            self._pose = _pose()
+            self._pose.process(np.zeros((64, 64, 3), np.uint8))  # returns when the models are loaded
 
     def detect(self, image: np.ndarray, seconds: float) -> Detected:
         """See Detector.detect."""
-        found = self._pose.process(np.ascontiguousarray(image)).pose_landmarks
+        with nullcontext() if self._loaded else _quiet_stderr():
+            found = self._pose.process(np.ascontiguousarray(image)).pose_landmarks
         if found is None:
             return nobody(LANDMARKS)
+        self._loaded = True
         height, width = image.shape[:2]
         points = np.array([(p.x, p.y, p.visibility) for p in found.landmark])
         return Detected(points[:, :2] * (width, height), np.clip(points[:, 2], 0.0, 1.0))
@@ -34,6 +42,24 @@ class MediaPipePose:
     def close(self) -> None:
         """See Detector.close."""
         self._pose.close()
+
+
+@contextmanager
+def _quiet_stderr() -> Iterator[None]:
+    """Discard what compiled code writes to stderr. MediaPipe logs several lines whatever its log level is."""
+    try:
+        kept = os.dup(2)
+    except OSError:  # stderr is closed
+        yield
+        return
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def _pose() -> Any:

@@ -74,7 +74,7 @@ class DetectorNode(Node):
 
     def _reject(self, reason: str, text: str) -> None:
         self._counts[f"rejected: {reason}"] += 1
-        self._warning.say(reason, text)
+        self._warning.log(reason, text)
 
     def _publish_diagnostics(self) -> None:
         now = time.monotonic()

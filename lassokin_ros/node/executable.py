@@ -40,7 +40,7 @@ def run_node(
 
         make_node = load()
     except ImportError as error:
-        return _complain(parser.prog, missing_package(error))
+        return _print_error(parser.prog, missing_package(error))
     argv = list(sys.argv if arguments is None else [parser.prog, *arguments])
     node = None
     try:
@@ -49,7 +49,7 @@ def run_node(
         node = make_node()
         spin(node, stopped)
     except Exception as error:
-        return _complain(parser.prog, first_sentence(error))
+        return _print_error(parser.prog, first_sentence(error))
     finally:
         if node is not None:
             node.destroy_node()
@@ -102,7 +102,7 @@ def first_sentence(error: Exception) -> str:
     return f"{text}; {LOG_ADVICE}" if "logging" in text else text
 
 
-def _complain(program: str, message: str) -> int:
+def _print_error(program: str, message: str) -> int:
     """Print one line on stderr. Return the exit code for a wrong use."""
     print(f"{program}: {message}", file=sys.stderr)
     return USAGE_ERROR

@@ -14,12 +14,12 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.node.qos import overrides
-from lassokin_ros.node.state_publisher import StatePublisher
+from lassokin_ros.node.robot_state_publisher_client import RobotStatePublisherClient
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
+from lassokin_ros.pipeline.outputs.description.robot_description import RobotDescription
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages, id_list
 from lassokin_ros.pipeline.outputs.naming import Naming
-from lassokin_ros.pipeline.outputs.robot_description import RobotDescription
 from lassokin_ros.pipeline.settings import OFF, NodeSettings
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.detectors.registry import full_type_name
@@ -47,7 +47,8 @@ def message_class(message_type: str) -> Any:
 def advertise(node: Node, topic: topics.OutputTopic, name: str = "", overridable: bool = True) -> Publisher:
     """Create the publisher of an output topic. name: replaces the topic's name if given.
 
-    overridable: QoS can be set by parameters. False for topics of one of several people: parameters would stay.
+    overridable: QoS can be set by parameters. False for the topics of one of several people, because their parameters
+    would remain when the person leaves.
     """
     durability = DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE
     qos = QoSProfile(depth=1 if topic.latched else OUTPUT_DEPTH, durability=durability)
@@ -77,7 +78,7 @@ class PersonOutputs:
         """title: name of the node. person: id, empty if one person is followed. Raises SkeletonError for base_frame."""
         backend = RclpyBackend()
         self._node = node
-        naming = Naming.of(config, title, person)
+        naming = Naming.of_person(config, title, person)
         self._description = RobotDescription(backend, skeleton, config.base_frame, naming)
         name = partial(topics.of_person, person=person, rep155=config.rep155)
         self._out = {
@@ -85,10 +86,10 @@ class PersonOutputs:
         }
         if config.publish_tf != OFF:
             self._out[topics.TF] = advertise(node, topics.TF_OUTPUT, overridable=not person)
-        self._messages = FrameMessages(backend, skeleton, title, person, config, ready_made=True)
+        self._messages = FrameMessages(backend, skeleton, title, person, config, serialised=True)
         self.state_publisher = None
         if not person and config.state_publisher:
-            self.state_publisher = StatePublisher(node, config.state_publisher, naming.prefix)
+            self.state_publisher = RobotStatePublisherClient(node, config.state_publisher, naming.prefix)
         if not person:
             self._describe(self._description.first())
 

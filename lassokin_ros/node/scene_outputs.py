@@ -10,13 +10,13 @@ from lassokin_ros.node.person_outputs import advertise, subscribers
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, images_of
-from lassokin_ros.pipeline.outputs.presence_state import LOST, NOBODY, TRACKING, PresenceState
+from lassokin_ros.pipeline.outputs.status.presence_state import LOST, NOBODY, TRACKING, PresenceState
 from lassokin_ros.pipeline.pipeline import Pipeline
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.detectors.registry import full_type_name
 from msg_adapters.output_messages.builders import StringBuilder
 
-SAID = {TRACKING: "tracking", LOST: "lost: no usable frame for lost_after", NOBODY: "nobody is tracked"}
+LOG_MESSAGES = {TRACKING: "tracking", LOST: "lost: no usable frame for lost_after", NOBODY: "nobody is tracked"}
 """Log messages about a new state."""
 
 
@@ -29,7 +29,7 @@ class SceneOutputs:
         self._node, self._pipeline = node, pipeline
         self._people_out = advertise(node, topics.people_output(message_type))
         self._state_out = advertise(node, topics.STATE_OUTPUT)
-        self._people = PeopleMessages(backend, message_type, ready_made=True)
+        self._people = PeopleMessages(backend, message_type, serialised=True)
         self._state, self._text = PresenceState(), StringBuilder(backend)
         self._publish_state()
 
@@ -43,20 +43,20 @@ class SceneOutputs:
             if wanted:
                 self._people_out.publish(self._people.build(image, config.lost_after, pipeline.config.forget_after))
         if self._state.value != TRACKING or not any(frame.accepted for frame in frames):
-            self.look(arrival_ns)
+            self.check(arrival_ns)
 
-    def look(self, now_ns: int) -> None:
+    def check(self, now_ns: int) -> None:
         """Publish the state if it has changed. now_ns: ns, a time up to which all messages were processed."""
         pipeline = self._pipeline
         limits = pipeline.tracker.config.lost_after, pipeline.config.forget_after
         if self._state.update(pipeline.presence_at(now_ns), now_ns, *limits):
             self._publish_state()
-            self._node.get_logger().info(SAID[self._state.value])
+            self._node.get_logger().info(LOG_MESSAGES[self._state.value])
 
     def forget(self) -> None:
         """Forget all people: the pipeline was reset."""
         self._people.forget()
-        self.look(0)
+        self.check(0)
 
     def _publish_state(self) -> None:
         self._state_out.publish(self._text.fill(self._state.value))

@@ -26,7 +26,7 @@ LARGEST_ASPECT_ERROR = 0.02
 """Largest difference of width / height between a depth image and the image of its camera_info."""
 
 REGISTERED_NAMES = ("aligned_depth_to_color", "depth_registered", "depth_to_rgb")
-"""Parts of topic names by which drivers say that a depth image is registered to the colour image."""
+"""Parts of topic names of depth images that drivers register to the colour image."""
 
 RECEIVED, MATCHED, UNMATCHED = "depth: received", "depth: matched", "depth: no image of the keypoints' time"
 REFUSED, NOT_REGISTERED = "depth: refused", "depth: not registered"
@@ -44,7 +44,7 @@ class DepthImages:
         """counts: a Counter that receives the numbers of messages, see COUNTS.
 
         topic: of the images. registered: whether images with another frame_id than the colour image's are registered to
-        it nevertheless; they are in any case if the topic's name says so (REGISTERED_NAMES).
+        it nevertheless; they are in any case if the topic's name is one of REGISTERED_NAMES.
         """
         self._counts = counts
         self._registered = registered or any(name in topic for name in REGISTERED_NAMES)
@@ -95,7 +95,7 @@ class DepthImages:
         self._images.append(image)
         return None
 
-    def awaits(self, stamp_ns: int | None) -> bool:
+    def may_receive(self, stamp_ns: int | None) -> bool:
         """Return True if the depth image of keypoints with this stamp may still come."""
         newest = self.newest_ns
         return stamp_ns is not None and newest is not None and newest < stamp_ns - self.tolerance_ns
@@ -152,7 +152,7 @@ class DepthImages:
         if not apart:
             return None
         nearest = self._images[apart.index(min(apart))]
-        older = self.awaits(stamp_ns) and min(apart) <= OLDEST * self._period_ns
+        older = self.may_receive(stamp_ns) and min(apart) <= OLDEST * self._period_ns
         return nearest if older or min(apart) <= self.tolerance_ns else None
 
     def _registration_fault(self, image: DepthImage, size: tuple[int, int], frames: tuple[str, str]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lassokin_ros.pipeline.lens import Lens
+from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.people.tracked_person import Detection
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints

@@ -13,7 +13,7 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.output.uncertainty import JointUncertainty
-from lassokin_ros.pipeline.lens import Lens
+from lassokin_ros.pipeline.camera.lens import Lens
 
 BODY_FROM_ROOT = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 """Axes of the frame `body` (REP-103: x front, y left, z up), as columns in the root joint's frame (x left, y up,

@@ -14,15 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from lassokin_ros.core.calibration import Calibration
+from lassokin_ros.core.calibration.bone_lengths import Calibration
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Status
-from lassokin_ros.pipeline.camera import OUTSIDE_IMAGE, Camera, View
-from lassokin_ros.pipeline.camera_mount import CameraMount
+from lassokin_ros.pipeline.camera.camera_mount import CameraMount
+from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE, Camera, View
 from lassokin_ros.pipeline.depth_images import DepthImages
 from lassokin_ros.pipeline.detections import detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
-from lassokin_ros.pipeline.outputs.urdf import check_names
+from lassokin_ros.pipeline.outputs.description.urdf import check_names
 from lassokin_ros.pipeline.people.matching import is_trackable
 from lassokin_ros.pipeline.people.people_tracker import PeopleImage, PeopleTracker
 from lassokin_ros.pipeline.people.presence import Presence
@@ -230,7 +230,7 @@ class Pipeline:
         confident = keypoints.confidence >= self.tracker.config.min_confidence  # others may be out of view
         self.nobody_in_view = not np.count_nonzero(confident & keypoints.present)
         self.counts[NOBODY] += self.nobody_in_view
-        if view.is_left_by(keypoints.xy.compress(confident, axis=0)):
+        if view.has_outside(keypoints.xy.compress(confident, axis=0)):
             self.counts[OUTSIDE_IMAGE] += 1
 
     def _is_back_in_time(self, image: PeopleImage, arrival_ns: int, stamped: bool) -> bool:

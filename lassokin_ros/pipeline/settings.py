@@ -31,7 +31,7 @@ class NodeSettings:
         "registered to the colour image; empty for none",
     )
     depth_registered: bool = setting(
-        False, "depth images with another frame_id than the colour image's are registered to it nevertheless"
+        False, "depth images are registered to the colour image even if their frame_id differs from its frame_id"
     )
     rectified: bool = setting(
         False, "keypoints are pixels of the rectified image: camera_info's P is used in place of K and D"
@@ -39,25 +39,26 @@ class NodeSettings:
     camera_mount_frame: str = setting(
         "",
         "frame with z up, such as base_footprint, over which TF gives the camera's roll and pitch at each image; "
-        "empty: camera_roll and camera_pitch hold",
+        "empty: camera_roll and camera_pitch are used",
     )
     base_frame: str = setting(
-        "camera_optical_frame", "base link of robot_description until the first keypoints say their frame_id"
+        "camera_optical_frame", "base link of robot_description until the first keypoints give their frame_id"
     )
     frame_prefix: str = setting(
         "~/", "precedes the names of TF frames and URDF links; ~ is the node's name; <id>/ follows with several people"
     )
     queue_depth: int = setting(
         5,
-        "keypoint messages that may wait and are all used, to catch up; when more wait the newest is, the others are "
-        "counted",
+        "keypoint messages that may wait and are all processed; if more wait, only the newest is processed and the "
+        "others are counted",
         "",
         1,
         1000,
     )
     jump_back: float = setting(
         0.5,
-        "a header stamp that lies back by more than this (bag loop, seek) resets the tracker; by less, is rejected",
+        "a stamp older than the newest by more than this (bag loop, seek) resets the tracker; any other old stamp is "
+        "rejected",
         "s",
         0.0,
         3600.0,
@@ -66,7 +67,7 @@ class NodeSettings:
     max_people: int = setting(1, "people followed at once; above 1, topics are under ~/bodies/<id>/", "", 1, 20)
     person_ids: str = setting(
         MESSAGE,
-        "who tells people apart over time: the message's person numbers where it has lasting ones, or the node alone",
+        "what identifies people over time: the message's person numbers if they persist, or the node's own matching",
         choices=(MESSAGE, NODE),
     )
     forget_after: float = setting(3.0, "a person who is not seen for this long has left", "s", 0.1, 3600.0, live=True)
@@ -97,7 +98,7 @@ class NodeSettings:
     )
     skeleton_output: str = setting(
         "~/.ros/lassokin_skeleton.yaml",
-        "file that ~/save_skeleton writes, for the parameter skeleton; of several people each their own, _<id> added",
+        "file that ~/save_skeleton writes, for the parameter skeleton; with several people one file each, _<id> added",
         live=True,
     )
 
@@ -108,7 +109,7 @@ class NodeSettings:
 
     @property
     def topic_per_body(self) -> bool:
-        """True when each person's keypoints come on a topic of their own."""
+        """True when the keypoints of each person have a separate topic."""
         return self.rep155 and full_type_name(self.keypoints_type) == PER_BODY_TYPE
 
     @property

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from lassokin_ros.core.errors import CameraError
-from lassokin_ros.pipeline.calibration_file import read_calibration
+from lassokin_ros.pipeline.camera.calibration_file import read_calibration
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.replay.bags import BagReader, RecordedTopic
 from msg_adapters.backends import RosbagsBackend

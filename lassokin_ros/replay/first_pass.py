@@ -9,7 +9,7 @@ from typing import Any
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError
-from lassokin_ros.pipeline.outputs.skeleton_file import LEAST_MOTION, save_all
+from lassokin_ros.pipeline.outputs.description.skeleton_file import LEAST_MOTION, save_all
 from lassokin_ros.pipeline.settings import NodeSettings
 
 Inputs = Mapping[str, Callable[[Any, int], Iterator[tuple[str, str, Any]]]]

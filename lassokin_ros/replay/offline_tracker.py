@@ -16,13 +16,13 @@ from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics
+from lassokin_ros.pipeline.outputs.description.robot_description import RobotDescription
+from lassokin_ros.pipeline.outputs.description.skeleton_file import save_all
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages, id_list
 from lassokin_ros.pipeline.outputs.naming import Naming
 from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, images_of
-from lassokin_ros.pipeline.outputs.presence_state import PresenceState
-from lassokin_ros.pipeline.outputs.robot_description import RobotDescription
-from lassokin_ros.pipeline.outputs.skeleton_file import save_all
+from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
+from lassokin_ros.pipeline.outputs.status.presence_state import PresenceState
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
@@ -50,15 +50,15 @@ class OfflineTracker:
         tracker_config: TrackerConfig,
         node_config: NodeSettings,
         types: Any,
-        ready_made: bool = False,
+        serialised: bool = False,
         only_track: bool = False,
     ) -> None:
-        """types: the typestore of rosbags. ready_made: yield serialised messages where that is faster.
+        """types: the typestore of rosbags. serialised: yield serialised messages where that is faster.
 
         only_track: make no messages of people's poses.
         Raises a LassokinError if the configuration cannot be used.
         """
-        self._ready_made, self._only_track = ready_made, only_track
+        self._ready_made, self._only_track = serialised, only_track
         self.pipeline = Pipeline(tracker_config, node_config)
         self.frame_seconds: list[float] = []
         """Time for decoding and tracking each message, s."""
@@ -85,7 +85,7 @@ class OfflineTracker:
             for output in (self._tracked, topics.ROI_OUTPUT):
                 add_type(types, output.message_type, OF_DETECTORS[output.message_type])
         self._list = id_list(self._backend, node_config.rep155)
-        self._scene = SceneMessages(self._backend, self.pipeline, types, ready_made)
+        self._scene = SceneMessages(self._backend, self.pipeline, types, serialised)
         self._diagnostics: Diagnostics | None = None
         self._next_diagnostics_ns = 0
         self._held: deque[tuple[Any, int]] = deque()
@@ -105,7 +105,7 @@ class OfflineTracker:
         """Process a CameraInfo, None for one that could not be deserialised; see `keypoints`."""
         yield from self._tick(time_ns)
         assert self._diagnostics is not None
-        self._diagnostics.saw_camera(time_ns * 1e-9)
+        self._diagnostics.count_camera_info(time_ns * 1e-9)
         if message is None:
             self.pipeline.counts[f"rejected: {UNREADABLE}"] += 1
         else:
@@ -141,11 +141,11 @@ class OfflineTracker:
             self.pipeline.mount.transforms.add(message, static=True)
 
     def _track_held(self, now_ns: int) -> Iterator[tuple[str, str, Any]]:
-        """Track the keypoint messages whose depth image has come or is not expected any more."""
+        """Track the keypoint messages whose depth image was received or is not expected any more."""
         while self._held:
             message, time_ns = self._held[0]
             depth, late = self.pipeline.depth, now_ns - time_ns >= DEPTH_WAIT_NS
-            if depth is not None and message is not None and not late and depth.awaits(stamp_of(message)):
+            if depth is not None and message is not None and not late and depth.may_receive(stamp_of(message)):
                 return
             self._held.popleft()
             yield from self._track(message, time_ns)
@@ -162,7 +162,7 @@ class OfflineTracker:
         self.frame_seconds.append(time.perf_counter() - started)
         self._notify(frames, time_ns, self.frame_seconds[-1])
         assert self._diagnostics is not None
-        self._diagnostics.saw_message(frames, time_ns, time_ns * 1e-9, float("nan"))  # the duration is not repeatable
+        self._diagnostics.count_message(frames, time_ns, time_ns * 1e-9, float("nan"))  # the duration is not repeatable
         for frame in frames:
             yield from self._outputs(frame)
         yield from self._list_of_people(time_ns)
@@ -221,7 +221,7 @@ class OfflineTracker:
             self._next_diagnostics_ns = time_ns + DIAGNOSTICS_PERIOD_NS
             yield self._scene.state()
         else:
-            yield from self._scene.look(time_ns)
+            yield from self._scene.check(time_ns)
         if time_ns >= self._next_diagnostics_ns:
             self._next_diagnostics_ns = time_ns + DIAGNOSTICS_PERIOD_NS
             line = self._diagnostics.line(time_ns * 1e-9)
@@ -232,11 +232,11 @@ class OfflineTracker:
 class PersonMessages:
     """One person's messages, the body's description before those of the first frame that needs it."""
 
-    def __init__(self, backend: Backend, pipeline: Pipeline, person: str, ready_made: bool) -> None:
-        """person: the id, empty when one person is followed. ready_made: see FrameMessages."""
+    def __init__(self, backend: Backend, pipeline: Pipeline, person: str, serialised: bool) -> None:
+        """person: the id, empty when one person is followed. serialised: see FrameMessages."""
         skeleton, config = pipeline.tracker.skeleton, pipeline.config
-        self._messages = FrameMessages(backend, skeleton, NODE_NAME, person, config, ready_made)
-        naming = Naming.of(config, NODE_NAME, person)
+        self._messages = FrameMessages(backend, skeleton, NODE_NAME, person, config, serialised)
+        naming = Naming.of_person(config, NODE_NAME, person)
         self._description = RobotDescription(backend, skeleton, config.base_frame, naming)
         self._counts = pipeline.counts
 
@@ -255,13 +255,13 @@ class PersonMessages:
 class SceneMessages:
     """The people of each image, and the state of tracking when it changes; in the node this is SceneOutputs."""
 
-    def __init__(self, backend: Backend, pipeline: Pipeline, types: Any, ready_made: bool) -> None:
-        """types: the typestore of rosbags. ready_made: see PeopleMessages."""
+    def __init__(self, backend: Backend, pipeline: Pipeline, types: Any, serialised: bool) -> None:
+        """types: the typestore of rosbags. serialised: see PeopleMessages."""
         self._pipeline, self._type = pipeline, full_type_name(pipeline.config.people_type)
         for name, definition in DEFINITIONS.items():
             if name.split("/")[0] == self._type.split("/")[0]:
                 add_type(types, name, definition)
-        self._people = PeopleMessages(backend, self._type, ready_made)
+        self._people = PeopleMessages(backend, self._type, serialised)
         self._state, self._text = PresenceState(), StringBuilder(backend)
 
     def state(self) -> tuple[str, str, Any]:
@@ -277,9 +277,9 @@ class SceneMessages:
             self._people.update(people, pipeline.ids)
             message = self._people.build(image, config.lost_after, pipeline.config.forget_after)
             yield topics.full_name(topics.PEOPLE, NODE_NAME), self._type, message
-        yield from self.look(time_ns)
+        yield from self.check(time_ns)
 
-    def look(self, time_ns: int) -> Iterator[tuple[str, str, Any]]:
+    def check(self, time_ns: int) -> Iterator[tuple[str, str, Any]]:
         """Yield the state if it has changed. time_ns: recording time of the present message."""
         limits = self._pipeline.tracker.config.lost_after, self._pipeline.config.forget_after
         if self._state.update(self._pipeline.presence_at(time_ns), time_ns, *limits):

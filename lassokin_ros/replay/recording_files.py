@@ -1,7 +1,7 @@
 """The data files of a recording: which belong to it, whether all are there, and their readers of rosbags.
 
-A part of a recording must not pass as all of it: a missing part, a file that was cut, and a file with fewer messages
-than metadata.yaml counts are refused. Otherwise the files are trusted, not metadata.yaml.
+An incomplete recording is refused: a part is missing, a file was cut, or a file has fewer messages than metadata.yaml
+states. In all other respects the files are used, not metadata.yaml.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class DataFile:
 
 @dataclass(frozen=True)
 class Metadata:
-    """What metadata.yaml says. files: names. topics: messages of each topic. counts: messages of each file."""
+    """Content of metadata.yaml. files: names. topics: messages of each topic. counts: messages of each file."""
 
     files: list[str]
     compressed: bool
@@ -63,7 +63,7 @@ class Metadata:
 
 
 def read_metadata(folder: Path) -> Metadata | None:
-    """Return what metadata.yaml of a recording says; None if it cannot be followed here."""
+    """Return the content of metadata.yaml of a recording; None if it cannot be used here."""
     try:
         data = load_mapping(read_text(folder / METADATA, BagError), str(folder), BagError)
         data = data["rosbag2_bagfile_information"]

@@ -10,19 +10,31 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, TextIO
 
+import numpy as np
+
+from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.progress import Progress
+from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError
+from lassokin_ros.core.evidence.upright import level_from_camera
+from lassokin_ros.pipeline.depth_images import MATCHED, UNMATCHED
 from lassokin_ros.pipeline.outputs import topics
+from lassokin_ros.pipeline.outputs.description.skeleton_file import check_skeleton_file
+from lassokin_ros.pipeline.outputs.status.calibration_status import averaged_sides
+from lassokin_ros.pipeline.parameter_files import offline_settings
+from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.bags import BagReader, BagWriter, RecordedTopic
+from lassokin_ros.replay.camera_source import camera_source
+from lassokin_ros.replay.exports.exports import Exports, is_inside_name
+from lassokin_ros.replay.first_pass import Inputs, check_two_passes, learn_lengths
+from lassokin_ros.replay.motion import MotionRecorder
+from lassokin_ros.replay.offline_tracker import LINK_AS_FRAME, OfflineTracker
+from lassokin_ros.replay.output_paths import OutputError, check_output_paths
+from lassokin_ros.replay.record import KEY, Figures, Record, origin_of
+from lassokin_ros.replay.recorded_images import recorded_images
+from msg_adapters.detectors.registry import full_type_name
 
 if TYPE_CHECKING:
-    from lassokin_ros.common.atomic_files import AtomicFiles
-    from lassokin_ros.core.config import TrackerConfig
-    from lassokin_ros.pipeline.settings import NodeSettings
-    from lassokin_ros.replay.exports.exports import Exports
-    from lassokin_ros.replay.first_pass import Inputs
-    from lassokin_ros.replay.offline_tracker import OfflineTracker
-    from lassokin_ros.replay.record import Figures
     from lassokin_ros.replay.report.report import Report
 
 
@@ -40,19 +52,6 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
 
     progress_on: stream for the progress bar, stderr by default.
     """
-    import numpy as np
-
-    from lassokin_ros.common.atomic_files import AtomicFiles
-    from lassokin_ros.pipeline.parameter_files import offline_settings
-    from lassokin_ros.replay.camera_source import camera_source
-    from lassokin_ros.replay.exports.exports import is_inside_name
-    from lassokin_ros.replay.first_pass import learn_lengths
-    from lassokin_ros.replay.offline_tracker import OfflineTracker
-    from lassokin_ros.replay.output_paths import OutputError, check_output_paths
-    from lassokin_ros.replay.record import KEY, Record, origin_of
-    from lassokin_ros.replay.recorded_images import recorded_images
-    from msg_adapters.detectors.registry import full_type_name
-
     options.output = options.output or Path(f"{options.bag.resolve().stem}_tracked")
     check_output_paths([options])
     tracker_config, node_config = offline_settings(options.params_file, options.p)
@@ -67,7 +66,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
             first = OfflineTracker(tracker_config, node_config, bag.types, only_track=True)
             inputs, messages = _inputs(first, keypoints, camera, others), camera.messages(bag, read)
             tracker_config = learn_lengths(messages, inputs, first, tracker_config, Path(folder))
-        tracker = OfflineTracker(tracker_config, node_config, bag.types, ready_made=True)
+        tracker = OfflineTracker(tracker_config, node_config, bag.types, serialised=True)
         report = _report(options, tracker)
         exports = _exports(options, tracker)
         images = recorded_images(bag, options, report, keypoints)
@@ -94,9 +93,6 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
 
 def _check_learning(options: argparse.Namespace, tracker: TrackerConfig, node: NodeSettings) -> None:
     """Raise a LassokinError if --save-skeleton or --two-pass cannot be done with these settings."""
-    from lassokin_ros.pipeline.outputs.skeleton_file import check_skeleton_file
-    from lassokin_ros.replay.first_pass import check_two_passes
-
     if options.save_skeleton is not None:
         if not tracker.calibrate:
             raise ConfigurationError("--save-skeleton needs calibration; add -p calibrate:=true")
@@ -125,7 +121,7 @@ def _inputs(tracker: OfflineTracker, keypoints: RecordedTopic, camera: Any, othe
 def _run(
     messages: Iterator[tuple[str, int, Any]],
     inputs: Inputs,
-    tracker: Any,
+    tracker: OfflineTracker,
     writer: BagWriter,
     progress: Progress,
 ) -> float:
@@ -144,7 +140,7 @@ def _run(
 
 
 def _files(
-    options: argparse.Namespace, tracker: Any, exports: Exports | None, writer: BagWriter, files: AtomicFiles
+    options: argparse.Namespace, tracker: OfflineTracker, exports: Exports | None, writer: BagWriter, files: AtomicFiles
 ) -> dict[str, str]:
     """Write the skeletons and the exports; return their lines of the summary."""
     lines = {}
@@ -157,7 +153,7 @@ def _files(
     return lines
 
 
-def _report(options: argparse.Namespace, tracker: Any) -> Report | None:
+def _report(options: argparse.Namespace, tracker: OfflineTracker) -> Report | None:
     """Return the collector of the report, None without --report. Raises a LassokinError for an unusable path."""
     if options.report is None:
         return None
@@ -168,13 +164,10 @@ def _report(options: argparse.Namespace, tracker: Any) -> Report | None:
     return report
 
 
-def _exports(options: argparse.Namespace, tracker: Any) -> Exports | None:
+def _exports(options: argparse.Namespace, tracker: OfflineTracker) -> Exports | None:
     """Return the collector of the exports, None without --export. Raises a LassokinError for an unusable path."""
     if not options.export:
         return None
-    from lassokin_ros.core.evidence.upright import level_from_camera
-    from lassokin_ros.replay.exports.exports import Exports
-    from lassokin_ros.replay.motion import MotionRecorder
 
     pipeline = tracker.pipeline
     recorder = MotionRecorder(pipeline.tracker.layout.names, lambda: level_from_camera(*pipeline.camera_angles))
@@ -182,22 +175,16 @@ def _exports(options: argparse.Namespace, tracker: Any) -> Exports | None:
     return Exports(options.export, recorder, pipeline.config.several_people, options.force)
 
 
-def _figures(tracker: Any) -> Figures:
-    import numpy as np
-
-    from lassokin_ros.replay.record import Figures
+def _figures(tracker: OfflineTracker) -> Figures:
 
     counts, error = tracker.pipeline.counts, tracker.reprojection_px
     median = round(float(np.median(error)), 3) if error else None
     return Figures(counts["received"], counts["accepted"], tracker.times_lost, median)
 
 
-def _summary(title: str, inputs: Sequence[str], tracker: Any, seconds: float, written: Mapping[str, str]) -> str:
-    import numpy as np
-
-    from lassokin_ros.pipeline.depth_images import MATCHED, UNMATCHED
-    from lassokin_ros.pipeline.outputs.calibration_status import averaged_sides
-    from lassokin_ros.replay.offline_tracker import LINK_AS_FRAME
+def _summary(
+    title: str, inputs: Sequence[str], tracker: OfflineTracker, seconds: float, written: Mapping[str, str]
+) -> str:
 
     counts, error = tracker.pipeline.counts, tracker.reprojection_px
     rejected = {key.partition(": ")[2]: n for key, n in sorted(counts.items()) if key.startswith("rejected: ")}

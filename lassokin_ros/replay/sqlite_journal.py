@@ -1,4 +1,4 @@
-"""Databases whose writer was killed: what it wrote is partly in a journal file beside the database.
+"""Databases whose writer was killed: a part of the data is in a journal file beside the database.
 
 rosbags reads the database alone, without a write-ahead log (-wal) and without rolling back a half-written transaction
 (-journal). SQLite merges both when it opens the database for writing, so this is done with a copy.

@@ -66,8 +66,8 @@ def in_our_names(tree: RestTree, source: str) -> RestTree | None:
             program, found = other, relaxed[other]
         return _completed(tree, {**found, **given}, program, source, bool(given))
     if program == OWN_NAMES:
-        return _with_more_joints(tree, found) or _hung_into_our_tree(tree, found, own_orders=True)
-    return _hung_into_our_tree(tree, found, own_orders=False)
+        return _with_more_joints(tree, found) or _in_our_tree(tree, found, own_orders=True)
+    return _in_our_tree(tree, found, own_orders=False)
 
 
 def names_file(path: Path) -> Path:
@@ -136,7 +136,7 @@ def _completed(tree: RestTree, found: dict[str, int], program: str, source: str,
             f"{source} has the joint names of {program}, but not {theirs}; write their names in the file to "
             f"'{names_file(Path(source)).name}' beside it, in lines such as {lines}; {_listing(tree)}"
         )
-    return _hung_into_our_tree(tree, found, own_orders=False)
+    return _in_our_tree(tree, found, own_orders=False)
 
 
 def _common_joint(tree: RestTree, one: int, other: int) -> int:
@@ -183,7 +183,7 @@ def _with_more_joints(tree: RestTree, found: dict[str, int]) -> RestTree | None:
     return RestTree(names, tuple(parents), tree.positions[places], axes)
 
 
-def _hung_into_our_tree(tree: RestTree, found: dict[str, int], own_orders: bool) -> RestTree:
+def _in_our_tree(tree: RestTree, found: dict[str, int], own_orders: bool) -> RestTree:
     ours = Skeleton.load(OURS, 1.0)
     names = [joint for joint in ours.joint_names if joint in found]
     parents = []

@@ -1,7 +1,7 @@
 """Convert any rest pose to ours: metres, x to the person's left, y up, z to the front, a T-pose.
 
-The positions of landmarks, the pose prior and the joint limits are defined in that pose. A skeleton with hanging arms
-or in other axes would be tracked badly, without an error.
+The positions of landmarks, the pose prior and the joint limits are defined in that pose. With hanging arms or other
+axes the poses would be wrong, without an error message.
 """
 
 from __future__ import annotations

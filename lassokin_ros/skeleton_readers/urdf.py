@@ -51,7 +51,7 @@ def read(path: Path, height: float) -> Skeleton:
     joints = _joints(robot, source)
     name = robot.get("name") or path.stem
     if set(ROOT_JOINTS) <= {joint.name for joint in joints}:
-        return to_skeleton(_our_own(joints, source), height, source, name)
+        return to_skeleton(_joints_of_our_urdf(joints, source), height, source, name)
     named = in_our_names(_links(joints), source)
     if named is None:
         raise SkeletonError(
@@ -151,8 +151,8 @@ def _links(joints: list[Joint]) -> RestTree:
     )
 
 
-def _our_own(joints: list[Joint], source: str) -> RestTree:
-    """Return the ball joints, each written as three revolute joints, see lassokin_ros.pipeline.outputs.urdf."""
+def _joints_of_our_urdf(joints: list[Joint], source: str) -> RestTree:
+    """Return the ball joints, each written as three revolute joints, see `pipeline.outputs.description.urdf`."""
     places = _placed(joints)
     ball_of: dict[str, str] = {}  # link -> the ball joint that it belongs to
     parents: dict[str, str] = {}

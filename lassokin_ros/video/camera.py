@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from lassokin_ros.core.errors import CameraError
-from lassokin_ros.pipeline.calibration_file import Calibration, read_calibration
+from lassokin_ros.pipeline.camera.calibration_file import Calibration, read_calibration
 
 DEFAULT_FOV = 60.0
 """deg: field of view along the longer side of the image, assumed without a calibration."""
@@ -43,7 +43,7 @@ def from_fov(degrees: float, size: Size, content: Size | None = None) -> Calibra
 
 
 def from_file(path: Path, size: Size) -> Calibration:
-    """Read a calibration file (see pipeline.calibration_file) and scale it to the image size (width, height) px.
+    """Read a calibration file (see pipeline.camera.calibration_file) and scale it to the image size (width, height) px.
 
     Raises CameraError for another form, and for an image with another aspect ratio.
     """

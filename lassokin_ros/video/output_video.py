@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from lassokin_ros.common.atomic_files import refuse_existing
+from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.pipeline.frame_result import FrameResult
 
@@ -16,8 +17,10 @@ HEIGHT = 720
 TURN_DEG_S = 30.0
 METRES = 2.4
 """Height of the 3D view, m."""
-KEYPOINT, BONE, BACKGROUND = (60, 220, 60), (40, 120, 255), 24
-"""Colours, BGR."""
+KEYPOINT, BACKGROUND = (60, 220, 60), 24
+SIDES = {"left": (255, 160, 60), "right": (40, 120, 255)}
+MIDDLE = (210, 210, 210)
+"""Colours, BGR; of the bones by side."""
 
 
 class VideoError(LassokinError):
@@ -62,8 +65,8 @@ class OutputVideo:
         for frame in frames:
             if frame.accepted and frame.estimate is not None and frame.estimate.pose is not None and frame.skeleton:
                 joints = frame.estimate.pose.positions
-                self._bones(left, frame.in_image(joints) * self._scale, frame.skeleton.parents)
-                self._bones(right, self._turned(joints, seconds), frame.skeleton.parents)
+                self._bones(left, frame.in_image(joints) * self._scale, frame.skeleton)
+                self._bones(right, self._turned(joints, seconds), frame.skeleton)
             if frame.detected is not None:
                 for x, y in frame.detected[np.isfinite(frame.detected).all(axis=1)] * self._scale:
                     cv2.circle(left, (round(x), round(y)), 3, KEYPOINT, -1, cv2.LINE_AA)
@@ -78,13 +81,14 @@ class OutputVideo:
         side = self._size[1]
         return np.stack([x, centred[:, 1]], axis=1) * side / METRES + side / 2
 
-    def _bones(self, image: np.ndarray, points: np.ndarray, parents: np.ndarray) -> None:
+    def _bones(self, image: np.ndarray, points: np.ndarray, skeleton: Skeleton) -> None:
         limit = 4 * max(image.shape)
-        for joint, parent in enumerate(parents):
+        for joint, parent in enumerate(skeleton.parents):
             ends = points[[parent, joint]]
             if parent >= 0 and (np.abs(ends) < limit).all():  # False for NaN
                 first, second = ends.astype(int).tolist()
-                self._cv2.line(image, first, second, BONE, 2, self._cv2.LINE_AA)
+                colour = SIDES.get(skeleton.joint_names[joint].split("_")[0], MIDDLE)
+                self._cv2.line(image, first, second, colour, 2, self._cv2.LINE_AA)
 
     def finish(self) -> None:
         """Close the file and give it its name. Raises VideoError."""

@@ -37,6 +37,8 @@ from msg_adapters.inputs import point_cloud
 FIRST_STAMP_NS = 1_000_000_000
 """ns: a stamp of zero means no stamp."""
 FRAME = "camera_optical_frame"
+COMPLETE = 0.9
+"""Share of the images that a file announces, from which on it is not called cut. Some formats give an estimate."""
 
 
 @dataclass(frozen=True)
@@ -53,17 +55,19 @@ class Tracked:
 
 def track(options: argparse.Namespace) -> Tracked:
     """Track a source and write the requested files. Raises a LassokinError."""
+    source = open_source(options.source, options.fps)  # before the detector, which takes seconds to load
     detector = make_detector(options.detector)
     height = [] if options.height is None else [f"height:={options.height}"]
     layout = f"landmarks:={detector.landmarks}"
     configs = offline_settings(options.params_file, [layout, *options.p, *height])
+    if configs[1].camera_mount_frame:
+        print_note("track: camera_mount_frame is not used, since a video has no TF; set camera_pitch and camera_roll")
     types = typestore()
     tracker = OfflineTracker(*configs, types)
     report = None if options.report is None else Report(options.report, tracker.pipeline, options.force)
     exports = _exports(options, tracker)
     if report is not None:
         tracker.listeners.append(report.add)
-    source = open_source(options.source, options.fps)
     backend = RosbagsBackend(types)
     with ExitStack() as stack, AtomicFiles(options.force, OutputError) as files:
         stack.callback(detector.close)
@@ -133,6 +137,9 @@ class Run:
                 progress.close()
             for _ in self._tracker.finish():
                 pass
+        read, count = len(self.detect_seconds), self._source.count
+        if not stopped and not self.fault and read < COMPLETE * count:
+            print_note(f"track: {self._source.name} announces {count} images, {read} could be read; it may be damaged")
         self.seconds = time.monotonic() - started
         return not stopped or self._source.count == 0
 

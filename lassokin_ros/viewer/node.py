@@ -19,7 +19,7 @@ from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.observation import Status
 from lassokin_ros.node.log_throttle import LogThrottle
 from lassokin_ros.node.qos import sensor_data
-from lassokin_ros.pipeline.lens import Lens
+from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.video.rerun_scene import RerunScene, ViewError
 from lassokin_ros.viewer.person_topics import PersonTopics
@@ -79,12 +79,12 @@ class ViewerNode(Node):
         try:
             log(message)
         except AdapterError as error:
-            self._warning.say(error.reason, f"not shown ({error.reason}): {error}")
+            self._warning.log(error.reason, f"not shown ({error.reason}): {error}")
         except LassokinError as error:
-            self._warning.say(type(error).__name__, f"not shown: {error}")
+            self._warning.log(type(error).__name__, f"not shown: {error}")
         except Exception as error:
             if self.context.ok():
-                self._warning.say("internal_error", f"not shown: {type(error).__name__}: {error}")
+                self._warning.log("internal_error", f"not shown: {type(error).__name__}: {error}")
 
     def _on_camera(self, message: CameraInfo) -> None:
         camera = decode_camera_info(message)

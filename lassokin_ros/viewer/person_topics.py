@@ -16,7 +16,7 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.node.person_outputs import message_class
 from lassokin_ros.node.qos import sensor_data
-from lassokin_ros.pipeline.lens import Lens
+from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.skeleton_readers import urdf
 from lassokin_ros.video.rerun_scene import REPROJECTION, RerunScene

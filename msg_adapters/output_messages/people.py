@@ -155,10 +155,10 @@ class PeopleCloudBuilder:
     tracked: 1, or 0 for a person who is lost.
     """
 
-    def __init__(self, backend: Backend, ready_made: bool = False) -> None:
-        """ready_made: return serialised messages where there are people."""
+    def __init__(self, backend: Backend, serialised: bool = False) -> None:
+        """serialised: return serialised messages where there are people."""
         self._cloud = CloudBuilder(backend, POINT)
-        self._fill = SerialisedMessage(self._cloud, backend).fill if ready_made else self._cloud.fill
+        self._fill = SerialisedMessage(self._cloud, backend).fill if serialised else self._cloud.fill
 
     def fill(self, stamp_ns: int, frame_id: str, people: Sequence[PersonReport]) -> Any:
         """See PeopleBuilder.fill."""
@@ -182,11 +182,11 @@ BUILDERS: Mapping[str, Callable[[Backend], PeopleBuilder]] = {
 """Builders by message type. The first one is the default."""
 
 
-def people_builder(backend: Backend, message_type: str, ready_made: bool = False) -> PeopleBuilder:
+def people_builder(backend: Backend, message_type: str, serialised: bool = False) -> PeopleBuilder:
     """Return the builder of a message type of BUILDERS. Its package must be installed.
 
-    ready_made: return serialised messages where that is faster.
+    serialised: return serialised messages where that is faster.
     """
     if message_type == CLOUD_TYPE:
-        return PeopleCloudBuilder(backend, ready_made)
+        return PeopleCloudBuilder(backend, serialised)
     return BUILDERS[message_type](backend)

@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,16 +11,13 @@ import pytest
 from benchmarks.accuracy import main
 from benchmarks.accuracy_run.experiment import Job, bone_scales, run, scene_of
 from benchmarks.common.report import data_folder
-from benchmarks.data.depth_sensor import DepthSensor
 from benchmarks.data.detections import height_of, measured
-from benchmarks.data.mocap import EVALUATED
-from benchmarks.data.simulated_camera import WANDERS, Condition
+from benchmarks.data.simulated_camera import Condition
 from benchmarks.learn_prior import TRAINING
 from benchmarks.methods import smplify
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.evidence.upright import vertical_of
 
 ROOT = Path(__file__).resolve().parents[2]
 MOCAP, DETECTIONS = data_folder() / "mocap", data_folder() / "detections"
@@ -230,27 +226,6 @@ def test_training_clips_are_not_in_the_bins(figure, count, tmp_path, capsys):
     assert [r["training"] for r in (alone[-1], training[-1])] == [False, True] and alone[-1][count] > 0
 
 
-@needs_clips
-@pytest.mark.parametrize("clip", ["exp_running_1", "12_01"])
-@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 1.0])
-def test_the_share_of_missing_points_holds_in_a_short_clip(clip, share):
-    view = scene_of(Job(MOCAP / f"{clip}.npz", 0, "lasso", Condition(missing=share))).view
-    gone = np.mean(view.confidence == 0, axis=0)
-    assert np.abs(gone - share).max() <= 0.5 / len(view.confidence)
-
-
-@needs_clips
-@pytest.mark.parametrize("share", [0.0, 0.1, 1.0])
-def test_the_share_of_swapped_frames_holds(share):
-    exact, swapped = (
-        scene_of(Job(MOCAP / "exp_running_1.npz", 0, "lasso", Condition(noise_px=0, swaps=s))).view.pixels
-        for s in (0.0, share)
-    )
-    changed = (exact != swapped).any(axis=(1, 2))
-    assert not changed[0] and changed.sum() == min(round(share * len(exact)), len(exact) - 1)
-    assert np.array_equal(np.sort(exact, axis=1), np.sort(swapped, axis=1))
-
-
 @pytest.mark.parametrize(
     "option",
     "--noise-px=-1 --noise-px=nan --missing=2 --missing=nan --outliers=-1 --swaps=2 --fps=0 --fps=-5 --fps=nan "
@@ -289,61 +264,6 @@ def test_clips_with_another_frame_rate_are_listed(capsys):
 
 
 @needs_clips
-def test_duplicates_repeat_keypoints_and_keep_each_frames_truth(capsys):
-    job = Job(MOCAP / "exp_running_1.npz", 0, "lasso")
-    single, view = (scene_of(replace(job, condition=Condition(duplicates=k))).view for k in (1, 3))
-    assert np.array_equal(view.truth, single.truth) and not np.array_equal(view.truth[3], view.truth[4])
-    for frame in range(len(view.pixels)):
-        assert np.array_equal(view.pixels[frame], single.pixels[frame - frame % 3])
-    with pytest.raises(SystemExit):
-        main(["--duplicates", "0"])
-    assert "expected 1 or more" in capsys.readouterr().err
-
-
-@needs_clips
-def test_keypoint_errors_have_the_given_size_and_duration(capsys):
-    job = Job(MOCAP / "gs_lambada.npz", 0, "lasso")
-
-    def pixels(**how):
-        return scene_of(replace(job, condition=Condition(noise_px=0.0, **how))).view.pixels
-
-    exact = pixels()
-    stays, wanders = pixels(offset_px=3.0) - exact, pixels(wander_px=3.0) - exact
-    assert np.allclose(stays, stays[0], atol=1e-9) and 2 < stays[0].std() < 4
-    assert wanders.std() == pytest.approx(3.0, rel=0.1)
-    after = round(60 * WANDERS)
-    assert np.mean(wanders[after:] * wanders[:-after]) / 9 == pytest.approx(np.exp(-1), abs=0.1)
-    assert np.array_equal(pixels(missing=0.1), exact)  # other draws are unchanged
-    options = ["--clips", "exp_running_1", "--views", "1", "--jobs", "1", "--wander-px", "2", "--offset-px", "1.5"]
-    assert main(options) == 0
-    assert "off by 2 px for 0.1 s on end, and by 1.5 px all the time" in capsys.readouterr().out
-
-
-@needs_clips
-def test_depth_errors_have_the_given_sizes():
-    job = Job(MOCAP / "gs_lambada.npz", 0, "lasso")
-
-    def scene(**errors):
-        return scene_of(replace(job, condition=Condition(depth=DepthSensor(**errors))))
-
-    assert scene_of(job).view.depth is None and scene_of(job).observations[0].depth is None
-    exact = scene().view
-    hip = Layout.load("coco17", Skeleton.load("anthropometric", 1.75)).index("left_hip")
-    assert np.allclose(exact.depth[:, hip], exact.truth[:, EVALUATED.index("l_hip"), 2])
-    assert np.array_equal(exact.pixels, scene_of(job).view.pixels)  # other draws are unchanged
-
-    def error(**errors):
-        return scene(**errors).view.depth - exact.depth
-
-    assert error(noise=0.03).std() == pytest.approx(0.03, rel=0.05)
-    assert np.allclose(error(bias=0.02), error(bias=0.02)[0]) and 0.01 < error(bias=0.02)[0].std() < 0.03
-    assert np.std(error(noise_z2=0.002) / exact.depth**2) == pytest.approx(0.002, rel=0.05)
-    occluded = error(occluded=0.1)
-    assert np.mean(occluded < -0.05) == pytest.approx(0.1, abs=0.01) and occluded.min() > -0.5 and occluded.max() < 1e-9
-    assert np.array_equal(scene(noise=0.03).observations[2].depth, scene(noise=0.03).view.depth[2])
-
-
-@needs_clips
 def test_measured_depth_is_printed_and_improves_the_pose(capsys, tmp_path):
     file, errors = tmp_path / "records.json", {}
     options = ["--clips", "exp_running_1", "--views", "1", "--jobs", "1", "--offset-px", "3", "--json", str(file)]
@@ -354,33 +274,6 @@ def test_measured_depth_is_printed_and_improves_the_pose(capsys, tmp_path):
         assert record["depth_sensor"] == ({"noise": 0.01, "bias": 0, "occluded": 0, "noise_z2": 0} if depth else None)
     assert errors[True] < 0.95 * errors[False]
     assert "Depth of each keypoint is measured: noise 0.01 m" in capsys.readouterr().out
-
-
-@needs_clips
-def test_camera_mount_and_lying_people_have_the_given_orientations(capsys):
-    job = Job(MOCAP / "exp_walking_1.npz", 0, "lasso")
-
-    def view(**how):
-        return scene_of(replace(job, condition=Condition(noise_px=0.0, **how))).view
-
-    def up(view):
-        """(3,) mean direction from the pelvis to the neck."""
-        trunk = np.mean(view.truth[:, EVALUATED.index("neck")] - view.root, axis=0)
-        return trunk / np.linalg.norm(trunk)
-
-    level = view()
-    over = view(camera_roll=np.pi)
-    assert np.allclose(over.pixels - over.centre, -(level.pixels - level.centre), atol=1e-6)
-    for roll, pitch in ((0.0, 0.6), (0.0, -0.6), (1.2, 0.4), (0.0, np.pi / 2)):
-        mounted = view(camera_roll=roll, camera_pitch=pitch)
-        assert up(mounted) @ vertical_of(roll, pitch) > np.cos(0.35)  # the walker leans, the mount is 0.15 rad off
-    lying = view(lying=True)
-    assert abs(up(lying) @ vertical_of(0.0, 0.0)) < np.sin(0.35)
-    sizes = [np.linalg.norm(v.truth - v.truth[:, :1], axis=-1) for v in (level, lying, over)]
-    assert np.allclose(sizes, sizes[0], atol=1e-9)
-    assert main(["--clips", "exp_running_1", "--views", "1", "--jobs", "1", "--lying", "--camera-pitch", "0.3"]) == 0
-    said = capsys.readouterr().out
-    assert "looking down by 0.3 rad" in said and "people are laid down" in said
 
 
 @needs_clips

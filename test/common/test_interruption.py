@@ -10,9 +10,9 @@ from contextlib import closing
 
 import pytest
 
-from lassokin_ros.common.interruption import AGAIN_S, Interrupted, interruptible, uninterrupted
+from lassokin_ros.common.interruption import REPEAT_S, Interrupted, interruptible, uninterrupted
 
-CLEANING_S = 4 * AGAIN_S
+CLEANING_S = 4 * REPEAT_S
 
 
 def interrupt_this_process(*_):

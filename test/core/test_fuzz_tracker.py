@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fuzzing import count, fuzz
+from faults.damage import odd, some
+from faults.fuzzing import count, fuzz
 from hypothesis import given
 from hypothesis import strategies as st
 from sequences import CONFIG, TRACKED_WITHIN, aligned_error, observations
-from spoil import odd, some
 
 from lassokin_ros.core.observation import Rejection
 from lassokin_ros.core.tracker import Tracker

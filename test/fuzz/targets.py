@@ -14,19 +14,19 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from courses import BACKEND, LAYOUTS, NUMBERS, START_NS, TYPES, message_of, people
-from decoder_checks import outcome_of
 from depth_camera import compressed_message
+from faults.courses import BACKEND, LAYOUTS, NUMBERS, START_NS, TYPES, message_of, people
+from faults.decoder_checks import outcome_of
 from messages import HEIGHT, WIDTH, camera_info
 from recordings import write_recording
 
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import LassokinError
-from lassokin_ros.pipeline.calibration_file import read_calibration
-from lassokin_ros.pipeline.lens import Lens
-from lassokin_ros.pipeline.outputs.skeleton_file import skeleton_text
-from lassokin_ros.pipeline.outputs.urdf import urdf
+from lassokin_ros.pipeline.camera.calibration_file import read_calibration
+from lassokin_ros.pipeline.camera.lens import Lens
+from lassokin_ros.pipeline.outputs.description.skeleton_file import skeleton_text
+from lassokin_ros.pipeline.outputs.description.urdf import urdf
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.placeholders import without_placeholders
 from lassokin_ros.replay.bags import BagReader

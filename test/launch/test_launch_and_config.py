@@ -13,8 +13,8 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.tracker import Tracker
-from lassokin_ros.pipeline.outputs.urdf import urdf
-from lassokin_ros.pipeline.outputs.urdf_from_parameters import urdf_from_settings
+from lassokin_ros.pipeline.outputs.description.urdf import urdf
+from lassokin_ros.pipeline.outputs.description.urdf_from_parameters import urdf_from_settings
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.settings import NodeSettings
 

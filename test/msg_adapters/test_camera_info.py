@@ -26,8 +26,8 @@ def refused(reason, **fields):
 
 
 def test_a_usual_camera_is_not_suspicious():
-    assert decoded().suspicion == ""
-    assert decoded(width=0, height=0).suspicion == ""
+    assert decoded().warning == ""
+    assert decoded(width=0, height=0).warning == ""
     assert decoded(cx=3200.0, width=0, height=0).K[0, 2] == 3200  # nothing to hold it against
 
 
@@ -46,10 +46,10 @@ def test_a_usual_camera_is_not_suspicious():
     ],
 )
 def test_an_unlikely_camera_is_suspicious(fields, text):
-    suspicion = decoded(**fields).suspicion
-    assert text in suspicion and bool(suspicion) == bool(text)
+    warning = decoded(**fields).warning
+    assert text in warning and bool(warning) == bool(text)
     if text:
-        assert "with an image of 640 x 480 px" in suspicion and f"cx = {fields.get('cx', 320):g}" in suspicion
+        assert "with an image of 640 x 480 px" in warning and f"cx = {fields.get('cx', 320):g}" in warning
 
 
 @pytest.mark.parametrize(

@@ -7,14 +7,14 @@ from hypothesis import strategies as st
 
 pytest.importorskip("rosbags", reason="rosbags makes the messages")
 
-from courses import BACKEND, LAYOUTS, NUMBERS, START_NS, TYPES, message_of, over_the_wire, people  # noqa: E402
-from decoder_checks import LONGEST_TEXT, outcome_of, refusal  # noqa: E402
-from fuzzing import count, fuzz  # noqa: E402
+from faults.courses import BACKEND, LAYOUTS, NUMBERS, START_NS, TYPES, message_of, over_the_wire, people  # noqa: E402
+from faults.damage import WAYS, spoil  # noqa: E402
+from faults.decoder_checks import LONGEST_TEXT, outcome_of, refusal  # noqa: E402
+from faults.fuzzing import count, fuzz  # noqa: E402
 from messages import HEIGHT, WIDTH, camera_info  # noqa: E402
-from spoil import WAYS, spoil  # noqa: E402
 
 from lassokin_ros.core.errors import CameraError  # noqa: E402
-from lassokin_ros.pipeline.lens import Lens  # noqa: E402
+from lassokin_ros.pipeline.camera.lens import Lens  # noqa: E402
 from msg_adapters.camera_info import decode_camera_info  # noqa: E402
 from msg_adapters.detectors.registry import ADAPTERS, keypoint_adapter  # noqa: E402
 from msg_adapters.errors import AdapterError  # noqa: E402

@@ -20,7 +20,7 @@ from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.node.person_outputs import message_class  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
-from lassokin_ros.pipeline.outputs.urdf import urdf  # noqa: E402
+from lassokin_ros.pipeline.outputs.description.urdf import urdf  # noqa: E402
 from lassokin_ros.replay.bags import BagReader  # noqa: E402
 
 PIXELS = pixels_of_motion(40)
@@ -72,7 +72,7 @@ class PeerOfTwo:
 
 def test_each_of_several_people_has_a_set_of_topics():
     namespace = "/several"
-    # Only the stamps tell that a person leaves: this test itself is silent at times.
+    # Stamps alone decide that a person has left, because this test sends nothing at times.
     settings = [f"-p {item}" for item in ("max_people:=3", "forget_after:=300.0")]
     with NodeProcess(namespace, *" ".join(settings).split()) as node, Peer(namespace, outputs=False) as peer:
         them = PeerOfTwo(peer)

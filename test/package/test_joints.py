@@ -5,8 +5,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 from lassokin_ros import joints
 from lassokin_ros.core.body.skeleton import Skeleton
 
@@ -18,9 +16,8 @@ def test_constants_and_names_are_those_of_the_skeleton():
     assert [getattr(joints, name.upper()) for name in skeleton.joint_names] == list(range(24))
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/reference.md"])
-def test_the_tables_of_joints_are_those_of_the_module(page):
-    text = (Path(__file__).resolve().parents[2] / page).read_text(encoding="utf-8")
+def test_the_table_of_joints_is_that_of_the_module():
+    text = (Path(__file__).resolve().parents[2] / "docs" / "reference.md").read_text(encoding="utf-8")
     (table,) = re.findall(r"(?m)^\| index \| [^|]+ \| index .*\n\|[-|]+\n((?:\|.*\n)+)", text)
     pairs = re.findall(r"\| (\d+) \| `?(\w+)`? (?=\|)", table)
     assert len(pairs) == 24 and {name: int(index) for index, name in pairs} == joints.INDEX

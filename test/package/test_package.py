@@ -64,7 +64,7 @@ def test_packages_import_only_what_they_may(folder, forbidden):
 
 
 def test_tracking_one_person_imports_no_optional_modules():
-    """Saves memory and start-up time: only some lenses need OpenCV, only several people SciPy's optimisers."""
+    """Saves memory and start-up time: images need OpenCV, only several people SciPy's optimisers."""
     code = """if True:
         import sys
         from lassokin_ros.core.config import TrackerConfig
@@ -86,6 +86,19 @@ def test_make_installs_extras_that_exist():
     assert all(f'"{extra}": ' in setup for extra in targets.values())
     wanted = re.search(r"^DEMO = \[(.*?)\]$", setup, re.MULTILINE | re.DOTALL)[1]
     assert set(re.findall(r"\*(\w+)", wanted)) == {"ROS", "REPORT"}  # nothing of the test tools
+
+
+def test_the_demo_needs_neither_opencv_nor_matplotlib(monkeypatch):
+    """Both are large: 153 and 80 MB of 690."""
+    setup = []
+    monkeypatch.setattr("setuptools.setup", lambda **arguments: setup.append(arguments))
+    monkeypatch.chdir(ROOT)
+    runpy.run_path("setup.py")
+    demo = " ".join(setup[0]["install_requires"] + setup[0]["extras_require"]["demo"])
+    assert "plotly" in demo and "opencv" not in demo and "matplotlib" not in demo
+    for room in ("core", "pipeline", "node", "demo"):
+        for path in (ROOT / "lassokin_ros" / room).rglob("*.py"):
+            assert not {"cv2", "matplotlib"} & {module.partition(".")[0] for module in imports_of(path)}, path
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,7 @@ def depth_at(images, at_ms, size=SIZE, frame_id="a", own="a"):
 
 
 def test_before_the_first_image(images):
-    assert images.newest_ns is None and not images.awaits(START) and depth_at(images, 0) is None
+    assert images.newest_ns is None and not images.may_receive(START) and depth_at(images, 0) is None
     assert images.tolerance_ns == 100 * MS and images.fault == ""
 
 
@@ -69,7 +69,8 @@ def test_the_nearest_image_within_half_a_period_or_the_newest_one_before(images)
         assert depth_at(images, at_ms) == depth, at_ms
     counts = images._counts
     assert (counts[MATCHED], counts[EARLIER], counts[UNMATCHED]) == (8, 2, 2)
-    assert images.awaits(START + 251 * MS) and not images.awaits(START + 250 * MS) and not images.awaits(None)
+    assert images.may_receive(START + 251 * MS)
+    assert not images.may_receive(START + 250 * MS) and not images.may_receive(None)
 
 
 def test_images_that_were_overtaken_are_not_kept(images):

@@ -103,7 +103,7 @@ def test_the_depth_image_with_the_keypoints_stamp_is_used():
         found = images.with_depth(keypoints_of(xy), stamp_ns, SIZE, FRAME)
         assert np.allclose(found.depth, 1.0 + number) and found.depth_of_surface
     assert images.with_depth(keypoints_of(xy), START_NS + 6 * PERIOD_NS, SIZE, FRAME).depth is None
-    assert images.awaits(START_NS + 6 * PERIOD_NS) and not images.awaits(START_NS + 4 * PERIOD_NS)
+    assert images.may_receive(START_NS + 6 * PERIOD_NS) and not images.may_receive(START_NS + 4 * PERIOD_NS)
     assert (counts[MATCHED], counts[UNMATCHED]) == (4, 1)
     own = replace(keypoints_of(xy), depth=np.full(17, 9.0))
     assert images.with_depth(own, START_NS, SIZE, FRAME) is own

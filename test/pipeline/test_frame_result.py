@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
-from lassokin_ros.pipeline.lens import Lens
 
 POSITIONS = np.array([[0.0, 0, 2], [1.0, 0, 2]])
 LANDMARKS = np.array([[0.0, 0.5, 2], [1.0, 1, 4]])

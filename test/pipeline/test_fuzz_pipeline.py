@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 pytest.importorskip("rosbags", reason="rosbags makes the messages")
 
-from courses import (  # noqa: E402
+from faults.courses import (  # noqa: E402
     ARRAY,
     CLOUD,
     FRAMES,
@@ -26,9 +26,9 @@ from courses import (  # noqa: E402
     over_the_wire,
     stamp_of,
 )
-from fuzzing import count, fuzz  # noqa: E402
+from faults.damage import STEP_NS, WAYS, spoil  # noqa: E402
+from faults.fuzzing import count, fuzz  # noqa: E402
 from messages import camera_info  # noqa: E402
-from spoil import STEP_NS, WAYS, spoil  # noqa: E402
 
 from lassokin_ros.replay.offline_tracker import LINK_AS_FRAME, OfflineTracker  # noqa: E402
 

@@ -13,7 +13,7 @@ from messages import FRAME, camera_info, cloud, crowd, pixels_of_motion, rosbags
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.errors import SkeletonError  # noqa: E402
 from lassokin_ros.core.observation import Status  # noqa: E402
-from lassokin_ros.pipeline.camera import OUTSIDE_IMAGE  # noqa: E402
+from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE  # noqa: E402
 from lassokin_ros.pipeline.pipeline import NOBODY, Pipeline  # noqa: E402
 from lassokin_ros.pipeline.placeholders import PLACEHOLDERS  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
@@ -57,7 +57,7 @@ def test_before_the_camera_messages_are_refused():
     counts, (frame,) = changes(pipeline, message(0), arrival_ns=77)
     assert counts == {"received": 1, "rejected: no_camera_info": 1}
     assert (frame.rejection, frame.stamp_ns, frame.frame_id, frame.estimate) == ("no_camera_info", 77, "", None)
-    assert frame.detail == "no camera_info has come yet" and pipeline.image is None
+    assert frame.detail == "no camera_info received yet" and pipeline.image is None
     assert pipeline.set_camera(camera_info(BACKEND, 0.0)) == "camera_uncalibrated"
     assert pipeline.counts["rejected: camera_uncalibrated"] == 1 and pipeline.camera_fault
 

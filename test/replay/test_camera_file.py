@@ -10,7 +10,7 @@ from recordings import contents, read, synthetic_pixels, write_messages, write_r
 from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.core.errors import CameraError  # noqa: E402
 from lassokin_ros.demo.synthetic import WEBCAM  # noqa: E402
-from lassokin_ros.pipeline.calibration_file import read_calibration  # noqa: E402
+from lassokin_ros.pipeline.camera.calibration_file import read_calibration  # noqa: E402
 from lassokin_ros.replay.bags import typestore  # noqa: E402
 from msg_adapters.backends import RosbagsBackend  # noqa: E402
 from msg_adapters.inputs import point_cloud  # noqa: E402

@@ -9,8 +9,8 @@ import pytest
 
 pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
 
-from courses import LAYOUTS, TYPES, message_of, people, stamp_of  # noqa: E402
 from detector_messages import HRI, YOLO, ZED  # noqa: E402
+from faults.courses import LAYOUTS, TYPES, message_of, people, stamp_of  # noqa: E402
 from recordings import webcam_info, write_messages, write_recording  # noqa: E402
 from ruamel.yaml import YAML  # noqa: E402
 

@@ -17,7 +17,7 @@ from lassokin_ros.core.evidence.depth_network import (
 from lassokin_ros.demo.synthetic import motion as synthetic_motion
 from training.depth import train, write
 from training.motion import HEIGHT_PARTS, TEST, VALIDATION, Motion
-from training.network import backpropagated, initial_weights, loss
+from training.network import backpropagated, initial_weights, loss, orthogonalised
 from training.views import Views
 
 HEIGHT = 1.75
@@ -62,6 +62,15 @@ def test_backpropagation_is_the_derivative_by_the_weights():
             values.append(backpropagated(network, inputs, places)[0])
         weights[place] = before
         assert np.isclose(gradient[place], (values[0] - values[1]) / 2e-6, rtol=1e-3, atol=1e-6)
+
+
+@pytest.mark.parametrize("shape", [(6, 6), (4, 9), (9, 4)])
+def test_an_orthogonalised_matrix_keeps_its_singular_vectors_and_has_singular_values_near_one(shape):
+    matrix = np.random.default_rng(2).normal(size=shape)
+    U, _, V = np.linalg.svd(matrix, full_matrices=False)
+    inner = U.T @ orthogonalised(matrix) @ V.T
+    assert np.allclose(inner, np.diag(np.diagonal(inner)), atol=1e-6)
+    assert (np.abs(np.diagonal(inner) - 0.95) < 0.3).all()
 
 
 def test_the_same_seed_draws_the_same_batch(motion):

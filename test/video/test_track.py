@@ -128,6 +128,20 @@ def test_tracked_frames_are_kept_if_the_images_end_early(images, tmp_path, monke
     assert open_source(str(video)).count == 4 and not list(tmp_path.glob(".*part*"))
 
 
+def test_a_video_that_was_cut_is_tracked_to_its_end_with_a_note(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
+    file = tmp_path / "cut.avi"
+    writer = cv2.VideoWriter(str(file), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (320, 240))
+    for _ in range(20):
+        writer.write(np.random.default_rng(0).integers(0, 255, (240, 320, 3), dtype=np.uint8))
+    writer.release()
+    assert main([str(file), "--fov", "60"]) == 0 and capsys.readouterr().err == ""
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    assert main([str(file), "--fov", "60"]) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert re.fullmatch(r"track: cut\.avi announces \d+ images, (9|10|11) could be read; it may be damaged", line), line
+
+
 def test_tracked_frames_are_kept_if_the_user_interrupts(images, tmp_path, monkeypatch, capsys):
     class Stopped(Standing):
         def detect(self, image, seconds):
@@ -139,6 +153,15 @@ def test_tracked_frames_are_kept_if_the_user_interrupts(images, tmp_path, monkey
     motion = tmp_path / "motion.npz"
     assert main([str(images), "--fov", "60", "--export", str(motion)]) == 130
     assert "4 in, 4 tracked" in capsys.readouterr().out and motion.is_file()
+
+
+def test_a_mount_frame_is_not_silently_without_effect(images, monkeypatch, capsys):
+    """A video has no TF."""
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
+    assert main([str(images), "--fov", "60", "-p", "camera_mount_frame:=base_link"]) == 0
+    output = capsys.readouterr()
+    assert output.err.startswith("track: camera_mount_frame is not used") and output.err.count("\n") == 1
+    assert "6 in, 6 tracked" in output.out
 
 
 def test_the_field_of_view_is_along_the_longer_side():

@@ -62,12 +62,12 @@ class AdaptiveMean:
         if step < EVERY:
             return False
         self._measured_at = stamp
-        self._wait(step)
+        self._predict(step)
         self._measure(start, problem, INDEPENDENT_AFTER / min(step, 2 * EVERY))
         self._rows.prior.set_mean(self.mean)
         return True
 
-    def _wait(self, step: float) -> None:
+    def _predict(self, step: float) -> None:
         """Predict the mean by step, s."""
         kept = math.exp(-step / MEMORY)
         self.mean = self._shipped + kept * (self.mean - self._shipped)

@@ -1,9 +1,9 @@
 """Balance: a weak prior that the centre of mass is above the feet.
 
 One camera hardly observes a lean towards it. A person who stands, walks or squats has the centre of mass nearly above
-the feet. A leaning body with straight legs, which looks the same as a squatting one, does not. The residual is the
-horizontal distance between the centre of mass and the middle of the feet; `Upright` gives the vertical. The loss is
-Cauchy's, so that the weight decreases for large distances: a person who sits or lies is not balanced.
+the feet. A leaning body with straight legs looks the same as a squatting one, but its centre of mass is not above the
+feet. The residual is the horizontal distance between the centre of mass and the middle of the feet. `Upright` provides
+the vertical. The loss is Cauchy's, so that the weight decreases for large distances, as of a person who sits or lies.
 """
 
 from __future__ import annotations

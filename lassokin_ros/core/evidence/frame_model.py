@@ -58,12 +58,12 @@ class FrameModel:
 
     @property
     def upright(self) -> Upright:
-        """The uprightness, whose vertical the tracker learns."""
+        """The prior of upright bodies, whose vertical the tracker learns."""
         return self.evidence[2]  # type: ignore[return-value]
 
     @property
     def balance(self) -> Balance:
-        """The balance about that vertical."""
+        """The prior of the centre of mass, with the same vertical."""
         return self.evidence[3]  # type: ignore[return-value]
 
     @property

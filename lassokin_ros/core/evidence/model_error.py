@@ -9,8 +9,8 @@ v_i = lambda^2 + s_i^2. The residuals r_i of the solved frame, in units of sqrt(
 
 with a row a_i of [A B] and H = [A B]^T [A B] with the prior's rows (MacKay, Bayesian interpolation, 1992, sec. 4).
 The l1 term is not in H: it acts on the frame's motion only, and the state has already followed a constant error. One
-number is learned for all landmarks. One number per landmark was not better, because most residuals are caused by two
-landmarks that disagree.
+number is learned for all landmarks. One number per landmark was not better, because most residuals come from two
+landmarks that contradict each other.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ FIRST = 0.004
 """Initial standard deviation / height."""
 LEAST, LARGEST = 0.002, 0.02
 """Limits of the standard deviation / height."""
-WORTH = 0.3
+INITIAL_WEIGHT = 0.3
 """s: weight of the initial value, as a duration of frames."""
 MEMORY = 10.0
 """s: largest weight of the learned value, as a duration of frames."""
-SOONEST = 0.1
+SHORTEST_INTERVAL = 0.1
 """s: shortest time between two measurements."""
 SHARE = 0.1
 """Time between two measurements as a share of the present weight."""
 CAP = 3.0
-"""Upper limit of a landmark's squared residual, in units of its expectation. Beyond it the point is an outlier, or a
-limb is on the wrong side."""
+"""Upper limit of a landmark's squared residual, in units of its expectation. A larger one belongs to an outlier or to a
+limb on the wrong side in depth."""
 CAPPED = 1 - math.exp(-CAP)
 """Ratio of the expectations with and without the cap, for Gaussian residuals."""
 
@@ -54,7 +54,7 @@ class ModelError:
         """Return to the initial value."""
         #: m: lambda, in each of the two image directions.
         self.deviation = FIRST * self._height
-        self._known = WORTH
+        self._known = INITIAL_WEIGHT
         self._measured_at = -math.inf
 
     @property
@@ -65,7 +65,7 @@ class ModelError:
     @property
     def _every(self) -> float:
         """Time in s between two measurements."""
-        return max(SOONEST, SHARE * self._known)
+        return max(SHORTEST_INTERVAL, SHARE * self._known)
 
     def due(self, stamp: float) -> bool:
         """Whether the frame with this stamp, s, must be used for a measurement."""
@@ -79,7 +79,7 @@ class ModelError:
         step = min(stamp - self._measured_at, 2 * self._every)
         self._measured_at = stamp
         seen = weights > 0
-        free = _free(problem, len(weights))[seen]
+        free = _free_shares(problem, len(weights))[seen]
         residual = (problem.reduced.z - problem.reduced.A @ omega)[: 2 * len(weights)].reshape(-1, 2)[seen]
         left = free.sum()
         if not left > 0:
@@ -93,7 +93,7 @@ class ModelError:
         self.deviation = math.sqrt(min(max(learned, least * least), largest * largest))
 
 
-def _free(problem: Lasso, count: int) -> np.ndarray:
+def _free_shares(problem: Lasso, count: int) -> np.ndarray:
     """(l,) f_i, the mean of each landmark's two rows: share of the row that the fit leaves free, 0 to 1.
 
     a_i^T H^-1 a_i is the sum of the share of the translation and the share of the other unknowns (in the row of M A).

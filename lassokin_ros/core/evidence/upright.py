@@ -1,7 +1,7 @@
 """Uprightness: a weak prior that people stand, walk and sit upright.
 
 One camera hardly observes a lean towards it. The residual compares the pelvis' y axis with the vertical in the camera
-frame. The vertical is at first the camera's -y axis (a level camera) or follows from the camera's mount; then it is
+frame. At first the vertical is the camera's -y axis (a level camera) or follows from the camera's mount. Then it is
 learned from the tracked person, so that an unknown tilt of the camera causes no constant error. The loss is Cauchy's,
 so that the weight decreases for large leans: a person may lie down.
 """
@@ -24,15 +24,16 @@ SPREAD = 0.12
 LEARNED_IN = 5.0
 """s: time constant with which the vertical follows the tracked person's."""
 FIRST_LEARNED_IN = 0.5
-"""s: the time constant at first. It grows with the time for which a person has been seen. The error of the camera's
-mount is often larger than the lean of a person."""
+"""s: initial time constant. It grows with the time for which a person has been tracked. It is short at first, because
+the error of the camera's mount is often larger than the lean of a person."""
 
 TILT = 0.45
-"""rad: pitch of the alternative verticals, for a camera whose tilt is not configured. With further, smaller and larger
-ones, first frames were worse for cameras tilted by 30 degrees and hardly better for 15 or 45 degrees."""
+"""rad: pitch of the alternative verticals, for a camera whose tilt is not configured. With more alternatives, smaller
+and larger, first frames were worse for cameras tilted by 30 degrees and hardly better for 15 or 45 degrees."""
 TILT_COST = 4.0
 """Negative log-likelihood of an alternative vertical relative to the configured mount. With a smaller value, people who
-lean before a level camera are estimated as upright; with a larger one, upright people before a tilted camera lean."""
+lean in front of a level camera are estimated as upright. With a larger one, upright people in front of a tilted camera
+are estimated as leaning."""
 
 LEAST_TILT = 1e-4
 """rad: a mount that differs by less is the same."""
@@ -66,7 +67,7 @@ class Upright(Evidence):
         self.reset()
 
     def move_mount(self, roll: float, pitch: float) -> None:
-        """Set the measured mount of a camera that may move. What was learned moves along with it."""
+        """Set the measured mount of a camera that may move. The learned vertical is rotated with the camera."""
         first = vertical_of(roll, pitch)
         if not self.configured or np.abs(first - self._first).max() > LEAST_TILT:
             self.vertical = first if self._seen == 0 else _rotate_between(self.vertical, self._first, first)

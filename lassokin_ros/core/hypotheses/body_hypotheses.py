@@ -1,13 +1,13 @@
 """Body hypotheses: alternative states, tracked together with the published state until one is clearly better.
 
-From one camera, a body that faces away fits almost as well as one that faces the camera. A tracker that starts on the
-wrong side, or slips to it, stays there; the same holds for a squatting person estimated as a leaning one. Therefore a
-few alternative states are fitted to each frame. They start in turn from the mean pose, turned to one side after
-another, and from the present state with both legs mirrored in depth. Each gets one Gauss-Newton step per frame, coarse
-to fine. If the mean cost of a hypothesis over its last frames is lower than that of the published state by a margin
-(see `replacement`), it replaces the published state in the next frame. The cost includes motion: the published state
-pays the lasso's l1 term, and a ridge of the same spread holds a hypothesis that has converged. `limb_hypotheses` treats
-single limbs.
+In the image of one camera, a body that faces away fits almost as well as one that faces the camera. A tracker that has
+the wrong one does not leave it by small steps. The same holds for a squatting person estimated as a leaning one.
+Therefore a few alternative states are fitted to each frame. They start in turn from the mean pose, turned to one side
+after another, and from the present state with both legs mirrored in depth. Each gets one Gauss-Newton step per frame,
+coarse to fine. If the mean cost of a hypothesis over its last frames is lower than that of the published state by a
+margin (see `replacement`), it replaces the published state in the next frame. The cost includes motion: the lasso's l1
+term for the published state, and a ridge of the same spread for a hypothesis that has converged. `limb_hypotheses`
+treats single limbs.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import orthonormalised
 from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.evidence.frame_model import FrameModel, LinearisedFrame
-from lassokin_ros.core.hypotheses.initialisation import STARTS, Initialiser, in_front
+from lassokin_ros.core.hypotheses.initialisation import STARTS, Initialiser, limit_depths
 from lassokin_ros.core.hypotheses.replacement import BODY_MARGIN, body_replaces
 from lassokin_ros.core.hypotheses.start_orientations import START_ROTATIONS, nearest
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import CAP, huber_weights, norm
 
 COARSE = np.array([8.0, 8.0, 8.0, 8.0, 2.0, 2.0, 2.0, 1.0])
-"""Factor on the noise for a young hypothesis, by age in frames."""
+"""Factor on the noise for a new hypothesis, by age in frames."""
 COUNTED_FROM = 10
 """Age in frames after which the cost of a hypothesis is averaged."""
 MATURE_FROM = 14
 """Age in frames from which a hypothesis may win or be replaced."""
-GIVEN_UP_AT = 30
+LARGEST_AGE = 30
 """Age in frames after which a hypothesis that has not won is replaced."""
 MEMORY = 20
 """Frames over which costs are averaged."""
@@ -42,13 +42,13 @@ SHARES = np.append(np.zeros(COUNTED_FROM + 1), 1 / np.arange(1.0, MEMORY + 1))
 """Weight of a frame's cost in the running mean, by age in frames; the last value holds for older hypotheses."""
 STEADY_FROM = 10
 """Age in frames from which motion is penalised as for the published state."""
-HOPELESS = -2.0
+RESTART_MARGIN = -2.0
 """A hypothesis worse by this difference is replaced early."""
 SIDES = 4, 2, 6, 3, 5, 1, 7
 """Start directions in eighths of a turn from the published state's, in this order: front/back confusion first."""
 MIRRORED_AGE = 5
 """Initial age in frames of a mirrored hypothesis, which does not have to converge from the mean pose."""
-ALIKE = 0.02
+SAME_STATE = 0.02
 """m: mean distance of joints below which a hypothesis equals the published state."""
 
 
@@ -137,7 +137,7 @@ class BodyHypotheses:
         omegas, steps = self._initialiser.step(self._linearised, steady * (0.5 * alpha**2)[..., None, :])
         self._increments = np.concatenate([omegas, omega[..., None, :]], axis=-2)
         moved = self._states.state.retract(self._increments, np.concatenate([steps, x[..., None, :]], axis=-2))
-        in_front(moved.translation[..., :-1, :])
+        limit_depths(moved.translation[..., :-1, :])
         moved.rotations[..., -1, :, :, :] = orthonormalised(moved.rotations[..., -1, :, :, :])
         self._states = self._rows.evaluate(moved)
         return BodyState(moved.rotations[..., -1, :, :, :], moved.translation[..., -1, :])
@@ -194,8 +194,8 @@ class BodyHypotheses:
         assert self._states is not None
         positions = self._states.pose.positions
         relative = positions - positions[:, :1]
-        alike = norm(relative[:-1] - relative[-1]).mean(-1) < ALIKE
-        done = mature & (alike | (self._advantage < HOPELESS) | (self._age > GIVEN_UP_AT))
+        alike = norm(relative[:-1] - relative[-1]).mean(-1) < SAME_STATE
+        done = mature & (alike | (self._advantage < RESTART_MARGIN) | (self._age > LARGEST_AGE))
         if not done.any():
             return
         worth = self._advantage - 100.0 * alike

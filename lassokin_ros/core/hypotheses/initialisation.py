@@ -3,8 +3,8 @@
 Several start states (the mean pose, turned about the vertical) are fitted at once by damped Gauss-Newton on the
 tracker's rows, coarse to fine, without the l1 term (there is no earlier state). If none of them fits, further starts
 use the other start orientations (`start_orientations`): lying or upside down. The limbs of the best fit are then
-mirrored in depth, one by one, and fitted too. A leaning person looks like an upright one before a tilted camera.
-Therefore, until the vertical has been learned, all this is repeated for tilted cameras. The fit of the lowest cost is
+mirrored in depth, one by one, and fitted too. A leaning person looks like an upright one in front of a tilted camera.
+Therefore, until the vertical has been learned, all this is repeated for tilted cameras. The fit with the lowest cost is
 used. Its confidence follows from the difference in cost to the best fit that converged to another pose.
 """
 
@@ -31,12 +31,12 @@ POOR_FIT = 1.5
 """Cost per visible landmark of the best fit above which other start orientations are tried. With 2 px of noise, 19 of
 20 first frames of upright people cost less, and hardly any fit with a wrong orientation does."""
 FEWER_SIDES = np.arange(0, STARTS, 2)
-"""Sides used for other start orientations and for tilted cameras. All eight sides find no more."""
+"""Sides used for other start orientations and for tilted cameras. All eight sides did not find more poses."""
 SCHEDULE = ((8.0, 8), (2.0, 6), (1.0, 6))  # (factor on the noise, iterations)
 MIRRORED_SCHEDULE = ((2.0, 4), (1.0, 6))
 NEAR_SCHEDULE = ((4.0, 3), (1.0, 5))
 """Schedule for a start near the solution."""
-ELSEWHERE = 0.05
+OTHER_POSE = 0.05
 """m: mean distance of joints, relative to the pelvis, from which a fit is another explanation than the best one."""
 DAMPING = 1e-3  # 1/rad^2, fixes unobservable degrees of freedom
 LARGEST_TURN = 0.7
@@ -88,11 +88,11 @@ class Initialiser:
             fit = self._fit(frame, first) if start is None else self.refine_start(start, frame)
             if first is None:
                 first = float(fit.costs.min())
-                # If even the best fits badly, for example with wrong bone lengths, differences of costs mean less.
+                # If even the best fit has a high cost (as with wrong bone lengths), differences of costs mean less.
                 unlike = max(1.0, first / np.count_nonzero(frame.weights))
             fits.append(Fit(fit.states, fit.costs + unlike * rarity))
         upright.vertical, _ = candidates[int(np.argmin([fit.costs.min() for fit in fits]))]
-        found = _joined(fits)
+        found = _concatenated(fits)
         order = np.argsort(found.costs, kind="stable")
         states, costs = BodyState(found.states.rotations[order], found.states.translation[order]), found.costs[order]
         return Fit(states, costs, self._confidence(states, costs))
@@ -108,19 +108,19 @@ class Initialiser:
         turned = self._turned(np.arange(STARTS) if thorough else FEWER_SIDES, [orientation], frame)
         if thorough and turned.costs.min() > POOR_FIT * np.count_nonzero(frame.weights):
             others = [other for other in range(len(START_ROTATIONS)) if other != orientation]
-            turned = _joined([turned, self._turned(FEWER_SIDES, others, frame)])
+            turned = _concatenated([turned, self._turned(FEWER_SIDES, others, frame)])
         fits = [turned]
         if self.mirroring.variants and (first is None or turned.costs.min() < first):
             best = int(np.argmin(turned.costs))
             mirrored = self.mirroring.all(BodyState(turned.states.rotations[best], turned.states.translation[best]))
             fits.append(self.refine(mirrored, frame, MIRRORED_SCHEDULE))
-        return _joined(fits)
+        return _concatenated(fits)
 
     def _confidence(self, states: BodyState, costs: np.ndarray) -> float:
         """1 / (1 + exp(c1 - c2)), with the lowest cost c1 and the lowest cost c2 of another pose."""
         positions = self._kinematics.pose(states).positions
         relative = positions - positions[:, :1]
-        elsewhere = norm(relative - relative[0]).mean(-1) > ELSEWHERE
+        elsewhere = norm(relative - relative[0]).mean(-1) > OTHER_POSE
         return float(1 / (1 + np.exp(costs[0] - costs[elsewhere][0]))) if elsewhere.any() else 1.0
 
     def refine(self, states: BodyState, frame: FrameData, schedule: tuple[tuple[float, int], ...]) -> Fit:
@@ -134,7 +134,7 @@ class Initialiser:
         for factor in factors:
             rows = self._rows.linearise(self._rows.evaluate(states), frame.annealed(factor), capped_weights)
             states = states.retract(*self.step(rows))
-            in_front(states.translation)
+            limit_depths(states.translation)
         return states
 
     def evaluate(self, states: BodyState, frame: FrameData) -> Fit:
@@ -147,9 +147,9 @@ class Initialiser:
 
     def refine_start(self, start: BodyState, frame: FrameData) -> Fit:
         """Fit one state (n, 3, 3). Its translation is computed here."""
-        return self.refine(self.placed(start, frame), frame, NEAR_SCHEDULE)
+        return self.refine(self.with_translation(start, frame), frame, NEAR_SCHEDULE)
 
-    def placed(self, start: BodyState, frame: FrameData) -> BodyState:
+    def with_translation(self, start: BodyState, frame: FrameData) -> BodyState:
         """One state (n, 3, 3), with the translation that fits the frame, as a batch of one."""
         rotations = start.rotations[None]
         return BodyState(rotations, self._place(rotations, frame))
@@ -199,13 +199,13 @@ class Initialiser:
         if ridge is not None:
             diagonal[..., :count] += ridge
         step = _solved(H, (rows.columns @ rows.z[..., None])[..., 0])
-        turns = within(step[..., :count])
+        turns = limit_rotations(step[..., :count])
         omega = np.zeros(step.shape[:-1] + (3 * self._kinematics.joint_count,))
         omega[..., self._live] = turns
         return omega, step[..., count:]
 
 
-def within(turns: np.ndarray) -> np.ndarray:
+def limit_rotations(turns: np.ndarray) -> np.ndarray:
     """Scale rotations (..., k) rad in place so that none exceeds `LARGEST_TURN`; return them."""
     size = np.abs(turns)
     if np.count_nonzero(size > LARGEST_TURN):  # rare
@@ -213,14 +213,14 @@ def within(turns: np.ndarray) -> np.ndarray:
     return turns
 
 
-def _joined(fits: Sequence[Fit]) -> Fit:
+def _concatenated(fits: Sequence[Fit]) -> Fit:
     """Concatenate several fits."""
     rotations = np.concatenate([fit.states.rotations for fit in fits])
     translation = np.concatenate([fit.states.translation for fit in fits])
     return Fit(BodyState(rotations, translation), np.concatenate([fit.costs for fit in fits]))
 
 
-def in_front(translation: np.ndarray) -> None:
+def limit_depths(translation: np.ndarray) -> None:
     """Limit translations (..., 3) m in place to depths of at least `NEAREST`."""
     np.maximum(translation[..., 2], NEAREST, out=translation[..., 2])
 

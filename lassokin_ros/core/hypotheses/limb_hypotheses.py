@@ -1,9 +1,9 @@
 """Limb hypotheses: the mirror images in depth of each limb, tracked together with the published limb.
 
-The commonest error with one camera is one bone of one limb that leans away from the camera instead of towards it (see
-`mirroring`). Therefore three hypotheses of each limb are kept: both bones mirrored, the outer one, the inner one. A
-hypothesis changes only the joints of its limb; the rest of the body is as published. All get one Gauss-Newton step per
-frame. A hypothesis with a lower mean cost over some frames replaces the limb in the next frame.
+The most frequent error with one camera is one bone of one limb that leans away from the camera instead of towards it
+(see `mirroring`). Therefore three hypotheses of each limb are kept: both bones mirrored, the outer one, the inner one.
+A hypothesis changes only the joints of its limb; the rest of the body is as published. All get one Gauss-Newton step
+per frame. A hypothesis with a lower mean cost over some frames replaces the limb in the next frame.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from lassokin_ros.core.evidence.balance import Balance
 from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.evidence.pose_prior import PosePrior
 from lassokin_ros.core.evidence.upright import Upright
-from lassokin_ros.core.hypotheses.initialisation import within
+from lassokin_ros.core.hypotheses.initialisation import limit_rotations
 from lassokin_ros.core.hypotheses.limb_prior import LimbPrior
 from lassokin_ros.core.hypotheses.mirroring import Mirroring
 from lassokin_ros.core.hypotheses.replacement import LIMB_MARGIN, limb_replaces
@@ -33,15 +33,15 @@ COUNTED_FROM = 2
 """Age in frames after which the cost of a hypothesis is averaged; it has converged by then."""
 MATURE_FROM = 4
 """Age in frames from which a hypothesis may win."""
-GIVEN_UP_FROM = 10
+LARGEST_AGE = 10
 """Age in frames from which a hypothesis may be restarted from the mirrored limb."""
 MEMORY = 6
 """Frames over which costs are averaged."""
 SHARES = np.append(np.zeros(COUNTED_FROM + 1), 1 / np.arange(1.0, MEMORY + 1))
 """Weight of a frame's cost in the running mean, by age in frames; the last value holds for older hypotheses."""
-HOPELESS = -6.0
+RESTART_MARGIN = -6.0
 """A hypothesis worse by this difference is restarted."""
-ALIKE = 0.01
+SAME_STATE = 0.01
 """m: distance of the limb's joints below which a hypothesis equals the published limb."""
 DAMPING = 1e-3
 """1/rad^2, fixes unobservable rotations."""
@@ -114,7 +114,7 @@ class LimbHypotheses:
         """Stack the hypotheses of several people, each with the person's vertical. See `batch.batched`."""
         whole, first = copy(several[0]), several[0]
         whole._balance = first._balance.with_vertical(Upright.stack([one._balance.upright for one in several]))
-        whole._systems = BandSolver.of(len(several) * first.count, 3 * first._turning)
+        whole._systems = BandSolver.cached(len(several) * first.count, 3 * first._turning)
         return whole
 
     @batched(reads=("_rotations", "_age", "_advantage"), writes=("_rotations", "_age", "_advantage", "_apart"))
@@ -135,11 +135,11 @@ class LimbHypotheses:
         # Cost after the step, predicted by the linearisation.
         cost = image_cost + prior_cost - 0.5 * (g[..., None, :] @ step[..., None])[..., 0, 0]
         gain = image_costs.dot(self._carries) + published_prior_cost - cost
-        self._compare(gain + self._steadier(pose, published.pose))
-        turning[:] = turning @ exponential(within(step).reshape(turning.shape[:-1]))
+        self._compare(gain + self._balance_gains(pose, published.pose))
+        turning[:] = turning @ exponential(limit_rotations(step).reshape(turning.shape[:-1]))
         self._apart = norm(pose.positions - published.pose.positions.take(self._chains, axis=-2)).max(axis=-1)
 
-    def _steadier(self, pose: BodyPose, published: BodyPose) -> np.ndarray:
+    def _balance_gains(self, pose: BodyPose, published: BodyPose) -> np.ndarray:
         """(h,) cost of the balance for the published pose minus that for each hypothesis."""
         balance, last = self._balance, self._chains[:, 2]
         arms = balance.arms(published.positions).take(last, axis=-2)[..., None]  # of the part after the last joint
@@ -162,13 +162,13 @@ class LimbHypotheses:
         """
         if not self.count:
             return None
-        mature, other = self._age >= MATURE_FROM, self._apart > ALIKE
+        mature, other = self._age >= MATURE_FROM, self._apart > SAME_STATE
         best = int(np.where(mature & other, self._advantage, -np.inf).argmax())
         if mature[best] and other[best] and limb_replaces(self._advantage[best]):
             return self._exchanged(best, published.state)
-        done = (self._age >= GIVEN_UP_FROM) & (~other | (self._advantage < HOPELESS))
+        done = (self._age >= LARGEST_AGE) & (~other | (self._advantage < RESTART_MARGIN))
         if np.count_nonzero(done):  # ten times faster than any() here
-            self._renew(int((done * self._age).argmax()), published)
+            self._restart(int((done * self._age).argmax()), published)
         return None
 
     def _exchanged(self, best: int, state: BodyState) -> BodyState:
@@ -188,7 +188,7 @@ class LimbHypotheses:
             values[[one, two]] = values[[two, one]]
         return BodyState(rotations, state.translation)
 
-    def _renew(self, explanation: int, published: EvaluatedState) -> None:
+    def _restart(self, explanation: int, published: EvaluatedState) -> None:
         self._rotations[explanation] = self._mirroring.limb(published.state, explanation, published.pose)
         self._age[explanation], self._advantage[explanation] = 0, 0.0
 

@@ -1,7 +1,8 @@
 """The depth network's pose as a hypothesis: fitted to the frames, it replaces a state that explains them worse.
 
-A fit begins where the network's joints lie elsewhere than the tracked ones. Its iterations are spread over the frames
-of `EVERY` seconds, each on the newest frame, so that no frame takes much longer than the others.
+A fit begins if the network's joints are far from the tracked ones. Its iterations are distributed over the frames of
+about `EVERY` seconds, each on the newest frame, so that no frame takes much longer than the others: one iteration per
+frame at 60 Hz, two at 30 Hz.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from lassokin_ros.core.body.kinematics import BodyPose, BodyState
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
-from lassokin_ros.core.hypotheses.initialisation import ELSEWHERE, NEAR_SCHEDULE, Initialiser
+from lassokin_ros.core.hypotheses.initialisation import NEAR_SCHEDULE, OTHER_POSE, Initialiser
 from lassokin_ros.core.hypotheses.network_pose import state_at
 from lassokin_ros.core.hypotheses.replacement import network_replaces
 from lassokin_ros.core.image.frame_data import FrameData
@@ -23,10 +24,10 @@ from lassokin_ros.core.image.robust_loss import norm
 
 EVERY = 0.1
 """s between the beginnings of two fits while a person is tracked."""
-AGREE = 0.05
+SAME_POSE = 0.05
 """m: mean distance of the network's joints from the tracked ones below which no fit begins."""
 FACTORS = np.repeat([factor for factor, _ in NEAR_SCHEDULE], [count for _, count in NEAR_SCHEDULE])
-"""Factor on the noise in each iteration of a fit. With half as many a person is found again less well after a gap."""
+"""Factor on the noise in each iteration of a fit. With half the iterations, poses after a gap had larger errors."""
 
 
 class NetworkHypothesis:
@@ -69,10 +70,11 @@ class NetworkHypothesis:
             if places is None:
                 return None
             self._begun_at = stamp
-            if distance(places, skeleton, tracked) < AGREE:
+            if distance(places, skeleton, tracked) < SAME_POSE:
                 return None
-            self._fitted, self._done = self._initialiser.placed(self.start(places, skeleton), frame), 0
-        begin, self._done = self._done, self._done + math.ceil(len(FACTORS) * min(step / EVERY, 1.0))
+            self._fitted, self._done = self._initialiser.with_translation(self.start(places, skeleton), frame), 0
+        due = math.floor(len(FACTORS) * min(step / EVERY, 1.0) + 1e-6)
+        begin, self._done = self._done, self._done + max(due, 1)
         self._fitted = fitted = self._initialiser.iterate(self._fitted, frame, FACTORS[begin : self._done])
         if self._done < len(FACTORS):
             return None
@@ -80,13 +82,13 @@ class NetworkHypothesis:
         return self._chosen(fitted, frame, tracked, cost)
 
     def _chosen(self, fitted: BodyState, frame: FrameData, tracked: BodyPose, cost: float) -> BodyState | None:
-        """The fitted state, if it is better and elsewhere."""
+        """The fitted state, if it has a lower cost and another pose."""
         fit = self._initialiser.evaluate(fitted, frame)
         if not network_replaces(cost, fit.costs[0]):
             return None
         positions = self._initialiser.pose(fit.best).positions
         apart = norm((positions - positions[0]) - (tracked.positions - tracked.positions[0])).mean()
-        return fit.best if apart > ELSEWHERE else None
+        return fit.best if apart > OTHER_POSE else None
 
 
 def distance(places: Mapping[str, np.ndarray], skeleton: Skeleton, pose: BodyPose) -> float:

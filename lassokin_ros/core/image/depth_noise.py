@@ -1,7 +1,7 @@
 """The noise of measured depth, learned from its changes from frame to frame.
 
-Depth cameras differ: the noise of stereo grows with the square of the distance, that of time of flight hardly does. For
-successive depths d of one landmark with independent errors of standard deviation s, the second difference
+Depth cameras differ: the noise of stereo grows with the square of the distance, that of time of flight hardly grows.
+For successive depths d of one landmark with independent errors of standard deviation s, the second difference
 d_1 - 2 d_2 + d_3 has the standard deviation sqrt(6) s; a body's acceleration adds little at the rate of a camera. The
 median over the landmarks ignores occluders that come and go.
 """
@@ -18,13 +18,13 @@ LONGEST_STEP = 0.05
 """s between frames; after a longer step the acceleration is larger than the noise."""
 FEWEST = 4
 """Least number of landmarks with three successive depths."""
-WORTH, MEMORY = 0.3, 2.0
+INITIAL_WEIGHT, MEMORY = 0.3, 2.0
 """s: weight of the initial value, and largest weight of the learned one, as durations of frames."""
 MOTION = 1.3
 """Factor by which motion and occluders enlarge the median."""
 LARGEST = 4.0
-"""Upper limit of the factor. Its lower limit is 1: what stays from frame to frame, such as the distance from the
-surface to the joint, is not seen here."""
+"""Upper limit of the factor. Its lower limit is 1, because differences between frames do not contain constant errors,
+such as that of the distance from the surface to the joint."""
 
 
 class DepthNoise:
@@ -36,7 +36,7 @@ class DepthNoise:
     def reset(self) -> None:
         """Return to the factor 1."""
         self._log = 0.0  # logarithm of the factor before the lower limit
-        self._known = WORTH
+        self._known = INITIAL_WEIGHT
         self.forget()
 
     def forget(self) -> None:

@@ -1,9 +1,9 @@
 """A filter on the keypoints' tracks in the image: it reduces noise and removes outliers, without lag.
 
-Each landmark has a track (`keypoint_tracks`). Position and velocity are both observable in the image, so prediction is
-safe there; it is not safe for joint angles, whose depth is not observable. A point too far from its prediction is left
-out. If it stays there, the track restarts at the point. Points for which the detector confused left and right are
-swapped back (see `side_swaps`).
+Each landmark has a track (`keypoint_tracks`). Position and velocity are observable in the image and can be predicted
+there. Joint angles cannot be predicted reliably, because their depth is not observable. A point too far from its
+prediction is not used. If later points confirm it, the track restarts there. Points for which the detector confused
+left and right are swapped back (see `side_swaps`).
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class KeypointFilter:
         seen = weights > 0
         variance = 1 / np.where(seen, weights, 1.0) ** 2
         self._tracks.predict(step, acceleration)
-        innovation, distance = self._compared(points, variance)
+        innovation, distance = self._innovations(points, variance)
         used = seen & self._known
         restarted = seen & ~self._known
         suspicious = np.count_nonzero(used & (distance > SWAP_GAIN / 2))  # ten times faster than any() here
@@ -79,7 +79,7 @@ class KeypointFilter:
             assignment, given_up = self._sides(points, variance, seen, distance, step)
             points, variance, seen = points[assignment], variance[assignment], seen[assignment]
             self.assignment = assignment
-            innovation, distance = self._compared(points, variance)
+            innovation, distance = self._innovations(points, variance)
             tracked = seen & self._known
             outliers = tracked & (distance > GATE)
             used = tracked & ~outliers
@@ -114,7 +114,7 @@ class KeypointFilter:
         step = min(max(stamp - self._stamp, 0.0), MAX_EXTRAPOLATION)
         return self._tracks.position + step * self._tracks.velocity, PREDICTED_WEIGHT * self._weights
 
-    def _compared(self, points: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _innovations(self, points: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(innovation (l, 2), squared innovation / variance (l,)) of points."""
         innovation = points - self._tracks.position
         return innovation, squared_norm(innovation) / (self._tracks.variance + variance)
@@ -124,7 +124,7 @@ class KeypointFilter:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Result of `SideSwaps.assign` for points (l, 2) of variance (l,)."""
         other = self._swaps.other
-        _, crossed = self._compared(points[other], variance[other])
+        _, crossed = self._innovations(points[other], variance[other])
         straight = np.where(self._known & seen, distance, np.nan)
         crossed[~(self._known & seen[other])] = np.nan
         spread = self._tracks.variance + variance.min()

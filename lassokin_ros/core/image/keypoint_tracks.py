@@ -74,7 +74,7 @@ class KeypointTracks:
         mixed = self._mixed
         np.matmul(stays, self._beliefs, out=mixed[:8])
         np.multiply(self._squares, mixed[0], out=mixed[8])
-        np.dot(self._over(step, acceleration), mixed.reshape(9, -1), out=self._beliefs.reshape(8, -1))
+        np.dot(self._prediction_matrix(step, acceleration), mixed.reshape(9, -1), out=self._beliefs.reshape(8, -1))
         self._merged[0] += step * self._merged[1]
         self.variance = _HALVES.dot(self._beliefs[5])
 
@@ -100,7 +100,7 @@ class KeypointTracks:
         self._merged += merged
         self.variance = _HALVES.dot(beliefs[5])
 
-    def _over(self, step: float, acceleration: float) -> np.ndarray:
+    def _prediction_matrix(self, step: float, acceleration: float) -> np.ndarray:
         """(8, 9) prediction matrix for the eight numbers of a model and probability * relative acceleration^2.
 
         Positions move with constant velocity for step, s; the acceleration adds noise in both coordinates.

@@ -1,6 +1,6 @@
 """The measurement of one frame: keypoints after gating and filtering.
 
-Keypoints that repeat the last ones are no new evidence (see `repeated_frames`). Each keypoint's track in the image is
+Keypoints equal to the last ones are no new evidence (see `repeated_frames`). Each keypoint's track in the image is
 filtered (see `keypoint_filter`). The filter keeps the stamps of the last used frame and of the last frame with new
 keypoints.
 """

@@ -17,7 +17,7 @@ class RepeatedFrames:
         self._since = 0.0
 
     def age(self, stamp: float, points: np.ndarray, confidence: np.ndarray) -> float:
-        """Time in s since the same keypoints came first; 0 if they are new.
+        """Time in s since the same keypoints were first received; 0 if they are new.
 
         The comparison is bitwise: keypoints detected in another image never agree in all digits.
 

@@ -17,7 +17,7 @@ def squared_norm(errors: np.ndarray) -> np.ndarray:
 
 @cache
 def _ones(count: int) -> np.ndarray:
-    """Cached ones. A product with them takes half the time of a sum here; creating them would take the other half."""
+    """Cached ones. A product with them takes half the time of a sum here, if they are not created each time."""
     return np.ones(count)
 
 

@@ -33,8 +33,8 @@ SMALLEST_ALPHA = 1e-4
 class LassoSolution:
     """The minimiser: omega (n,) rad, x (3,) m, and the alpha (n,) that was used, after clamping.
 
-    method: what found it. exact: KKT holds to rounding on H, which is enough for an answer that only starts the next
-    linearisation. certifier: computes the certificate.
+    method: name of the solver that found it. exact: KKT holds to rounding on H, which is enough for an answer that is
+    only the start of the next linearisation. certifier: computes the certificate.
     """
 
     omega: np.ndarray

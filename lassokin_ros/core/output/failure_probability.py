@@ -1,12 +1,12 @@
 """Failure probability: how likely a pose is wrong.
 
 It depends on three figures. The mean deviation of the joints includes posterior, bone lengths and depth network. The
-cost, the negative log-likelihood of all evidence, is high for keypoints that fit no pose. The learned model error of
-such keypoints grows (see `model_error`), which lowers the cost; therefore it is the third figure. A logistic curve in
-the three logarithms was fitted on the people of validation (training/motion.py; bones known and height alone, white
-and lasting noise, 60 and 10 Hz, hidden limbs, gaps and wrong points, measured depth, without the network, and
-keypoints in a wrong order) to whether the mean joint error is above `WRONG`. benchmarks/accuracy.py
---failure-probability checks the curve on other people.
+cost is the negative log-likelihood of all evidence and is high for keypoints that fit no pose. The learned model error
+grows for such keypoints (see `model_error`), which lowers the cost; therefore it is the third figure. A logistic
+regression on the three logarithms predicts whether the mean joint error is above `WRONG`. It was fitted on the
+validation people (training/motion.py) with bones known and with the height alone, white and correlated noise, 60 and
+10 Hz, hidden limbs, gaps and wrong points, measured depth, no network, and keypoints in a wrong order.
+benchmarks/accuracy.py --failure-probability checks it on other people.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ OFFSET, BY_DEVIATION, BY_EXCESS, BY_COST = -4.5, 4.4, 2.0, 1.7
 def failure_probability(deviation: float, excess: float, cost: float) -> float:
     """Probability from 0 to 1 that a pose is wrong; NaN for NaN.
 
-    deviation: m, mean over the joints. excess: the keypoints' lasting error as a multiple of the smallest one.
+    deviation: m, mean over the joints. excess: the keypoints' model error as a multiple of its lower limit.
     cost: per measurement.
     """
     figures = (BY_DEVIATION, deviation / WRONG), (BY_EXCESS, excess), (BY_COST, cost)

@@ -16,7 +16,7 @@ import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
 from lassokin_ros.core.estimate import Estimate
-from lassokin_ros.core.output.output_filter import Forward, strays
+from lassokin_ros.core.output.output_filter import Forward, is_too_far_in_depth
 
 TOLERANCE = 0.003
 """s: tolerance of the lag. Four frames at 60 Hz are 0.3 ms shorter than 0.067 s, and stamps of cameras jitter."""
@@ -88,7 +88,7 @@ class FixedLag:
         estimate = waiting.estimate
         assert estimate.solved is not None
         state = waiting.forward.published(estimate.solved, departure[0] + departure[1])
-        if strays(state, estimate.solved):
+        if is_too_far_in_depth(state, estimate.solved):
             return estimate
         pose = self._kinematics.pose(state, waiting.offsets)
         return replace(estimate, state=state, pose=pose, reprojection_px=waiting.reprojection_px(pose))

@@ -8,25 +8,25 @@ from lassokin_ros.core.body.skeleton import Skeleton
 
 
 class ObservedJoints:
-    """Tells observed joints from unobserved ones, for one skeleton and layout.
+    """Determines which joints are observed, for one skeleton and layout.
 
-    A joint is observed if a visible keypoint rides on it, or if visible keypoints ride on two of its neighbours (parent
-    and children). An elbow between a visible shoulder and a visible wrist is observed; a hand beyond the last visible
+    A joint is observed if a visible keypoint is attached to it, or to each of two of its neighbours (parent and
+    children). An elbow between a visible shoulder and a visible wrist is observed; a hand beyond the last visible
     keypoint is not.
     """
 
     def __init__(self, skeleton: Skeleton, landmark_joints: np.ndarray) -> None:
-        """landmark_joints: (l,) index of the joint on which each landmark rides."""
+        """landmark_joints: (l,) index of the joint to which each landmark is attached."""
         count = skeleton.joint_count
-        self._rides = np.zeros((count, len(landmark_joints)), dtype=int)
-        self._rides[landmark_joints, np.arange(len(landmark_joints))] = 1
+        self._attached = np.zeros((count, len(landmark_joints)), dtype=int)
+        self._attached[landmark_joints, np.arange(len(landmark_joints))] = 1
         self._neighbours = np.zeros((count, count), dtype=int)
         child = np.flatnonzero(skeleton.parents >= 0)
         parent = skeleton.parents[child]
         self._neighbours[child, parent] = self._neighbours[parent, child] = 1
 
-    def of(self, visible: np.ndarray) -> np.ndarray:
+    def from_visible(self, visible: np.ndarray) -> np.ndarray:
         """Return (n,) bool. visible: (l,) bool, the keypoints of the frame that have a weight, `Estimate.visible`."""
-        own = self._rides @ visible.astype(int) > 0
+        own = self._attached @ visible.astype(int) > 0
         observed: np.ndarray = own | (self._neighbours @ own.astype(int) >= 2)
         return observed

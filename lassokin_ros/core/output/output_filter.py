@@ -1,13 +1,13 @@
 """The output filter: smooths the published pose over the last few frames, without lag in steady motion.
 
-The solved state depends nearly on one frame's image only. It can thus leave a wrong explanation at once, but it has the
-noise of the image, mainly in depth. The published state follows it through one constant-velocity Kalman filter per
+The solved state depends almost only on one frame's image. It can thus leave a wrong pose at once, but it has the noise
+of the image, mainly in depth. The published state follows it through one constant-velocity Kalman filter per
 degree of freedom (white acceleration; Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and
 Navigation, 2001, sec. 6.3). There are two gains: one for motion that the image shows (rotations about the viewing ray,
 translation across it), and a lower one for motion in depth. Both increase with the keypoints' speed, because jitter is
 visible at rest and lag in motion (Casiez, Roussel, Vogel, 1 Euro Filter, CHI 2012). If a limb is replaced by another
-hypothesis, the published limb moves there within a few frames. The next frame is linearised about the solved state, not
-about the published one: a fed-back prediction in depth would preserve errors.
+hypothesis, the published limb moves there within a few frames. The next frame is linearised about the solved state and
+not about the published one, because feeding back a prediction in depth would preserve errors.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ DEPTH = 1.9
 TYPICAL_SPEED = 0.5
 """m/s: mean speed of the keypoints at which the time constant is the configured one."""
 
-STILL = 0.05
+REST_SPEED = 0.05
 """m/s: below this speed the time constant hardly increases."""
 
 LONGEST_STEP = 0.2
@@ -121,10 +121,13 @@ class OutputFilter:
         step: s since the last frame. speed: m/s, mean speed of the keypoints. time: s, time constant in the image at
         the typical speed, and for the transition to another hypothesis; below `SHORTEST` the filter is off.
         """
-        steady_over = max(time_at(speed, time), SHORTEST)
+        steady_over = max(time_constant(speed, time), SHORTEST)
         if self._covariance is None or time < SHORTEST or step > LONGEST_STEP:
             return self._begun(state, step, steady_over)
-        ahead = _ahead(self._covariance[0], step, steady_over), _ahead(self._covariance[1], step, DEPTH * steady_over)
+        ahead = (
+            _predicted_covariance(self._covariance[0], step, steady_over),
+            _predicted_covariance(self._covariance[1], step, DEPTH * steady_over),
+        )
         (gain, velocity_gain, after), (depth_gain, depth_velocity_gain, depth_after) = map(_corrected, ahead)
         predicted = self._departure + step * self._velocity
         predicted[:-1] -= omega.reshape(-1, 3)
@@ -139,7 +142,7 @@ class OutputFilter:
             False, step, rays, predicted, ahead, self._departure, self._velocity, self._covariance, self._settling
         )
         published = self.forward.published(state, self._departure)
-        return self._begun(state, step, steady_over) if strays(published, state) else published
+        return self._begun(state, step, steady_over) if is_too_far_in_depth(published, state) else published
 
     def _begun(self, state: BodyState, step: float, time: float) -> BodyState:
         self.reset()
@@ -156,21 +159,21 @@ class OutputFilter:
         return rays
 
 
-def strays(published: BodyState, solved: BodyState) -> bool:
+def is_too_far_in_depth(published: BodyState, solved: BodyState) -> bool:
     """Whether a published state is too far from the solved one in depth, see `FARTHEST`."""
     place = solved.translation
     return bool(abs((published.translation - place).dot(place)) > FARTHEST * place.dot(place))
 
 
-def time_at(speed: float, time: float) -> float:
+def time_constant(speed: float, time: float) -> float:
     """Time constant in s in the image at a speed, m/s. time: s, time constant at the typical speed.
 
     It is the square root of noise / acceleration, and the acceleration is taken as proportional to the speed.
     """
-    return time * math.sqrt((TYPICAL_SPEED + STILL) / (speed + STILL))
+    return time * math.sqrt((TYPICAL_SPEED + REST_SPEED) / (speed + REST_SPEED))
 
 
-def _ahead(covariance: Covariance, step: float, time: float) -> Covariance:
+def _predicted_covariance(covariance: Covariance, step: float, time: float) -> Covariance:
     """The covariance predicted over step, s, for the time constant `time`, s."""
     value, both, velocity = covariance
     noise = step * step / time**4  # squared velocity change by the acceleration 1 / time^2 in one step

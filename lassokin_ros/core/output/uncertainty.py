@@ -45,9 +45,9 @@ POWER = 0.25
 """Power of the disagreement in the factor."""
 LENGTHS = 3.0
 """Factor on the standard deviation of the log-lengths."""
-LASTING = 0.01
-"""As a fraction of the height: smallest lasting error of a keypoint, in each direction. The keypoints of real detectors
-are 11 to 17 mm off, and the pose follows them: the residuals of the frame's fit do not contain all of this error."""
+SMALLEST_BIAS = 0.01
+"""As a fraction of the height: smallest constant error of a keypoint, in each direction. The constant error of real
+detectors is 11 to 17 mm. The pose follows the keypoints, so the residuals do not contain all of this error."""
 LARGEST = 0.6
 """m: s becomes s / sqrt(1 + (s / LARGEST)^2). A limb moves on a sphere, so its error is bounded, contrary to the linear
 model."""
@@ -129,10 +129,10 @@ class UncertaintyModel:
         self._image_rows = 2 * kinematics.landmark_count
         self._proportions, self._learned_depth = proportions, learned_depth
 
-    def of(self, estimate: Estimate) -> JointUncertainty:
+    def evaluate(self, estimate: Estimate) -> JointUncertainty:
         """The uncertainty of an accepted estimate."""
         assert estimate.pose is not None and estimate.problem is not None
-        share = min(estimate.excess * LEAST / LASTING, 1.0)
+        share = min(estimate.excess * LEAST / SMALLEST_BIAS, 1.0)
         problem = estimate.problem
         if share < 1 and estimate.depth_measured:  # rows of the image are not the only ones with the translation
             problem, share = self._scaled(problem, share), 1.0
@@ -186,7 +186,7 @@ class UncertaintyModel:
 
         factor: on the posterior's standard deviation. length_deviation: (p,) standard deviation of the log-lengths.
         size_deviation: see SCALE_DEVIATION. share: factor on the image's rows, so that the keypoint error is at least
-        `LASTING`. If it is below 1, only these rows depend on the translation.
+        `SMALLEST_BIAS`. If it is below 1, only these rows depend on the translation.
         """
         spread = self._jacobian.at(pose)
         live = spread[:, :, : self._live_count]

@@ -31,7 +31,7 @@ WAIT_S = 0.005
 """s: longest time for which a keypoint message waits for its depth image. A longer wait gains no accuracy."""
 SILENT_S = 0.5
 """s without a depth image after which keypoint messages do not wait."""
-USELESS = 10
+MOST_FAILED_WAITS = 10
 """Consecutive waits without success after which keypoint messages do not wait, until images come in time again."""
 
 
@@ -61,27 +61,27 @@ class DepthInput:
         )
 
     def hold(self, stamp_ns: int | None, work: Callable[[], None]) -> None:
-        """Process a keypoint message: now if its depth image has come or is not expected, otherwise a moment later.
+        """Process a keypoint message: now if its depth image was received or is not expected, otherwise a moment later.
 
         stamp_ns: ns, None for a message without a stamp. work: processes the message.
         """
         self._release(all_of_them=True)  # messages stay in their order
-        if not self._images.awaits(stamp_ns):
+        if not self._images.may_receive(stamp_ns):
             self._useless = 0
             work()
-        elif self._useless >= USELESS or time.monotonic() - self._came_at > SILENT_S:
+        elif self._useless >= MOST_FAILED_WAITS or time.monotonic() - self._came_at > SILENT_S:
             work()
         else:
             self._waiting.append((stamp_ns, work))
             self._timer.reset()
 
-    def look(self, now: float) -> None:
+    def check(self, now: float) -> None:
         """Log what is missing; now: s, steady clock. Call it from time to time."""
-        came = self._counts[RECEIVED] > 0
-        self._missing.look(now, came)
+        received = self._counts[RECEIVED] > 0
+        self._missing.check(now, received)
         if self._overrides is None:
             self._match_publishers()
-        if came:
+        if received:
             ignore_events(self._subscription)
         if self._images.note != self._noted:
             self._noted = self._images.note
@@ -106,14 +106,14 @@ class DepthInput:
         except Exception as error:  # no message, however strange, ends the node
             reason, self._images.fault = "internal_error", f"{type(error).__name__}: {error}"
         if reason is not None:
-            self._warning.say(reason, self._images.fault)
+            self._warning.log(reason, self._images.fault)
         self._release()
 
     def _release(self, all_of_them: bool = False) -> None:
-        """Process the waiting messages whose depth image has come."""
-        while self._waiting and (all_of_them or not self._images.awaits(self._waiting[0][0])):
+        """Process the waiting messages whose depth image was received."""
+        while self._waiting and (all_of_them or not self._images.may_receive(self._waiting[0][0])):
             stamp_ns, work = self._waiting.popleft()
-            self._useless = self._useless + 1 if self._images.awaits(stamp_ns) else 0
+            self._useless = self._useless + 1 if self._images.may_receive(stamp_ns) else 0
             work()
         if not self._waiting:
             self._timer.cancel()

@@ -18,13 +18,13 @@ from rclpy.subscription import Subscription
 from lassokin_ros.node.person_outputs import message_class
 from lassokin_ros.pipeline.outputs import topics
 
-LISTENS_S = 3.0
+LIFETIME_S = 3.0
 """s: lifetime of the transient local subscription. By then the kept message has arrived, and the node's volatile
 subscription is connected too."""
 
 
 class LatchedCameraInfo:
-    """Requests camera_info from publishers that keep their last message. Call `look` periodically."""
+    """Requests camera_info from publishers that keep their last message. Call `check` periodically."""
 
     def __init__(self, node: Node, on_camera_info: Callable[[Any], None]) -> None:
         self._node, self._on_camera_info = node, on_camera_info
@@ -33,13 +33,16 @@ class LatchedCameraInfo:
         self._asked: frozenset[bytes] = frozenset()
         self._until = 0.0
 
-    def look(self, now: float, came: bool) -> None:
-        """now: s. came: whether a camera_info has been received; then only new publishers are considered."""
+    def check(self, now: float, received: bool) -> None:
+        """Create or remove the subscription. now: s.
+
+        received: whether a camera_info has been received. Then only new publishers are considered.
+        """
         keepers = self._keepers()
         if keepers - self._asked:
             self._close()
-            self._subscription, self._until = self._ask(), now + LISTENS_S
-        elif came and now >= self._until:
+            self._subscription, self._until = self._ask(), now + LIFETIME_S
+        elif received and now >= self._until:
             self._close()
         self._asked = keepers
 

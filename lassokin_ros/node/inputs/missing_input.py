@@ -8,9 +8,9 @@ from rclpy.node import Node
 
 from lassokin_ros.pipeline.outputs.topics import FRAME_OUTPUTS
 
-PATIENCE_S = 3.0
+FIRST_WARNING_S = 3.0
 """s from the start until the first message."""
-AGAIN_S = 30.0
+REPEAT_S = 30.0
 """s after which the message is repeated."""
 GENERAL_TYPES = ("sensor_msgs/msg/PointCloud2", "std_msgs/msg/Float32MultiArray", "geometry_msgs/msg/PolygonStamped")
 """Types that carry many things, such as a lidar's points."""
@@ -21,38 +21,38 @@ LISTED = 4
 
 
 class MissingInput:
-    """Watches one input topic of the node. Call `look` periodically until a message has been received."""
+    """Watches one input topic of the node. Call `check` periodically until a message has been received."""
 
     def __init__(self, node: Node, name: str, message_type: str, others: Collection[str], now: float) -> None:
         """name: topic before remapping. others: further types that `keypoints_type` may have. now: s."""
         self._node, self._name, self._type, self._others = node, name, message_type, set(others) - {message_type}
         self._topic = node.resolve_topic_name(name)
-        self._came = False
-        self._logged, self._next_at = "", now + PATIENCE_S
+        self._received = False
+        self._logged, self._next_at = "", now + FIRST_WARNING_S
 
-    def look(self, now: float, came: bool) -> None:
-        """Log a message if it is due. now: s, same clock as at the start. came: whether a message has been received."""
-        if self._came:
+    def check(self, now: float, received: bool) -> None:
+        """Log a message if it is due. now: s, as at the start. received: whether any message was received."""
+        if self._received:
             return
-        self._came = came
-        if came and self._logged:
-            self._node.get_logger().info(f"the first message on {self._topic} has come")
-        if came or (now < self._next_at and not self._logged):
+        self._received = received
+        if received and self._logged:
+            self._node.get_logger().info(f"received the first message on {self._topic}")
+        if received or (now < self._next_at and not self._logged):
             return
         words = f"waiting for {self._name} on {self._topic} ({self._type}): {self._cause()}"
         if words != self._logged or now >= self._next_at:
-            self._logged, self._next_at = words, now + AGAIN_S
+            self._logged, self._next_at = words, now + REPEAT_S
             self._node.get_logger().warning(words)
 
-    def excuse(self, now: float) -> None:
-        """Call this instead of `look` while the input is not needed. It restarts the waiting time. now: s."""
-        self._came, self._logged, self._next_at = False, "", now + PATIENCE_S
+    def restart(self, now: float) -> None:
+        """Call this instead of `check` while the input is not needed. It restarts the waiting time. now: s."""
+        self._received, self._logged, self._next_at = False, "", now + FIRST_WARNING_S
 
     def _cause(self) -> str:
         """Reason for the missing input, derived from the ROS graph."""
         types = [publisher.topic_type for publisher in self._node.get_publishers_info_by_topic(self._topic)]
         if self._type in types:
-            return "its publisher is silent"
+            return "its publisher has sent nothing"
         if types:
             kind = sorted(types)[0]
             remedy = "set keypoints_type to that, or " if kind in self._others else ""

@@ -44,7 +44,7 @@ class Rep155Inputs:
         tracked = topics.REP155_TRACKED_OUTPUT
         node.create_subscription(message_class(tracked.message_type), tracked.name, self._on_list, LIST_DEPTH)
 
-    def look_around(self) -> None:
+    def find_bodies(self) -> None:
         """Find bodies by their topics until a list is received. Call this periodically."""
         if not self._listed:
             found = [OF_A_BODY.fullmatch(name) for name, _ in self._node.get_topic_names_and_types()]

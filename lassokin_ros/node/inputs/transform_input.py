@@ -10,12 +10,12 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from lassokin_ros.node.inputs.polled_subscription import poll
 from lassokin_ros.node.person_outputs import message_class
 from lassokin_ros.node.qos import sensor_data
-from lassokin_ros.pipeline.camera_mount import CameraMount
+from lassokin_ros.pipeline.camera.camera_mount import CameraMount
 from lassokin_ros.pipeline.outputs import topics
 
 DEPTH = 100
 """Queue depth of /tf and /tf_static, as in tf2_ros."""
-PATIENCE_S = 3.0
+FIRST_WARNING_S = 3.0
 """s from the first image without a mount until this is logged, because robots need time to start."""
 
 
@@ -39,7 +39,7 @@ class TransformInput:
         for subscription in self._subscriptions:
             poll(subscription, DEPTH)
 
-    def look(self, now: float) -> str:
+    def check(self, now: float) -> str:
         """Log once the mount from TF, or once why there is none. Return the fault in words, or "".
 
         now: s, steady clock. Call it periodically.
@@ -47,23 +47,23 @@ class TransformInput:
         fault = self._mount.fault
         if not fault:
             self._failing_since = None
-            self._say_angles()
+            self._log_angles()
             return ""
         if self._failing_since is None:
             self._failing_since = now
-        if now - self._failing_since < PATIENCE_S:
+        if now - self._failing_since < FIRST_WARNING_S:
             return ""
         if not self._said_fault:
             self._said_fault = True
-            self._node.get_logger().warning(f"{fault}; until it is there, {self._in_use()}")
+            self._node.get_logger().warning(f"{fault}; until it is received, {self._in_use()}")
         return fault
 
-    def _say_angles(self) -> None:
+    def _log_angles(self) -> None:
         if self._mount.angles is not None and not self._said_angles:
             self._said_angles = True
             self._node.get_logger().info(f"the camera's mount {self._mount.in_words()}")
 
     def _in_use(self) -> str:
         if self._mount.angles is not None:
-            return "the last mount from TF stays"
-        return "camera_roll and camera_pitch hold"
+            return "the last mount from TF is used"
+        return "camera_roll and camera_pitch are used"

@@ -20,7 +20,7 @@ class BodyFrames:
 
     def __init__(self, skeleton: Skeleton, config: NodeSettings, node: str, person: str = "") -> None:
         """node: full name without the first slash; person: id, empty for one person."""
-        naming = Naming.of(config, node, person)
+        naming = Naming.of_person(config, node, person)
         body = naming.link(BODY)
         self._hips = hip_joints(skeleton) if config.rep155 else []
         self._parents = skeleton.parents

@@ -1,4 +1,4 @@
-"""The output messages of one accepted frame. A message is computed only if it is wanted."""
+"""The output messages of one accepted frame. A message is computed only if it is requested."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from lassokin_ros.core.image.projection import project
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.body_frames import BodyFrames
-from lassokin_ros.pipeline.outputs.certificate_status import certificate_status
+from lassokin_ros.pipeline.outputs.description.urdf import joint_names
 from lassokin_ros.pipeline.outputs.rep155 import MappedJoints
-from lassokin_ros.pipeline.outputs.urdf import joint_names
+from lassokin_ros.pipeline.outputs.status.certificate_status import certificate_status
 from lassokin_ros.pipeline.settings import OFF, NodeSettings
 from msg_adapters.backends import Backend
 from msg_adapters.output_messages.builders import (
@@ -52,14 +52,14 @@ class FrameMessages:
         name: str = "tracker",
         person: str = "",
         config: NodeSettings | None = None,
-        ready_made: bool = False,
+        serialised: bool = False,
     ) -> None:
         """Make every message object once.
 
         backend: see msg_adapters.backends; name: of the node, in certificate and frames; person: id, empty for one
-        person; config: of the node; ready_made: return serialised messages where that is faster.
+        person; config: of the node; serialised: return serialised messages where that is faster.
         """
-        self._backend, self._ready_made = backend, ready_made
+        self._backend, self._ready_made = backend, serialised
         self._config = config or NodeSettings()
         self._builders: dict[str, Callable[[int, str, Any, Any], Any]] = {}
         self._detailed_ns: int | None = None  # stamp of the last frame with DETAILS

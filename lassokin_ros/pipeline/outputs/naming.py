@@ -20,7 +20,7 @@ class Naming:
     body_id: str = ""
 
     @classmethod
-    def of(cls, config: NodeSettings, node: str, person: str = "") -> Naming:
+    def of_person(cls, config: NodeSettings, node: str, person: str = "") -> Naming:
         """Return the naming of a person. node: the node's full name without the first slash; person: id or empty."""
         if config.rep155 and person:
             return cls(body_id=person)

@@ -24,12 +24,12 @@ class PeopleMessages:
     `forget_after` s, or is not among the people present, is left out.
     """
 
-    def __init__(self, backend: Backend, message_type: str, ready_made: bool = False) -> None:
+    def __init__(self, backend: Backend, message_type: str, serialised: bool = False) -> None:
         """message_type: parameter people_type, long form. The package of the type must be installed.
 
-        ready_made: return serialised messages where that is faster.
+        serialised: return serialised messages where that is faster.
         """
-        self._builder = people_builder(backend, message_type, ready_made)
+        self._builder = people_builder(backend, message_type, serialised)
         self._newest: dict[str, FrameResult] = {}
 
     def update(self, frames: Sequence[FrameResult], ids: Sequence[str] | None) -> None:

@@ -11,7 +11,7 @@ from lassokin_ros.core.image.robust_loss import norm
 from lassokin_ros.pipeline.people.tracked_person import Detection
 
 FARTHEST = 1.0
-"""Upper limit of one point's distance, as a fraction of the person's size, so that one outlier decides nothing."""
+"""Upper limit of one point's distance, as a fraction of the person's size. It limits the effect of an outlier."""
 
 NEAR = 0.3
 """Largest mean distance, as a fraction of the person's size, of a detection that matches a person."""

@@ -9,25 +9,25 @@ from typing import Sequence
 import numpy as np
 
 from lassokin_ros.core.observation import Status
+from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.detections import detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult
-from lassokin_ros.pipeline.lens import Lens
 from lassokin_ros.pipeline.people.assignment import assign
 from lassokin_ros.pipeline.people.matching import NEAR, distance, distances, is_trackable, match_radius
 from lassokin_ros.pipeline.people.people_tracker import PeopleImage
 from lassokin_ros.pipeline.people.presence import Presence, best
 from lassokin_ros.pipeline.people.tracked_person import Detection, TrackedPerson
 
-BIRTH_MESSAGES = 3
+CONFIRMING_MESSAGES = 3
 """A person without a persistent number is added after this many detections; one message in between may miss them."""
 
 SAME_BODY = 0.5 * NEAR
 """A detection this near to a matched person is a duplicate detection, not a second person."""
 
-MAKES_ROOM_S = 0.5
+REPLACEABLE_AFTER_S = 0.5
 """s: if all trackers are in use, a person absent for this long is removed for a new one."""
 
-FOUND_AT_ONCE = 4
+MOST_REINITIALISED = 4
 """Lost people re-initialised per message; the others wait for the next message. Initialisation takes thirty times as
 long as tracking. A whole crowd at once would block a slow machine longer than `lost_after` and be lost again."""
 
@@ -126,7 +126,7 @@ class MultiPersonTracker:
         tracked = dict(zip(going_on, TrackedPerson.track_batch(people, stamp_ns, frame_id, detections, lens)))
         results, found = [], 0
         for number, person in list(self._present.items()):
-            if number not in pairs or (number in lost and found == FOUND_AT_ONCE):
+            if number not in pairs or (number in lost and found == MOST_REINITIALISED):
                 results += person.mark_absent(stamp_ns, lens)
                 continue
             if number in tracked:
@@ -168,7 +168,7 @@ class MultiPersonTracker:
         return distances(places, detections, next(iter(self._present.values())).tracker.config.min_confidence)
 
     def _confirmed(self, strangers: Sequence[Detection]) -> list[Detection]:
-        """Return strangers detected in BIRTH_MESSAGES messages. The others stay or become candidates."""
+        """Return strangers detected in CONFIRMING_MESSAGES messages. The others stay or become candidates."""
         candidates = np.array([c.detection.points for c in self._candidates])
         found = dict(assign(distances(candidates, strangers, 0.0), [NEAR] * len(self._candidates)))
         fresh = [Candidate(d) for i, d in enumerate(strangers) if i not in found.values()]
@@ -178,7 +178,8 @@ class MultiPersonTracker:
                 candidate.measurements += 1
             else:
                 candidate.missed += 1
-        confirmed = [self._candidates[row] for row in found if self._candidates[row].measurements >= BIRTH_MESSAGES]
+        seen = [self._candidates[row] for row in found]
+        confirmed = [candidate for candidate in seen if candidate.measurements >= CONFIRMING_MESSAGES]
         kept = [c for c in self._candidates if c.missed <= 1 and c not in confirmed]
         self._candidates = kept + fresh
         return [candidate.detection for candidate in confirmed]
@@ -193,7 +194,7 @@ class MultiPersonTracker:
         """
         if not self._idle:
             away = [(person.unseen_s(stamp_ns), n) for n, person in self._present.items() if n not in pairs]
-            if not away or max(away)[0] < MAKES_ROOM_S:
+            if not away or max(away)[0] < REPLACEABLE_AFTER_S:
                 self._counts["people beyond max_people"] += 1
                 return False
             self._remove(max(away)[1])

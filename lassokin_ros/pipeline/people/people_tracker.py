@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from lassokin_ros.core.observation import Status
+from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.frame_result import FrameResult
-from lassokin_ros.pipeline.lens import Lens
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
 from msg_adapters.keypoints import Keypoints

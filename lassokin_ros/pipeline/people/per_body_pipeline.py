@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from lassokin_ros.core.calibration import Calibration
+from lassokin_ros.core.calibration.bone_lengths import Calibration
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.frame_result import FrameResult

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from lassokin_ros.core.observation import Status
+from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.detections import MOST_PEOPLE, detection, detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult
-from lassokin_ros.pipeline.lens import Lens
 from lassokin_ros.pipeline.people.matching import distances, is_trackable, match_radius
 from lassokin_ros.pipeline.people.people_tracker import PeopleImage
 from lassokin_ros.pipeline.people.presence import Presence
@@ -80,7 +80,7 @@ class SinglePersonTracker:
         if keypoints.persons is None or len(keypoints.persons) == 0:
             return detection(keypoints, None, self._count, lens)
         if self._person.status is Status.TRACKING:
-            found = self._find_again(image)
+            found = self._reidentify(image)
             # The status changes to LOST with time alone. After a silence of the detector the new stamp decides.
             lost = self._person.status_at(stamp_ns) is Status.LOST and not self._is_trackable(found)
             if not lost:
@@ -107,7 +107,7 @@ class SinglePersonTracker:
             f"one person is followed, and {who} among the {others} in the message; {waits} (see person_ids, max_people)"
         )
 
-    def _find_again(self, image: PeopleImage) -> Detection:
+    def _reidentify(self, image: PeopleImage) -> Detection:
         """Return the detection of the tracked person: by a persistent number, else by position."""
         keypoints, stamp_ns, lens = image.keypoints, image.stamp_ns, image.lens
         if not image.persistent:

@@ -17,9 +17,9 @@ from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.observation import Observation, Status
 from lassokin_ros.core.tracker import Tracker
+from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.frame_result import FrameResult
-from lassokin_ros.pipeline.lens import Lens
-from lassokin_ros.pipeline.outputs.rejection_text import rejection_text
+from lassokin_ros.pipeline.outputs.status.rejection_text import rejection_text
 from lassokin_ros.pipeline.people.joint_states import JointStates, Moment
 
 VELOCITY_MEMORY_S = 0.2

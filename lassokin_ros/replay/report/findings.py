@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lassokin_ros.pipeline.camera import OUTSIDE_IMAGE
+from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
 from lassokin_ros.replay.report.absences import NO_MESSAGE, NOBODY, Span
 from lassokin_ros.replay.report.facts import Facts, landmark_errors
 from lassokin_ros.replay.report.rejection_advice import advice_for, reason_text

@@ -33,6 +33,11 @@ class MessageRow:
     rejection: str | None = None
 
 
+def _stored(name: str) -> property:
+    """A property that reads an array of a row from the file; None if the row has none of this name."""
+    return property(lambda row: row.spool.read(row.record, name))
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class PersonRow:
     """One person in one message. Its arrays are in a file; they are None for a rejected frame.
@@ -53,45 +58,14 @@ class PersonRow:
     support: float = np.nan
     initialised: bool = False
 
-    @property
-    def detected(self) -> np.ndarray | None:
-        """See the class."""
-        return self.spool.read(self.record, "detected")
-
-    @property
-    def reprojected(self) -> np.ndarray | None:
-        """See the class."""
-        return self.spool.read(self.record, "reprojected")
-
-    @property
-    def outline(self) -> np.ndarray | None:
-        """See the class."""
-        return self.spool.read(self.record, "outline")
-
-    @property
-    def positions(self) -> np.ndarray | None:
-        """See the class."""
-        return self.spool.read(self.record, "positions")
-
-    @property
-    def angles(self) -> np.ndarray | None:
-        """See the class."""
-        return self.spool.read(self.record, "angles")
-
-    @property
-    def bends(self) -> np.ndarray | None:
-        """See the class."""
-        return self.spool.read(self.record, "bends")
-
-    @property
-    def lengths(self) -> np.ndarray | None:
-        """See the class."""
-        return self.spool.read(self.record, "lengths")
-
-    @property
-    def deviations(self) -> np.ndarray | None:
-        """See the class."""
-        return self.spool.read(self.record, "deviations")
+    detected = _stored("detected")
+    reprojected = _stored("reprojected")
+    outline = _stored("outline")
+    positions = _stored("positions")
+    angles = _stored("angles")
+    bends = _stored("bends")
+    lengths = _stored("lengths")
+    deviations = _stored("deviations")
 
     @property
     def mean_deviation_mm(self) -> float:

@@ -16,7 +16,7 @@ from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.replay.report import tables
 from lassokin_ros.replay.report.facts import Facts
 from lassokin_ros.replay.report.findings import findings
-from lassokin_ros.replay.report.page_data import page_data, timing_data
+from lassokin_ros.replay.report.page_json import page_data, timing_data
 
 SCRIPTS = ("common", "space", "image", "series", "page")
 """The scripts are concatenated in this order, into one function."""

@@ -9,7 +9,7 @@ import pytest
 from sequences import CONFIG, observations
 
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.evidence.model_error import FIRST, LARGEST, LEAST, ModelError, _free
+from lassokin_ros.core.evidence.model_error import FIRST, LARGEST, LEAST, ModelError, _free_shares
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
 from lassokin_ros.core.tracker import Tracker
 
@@ -46,7 +46,7 @@ def test_the_free_share_of_a_row_is_one_minus_its_leverage():
     information = J.T @ J
     information[range(UNKNOWNS), range(UNKNOWNS)] += WEAKEST
     leverage = np.diag(J @ np.linalg.solve(information, J.T))[:IMAGES]
-    free = _free(problem, LANDMARKS)
+    free = _free_shares(problem, LANDMARKS)
     assert free == pytest.approx(1 - leverage.reshape(-1, 2).mean(1), abs=1e-6)
     assert 0 < free.min() < 0.4 and 0.7 < free.max() <= 1
 

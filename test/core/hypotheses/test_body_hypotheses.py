@@ -53,7 +53,7 @@ def turned_round(state):
 def test_the_first_hypothesis_corrects_a_body_that_faces_the_wrong_way(seed):
     scene = Wrong(seed, turned_round)
     assert scene.distance(scene.pool.published.state) > 0.15
-    frame, winner = scene.winner(body_hypotheses.GIVEN_UP_AT)
+    frame, winner = scene.winner(body_hypotheses.LARGEST_AGE)
     assert frame < body_hypotheses.MATURE_FROM + 5 and scene.distance(winner) < 0.06
 
 

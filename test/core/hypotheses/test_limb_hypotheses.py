@@ -15,7 +15,7 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.evidence.upright import Upright
-from lassokin_ros.core.hypotheses.initialisation import Initialiser, within
+from lassokin_ros.core.hypotheses.initialisation import Initialiser, limit_rotations
 from lassokin_ros.core.hypotheses.limb_hypotheses import MATURE_FROM, LimbHypotheses
 from lassokin_ros.core.hypotheses.mirroring import Mirroring
 from lassokin_ros.core.hypotheses.replacement import LIMB_MARGIN
@@ -97,7 +97,7 @@ def test_the_cost_difference_of_a_limb_equals_that_of_the_whole_body(layout):
     scene.weights[3] = 0.0
     pose = scene.search._posed(published)
     *_, image = scene.search._image_rows(pose, FrameData(scene.points, scene.weights))
-    steadier = scene.search._steadier(pose, published.pose)
+    steadier = scene.search._balance_gains(pose, published.pose)
     prior, as_published = 0.5 * np.sum(prior_rows(scene.search, published)[1] ** 2, axis=-1)
     own = image + prior - as_published - scene.image_costs(published) @ scene.search._carries - steadier
     assert np.ptp(steadier) > 0.01
@@ -252,5 +252,5 @@ def test_joints_without_landmarks_stay_at_the_mean(tmp_path, hidden, seed):
 
 def test_all_rotations_are_scaled_if_one_is_too_large():
     turns = np.array([[[0.1, -0.2, 0.3]], [[1.4, -0.7, 0.0]]])
-    held = within(turns.copy())
+    held = limit_rotations(turns.copy())
     assert np.array_equal(held[0], turns[0]) and np.allclose(held[1], 0.5 * turns[1])

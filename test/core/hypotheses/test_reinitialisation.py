@@ -8,13 +8,19 @@ from sequences import CONFIG, FOCAL, RATE, TRACKED_WITHIN, observations
 from test_start_orientations import TURNS, error, seen, turned
 
 from lassokin_ros.core.body.kinematics import BodyState
-from lassokin_ros.core.hypotheses.reinitialisation import COSTLY, COSTLY_FOR, LATEST, SOONEST, Reinitialisation
+from lassokin_ros.core.hypotheses.reinitialisation import (
+    HIGH_COST,
+    HIGH_COST_DURATION,
+    LONGEST_INTERVAL,
+    SHORTEST_INTERVAL,
+    Reinitialisation,
+)
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion
 
 LANDMARKS = 17
-DEAR, CHEAP = 1.01 * COSTLY * LANDMARKS, 0.99 * COSTLY * LANDMARKS
+DEAR, CHEAP = 1.01 * HIGH_COST * LANDMARKS, 0.99 * HIGH_COST * LANDMARKS
 
 
 def looks(costs, step=0.01):
@@ -25,11 +31,11 @@ def looks(costs, step=0.01):
 
 def test_reinitialisation_is_due_after_a_delay_that_grows():
     due = looks([DEAR] * 2000)
-    assert due[0] == pytest.approx(COSTLY_FOR, abs=0.011)
+    assert due[0] == pytest.approx(HIGH_COST_DURATION, abs=0.011)
     between = np.diff(due)
-    doubled = SOONEST * 2.0 ** np.arange(len(between))
-    assert between == pytest.approx(np.minimum(doubled, LATEST), abs=0.011)
-    assert between[-1] == pytest.approx(LATEST, abs=0.011)
+    doubled = SHORTEST_INTERVAL * 2.0 ** np.arange(len(between))
+    assert between == pytest.approx(np.minimum(doubled, LONGEST_INTERVAL), abs=0.011)
+    assert between[-1] == pytest.approx(LONGEST_INTERVAL, abs=0.011)
 
 
 def test_one_frame_of_low_cost_does_not_reset_the_delay():
@@ -42,10 +48,12 @@ def test_a_cost_near_the_limit_causes_no_more_attempts_than_one_above_it():
 
 
 def test_the_delay_is_short_again_after_a_long_time_of_low_cost():
-    good = round(1.1 * LATEST / 0.01)
+    good = round(1.1 * LONGEST_INTERVAL / 0.01)
     due = looks([DEAR] * 500 + [CHEAP] * good + [DEAR] * 30)
     begins = 0.01 * (500 + good)
-    assert due[-2:] == pytest.approx([begins + COSTLY_FOR, begins + COSTLY_FOR + SOONEST], abs=0.011)
+    assert due[-2:] == pytest.approx(
+        [begins + HIGH_COST_DURATION, begins + HIGH_COST_DURATION + SHORTEST_INTERVAL], abs=0.011
+    )
 
 
 @pytest.mark.parametrize("orientation", [3, 4, 5])

@@ -11,7 +11,7 @@ from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.observation import Status
 from lassokin_ros.core.output.fixed_lag import FixedLag
-from lassokin_ros.core.output.output_filter import DEPTH, FARTHEST, TYPICAL_SPEED, OutputFilter, time_at
+from lassokin_ros.core.output.output_filter import DEPTH, FARTHEST, TYPICAL_SPEED, OutputFilter, time_constant
 from lassokin_ros.core.tracker import Tracker
 
 TIME = 0.03
@@ -64,7 +64,7 @@ def test_the_backward_pass_equals_the_textbook_smoother():
     steps = random.uniform(0.01, 0.05, 40)
     nearer = np.cumsum(0.01 * random.normal(size=(40, 1)), axis=0) * [0.0, 0.0, 1.0] + [0.0, 0.0, 3.0]
     speeds = random.uniform(0.0, 3.0, 40)
-    times = np.array([time_at(speed, TIME) for speed in speeds])
+    times = np.array([time_constant(speed, TIME) for speed in speeds])
     smooth = np.array([e.state.translation for e in lagging(nearer, steps, speeds=speeds).flush()])
     assert np.abs(smooth - textbook(nearer, steps, DEPTH * times)).max() < 1e-9
     values = np.cumsum(1e-4 * random.normal(size=(40, 3)), axis=0) * [1.0, 1.0, 0.0] + [0.0, 0.0, 3.0]

@@ -17,7 +17,9 @@ def observed(visible, layout="coco17"):
     landmarks = Layout.load(layout, SKELETON)
     seen = np.isin(landmarks.names, list(visible))
     assert np.count_nonzero(seen) == len(set(visible))
-    return {SKELETON.joint_names[i] for i in np.flatnonzero(ObservedJoints(SKELETON, landmarks.joints).of(seen))}
+    return {
+        SKELETON.joint_names[i] for i in np.flatnonzero(ObservedJoints(SKELETON, landmarks.joints).from_visible(seen))
+    }
 
 
 def test_all_joints_between_cocos_landmarks_are_observed():

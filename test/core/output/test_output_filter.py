@@ -8,7 +8,14 @@ from scipy.spatial.transform import Rotation
 from sequences import CONFIG, RATE, observations
 
 from lassokin_ros.core.body.kinematics import BodyPose, BodyState
-from lassokin_ros.core.output.output_filter import DEPTH, FARTHEST, LONGEST_STEP, TYPICAL_SPEED, OutputFilter, time_at
+from lassokin_ros.core.output.output_filter import (
+    DEPTH,
+    FARTHEST,
+    LONGEST_STEP,
+    TYPICAL_SPEED,
+    OutputFilter,
+    time_constant,
+)
 from lassokin_ros.core.tracker import Tracker
 
 STEP, TIME, JOINTS = 1 / 60, 0.02, 3
@@ -87,7 +94,7 @@ def test_smoothing_is_longer_at_rest_and_lag_smaller_in_motion():
         lags.append(angle(starting[-1], followed(starting, speed=speed)[-1]))
     assert spreads == sorted(spreads) and spreads[0] < 0.8 * spreads[2]
     assert lags == sorted(lags, reverse=True) and lags[3] < 0.8 * lags[2]
-    assert time_at(TYPICAL_SPEED, TIME) == TIME
+    assert time_constant(TYPICAL_SPEED, TIME) == TIME
 
 
 def test_motion_in_depth_is_smoothed_more():

@@ -12,7 +12,7 @@ from recordings import contents, read, write_recording  # noqa: E402
 
 from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
-from lassokin_ros.pipeline.outputs.diagnostics import Diagnostics  # noqa: E402
+from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
 from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
@@ -60,7 +60,7 @@ def test_the_keypoints_delay_does_not_include_the_lag():
     for i in range(10):
         arrival_ns = stamp(i) + 40_000_000
         frames = pipeline.frames(cloud(BACKEND, stamp(i), PIXELS[i]), arrival_ns)
-        diagnostics.saw_message(frames, arrival_ns, 0.1 * i, 0.001)
+        diagnostics.count_message(frames, arrival_ns, 0.1 * i, 0.001)
     assert diagnostics.line(1.0).values["keypoints delay median [s]"] == "0.040"
 
 

@@ -60,4 +60,4 @@ def test_frames_that_are_not_connected_are_one_warning():
         robot.diagnostics(lambda s: FIGURE in values_of(s) and words not in s.message)
     lines = [line for line in node.said.splitlines() if "mount" in line]
     assert ["WARN" in line for line in lines] == [True, False], node.said
-    assert "camera_roll and camera_pitch hold" in lines[0]
+    assert "camera_roll and camera_pitch are used" in lines[0]

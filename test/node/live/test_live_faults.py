@@ -162,7 +162,7 @@ def test_parameters_can_change_during_a_burst(running):
         futures.append(client.call_async(SetParameters.Request(parameters=[Parameter(name="noise_px", value=value)])))
         last = send(peer, 3)
         sent += 3
-        # A service's queues hold 10 requests; of more at a time some would never be answered.
+        # A service's queue has 10 places. Of more requests at a time, some would never be answered.
         peer.spin_until(lambda: sum(not f.done() for f in futures) < 5, what="answers of the service")
     peer.spin_until(lambda: all(f.done() for f in futures) and answered(peer, last), what="all answers")
     assert all(f.result().results[0].successful for f in futures)
@@ -269,7 +269,7 @@ def test_signals_during_initialisation_end_the_node():
         nodes = [stack.enter_context(NodeProcess("/early")) for _ in signals]
         ends = []
         for node, numbers in zip(nodes, signals):
-            while not awaits(node.process.pid, TERM):
+            while not may_receive(node.process.pid, TERM):
                 assert node.process.poll() is None
                 time.sleep(0.002)
             ends.append(node.stop(*numbers))
@@ -277,7 +277,7 @@ def test_signals_during_initialisation_end_the_node():
     assert [(code, complaints(said)) for code, said in ends] == [(0, [])] * len(signals)
 
 
-def awaits(pid, number):
+def may_receive(pid, number):
     """True if a process handles a signal itself: it is blocked, and a thread waits for it."""
     status = Path(f"/proc/{pid}/status").read_text(encoding="ascii")
     blocked = next(line.split()[1] for line in status.splitlines() if line.startswith("SigBlk"))
@@ -333,7 +333,7 @@ def test_waiting_messages_are_stamped_with_their_time_of_arrival():
 def test_keypoints_without_a_stamp_are_reported_once(monkeypatch, capfd):
     monkeypatch.setattr("lassokin_ros.node.log_throttle.PERIOD_S", 0.0)
     with node_in_this_process("/unstamped_once") as (node, _):
-        node._camera_info.take(camera_info(BACKEND))
+        node._inputs.camera_info.take(camera_info(BACKEND))
         for index, stamp_ns in enumerate((0, *(time.time_ns() + n * STEP_NS for n in range(3)))):
             node.work_on(cloud(BACKEND, stamp_ns, PIXELS[index]))
         assert node._pipeline.counts["unstamped"] == 1

@@ -11,7 +11,7 @@ from messages import CARRIERS, FRAME, pixels_of_motion  # noqa: E402
 from lassokin_ros import joints  # noqa: E402
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
-from lassokin_ros.pipeline.outputs.urdf import joint_names, urdf  # noqa: E402
+from lassokin_ros.pipeline.outputs.description.urdf import joint_names, urdf  # noqa: E402
 from msg_adapters.output_messages.skeleton_cloud import POINT  # noqa: E402
 
 FRAMES, AHEAD = 150, 3

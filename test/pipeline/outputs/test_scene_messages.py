@@ -15,8 +15,8 @@ from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
 from lassokin_ros.pipeline.outputs.naming import Naming
 from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, images_of
-from lassokin_ros.pipeline.outputs.presence_state import PresenceState
 from lassokin_ros.pipeline.outputs.rep155 import LINKS
+from lassokin_ros.pipeline.outputs.status.presence_state import PresenceState
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.pipeline import Pipeline

@@ -20,7 +20,7 @@ from lassokin_ros.core.image.projection import project  # noqa: E402
 from lassokin_ros.core.observation import Status  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
 from lassokin_ros.pipeline.detections import MOST_PEOPLE  # noqa: E402
-from lassokin_ros.pipeline.people.multi_person import FOUND_AT_ONCE  # noqa: E402
+from lassokin_ros.pipeline.people.multi_person import MOST_REINITIALISED  # noqa: E402
 from lassokin_ros.pipeline.people.presence import Presence  # noqa: E402
 from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
@@ -227,7 +227,7 @@ def test_lost_people_are_initialised_a_few_at_a_time(lasting):
     assert len(ids) == 7
     answers = [feed(pipeline, 50 + i, [of[6 + i] for of in pixels], range(7)) for i in range(3)]
     found = [[person for person, f in frames.items() if f.estimate.initialised] for frames in answers]
-    assert [len(frames) for frames in answers] == [FOUND_AT_ONCE, 7, 7]
+    assert [len(frames) for frames in answers] == [MOST_REINITIALISED, 7, 7]
     assert sorted(sum(found, [])) == sorted(ids) and not found[2]
 
 

@@ -17,7 +17,7 @@ from recordings import START_NS, read, synthetic_pixels, webcam_info, write_mess
 from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.core.observation import Rejection  # noqa: E402
 from lassokin_ros.replay.bags import typestore  # noqa: E402
-from lassokin_ros.replay.report import page_data as data  # noqa: E402
+from lassokin_ros.replay.report import page_json as data  # noqa: E402
 from lassokin_ros.replay.report.rejection_advice import REASONS  # noqa: E402
 from msg_adapters.backends import RosbagsBackend  # noqa: E402
 from msg_adapters.inputs import point_cloud  # noqa: E402

@@ -1,0 +1,163 @@
+"""The lens models of sensor_msgs/CameraInfo, as OpenCV defines them. A point x, y is the complex number x + iy."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+ITERATIONS = 20
+"""Newton steps at most. Inside the range of a lens model two or three are enough."""
+ACCURACY = 1e-12
+"""Residual at which the iteration ends, in normalised units."""
+TOLERANCE = 1e-4
+"""Largest residual of a result. Next to the limit of a model the iteration converges slowly."""
+
+
+RADII = np.linspace(0.0, 12.0, 4097)
+"""Normalised radii of the table of starting points, to 85 degrees beside the optical axis."""
+LEAST_RADIUS = 1e-300
+"""Avoids a division by zero on the optical axis."""
+MISSING = complex(np.nan, np.nan)
+
+
+class Distortion(Protocol):
+    """A lens model. Points are (k,) complex, normalised, NaN = outside the range of the model."""
+
+    def distort(self, straight: np.ndarray) -> np.ndarray:
+        """Return the distorted points."""
+        ...
+
+    def undistort(self, distorted: np.ndarray) -> np.ndarray:
+        """Return the points that `distort` moves to the given ones."""
+        ...
+
+
+def make_distortion(model: str, D: np.ndarray) -> Distortion:
+    """Return the lens model of a name; see Lens for the arguments."""
+    return Equidistant(D) if model == "equidistant" else Polynomial(D)
+
+
+class Polynomial:
+    """plumb_bob and rational_polynomial: with r^2 = |z|^2 and the radial factor R,
+
+    w = z (R(r^2) + 2 Re(z conj(p))) + p r^2 + s1 r^2 + s2 r^4, R = (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + ...)
+
+    and then, for a tilted sensor, a homography.
+    """
+
+    def __init__(self, D: np.ndarray) -> None:
+        """D: k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tau_x tau_y]]]]."""
+        k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, tau_x, tau_y = np.pad(D, (0, 14 - len(D))).tolist()
+        self._upper, self._lower = (k1, k2, k3), (k4, k5, k6)
+        self._tangential, self._prism = complex(p2, p1), (complex(s1, s3), complex(s2, s4))
+        self._tilt = _tilt(tau_x, tau_y) if tau_x or tau_y else None
+        bent = RADII * self._radial(RADII**2)[0]
+        turn = np.flatnonzero(~(np.diff(bent) > 0))  # where the image of the model turns back
+        count = turn[0] + 1 if len(turn) else len(bent)
+        self._bent_radii, self._radii = bent[:count], RADII[:count]
+
+    def distort(self, straight: np.ndarray) -> np.ndarray:
+        """See Distortion.distort."""
+        with np.errstate(invalid="ignore", over="ignore"):
+            r2 = straight.real**2 + straight.imag**2
+            bent = self._bend(straight, r2, self._radial(r2)[0])
+        return bent if self._tilt is None else _mapped(self._tilt, bent)
+
+    def undistort(self, distorted: np.ndarray) -> np.ndarray:
+        """See Distortion.undistort. Newton's method; the radial part alone gives the starting points."""
+        target = distorted if self._tilt is None else _mapped(np.linalg.inv(self._tilt), distorted)
+        radius = np.abs(target)
+        z = target * (np.interp(radius, self._bent_radii, self._radii) / np.maximum(radius, LEAST_RADIUS))
+        with np.errstate(all="ignore"):
+            for _ in range(ITERATIONS):
+                r2 = z.real**2 + z.imag**2
+                radial, slope = self._radial(r2)
+                missing = target - self._bend(z, r2, radial)
+                along, across = self._derivatives(z, r2, radial, slope)
+                det = (along * along.conj() - across * across.conj()).real
+                if not (np.abs(missing) > ACCURACY).any():
+                    break
+                z = z + (along.conj() * missing - across * missing.conj()) / det
+            # Beyond the radius at which the image turns back, one of the last two is negative.
+            inside = (np.abs(missing) <= TOLERANCE) & (det > 0) & (along.real > 0)
+        return np.where(inside, z, MISSING)
+
+    def _radial(self, r2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return R and its derivative by r^2."""
+        k1, k2, k3 = self._upper
+        upper, upper_slope = 1 + r2 * (k1 + r2 * (k2 + r2 * k3)), k1 + r2 * (2 * k2 + r2 * 3 * k3)
+        k4, k5, k6 = self._lower
+        if not (k4 or k5 or k6):
+            return upper, upper_slope
+        lower, lower_slope = 1 + r2 * (k4 + r2 * (k5 + r2 * k6)), k4 + r2 * (2 * k5 + r2 * 3 * k6)
+        radial = upper / lower
+        return radial, (upper_slope - radial * lower_slope) / lower
+
+    def _bend(self, z: np.ndarray, r2: np.ndarray, radial: np.ndarray) -> np.ndarray:
+        p, (s1, s2) = self._tangential, self._prism
+        factor = radial + 2 * (z.real * p.real + z.imag * p.imag)
+        bent: np.ndarray = z * factor + r2 * (p + s1 + s2 * r2)
+        return bent
+
+    def _derivatives(
+        self, z: np.ndarray, r2: np.ndarray, radial: np.ndarray, slope: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return A and B of the differential dw = A dz + B conj(dz)."""
+        p, (s1, s2) = self._tangential, self._prism
+        offset = p + s1 + 2 * s2 * r2
+        factor = radial + 2 * (z.real * p.real + z.imag * p.imag)
+        along = factor + slope * r2 + z * p.conjugate() + z.conj() * offset
+        return along, z * (slope * z + p + offset)
+
+
+class Equidistant:
+    """The fisheye model: w = z theta_d / |z|, theta = atan |z|, theta_d = theta (1 + k1 theta^2 + ... + k4 theta^8)."""
+
+    def __init__(self, D: np.ndarray) -> None:
+        """D: k1 k2 k3 k4."""
+        self._k = D.tolist()
+
+    def distort(self, straight: np.ndarray) -> np.ndarray:
+        """See Distortion.distort."""
+        radius = np.abs(straight)
+        theta = np.arctan(radius)
+        bent = self._bent(theta)[0]
+        return straight * (bent / np.maximum(radius, LEAST_RADIUS))
+
+    def undistort(self, distorted: np.ndarray) -> np.ndarray:
+        """See Distortion.undistort. Newton's method in theta."""
+        radius = np.abs(distorted)
+        theta = np.minimum(radius, np.pi / 2)
+        with np.errstate(all="ignore"):
+            for _ in range(ITERATIONS):
+                bent, slope = self._bent(theta)
+                missing = radius - bent
+                if not (np.abs(missing) > ACCURACY).any():
+                    break
+                theta = theta + missing / slope
+            inside = (np.abs(missing) <= TOLERANCE) & (slope > 0) & (theta >= 0) & (theta < np.pi / 2)
+            scale = np.tan(theta) / np.maximum(radius, LEAST_RADIUS)
+        return np.where(inside, distorted * scale, MISSING)
+
+    def _bent(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return theta_d and its derivative by theta."""
+        k1, k2, k3, k4 = self._k
+        t2 = theta * theta
+        bent: np.ndarray = theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
+        slope: np.ndarray = 1 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4)))
+        return bent, slope
+
+
+def _tilt(tau_x: float, tau_y: float) -> np.ndarray:
+    """Return the homography (3, 3) of a sensor that is tilted by tau_x and tau_y, rad."""
+    cx, sx, cy, sy = np.cos(tau_x), np.sin(tau_x), np.cos(tau_y), np.sin(tau_y)
+    R = np.array([[cy, 0, -sy], [0, 1, 0], [sy, 0, cy]]) @ np.array([[1, 0, 0], [0, cx, sx], [0, -sx, cx]])
+    return np.array([[R[2, 2], 0, -R[0, 2]], [0, R[2, 2], -R[1, 2]], [0, 0, 1]]) @ R
+
+
+def _mapped(homography: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Apply a homography (3, 3) to complex points (k,)."""
+    x, y, w = homography @ np.stack([points.real, points.imag, np.ones(len(points))])
+    mapped: np.ndarray = (x + 1j * y) / w
+    return mapped

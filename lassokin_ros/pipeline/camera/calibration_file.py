@@ -1,0 +1,190 @@
+"""Camera calibration files: ost.yaml of ROS, OpenCV's FileStorage YAML or JSON, camchain of Kalibr."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lassokin_ros.core.errors import CameraError
+from lassokin_ros.core.yaml_files import load_mapping, read_text
+from lassokin_ros.pipeline.camera.lens import Lens
+from msg_adapters.backends import Backend
+from msg_adapters.camera_info import decode_camera_info
+from msg_adapters.errors import AdapterError
+from msg_adapters.inputs import camera_info
+
+FORMS = "expected ost.yaml of ROS, YAML of OpenCV's FileStorage, or a camchain of Kalibr"
+KALIBR_MODELS = {"radtan": "plumb_bob", "equidistant": "equidistant", "none": "plumb_bob"}
+"""distortion_model of Kalibr -> distortion_model of ROS."""
+MATRIX = ("cameramatrix", "k", "intrinsicmatrix", "intrinsicsmatrix", "mtx")
+COEFFICIENTS = ("distortioncoefficients", "distcoeffs", "distortioncoeffs", "d", "dist")
+WIDTH, HEIGHT = ("imagewidth", "width"), ("imageheight", "height")
+SIZE = ("imagesize", "resolution", "size")
+PROJECTION = ("projectionmatrix", "p")
+MODEL = ("distortionmodel",)
+FISHEYE = ("fisheyemodel", "fisheye")
+"""Names of the values, in lower case and without underscores. OpenCV's own programs write several of them."""
+
+
+LARGEST = 1e9
+"""Of any number in a file."""
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """Intrinsics of an image. K: (3, 3) px. D: coefficients of `model`. size: (width, height) px, zeros if unknown.
+
+    P: (3, 4) px of the rectified image, None if the file has none.
+    """
+
+    K: np.ndarray
+    D: np.ndarray
+    model: str = "plumb_bob"
+    size: tuple[int, int] = (0, 0)
+    P: np.ndarray | None = None
+
+    def scaled_to(self, size: tuple[int, int], source: str) -> Calibration:
+        """Return the calibration of the same image with another size (width, height) px.
+
+        source: the file, for messages. Raises CameraError for another aspect ratio.
+        """
+        if self.size == (0, 0):
+            return replace(self, size=size)
+        scale = np.array(size) / np.array(self.size)
+        if abs(scale[0] / scale[1] - 1) > 0.01:
+            raise CameraError(
+                f"'{source}' is for {self.size[0]} x {self.size[1]} px, the images have {size[0]} x {size[1]} px; "
+                "expected the same aspect ratio"
+            )
+        scale = np.append(scale, 1.0)[:, None]
+        return replace(self, K=self.K * scale, P=None if self.P is None else self.P * scale, size=size)
+
+    def message(self, backend: Backend, stamp_ns: int, frame_id: str, rectified: bool = False) -> Any:
+        """Return the calibration as sensor_msgs/CameraInfo. Raises CameraError if no lens can be made of it."""
+        message = camera_info(backend, stamp_ns, frame_id, self.K, self.D, self.size, self.model)
+        if self.P is not None:
+            message.p = self.P.reshape(12)
+        try:
+            Lens.from_intrinsics(decode_camera_info(message), rectified)
+        except AdapterError as error:
+            raise CameraError(str(error)) from None
+        return message
+
+
+def read_calibration(path: Path) -> Calibration:
+    """Read a calibration file. Of a file with several cameras one is chosen by its name: `camchain.yaml:cam1`.
+
+    Raises CameraError.
+    """
+    file, chosen = split_camera(path)
+    cameras = _cameras(load_mapping(_plain_yaml(read_text(file, CameraError), file), str(file), CameraError))
+    if not chosen and len(cameras) == 1:
+        (chosen,) = cameras
+    names = ", ".join(cameras)
+    if not chosen:
+        raise CameraError(f"'{file}' has several cameras: {names}; choose one, such as {file}:{next(iter(cameras))}")
+    if chosen not in cameras:
+        raise CameraError(f"'{file}' has no camera '{chosen}'; expected one of: {names}")
+    values = {re.sub(r"[\s_-]", "", str(key)).lower(): value for key, value in cameras[chosen].items()}
+    try:
+        calibration = _from_kalibr(values, file) if "intrinsics" in values else _from_opencv(values)
+    except CameraError:
+        raise
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise CameraError(f"'{file}' is no camera calibration: {_what(error)}; {FORMS}") from None
+    if calibration.size != (0, 0) and min(calibration.size) < 1:
+        raise CameraError(f"'{file}' is for an image of {calibration.size[0]} x {calibration.size[1]} px")
+    return calibration
+
+
+def _what(error: Exception) -> str:
+    return f"it has no {error.args[0]}" if isinstance(error, KeyError) else str(error)
+
+
+def split_camera(path: Path) -> tuple[Path, str]:
+    """Return (file, name of a camera in it, empty if none is chosen)."""
+    name, colon, chosen = path.name.rpartition(":")
+    return (path.with_name(name), chosen) if colon and name and not path.exists() else (path, "")
+
+
+def _plain_yaml(text: str, file: Path) -> str:
+    """Return the text without syntax that only OpenCV's reader has. Raises CameraError for XML and INI."""
+    if re.search(r"\A\s*<|^\[image\]", text, re.MULTILINE):
+        raise CameraError(f"'{file}' is XML or INI; {FORMS}")
+    text = re.sub(r"\A\s*%YAML:.*\n", "", text)
+    return re.sub(r"!!opencv-[\w-]+", "", text).rstrip().removesuffix("\n---")
+
+
+def _cameras(data: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """Return {name: values} of the cameras in a file."""
+    kalibr = {name: data[name] for name in data if re.fullmatch(r"cam\d+", str(name)) and isinstance(data[name], dict)}
+    if kalibr:
+        return kalibr
+    stereo = [number for number in "12" if f"M{number}" in data]
+    if stereo:  # OpenCV's stereo_calib
+        return {f"M{n}": {"k": data[f"M{n}"], "d": data.get(f"D{n}"), **_sizes(data)} for n in stereo}
+    return {"camera": data}
+
+
+def _sizes(data: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in data.items() if re.sub("_", "", str(key)).lower() in (*WIDTH, *HEIGHT, *SIZE)}
+
+
+def _from_kalibr(values: Mapping[str, Any], file: Path) -> Calibration:
+    camera, model = str(values.get("cameramodel", "pinhole")), str(values.get("distortionmodel", "none"))
+    if camera != "pinhole" or model not in KALIBR_MODELS:
+        raise CameraError(
+            f"'{file}' has camera_model {camera} with distortion_model {model}; expected pinhole with "
+            f"{', '.join(KALIBR_MODELS)}"
+        )
+    fx, fy, cx, cy = _numbers(values["intrinsics"], 4)
+    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    D = np.zeros(0) if model == "none" else _numbers(values["distortioncoeffs"])
+    width, height = _numbers(values["resolution"], 2)
+    return Calibration(K, D, KALIBR_MODELS[model], (int(width), int(height)))
+
+
+def _from_opencv(values: Mapping[str, Any]) -> Calibration:
+    """Return the calibration of a file of ROS or OpenCV. Raises KeyError, TypeError or ValueError."""
+    K = _numbers(_one_of(values, MATRIX, "camera_matrix"), 9).reshape(3, 3)
+    D = _numbers(_one_of(values, COEFFICIENTS, "distortion_coefficients"))
+    model = _one_of(values, MODEL, "", "")
+    if not model:
+        model = "equidistant" if _one_of(values, FISHEYE, "", 0) else _opencv_model(len(D))
+    if (size := _one_of(values, SIZE, "", None)) is None:
+        size = [_one_of(values, WIDTH, "", 0), _one_of(values, HEIGHT, "", 0)]
+    width, height = _numbers(size, 2)
+    P = _one_of(values, PROJECTION, "", None)
+    return Calibration(
+        K, D, str(model), (int(width), int(height)), None if P is None else _numbers(P, 12).reshape(3, 4)
+    )
+
+
+def _opencv_model(count: int) -> str:
+    return "plumb_bob" if count <= 5 else "rational_polynomial"
+
+
+_REQUIRED = object()
+
+
+def _one_of(values: Mapping[str, Any], names: Iterable[str], wanted: str, default: Any = _REQUIRED) -> Any:
+    """Return the value under the first of the names that there is. Raises KeyError, of `wanted`, if there is none."""
+    found = next((values[name] for name in names if values.get(name) is not None), default)
+    if found is _REQUIRED:
+        raise KeyError(wanted)
+    return found
+
+
+def _numbers(value: Any, count: int | None = None) -> np.ndarray:
+    """Return the numbers of a list, of nested lists, or of an OpenCV matrix. Raises ValueError, KeyError, TypeError."""
+    numbers = np.array(value["data"] if isinstance(value, dict) else value, dtype=float).ravel()
+    if count is not None and len(numbers) != count:
+        raise ValueError(f"a list has {len(numbers)} values in place of {count}")
+    if not (np.abs(numbers) < LARGEST).all():  # NaN too
+        raise ValueError(f"a value is not finite, or larger than {LARGEST:g}")
+    return numbers

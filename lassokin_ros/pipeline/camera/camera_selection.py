@@ -1,0 +1,164 @@
+"""The camera of an image, from the received camera_info messages."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from lassokin_ros.core.errors import CameraError
+from lassokin_ros.pipeline.camera.lens import Lens
+from msg_adapters.camera_info import Intrinsics, decode_camera_info
+from msg_adapters.errors import AdapterError
+
+IN_FLIGHT_NS = 1_000_000_000
+"""ns: an image older than a change of the camera, by up to this, belongs to the previous camera: detectors are late."""
+OUTSIDE_IMAGE = "beyond the image"
+"""Key of the count of messages with keypoints outside the image."""
+MARGIN = 0.05
+"""Fraction of the image size by which keypoints may lie outside, as those of a truncated limb do."""
+FEW = 0.1
+"""Fraction of the keypoints of an image that may lie farther outside."""
+MOST_CAMERAS = 8
+"""Number of cameras on one topic that are remembered."""
+RECENT, ALTERNATIONS = 20, 3
+"""Several cameras share the topic if, among this many messages, the camera changes at least this often."""
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A camera from one stamp on; stamp_ns: ns, 0 if camera_info has no stamp."""
+
+    lens: Lens
+    intrinsics: Intrinsics
+    stamp_ns: int
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) px of the image."""
+        return self.intrinsics.width, self.intrinsics.height
+
+    @cached_property
+    def _limits(self) -> tuple[np.ndarray, np.ndarray]:
+        """Least and greatest coordinates (2,) px of keypoints."""
+        size = np.array(self.size, dtype=float)
+        margin = np.where(size > 0, MARGIN * size, np.inf)
+        return -margin, size + margin
+
+    def has_outside(self, xy: np.ndarray) -> bool:
+        """Return True if many of the keypoints (k, 2), px, are outside the image: they belong to another one."""
+        least, greatest = self._limits
+        outside = (xy < least) | (xy > greatest)
+        return int(np.count_nonzero(outside[:, 0] | outside[:, 1])) > FEW * len(xy)
+
+
+class Camera:
+    """Receives camera_info messages and selects the camera of an image.
+
+    The camera with the frame_id of the keypoints is used, if there is one, else the newest camera.
+    """
+
+    def __init__(self, rectified: bool) -> None:
+        """rectified: keypoints are pixels of the rectified image."""
+        self._rectified = rectified
+        self._newest: tuple[View | None, View | None] = None, None  # now, before
+        self._by_frame: dict[str, tuple[View, View | None]] = {}
+        self._keys: dict[str, tuple[Any, ...]] = {}
+        self._recent: deque[str] = deque(maxlen=RECENT)
+        self._frame = ""  # of the last keypoints
+        self.fault = ""
+        """Why the last camera_info was refused, in words; empty if it was accepted."""
+
+    @property
+    def view(self) -> View | None:
+        """The present camera, None before the first usable camera_info."""
+        return self._views(self._frame)[0]
+
+    @property
+    def warning(self) -> str:
+        """Why the camera_info in use may be wrong, in words; empty if nothing indicates that."""
+        if (view := self.view) is None:
+            return ""
+        recent = list(self._recent)
+        if sum(a != b for a, b in zip(recent, recent[1:])) >= ALTERNATIONS:
+            names = ", ".join(f"'{name[:40]}'" for name in sorted(set(recent))[:MOST_CAMERAS])
+            return (
+                f"camera_info of several cameras on one topic ({names}); used is '{view.intrinsics.frame_id[:40]}'; "
+                "expected one camera, or keypoints with the frame_id of their camera"
+            )
+        return view.intrinsics.warning
+
+    def update(self, message: Any) -> bool:
+        """Apply a CameraInfo message. Return True if the present camera changes to another frame_id.
+
+        Raises AdapterError if the message is refused; the last good camera then stays.
+        """
+        before = self.view
+        frame, key = message.header.frame_id, _key(message)
+        if key == self._keys.get(frame):
+            self.fault = ""
+            view = self._by_frame[frame][0]
+        else:
+            view = self._decode(message)
+            self._remember(frame, key, view)
+        self._recent.append(frame)
+        newest = self._newest[0]
+        if newest is None or newest.intrinsics is not view.intrinsics:
+            self._newest = replace(view, stamp_ns=_stamp_ns(message)), newest
+        now = self.view
+        return before is not None and now is not None and before.intrinsics.frame_id != now.intrinsics.frame_id
+
+    def _decode(self, message: Any) -> View:
+        try:
+            intrinsics = decode_camera_info(message)
+            lens = Lens.from_intrinsics(intrinsics, self._rectified)
+        except AdapterError as error:
+            self.fault = str(error)
+            raise
+        except CameraError as error:
+            self.fault = str(error)
+            raise AdapterError("camera_unusable", self.fault) from None
+        self.fault = ""
+        return View(lens, intrinsics, _stamp_ns(message))
+
+    def _remember(self, frame: str, key: tuple[Any, ...], view: View) -> None:
+        previous = self._by_frame.pop(frame, (None, None))[0]
+        if len(self._by_frame) >= MOST_CAMERAS:
+            oldest = next(iter(self._by_frame))
+            del self._by_frame[oldest], self._keys[oldest]
+        self._by_frame[frame], self._keys[frame] = (view, previous), key
+
+    def _views(self, frame: str) -> tuple[View | None, View | None]:
+        """Return the present and the previous camera for keypoints of this frame."""
+        return self._by_frame.get(frame, self._newest) if frame else self._newest
+
+    def at(self, stamp_ns: int | None, frame: str | None = None) -> View:
+        """Return the camera of the image with this stamp (ns) and frame_id; without stamp the present camera.
+
+        frame: None = that of the last keypoints. Raises AdapterError before the first usable camera_info.
+        """
+        if frame is not None:
+            self._frame = frame
+        now, before = self._views(self._frame)
+        if now is None:
+            raise AdapterError("no_camera_info", self.fault or "no camera_info received yet")
+        if before is None or stamp_ns is None:
+            return now
+        early = 0 < now.stamp_ns - stamp_ns <= IN_FLIGHT_NS
+        return before if early else now
+
+
+def _stamp_ns(message: Any) -> int:
+    return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
+
+
+def _key(message: Any) -> tuple[Any, ...]:
+    """Return the used content of a CameraInfo, for a fast comparison with the previous message."""
+    roi = message.roi
+    image = (message.width, message.height, message.binning_x, message.binning_y)
+    window = (roi.x_offset, roi.y_offset, roi.width, roi.height)
+    numbers = (bytes(message.k), bytes(message.d[:32]), bytes(message.p), bytes(message.r))
+    return (message.distortion_model, message.header.frame_id, *image, *window, *numbers)

@@ -1,0 +1,103 @@
+"""Conversion between pixels and normalised image coordinates. All later steps use normalised coordinates only."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from lassokin_ros.core.errors import CameraError
+from lassokin_ros.core.image.distortion import make_distortion
+from msg_adapters.camera_info import Intrinsics
+
+COUNTS = {
+    "plumb_bob": (4, 5, 8, 12, 14),
+    "rational_polynomial": (4, 5, 8, 12, 14),
+    "equidistant": (4,),
+}
+"""Model -> numbers of coefficients."""
+
+
+class Lens:
+    """Camera matrix and distortion of one camera: pixels to the normalised coordinates of equation (7).
+
+    K: (3, 3) px. D: coefficients in OpenCV's order. model: "plumb_bob", "rational_polynomial", "equidistant", or "" for
+    no distortion. Raises CameraError.
+    """
+
+    def __init__(self, K: np.ndarray, D: np.ndarray | None = None, model: str = "") -> None:
+        self.K = np.array(K, dtype=float)
+        self.D = np.zeros(0) if D is None else np.array(D, dtype=float)
+        self.model = model
+        if self.K.shape != (3, 3) or not np.isfinite(self.K).all() or self.K[0, 0] <= 0 or self.K[1, 1] <= 0:
+            raise CameraError(f"K is {self.K.tolist()}; expected a finite 3 x 3 matrix with focal lengths above 0")
+        _check_distortion(model, self.D)
+        self._focal_lengths = self.K[[0, 1], [0, 1]]
+        self._centre = self.K[:2, 2]
+        self.size = (0, 0)
+        """(width, height) px of the image, 0 if unknown."""
+        self._distortion = make_distortion(model, self.D) if model else None
+
+    @classmethod
+    def from_intrinsics(cls, intrinsics: Intrinsics, rectified: bool = False) -> Lens:
+        """Return the lens of the raw image, or of the rectified image (P, no distortion). Raises CameraError.
+
+        With the rectified image the skeleton is expressed in the frame of the rectified camera. The baseline of the
+        right camera of a stereo pair (P[3]) is not added.
+        """
+        if rectified and not intrinsics.P[0, 0] > 0:
+            raise CameraError("camera_info has P[0] = 0; parameter 'rectified' needs a rectified camera's P")
+        lens = cls(intrinsics.P[:, :3]) if rectified else cls(intrinsics.K, intrinsics.D, intrinsics.model)
+        lens.size = intrinsics.width, intrinsics.height
+        return lens
+
+    @cached_property
+    def focal(self) -> float:
+        """px per normalised unit: geometric mean of fx and fy."""
+        return float(np.sqrt(self._focal_lengths.prod()))
+
+    def normalise(self, pixels: np.ndarray) -> np.ndarray:
+        """Undistort pixels (l, 2) to normalised coordinates (l, 2). NaN stays NaN.
+
+        A pixel outside the range of the lens model gives NaN.
+        """
+        normalised: np.ndarray = (pixels - self._centre) / self._focal_lengths
+        if self._distortion is None:
+            return normalised
+        seen = np.isfinite(pixels).all(axis=1)
+        result = np.full(pixels.shape, np.nan)
+        result[seen] = _pairs(self._distortion.undistort(_complex(normalised[seen])))
+        return result
+
+    def distort(self, normalised: np.ndarray) -> np.ndarray:
+        """Distort normalised coordinates (k, 2) to pixels (k, 2), the inverse of `normalise`. NaN stays NaN."""
+        if self._distortion is not None:
+            normalised = _pairs(self._distortion.distort(_complex(normalised)))
+        pixels: np.ndarray = normalised * self._focal_lengths + self._centre
+        return pixels
+
+
+def _complex(points: np.ndarray) -> np.ndarray:
+    """Return points (k, 2) as complex numbers (k,)."""
+    return np.ascontiguousarray(points, dtype=float).view(complex)[:, 0]
+
+
+def _pairs(points: np.ndarray) -> np.ndarray:
+    """Return complex numbers (k,) as points (k, 2)."""
+    return points.view(float).reshape(-1, 2)
+
+
+def _check_distortion(model: str, D: np.ndarray) -> None:
+    """Raise CameraError unless the coefficients D fit the model."""
+    if model not in ("", *COUNTS):
+        raise CameraError(f"lens model '{model}'; expected plumb_bob, rational_polynomial or equidistant")
+    if D.ndim != 1 or not np.isfinite(D).all():
+        raise CameraError(f"D is {D.tolist()}; expected a list of finite distortion coefficients")
+    if not model and D.any():
+        raise CameraError(
+            f"D has {len(D)} distortion coefficients but no lens model; expected Lens(K, D, model) with plumb_bob, "
+            "rational_polynomial or equidistant"
+        )
+    if model and len(D) not in COUNTS[model]:
+        expected = ", ".join(map(str, COUNTS[model]))
+        raise CameraError(f"{model} with {len(D)} distortion coefficients D; expected {expected}")

@@ -1,0 +1,150 @@
+"""Rotations between TF frames: a small buffer of the transforms on /tf and /tf_static.
+
+It replaces tf2's buffer, whose Python package is compiled and not on PyPI. Only the rotation from one frame to another
+at the time of an image is needed; positions are not kept.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+HISTORY_NS = 3_000_000_000
+"""ns for which the transforms of a moving frame are kept."""
+STALE_NS = 500_000_000
+"""ns: largest difference between an image's stamp and the nearest transform, which is then used."""
+DEEPEST = 200
+"""Frames in a chain. A longer one is a loop."""
+
+Quaternion = tuple[float, float, float, float]
+IDENTITY: Quaternion = (0.0, 0.0, 0.0, 1.0)
+
+
+class TransformError(Exception):
+    """TF does not contain the rotation. The text names what is missing."""
+
+
+class Transforms:
+    """The newest transforms of each frame from its parent."""
+
+    def __init__(self) -> None:
+        self._frames: dict[str, _Frame] = {}
+
+    def add(self, message: object, static: bool) -> None:
+        """Store the transforms of a tf2_msgs/TFMessage. Invalid ones are left out.
+
+        static: the message came on /tf_static and holds for all times.
+        """
+        for transform in message.transforms:  # type: ignore[attr-defined]
+            child, parent = transform.child_frame_id.lstrip("/"), transform.header.frame_id.lstrip("/")
+            turn, stamp = transform.transform.rotation, transform.header.stamp
+            quaternion = (turn.x, turn.y, turn.z, turn.w)
+            if not (child and parent and child != parent and 0.9 < math.fsum(x * x for x in quaternion) < 1.1):
+                continue  # NaN compares false
+            frame = self._frames.get(child)
+            if frame is None or frame.parent != parent or frame.static is not static:
+                frame = self._frames[child] = _Frame(parent, static)
+            frame.add(stamp.sec * 1_000_000_000 + stamp.nanosec, quaternion)
+
+    def clear(self) -> None:
+        """Forget the moving frames, after a jump of the clock."""
+        self._frames = {name: frame for name, frame in self._frames.items() if frame.static}
+
+    def rotation(self, frame: str, base: str, stamp_ns: int) -> np.ndarray:
+        """Return the rotation (3, 3) from `frame` to `base` at a time: a vector v in `frame` is R v in `base`.
+
+        Raises TransformError if the frames are not connected, or if a transform is not of this time.
+        """
+        of_frame, of_base = list(self._chain(frame)), list(self._chain(base))
+        common = next((name for name in of_frame if name in of_base), None)
+        if common is None:
+            raise TransformError(self._difference_of_trees(frame, of_frame, base, of_base))
+        up = self._product(of_frame[: of_frame.index(common)], stamp_ns)
+        x, y, z, w = self._product(of_base[: of_base.index(common)], stamp_ns)
+        return np.asarray(Rotation.from_quat(_product((-x, -y, -z, w), up)).as_matrix())
+
+    def _chain(self, name: str) -> Iterator[str]:
+        """Yield the frame, its parent, and so on."""
+        for _ in range(DEEPEST):
+            yield name
+            if (frame := self._frames.get(name)) is None:
+                return
+            name = frame.parent
+
+    def _product(self, chain: list[str], stamp_ns: int) -> Quaternion:
+        """Return the orientation of the first frame of a chain in the parent of the last one."""
+        total = IDENTITY
+        for name in chain:
+            total = _product(self._frames[name].at(stamp_ns, name), total)
+        return total
+
+    def _difference_of_trees(self, frame: str, of_frame: list[str], base: str, of_base: list[str]) -> str:
+        known = {item for name, one in self._frames.items() for item in (name, one.parent)}
+        unknown = [f"'{name}'" for name in (frame, base) if name not in known]
+        if unknown:
+            return f"no transform of {' or '.join(unknown)} was received on /tf or /tf_static"
+        return (
+            f"'{frame}' and '{base}' are not connected: the one belongs to '{of_frame[-1]}', the other to "
+            f"'{of_base[-1]}'"
+        )
+
+
+class _Frame:
+    """The orientations of one frame in its parent, by time."""
+
+    def __init__(self, parent: str, static: bool) -> None:
+        self.parent, self.static = parent, static
+        self._stamps: list[int] = []  # ns
+        self._quaternions: list[Quaternion] = []
+
+    def add(self, stamp_ns: int, quaternion: Quaternion) -> None:
+        """Store an orientation. A stamp far back means that time has started again."""
+        if self.static or (self._stamps and stamp_ns < self._stamps[-1] - HISTORY_NS):
+            self._stamps, self._quaternions = [], []
+        at = bisect(self._stamps, stamp_ns)
+        self._stamps.insert(at, stamp_ns)
+        self._quaternions.insert(at, quaternion)
+        if (old := bisect(self._stamps, self._stamps[-1] - HISTORY_NS)) > 0:
+            del self._stamps[:old], self._quaternions[:old]
+
+    def at(self, stamp_ns: int, name: str) -> Quaternion:
+        """Return the orientation at a time, interpolated. Raises TransformError if none is near; name: of the frame."""
+        if self.static:
+            return self._quaternions[-1]
+        after = bisect(self._stamps, stamp_ns)
+        if 0 < after < len(self._stamps):
+            before_ns, after_ns = self._stamps[after - 1], self._stamps[after]
+            share = (stamp_ns - before_ns) / (after_ns - before_ns)
+            return _interpolated(self._quaternions[after - 1], self._quaternions[after], share)
+        nearest = min(after, len(self._stamps) - 1)
+        distance_ns = stamp_ns - self._stamps[nearest]
+        if abs(distance_ns) > STALE_NS:
+            side = "older" if distance_ns > 0 else "newer"
+            raise TransformError(
+                f"the transform of '{name}' is more than {STALE_NS * 1e-9:g} s {side} than the image: do the camera "
+                "and TF have the same clock?"
+            )
+        return self._quaternions[nearest]
+
+
+def _product(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Return the product of two quaternions x, y, z, w: the rotation b, then a."""
+    ax, ay, az, aw = a
+    bx, by, bz, bw = b
+    return (
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
+    )
+
+
+def _interpolated(before: Quaternion, after: Quaternion, share: float) -> Quaternion:
+    """Return the normalised mean of two near orientations; share: 0 to 1, the weight of `after`."""
+    sign = math.copysign(1.0, math.fsum(a * b for a, b in zip(before, after)))
+    x, y, z, w = ((1 - share) * a + share * sign * b for a, b in zip(before, after))
+    return (x, y, z, w) if math.fsum((x * x, y * y, z * z, w * w)) > 0.1 else before

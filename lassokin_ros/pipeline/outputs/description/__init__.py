@@ -1,0 +1,1 @@
+"""The body as a robot description (URDF) and as a skeleton file."""

@@ -1,0 +1,122 @@
+"""A calibrated skeleton as a YAML file for the parameter `skeleton`."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
+from datetime import datetime, timezone
+from pathlib import Path
+
+from lassokin_ros.common.atomic_files import AtomicFiles, files_of_people, refuse_existing
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.calibration.bone_lengths import Calibration
+from lassokin_ros.core.errors import LassokinError, SkeletonError
+from lassokin_ros.core.yaml_files import SUFFIXES
+from lassokin_ros.pipeline.outputs.status.calibration_status import length_changes
+
+LEAST_MOTION = 1.0
+"""s of motion that calibration must have used before its skeleton is saved."""
+
+
+def check_skeleton_file(path: Path, several: bool, replace: bool) -> None:
+    """Raise SkeletonError if no skeleton can be saved at `path`. Call it before the work.
+
+    several: one file per person, with the id in the name; replace: an existing file may be replaced.
+    """
+    if path.suffix.lower() not in SUFFIXES:
+        raise SkeletonError(f"'{path}' is no name for a skeleton; expected one that ends in {' or '.join(SUFFIXES)}")
+    path = Path(os.path.expanduser(path))
+    if not path.parent.exists():  # the folder will be created
+        return
+    for file in files_of_people(path.parent, path.stem, path.suffix) if several else [path]:
+        refuse_existing(file, replace, SkeletonError)
+
+
+def save_all(
+    calibrations: Mapping[str, Calibration], path: Path, now_ns: int, files: AtomicFiles | None = None
+) -> list[Path]:
+    """Write a file for each calibrated person, all or none, and return the paths (with `~` resolved).
+
+    calibrations: by id, an empty id if one person is followed; now_ns: ns since 1970, for the comment; files: the set
+    of files to which they are added. Raises SkeletonError (or the error of `files`) if a file cannot be written, or
+    nobody is calibrated. An existing file is then kept.
+    """
+    if not calibrations:
+        raise SkeletonError("nothing has been calibrated: nobody is there")
+    ready = {person: known for person, known in calibrations.items() if known.moved >= LEAST_MOTION}
+    texts = {person: _calibrated_text(known, now_ns) for person, known in (ready or calibrations).items()}
+    with AtomicFiles(replace=True, error=SkeletonError) if files is None else nullcontext(files) as whole:
+        return [_write(for_person(path, person), text, whole) for person, text in texts.items()]
+
+
+def _calibrated_text(calibration: Calibration, now_ns: int) -> str:
+    """Return the calibrated skeleton and its comment. Raises SkeletonError if nothing is calibrated."""
+    if calibration.moved < LEAST_MOTION:
+        raise SkeletonError(
+            f"nothing has been calibrated: {calibration.moved:.1f} s of motion seen, expected {LEAST_MOTION:g} or "
+            "more; set the parameter calibrate and let the person move"
+        )
+    skeleton = calibration.skeleton
+    state = "the lengths are final" if calibration.frozen else "the lengths were still being learned"
+    changes = [f"{name} {change:+.1f} %" for name, change in length_changes(calibration).items()]
+    return skeleton_text(
+        skeleton,
+        (
+            f"Calibrated by lassokin_ros, {_date(now_ns)}.",
+            f"For a height of {skeleton.height:g} m: use it with the same parameter height.",
+            f"{calibration.moved:g} s of motion counted; {state}.",
+            f"Changed from skeleton {_quoted(skeleton.name)}: {', '.join(changes)}.",
+        ),
+    )
+
+
+def skeleton_text(skeleton: Skeleton, comments: Sequence[str] = ()) -> str:
+    """Return a skeleton in the YAML format of `Skeleton.load`, in metres."""
+    lines = [f"# {comment}" for comment in comments]
+    lines += [f"name: {_quoted(skeleton.name)}", "height_unit: metre", "joints:"]
+    for joint, name in enumerate(skeleton.joint_names):
+        parent = skeleton.parents[joint]
+        above = "null" if parent < 0 else _quoted(skeleton.joint_names[parent])
+        place = ", ".join(map(repr, skeleton.rest_positions[joint].tolist()))
+        axes = skeleton.axes[joint]
+        lines.append(f'  - {{name: {_quoted(name)}, parent: {above}, position: [{place}], axes: "{axes}"}}')
+    return "\n".join(lines) + "\n"
+
+
+def write_text(path: Path, text: str) -> Path:
+    """Write a file completely or not at all, and its folder.
+
+    Returns the path with `~` resolved. Raises SkeletonError.
+    """
+    with AtomicFiles(replace=True, error=SkeletonError) as files:
+        return _write(path, text, files)
+
+
+def _write(path: Path, text: str, files: AtomicFiles) -> Path:
+    """Write the file as one of `files`."""
+    try:
+        path = path.expanduser()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        files.write_text(path, text)
+    except LassokinError:
+        raise
+    except (OSError, ValueError, RuntimeError) as problem:  # the path has no name, or `~` has no home directory
+        reason = getattr(problem, "strerror", None) or problem
+        raise SkeletonError(f"'{path}' cannot be written: {reason}") from None
+    return path
+
+
+def for_person(path: Path, person: str) -> Path:
+    """Return the path of one of several people's files: the id is added to its name."""
+    return path.with_name(f"{path.stem}_{person}{path.suffix}") if person and path.name else path
+
+
+def _date(now_ns: int) -> str:
+    return datetime.fromtimestamp(now_ns // 1_000_000_000, timezone.utc).strftime("%Y-%m-%d %H:%M:%S UTC")
+
+
+def _quoted(text: str) -> str:
+    """Return a YAML string; JSON strings are valid YAML."""
+    return json.dumps(text)

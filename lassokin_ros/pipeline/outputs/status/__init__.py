@@ -1,0 +1,1 @@
+"""How tracking goes, in words and figures: /diagnostics, ~/state, the reasons of rejected frames."""

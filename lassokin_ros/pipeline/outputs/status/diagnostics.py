@@ -1,0 +1,270 @@
+"""The node's status once per second: level, sentence, and figures with units."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+
+from lassokin_ros.core.observation import Rejection, Status
+from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
+from lassokin_ros.pipeline.depth_images import COUNTS as DEPTH_COUNTS
+from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED
+from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
+from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
+from lassokin_ros.pipeline.outputs.status.calibration_status import calibration_figures
+from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.pipeline import NOBODY, Pipeline
+from lassokin_ros.pipeline.placeholders import PLACEHOLDERS
+from lassokin_ros.pipeline.settings import MESSAGE
+from msg_adapters.output_messages.builders import ERROR, OK, WARN, StatusLine
+
+SILENCE_S = 2.0
+"""s: a longer period without keypoints is a warning."""
+PAST_S = 3600.0
+"""s: stamps further in the past are considered those of another clock."""
+UNUSED_SHARE = 0.02
+"""Share of the messages that may be overtaken or lost without a warning."""
+FROZEN_S = 1.0
+"""s: repeated keypoints for a longer time are a warning."""
+TURNOVER = 2
+"""Number of people that may come, and leave, in one period. More are a sign of a detector that numbers people anew in
+each image."""
+NOT_SEEN = Rejection.TOO_FEW_LANDMARKS.value
+NO_BODY = 0.06
+"""As a fraction of the height: largest distance of keypoints from the best body that fits. Detectors have 0.02."""
+
+
+class Diagnostics:
+    """Collects figures over one period and makes its status. Times are s of a steady clock."""
+
+    def __init__(self, pipeline: Pipeline, name: str, now: float) -> None:
+        """name: name of the node."""
+        self._pipeline = pipeline
+        self._name = name
+        self._since = now
+        self._keypoints_at: float | None = None
+        self._camera_at: float | None = None
+        self._counts: Counter[str] = Counter()
+        self._begin(now)
+        self._hardware_id = ""
+        self._reprojection_px = float("nan")
+        self._newest: list[FrameResult] = []
+        self._nobody = False
+        self._repeated_s = 0.0
+
+    def _begin(self, now: float) -> None:
+        self._since = now
+        self._counts = Counter(self._pipeline.counts)
+        self._times_ms: list[float] = []
+        self._delays: list[float] = []
+        self._misfits: list[float] = []
+
+    @property
+    def camera_received(self) -> bool:
+        """True if a camera_info has been received, usable or not."""
+        return self._camera_at is not None
+
+    @property
+    def keypoints_received(self) -> bool:
+        """True if keypoints have been received."""
+        return self._keypoints_at is not None
+
+    def count_camera_info(self, now: float) -> None:
+        """Count a received camera_info."""
+        self._camera_at = now
+
+    def count_message(self, frames: Sequence[FrameResult], arrival_ns: int, now: float, callback_s: float) -> None:
+        """Count a processed keypoint message.
+
+        frames: its results, none if nobody was there. arrival_ns: ns, of the clock that stamps messages; callback_s: s,
+        from the message's arrival in the callback to the last output.
+        """
+        self._keypoints_at = now
+        self._repeated_s = repeated_s(frames)
+        self._times_ms.append(1e3 * callback_s)
+        for frame in frames[:1]:
+            self._delays.append((arrival_ns - frame.stamp_ns) * 1e-9 - frame.held_s)
+            self._hardware_id = frame.frame_id or self._hardware_id
+        accepted = [f for f in frames if f.accepted and f.estimate is not None]
+        if accepted:
+            self._newest = accepted
+            self._reprojection_px = max(f.estimate.reprojection_px for f in accepted if f.estimate is not None)
+            self._misfits.append(max(_misfit(frame) for frame in accepted))
+
+    def line(self, now: float, presence: Presence | None = None, concern: str = "") -> StatusLine:
+        """Return the status of the period since the last call, and start a new one.
+
+        presence: the present people, if more time has passed than the messages show; concern: a further reason for a
+        warning, empty if there is none.
+        """
+        presence = presence or Presence(self._pipeline.status, self._pipeline.ids)
+        period = max(now - self._since, 1e-3)
+        recent = Counter(self._pipeline.counts)
+        recent.subtract(self._counts)
+        level, message = self._level_and_text(now, recent, presence.status, concern)
+        values = self._figures(now, period, recent, presence)
+        self._begin(now)
+        return StatusLine(level, f"{self._name}: person", message, self._hardware_id or "none", values)
+
+    def _level_and_text(self, now: float, recent: Counter[str], status: Status, concern: str) -> tuple[int, str]:
+        pipeline = self._pipeline
+        if not pipeline.enabled:
+            return OK, "disabled by ~/set_enabled"
+        if pipeline.camera_fault:
+            kept = "; the last good one is used" if pipeline.has_camera else ""
+            return ERROR, f"camera_info refused: {pipeline.camera_fault}{kept}"
+        if not pipeline.has_camera:
+            return WARN, "waiting for camera_info"
+        if self._keypoints_at is None:
+            return WARN, "waiting for keypoints"
+        if now - self._keypoints_at > SILENCE_S:
+            return WARN, "; ".join(filter(None, [f"no keypoints for more than {SILENCE_S:g} s", concern]))
+        if self._repeated_s > FROZEN_S:
+            return WARN, (
+                f"keypoints are frozen: the same ones for more than {FROZEN_S:g} s; check that "
+                "the camera's image changes and reaches the detector"
+            )
+        warning = "" if pipeline.camera.view is None else pipeline.camera.warning
+        possible = (
+            warning,
+            _unused(recent),
+            self._outside_advice(recent),
+            self._fit_advice(),
+            self._turnover_advice(recent),
+            self._depth_concern(recent),
+            self._clock_advice(),
+            concern,
+        )
+        concerns = [words for words in possible if words]
+        if recent["received"]:
+            self._nobody = recent[NOBODY] == recent["received"]
+        nobody = self._nobody and status is not Status.TRACKING
+        level = OK if (nobody or status is Status.TRACKING) and not concerns else WARN
+        return level, "; ".join([NOBODY if nobody else status.value, *concerns])
+
+    def _clock_advice(self) -> str:
+        """Return advice if the stamps are of another clock than the node's; else empty."""
+        if not self._delays or float(np.median(self._delays)) < PAST_S:
+            return ""
+        return (
+            "stamps lie hours in the past: synchronise the clocks of the machines, or play a recording with "
+            "`ros2 bag play --clock` and set use_sim_time"
+        )
+
+    def _outside_advice(self, recent: Counter[str]) -> str:
+        """Return advice if most keypoints of the period were outside the image; else empty."""
+        if (view := self._pipeline.camera.view) is None or 2 * recent[OUTSIDE_IMAGE] <= recent["received"]:
+            return ""
+        width, height = view.size
+        return (
+            f"keypoints lie outside the image of {width} x {height} px of camera_info: check that they are "
+            "pixels of the raw image at full resolution"
+        )
+
+    def _fit_advice(self) -> str:
+        """Return advice if the keypoints of the period do not fit a body; else empty."""
+        if not self._misfits or float(np.median(self._misfits)) < NO_BODY:
+            return ""
+        config, height = self._pipeline.tracker.config, self._pipeline.tracker.skeleton.height
+        return (
+            f"keypoints are more than {NO_BODY * height:.2f} m off the best body: check that the detector's landmarks "
+            f"are those of `landmarks: {config.landmarks}`, in pixels of the raw image"
+        )
+
+    def _turnover_advice(self, recent: Counter[str]) -> str:
+        """Return advice if more people came and left than is plausible; else empty."""
+        config, changed = self._pipeline.config, min(recent["people come"], recent["people left"])
+        if changed <= TURNOVER or recent["resets"] or config.topic_per_body or config.person_ids != MESSAGE:
+            return ""
+        return (
+            "people come and leave within a second: if the message's person numbers change from image to image, "
+            "set person_ids to node"
+        )
+
+    def _depth_concern(self, recent: Counter[str]) -> str:
+        """Return why measured depth is not used in this period; empty if it is, or if none is configured."""
+        pipeline = self._pipeline
+        if pipeline.depth is None:
+            return ""
+        if not recent[RECEIVED]:
+            return f"no depth images on {pipeline.config.depth}: tracking without measured depth"
+        if pipeline.depth.fault:
+            return pipeline.depth.fault
+        if recent[UNMATCHED] > recent[MATCHED]:
+            return (
+                "most keypoint messages had no depth image of their time: check that both have the stamp of the "
+                "camera, and that depth images arrive before the keypoints"
+            )
+        return ""
+
+    def _largest_deviation(self) -> float:
+        return max((float(f.uncertainty.deviation.max()) for f in self._newest), default=float("nan"))
+
+    def _figures(self, now: float, period: float, recent: Counter[str], presence: Presence) -> dict[str, str]:
+        counts = self._pipeline.counts
+        followed = presence.status is Status.TRACKING  # the last figures of a lost person are outdated
+        values = {
+            "state": presence.status.value,
+            "input rate [Hz]": f"{recent['received'] / period:.2f}",
+            "output rate [Hz]": f"{recent['accepted'] / period:.2f}",
+            "keypoints age [s]": _age(now, self._keypoints_at),
+            "camera_info age [s]": _age(now, self._camera_at),
+            "keypoints delay median [s]": _figure(self._delays, 50),
+            "callback time median [ms]": _figure(self._times_ms, 50),
+            "callback time maximum [ms]": _figure(self._times_ms, 100),
+            "reprojection error [px]": f"{self._reprojection_px if followed else math.nan:.2f}",
+            "largest joint deviation [m]": f"{self._largest_deviation() if followed else math.nan:.3f}",
+        }
+        for key in ("received", "accepted", "duplicated", "unstamped", "ignored while disabled", OVERTAKEN, LOST):
+            values[f"{key} [messages]"] = str(counts[key])
+        values["resets"] = str(counts["resets"])
+        if presence.ids is not None:
+            values["people"] = ", ".join(presence.ids) or "nobody"
+            gone = len(set(self._pipeline.ids or ()) - set(presence.ids))  # in a silence: the next message counts them
+            values["people come"], values["people left"] = str(counts["people come"]), str(counts["people left"] + gone)
+            values["people beyond max_people"] = str(counts["people beyond max_people"])
+        if self._pipeline.mount is not None and (angles := self._pipeline.mount.angles) is not None:
+            values["camera roll, pitch from TF [rad]"] = "{:.3f}, {:.3f}".format(*angles)
+        if self._pipeline.depth is not None:
+            values |= {f"{key} [messages]": str(counts[key]) for key in DEPTH_COUNTS}
+        listed = (OUTSIDE_IMAGE, PLACEHOLDERS, NOBODY)
+        for key in sorted(key for key in counts if key.startswith("rejected: ") or key in listed):
+            values[f"{key} [messages]"] = str(counts[key])
+        tracker = self._pipeline.tracker
+        if tracker.averaged:
+            values["skeleton: left/right difference, averaged [%]"] = f"{100 * tracker.averaged:.1f}"
+        for person, calibration in self._pipeline.calibrations().items():
+            if presence.ids is None or person in presence.ids:
+                values |= calibration_figures(calibration, tracker.config.calibrate, person)
+        return values
+
+
+def _misfit(frame: FrameResult) -> float:
+    """As a fraction of the height: distance of the keypoints of an accepted frame from its body's landmarks, at its
+    distance.
+    """
+    estimate = frame.estimate
+    assert estimate is not None and estimate.state is not None and frame.lens is not None and frame.skeleton is not None
+    depth = float(estimate.state.translation[2])
+    return estimate.reprojection_px / frame.lens.focal * depth / frame.skeleton.height
+
+
+def _unused(recent: Counter[str]) -> str:
+    """Return why messages of a period were not used; empty if all were. The figures contain the numbers."""
+    refused = {key.partition(": ")[2]: n for key, n in recent.items() if key.startswith("rejected: ")}
+    if NOT_SEEN in refused:
+        refused[NOT_SEEN] -= recent[NOBODY]
+    reasons = sorted(reason for reason, count in refused.items() if count > 0)
+    parts = [f"messages {key}" for key in (OVERTAKEN, LOST) if recent[key] > UNUSED_SHARE * recent["received"]]
+    return "; ".join([*([f"keypoints rejected: {', '.join(reasons)}"] if reasons else []), *parts])
+
+
+def _age(now: float, then: float | None) -> str:
+    return "never" if then is None else f"{now - then:.3f}"
+
+
+def _figure(values: list[float], percentile: int) -> str:
+    return f"{np.percentile(values, percentile):.3f}" if values else "nan"

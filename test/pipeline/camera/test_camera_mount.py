@@ -1,0 +1,216 @@
+"""The camera's mount from TF: angles, chains of frames, times, and the tracker that uses them."""
+
+import numpy as np
+import pytest
+from messages import FOCAL, FRAME, HEIGHT, WIDTH, camera_info, cloud, pixels_of_motion, rosbags_backend
+from recordings import read, write_messages
+from scipy.spatial.transform import Rotation
+from transforms import OPTICAL, rpy, tf_message
+
+from lassokin_ros.cli.replay import main
+from lassokin_ros.core.body.kinematics import Kinematics
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.evidence.upright import Upright, level_from_camera, vertical_of
+from lassokin_ros.core.image.projection import project
+from lassokin_ros.demo.synthetic import motion
+from lassokin_ros.pipeline.camera.camera_mount import CameraMount, roll_and_pitch
+from lassokin_ros.pipeline.camera.transforms import TransformError, Transforms
+from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.settings import NodeSettings
+
+pytest.importorskip("rosbags")
+BACKEND = rosbags_backend()
+BASE, SECOND = "base_footprint", 1_000_000_000
+DOWN = np.radians(30)
+SKELETON = Skeleton.load("anthropometric", 1.75)
+PIXELS = pixels_of_motion(3)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 2.0])
+@pytest.mark.parametrize(
+    "roll, pitch",
+    [(0, 0), (0, DOWN), (0, -0.3), (np.pi, 0), (np.pi / 2, 0), (-np.pi / 2, 0.2), (0.4, -1.2), (np.pi, DOWN)],
+    ids=["forward", "down", "up", "upside_down", "right_side_down", "left_side_down", "askew", "upside_down_tilted"],
+)
+def test_angles_of_a_mount_are_those_of_its_urdf(roll, pitch, yaw):
+    rotation = (rpy(roll, pitch, yaw) * OPTICAL).as_matrix()
+    found = roll_and_pitch(rotation)
+    assert np.allclose(np.exp(1j * np.array(found)), np.exp(1j * np.array([roll, pitch])))  # pi and -pi are the same
+    assert np.allclose(vertical_of(*found), rotation.T @ [0, 0, 1])  # which is up in the optical frame
+
+
+def test_the_optical_frame_of_a_level_camera():
+    right, down, forward = OPTICAL.as_matrix().T
+    assert np.allclose([right, down, forward], [[0, -1, 0], [0, 0, -1], [1, 0, 0]])
+    assert np.allclose(roll_and_pitch(OPTICAL.as_matrix()), 0)
+
+
+def robot(pitch_now=DOWN, stamp_ns=SECOND, transforms=None, hanging=np.pi):
+    """TF of a robot whose neck moves and whose camera hangs upside down on the head (roll `hanging`, rad)."""
+    transforms = transforms or Transforms()
+    fixed = [(BASE, "base_link", Rotation.identity()), ("head", "camera", rpy(hanging, 0)), ("camera", FRAME, OPTICAL)]
+    transforms.add(tf_message(BACKEND, 0, *fixed), static=True)
+    transforms.add(tf_message(BACKEND, stamp_ns, ("base_link", "head", rpy(0, pitch_now))), static=False)
+    return transforms
+
+
+def test_a_chain_of_fixed_and_moving_frames():
+    transforms = robot()
+    expected = rpy(0, DOWN) * rpy(np.pi, 0) * OPTICAL
+    assert np.allclose(transforms.rotation(FRAME, BASE, SECOND), expected.as_matrix())
+    assert np.allclose(transforms.rotation(BASE, FRAME, SECOND), expected.inv().as_matrix())
+    assert np.allclose(transforms.rotation(FRAME, FRAME, SECOND), np.eye(3))
+
+
+def test_a_nodding_head_is_interpolated_at_the_time_of_the_image():
+    transforms = robot(0.2)
+    robot(0.4, SECOND + 100_000_000, transforms)
+    for ms, pitch in ((-400, 0.2), (0, 0.2), (50, 0.3), (75, 0.35), (100, 0.4), (500, 0.4)):
+        found = roll_and_pitch(transforms.rotation("head", BASE, SECOND + ms * 1_000_000) @ OPTICAL.as_matrix())
+        assert np.allclose(found, (0, pitch), atol=1e-4)
+    for ms in (-600, 700):
+        with pytest.raises(TransformError, match="'head' is more than 0.5 s"):
+            transforms.rotation(FRAME, BASE, SECOND + ms * 1_000_000)
+
+
+def test_time_that_starts_again():
+    transforms = robot(0.2, 100 * SECOND)
+    robot(0.4, SECOND, transforms)  # a bag in a loop
+    assert roll_and_pitch(transforms.rotation("head", BASE, SECOND) @ OPTICAL.as_matrix())[1] == pytest.approx(0.4)
+    transforms.clear()
+    assert transforms.rotation(FRAME, "camera", 0) is not None
+    with pytest.raises(TransformError, match="not connected"):
+        transforms.rotation(FRAME, BASE, SECOND)
+
+
+def test_what_does_not_connect_is_named():
+    transforms = robot()
+    transforms.add(tf_message(BACKEND, 0, ("map", "odom", Rotation.identity())), static=True)
+    for frame, base, words in (
+        (FRAME, "base_footprnt", "no transform of 'base_footprnt'"),
+        ("optical", BASE, "no transform of 'optical'"),
+        (FRAME, "odom", f"'{FRAME}' and 'odom' are not connected: .* '{BASE}', .* 'map'"),
+    ):
+        with pytest.raises(TransformError, match=words):
+            transforms.rotation(frame, base, SECOND)
+
+
+def test_a_loop_and_invalid_transforms_do_no_harm():
+    transforms = robot()
+    bad = tf_message(BACKEND, 0, (BASE, "x", rpy(0, 0)), ("", "y", rpy(0, 0)), ("z", "z", rpy(0, 0)))
+    bad.transforms[0].transform.rotation.w = float("nan")
+    transforms.add(bad, static=True)
+    with pytest.raises(TransformError, match="no transform of 'x'"):
+        transforms.rotation("x", BASE, SECOND)
+    transforms.add(tf_message(BACKEND, 0, ("a", "b", rpy(0, 0)), ("b", "a", rpy(0, 0))), static=True)
+    with pytest.raises(TransformError, match="not connected"):
+        transforms.rotation("a", BASE, SECOND)
+
+
+def test_only_a_few_seconds_are_kept():
+    transforms = Transforms()
+    for i in range(1000):
+        transforms.add(tf_message(BACKEND, i * 10_000_000, (BASE, "head", rpy(0, i * 1e-3))), static=False)
+    assert len(transforms._frames["head"]._stamps) <= 301
+    with pytest.raises(TransformError, match="newer than the image"):
+        transforms.rotation("head", BASE, SECOND)
+
+
+def test_the_learned_vertical_moves_with_the_camera():
+    upright = Upright(0.0, 0.1)
+    lean = Rotation.from_rotvec([0.05, 0.0, 0.0])
+    for _ in range(200):
+        upright.learn(
+            lean.as_matrix() @ np.column_stack([np.cross(upright.mount, [0, 0, 1]), upright.mount, [0] * 3]), 0.1
+        )
+    learned, seen = upright.vertical, upright.learned_for
+    angle = np.arccos(learned @ upright.mount)
+    assert angle > 0.01
+    upright.move_mount(0.2, 0.6)
+    assert np.allclose(upright.mount, vertical_of(0.2, 0.6)) and upright.learned_for == seen
+    assert np.arccos(upright.vertical @ upright.mount) == pytest.approx(angle)
+    upright.reset()
+    assert np.allclose(upright.vertical, vertical_of(0.2, 0.6))
+
+
+def estimates(tracker_config, node_config, transforms=None):
+    pipeline = Pipeline(tracker_config, node_config)
+    pipeline.set_camera(camera_info(BACKEND))
+    if transforms is not None:
+        pipeline.mount.transforms = transforms
+    return pipeline, [
+        pipeline.process(cloud(BACKEND, SECOND + i * 16_000_000, PIXELS[i]), 0).estimate.pose.positions
+        for i in (0, 1, 2)
+    ]
+
+
+def test_the_mount_from_tf_is_that_of_the_parameters():
+    mounted = NodeSettings(camera_mount_frame=BASE)
+    told, expected = estimates(TrackerConfig(camera_roll=np.pi, camera_pitch=DOWN), NodeSettings())
+    pipeline, found = estimates(TrackerConfig(), mounted, robot())
+    assert np.allclose(found, expected, atol=1e-6)
+    assert not np.allclose(expected, estimates(TrackerConfig(), NodeSettings())[1], atol=1e-2)
+    assert pipeline.mount.fault == "" and np.allclose(np.abs(pipeline.mount.angles), (np.pi, DOWN))
+    assert told.mount is None
+
+
+def lean_error(nods, settings):
+    """Mean angle in degrees between the estimated and the real trunk, seen by a camera with these pitches (n,), rad."""
+    kinematics = Kinematics(SKELETON, Layout.load("coco17", SKELETON))
+    stamps = SECOND + np.arange(len(nods)) * 66_000_000
+    pose = kinematics.pose(motion(SKELETON, stamps * 1e-9))
+    pipeline, errors = Pipeline(TrackerConfig(depth_prior=False), settings), []
+    pipeline.set_camera(camera_info(BACKEND))
+    for i, (pitch, stamp) in enumerate(zip(nods, stamps.tolist())):
+        level = level_from_camera(0.0, pitch)
+        pixels = project(pose.landmarks[i] @ level) * FOCAL + [WIDTH / 2, HEIGHT / 2]
+        if pipeline.mount is not None:
+            robot(pitch, stamp, pipeline.mount.transforms, hanging=0.0)
+        found = pipeline.process(cloud(BACKEND, stamp, pixels), 0).estimate.pose.orientations[0]
+        errors.append(np.arccos((level @ found[:, 1]) @ pose.orientations[i, 0][:, 1]))
+    return np.degrees(np.mean(errors))
+
+
+def test_a_person_before_a_nodding_head_stays_upright():
+    nods = 0.4 * np.sin(2 * np.pi * np.arange(45) / 45)
+    with_tf, without = (lean_error(nods, NodeSettings(camera_mount_frame=base)) for base in (BASE, ""))
+    assert with_tf < 4.0 and with_tf < 0.6 * without
+
+
+def test_without_tf_the_parameters_are_used():
+    tracker = TrackerConfig(camera_pitch=0.3)
+    pipeline, found = estimates(tracker, NodeSettings(camera_mount_frame=BASE))
+    assert np.array_equal(found, estimates(tracker, NodeSettings())[1])
+    assert pipeline.mount.angles is None and "no transform of" in pipeline.mount.fault
+
+
+def test_a_mount_without_a_frame_id():
+    mount = CameraMount(BASE)
+    assert mount.at("", SECOND) is None and "have a frame_id" in mount.fault
+
+
+def test_replay_reads_tf_of_the_recording(tmp_path, capsys):
+    frames = [(SECOND + i * 16_000_000, cloud(BACKEND, SECOND + i * 16_000_000, PIXELS[i])) for i in range(3)]
+    tf = "tf2_msgs/msg/TFMessage"
+    moving = tf_message(BACKEND, SECOND, (BASE, "head", rpy(0, DOWN)))
+    messages = [
+        ("/camera_info", "sensor_msgs/msg/CameraInfo", 1, camera_info(BACKEND)),
+        ("/tf_static", tf, 2, tf_message(BACKEND, 0, ("head", FRAME, OPTICAL))),
+        ("/tf", tf, SECOND - 1, moving),
+        *(("/keypoints", "sensor_msgs/msg/PointCloud2", stamp, message) for stamp, message in frames),
+    ]
+    bag = write_messages(tmp_path / "in", messages)
+    places = []
+    for name, setting in (("tf", f"camera_mount_frame:={BASE}"), ("told", f"camera_pitch:={DOWN}")):
+        export = ["--export", str(tmp_path / f"{name}.bvh")]
+        assert main([str(bag), "-o", str(tmp_path / name), "-p", setting, *export]) == 0
+        poses = [message.poses for _, message in read(tmp_path / name, "/tracker/joints")]
+        places.append([[pose.position.x, pose.position.y, pose.position.z] for pose in poses[-1]])
+    assert np.allclose(*places, atol=1e-5)
+    levelled = [(tmp_path / f"{name}.bvh").read_text().splitlines()[-1].split()[3:6] for name in ("tf", "told")]
+    assert np.allclose(*np.array(levelled, dtype=float), atol=0.01)  # degrees, of the root
+    assert (
+        "camera mount    follows TF over 'base_footprint': roll 0.000 rad, pitch 0.524 rad" in capsys.readouterr().out
+    )

@@ -1,0 +1,88 @@
+"""camera_info compared with the image size, and several cameras on one topic."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags", reason="rosbags makes the messages")
+
+from messages import FRAME, camera_info, cloud, pixels_of_motion, rosbags_backend  # noqa: E402
+
+from lassokin_ros.core.config import TrackerConfig  # noqa: E402
+from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
+from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
+
+BACKEND = rosbags_backend()
+PIXELS = pixels_of_motion(30, 30.0)
+
+
+@pytest.fixture
+def pipeline():
+    return Pipeline(TrackerConfig(), NodeSettings())
+
+
+@pytest.mark.parametrize(
+    "fx, fy, cx, cy, text",
+    [
+        (1200, 1200, 640, 480, "another resolution"),
+        (300, 300, 160, 120, "binned image"),
+        (600, 400, 320, 240, "fx and fy differ"),
+        (400, 600, 320, 240, "fx and fy differ"),
+        (20000, 20000, 320, 240, "is K in px"),
+    ],
+)
+def test_an_unlikely_matrix_is_a_warning_with_numbers(pipeline, fx, fy, cx, cy, text):
+    assert pipeline.set_camera(camera_info(BACKEND, k=np.array([fx, 0, cx, 0, fy, cy, 0, 0, 1.0]))) is None
+    assert text in pipeline.camera.warning and f"fx = {fx}" in pipeline.camera.warning
+    assert "640 x 480" in pipeline.camera.warning
+
+
+def test_a_usual_matrix_is_no_warning(pipeline):
+    pipeline.set_camera(camera_info(BACKEND, k=np.array([610.0, 0, 300, 0, 590, 260, 0, 0, 1])))
+    assert pipeline.camera.warning == ""
+    window = camera_info(BACKEND)
+    window.roi.x_offset, window.roi.y_offset, window.roi.width, window.roi.height = 400, 300, 200, 100
+    pipeline.set_camera(window)
+    assert pipeline.camera.warning == ""
+
+
+@pytest.mark.parametrize("others", [1, 3])
+def test_the_camera_with_the_keypoints_frame_is_used(pipeline, others):
+    cameras = [camera_info(BACKEND)] + [camera_info(BACKEND, 900.0, f"other_{i}") for i in range(others)]
+    for i, xy in enumerate(PIXELS):
+        for camera in cameras:
+            assert pipeline.set_camera(camera) is None
+        frame = pipeline.process(cloud(BACKEND, 10**9 + i * 33_333_333, xy), 0)
+        assert frame.accepted and frame.lens.K[0, 0] == 600.0 and frame.estimate.initialised is (i == 0)
+    assert "several cameras on one topic" in pipeline.camera.warning
+    assert f"used is '{FRAME}'" in pipeline.camera.warning
+
+
+def test_the_camera_changes_with_the_frame_of_the_keypoints(pipeline):
+    pipeline.set_camera(camera_info(BACKEND))
+    assert pipeline.process(cloud(BACKEND, 10**9, PIXELS[0]), 0).accepted
+    pipeline.set_camera(camera_info(BACKEND, 700.0, "other"))
+    frames = [
+        pipeline.process(cloud(BACKEND, 10**9 + i * 33_333_333, PIXELS[i], frame_id=name), 0)
+        for i, name in ((1, FRAME), (2, "other"), (3, "other"))
+    ]
+    assert [f.lens.K[0, 0] for f in frames] == [600.0, 700.0, 700.0]
+    assert [f.estimate.initialised for f in frames] == [False, True, False]
+
+
+@pytest.mark.parametrize("share", [0.3, 0.8])
+@pytest.mark.parametrize("first", [0, 5], ids=["a stamp first", "none first"])
+def test_a_stamp_of_0_among_others_counts_as_missing(pipeline, share, first):
+    pixels, random = pixels_of_motion(120, 30.0), np.random.default_rng(2)
+    pipeline.set_camera(camera_info(BACKEND))
+    initialised = rejected = 0
+    for i, xy in enumerate(pixels):
+        missing = i < first or (i > first and random.random() < share)
+        stamp_ns = 0 if missing else 10**8 + i * 33_333_333
+        arrival_ns = 1_700_000_000 * 10**9 + i * 33_333_333 + int(random.integers(10**7))
+        frame = pipeline.process(cloud(BACKEND, stamp_ns, xy), arrival_ns)
+        rejected += not frame.accepted
+        initialised += frame.accepted and frame.estimate.initialised
+        if i > first:
+            assert abs(frame.stamp_ns - 10**8 - i * 33_333_333) < 10**8
+    assert (initialised, rejected) == (1 + (first > 0), 0)
+    assert pipeline.counts["resets"] == (first > 0)

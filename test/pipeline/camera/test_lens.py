@@ -1,0 +1,194 @@
+"""Conversion of pixels to normalised coordinates, compared with OpenCV's projection."""
+
+import numpy as np
+import pytest
+from messages import camera_info
+
+from lassokin_ros.core.errors import CameraError
+from lassokin_ros.pipeline.camera.lens import COUNTS, Lens
+from msg_adapters.camera_info import decode_camera_info
+
+K = np.array([[600.0, 0, 330], [0, 610, 235], [0, 0, 1]])
+LENSES = {
+    "plumb_bob": [-0.28, 0.09, 0.001, -0.0007, 0.01],
+    "rational_polynomial": [0.4, -0.3, 0.0005, -0.0003, 0.02, 0.7, -0.25, 0.01],
+    "plumb_bob with 4": [-0.28, 0.09, 0.001, -0.0007],
+    "rational_polynomial with a thin prism": [0.4, -0.3, 5e-4, -3e-4, 0.02, 0.7, -0.25, 0.01, 1e-3, 2e-4, -1e-3, 1e-4],
+    "rational_polynomial with a tilted sensor": [
+        *[0.1, -0.02, 5e-4, -3e-4, 0.01, 0.1, -0.02, 0, 0, 0, 0, 0],
+        0.02,
+        -0.01,
+    ],
+    "equidistant": [-0.02, 0.004, -0.003, 0.0005],
+}
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_distortion_of_opencv_is_removed(name):
+    cv2 = pytest.importorskip("cv2")
+    D, model = np.array(LENSES[name]), name.split()[0]
+    truth = np.random.default_rng(1).uniform(-0.5, 0.5, (100, 2))
+    rays = np.column_stack([truth, np.ones(100)])[:, None, :]
+    project = cv2.fisheye.projectPoints if model == "equidistant" else cv2.projectPoints
+    pixels = project(rays, np.zeros(3), np.zeros(3), K, D)[0].reshape(-1, 2)
+    pixels[7] = np.nan
+    result = Lens(K, D, model).normalise(pixels)
+    assert np.isnan(result[7]).all()
+    assert np.abs(np.delete(result - truth, 7, axis=0)).max() < 1e-9
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_pixels_are_those_of_opencv(name):
+    cv2 = pytest.importorskip("cv2")
+    D, model = np.array(LENSES[name]), name.split()[0]
+    points = np.random.default_rng(1).uniform(-1.5, 1.5, (100, 2))
+    points[0] = 0
+    rays = np.column_stack([points, np.ones(100)])[:, None, :]
+    project = cv2.fisheye.projectPoints if model == "equidistant" else cv2.projectPoints
+    pixels = project(rays, np.zeros(3), np.zeros(3), K, D)[0].reshape(-1, 2)
+    assert np.abs(Lens(K, D, model).distort(points) - pixels).max() < 1e-8
+
+
+@pytest.mark.parametrize("model, count", [("plumb_bob", 5), ("rational_polynomial", 14), ("equidistant", 4)])
+def test_every_undistorted_point_distorts_to_its_pixel(model, count):
+    """Also of lenses that nobody makes; a pixel has no point, or the one that is nearest to the optical axis."""
+    random = np.random.default_rng(2)
+    scale = np.array([0.4, 0.3, 2e-3, 2e-3, 0.1, 0.4, 0.3, 0.1, 2e-3, 1e-3, 2e-3, 1e-3, 0.03, 0.03])[:count]
+    missing = 0
+    for _ in range(50):
+        lens = Lens(K, scale * random.uniform(-1, 1, count), model)
+        pixels = random.uniform((0, 0), (660, 470), (40, 2))
+        points = lens.normalise(pixels)
+        good = np.isfinite(points).all(axis=1)
+        assert np.abs(lens.distort(points[good]) - pixels[good]).max() < 1e-7
+        missing += np.count_nonzero(~good)
+    assert missing < 0.02 * 50 * 40
+
+
+def test_of_two_points_of_a_pixel_the_nearer_to_the_axis_is_returned():
+    lens = Lens(K, [-0.4, 0, 0, 0], "plumb_bob")  # r - 0.4 r^3 is largest at r = 0.91
+    near = np.array([[0.8, 0.0]])
+    assert np.allclose(lens.normalise(lens.distort(near)), near, atol=1e-9)
+    far = np.array([[1.3, 0.0]])
+    assert np.allclose(lens.normalise(lens.distort(far)), [[0.460180, 0]], atol=1e-6)
+    mirrored = lens.distort(np.array([[2.5, 0.0]]))  # on the other side of the centre, beyond the model's image
+    assert np.isnan(lens.normalise(mirrored)).all()
+
+
+def test_without_distortion_the_conversion_is_linear():
+    lens = Lens(K)
+    assert lens.normalise(np.array([[330.0, 235.0], [930.0, 845.0]])).tolist() == [[0, 0], [1, 1]]
+    assert np.isnan(lens.normalise(np.full((1, 2), np.nan))).all()
+    assert lens.focal == pytest.approx(np.sqrt(600 * 610))
+
+
+def test_points_beyond_the_lens_are_missing():
+    lens = Lens(K, [-0.4, 0.0, 0.0, 0.0, 0.0], "plumb_bob")  # the model's image ends at a finite radius
+    inside, outside = lens.normalise(np.array([[350.0, 250.0], [5000.0, 4000.0]]))
+    assert np.isfinite(inside).all() and np.isnan(outside).all()
+
+
+def test_rectified_pixels_use_P():
+    from messages import rosbags_backend
+
+    pytest.importorskip("rosbags")
+    message = camera_info(rosbags_backend(), distortion_model="plumb_bob", d=np.array([0.1, 0, 0, 0, 0.0]))
+    message.p = np.array([500.0, 0, 300, 0, 0, 500, 200, 0, 0, 0, 1, 0])
+    lens = Lens.from_intrinsics(decode_camera_info(message), rectified=True)
+    assert lens.normalise(np.array([[800.0, 700.0]])).tolist() == [[1, 1]]
+    message.p = np.zeros(12)
+    with pytest.raises(CameraError, match="rectified"):
+        Lens.from_intrinsics(decode_camera_info(message), rectified=True)
+
+
+@pytest.mark.parametrize("model", ["plumb_bob", "equidistant"])
+def test_rectified_pixels_of_opencv_are_the_same_rays_rotated_by_R(model):
+    from messages import rosbags_backend
+
+    pytest.importorskip("rosbags")
+    cv2 = pytest.importorskip("cv2")
+    D, P = np.array(LENSES[model]), np.array([[500.0, 0, 300, -60], [0, 500, 200, 0], [0, 0, 1, 0]])
+    R = cv2.Rodrigues(np.array([0.02, -0.03, 0.01]))[0]
+    raw = np.random.default_rng(1).uniform([100, 100], [500, 400], (50, 2))
+    module = cv2.fisheye if model == "equidistant" else cv2
+    rectified = module.undistortPoints(raw[:, None], K, D, R=R, P=P[:, :3])[:, 0]
+    message = camera_info(rosbags_backend(), distortion_model=model, d=D, k=K.ravel(), r=R.ravel(), p=P.ravel())
+    from_raw = Lens.from_intrinsics(decode_camera_info(message)).normalise(raw)
+    from_rectified = Lens.from_intrinsics(decode_camera_info(message), rectified=True).normalise(rectified)
+    turned = np.column_stack([from_raw, np.ones(50)]) @ R.T
+    assert np.abs(turned[:, :2] / turned[:, 2:] - from_rectified).max() < 1e-5
+
+
+def test_an_unusable_matrix_is_refused():
+    with pytest.raises(CameraError):
+        Lens(np.zeros((3, 3)))
+    with pytest.raises(CameraError):
+        Lens(K, [0.1], "omnidirectional")
+
+
+@pytest.mark.parametrize(
+    "D, model, text",
+    [
+        ([0.1, 0, 0, 0, 0], "", "no lens model"),
+        ([0.1, 0.2, 0.3], "plumb_bob", "plumb_bob with 3"),
+        ([0.1] * 5, "equidistant", "equidistant with 5"),
+        ([0.1, np.nan, 0, 0], "plumb_bob", "finite"),
+        ([[0.1, 0, 0, 0]], "plumb_bob", "expected a list"),
+    ],
+)
+def test_distortion_is_checked_at_construction(D, model, text):
+    with pytest.raises(CameraError, match=text):
+        Lens(K, D, model)
+    assert Lens(K, [0.0] * 5).model == ""
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        np.eye(2),
+        np.full((3, 3), np.nan),
+        np.diag([0.0, 600, 1]),
+        np.diag([600.0, 0, 1]),
+        np.diag([-600.0, 600, 1]),
+        np.diag([600.0, -600, 1]),
+    ],
+)
+def test_a_camera_matrix_has_focal_lengths_above_0(bad):
+    with pytest.raises(CameraError, match="expected a finite 3 x 3 matrix with focal lengths above 0"):
+        Lens(bad)
+    assert Lens(np.diag([0.1, 0.1, 1])).focal == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("model", COUNTS)
+@pytest.mark.parametrize("count", range(16))
+def test_the_numbers_of_coefficients_that_opencv_takes(model, count):
+    if count in COUNTS[model]:
+        lens = Lens(K, np.full(count, 1e-3), model)
+        pixels = np.array([[340.0, 240.0]])
+        assert np.allclose(lens.distort(lens.normalise(pixels)), pixels, atol=1e-6)
+    else:
+        with pytest.raises(CameraError, match=f"{model} with {count} distortion coefficients D; expected 4"):
+            Lens(K, np.full(count, 1e-3), model)
+
+
+def test_without_a_model_pixels_and_rays_are_each_others_inverse():
+    lens = Lens(K)
+    rays = np.array([[0.5, -0.25], [0, 0]])
+    assert lens.distort(rays).tolist() == [[630, 82.5], [330, 235]]
+    assert np.allclose(lens.normalise(lens.distort(rays)), rays)
+
+
+def test_missing_points_stay_missing_and_others_do_not_depend_on_them():
+    lens = Lens(K, [-0.28, 0.09, 0.001, -0.0007, 0.01], "plumb_bob")
+    pixels = np.array([[100.0, 50], [400, 300], [330, 235]])
+    alone = lens.normalise(pixels)
+    for missing in ([np.nan, 5], [5, np.nan], [np.inf, 5]):
+        some = lens.normalise(np.vstack([pixels, missing]))
+        assert np.allclose(some[:3], alone, rtol=0, atol=1e-12) and np.isnan(some[3]).all()
+    assert np.isnan(lens.normalise(np.full((2, 2), np.nan))).all() and lens.normalise(np.empty((0, 2))).shape == (0, 2)
+
+
+def test_points_that_are_not_finite_have_no_pixels():
+    lens = Lens(K, [0.01, 0, 0, 0], "plumb_bob")
+    far = lens.distort(np.array([[np.nan, 0.0], [np.inf, 0.0], [0.1, 0.1]]))
+    assert np.isfinite(far[2]).all() and not (np.abs(far[:2, 0]) < 1e9).any()

@@ -1,0 +1,120 @@
+"""The status for keypoints that fit no body, and for other unusual inputs."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags", reason="rosbags makes the messages")
+
+from messages import camera_info, cloud, pixels_of_motion, rosbags_backend  # noqa: E402
+
+from lassokin_ros.core.config import TrackerConfig  # noqa: E402
+from lassokin_ros.pipeline.keypoint_queue import OVERTAKEN  # noqa: E402
+from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
+from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
+from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
+from msg_adapters.output_messages.builders import OK, WARN  # noqa: E402
+
+BACKEND = rosbags_backend()
+PIXELS = pixels_of_motion(60)
+
+
+def status_of(pixels, silence_s=0.0, confidence=None):
+    """The status after a second of such messages, or the second of two statuses after a period without them."""
+    pipeline = Pipeline(TrackerConfig(), NodeSettings())
+    pipeline.set_camera(camera_info(BACKEND))
+    diagnostics = Diagnostics(pipeline, "tracker", 0.0)
+    for i, xy in enumerate(pixels):
+        stamp_ns = 5_000_000_000 + i * 16_666_667
+        frames = pipeline.frames(cloud(BACKEND, stamp_ns, xy, None if confidence is None else confidence[i]), stamp_ns)
+        diagnostics.count_message(frames, stamp_ns, i / 60, 0.001)
+    status = diagnostics.line(1.0)
+    if silence_s:
+        status = diagnostics.line(1.0 + silence_s, pipeline.presence_at(6_000_000_000 + int(1e9 * silence_s)))
+    return status
+
+
+@pytest.mark.parametrize("layout", ["h36m17", "openpose18"])
+def test_landmarks_of_another_layout_are_a_warning(layout):
+    """The first 17 points of another detector instead of COCO's; learned lengths do not explain them either."""
+    status = status_of(pixels_of_motion(60, layout=layout)[:, :17])
+    assert status.level == WARN and "m off the best body" in status.message and "`landmarks: coco17`" in status.message
+
+
+@pytest.mark.parametrize("noise_px", [0.0, 8.0])
+def test_a_good_and_a_bad_detector_do_not_cause_warnings(noise_px):
+    noise = noise_px * np.random.default_rng(1).normal(size=PIXELS.shape)
+    wrong = np.random.default_rng(2).random(PIXELS.shape[:2]) < 0.05
+    status = status_of(PIXELS + noise + 60.0 * wrong[:, :, None])
+    assert (status.level, status.message) == (OK, "tracking")
+
+
+@pytest.mark.parametrize(
+    "scale, low, confidence, said",
+    [(1.0, 0.0, 1.0, False), (2.0, 0.0, 1.0, True), (1.0, 90.0, 1.0, False), (1.0, 500.0, 0.1, False)],
+    ids=["usual", "larger", "near the border", "not believed"],
+)
+def test_pixels_of_a_larger_image_are_a_warning(scale, low, confidence, said):
+    """There is no warning for feet outside the image, or for points outside with a low confidence."""
+    pixels, confidences = scale * PIXELS, np.ones(PIXELS.shape[:2])
+    pixels[:, 13:, 1] += low
+    confidences[:, 13:] = confidence
+    status = status_of(pixels, confidence=confidences)
+    assert (status.level == WARN and "of 640 x 480 px" in status.message) == said
+    assert ("beyond the image [messages]" in status.values) == said
+
+
+def test_pixels_from_another_origin_are_a_warning():
+    """For example the image's centre."""
+    status = status_of(PIXELS - [320.0, 240.0])
+    assert status.level == WARN and "of 640 x 480 px" in status.message
+
+
+def test_no_figures_for_a_lost_person():
+    before, after = status_of(PIXELS).values, status_of(PIXELS, silence_s=30.0).values
+    assert (before["state"], after["state"]) == ("tracking", "lost")
+    assert float(before["reprojection error [px]"]) < 5.0
+    assert after["reprojection error [px]"] == after["largest joint deviation [m]"] == "nan"
+
+
+def messages(diagnostics, pipeline, count, confidence, stamp_ns, late_ns=0):
+    """Feed messages at 30 Hz, and return the status of the period."""
+    for i in range(count):
+        stamp = stamp_ns + i * 33_333_333
+        frames = pipeline.frames(cloud(BACKEND, stamp, PIXELS[i], np.full(17, confidence)), stamp + late_ns)
+        diagnostics.count_message(frames, stamp + late_ns, (stamp - 10**12) * 1e-9, 0.001)
+    return diagnostics.line((stamp - 10**12) * 1e-9)
+
+
+@pytest.mark.parametrize("max_people", [1, 3])
+def test_an_empty_room_is_no_warning(max_people):
+    pipeline = Pipeline(TrackerConfig(lost_after=0.5), NodeSettings(max_people=max_people))
+    pipeline.set_camera(camera_info(BACKEND))
+    diagnostics = Diagnostics(pipeline, "tracker", 0.0)
+    for start_ns in (10**12, 10**12 + 10**9):
+        status = messages(diagnostics, pipeline, 20, 0.05, start_ns)
+        assert (status.level, status.message) == (OK, "nobody in view")
+    status = messages(diagnostics, pipeline, 20, 0.9, 10**12 + 2 * 10**9)
+    assert (status.level, status.message) == (OK, "tracking")
+    status = messages(diagnostics, pipeline, 20, 0.05, 10**12 + 4 * 10**9)  # the person has left
+    assert (status.level, status.message) == (OK, "nobody in view")
+    assert status.values["nobody in view [messages]"] == "60"
+
+
+def test_stamps_hours_in_the_past_are_a_warning_with_advice():
+    pipeline = Pipeline(TrackerConfig(), NodeSettings())
+    pipeline.set_camera(camera_info(BACKEND))
+    diagnostics = Diagnostics(pipeline, "tracker", 0.0)
+    status = messages(diagnostics, pipeline, 20, 0.9, 10**12, late_ns=7200 * 10**9)
+    assert status.level == WARN and "hours in the past" in status.message and "use_sim_time" in status.message
+    assert messages(diagnostics, pipeline, 20, 0.9, 10**12 + 2 * 10**9, late_ns=10**9).message == "tracking"
+
+
+def test_a_few_overtaken_messages_are_no_warning_and_texts_have_no_counts():
+    pipeline = Pipeline(TrackerConfig(), NodeSettings())
+    pipeline.set_camera(camera_info(BACKEND))
+    diagnostics = Diagnostics(pipeline, "tracker", 0.0)
+    pipeline.counts.update({"received": 980, OVERTAKEN: 3})
+    assert messages(diagnostics, pipeline, 20, 0.9, 10**12).level == OK
+    pipeline.counts.update({OVERTAKEN: 3})
+    status = messages(diagnostics, pipeline, 20, 0.9, 10**12 + 10**9)
+    assert (status.level, status.message) == (WARN, f"tracking; messages {OVERTAKEN}")

@@ -1,0 +1,284 @@
+"""Every sentence and figure of the status, from a pipeline that stands still: each threshold by itself."""
+
+from collections import Counter
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.observation import Status
+from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
+from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED
+from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
+from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
+from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.pipeline import NOBODY
+from lassokin_ros.pipeline.placeholders import PLACEHOLDERS
+from lassokin_ros.pipeline.settings import NodeSettings
+from msg_adapters.output_messages.builders import ERROR, OK, WARN
+
+SECOND = 10**9
+
+
+@pytest.fixture
+def pipeline():
+    """What Diagnostics reads of a pipeline that tracks one person well."""
+    view = SimpleNamespace(size=(640, 480))
+    tracker = SimpleNamespace(config=TrackerConfig(), skeleton=SimpleNamespace(height=1.75), averaged=0.0)
+    return SimpleNamespace(
+        enabled=True,
+        camera_fault="",
+        has_camera=True,
+        camera=SimpleNamespace(view=view, warning=""),
+        counts=Counter(received=100, accepted=100),
+        status=Status.TRACKING,
+        ids=None,
+        config=NodeSettings(),
+        tracker=tracker,
+        depth=None,
+        mount=None,
+        calibrations=dict,
+    )
+
+
+@pytest.fixture
+def diagnostics(pipeline):
+    result = Diagnostics(pipeline, "tracker", 10.0)
+    result.count_camera_info(10.0)
+    result.count_message([], SECOND, 10.0, 0.001)
+    return result
+
+
+def frame(stamp_ns=SECOND, reprojection_px=2.0, depth=3.5, repeated=0.0, deviation=0.05, held_s=0.0):
+    state = SimpleNamespace(translation=np.array([0, 0, depth]))
+    estimate = SimpleNamespace(reprojection_px=reprojection_px, state=state, repeated=repeated)
+    uncertainty = SimpleNamespace(deviation=np.array([0.01, deviation]))
+    return FrameResult(
+        stamp_ns,
+        "optical",
+        estimate,
+        lens=SimpleNamespace(focal=1000.0),
+        skeleton=SimpleNamespace(height=1.75),
+        measure=lambda _: uncertainty,
+        held_s=held_s,
+    )
+
+
+def said(diagnostics, now=11.0, **more):
+    line = diagnostics.line(now, **more)
+    return line.level, line.message
+
+
+def test_the_line_of_a_person_who_is_tracked(diagnostics):
+    diagnostics.count_message([frame()], SECOND, 10.5, 0.001)
+    line = diagnostics.line(11.0)
+    assert (line.level, line.name, line.message, line.hardware_id) == (OK, "tracker: person", "tracking", "optical")
+    assert Diagnostics(diagnostics._pipeline, "other", 0.0).line(1.0).hardware_id == "none"
+
+
+def test_what_prevents_tracking_comes_first(pipeline, diagnostics):
+    assert said(diagnostics, 12.1) == (WARN, "no keypoints for more than 2 s")
+    assert said(diagnostics, 12.1, concern="and more") == (WARN, "no keypoints for more than 2 s; and more")
+    assert said(diagnostics, 12.0) == (OK, "tracking")
+    pipeline.camera_fault = "K is wrong"
+    assert said(diagnostics) == (ERROR, "camera_info refused: K is wrong; the last good one is used")
+    pipeline.has_camera = False
+    assert said(diagnostics) == (ERROR, "camera_info refused: K is wrong")
+    pipeline.camera_fault = ""
+    assert said(diagnostics) == (WARN, "waiting for camera_info")
+    pipeline.enabled = False
+    assert said(diagnostics) == (OK, "disabled by ~/set_enabled")
+    fresh = Diagnostics(SimpleNamespace(**{**vars(pipeline), "enabled": True, "has_camera": True}), "tracker", 0.0)
+    assert said(fresh) == (WARN, "waiting for keypoints")
+    assert not fresh.camera_received and not fresh.keypoints_received
+    assert diagnostics.camera_received and diagnostics.keypoints_received
+
+
+@pytest.mark.parametrize(("seconds", "level"), [(1.0, OK), (1.1, WARN)])
+def test_frozen_keypoints(diagnostics, seconds, level):
+    diagnostics.count_message([frame(repeated=seconds)], SECOND, 10.5, 0.001)
+    assert said(diagnostics)[0] == level
+    diagnostics.count_message([frame()], SECOND, 10.5, 0.001)
+    assert said(diagnostics) == (OK, "tracking")
+
+
+def test_the_status_of_a_person(pipeline, diagnostics):
+    for status in (Status.LOST, Status.SEARCHING):
+        pipeline.status = status
+        assert said(diagnostics) == (WARN, status.value)
+    assert said(diagnostics, presence=Presence(Status.TRACKING)) == (OK, "tracking")
+
+
+def test_nobody_in_view(pipeline, diagnostics):
+    pipeline.status = Status.LOST
+    pipeline.counts.update({"received": 10, NOBODY: 9})
+    assert said(diagnostics) == (WARN, "lost")
+    pipeline.counts.update({"received": 10, NOBODY: 10})
+    assert said(diagnostics) == (OK, NOBODY)
+    assert said(diagnostics) == (OK, NOBODY)  # without a message in the period, as before
+    pipeline.status = Status.TRACKING
+    assert said(diagnostics) == (OK, "tracking")
+
+
+def test_concerns_of_the_camera_and_of_others_stand_after_the_state(pipeline, diagnostics):
+    pipeline.camera.warning = "K hardly fits"
+    assert said(diagnostics, concern="busy") == (WARN, "tracking; K hardly fits; busy")
+    pipeline.camera.view = None
+    assert said(diagnostics) == (OK, "tracking")
+
+
+@pytest.mark.parametrize(("outside", "level"), [(5, OK), (6, WARN)])
+def test_keypoints_outside_of_the_image(pipeline, diagnostics, outside, level):
+    pipeline.counts.update({"received": 10, OUTSIDE_IMAGE: outside})
+    found = said(diagnostics)
+    assert found[0] == level and ("outside the image of 640 x 480 px" in found[1]) == (level == WARN)
+    pipeline.counts.update({"received": 10, OUTSIDE_IMAGE: 10})
+    pipeline.camera.view = None
+    assert said(diagnostics) == (OK, "tracking")
+
+
+@pytest.mark.parametrize(("messages", "level"), [(2, OK), (3, WARN)])
+@pytest.mark.parametrize("key", [OVERTAKEN, LOST])
+def test_unused_messages(pipeline, diagnostics, key, messages, level):
+    pipeline.counts.update({"received": 100, key: messages})
+    assert said(diagnostics) == ((OK, "tracking") if level == OK else (WARN, f"tracking; messages {key}"))
+
+
+def test_rejected_messages_are_named_once_and_without_numbers(pipeline, diagnostics):
+    pipeline.counts.update({"received": 10, "rejected: too_small": 2, "rejected: old_stamp": 1})
+    assert said(diagnostics) == (WARN, "tracking; keypoints rejected: old_stamp, too_small")
+    assert said(diagnostics) == (OK, "tracking")  # of the last period
+    pipeline.counts.update({"received": 10, "rejected: too_few_landmarks": 3, NOBODY: 3})
+    assert said(diagnostics) == (OK, "tracking")  # nobody was there
+    pipeline.counts.update({"received": 10, "rejected: too_few_landmarks": 4, NOBODY: 3, OVERTAKEN: 1})
+    assert said(diagnostics) == (WARN, f"tracking; keypoints rejected: too_few_landmarks; messages {OVERTAKEN}")
+
+
+@pytest.mark.parametrize(("pixels", "level"), [(29.0, OK), (31.0, WARN)])
+def test_keypoints_that_are_no_bodys(diagnostics, pixels, level):
+    """30 px at 3.5 m with a focal length of 1000 px are 0.105 m: 0.06 of the height."""
+    for i in range(3):
+        diagnostics.count_message([frame(reprojection_px=pixels if i else 500.0)], SECOND, 10.5, 0.001)
+    found = said(diagnostics)
+    assert found[0] == level
+    if level == WARN:
+        assert "keypoints are more than 0.10 m off the best body" in found[1] and "`landmarks: coco17`" in found[1]
+    assert said(diagnostics) == (OK, "tracking")
+
+
+@pytest.mark.parametrize(
+    ("changes", "level"),
+    [
+        ({"people come": 3, "people left": 3}, WARN),
+        ({"people come": 2, "people left": 3}, OK),
+        ({"people come": 3, "people left": 2}, OK),
+        ({"people come": 3, "people left": 3, "resets": 1}, OK),
+    ],
+)
+def test_people_who_come_and_leave(pipeline, diagnostics, changes, level):
+    pipeline.counts.update(changes)
+    found = said(diagnostics)
+    assert found[0] == level and ("set person_ids to node" in found[1]) == (level == WARN)
+
+
+@pytest.mark.parametrize(
+    "settings", [{"person_ids": "node"}, {"rep155": True, "keypoints_type": "hri_msgs/msg/Skeleton2D"}]
+)
+def test_people_may_come_and_leave_where_no_number_of_a_message_counts(pipeline, diagnostics, settings):
+    pipeline.config = NodeSettings(**settings)
+    pipeline.counts.update({"people come": 3, "people left": 3})
+    assert said(diagnostics) == (OK, "tracking")
+
+
+def test_depth(pipeline, diagnostics):
+    pipeline.depth, pipeline.config = SimpleNamespace(fault=""), NodeSettings(depth="/depth")
+    assert said(diagnostics) == (WARN, "tracking; no depth images on /depth: tracking without measured depth")
+    pipeline.counts.update({RECEIVED: 1, MATCHED: 5, UNMATCHED: 5})
+    assert said(diagnostics) == (OK, "tracking")
+    pipeline.counts.update({RECEIVED: 1, MATCHED: 5, UNMATCHED: 6})
+    assert "most keypoint messages had no depth image of their time" in said(diagnostics)[1]
+    pipeline.counts.update({RECEIVED: 1, MATCHED: 5, UNMATCHED: 6})
+    pipeline.depth.fault = "depth is damaged"
+    assert said(diagnostics) == (WARN, "tracking; depth is damaged")
+
+
+@pytest.mark.parametrize(("behind_s", "level"), [(3599, OK), (3601, WARN)])
+def test_stamps_of_another_clock(diagnostics, behind_s, level):
+    for i in range(3):
+        stamp_ns = SECOND if i else 10**5 * SECOND
+        diagnostics.count_message([frame(stamp_ns)], SECOND + behind_s * SECOND, 10.5, 0.001)
+    assert said(diagnostics)[0] == level
+
+
+def test_figures_of_a_period(pipeline, diagnostics):
+    diagnostics.line(10.0)
+    for i, took_s in enumerate((0.001, 0.002, 0.009)):
+        stamp_ns = SECOND - i * 10**8
+        frames = [frame(stamp_ns, 2.0 + i, deviation=0.05 + 0.01 * i, held_s=0.1), frame(SECOND, 1.0)]
+        diagnostics.count_message(frames, SECOND + 3 * 10**8, 10.5 + i, took_s)
+    pipeline.counts.update({"received": 10, "accepted": 6, "duplicated": 2, "unstamped": 3, "resets": 4})
+    pipeline.counts.update({"ignored while disabled": 5, OVERTAKEN: 7, LOST: 8, PLACEHOLDERS: 9, "rejected: x": 1})
+    pipeline.tracker.averaged = 0.0951
+    values = diagnostics.line(14.0).values
+    assert values == {
+        "state": "tracking",
+        "input rate [Hz]": "2.50",
+        "output rate [Hz]": "1.50",
+        "keypoints age [s]": "1.500",
+        "camera_info age [s]": "4.000",
+        "keypoints delay median [s]": "0.300",
+        "callback time median [ms]": "2.000",
+        "callback time maximum [ms]": "9.000",
+        "reprojection error [px]": "4.00",
+        "largest joint deviation [m]": "0.070",
+        "received [messages]": "110",
+        "accepted [messages]": "106",
+        "duplicated [messages]": "2",
+        "unstamped [messages]": "3",
+        "ignored while disabled [messages]": "5",
+        f"{OVERTAKEN} [messages]": "7",
+        f"{LOST} [messages]": "8",
+        "resets": "4",
+        f"{PLACEHOLDERS} [messages]": "9",
+        "rejected: x [messages]": "1",
+        "skeleton: left/right difference, averaged [%]": "9.5",
+    }
+    later = diagnostics.line(15.0).values
+    assert (later["input rate [Hz]"], later["keypoints delay median [s]"]) == ("0.00", "nan")
+    assert later["reprojection error [px]"] == "4.00"
+    lost = diagnostics.line(16.0, Presence(Status.LOST)).values
+    assert lost["reprojection error [px]"] == lost["largest joint deviation [m]"] == "nan" and lost["state"] == "lost"
+    assert Diagnostics(pipeline, "tracker", 0.0).line(1.0).values["keypoints age [s]"] == "never"
+
+
+def test_figures_of_several_people(pipeline, diagnostics):
+    pipeline.ids = ["p1", "p2", "p3"]
+    pipeline.counts.update({"people come": 3, "people left": 1, "people beyond max_people": 2})
+    pipeline.depth = SimpleNamespace(fault="")
+    values = diagnostics.line(11.0, Presence(Status.TRACKING, ["p1"])).values
+    assert (values["people"], values["people come"], values["people left"]) == ("p1", "3", "3")
+    assert values["people beyond max_people"] == "2" and values[f"{RECEIVED} [messages]"] == "0"
+    assert diagnostics.line(12.0, Presence(Status.SEARCHING, [])).values["people"] == "nobody"
+    assert diagnostics.line(13.0).values["people"] == "p1, p2, p3"
+
+
+def test_calibration_of_people_who_are_there(pipeline, diagnostics):
+    def known(moved):
+        proportions = SimpleNamespace(names=("thigh", "neck"))
+        lengths, spread = np.log([1.1, 0.9]), np.array([0.02, 0.05])
+        return SimpleNamespace(frozen=False, moved=moved, proportions=proportions, lengths=lengths, spread=spread)
+
+    pipeline.ids, pipeline.calibrations = ["p1", "p2"], lambda: {"p1": known(2.5), "p2": known(0.0), "p3": known(1.0)}
+    values = diagnostics.line(11.0).values
+    figures = {key: value for key, value in values.items() if "calibration" in key}
+    state = "learning" if TrackerConfig().calibrate else "off"
+    assert figures == {
+        "p1 calibration": state,
+        "p1 calibration: motion seen [s]": "2.50",
+        "p1 calibration: largest deviation [%]": "5.00",
+        "p1 calibration: thigh [%]": "+10.00",
+        "p1 calibration: neck [%]": "-10.00",
+        "p2 calibration": state,
+    }

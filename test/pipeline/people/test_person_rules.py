@@ -1,0 +1,350 @@
+"""Appearance, departure, absence and selection of people, with simulated tracking: each rule alone."""
+
+from collections import Counter
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.observation import Status
+from lassokin_ros.pipeline.camera.lens import Lens
+from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.pipeline.people import multi_person
+from lassokin_ros.pipeline.people.multi_person import MOST_REINITIALISED, MultiPersonTracker
+from lassokin_ros.pipeline.people.people_tracker import PeopleImage
+from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.people.single_person import SinglePersonTracker
+from lassokin_ros.pipeline.people.tracked_person import Detection
+from msg_adapters.keypoints import Keypoints
+
+SECOND, PERIOD = 10**9, 10**8
+BODY = np.array([[0.0, 0.0], [0.3, 0.0], [0.0, 0.4], [0.3, 0.4]])
+"""The diagonal, which is the person's size, is 0.5."""
+LENS = Lens(np.array([[100.0, 0, 0], [0, 100, 0], [0, 0, 1]]))
+CONFIG = TrackerConfig(min_landmarks=3, min_confidence=0.2, lost_after=1.0)
+
+
+class Pretended:
+    """Replaces TrackedPerson: accepts each detection unless `refuses`."""
+
+    def __init__(self):
+        self.verticals, self.resets, self.absences = [], [], 0
+        kinematics = SimpleNamespace(landmark_count=4)
+        self.tracker = SimpleNamespace(kinematics=kinematics, config=CONFIG, adopt_vertical=self._adopt)
+        self.refuses = False
+        self.reset()
+        self.resets.clear()
+
+    def _adopt(self, trackers):
+        self.verticals.append(list(trackers))
+
+    def reset(self, same_camera=False):
+        self.resets.append(same_camera)
+        self.status, self.seen_ns, self.points = Status.SEARCHING, None, None
+
+    def track(self, stamp_ns, frame_id, seen, lens, person=""):
+        if self.refuses or not np.isfinite(seen.points).any():
+            return [FrameResult(stamp_ns, frame_id, None, "too_few_landmarks", "few", person=person)]
+        self.status, self.seen_ns, self.points = Status.TRACKING, stamp_ns, seen.points
+        return [FrameResult(stamp_ns, frame_id, person=person, points=seen.points)]
+
+    def mark_absent(self, stamp_ns, lens):
+        self.absences += 1
+        return []
+
+    def unseen_s(self, stamp_ns):
+        return float("inf") if self.seen_ns is None else (stamp_ns - self.seen_ns) * 1e-9
+
+    def status_at(self, stamp_ns):
+        lost = self.status is Status.TRACKING and self.unseen_s(stamp_ns) > 1.0
+        return Status.LOST if lost else self.status
+
+    def predicted_landmarks(self, stamp_ns):
+        return self.points
+
+    def flush(self):
+        return [FrameResult(1, "held")]
+
+
+class Room:
+    """A MultiPersonTracker, and messages by number."""
+
+    def __init__(self, places=3):
+        self.counts = Counter()
+        self.people = [Pretended() for _ in range(places)]
+        self.tracker = MultiPersonTracker(self.people, self.counts)
+
+    def see(self, index, *bodies, numbers=None, forget_after=3.0):
+        """Send detections of bodies, (x, y) each or points; persistent if they have numbers. Return the ids of the
+        accepted results.
+        """
+        persistent = numbers is not None
+        found = []
+        for body, number in zip(bodies, numbers or range(len(bodies))):
+            points = np.array(body, dtype=float)
+            points = BODY + points if points.shape == (2,) else points
+            confidence = np.where(np.isfinite(points).all(axis=1), 0.5, 0.0)
+            found.append(Detection(points, confidence, number))
+        results = self.tracker.track(index * PERIOD + SECOND, "camera", found, LENS, persistent, forget_after)
+        assert all(result.frame_id == "camera" and result.accepted for result in results)
+        return [result.person for result in results]
+
+
+@pytest.fixture(autouse=True)
+def one_by_one(monkeypatch):
+    """Track people one after the other instead of in a batch."""
+
+    def track_batch(people, stamp_ns, frame_id, seen, lens):
+        return [one.track(stamp_ns, frame_id, points, lens, name) for (name, one), points in zip(people.items(), seen)]
+
+    monkeypatch.setattr(multi_person.TrackedPerson, "track_batch", staticmethod(track_batch))
+
+
+@pytest.fixture
+def room():
+    return Room()
+
+
+def partly(count):
+    points = BODY.copy()
+    points[count:] = np.nan
+    return points
+
+
+def test_each_number_of_a_detector_is_a_person_at_once(room):
+    assert room.see(0, (0, 0), (5, 0), numbers=[7, 2]) == ["p7", "p2"]
+    assert room.tracker.ids == ["p7", "p2"] and room.tracker.status is Status.TRACKING
+    assert list(room.tracker.tracked) == ["p7", "p2"] and room.tracker.tracked_at(SECOND)
+    assert not room.tracker.tracked_at(SECOND + 1)
+    assert room.see(1, (5, 0), (0, 0), numbers=[7, 2]) == ["p7", "p2"]  # wherever they are
+    assert room.counts == {"people come": 2}
+    assert len(room.tracker.flush()) == 2
+
+
+def test_a_new_number_needs_landmarks_and_a_known_one_does_not(room):
+    assert room.see(0, partly(2), numbers=[7]) == [] and room.tracker.ids == []
+    assert room.see(1, partly(3), numbers=[7]) == ["p7"]
+    assert room.see(2, partly(2), numbers=[7]) == ["p7"]
+    assert room.see(3, partly(0), numbers=[7]) == [] and room.tracker.ids == ["p7"]
+    assert room.counts["rejected: too_few_landmarks (a person)"] == 1
+
+
+def test_a_person_rejected_before_the_first_track_is_removed_at_once(room):
+    for person in room.people:
+        person.refuses = True
+    assert room.see(0, (0, 0), numbers=[7]) == [] and room.tracker.ids == []
+    assert room.counts == {"people come": 1, "people left": 1, "rejected: too_few_landmarks (a person)": 1}
+
+
+@pytest.mark.parametrize(
+    ("seen_in", "born_in"), [((0, 1, 2), 2), ((0, 2, 3), 3), ((0, 2, 4), 4), ((0, 3, 4), None), ((0, 3, 4, 5), 5)]
+)
+def test_without_numbers_a_person_appears_with_the_third_detection(room, seen_in, born_in):
+    """One message in between may miss the person, two may not."""
+    born = [index for index in range(7) if room.see(index, *([(0, 0)] if index in seen_in else []))]
+    assert born[:1] == ([] if born_in is None else [born_in])
+    assert room.tracker.ids == ([] if born_in is None else ["p1"])
+
+
+def test_a_person_is_found_at_the_predicted_position(room):
+    for index in range(3):
+        room.see(index, (0, 0), (5, 0))
+    assert room.tracker.ids == ["p1", "p2"]
+    assert room.see(3, (5.1, 0), (0.1, 0)) == ["p1", "p2"]
+    assert room.people[2].points[0].tolist() == [0.1, 0] and room.people[1].points[0].tolist() == [5.1, 0]
+    assert room.see(4, (0.1 + 0.17, 0)) == ["p1"]  # 0.34 of the size; 0.36 is allowed after 0.1 s
+    assert room.see(5, (3, 0)) == []
+
+
+def test_a_duplicate_detection_is_no_new_person(room):
+    for index in range(8):
+        room.see(index, (0, 0), *([(0.07, 0)] if index > 2 else []))  # 0.14 of the size, below half of 0.3
+    assert room.tracker.ids == ["p1"]
+    for index in range(8, 12):
+        room.see(index, (0, 0), (0.08, 0))
+    assert room.tracker.ids == ["p1", "p2"]
+
+
+@pytest.mark.parametrize(("away", "kept"), [(30, True), (31, False)])
+def test_a_person_absent_for_longer_than_forget_after_has_left(room, away, kept):
+    room.see(0, (0, 0), numbers=[7])
+    room.see(away, forget_after=3.0, numbers=[])
+    assert room.tracker.ids == (["p7"] if kept else [])
+    assert room.counts["people left"] == (not kept)
+    if not kept:
+        assert room.people[2].resets == [True]  # the direction of gravity stays
+        assert room.see(away + 1, (0, 0), numbers=[9]) == ["p9"]
+
+
+def test_presence_is_updated_in_a_silence(room):
+    room.see(0, (0, 0), numbers=[7])
+    room.see(20, (5, 0), numbers=[8])
+    for after_s, ids, status in (
+        (2.0, ["p7", "p8"], "tracking"),
+        (3.0, ["p7", "p8"], "tracking"),
+        (3.1, ["p8"], "lost"),
+    ):
+        presence = room.tracker.presence_at(SECOND + round(after_s * SECOND), 3.0)
+        assert presence == Presence(Status(status), ids)
+    assert room.tracker.presence_at(10 * SECOND, 3.0) == Presence(Status.SEARCHING, [])
+    assert room.tracker.ids == ["p7", "p8"]
+
+
+@pytest.mark.parametrize(("away", "room_made"), [(4, False), (5, True)])
+def test_a_person_absent_for_half_a_second_can_be_replaced(away, room_made):
+    room = Room(2)
+    room.see(0, (0, 0), (5, 0), numbers=[1, 2])
+    for index in range(1, away):
+        room.see(index, (5, 0), numbers=[2])
+    seen = room.see(away, (5, 0), (9, 0), numbers=[2, 3])
+    assert sorted(seen) == (["p2", "p3"] if room_made else ["p2"])
+    assert room.counts["people beyond max_people"] == (not room_made)
+    assert room.counts["people left"] == room_made
+
+
+def test_the_person_absent_for_the_longest_time_is_replaced():
+    room = Room(2)
+    room.see(0, (0, 0), numbers=[1])
+    room.see(1, (5, 0), numbers=[2])
+    room.see(20, (9, 0), numbers=[3])
+    assert room.tracker.ids == ["p2", "p3"]
+
+
+def test_numbers_are_not_reused(room):
+    room.see(0, (0, 0), numbers=[7])
+    for index in range(1, 4):
+        room.see(index, (0, 0), (5, 0))
+    assert room.tracker.ids == ["p7", "p8"]
+    room.tracker.reset()
+    assert room.tracker.ids == [] and room.tracker.status is Status.SEARCHING
+    for index in range(5, 8):
+        room.see(index, (0, 0))
+    assert room.tracker.ids == ["p9"]
+
+
+def test_a_reset_forgets_unconfirmed_people(room):
+    room.see(0, (0, 0))
+    room.see(1, (0, 0))
+    room.tracker.reset()
+    assert room.see(2, (0, 0)) == []
+    assert all(False in person.resets for person in room.people)
+
+
+def test_a_new_person_gets_the_vertical_of_earlier_or_present_people(room):
+    room.see(0, (0, 0), numbers=[1])
+    room.see(1, (0, 0), (5, 0), numbers=[1, 2])
+    first, second = room.people[2], room.people[1]
+    idle, present = second.verticals
+    assert idle == [room.people[0].tracker, second.tracker] and present == [first.tracker]
+
+
+def test_lost_people_are_initialised_a_few_per_message():
+    room = Room(6)
+    numbers, bodies = list(range(6)), [(3 * i, 0) for i in range(6)]
+    assert len(room.see(0, *bodies, numbers=numbers)) == 6
+    assert len(room.see(1, *bodies, numbers=numbers)) == 6
+    found = room.see(20, *bodies, numbers=numbers)  # after 1.9 s all are lost
+    assert found == [f"p{n}" for n in range(MOST_REINITIALISED)]
+    assert [person.absences for person in room.people[::-1]] == [0] * MOST_REINITIALISED + [1] * 2
+    assert len(room.see(21, *bodies, numbers=numbers)) == 6
+
+
+def test_people_outside_the_image_are_marked_absent(room):
+    room.see(0, (0, 0), numbers=[1])
+    room.see(1, (5, 0), numbers=[2])
+    assert room.people[2].absences == 1 and room.people[1].absences == 0
+
+
+# One of several people -----------------------------------------------------------------------------------------------
+
+
+class Followed:
+    """A SinglePersonTracker, and messages of people by (number, x, score) each."""
+
+    def __init__(self):
+        self.person = Pretended()
+        self.tracker = SinglePersonTracker(self.person)
+
+    def see(self, index, *people, persistent=True, points=4):
+        """x of the tracked person, or the reason of the rejection."""
+        numbers = np.repeat([number for number, *_ in people], points)
+        xy = np.concatenate([np.zeros((0, 2)), *[100 * (BODY[:points] + [x, 1]) for _, x, _ in people]])
+        scores = np.repeat([score for *_, score in people], points)
+        ids = np.tile(np.arange(points), len(people))
+        keypoints = Keypoints(1, "", ids, xy, scores, numbers)
+        image = PeopleImage(keypoints, SECOND + index * PERIOD, "camera", LENS, persistent)
+        (result,) = self.tracker.update(image, 3.0)
+        self.detail = result.detail
+        return round(float(result.points[0, 0]), 6) if result.accepted else result.rejection
+
+
+@pytest.fixture
+def followed():
+    return Followed()
+
+
+def test_the_person_with_the_highest_scores_is_selected_and_tracked_by_number(followed):
+    assert followed.see(0, (4, 0.0, 0.5), (5, 2.0, 0.9), (6, 4.0, 0.7)) == 2.0
+    assert followed.see(1, (4, 0.0, 0.9), (5, 2.2, 0.5)) == 2.2
+    assert followed.tracker.tracked == {"": followed.person} and followed.tracker.ids is None
+    assert followed.tracker.status is Status.TRACKING and followed.tracker.tracked_at(SECOND + PERIOD)
+
+
+def test_scores_above_1_and_missing_points_do_not_increase_the_score(followed):
+    assert followed.see(0, (4, 0.0, 0.95), (5, 2.0, 0.9)) == 0.0
+    followed.tracker.reset()
+    assert followed.see(1, (4, 0.0, 1.0), (5, 2.0, 1.9)) == 0.0  # the first of equals
+
+
+def test_a_person_whose_number_is_gone_is_searched_among_new_numbers(followed):
+    assert followed.see(0, (4, 0.0, 0.9), (5, 0.2, 0.5)) == 0.0
+    assert followed.see(1, (5, 0.0, 0.9)) == "person_absent"  # a bystander, though at the place
+    assert (
+        "person 4 is not among the 1 in the message; another person is followed after lost_after 1 s" in followed.detail
+    )
+    assert followed.see(2, (5, 0.2, 0.9), (6, 0.05, 0.9)) == 0.05  # a new number at the place
+    assert followed.see(3, (6, 3.0, 0.9)) == 3.0  # and from then on theirs
+    assert followed.see(4, (7, 9.0, 0.9)) == "person_absent"
+
+
+def test_without_persistent_numbers_the_nearest_person_is_tracked(followed):
+    assert followed.see(0, (0, 0.0, 0.9), (1, 2.0, 0.5), persistent=False) == 0.0
+    assert followed.see(1, (0, 2.0, 0.9), (1, 0.1, 0.5), persistent=False) == 0.1
+    assert followed.see(2, (0, 2.0, 0.9), persistent=False) == "person_absent"
+    assert "nobody is near the predicted position among the 1 in the message" in followed.detail
+
+
+@pytest.mark.parametrize("persistent", [True, False])
+def test_any_person_may_be_tracked_after_a_silence(followed, persistent):
+    assert followed.see(0, (4, 0.0, 0.9), persistent=persistent) == 0.0
+    assert followed.see(10, (7, 5.0, 0.9), persistent=persistent) == "person_absent"
+    assert followed.see(11, (7, 5.0, 0.9), persistent=persistent) == 5.0  # more than lost_after
+
+
+def test_people_with_low_or_missing_scores_do_not_count(followed):
+    assert followed.see(0, (4, 0.0, 0.9)) == 0.0
+    assert followed.see(1, (7, 5.0, 0.1)) == "too_few_landmarks"
+    assert followed.see(2) == "too_few_landmarks"
+
+
+def test_nobody_is_absent_before_a_person_is_tracked(followed):
+    followed.person.refuses = True
+    assert followed.see(0, (4, 0.0, 0.9)) == "too_few_landmarks" and followed.detail == "few"
+
+
+def test_a_trackable_person_has_priority_over_higher_scores(followed):
+    ids, xy = np.array([0, 1, 0, 1, 2, 3]), np.vstack([100 * BODY[:2] + 100, 100 * BODY + [500, 100]])
+    scores, numbers = np.array([1.0, 1, 0.4, 0.4, 0.4, 0.4]), np.array([1, 1, 2, 2, 2, 2])
+    image = PeopleImage(Keypoints(1, "", ids, xy, scores, numbers), SECOND, "camera", LENS, True)
+    (result,) = followed.tracker.update(image, 3.0)
+    assert result.points[0].tolist() == [5, 1]
+
+
+def test_the_presence_of_one_person_follows_the_clock(followed):
+    followed.see(0, (4, 0.0, 0.9))
+    assert followed.tracker.presence_at(2 * SECOND, 0.1) == Presence(Status.TRACKING)
+    assert followed.tracker.presence_at(2 * SECOND + PERIOD, 0.1) == Presence(Status.LOST)
+    followed.tracker.reset()
+    assert followed.tracker.presence_at(2 * SECOND, 0.1) == Presence(Status.SEARCHING)
+    assert followed.tracker.flush()[0].frame_id == "held"
