@@ -61,7 +61,10 @@ class Scene:
         """All frames, in order."""
         v, points = self.view, self.view.normalised
         depth = [None] * len(points) if v.depth is None else v.depth
-        return [Observation(f / v.fps, points[f], v.confidence[f], v.focal, depth[f]) for f in range(len(points))]
+        return [
+            Observation(f / v.fps, points[f], v.confidence[f], v.focal, depth[f], depth_of_surface=v.depth_of_surface)
+            for f in range(len(points))
+        ]
 
     @property
     def evaluated(self) -> list[int]:
