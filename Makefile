@@ -28,7 +28,7 @@ mutants: $(VENV)/.installed-mutants
 	$(RUN) $(VENV)/bin/python benchmarks/mutants.py --sample $(or $(SAMPLE),40) --seed $(or $(SEED),0) $(if $(ROOMS),--rooms $(ROOMS))
 
 messages: $(VENV)/.installed-test $(VENV)/.installed-messages
-	$(VENV)/bin/python test/support/message_packages.py
+	$(VENV)/bin/python test/support/installation/message_packages.py
 
 lint: $(VENV)/.installed-test
 	$(VENV)/bin/ruff check .

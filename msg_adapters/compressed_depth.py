@@ -145,7 +145,7 @@ def _rvl_numbers(packed: bytes) -> np.ndarray:
 
 def _check_size(width: int, height: int) -> None:
     if not (0 < width <= LARGEST and 0 < height <= LARGEST and width * height <= MOST_PIXELS):
-        raise _damaged(f"says that it has {width} x {height} px")
+        raise _damaged(f"has a header with {width} x {height} px")
 
 
 def _damaged(how: str) -> AdapterError:

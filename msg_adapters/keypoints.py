@@ -41,6 +41,7 @@ class Keypoints:
         are valid in this message only.
     depth: (k,) m along the optical axis, NaN = not measured; None if the message has no depth.
     depth_of_surface: True if `depth` was measured on the body's surface, False if it is that of the landmark inside.
+    depth_age: s by which `depth` is older than the image of the keypoints.
     """
 
     stamp_ns: int | None
@@ -52,6 +53,7 @@ class Keypoints:
     persistent: bool = True
     depth: np.ndarray | None = None
     depth_of_surface: bool = True
+    depth_age: float = 0.0
 
     def as_landmarks(self, count: int, person: int | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return points (count, 2) px, NaN = missing, and confidence (count,), 0 = missing.

@@ -5,7 +5,7 @@ import re
 import sys
 
 import pytest
-from pip_only import PIP_ONLY
+from installation.pip_only import PIP_ONLY
 
 os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"

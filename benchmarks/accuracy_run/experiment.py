@@ -26,7 +26,7 @@ METHODS = (*FOLLOWERS, "smplify", "mediapipe_world")
 
 @dataclass(frozen=True)
 class Job:
-    """What to run; everything that a worker process needs to know.
+    """What to run; all inputs of a worker process.
 
     bone_error: standard deviation of the bones' relative error; symmetric: left and right bones get the same one.
     settings: of TrackerConfig, beside height, landmarks and noise_px. score_from: s, earlier frames are not scored.
@@ -61,7 +61,10 @@ class Scene:
         """All frames, in order."""
         v, points = self.view, self.view.normalised
         depth = [None] * len(points) if v.depth is None else v.depth
-        return [Observation(f / v.fps, points[f], v.confidence[f], v.focal, depth[f]) for f in range(len(points))]
+        return [
+            Observation(f / v.fps, points[f], v.confidence[f], v.focal, depth[f], depth_of_surface=v.depth_of_surface)
+            for f in range(len(points))
+        ]
 
     @property
     def evaluated(self) -> list[int]:

@@ -9,6 +9,7 @@ from typing import Any
 
 from benchmarks.accuracy_run.experiment import METHODS
 from benchmarks.common.option_types import count, finite, names, output_file, positive, seed, share, size
+from benchmarks.data.depth_images import DepthCamera
 from benchmarks.data.depth_sensor import DepthSensor
 from lassokin_ros.core.config import TrackerConfig
 
@@ -34,6 +35,8 @@ def parser(description: str | None = None) -> argparse.ArgumentParser:
     add("--depth-bias", type=size, metavar="M", help="constant error of each landmark's depth, standard deviation, m")
     add("--depth-noise-z2", type=size, metavar="PER_M", help="depth noise that grows with the square of the depth, 1/m")
     add("--depth-occluded", type=share, metavar="SHARE", help="share of depths 10-50 cm nearer: an occluder")
+    add("--depth-images", action="store_true", help="depth sampled from rendered images of a body of capsules")
+    add("--depth-covered", type=share, metavar="SHARE", help="with --depth-images: share behind furniture, from below")
     add("--missing", type=share, default=0.0, help="share of keypoints missing, in bursts of 5-30 frames (0)")
     add("--outliers", type=share, default=0.0, help="share of keypoints 30-150 px off at full confidence (0)")
     add("--swaps", type=share, default=0.0, help="share of frames with a limb's left and right swapped, in bursts (0)")
@@ -83,9 +86,11 @@ def apply_presets(options: argparse.Namespace) -> None:
         options.generic_skeleton = True
 
 
-def depth_sensor(options: argparse.Namespace) -> DepthSensor | None:
-    """The depth sensor with the given options; None if none of them is given."""
+def depth_sensor(options: argparse.Namespace) -> DepthSensor | DepthCamera | None:
+    """The depth sensor or depth camera with the given options; None if none of them is given."""
     o = options
+    if o.depth_images:
+        return DepthCamera(covered=o.depth_covered or 0.0)
     given = o.depth_noise, o.depth_bias, o.depth_occluded, o.depth_noise_z2
     return None if given == (None,) * 4 else DepthSensor(*(value or 0.0 for value in given))
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from benchmarks.accuracy_run.options import depth_sensor
 from benchmarks.common.report import Record, summarise, table
+from benchmarks.data.depth_images import SIZE, DepthCamera
 from benchmarks.data.simulated_camera import WANDERS
 from benchmarks.learn_prior import SEEN, TRAINING
 
@@ -90,7 +91,14 @@ def head(options: argparse.Namespace) -> str:
             f"Beside the noise keypoints are off by {options.wander_px:g} px for {WANDERS:g} s on end, and by "
             f"{options.offset_px:g} px all the time (standard deviations)."
         )
-    if sensor := depth_sensor(options):
+    sensor = depth_sensor(options)
+    if isinstance(sensor, DepthCamera):
+        lines.append(
+            f"Depth is sampled from rendered images of a body of capsules, {SIZE[0]} x {SIZE[1]} px: noise of a pixel "
+            f"{sensor.noise:g} m and {sensor.noise_z2:g}/m times the depth squared, scale off by {sensor.bias:.1%}, "
+            f"{sensor.holes:.0%} holes; furniture covers {sensor.covered:.0%} of the person."
+        )
+    elif sensor is not None:
         lines.append(
             f"Depth of each keypoint is measured: noise {sensor.noise:g} m and {sensor.noise_z2:g}/m times the depth "
             f"squared, {sensor.bias:g} m constant, {sensor.occluded:.0%} on an occluder. The noise is no input."

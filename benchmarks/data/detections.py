@@ -192,7 +192,7 @@ def height_of(reference: np.ndarray, layout: Layout) -> float:
         pairs += [(model, _length(reference, layout, f"{side}_{a}", f"{side}_{b}")) for side in SIDES]
     seen = [(model, length) for model, length in pairs if np.isfinite(length)]
     if not seen:
-        raise SystemExit("the reference shows no limb in a tenth of the frames; expected one that says the height")
+        raise SystemExit("the reference has no limb in a tenth of the frames; expected one that gives the height")
     return sum(length for _, length in seen) / sum(model for model, _ in seen)
 
 

@@ -10,8 +10,9 @@ import numpy as np
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
+from benchmarks.data.depth_images import DepthCamera
 from benchmarks.data.depth_sensor import DepthSensor
-from benchmarks.data.mocap import EVALUATED, Clip, clip_fps, landmark_positions
+from benchmarks.data.mocap import EVALUATED, Clip, clip_fps, clip_height, landmark_positions
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 
@@ -21,7 +22,7 @@ class View:
     """A clip in the image of one camera.
 
     truth: (f, 14, 3) m and root: (f, 3) m in the camera frame; pixels: (f, l, 2); confidence: (f, l), 0 = missing;
-    depth: (f, l) m, measured along the optical axis, None without a depth sensor.
+    depth: (f, l) m, measured along the optical axis, None without a depth sensor. depth_of_surface: as in Observation.
     """
 
     clip: Clip
@@ -33,6 +34,7 @@ class View:
     pixels: np.ndarray
     confidence: np.ndarray
     depth: np.ndarray | None = None
+    depth_of_surface: bool = False
 
     @property
     def normalised(self) -> np.ndarray:
@@ -50,7 +52,7 @@ class Condition:
     bursts. duplicates: number of frames, with stamps of their own, that each detection is used for: a detector slower
     than the camera. fps: frame rate, Hz. camera_roll, camera_pitch: rad, the camera's mount, as the tracker's settings.
     lying: the person lies on a side drawn by the seed, and moves as if standing. depth: sensor that measures the depth
-    of each landmark, or None.
+    of each landmark, camera whose depth images are sampled at the keypoints, or None.
     """
 
     noise_px: float = 2.0
@@ -64,7 +66,7 @@ class Condition:
     lying: bool = False
     wander_px: float = 0.0
     offset_px: float = 0.0
-    depth: DepthSensor | None = None
+    depth: DepthSensor | DepthCamera | None = None
 
 
 def step_for(clip_fps: float, fps: float) -> int:
@@ -114,10 +116,15 @@ def view_of(clip: Clip, layout: Layout, skeleton: Skeleton, condition: Condition
     detected = np.arange(len(pixels)) // condition.duplicates * condition.duplicates
     pixels, confidence = pixels[detected], confidence[detected]
     depth = None
-    if condition.depth is not None:
-        sensor = np.random.default_rng([seed, view, 9, *clip.name.encode()])
+    sensor = np.random.default_rng([seed, view, 9, *clip.name.encode()])
+    if isinstance(condition.depth, DepthSensor):
         depth = condition.depth.measured(points[..., 2], sensor)[detected]
-    return View(clip, clip.fps / step, focal, centre_px, truth, root, pixels, confidence, depth)
+    elif condition.depth is not None:
+        joints = {name: to_camera(clip.position(name)[frames]) for name in clip.names}
+        size = (2 * int(centre_px[0]), 2 * int(centre_px[1]))
+        depth = condition.depth.sampled(joints, clip_height(clip), focal, pixels, size, sensor)
+    of_surface = isinstance(condition.depth, DepthCamera)
+    return View(clip, clip.fps / step, focal, centre_px, truth, root, pixels, confidence, depth, of_surface)
 
 
 WANDERS = 0.1

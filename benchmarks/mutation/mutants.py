@@ -1,6 +1,6 @@
 """The mutants of a file: cosmic-ray's operators, and two more that it lacks.
 
-Left out are mutants that no test can notice by construction: those inside of annotations and of `assert` (which tells
+Left out are mutants that no test can notice by construction: those inside of annotations and of `assert` (which informs
 the type checker what holds anyway), `is` in place of `==`, and those whose syntax tree is the original's.
 """
 

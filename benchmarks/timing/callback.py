@@ -54,7 +54,9 @@ def measure_callback(observations: Sequence[Observation], distorted: bool = Fals
             observations, distorted, RosbagsBackend(store), lambda topic, m: store.serialize_cdr(m, m.__msgtype__), {}
         )
     with _nodes() as nodes:
-        callbacks = {who: (node._camera_info.take, node.work_on, _clock(node)) for who, node in zip(AUDIENCES, nodes)}
+        callbacks = {
+            who: (node._inputs.camera_info.take, node.work_on, _clock(node)) for who, node in zip(AUDIENCES, nodes)
+        }
         publish = {topic.name: nodes[-1]._person._out[topic.name].publish for topic in OUTPUTS}
         records = _stages(observations, distorted, RclpyBackend(), lambda topic, m: publish[topic](m), callbacks)
     return "rclpy, real publishers", records

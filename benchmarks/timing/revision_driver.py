@@ -128,7 +128,8 @@ def node_with(listened_to: bool, focal: float) -> tuple[Any, list[float]]:
     info.header.frame_id = FRAME_ID
     info.k = [focal, 0.0, 640.0, 0.0, focal, 360.0, 0.0, 0.0, 1.0]
     info.p = [focal, 0.0, 640.0, 0.0, 0.0, focal, 360.0, 0.0, 0.0, 0.0, 1.0, 0.0]
-    node._camera_info.take(info)
+    inputs = getattr(node, "_inputs", None)  # earlier revisions have the subscription in the node
+    (node._camera_info if inputs is None else inputs.camera_info).take(info)
     steps: list[float] = []
     run_single = first_of("lassokin_ros.core.batch:run_single", "lassokin_ros.core.together:alone")
     tracker = node._pipeline.tracker

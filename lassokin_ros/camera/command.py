@@ -24,7 +24,7 @@ def _load() -> Callable[[], Any]:
 def _parser() -> argparse.ArgumentParser:
     return argparse.ArgumentParser(
         prog="camera",
-        description="A webcam, a video file or a folder of images out as image_raw and camera_info.",
+        description="Publish a webcam, a video file or a folder of images as image_raw and camera_info.",
         epilog="ROS arguments follow --ros-args: -p source:=0 -p fov:=70.0",
     )
 

@@ -1,4 +1,4 @@
-"""The node `camera`: a webcam or a video file out as `image_raw` and `camera_info`.
+"""The node `camera`: publishes a webcam or a video file as `image_raw` and `camera_info`.
 
 It is for machines without a camera driver of ROS. A driver gives better stamps and the camera's controls.
 """
@@ -24,7 +24,7 @@ from msg_adapters.backends import RclpyBackend
 from msg_adapters.inputs import camera_info, rgb_image
 
 RETRY_S = 2.0
-"""s: between two attempts to open a camera that went away."""
+"""s: between two attempts to open a disconnected camera."""
 LEAST_SIDE = 64
 """px"""
 POLL_S = 0.05
@@ -44,8 +44,8 @@ PARAMETERS: dict[str, tuple[Any, str]] = {
 class CameraNode(Node):
     """Publishes the images of a source. A thread reads them: a webcam's at once, a file's at their own times.
 
-    A webcam that goes away is reported once and opened again when it is back. A file starts when somebody subscribes to
-    `image_raw`, and ends with a line in the log.
+    A webcam that is disconnected is reported once, and opened again when it is connected. A file starts when somebody
+    subscribes to `image_raw`, and ends with a line in the log.
     """
 
     def __init__(self, node_name: str = "camera", **options: Any) -> None:

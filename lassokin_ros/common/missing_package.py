@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 FROM_PIP = ("proxsuite", "qpsolvers", "numpy", "scipy", "yaml", "rosbags", "cv2")
-"""Packages that pip installs, wherever ROS comes from. Only pip has the first two."""
+"""Packages that pip installs, with any installation of ROS. The first two exist only for pip."""
 PIP_NAMES = {"yaml": "PyYAML", "cv2": "opencv-python-headless"}
 
 

@@ -36,7 +36,7 @@ class Observation:
     depth: (l,) m along the optical axis, measured at each landmark, NaN = none; None without a depth sensor.
     depth_deviation: (l,) m, standard deviation of `depth`; None for the configured one.
     depth_of_surface: True if `depth` is that of the body's surface, as a depth camera measures it; False if it is that
-    of the landmark inside the body.
+    of the landmark inside the body. depth_age: s by which `depth` is older than the points.
     """
 
     stamp: float
@@ -46,3 +46,4 @@ class Observation:
     depth: np.ndarray | None = None
     depth_deviation: np.ndarray | None = None
     depth_of_surface: bool = False
+    depth_age: float = 0.0

@@ -28,6 +28,7 @@ from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.hypotheses.initialisation import Fit
 from lassokin_ros.core.hypotheses.replacement import reinitialisation_replaces
+from lassokin_ros.core.image.depth_gating import of_own_surface
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.gating import gate_observation
 from lassokin_ros.core.image.measurement import Measurement
@@ -110,6 +111,8 @@ class Tracker(TrackerParts):
 
     def _filter_keypoints(self, observation: Observation, weights: np.ndarray) -> Measurement:
         depth = None if self._state is None else float(self._state.translation[2])
+        if depth is not None and observation.depth is not None and observation.depth_of_surface:
+            observation = self._with_own_surface(observation, observation.depth)
         return self._measurements.filtered(
             observation,
             weights,
@@ -118,6 +121,15 @@ class Tracker(TrackerParts):
             self.config.lost_after,
             self.config.depth_noise,
         )
+
+    def _with_own_surface(self, observation: Observation, depth: np.ndarray) -> Observation:
+        """The observation with the depths as the body in the last pose shows them, see `of_own_surface`."""
+        pose, layout = self._body_hypotheses.published.pose, self.layout
+        if depth.shape != layout.surface.shape:
+            return observation
+        nearest = self._surface.depth_towards(pose, pose.landmarks)
+        own = of_own_surface(depth, pose.landmarks[:, 2], nearest, layout.surface, self.skeleton.height)
+        return replace(observation, depth=own)
 
     def _with_learned_depth(self, measurement: Measurement) -> Steps[FrameData]:
         """The frame's measurements, with the depths that the network estimates from this frame and earlier ones."""

@@ -9,6 +9,7 @@ import numpy as np
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.body.surface import BodySurface
 from lassokin_ros.core.body.symmetry import LARGEST_ASYMMETRY, asymmetry, limb_groups, symmetrised
 from lassokin_ros.core.calibration.bone_lengths import Calibration
 from lassokin_ros.core.calibration.height import HeightEstimator
@@ -98,6 +99,7 @@ class TrackerParts:
         proportions = self.calibration.proportions
         self._uncertainty = UncertaintyModel(self.kinematics, prior, proportions, learned[0] if learned else None)
         self._observed = ObservedJoints(self.skeleton, self.layout.joints)
+        self._surface = BodySurface(self.skeleton)
 
     def _depth_estimator(self) -> DepthEstimator | None:
         """The depth network for this skeleton and layout; None if it is switched off or cannot be used with them."""

@@ -1,6 +1,6 @@
 """Synthetic motion with known truth, and simulated detections of it, for the demo and the tests.
 
-The motion is a function of time, the detections also depend on a seed. Everything is repeatable.
+The motion is a function of time; the detections also depend on a seed. Both are repeatable.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ def _load() -> Callable[[], Any]:
 def _parser() -> argparse.ArgumentParser:
     return argparse.ArgumentParser(
         prog="detector",
-        description="Images in, 2D keypoints of a person out.",
+        description="Detect a person in images, and publish 2D keypoints.",
         epilog="ROS arguments follow --ros-args: -p detector:=mediapipe -r image_raw:=/camera/image_raw",
     )
 

@@ -24,7 +24,7 @@ def _load() -> Callable[[], Any]:
 def _parser() -> argparse.ArgumentParser:
     return argparse.ArgumentParser(
         prog="tracker",
-        description="2D keypoints and camera_info in, a 3D skeleton with joint angles out.",
+        description="Track 2D keypoints with camera_info, and publish a 3D skeleton with joint angles.",
         epilog="ROS arguments follow --ros-args: -p height:=1.80 --params-file FILE -r keypoints:=/detector/keypoints",
     )
 

@@ -3,34 +3,30 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.clock import Clock, ClockType, JumpThreshold, ROSClock, TimeJump
+from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
 from lassokin_ros.core.errors import LassokinError
-from lassokin_ros.node.inputs.camera_info_input import CameraInfoInput
-from lassokin_ros.node.inputs.depth_input import DepthInput
-from lassokin_ros.node.inputs.latched_camera_info import LatchedCameraInfo
-from lassokin_ros.node.inputs.missing_input import MissingInput
-from lassokin_ros.node.inputs.polled_subscription import SimulatedTime, ignore_events
+from lassokin_ros.node.inputs.keypoint_input import KeypointInput
+from lassokin_ros.node.inputs.polled_subscription import ignore_events
 from lassokin_ros.node.inputs.rep155_inputs import Rep155Inputs
-from lassokin_ros.node.inputs.transform_input import TransformInput
+from lassokin_ros.node.inputs.scene_inputs import SceneInputs
 from lassokin_ros.node.log_throttle import LogThrottle
 from lassokin_ros.node.parameters import LiveParameters, Settings, changes_of, declare, unknown_parameters
-from lassokin_ros.node.person_outputs import PeopleOutputs, PersonOutputs, advertise, message_class
-from lassokin_ros.node.qos import matches_every_publisher, overrides, sensor_data
+from lassokin_ros.node.person_outputs import PeopleOutputs, PersonOutputs, advertise
+from lassokin_ros.node.qos import sensor_data
 from lassokin_ros.node.scene_outputs import SceneOutputs
 from lassokin_ros.pipeline.frame_result import FrameResult
-from lassokin_ros.pipeline.keypoint_queue import KeypointQueue
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.description.skeleton_file import save_all
 from lassokin_ros.pipeline.outputs.status.calibration_status import averaged_sides
@@ -39,8 +35,6 @@ from lassokin_ros.pipeline.people.per_body_pipeline import PerBodyPipeline
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import RclpyBackend
-from msg_adapters.detectors.registry import ADAPTERS, full_type_name
-from msg_adapters.keypoints import stamp_of
 from msg_adapters.output_messages.builders import DiagnosticArrayBuilder
 
 DIAGNOSTICS_PERIOD_S = 1.0
@@ -57,7 +51,6 @@ class TrackerNode(Node):
         settings = declare(self)
         self._live_parameters = LiveParameters(self, settings, self._tune)
         self._pipeline = (PerBodyPipeline if settings[1].topic_per_body else Pipeline)(*settings)
-        self._camera_warning = LogThrottle(self.get_logger().warning, time.monotonic)
         self._warning = LogThrottle(self.get_logger().warning, time.monotonic)
         self._reported_unstamped = self._reported_misplaced = False
         name = self.get_fully_qualified_name().lstrip("/")  # /diagnostics is shared by the trackers of all namespaces
@@ -65,9 +58,7 @@ class TrackerNode(Node):
         self._diagnostics = Diagnostics(self._pipeline, name, time.monotonic())
         self._diagnostics_out = advertise(self, topics.DIAGNOSTICS_OUTPUT)
         self._open_outputs(settings[1], name)
-        self._queue = KeypointQueue(settings[1].queue_depth, self._pipeline.counts)
         self._listen(settings[1])
-        self._await_inputs(settings[1], time.monotonic())
         for publisher in self.publishers:  # also those of rclpy; see `advertise`
             ignore_events(publisher)
         for line in unknown_parameters(self):
@@ -111,92 +102,26 @@ class TrackerNode(Node):
 
     def _listen(self, config: NodeSettings) -> None:
         """Create subscriptions, services, timers and the callback for clock jumps."""
-        self._simulated_time = SimulatedTime(self)
-        self._camera_info = CameraInfoInput(
-            self,
-            known=lambda: self._pipeline.has_camera,
-            on_any=lambda: self._diagnostics.count_camera_info(time.monotonic()),
-            on_new=self._on_camera_info,
-            on_error=partial(self._count_internal_error, "a camera_info message"),
-        )
-        self._kept_camera_info = LatchedCameraInfo(self, self._camera_info.take)
-        self._depth = None
-        if self._pipeline.depth is not None:
-            self._depth = DepthInput(self, config.depth, self._pipeline.depth, self._pipeline.counts, time.monotonic())
-        self._transforms = None
-        if self._pipeline.mount is not None:
-            self._transforms = TransformInput(self, self._pipeline.mount)
-        self._bodies = None
+        self._inputs = SceneInputs(self, self._pipeline, self._diagnostics, self._count_internal_error)
+        self._keypoints = self._bodies = None
         if isinstance(self._pipeline, PerBodyPipeline):
             qos = sensor_data(config.queue_depth)
             self._bodies = Rep155Inputs(self, config.keypoints_type, qos, self._on_bodies, self._on_body)
         else:
-            on_keypoints: Any = self._on_keypoints  # rclpy's type hints do not include message_info
-            kind, qos = message_class(config.keypoints_type), sensor_data(self._queue.reserve)
-            self._keypoints = self.create_subscription(
-                kind,
-                topics.KEYPOINTS,
-                on_keypoints,
-                qos,
-                qos_overriding_options=overrides(self, topics.KEYPOINTS, "subscription"),
-            )
+            counts = self._pipeline.counts
+            self._keypoints = KeypointInput(self, config, counts, self._inputs.poll, self._on_keypoints)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/set_enabled", self._on_set_enabled)
         self.create_service(Trigger, "~/save_skeleton", self._on_save_skeleton)
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # diagnostics continue while simulated time is paused
-        self._as_of_ns = self._looked_ns = 0
+        self._as_of_ns = self._checked_ns = 0
         self.create_timer(CHECK_PERIOD_S, self._update_presence, clock=steady)
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics, clock=steady)
         jump = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True)
         self._jump_watch = self.get_clock().create_jump_callback(jump, post_callback=self._on_clock_jump)
 
-    def _await_inputs(self, config: NodeSettings, now: float) -> None:
-        """Start to watch for missing inputs. now: s."""
-        self._absent_clock = MissingInput(self, topics.CLOCK, topics.CLOCK_TYPE, (), now)
-        self._absent_camera = MissingInput(self, topics.CAMERA_INFO, topics.CAMERA_INFO_TYPE, (), now)
-        self._absent_keypoints = None
-        if self._bodies is None:
-            kind = full_type_name(config.keypoints_type)
-            self._absent_keypoints = MissingInput(self, topics.KEYPOINTS, kind, ADAPTERS, now)
-
-    def _catch_up(self) -> None:
-        """Poll the simulated time, camera_info and TF."""
-        polled = [("a time", self._simulated_time.poll), ("a camera_info message", self._camera_info.poll)]
-        if self._transforms is not None:
-            polled.append(("a TF message", self._transforms.poll))
-        for what, poll in polled:
-            try:
-                poll()
-            except Exception as error:  # the other input must still be polled
-                self._count_internal_error(what, error)
-
-    def _on_camera_info(self, message: Any) -> bool:
-        reason = self._pipeline.set_camera(message)
-        if reason is not None:
-            self._camera_warning.log(reason, f"camera_info refused: {self._pipeline.camera_fault}")
-        return reason is None
-
-    def _on_keypoints(self, message: Any, info: Mapping[str, Any]) -> None:
-        self._catch_up()
-        taken = [(message, info), *self._waiting()]
-        waiting = [((message, info.get("received_timestamp", 0)), info) for message, info in taken]
-        for chosen, received_ns in self._queue.choose(waiting, self._keypoints.get_publisher_count()):
-            if not self.context.ok():
-                continue
-            if self._depth is None:
-                self.work_on(chosen, received_ns=received_ns)
-            else:
-                self._depth.hold(stamp_of(chosen), partial(self.work_on, chosen, received_ns=received_ns))
-        self._queue.done(time.time_ns())
-
-    def _waiting(self) -> Iterator[tuple[Any, Mapping[str, Any]]]:
-        """Take the keypoint messages that wait after the one that the executor has taken."""
-        for _ in range(self._queue.reserve):
-            with self._keypoints.handle:
-                taken = self._keypoints.handle.take_message(self._keypoints.msg_type, self._keypoints.raw)
-            if taken is None:
-                return
-            yield taken
+    def _on_keypoints(self, message: Any, received_ns: int) -> None:
+        self._inputs.with_depth(message, partial(self.work_on, message, received_ns=received_ns))
 
     def _on_bodies(self, ids: Sequence[str]) -> Sequence[str]:
         assert isinstance(self._pipeline, PerBodyPipeline) and self._people is not None
@@ -206,7 +131,7 @@ class TrackerNode(Node):
 
     def _on_body(self, person: str, message: Any) -> None:
         assert isinstance(self._pipeline, PerBodyPipeline)
-        self._catch_up()
+        self._inputs.poll()
         self.work_on(message, partial(self._pipeline.frames_of, person))
 
     def work_on(
@@ -270,8 +195,8 @@ class TrackerNode(Node):
 
         The time of the previous call is used: after a delay of the node itself, unread messages may be waiting.
         """
-        self._catch_up()
-        self._as_of_ns, self._looked_ns = self._looked_ns, self.get_clock().now().nanoseconds
+        self._inputs.poll()
+        self._as_of_ns, self._checked_ns = self._checked_ns, self.get_clock().now().nanoseconds
         ids = self._pipeline.presence_at(self._as_of_ns).ids
         if self._people is not None and ids is not None:
             self._people.keep(ids)
@@ -285,24 +210,11 @@ class TrackerNode(Node):
             self._person.state_publisher.update()
             concerns.append(self._person.state_publisher.fault)
         now, presence = time.monotonic(), self._pipeline.presence_at(self._as_of_ns)
-        if self._transforms is not None:
-            concerns.append(self._transforms.check(now))
-        clock = self.get_clock()
-        simulated = isinstance(clock, ROSClock) and clock.ros_time_is_active
-        if simulated:
-            self._absent_clock.check(now, clock.now().nanoseconds > 0)
-        else:
-            self._absent_clock.restart(now)
-        self._kept_camera_info.check(now, self._diagnostics.camera_received)
-        self._absent_camera.check(now, self._diagnostics.camera_received)
-        if self._depth is not None:
-            self._depth.check(now)
-        if self._absent_keypoints is not None:
-            self._absent_keypoints.check(now, self._diagnostics.keypoints_received)
-            if self._diagnostics.keypoints_received and matches_every_publisher(self._keypoints.qos_profile):
-                ignore_events(self._keypoints)
+        concerns.append(self._inputs.check(now))
+        if self._keypoints is not None:
+            self._keypoints.check(now, self._diagnostics.keypoints_received)
         line = self._diagnostics.line(now, presence, "; ".join(filter(None, concerns)))
-        self._diagnostics_out.publish(self._status.fill(clock.now().nanoseconds, "", [line]))
+        self._diagnostics_out.publish(self._status.fill(self.get_clock().now().nanoseconds, "", [line]))
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._forget()
@@ -332,7 +244,7 @@ class TrackerNode(Node):
 
     def _on_clock_jump(self, jump: TimeJump) -> None:
         self.get_logger().info("the clock has jumped: the state is forgotten")
-        self._as_of_ns = self._looked_ns = 0
+        self._as_of_ns = self._checked_ns = 0
         if self._pipeline.mount is not None:
             self._pipeline.mount.transforms.clear()
         self._forget()

@@ -16,6 +16,8 @@ from msg_adapters.keypoints import Keypoints
 
 KEPT = 16
 """Depth images in memory. Detectors that take longer than that many periods find no image."""
+OLDEST = 1.5
+"""Periods by which the newest depth image may be older than the keypoints, if theirs has not come."""
 LONGEST_PERIOD_NS = 200_000_000
 """ns: assumed period of the depth images before two have come, and its upper limit."""
 OVERTAKEN_NS = 1_000_000_000
@@ -29,8 +31,10 @@ REGISTERED_NAMES = ("aligned_depth_to_color", "depth_registered", "depth_to_rgb"
 RECEIVED, MATCHED, UNMATCHED = "depth: received", "depth: matched", "depth: no image of the keypoints' time"
 REFUSED, NOT_REGISTERED = "depth: refused", "depth: not registered"
 REFUSAL = "depth image refused"
-COUNTS = (RECEIVED, MATCHED, UNMATCHED, REFUSED, NOT_REGISTERED)
-"""Keys of the counts: depth images received and refused; keypoint messages with and without a depth image."""
+EARLIER = "depth: matched, the image before"
+COUNTS = (RECEIVED, MATCHED, EARLIER, UNMATCHED, REFUSED, NOT_REGISTERED)
+"""Keys of the counts: depth images received and refused; keypoint messages with and without a depth image. Those with
+the image of the period before are part of MATCHED."""
 
 
 class DepthImages:
@@ -40,7 +44,7 @@ class DepthImages:
         """counts: a Counter that receives the numbers of messages, see COUNTS.
 
         topic: of the images. registered: whether images with another frame_id than the colour image's are registered to
-        it nevertheless; they are in any case if the topic's name says so (REGISTERED_NAMES).
+        it nevertheless; they are in any case if the topic's name is one of REGISTERED_NAMES.
         """
         self._counts = counts
         self._registered = registered or any(name in topic for name in REGISTERED_NAMES)
@@ -99,6 +103,7 @@ class DepthImages:
     def with_depth(self, keypoints: Keypoints, stamp_ns: int, size: tuple[int, int], frame_id: str) -> Keypoints:
         """Return the keypoints with the depths of the image of their time, or unchanged if there is none.
 
+        If the image of their time has not come, that of the period before is used, see `Keypoints.depth_age`.
         stamp_ns: ns. size: (width, height) px of the keypoints' image. frame_id: of camera_info. Depths that the
         message brings itself take precedence.
         """
@@ -120,7 +125,13 @@ class DepthImages:
         self._counts[MATCHED] += 1
         self.fault = ""
         depth = sample_depth(image, keypoints.xy, size)
-        return replace(keypoints, depth=depth, depth_of_surface=True) if np.isfinite(depth).any() else keypoints
+        assert image.stamp_ns is not None
+        age_ns = stamp_ns - image.stamp_ns
+        if age_ns > self.tolerance_ns:
+            self._counts[EARLIER] += 1
+        if not np.isfinite(depth).any():
+            return keypoints
+        return replace(keypoints, depth=depth, depth_of_surface=True, depth_age=1e-9 * age_ns)
 
     def _refuse(self, error: AdapterError) -> str:
         self._counts[REFUSED] += 1
@@ -136,11 +147,13 @@ class DepthImages:
         return pixels
 
     def _nearest(self, stamp_ns: int) -> DepthImage | CompressedDepth | None:
-        """Return the image nearest to a stamp, at most half a period away; None if there is none."""
+        """Return the image nearest to a stamp, at most half a period away, or the newest one before; None without."""
         apart = [abs(image.stamp_ns - stamp_ns) for image in self._images if image.stamp_ns is not None]
-        if not apart or min(apart) > self.tolerance_ns:
+        if not apart:
             return None
-        return self._images[apart.index(min(apart))]
+        nearest = self._images[apart.index(min(apart))]
+        older = self.may_receive(stamp_ns) and min(apart) <= OLDEST * self._period_ns
+        return nearest if older or min(apart) <= self.tolerance_ns else None
 
     def _registration_fault(self, image: DepthImage, size: tuple[int, int], frames: tuple[str, str]) -> str:
         """Return why an image cannot be registered to the colour image; empty if it can. frames: of the latter."""

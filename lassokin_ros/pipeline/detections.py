@@ -18,7 +18,15 @@ def detection(keypoints: Keypoints, person: int | None, count: int, lens: Lens) 
     """
     pixels, confidence = keypoints.as_landmarks(count, person)
     depth = keypoints.depth_as_landmarks(count, person)
-    return Detection(lens.normalise(pixels), confidence, person or 0, pixels, depth, keypoints.depth_of_surface)
+    return Detection(
+        lens.normalise(pixels),
+        confidence,
+        person or 0,
+        pixels,
+        depth,
+        keypoints.depth_of_surface,
+        keypoints.depth_age,
+    )
 
 
 def detections_by_person(keypoints: Keypoints, count: int, lens: Lens) -> list[Detection]:
@@ -39,6 +47,7 @@ def detections_by_person(keypoints: Keypoints, count: int, lens: Lens) -> list[D
             pixels[i],
             keypoints.depth_as_landmarks(count, number),
             keypoints.depth_of_surface,
+            keypoints.depth_age,
         )
         for i, number in enumerate(numbers.tolist())
     ]

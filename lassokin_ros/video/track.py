@@ -38,7 +38,7 @@ FIRST_STAMP_NS = 1_000_000_000
 """ns: a stamp of zero means no stamp."""
 FRAME = "camera_optical_frame"
 COMPLETE = 0.9
-"""Share of the images that a file announces, from which on it is not called cut. Some formats give an estimate."""
+"""Share of the announced images from which a file counts as complete. Some formats give only an estimate."""
 
 
 @dataclass(frozen=True)

@@ -63,7 +63,7 @@ def test_mutants_are_killed_time_out_or_survive(repository, tmp_path):
     assert (row["sampled"], row["killed"], row["survived"], row["timed_out"], row["score"]) == (4, 3, 1, 1, 0.75)
 
 
-def test_tests_that_fail_by_themselves_are_told(repository, tmp_path):
+def test_tests_that_fail_by_themselves_are_reported(repository, tmp_path):
     (repository / "test/msg_adapters/test_a.py").write_text("assert False\n")
     copy = trial.Copy(repository, tmp_path, preloaded=("pytest",))
     with pytest.raises(SystemExit, match="test_tiny.py fail without a mutant .exit code 1"):

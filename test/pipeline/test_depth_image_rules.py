@@ -12,6 +12,7 @@ from messages import rosbags_backend  # noqa: E402
 
 from lassokin_ros.pipeline.depth_images import (  # noqa: E402
     COUNTS,
+    EARLIER,
     KEPT,
     MATCHED,
     NOT_REGISTERED,
@@ -60,13 +61,14 @@ def test_the_period_is_that_of_the_images(images):
     assert images.newest_ns is None and images.tolerance_ns == 100 * MS
 
 
-def test_the_nearest_image_within_half_a_period(images):
+def test_the_nearest_image_within_half_a_period_or_the_newest_one_before(images):
     for number in range(3):
         add(images, 100 * number, 1.0 + number)
-    expected = {-50: 1.0, -51: None, 0: 1.0, 49: 1.0, 51: 2.0, 200: 3.0, 250: 3.0, 251: None}
+    expected = {-50: 1.0, -51: None, 0: 1.0, 49: 1.0, 51: 2.0, 200: 3.0, 250: 3.0, 251: 3.0, 350: 3.0, 351: None}
     for at_ms, depth in expected.items():
         assert depth_at(images, at_ms) == depth, at_ms
-    assert images._counts[MATCHED] == 6 and images._counts[UNMATCHED] == 2
+    counts = images._counts
+    assert (counts[MATCHED], counts[EARLIER], counts[UNMATCHED]) == (8, 2, 2)
     assert images.may_receive(START + 251 * MS)
     assert not images.may_receive(START + 250 * MS) and not images.may_receive(None)
 

@@ -71,7 +71,7 @@ PLACES = {
 
 
 def test_joints_outside_of_the_image_are_as_uncertain_as_they_are_wrong():
-    """Legs below the image, clamped to its last row: nothing is known of them but the body's habits."""
+    """Legs below the image, clamped to its last row: only the prior determines their position."""
     skeleton = Skeleton.load("anthropometric", 1.75)
     kinematics = Kinematics(skeleton, Layout.load("coco17", skeleton))
     states = motion(skeleton, np.arange(3 * COUNT) / 30.0)

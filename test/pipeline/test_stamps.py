@@ -102,7 +102,7 @@ def test_among_stamps_time_goes_on_by_the_arrivals_for_a_period_at_most():
     assert time.estimate(5.5) == pytest.approx(100 + 1 / 30)
     time.follow(100.1, 5.1)  # from now on 10 Hz
     assert time.estimate(6.0) == pytest.approx(100.2) and time.estimate(5.1) == pytest.approx(100.11)
-    time.follow(100.15, 5.15, stamped=False)  # a message without a stamp goes on, and tells no period
+    time.follow(100.15, 5.15, stamped=False)  # a message without a stamp continues, and does not determine the period
     assert time.estimate(5.2) == pytest.approx(100.2) and time.estimate(7.0) == pytest.approx(100.25)
 
 
@@ -117,7 +117,7 @@ def test_the_period_shrinks_at_once_and_grows_by_doubling():
     assert time.estimate(200.0) == pytest.approx(105.1)
 
 
-def test_the_first_stamp_after_arrivals_is_told():
+def test_the_first_stamp_after_arrivals_is_recognised():
     watch = StampWatch()
     assert not watch.is_first_stamp(True)
     watch.check(10**9, 10**9, JUMP_BACK_S)

@@ -86,7 +86,7 @@ class Proportions:
 
 
 def _parts(skeleton: Skeleton) -> dict[str, np.ndarray]:
-    """(n, 3) m: the offsets that belong to each length. A joint that is in no table gets a length of its own."""
+    """(n, 3) m: the offsets that belong to each length. A joint that is in no table gets a separate length."""
     names = skeleton.joint_names
     groups: dict[str, tuple[list[str], str]] = {}
     for length, (kinds, axes) in PAIRS.items():

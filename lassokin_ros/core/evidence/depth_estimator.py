@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from lassokin_ros.core.batch import BatchedCall, Steps
@@ -21,17 +19,9 @@ from lassokin_ros.core.evidence.depth_network import (
 )
 from lassokin_ros.core.image.frame_data import JointDepths
 
-HOLD = 0.025
-"""s for which an estimate is used again. At 60 Hz the network thus runs for every second frame; the errors of the
-joints are the same (people of validation). At 30 Hz it runs for each frame, and must: 1 mm is lost otherwise."""
-
 
 class DepthEstimator:
     """Runs the network on the recent keypoints of one person."""
-
-    _prediction: Prediction | None
-    _depths: JointDepths | None
-    _rotation: np.ndarray
 
     def __init__(self, network: Network, kinematics: Kinematics) -> None:
         """The skeleton's lengths are input to the network where they differ from the built-in proportions."""
@@ -43,7 +33,8 @@ class DepthEstimator:
         self._history = History()
         self._mount: np.ndarray | None = None
         self._level = np.eye(3)
-        self.reset()
+        self._prediction: Prediction | None = None
+        self._rotation = np.eye(3)
 
     @property
     def usable(self) -> bool:
@@ -53,15 +44,12 @@ class DepthEstimator:
     def adopt_history(self, other: DepthEstimator) -> None:
         """Copy the past keypoints and the newest estimate of another estimator for the same person."""
         self._history, self._prediction, self._rotation = other._history, other._prediction, other._rotation
-        self._estimated_at = -math.inf
 
     def reset(self) -> None:
         """Forget the past keypoints."""
         self._history.reset()
         self._prediction = None
-        self._depths = None
         self._rotation = np.eye(3)
-        self._estimated_at = -math.inf
 
     def update(
         self, stamp: float, points: np.ndarray, seen: np.ndarray, up: np.ndarray | None, mount: np.ndarray
@@ -79,21 +67,16 @@ class DepthEstimator:
             self._mount, self._level = mount, _upright_image(mount)
         level = self._level
         self._history.add(stamp, points[self._index] @ level[:2, :2].T, shown)
-        enough = np.count_nonzero(shown) >= LEAST_SEEN
-        if enough and self._prediction is not None and stamp - self._estimated_at < HOLD:
-            return self._depths
         self._prediction = None
-        if not enough:
+        if np.count_nonzero(shown) < LEAST_SEEN:
             return None
-        self._estimated_at = stamp
         past, known = self._history.sampled()
         vertical = np.zeros(3) if up is None else level @ up
         scene = Scene(past, known, vertical, np.array(up is not None), self._lengths, self._lengths_known)
         prediction = self._prediction = yield BatchedCall(self._network, "predict", (scene,))
         self._rotation = prediction.rotation @ level
         depths = self._height * prediction.places[:, 2].astype(float)
-        self._depths = JointDepths(self._rotation[2], depths, prediction.whitening.astype(float) / self._height)
-        return self._depths
+        return JointDepths(self._rotation[2], depths, prediction.whitening.astype(float) / self._height)
 
     def places(self) -> dict[str, np.ndarray] | None:
         """Position (3,) of each target and the right hip relative to the middle of the hips, m, camera frame.

@@ -12,6 +12,32 @@ SMALLEST_DEVIATION = 0.005
 """m: lower limit of the standard deviation. The distance of surface and landmark is not known better."""
 DEPTH_RANGE = 0.05, 100.0
 """m: a depth outside this range is ignored."""
+HIDDEN = 0.03
+"""Distance / height from the nearest surface of the body to a landmark's own surface from which the landmark is hidden
+by another part of the body."""
+THINNEST = 0.5
+"""Share of `surface` by which the distance from surface to landmark may be less."""
+SAME_SURFACE = 0.12
+"""m: a depth this near to the body's nearest surface is that of this surface."""
+
+
+def of_own_surface(
+    depth: np.ndarray, landmarks: np.ndarray, nearest: np.ndarray, surface: np.ndarray, height: float
+) -> np.ndarray:
+    """Depths (l,) m of a camera, corrected by the last pose, so that `surface` is the distance to the landmarks.
+
+    A landmark behind another part of the body was not measured: NaN. For the others the distance from the surface to
+    the landmark along the line of sight is that of the last pose, within limits: a limb that leans is thicker there.
+
+    landmarks: (l,) m, depths of the last pose's landmarks. nearest: (l,) m, where the line of sight meets the last
+    pose's body. surface: m, as in `gate_depth`; height: m, of the person. A depth in front of the nearest surface, or
+    behind it, is kept: there the last pose is wrong.
+    """
+    more = landmarks - nearest - surface
+    with np.errstate(invalid="ignore"):
+        met = np.abs(depth - nearest) < SAME_SURFACE
+    corrected = depth + np.clip(more, -THINNEST * surface, HIDDEN * height)
+    return np.where(met, np.where(more > HIDDEN * height, np.nan, corrected), depth)
 
 
 def gate_depth(

@@ -1,7 +1,8 @@
 """Depth images, and the keypoint messages that wait a moment for theirs.
 
 A depth image is large and often arrives a few milliseconds after the small keypoint message of the same time. The
-keypoint message then waits, at most WAIT_S. If the images are always later than that, messages no longer wait.
+keypoint message then waits, at most WAIT_S. After that the depth image of the period before is used (see
+`DepthImages`). If the images are always later than that, messages no longer wait.
 """
 
 from __future__ import annotations
@@ -26,9 +27,8 @@ from lassokin_ros.pipeline.outputs.topics import depth_type
 
 DEPTH = 5
 """Depth images in the middleware's queue."""
-WAIT_S = 0.018
-"""s: longest time for which a keypoint message waits for its depth image. Fast DDS with its defaults delivers an image
-of 848 x 480 px 11 to 14 ms after a keypoint message that was sent with it: parts of it are sent twice."""
+WAIT_S = 0.005
+"""s: longest time for which a keypoint message waits for its depth image. A longer wait gains no accuracy."""
 SILENT_S = 0.5
 """s without a depth image after which keypoint messages do not wait."""
 MOST_FAILED_WAITS = 10

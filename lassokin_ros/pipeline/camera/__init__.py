@@ -1,4 +1,4 @@
-"""The camera of an image: selection by camera_info, lens, mount and transforms from TF, calibration files.
+"""The camera of an image: selection by camera_info, lens, distortion, mount and transforms from TF, calibration files.
 
 `msg_adapters.camera_info` decodes a message and checks its content.
 """

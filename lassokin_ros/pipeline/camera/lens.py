@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from lassokin_ros.core.errors import CameraError
-from lassokin_ros.core.image.distortion import make_distortion
+from lassokin_ros.pipeline.camera.distortion import make_distortion
 from msg_adapters.camera_info import Intrinsics
 
 COUNTS = {

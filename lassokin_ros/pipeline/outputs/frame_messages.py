@@ -1,4 +1,4 @@
-"""The output messages of one accepted frame. A message is computed only if it is wanted."""
+"""The output messages of one accepted frame. A message is computed only if it is requested."""
 
 from __future__ import annotations
 

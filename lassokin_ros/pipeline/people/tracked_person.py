@@ -34,7 +34,8 @@ class Detection:
     """One person in one image.
 
     points: (l, 2) normalised, NaN = missing; confidence: (l,); number: the person number in the message; pixels:
-    (l, 2) px from the detector, None without a detection. depth, depth_of_surface: as in Observation.
+    (l, 2) px from the detector, None without a detection. depth, depth_of_surface, depth_age: as in
+    Observation.
     """
 
     points: np.ndarray
@@ -43,6 +44,7 @@ class Detection:
     pixels: np.ndarray | None = None
     depth: np.ndarray | None = None
     depth_of_surface: bool = True
+    depth_age: float = 0.0
 
 
 class TrackedPerson:
@@ -107,6 +109,7 @@ class TrackedPerson:
             lens.focal,
             depth=seen.depth,
             depth_of_surface=seen.depth_of_surface,
+            depth_age=seen.depth_age,
         )
         estimate = yield from self.tracker.steps(observation)
         self.status = estimate.status

@@ -235,7 +235,7 @@ def test_what_a_file_leaves_out_has_a_default():
 
 
 @pytest.mark.parametrize("suffix", ["npz", "bvh", "urdf", "pkl", "xacro", "fbx", "BVH"])
-def test_another_format_is_told_from_a_missing_file(suffix):
+def test_another_format_is_distinguished_from_a_missing_file(suffix):
     with pytest.raises(SkeletonError, match=f"body.{suffix}: the core reads skeletons from YAML only"):
         Skeleton.load(f"body.{suffix}", 1.75)
 

@@ -20,7 +20,7 @@ def learned(deviation, hz=30.0, occluded=0.0, seen=17):
 
 
 @pytest.mark.parametrize("deviation", [0.08, 0.15])
-def test_a_larger_noise_is_noticed(deviation):
+def test_a_larger_noise_is_learned(deviation):
     assert learned(deviation) == pytest.approx(deviation / EXPECTED / 1.3, rel=0.15)
 
 

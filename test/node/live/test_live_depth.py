@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from depth_camera import depth_message, render  # noqa: E402
+from depth_camera import compressed_message, depth_message, render  # noqa: E402
 from live import BACKEND, START_NS, NodeProcess, Peer, stamp_of, values_of  # noqa: E402
 from messages import FOCAL, HEIGHT, WIDTH  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
@@ -112,3 +112,36 @@ def test_an_unreadable_image_is_reported(running, scene):
     running.send(START_NS + 7 * 10**10, scene[0][0])
     status = running.next_diagnostics(lambda s: "rgb8" in s.message)
     assert status.level == bytes([WARN]) and "16UC1" in status.message
+
+
+def test_compressed_images_are_used(scene):
+    """On DDS. Their frame_id may differ if the parameter says that they are registered."""
+    pytest.importorskip("cv2", reason="OpenCV reads PNG")
+    arguments = ["-p", "depth:=aligned/compressedDepth", "-p", "depth_registered:=true"]
+    with NodeProcess("/packed", *arguments) as _, Peer("/packed") as peer:
+        kind = message_class(topics.COMPRESSED_DEPTH_TYPE)
+        images = peer.node.create_publisher(kind, "aligned/compressedDepth", sensor_data(5))
+        peer.start(scene[0][0])
+        peer.spin_until(lambda: images.get_subscription_count() == 1, what="the subscription")
+        for i in range(10):
+            stamp_ns, count = START_NS + i * PERIOD_NS, len(peer.got[topics.JOINTS])
+            peer.send_camera()
+            images.publish(compressed_message(BACKEND, stamp_ns, scene[2][i], frame_id="depth_optical_frame"))
+            peer.send(stamp_ns, scene[0][i])
+            peer.spin_until(lambda: len(peer.got[topics.JOINTS]) > count, what=f"the answer to frame {i}")  # noqa: B023
+        assert counts(peer)[MATCHED] >= 5
+
+
+def test_the_image_before_serves_keypoints_whose_own_is_late(running, scene):
+    """The keypoints of a frame are answered before its depth image is sent."""
+    pixels, _, depths = scene
+    start_ns, earlier = START_NS + 9 * 10**10, "depth: matched, the image before [messages]"
+    before = int(values_of(running.next_diagnostics())[earlier])
+    assert running.call(Trigger, "reset", Trigger.Request()).success
+    for i in range(10):
+        stamp_ns, count = start_ns + i * PERIOD_NS, len(running.got[topics.JOINTS])
+        running.send_camera()
+        running.send(stamp_ns, pixels[i])
+        running.spin_until(lambda: len(running.got[topics.JOINTS]) > count, what=f"the answer to frame {i}")  # noqa: B023
+        running.send_depth(stamp_ns, depths[i])
+    assert int(values_of(running.next_diagnostics())[earlier]) - before >= 5

@@ -179,7 +179,7 @@ def test_a_person_before_a_nodding_head_stays_upright():
     assert with_tf < 4.0 and with_tf < 0.6 * without
 
 
-def test_without_tf_the_parameters_hold():
+def test_without_tf_the_parameters_are_used():
     tracker = TrackerConfig(camera_pitch=0.3)
     pipeline, found = estimates(tracker, NodeSettings(camera_mount_frame=BASE))
     assert np.array_equal(found, estimates(tracker, NodeSettings())[1])

@@ -124,7 +124,7 @@ def test_the_number_of_stored_cameras_is_limited(camera):
     camera.update(info("c0", 650.0))  # the oldest comes again and is the newest
     camera.update(info("one more", 900.0))
     assert focal(camera.at(None, "c0")) == 650 and focal(camera.at(None, "c2")) == 602
-    assert focal(camera.at(None, "c1")) == 900  # forgotten: the newest stands in
+    assert focal(camera.at(None, "c1")) == 900  # forgotten: the newest is used
 
 
 def test_several_cameras_on_a_topic_are_detected_by_their_alternation(camera):

@@ -27,7 +27,7 @@ RAW, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 
 
 def grey(number):
-    """The grey value of an image, which says which one it is."""
+    """The grey value of an image, which identifies it."""
     return 60 + 20 * number
 
 

@@ -13,7 +13,7 @@ from msg_adapters.output_messages.builders import OK, WARN, StatusLine
 def certificate_status(estimate: Estimate, failure_probability: float, name: str, hardware_id: str) -> StatusLine:
     """Return KKT residuals, duality gap, support, reprojection error and Theorem 1's margins of the last lasso.
 
-    Theorem 1 is evaluated at the support and signs of the solution: it tells whether the lasso would recover them if
+    Theorem 1 is evaluated at the support and signs of the solution: it shows whether the lasso would recover them if
     they were the truth. failure_probability: see JointUncertainty; name: of the node, and of the person if there are
     several; hardware_id: the camera frame.
     """

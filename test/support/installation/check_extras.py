@@ -1,6 +1,6 @@
 """Install each optional part beside `.[replay,report]`, each in a fresh environment, and use it; see CONTRIBUTING.md.
 
-    python test/support/check_extras.py VIDEO [--model pose.onnx] [--only onnx]
+    python test/support/installation/check_extras.py VIDEO [--model pose.onnx] [--only onnx]
 
 A part fails if pip prints an error line, if `pip check` finds a conflict, if numpy and OpenCV do not work together, or
 if `lassokin track` does not track a person in VIDEO. Downloads about 1 GB; the environments are removed at the end.
@@ -15,7 +15,7 @@ import venv
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 PARTS = ("mediapipe", "onnx", "view", "mediapipe,onnx,view")
 USE = """if True:
     import cv2, numpy

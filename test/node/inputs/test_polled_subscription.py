@@ -48,9 +48,9 @@ def test_the_executor_waits_for_camera_info_until_there_is_a_camera():
         seen = []
         peer.node.create_subscription(message_class(topics.CAMERA_INFO_TYPE), topics.CAMERA_INFO, seen.append, 10)
         peer.spin_until(lambda: [peer.send_camera(), serve()] and node._pipeline.has_camera and seen)
-        node._catch_up()
+        node._inputs.poll()
         calls = []
-        node._camera_info._on_any = lambda: calls.append(None)
+        node._inputs.camera_info._on_any = lambda: calls.append(None)
         seen.clear()
         peer.camera.publish(of(700.0))
         peer.spin_until(lambda: seen, what="camera_info at somebody else's")
@@ -65,15 +65,15 @@ def test_a_change_of_the_camera_between_two_polls_is_not_missed():
         peer.spin_until(lambda: [peer.camera.publish(of(600.0, 99)), serve()] and node._pipeline.has_camera)
         for focal_px, stamp_s in ((600.0, 100), (700.0, 101), (700.0, 102)):
             peer.camera.publish(of(focal_px, stamp_s))
-        peer.spin_until(lambda: node._catch_up() or focal(node) == 700.0, what="the change")
-        node._catch_up()
+        peer.spin_until(lambda: node._inputs.poll() or focal(node) == 700.0, what="the change")
+        node._inputs.poll()
         assert node._pipeline.camera.view.stamp_ns == 101 * 10**9
         assert node._pipeline.camera.at(100_900_000_000).intrinsics.K[0, 0] == 600.0
 
 
 def test_repeated_camera_info_is_not_decoded_but_each_rejection_is_counted():
     with node_in_this_process("/same_again") as (node, _):
-        come, taken = node._camera_info, []
+        come, taken = node._inputs.camera_info, []
         original = come._on_new
         come._on_new = lambda message: [taken.append(message), original(message)][1]
         for stamp_s in range(3):
@@ -105,7 +105,7 @@ def test_with_an_overridden_qos_the_executor_keeps_waiting(policy):
         peer.spin_until(lambda: [peer.send(0, PIXELS[0]), serve()] and node._diagnostics.keypoints_received)
         peer.spin_until(lambda: [peer.camera.publish(of(700.0)), serve()] and focal(node) == 700.0)
         node._publish_diagnostics()
-        attended = [event.callback_group is not UNATTENDED for event in node._keypoints.event_handlers]
+        attended = [event.callback_group is not UNATTENDED for event in node._keypoints._subscription.event_handlers]
         assert attended and attended == ["reliability" in policy] * len(attended)
 
 
@@ -113,8 +113,8 @@ def test_time_and_camera_are_read_before_the_keypoints_are_processed():
     with node_in_this_process("/in_time") as (node, serve), Peer("/in_time", outputs=False) as peer:
         without_timers(node)
         order = []
-        node._simulated_time.poll = lambda: order.append("time")
-        node._camera_info.poll = lambda: order.append("camera")
+        node._inputs.simulated_time.poll = lambda: order.append("time")
+        node._inputs.camera_info.poll = lambda: order.append("camera")
         node.work_on = lambda message, **_: order.append("keypoints")
         peer.spin_until(lambda: [peer.send(0, PIXELS[0]), serve()] and "keypoints" in order)
         assert order[:3] == ["time", "camera", "keypoints"]
@@ -132,23 +132,23 @@ def test_the_clock_is_read_when_the_time_is_needed(simulated):
             message.clock.sec = seconds
             clock.publish(message)
 
-        node._catch_up()  # from now on the executor does not wait for the clock
-        peer.spin_until(lambda: [tick(), serve(), node._catch_up()] and seen)
+        node._inputs.poll()  # from now on the executor does not wait for the clock
+        peer.spin_until(lambda: [tick(), serve(), node._inputs.poll()] and seen)
         now = lambda: node.get_clock().now().nanoseconds  # noqa: E731
         if not simulated:
             assert now() > 10**18
             return
-        peer.spin_until(lambda: [tick(), node._catch_up()] and now() == 100 * 10**9, what="the first time")
+        peer.spin_until(lambda: [tick(), node._inputs.poll()] and now() == 100 * 10**9, what="the first time")
         seconds = 200
         for _ in range(20):
             tick()
         peer.spin_until(lambda: seen[-1].clock.sec == 200, what="the time at somebody else's")
         assert rests_for_a_second(serve) and now() == 100 * 10**9
-        node._catch_up()
+        node._inputs.poll()
         assert now() == 200 * 10**9
         resets, seconds = node._pipeline.counts["resets"], 150
         tick()
-        peer.spin_until(lambda: node._catch_up() or now() == 150 * 10**9, what="the time before")
+        peer.spin_until(lambda: node._inputs.poll() or now() == 150 * 10**9, what="the time before")
         assert node._pipeline.counts["resets"] == resets + 1
 
 
@@ -157,15 +157,15 @@ def test_an_invalid_time_has_no_other_effect():
         without_timers(node)
         clock, message = peer.node.create_publisher(Clock, "/clock", 10), Clock()
         message.clock.sec = -1
-        node._catch_up()
+        node._inputs.poll()
         counts = node._pipeline.counts
-        peer.spin_until(lambda: [clock.publish(message), node._catch_up()] and counts["rejected: internal_error"])
-        node._camera_info.take(of(600.0))
-        peer.spin_until(lambda: [peer.camera.publish(of(700.0)), node._catch_up()] and focal(node) == 700.0)
+        peer.spin_until(lambda: [clock.publish(message), node._inputs.poll()] and counts["rejected: internal_error"])
+        node._inputs.camera_info.take(of(600.0))
+        peer.spin_until(lambda: [peer.camera.publish(of(700.0)), node._inputs.poll()] and focal(node) == 700.0)
 
 
 def test_without_use_sim_time_no_clock_is_read():
     with node_in_this_process("/no_sim") as (node, _):
         assert not any(subscription.msg_type is Clock for subscription in node.subscriptions)
-        node._catch_up()
+        node._inputs.poll()
         node.work_on(cloud(BACKEND, 0, PIXELS[0]))

@@ -1,0 +1,71 @@
+"""The body's surface as a depth camera sees it: capsules along the bones.
+
+At a landmark's keypoint the camera measures the nearest surface. In a side view this often is another part of the body:
+an arm hides the hips, one leg the other. Such a depth says nothing about the landmark.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lassokin_ros.core.body.kinematics import BodyPose
+from lassokin_ros.core.body.skeleton import Skeleton
+
+CAPSULES = (
+    ("pelvis", "spine2", 0.060),
+    ("spine2", "neck", 0.060),
+    ("neck", "head", 0.036),
+    ("left_hip", "right_hip", 0.055),
+    ("left_hip", "left_shoulder", 0.048),
+    ("right_hip", "right_shoulder", 0.048),
+    ("left_shoulder", "right_shoulder", 0.038),
+    *((f"{side}_hip", f"{side}_knee", 0.042) for side in ("left", "right")),
+    *((f"{side}_knee", f"{side}_ankle", 0.029) for side in ("left", "right")),
+    *((f"{side}_ankle", f"{side}_foot", 0.020) for side in ("left", "right")),
+    *((f"{side}_shoulder", f"{side}_elbow", 0.027) for side in ("left", "right")),
+    *((f"{side}_elbow", f"{side}_wrist", 0.021) for side in ("left", "right")),
+)
+"""Joints at both ends, and radius / height: the means of `SURFACE` (landmarks.py) along the limb."""
+HEAD = (0.0, 0.055, 0.012), 0.055
+"""Middle of the skull in the head's frame, and its radius, / height."""
+
+
+class BodySurface:
+    """The capsules of one skeleton. Joints that it does not have are left out."""
+
+    def __init__(self, skeleton: Skeleton) -> None:
+        names, scale = skeleton.joint_names, skeleton.height
+        chosen = [(names.index(a), names.index(b), r) for a, b, r in CAPSULES if a in names and b in names]
+        self._start, self._end = (np.array([c[i] for c in chosen], dtype=int) for i in (0, 1))
+        self._radii = np.array([c[2] for c in chosen]) * scale
+        self._head = names.index("head") if "head" in names else None
+        self._skull, self._skull_radius = np.array(HEAD[0]) * scale, HEAD[1] * scale
+
+    def depth_towards(self, pose: BodyPose, points: np.ndarray) -> np.ndarray:
+        """(k,) m: depth at which the line of sight to points (k, 3) m first meets the body, infinite if it misses."""
+        starts, ends = pose.positions[self._start], pose.positions[self._end]
+        radii = self._radii
+        if self._head is not None:
+            skull = pose.positions[self._head] + pose.orientations[self._head] @ self._skull
+            starts, ends = np.concatenate([starts, [skull]]), np.concatenate([ends, [skull]])
+            radii = np.append(radii, self._skull_radius)
+        return np.asarray(_entry_depths(points / points[:, 2:], starts, ends, radii).min(axis=1))
+
+
+def _entry_depths(rays: np.ndarray, starts: np.ndarray, ends: np.ndarray, radii: np.ndarray) -> np.ndarray:
+    """(k, c) m: depth at which rays (k, 3) with z = 1 enter capsules with ends (c, 3) and radii (c,), or infinity."""
+    axes = ends - starts
+    ray2, axis2 = (rays * rays).sum(-1)[:, None], (axes * axes).sum(-1)
+    along, towards, start_along = rays @ axes.T, rays @ starts.T, (starts * axes).sum(-1)
+    a = axis2 * ray2 - along**2
+    b = axis2 * towards - start_along * along
+    c = axis2 * ((starts * starts).sum(-1) - radii**2) - start_along**2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        side = (b - np.sqrt(b * b - a * c)) / a
+        place = side * along - start_along
+        depth = np.where((place > 0) & (place < axis2), side, np.inf)
+        for points in (starts, ends):
+            middle = rays @ points.T
+            ball = middle - np.sqrt(middle**2 - ray2 * ((points * points).sum(-1) - radii**2))
+            depth = np.fmin(depth, ball / ray2)
+    return np.asarray(depth)
