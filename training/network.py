@@ -14,8 +14,8 @@ JITTER = 0.008
 """In heights: noise on the target depths, so that no combination of them is considered exact."""
 PLANE = 0.5
 """Weight of x and y in the loss."""
-ADAM_RATE = 1.5e-3
-MUON_RATE, DECAY, MOMENTUM = 0.03, 0.01, 0.95
+ADAM_RATE, ADAM_DECAY = 1.5e-3, 0.03
+MUON_RATE, MUON_DECAY, MOMENTUM = 0.02, 0.01, 0.95
 _LOWER = np.tril_indices(DEPTHS, -1)
 
 
@@ -91,10 +91,10 @@ def backpropagated(network: Network, inputs: np.ndarray, places: np.ndarray) -> 
 
 
 class Optimiser:
-    """Muon for the matrices, Adam for the vectors, and an average of the weights.
+    """Muon for the matrices of the blocks, Adam for the other weights, and an average of the weights.
 
-    Muon (Jordan 2024) replaces the momentum of a matrix by the nearest matrix with orthogonal rows or columns, so that
-    all directions are learned at the same rate; it needs a third of the samples that Adam (Kingma & Ba 2015) needs.
+    Muon (Jordan 2024) replaces the momentum of a matrix by the nearest orthogonal matrix, so that all directions are
+    learned at the same rate. Adam: Kingma & Ba 2015. Both with decoupled decay (Loshchilov & Hutter 2019).
     """
 
     def __init__(self, weights: list[np.ndarray], average: float = 0.9995) -> None:
@@ -111,7 +111,7 @@ class Optimiser:
         shrink = np.float32(min(1.0, clip / (size + 1e-9)))
         kept = min(self._average, (1 + self._step) / (10 + self._step))
         for i, (w, a, g) in enumerate(zip(self.weights, self.averaged, gradients)):
-            if w.ndim == 2:
+            if w.ndim == 2 and w.shape[0] == w.shape[1]:
                 self._muon(i, w, g * shrink, share)
             else:
                 self._adam(i, w, g * shrink, share)
@@ -120,21 +120,21 @@ class Optimiser:
     def _muon(self, i: int, w: np.ndarray, g: np.ndarray, share: float) -> None:
         momentum = self._first[i]
         momentum += np.float32(1 - MOMENTUM) * (g - momentum)
-        w *= np.float32(1 - MUON_RATE * share * DECAY)
+        w *= np.float32(1 - MUON_RATE * share * MUON_DECAY)
         w -= np.float32(MUON_RATE * share) * orthogonalised(g + np.float32(MOMENTUM) * (momentum - g))
 
     def _adam(self, i: int, w: np.ndarray, g: np.ndarray, share: float) -> None:
         m, v = self._first[i], self._second[i]
         one, two = 1 - 0.9**self._step, 1 - 0.999**self._step
+        if w.ndim == 2:
+            w *= np.float32(1 - ADAM_RATE * share * ADAM_DECAY)
         m += np.float32(0.1) * (g - m)
         v += np.float32(0.001) * (g * g - v)
         w -= np.float32(ADAM_RATE * share / one) * m / (np.sqrt(v / np.float32(two)) + np.float32(1e-8))
 
 
 def orthogonalised(matrix: np.ndarray) -> np.ndarray:
-    """About U V' of a matrix U S V', by five Newton-Schulz steps: its singular values become 0.7 to 1.2."""
-    if matrix.shape[0] > matrix.shape[1]:
-        return orthogonalised(matrix.T).T
+    """About U V' of a square matrix U S V', by five Newton-Schulz steps: its singular values become 0.7 to 1.2."""
     a, b, c = np.float32(3.4445), np.float32(-4.7750), np.float32(2.0315)
     X = matrix / np.float32(np.linalg.norm(matrix) + 1e-7)
     for _ in range(5):
