@@ -12,6 +12,8 @@ SMALLEST_DEVIATION = 0.005
 """m: lower limit of the standard deviation. The distance of surface and landmark is not known better."""
 DEPTH_RANGE = 0.05, 100.0
 """m: a depth outside this range is ignored."""
+AGED_SPEED = 0.5
+"""m/s: typical speed of a body point along the optical axis, by which an older depth becomes less certain."""
 HIDDEN = 0.03
 """Distance / height from the nearest surface of the body to a landmark's own surface from which the landmark is hidden
 by another part of the body."""
@@ -75,3 +77,8 @@ def gate_depth(
         return None
     weights = np.where(used, 1 / np.maximum(np.where(used, deviation, 1.0), SMALLEST_DEVIATION), 0.0)
     return np.where(used, depth, 0.0), weights
+
+
+def aged(weights: np.ndarray, age: float) -> np.ndarray:
+    """Weights (l,), 1 / standard deviation, 0 = missing, of depths measured `age` s before the points."""
+    return weights / np.sqrt(1 + (AGED_SPEED * age * weights) ** 2)

@@ -15,8 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose
-from lassokin_ros.core.image.depth_filter import DepthFilter
-from lassokin_ros.core.image.depth_gating import DEVIATION, gate_depth
+from lassokin_ros.core.image.depth_gating import DEVIATION, aged, gate_depth
 from lassokin_ros.core.image.depth_noise import DepthNoise
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.keypoint_filter import KeypointFilter
@@ -86,7 +85,7 @@ class MeasurementFilter:
         """
         self._surface, self._reach = surface, reach
         self._repeats, self._filter = RepeatedFrames(), KeypointFilter(names, limbs)
-        self._depth_noise, self._depth_filter = DepthNoise(), DepthFilter(len(names))
+        self._depth_noise = DepthNoise()
         self.reset()
 
     def resize(self, surface: np.ndarray | float, reach: float) -> None:
@@ -106,7 +105,6 @@ class MeasurementFilter:
         self._repeats.reset()
         self._filter.reset()
         self._depth_noise.forget()
-        self._depth_filter.reset()
 
     def filtered(
         self,
@@ -128,7 +126,6 @@ class MeasurementFilter:
         lost = stamp - (self.newest if repeated else self._informed) > lost_after
         if lost:
             self._filter.reset()
-            self._depth_filter.reset()
             repeated = 0.0
         known_depth = depth
         if lost or depth is None:
@@ -146,7 +143,7 @@ class MeasurementFilter:
             measured = None if measured is None else (measured[0][assignment], measured[1][assignment])
         if measured is not None and not repeated:
             weighted = measured[1] / self._depth_noise.update(stamp, *measured)
-            measured = self._depth_filter.update(stamp, measured[0], weighted, observation.depth_age)
+            measured = measured[0], aged(weighted, observation.depth_age)
         speed = depth * self._filter.speed()
         news = 0.0 if repeated else stamp - self._informed
         step = stamp - self.newest
