@@ -48,6 +48,9 @@ initialises anew."""
 GOOD_FIT = 3.0
 """Cost per visible landmark up to which a fit that started from the network's pose is used without another search."""
 
+LONG_STEP = 0.15
+"""s since the last new keypoints from which a frame starts from a fit and not from the last state."""
+
 VERTICAL_AFTER = 1.0
 """s for which the vertical must have been learned before it is input to the depth network."""
 
@@ -84,6 +87,8 @@ class Tracker(TrackerParts):
             return self._reject(observation, Rejection.TOO_FEW_LANDMARKS)
         frame = yield from self._with_learned_depth(measurement)
         fit = self._initialise(measurement, frame)
+        if fit is None and measurement.news >= LONG_STEP:
+            self._fit_after_long_step(frame)
         start, increment = yield from self._solve_increment(fit, frame, measurement)
         rejection = self._check_answer(start, increment, measurement.focal)
         if rejection is not None:
@@ -179,6 +184,17 @@ class Tracker(TrackerParts):
             return fit
         self._upright.vertical = chosen
         return near
+
+    def _fit_after_long_step(self, frame: FrameData) -> None:
+        """Start this frame from the last state or the network's pose, whichever explains the frame better when fitted."""
+        places = None if self._depth is None else self._depth.places()
+        if places is None:
+            return
+        assert self._state is not None
+        starts = self._successor or self._state, self._network_hypothesis.start(places, self.skeleton)
+        fits = [self._initialiser.refine_start(start, frame) for start in starts]
+        self._successor = min(fits, key=lambda fit: float(fit.costs[0])).best
+        self._body_hypotheses.replace_published(self._successor)
 
     def _solve_increment(
         self, fit: Fit | None, frame: FrameData, measurement: Measurement
