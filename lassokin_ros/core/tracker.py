@@ -186,7 +186,7 @@ class Tracker(TrackerParts):
         return near
 
     def _fit_after_long_step(self, frame: FrameData) -> None:
-        """Start this frame from the last state or the network's pose, whichever explains the frame better when fitted."""
+        """Start this frame from a fit of the last state or of the network's pose, by which explains it better."""
         places = None if self._depth is None else self._depth.places()
         if places is None:
             return

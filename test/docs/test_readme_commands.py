@@ -64,7 +64,7 @@ def test_the_replay_command_runs_and_writes_its_report(tmp_path, monkeypatch):
 
 def test_node_commands_have_existing_parameters_and_topics():
     inputs = {topics.KEYPOINTS, topics.CAMERA_INFO}
-    (line,) = starting_with("ros2", "run")
+    (line,) = starting_with("ros2", "run", "lassokin_ros", "tracker")
     assert line[2:4] == ["lassokin_ros", "tracker"] and line[3] in COMMANDS
     assert {item.partition(":=")[0] for item in options_after(line, "-r")} <= inputs
     given = options_after(line, "-p") + re.findall(r"-p (\w+:=\S+)", README)
@@ -121,7 +121,7 @@ def test_the_node_starts_with_the_command_of_the_readme():
 
     from lassokin_ros.node.node import TrackerNode
 
-    (line,) = starting_with("ros2", "run")
+    (line,) = starting_with("ros2", "run", "lassokin_ros", "tracker")
     context = rclpy.Context()
     rclpy.init(context=context, args=line[line.index("--ros-args") :])
     try:

@@ -142,6 +142,6 @@ def test_the_image_before_serves_keypoints_whose_own_is_late(running, scene):
         stamp_ns, count = start_ns + i * PERIOD_NS, len(running.got[topics.JOINTS])
         running.send_camera()
         running.send(stamp_ns, pixels[i])
-        running.spin_until(lambda: len(running.got[topics.JOINTS]) > count, what=f"the answer to frame {i}")  # noqa: B023
+        running.spin_until(lambda: len(running.got[topics.JOINTS]) > count, what=f"answer {i}")  # noqa: B023
         running.send_depth(stamp_ns, depths[i])
     assert int(values_of(running.next_diagnostics())[earlier]) - before >= 5

@@ -16,8 +16,16 @@ from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.errors import SkeletonError  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
-from lassokin_ros.pipeline.outputs.description.robot_description import LARGEST_ERROR, RobotDescription, farthest_move  # noqa: E402
-from lassokin_ros.pipeline.outputs.description.skeleton_file import check_skeleton_file, for_person, write_text  # noqa: E402
+from lassokin_ros.pipeline.outputs.description.robot_description import (  # noqa: E402
+    LARGEST_ERROR,
+    RobotDescription,
+    farthest_move,
+)
+from lassokin_ros.pipeline.outputs.description.skeleton_file import (  # noqa: E402
+    check_skeleton_file,
+    for_person,
+    write_text,
+)
 from lassokin_ros.pipeline.outputs.description.urdf import has_prefix, joint_names, urdf  # noqa: E402
 from lassokin_ros.pipeline.outputs.description.urdf_from_parameters import urdf_from_settings  # noqa: E402
 from lassokin_ros.pipeline.outputs.frame_messages import id_list  # noqa: E402
