@@ -24,7 +24,7 @@ from typing import Sequence
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-import benchmarks.accuracy_run.experiment as experiment  # isort: skip  (first: sets one thread before numpy is imported)
+import benchmarks.accuracy_run.experiment as experiment  # isort: skip  (first: sets one thread before numpy)
 import numpy as np
 
 from benchmarks.common import option_types
