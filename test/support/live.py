@@ -200,7 +200,7 @@ def complaints(said):
     usual = (
         "lassokin_ros ",
         "waiting for ",
-        "the first message on ",
+        "received the first message on ",
         "tracking",
         "lost: ",
         "nobody is tracked",
