@@ -27,7 +27,7 @@ from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.hypotheses.initialisation import Fit
-from lassokin_ros.core.hypotheses.replacement import reinitialisation_replaces
+from lassokin_ros.core.hypotheses.replacement import FIT_AFTER, reinitialisation_replaces
 from lassokin_ros.core.image.depth_gating import of_own_surface
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.gating import gate_observation
@@ -47,9 +47,6 @@ initialises anew."""
 
 GOOD_FIT = 3.0
 """Cost per visible landmark up to which a fit that started from the network's pose is used without another search."""
-
-LONG_STEP = 0.15
-"""s since the last new keypoints from which a frame starts from a fit and not from the last state."""
 
 VERTICAL_AFTER = 1.0
 """s for which the vertical must have been learned before it is input to the depth network."""
@@ -87,7 +84,7 @@ class Tracker(TrackerParts):
             return self._reject(observation, Rejection.TOO_FEW_LANDMARKS)
         frame = yield from self._with_learned_depth(measurement)
         fit = self._initialise(measurement, frame)
-        if fit is None and measurement.news >= LONG_STEP:
+        if fit is None and measurement.news >= FIT_AFTER:
             self._fit_after_long_step(frame)
         start, increment = yield from self._solve_increment(fit, frame, measurement)
         rejection = self._check_answer(start, increment, measurement.focal)

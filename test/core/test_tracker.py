@@ -17,11 +17,12 @@ from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.evidence.upright import Upright
 from lassokin_ros.core.hypotheses.initialisation import Initialiser
+from lassokin_ros.core.hypotheses.replacement import FIT_AFTER
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.lasso.certificate import certify
 from lassokin_ros.core.observation import Observation, Rejection, Status
-from lassokin_ros.core.tracker import LONG_STEP, Tracker
+from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion
 
 
@@ -78,11 +79,10 @@ def test_translation_is_followed_when_no_joint_may_move():
 def test_after_long_steps_frames_start_from_a_fit(monkeypatch):
     """At 2 Hz the last state is a poor start: half a second later people have another pose."""
     errors = []
-    for long_step in (LONG_STEP, np.inf):
-        monkeypatch.setattr("lassokin_ros.core.tracker.LONG_STEP", long_step)
+    for fit_after in (FIT_AFTER, np.inf):
+        monkeypatch.setattr("lassokin_ros.core.tracker.FIT_AFTER", fit_after)
         tracker = Tracker(replace(CONFIG, calibrate=False, depth_prior=True))
-        sequence = list(observations(tracker, 20.0))[:: round(RATE / 2)]
-        estimates = [(truth, tracker.track(observation)) for truth, observation in sequence]
+        estimates = [(x, tracker.track(o)) for x, o in list(observations(tracker, 20.0))[:: round(RATE / 2)]]
         assert all(estimate.accepted and estimate.certificate.kkt_residual <= 1e-6 for _, estimate in estimates)
         errors.append(np.mean([aligned_error(estimate, truth) for truth, estimate in estimates[1:]]))
     assert errors[0] < 0.93 * errors[1]

@@ -5,10 +5,12 @@ In each frame with new keypoints, `Tracker` compares the tracked state with one 
 - with the depth network: the network's pose, fitted to the frames (`network_hypothesis`), by `NETWORK_MARGIN`;
 - without it: alternative bodies (`body_hypotheses`), by `BODY_MARGIN`, and if none replaces the state, the mirrored
   limbs (`limb_hypotheses`), by `LIMB_MARGIN`;
+- with the network, `FIT_AFTER` s or more after the last keypoints: fits of the last state and of the network's pose to
+  this frame; it starts from the one of lower cost (`Tracker._fit_after_long_step`);
 - if the cost stays high: a newly initialised state (`reinitialisation`), by `REINITIALISATION_SHARE`.
 
-Costs are negative log-likelihoods: the image, all other evidence and, for body hypotheses, motion. The replacement
-takes effect in the next frame, so that each published answer is that of its own certified lasso.
+Costs are negative log-likelihoods: the image, all other evidence and, for body hypotheses, motion. Except after
+a long step, the replacement takes effect in the next frame. Each published answer is that of its own certified lasso.
 """
 
 from __future__ import annotations
@@ -19,6 +21,8 @@ LIMB_MARGIN = 0.6
 """Difference in mean cost by which a mirrored limb must be better; less than for a whole body."""
 NETWORK_MARGIN = 2.0
 """Difference in cost by which the fitted pose of the network must be better."""
+FIT_AFTER = 0.15
+"""s since the last new keypoints. At this rate a state found for one frame is too old for the next one."""
 REINITIALISATION_SHARE = 0.5
 """Share of the tracked state's cost below which the cost of a newly initialised state must be."""
 
