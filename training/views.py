@@ -11,7 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lassokin_ros.core.evidence.depth_network import NAMES, TARGETS, TIMES, Scene, features, interpolated
+from lassokin_ros.core.evidence.depth_network import (
+    LARGEST_DEVIATION,
+    NAMES,
+    TARGETS,
+    TIMES,
+    Scene,
+    features,
+    interpolated,
+)
 from training.motion import Motion
 
 FASTEST, SLOWEST = 60.0, 2.0
@@ -31,6 +39,10 @@ OTHER_ARMS = 0.35
 """Share of the samples with the arms of another clip."""
 BENT = 0.6
 """Share of the samples with limbs and head rotated at random."""
+LENGTHS_KNOWN = 0.6
+"""Share of the samples with known bone lengths."""
+LENGTH_DEVIATIONS = (0.005, LARGEST_DEVIATION)
+"""Range of the standard deviation of the known log-lengths, drawn uniformly in its logarithm."""
 LASTS = 0.1
 """s: correlation time of a detector's wandering error."""
 
@@ -115,9 +127,8 @@ class Views:
             _swap(image, seen, random)
         places, known = _resampled(image, seen, times, slots, share)
         believed, up_known = _believed(up, turn, random)
-        lengths_known = random.random(size) < 0.4
-        lengths = lengths * np.exp(0.02 * random.standard_normal(lengths.shape))
-        inputs, rotation = features(Scene(places, known, believed, up_known, lengths, lengths_known))
+        lengths, deviation = _learned(lengths, random)
+        inputs, rotation = features(Scene(places, known, believed, up_known, lengths, deviation))
         relative = points[:, 0] - points[:, 0, _HIPS].mean(1, keepdims=True)
         target = relative[:, _TARGETS] @ rotation.swapaxes(-1, -2)
         return Batch(inputs, target.astype(np.float32))
@@ -372,3 +383,11 @@ def _believed(up: np.ndarray, turn: np.ndarray, random: np.random.Generator) -> 
     believed = np.where((draw < 0.12)[:, None], level, up) + spread * random.standard_normal(up.shape)
     believed /= np.linalg.norm(believed, axis=1, keepdims=True)
     return believed, draw < 0.7
+
+
+def _learned(lengths: np.ndarray, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """The lengths (b, LENGTHS) as a tracker knows them, and the deviation of their logarithms (b,), inf if unknown."""
+    known = random.random(len(lengths)) < LENGTHS_KNOWN
+    deviation = np.exp(random.uniform(*np.log(LENGTH_DEVIATIONS), len(lengths)))
+    errors = np.where(known, deviation, 0.0)[:, None] * random.standard_normal(lengths.shape)
+    return lengths * np.exp(errors), np.where(known, deviation, np.inf)
