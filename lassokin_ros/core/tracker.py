@@ -92,7 +92,7 @@ class Tracker(TrackerParts):
             return self._reject(observation, rejection, increment.solution.certificate)
         solved = yield from self._accept_increment(start, fit, increment, measurement, frame)
         smoothed = self._smooth(solved, increment, measurement)
-        estimate = self._estimate(measurement, fit, increment, solved.state, smoothed)
+        estimate = self._estimate(measurement, frame, fit, increment, solved.state, smoothed)
         self._measurements.mark_used(measurement)
         offsets = self.skeleton.offsets
         self._learn(measurement, frame, start, fit, increment)
@@ -295,7 +295,13 @@ class Tracker(TrackerParts):
         )
 
     def _estimate(
-        self, measurement: Measurement, fit: Fit | None, increment: Increment, solved: BodyState, smoothed: BodyState
+        self,
+        measurement: Measurement,
+        frame: FrameData,
+        fit: Fit | None,
+        increment: Increment,
+        solved: BodyState,
+        smoothed: BodyState,
     ) -> Estimate:
         """The estimate for an accepted frame. solved: the state of its lasso; smoothed: the state to publish."""
         self._status = Status.TRACKING
@@ -319,6 +325,7 @@ class Tracker(TrackerParts):
             repeated=measurement.repeated,
             visible=measurement.visible & (measurement.weights > 0),
             measurements=measurement.count,
+            depth_measured=frame.depth_weights is not None,
             length_deviation=self.calibration.spread,
             joint_depths=self._joint_depths,
         )
