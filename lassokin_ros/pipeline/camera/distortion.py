@@ -66,8 +66,8 @@ class Polynomial:
 
     def undistort(self, distorted: np.ndarray) -> np.ndarray:
         """See Distortion.undistort. Newton's method; the radial part alone gives the starting points."""
-        target = distorted if self._tilt is None else _mapped(np.linalg.inv(self._tilt), distorted)
         with np.errstate(all="ignore"):
+            target = distorted if self._tilt is None else _mapped(np.linalg.inv(self._tilt), distorted)
             radius = np.abs(target)
             z = target * (np.interp(radius, self._bent_radii, self._radii) / np.maximum(radius, LEAST_RADIUS))
             for _ in range(ITERATIONS):
