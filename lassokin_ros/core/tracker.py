@@ -145,7 +145,8 @@ class Tracker(TrackerParts):
             seen = measurement.weights > 0
             mount = self._upright.mount
             self._joint_depths = yield from self._depth.update(measurement.stamp, measurement.points, seen, up, mount)
-        return replace(self._with_measured_depth(measurement), joint_depths=self._joint_depths)
+        data = self._with_measured_depth(measurement)
+        return FrameData(data.points, data.weights, data.depth, data.depth_weights, self._joint_depths)
 
     def _with_measured_depth(self, measurement: Measurement) -> FrameData:
         """The frame's measurements; without measured depth as long as the person's size is unknown."""

@@ -34,7 +34,8 @@ from msg_adapters.output_messages.builders import DiagnosticArrayBuilder, String
 from msg_adapters.output_messages.people import DEFINITIONS
 
 DIAGNOSTICS_PERIOD_NS = 1_000_000_000
-LIVE_ONLY = {topic.name for topic in topics.LIVE_OUTPUTS}
+RECORDED = {topic.name for topic in (*topics.FRAME_OUTPUTS, topics.ROI_OUTPUT, topics.TF_OUTPUT)}
+"""Topics of an accepted frame that are written."""
 DEPTH_WAIT_NS = 100_000_000
 """ns of recording time for which a keypoint message waits for its depth image."""
 UNREADABLE = "not_deserialised"
@@ -249,7 +250,7 @@ class PersonMessages:
             self._counts[LINK_AS_FRAME] += 1
         if description is not None:
             yield *self._places[topics.ROBOT_DESCRIPTION], description
-        for topic, message in self._messages.build(frame, lambda topic: topic not in LIVE_ONLY):
+        for topic, message in self._messages.build(frame, RECORDED):
             yield *self._places[topic], message
 
 
