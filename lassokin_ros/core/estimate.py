@@ -24,8 +24,8 @@ class Estimate:
     units of its lower limit, see `failure_probability`. confidence: probability of the chosen start relative to the
     second best in an initialised frame, NaN otherwise. repeated: s since the keypoints last changed.
     visible: (l,) bool, keypoints that were detected in this frame and have a weight. measurements: number of keypoints
-    and measured depths that were used. length_deviation: (p,) standard deviation of the log-lengths. joint_depths:
-    estimate of the depth network.
+    and measured depths that were used. depth_measured: True if measured depths were used. length_deviation: (p,)
+    standard deviation of the log-lengths. joint_depths: estimate of the depth network.
     """
 
     stamp: float
@@ -47,13 +47,9 @@ class Estimate:
     repeated: float = 0.0
     visible: np.ndarray | None = None
     measurements: int = 0
+    depth_measured: bool = False
     length_deviation: np.ndarray | float = 0.0
     joint_depths: JointDepths | None = None
-
-    @property
-    def depth_measured(self) -> bool:
-        """True if measured depths were used."""
-        return self.visible is not None and self.measurements > int(np.count_nonzero(self.visible))
 
     @property
     def accepted(self) -> bool:

@@ -92,7 +92,7 @@ class Tracker(TrackerParts):
             return self._reject(observation, rejection, increment.solution.certificate)
         solved = yield from self._accept_increment(start, fit, increment, measurement, frame)
         smoothed = self._smooth(solved, increment, measurement)
-        estimate = self._estimate(measurement, fit, increment, solved.state, smoothed)
+        estimate = self._estimate(measurement, frame, fit, increment, solved.state, smoothed)
         self._measurements.mark_used(measurement)
         offsets = self.skeleton.offsets
         self._learn(measurement, frame, start, fit, increment)
@@ -145,7 +145,8 @@ class Tracker(TrackerParts):
             seen = measurement.weights > 0
             mount = self._upright.mount
             self._joint_depths = yield from self._depth.update(measurement.stamp, measurement.points, seen, up, mount)
-        return replace(self._with_measured_depth(measurement), joint_depths=self._joint_depths)
+        data = self._with_measured_depth(measurement)
+        return FrameData(data.points, data.weights, data.depth, data.depth_weights, self._joint_depths)
 
     def _with_measured_depth(self, measurement: Measurement) -> FrameData:
         """The frame's measurements; without measured depth as long as the person's size is unknown."""
@@ -295,7 +296,13 @@ class Tracker(TrackerParts):
         )
 
     def _estimate(
-        self, measurement: Measurement, fit: Fit | None, increment: Increment, solved: BodyState, smoothed: BodyState
+        self,
+        measurement: Measurement,
+        frame: FrameData,
+        fit: Fit | None,
+        increment: Increment,
+        solved: BodyState,
+        smoothed: BodyState,
     ) -> Estimate:
         """The estimate for an accepted frame. solved: the state of its lasso; smoothed: the state to publish."""
         self._status = Status.TRACKING
@@ -319,6 +326,7 @@ class Tracker(TrackerParts):
             repeated=measurement.repeated,
             visible=measurement.visible & (measurement.weights > 0),
             measurements=measurement.count,
+            depth_measured=frame.depth_weights is not None,
             length_deviation=self.calibration.spread,
             joint_depths=self._joint_depths,
         )

@@ -86,6 +86,8 @@ class PersonOutputs:
         }
         if config.publish_tf != OFF:
             self._out[topics.TF] = advertise(node, topics.TF_OUTPUT, overridable=not person)
+        #: Functions that return the number of subscriptions of each topic, see `subscribers`.
+        self._subscriptions = {name: out.handle.get_subscription_count for name, out in self._out.items()}
         self._messages = FrameMessages(backend, skeleton, title, person, config, serialised=True)
         self.state_publisher = None
         if not person and config.state_publisher:
@@ -112,15 +114,13 @@ class PersonOutputs:
             self.state_publisher.describe(description.data)
 
     def _publish_frame(self, frame: FrameResult, copy_markers: Callable[[Any], None] | None) -> None:
-        for topic, message in self._messages.build(frame, lambda name: self._is_wanted(name, copy_markers)):
+        wanted = [topic for topic, count in self._subscriptions.items() if count() > 0]
+        if copy_markers is not None:
+            wanted.append(topics.MARKERS)
+        for topic, message in self._messages.build(frame, wanted):
             self._out[topic].publish(message)
             if copy_markers is not None and topic == topics.MARKERS:
                 copy_markers(message)
-
-    def _is_wanted(self, topic: str, copy_markers: Callable[[Any], None] | None = None) -> bool:
-        if topic == topics.MARKERS and copy_markers is not None:
-            return True
-        return subscribers(self._out[topic]) > 0
 
     def close(self) -> None:
         """Destroy the publishers."""

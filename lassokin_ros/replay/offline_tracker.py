@@ -22,7 +22,7 @@ from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages, id_list
 from lassokin_ros.pipeline.outputs.naming import Naming
 from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, images_of
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
-from lassokin_ros.pipeline.outputs.status.presence_state import PresenceState
+from lassokin_ros.pipeline.outputs.status.presence_state import TRACKING, PresenceState
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
@@ -34,7 +34,8 @@ from msg_adapters.output_messages.builders import DiagnosticArrayBuilder, String
 from msg_adapters.output_messages.people import DEFINITIONS
 
 DIAGNOSTICS_PERIOD_NS = 1_000_000_000
-LIVE_ONLY = {topic.name for topic in topics.LIVE_OUTPUTS}
+RECORDED = {topic.name for topic in (*topics.FRAME_OUTPUTS, topics.ROI_OUTPUT, topics.TF_OUTPUT)}
+"""Topics of an accepted frame that are written."""
 DEPTH_WAIT_NS = 100_000_000
 """ns of recording time for which a keypoint message waits for its depth image."""
 UNREADABLE = "not_deserialised"
@@ -72,11 +73,6 @@ class OfflineTracker:
         self._reinitialised = 0
         self._backend = RosbagsBackend(types)
         self._status = DiagnosticArrayBuilder(self._backend)
-        self._types = {
-            topic.name: topic.message_type
-            for topic in (*topics.person_outputs(regions=True), topics.DIAGNOSTICS_OUTPUT)
-        }
-        self._types[topics.TF] = topics.TF_OUTPUT.message_type
         self._people: dict[str, PersonMessages] = {}
         self._ids: list[str] | None = None
         self._tracked = topics.TRACKED_OUTPUT
@@ -181,6 +177,8 @@ class OfflineTracker:
             yield from self._scene.outputs(frames, self.newest_ns)
 
     def _notify(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
+        if not self.listeners:
+            return
         stamp = attrgetter("stamp_ns")
         messages = [list(group) for _, group in groupby(sorted(frames, key=stamp), stamp)]
         if not messages and self.pipeline.tracker.config.smoothing_lag == 0:
@@ -197,11 +195,8 @@ class OfflineTracker:
         self._reinitialised += frame.estimate.initialised and frame.person in self._people
         if frame.person not in self._people:
             self._people[frame.person] = PersonMessages(self._backend, self.pipeline, frame.person, self._ready_made)
-        if self._only_track:
-            return
-        for topic, message in self._people[frame.person].build(frame):
-            name = topics.of_person(topic, frame.person, self.pipeline.config.rep155)
-            yield topics.full_name(name, NODE_NAME), self._types[topic], message
+        if not self._only_track:
+            yield from self._people[frame.person].build(frame)
 
     def _list_of_people(self, time_ns: int) -> Iterator[tuple[str, str, Any]]:
         """Yield the list of ids if it has changed."""
@@ -226,7 +221,8 @@ class OfflineTracker:
             self._next_diagnostics_ns = time_ns + DIAGNOSTICS_PERIOD_NS
             line = self._diagnostics.line(time_ns * 1e-9)
             message = self._status.fill(time_ns, "", [line])
-            yield topics.full_name(topics.DIAGNOSTICS, NODE_NAME), self._types[topics.DIAGNOSTICS], message
+            name = topics.full_name(topics.DIAGNOSTICS, NODE_NAME)
+            yield name, topics.DIAGNOSTICS_OUTPUT.message_type, message
 
 
 class PersonMessages:
@@ -239,17 +235,23 @@ class PersonMessages:
         naming = Naming.of_person(config, NODE_NAME, person)
         self._description = RobotDescription(backend, skeleton, config.base_frame, naming)
         self._counts = pipeline.counts
+        #: Full name and type of each topic.
+        self._places: dict[str, tuple[str, str]] = {}
+        for topic in (*topics.person_outputs(regions=True), topics.TF_OUTPUT):
+            name = topics.full_name(topics.of_person(topic.name, person, config.rep155), NODE_NAME)
+            self._places[topic.name] = name, topic.message_type
 
-    def build(self, frame: FrameResult) -> Iterator[tuple[str, Any]]:
-        """Yield (topic, message). The message objects are reused for the next frame."""
+    def build(self, frame: FrameResult) -> Iterator[tuple[str, str, Any]]:
+        """Yield (topic, type, message). The message objects are reused for the next frame."""
         try:
             description = self._description.follow(frame)
         except SkeletonError:  # frame_id is the name of a link: as in the node, the URDF keeps its base
             description = None
             self._counts[LINK_AS_FRAME] += 1
         if description is not None:
-            yield topics.ROBOT_DESCRIPTION, description
-        yield from self._messages.build(frame, lambda topic: topic not in LIVE_ONLY)
+            yield *self._places[topics.ROBOT_DESCRIPTION], description
+        for topic, message in self._messages.build(frame, RECORDED):
+            yield *self._places[topic], message
 
 
 class SceneMessages:
@@ -262,6 +264,7 @@ class SceneMessages:
             if name.split("/")[0] == self._type.split("/")[0]:
                 add_type(types, name, definition)
         self._people = PeopleMessages(backend, self._type, serialised)
+        self._name = topics.full_name(topics.PEOPLE, NODE_NAME)
         self._state, self._text = PresenceState(), StringBuilder(backend)
 
     def state(self) -> tuple[str, str, Any]:
@@ -276,8 +279,10 @@ class SceneMessages:
         for image, people in images_of(frames, pipeline.image, config.smoothing_lag > 0):
             self._people.update(people, pipeline.ids)
             message = self._people.build(image, config.lost_after, pipeline.config.forget_after)
-            yield topics.full_name(topics.PEOPLE, NODE_NAME), self._type, message
-        yield from self.check(time_ns)
+            yield self._name, self._type, message
+        tracked = config.smoothing_lag == 0 and any(frame.accepted for frame in frames)
+        if self._state.value != TRACKING or not tracked:
+            yield from self.check(time_ns)
 
     def check(self, time_ns: int) -> Iterator[tuple[str, str, Any]]:
         """Yield the state if it has changed. time_ns: recording time of the present message."""

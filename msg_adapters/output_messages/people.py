@@ -9,6 +9,7 @@ import re
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Protocol
 
 import numpy as np
@@ -59,7 +60,7 @@ class PersonReport:
     position: (3,) m, of the pelvis; quaternion: (4,) x, y, z, w, of the body (x front, y left, z up).
     velocity: (3,) m/s, of the pelvis.
     covariance: (6, 6), of position (m) and rotation about the axes of the frame (rad).
-    corners: (2, 3) m, least and greatest coordinates of the joints.
+    joints: (n, 3) m, positions.
     """
 
     id: str
@@ -69,18 +70,24 @@ class PersonReport:
     quaternion: np.ndarray
     velocity: np.ndarray
     covariance: np.ndarray
-    corners: np.ndarray
+    joints: np.ndarray
 
     @property
     def number(self) -> int:
-        """The number n of an id "pn"; of another id the lower 31 bits of its CRC-32."""
-        found = re.fullmatch(r"p(\d{1,9})", self.id)
-        return int(found[1]) if found else zlib.crc32(self.id.encode()) & 0x7FFFFFFF
+        """See `number_of`."""
+        return number_of(self.id)
 
     @property
     def state(self) -> str:
         """Text of the state: tracking or lost."""
         return TRACKING if self.tracked else LOST
+
+
+@lru_cache(maxsize=256)
+def number_of(person: str) -> int:
+    """Return the number n of an id "pn"; of another id the lower 31 bits of its CRC-32."""
+    found = re.fullmatch(r"p(\d{1,9})", person)
+    return int(found[1]) if found else zlib.crc32(person.encode()) & 0x7FFFFFFF
 
 
 class PeopleBuilder(Protocol):
@@ -116,7 +123,7 @@ class DetectionsBuilder:
         result.pose.covariance = person.covariance.reshape(36)
         detection.results = [result]
         centre, size = detection.bbox.center, detection.bbox.size
-        least, greatest = person.corners
+        least, greatest = person.joints.min(axis=0), person.joints.max(axis=0)
         centre.position.x, centre.position.y, centre.position.z = ((least + greatest) / 2).tolist()
         centre.orientation.w = 1.0
         size.x, size.y, size.z = (greatest - least).tolist()
@@ -166,7 +173,7 @@ class PeopleCloudBuilder:
         values = points.view("<f4").reshape(len(people), POINT.itemsize // 4)
         for row, person in zip(values, people):
             row[:3], row[3:6] = person.position, person.velocity
-            row[6:12] = person.covariance[:3, :3].reshape(9)[UPPER]
+            row[6:12] = person.covariance[:3, :3].take(UPPER)
             row[12] = person.confidence
         points["person"] = [person.number for person in people]
         points["tracked"] = [person.tracked for person in people]

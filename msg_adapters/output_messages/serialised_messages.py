@@ -38,14 +38,15 @@ class SerialisedMessage:
         """
         numbers = self._builder.numbers(*content)
         key = frame_id, len(numbers), self._builder.shape
-        if key not in self._templates:
-            if len(self._templates) >= MOST_TEMPLATES:
-                self._templates.clear()
-            self._templates[key] = self._learn(stamp_ns, frame_id, numbers)
-        template = self._templates[key]
-        if template is None:
+        template = self._templates.get(key)
+        if template is not None:
+            return template.of(stamp_ns, numbers)
+        if key in self._templates:
             return self._builder.place(stamp_ns, frame_id, numbers)
-        return template.of(stamp_ns, numbers)
+        if len(self._templates) >= MOST_TEMPLATES:
+            self._templates.clear()
+        self._templates[key] = self._learn(stamp_ns, frame_id, numbers)
+        return self.fill(stamp_ns, frame_id, *content)
 
     def _learn(self, stamp_ns: int, frame_id: str, numbers: np.ndarray) -> Template | None:
         numbers, marked = numbers.copy(), _marked(numbers)

@@ -38,7 +38,9 @@ def _serialised(stamp_ns: int, frame_id: str, line: StatusLine) -> bytes:
     head = _head(frame_id, line.level, line.name, line.message, line.hardware_id, len(line.values))
     parts = [CDR_HEADER, struct.pack("<iI", *divmod(stamp_ns, 1_000_000_000)), head]
     for key, value in line.values.items():
-        parts += (_known_text(key), *_pieces(value))
+        content = value.encode()
+        count, end = _around(len(content))
+        parts += (_known_text(key), count, content, end)
     if line.values:
         parts[-1] = b"\0"  # there is no padding at the end
     return b"".join(parts)
@@ -51,17 +53,17 @@ def _head(frame_id: str, level: int, name: str, message: str, hardware_id: str, 
     return b"".join([*parts, *map(_text, (name, message, hardware_id)), struct.pack("<I", count)])
 
 
-def _pieces(text: str) -> tuple[bytes, bytes, bytes]:
-    content = text.encode()
-    length = len(content) + 1
-    return length.to_bytes(4, "little"), content, _ENDS[length % 4]
+@lru_cache(maxsize=256)
+def _around(length: int) -> tuple[bytes, bytes]:
+    """Return what precedes a text of `length` bytes, its length with the 0, and what follows: the 0 and the padding."""
+    return struct.pack("<I", length + 1), bytes(1 + -(length + 1) % 4)
 
 
 def _text(text: str) -> bytes:
-    return b"".join(_pieces(text))
+    content = text.encode()
+    count, end = _around(len(content))
+    return count + content + end
 
 
-_ENDS = [bytes(1 + -length % 4) for length in range(4)]
-"""Return the 0 after a text and the padding before the next number, by the length of the text."""
 _known_text = lru_cache(maxsize=256)(_text)
 """Cache for texts that occur in every frame."""

@@ -48,6 +48,7 @@ class Proportions:
         self.names = tuple(seen)
         #: (p, n, 3) m: the offsets that each length scales.
         self.parts = np.array([parts[name] for name in seen]).reshape(-1, skeleton.joint_count, 3)
+        self._given_parts = self._scaled_parts(np.zeros(self.count))
         height = skeleton.rest_positions[:, 1]
         top, bottom = int(np.argmax(height)), int(np.argmin(height))
         path = skeleton.ancestors[top].astype(float) - skeleton.ancestors[bottom]
@@ -69,17 +70,21 @@ class Proportions:
 
     def motion(self, pose: BodyPose, lengths: np.ndarray) -> LengthMotion:
         """Derivatives of the body's points with respect to the log-lengths, camera frame, root fixed."""
-        bones = self._bones(pose, lengths)
+        bones = self._bones(pose, self._scaled_parts(lengths))
         return LengthMotion(self._moved(self._reach, bones), self._moved(self._ancestors, bones))
 
     def joint_jacobian(self, pose: BodyPose) -> np.ndarray:
         """(n, 3, p) m: the same of the joint centres, at the given lengths."""
-        return self._moved(self._ancestors, self._bones(pose, np.zeros(self.count)))
+        return self._moved(self._ancestors, self._bones(pose, self._given_parts))
 
-    def _bones(self, pose: BodyPose, lengths: np.ndarray) -> np.ndarray:
-        """(n, 3 p) m: derivative of each joint's offset in the camera frame."""
-        scaled = np.moveaxis(np.exp(lengths)[:, None, None] * self.parts, 0, -1)
-        return (pose.orientations[self._parent] @ scaled).reshape(self.given.joint_count, -1)
+    def _scaled_parts(self, lengths: np.ndarray) -> np.ndarray:
+        """(n, 3, p) m: derivative of the rest offsets at these log-lengths."""
+        return np.moveaxis(np.exp(lengths)[:, None, None] * self.parts, 0, -1)
+
+    def _bones(self, pose: BodyPose, parts: np.ndarray) -> np.ndarray:
+        """(n, 3 p) m: derivative of each joint's offset in the camera frame; parts: see `_scaled_parts`."""
+        turned: np.ndarray = pose.orientations[self._parent] @ parts
+        return turned.reshape(self.given.joint_count, -1)
 
     def _moved(self, reach: np.ndarray, bones: np.ndarray) -> np.ndarray:
         return (reach @ bones).reshape(len(reach), 3, self.count)

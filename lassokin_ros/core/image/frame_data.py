@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -50,7 +50,7 @@ class FrameData:
         depth_weights = self.depth_weights
         if depth_weights is not None:
             depth_weights = np.where(np.asarray(factor) < WITHOUT_DEPTH, depth_weights / factor, 0.0)
-        return replace(self, weights=self.weights / factor, depth_weights=depth_weights)
+        return FrameData(self.points, self.weights / factor, self.depth, depth_weights, self.joint_depths)
 
     def per_state(self) -> FrameData:
         """The frame for k states per person: each array gains an axis of length 1 after the axis of people."""

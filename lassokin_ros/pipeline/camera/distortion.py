@@ -61,24 +61,26 @@ class Polynomial:
         """See Distortion.distort."""
         with np.errstate(invalid="ignore", over="ignore"):
             r2 = straight.real**2 + straight.imag**2
-            bent = self._bend(straight, r2, self._radial(r2)[0])
+            bent = self._bend(straight, r2, self._factor(straight, self._radial(r2)[0]))
         return bent if self._tilt is None else _mapped(self._tilt, bent)
 
     def undistort(self, distorted: np.ndarray) -> np.ndarray:
         """See Distortion.undistort. Newton's method; the radial part alone gives the starting points."""
-        target = distorted if self._tilt is None else _mapped(np.linalg.inv(self._tilt), distorted)
-        radius = np.abs(target)
-        z = target * (np.interp(radius, self._bent_radii, self._radii) / np.maximum(radius, LEAST_RADIUS))
         with np.errstate(all="ignore"):
+            target = distorted if self._tilt is None else _mapped(np.linalg.inv(self._tilt), distorted)
+            radius = np.abs(target)
+            z = target * (np.interp(radius, self._bent_radii, self._radii) / np.maximum(radius, LEAST_RADIUS))
             for _ in range(ITERATIONS):
                 r2 = z.real**2 + z.imag**2
                 radial, slope = self._radial(r2)
-                missing = target - self._bend(z, r2, radial)
-                along, across = self._derivatives(z, r2, radial, slope)
-                det = (along * along.conj() - across * across.conj()).real
-                if not (np.abs(missing) > ACCURACY).any():
+                factor = self._factor(z, radial)
+                missing = target - self._bend(z, r2, factor)
+                along, across = self._derivatives(z, r2, factor, slope)
+                along_conjugate = along.conj()
+                det = (along * along_conjugate - across * across.conj()).real
+                if not np.count_nonzero(np.abs(missing) > ACCURACY):
                     break
-                z = z + (along.conj() * missing - across * missing.conj()) / det
+                z = z + (along_conjugate * missing - across * missing.conj()) / det
             # Beyond the radius at which the image turns back, one of the last two is negative.
             inside = (np.abs(missing) <= TOLERANCE) & (det > 0) & (along.real > 0)
         return np.where(inside, z, MISSING)
@@ -94,19 +96,23 @@ class Polynomial:
         radial = upper / lower
         return radial, (upper_slope - radial * lower_slope) / lower
 
-    def _bend(self, z: np.ndarray, r2: np.ndarray, radial: np.ndarray) -> np.ndarray:
+    def _factor(self, z: np.ndarray, radial: np.ndarray) -> np.ndarray:
+        """Return R + 2 Re(z conj(p))."""
+        p = 2 * self._tangential
+        factor: np.ndarray = radial + (z.real * p.real + z.imag * p.imag)
+        return factor
+
+    def _bend(self, z: np.ndarray, r2: np.ndarray, factor: np.ndarray) -> np.ndarray:
         p, (s1, s2) = self._tangential, self._prism
-        factor = radial + 2 * (z.real * p.real + z.imag * p.imag)
-        bent: np.ndarray = z * factor + r2 * (p + s1 + s2 * r2)
+        bent: np.ndarray = z * factor + r2 * (p + s1 + s2 * r2 if s2 else p + s1)
         return bent
 
     def _derivatives(
-        self, z: np.ndarray, r2: np.ndarray, radial: np.ndarray, slope: np.ndarray
+        self, z: np.ndarray, r2: np.ndarray, factor: np.ndarray, slope: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return A and B of the differential dw = A dz + B conj(dz)."""
         p, (s1, s2) = self._tangential, self._prism
-        offset = p + s1 + 2 * s2 * r2
-        factor = radial + 2 * (z.real * p.real + z.imag * p.imag)
+        offset = p + s1 + 2 * s2 * r2 if s2 else p + s1
         along = factor + slope * r2 + z * p.conjugate() + z.conj() * offset
         return along, z * (slope * z + p + offset)
 
@@ -133,7 +139,7 @@ class Equidistant:
             for _ in range(ITERATIONS):
                 bent, slope = self._bent(theta)
                 missing = radius - bent
-                if not (np.abs(missing) > ACCURACY).any():
+                if not np.count_nonzero(np.abs(missing) > ACCURACY):
                     break
                 theta = theta + missing / slope
             inside = (np.abs(missing) <= TOLERANCE) & (slope > 0) & (theta >= 0) & (theta < np.pi / 2)

@@ -64,10 +64,7 @@ class Lens:
         normalised: np.ndarray = (pixels - self._centre) / self._focal_lengths
         if self._distortion is None:
             return normalised
-        seen = np.isfinite(pixels).all(axis=1)
-        result = np.full(pixels.shape, np.nan)
-        result[seen] = _pairs(self._distortion.undistort(_complex(normalised[seen])))
-        return result
+        return _pairs(self._distortion.undistort(_complex(normalised)))
 
     def distort(self, normalised: np.ndarray) -> np.ndarray:
         """Distort normalised coordinates (k, 2) to pixels (k, 2), the inverse of `normalise`. NaN stays NaN."""

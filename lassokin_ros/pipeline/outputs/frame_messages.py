@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterator
 from typing import Any
 
 import numpy as np
@@ -74,15 +74,16 @@ class FrameMessages:
             roi = RegionBuilder(self._backend).fill
             self._builders[topics.ROI] = lambda t, f, frame, _: roi(t, f, keypoint_region(frame))
 
-    def build(
-        self, frame: FrameResult, wanted: Callable[[str], bool] = lambda topic: True
-    ) -> Iterator[tuple[str, Any]]:
-        """Yield (topic, message) for the wanted topics of an accepted frame, in the order of topics.PERSON_OUTPUTS."""
+    def build(self, frame: FrameResult, wanted: Container[str] | None = None) -> Iterator[tuple[str, Any]]:
+        """Yield (topic, message) for the wanted topics of an accepted frame, in the order of topics.PERSON_OUTPUTS.
+
+        wanted: None for all topics.
+        """
         if not frame.accepted or frame.estimate is None:
             return
         in_detail = self._in_detail(frame.stamp_ns)
         for topic, build in self._builders.items():
-            if (in_detail or topic not in DETAILS) and wanted(topic):
+            if (wanted is None or topic in wanted) and (in_detail or topic not in DETAILS):
                 yield topic, build(frame.stamp_ns, frame.frame_id, frame, frame.estimate)
 
     def _in_detail(self, stamp_ns: int) -> bool:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
-
-import numpy as np
 
 from lassokin_ros.pipeline.frame_result import FrameResult
 from msg_adapters.backends import Backend
@@ -84,11 +83,11 @@ def person_report(frame: FrameResult, tracked: bool) -> PersonReport:
         quaternion=frame.quaternions[-1],
         velocity=frame.velocity,
         covariance=frame.uncertainty.absolute.pelvis,
-        corners=np.stack([positions.min(axis=0), positions.max(axis=0)]),
+        joints=positions,
     )
 
 
 def confidence(frame: FrameResult) -> float:
     """Return how likely the pose is right, 0 to 1; 0 if the probability is unknown."""
     wrong = frame.uncertainty.failure_probability
-    return 1.0 - wrong if np.isfinite(wrong) else 0.0
+    return 1.0 - wrong if math.isfinite(wrong) else 0.0

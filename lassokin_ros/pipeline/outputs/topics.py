@@ -6,6 +6,7 @@ Inputs are relative names. Outputs are private to the node (`~/`), so that they 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 KEYPOINTS = "keypoints"
 CAMERA_INFO = "camera_info"
@@ -124,6 +125,7 @@ def full_name(topic: str, node: str) -> str:
     return name if name.startswith("/") else f"/{name}"
 
 
+@lru_cache(maxsize=1024)
 def is_latched(name: str) -> bool:
     """True if the topic of this full name is latched."""
     return name.rpartition("/")[2] in ("robot_description", "urdf", "state", TRACKED)

@@ -217,6 +217,16 @@ def test_the_absolute_covariance_is_computed_once_and_only_on_request():
     assert uncertainty.absolute is uncertainty.absolute
 
 
+def test_a_keypoint_that_is_extrapolated_is_no_measured_depth():
+    tracker, before = followed()
+    points, confidence = project(before.pose.landmarks), np.ones(len(before.pose.landmarks))
+    confidence[0] = 0.0
+    estimate = tracker.track(Observation(before.stamp + 1 / 30, points, confidence, FOCAL))
+    assert estimate.measurements > np.count_nonzero(estimate.visible) and not estimate.depth_measured
+    deviation = np.sqrt(tracker.uncertainty(estimate).absolute.joints[0][2, 2])
+    assert deviation > SCALE_DEVIATION * estimate.pose.positions[0][2]
+
+
 def test_measured_depth_makes_the_distance_certain():
     tracker, without = followed()
     points = project(without.pose.landmarks)

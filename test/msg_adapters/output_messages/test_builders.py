@@ -221,7 +221,7 @@ PEOPLE = [
         QUATERNIONS[1],
         POSITIONS[1] + 20,
         COVARIANCE,
-        np.array([[0, 1, 2], [4, 7, 10.0]]),
+        np.array([[0, 7, 2], [1, 1, 10], [4, 2, 3.0]]),
     ),
     people.PersonReport("x", False, 0.0, POSITIONS[0], QUATERNIONS[0], POSITIONS[0], COVARIANCE, np.zeros((2, 3))),
 ]

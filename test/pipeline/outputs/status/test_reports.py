@@ -75,7 +75,7 @@ def test_the_report_on_a_person():
     report = person_report(result(), True)
     assert (report.id, report.tracked, report.confidence) == ("p1", True, 0.75)
     assert report.position.tolist() == [1, 2, 3] and report.velocity.tolist() == [1, 0, 0]
-    assert report.corners.tolist() == [[0, 1, 1], [4, 5, 3]] and np.array_equal(report.covariance, np.eye(6))
+    assert report.joints is POSITIONS and np.array_equal(report.covariance, np.eye(6))
     front, left, up = Rotation.from_quat(report.quaternion).as_matrix().T
     assert np.allclose([left, up, front], TURNS[0].T)  # the root's axes are x left, y up, z front
     lost = person_report(result(person="p7"), False)
