@@ -255,5 +255,6 @@ def test_joint_states_may_be_read_from_any_frame_on():
     for i in range(6):
         read, unread = frame(always, i), frame(late, i)
         assert read.positions is not None and read.velocities is not None
-    assert np.array_equal(unread.positions, read.positions) and np.array_equal(unread.velocities, read.velocities)
+    assert np.allclose(unread.positions, read.positions, rtol=0, atol=1e-12)
+    assert np.allclose(unread.velocities, read.velocities, rtol=0, atol=1e-10)
     assert np.any(read.velocities)
