@@ -22,8 +22,8 @@ from lassokin_ros.core.evidence.depth_network import (
 )
 from lassokin_ros.core.image.frame_data import JointDepths
 
-GIVEN = 0.01
-"""Standard deviation of the log-lengths of a given skeleton."""
+GIVEN = 0.02
+"""Standard deviation of the log-lengths of a given skeleton, which was measured, or learned in an earlier session."""
 
 
 class DepthEstimator:
