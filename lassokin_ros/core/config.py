@@ -79,7 +79,7 @@ class TrackerConfig:
     )
     min_confidence: float = setting(0.2, "keypoints below this confidence count as missing", "", 0.0, 1.0, live=True)
     sparsity: float = setting(
-        0.05, "weight of the l1 term; a larger value moves fewer joints per frame", "", 1e-4, 100.0, live=True
+        0.02, "weight of the l1 term; a larger value moves fewer joints per frame", "", 1e-4, 100.0, live=True
     )
     min_landmarks: int = setting(
         4, "smallest number of visible landmarks for a frame to be used", "", 2, 100, live=True

@@ -43,6 +43,9 @@ ALTERNATIVE_BODIES = 1
 """Number of body hypotheses beside the published state, see `body_hypotheses`. A second one corrected no state sooner.
 With the depth network there are none: the network's pose is the hypothesis."""
 
+LENGTH_ERROR = 2.0
+"""Typical error of a learned log-length, in units of the calibration's deviation, on the validation people."""
+
 LEAST_MOTION = 0.003
 """rad per frame: lower limit of the typical motion of a degree of freedom."""
 
@@ -186,4 +189,7 @@ class TrackerParts:
     def _adopt_lengths(self) -> None:
         self.skeleton = self.calibration.skeleton
         self.kinematics.set_skeleton(self.skeleton)
+        if self._depth is not None:
+            learned = bool(self.calibration.lengths.any())
+            self._depth.use_lengths(self.skeleton, LENGTH_ERROR * self.calibration.spread.mean() if learned else None)
         self._body_hypotheses.refresh()

@@ -127,3 +127,10 @@ def central_difference(function, size: int, step: float = 1e-5) -> np.ndarray:
 def relative_error(actual: np.ndarray, expected: np.ndarray) -> float:
     """Norm of the difference, divided by the norm of the expected value."""
     return float(np.linalg.norm(actual - expected) / max(np.linalg.norm(expected), 1e-300))
+
+
+def scaled_forearms(skeleton: Skeleton, factor: float) -> Skeleton:
+    """The skeleton with both forearms longer by a factor."""
+    scales = np.ones(skeleton.joint_count)
+    scales[[skeleton.index("left_wrist"), skeleton.index("right_wrist")]] = factor
+    return skeleton.with_bone_scales(scales)

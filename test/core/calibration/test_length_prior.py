@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cases import body
+from cases import body, scaled_forearms
 from scipy.stats import multivariate_normal
 
 from lassokin_ros.core.body.kinematics import Kinematics
@@ -19,12 +19,6 @@ from lassokin_ros.core.calibration.length_prior import (
     length_models,
     posterior,
 )
-
-
-def scaled_forearms(skeleton, factor):
-    scales = np.ones(skeleton.joint_count)
-    scales[[skeleton.index("left_wrist"), skeleton.index("right_wrist")]] = factor
-    return skeleton.with_bone_scales(scales)
 
 
 def proportions_of(skeleton, layout="coco17"):

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cases import body, central_difference, random_state, relative_error
+from cases import body, central_difference, random_state, relative_error, scaled_forearms
 from sequences import CONFIG, FOCAL, RATE, aligned_error, observations
 
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.proportions import Proportions
 from lassokin_ros.core.body.rotations import exponential
-from lassokin_ros.core.evidence.depth_network import DEPTHS
+from lassokin_ros.core.evidence.depth_network import DEPTHS, LARGEST_DEVIATION, LENGTHS, Network
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.learned_depth import TAIL, LearnedDepth
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
@@ -131,6 +131,24 @@ def test_a_tracker_with_the_network_follows_and_is_certified():
 def test_there_are_no_rows_if_switched_off():
     _, tracker = followed(CONFIG)
     assert tracker._joint_depths is None and len(tracker._rows.evidence) == 5
+
+
+def test_learned_lengths_are_input_to_the_network(monkeypatch):
+    """At first the lengths are unknown; then they are the learned ones; after a reset they are unknown again."""
+    tracker, scenes = Tracker(WITH_NETWORK), []
+    predict = Network.predict
+    monkeypatch.setattr(Network, "predict", lambda self, scene: scenes.append(scene) or predict(self, scene))
+    person = Tracker(WITH_NETWORK, scaled_forearms(tracker.skeleton, 1.2))
+    given = [observation for _, observation in observations(person, 4.0)]
+    for observation in given:
+        tracker.track(observation)
+    assert tracker.calibration.lengths.any()
+    assert np.isinf(scenes[0].lengths_deviation) and 0 < scenes[-1].lengths_deviation <= LARGEST_DEVIATION
+    forearm = LENGTHS.index("forearm")
+    assert scenes[-1].lengths[forearm] > 1.1 * scenes[0].lengths[forearm]
+    tracker.reset()
+    tracker.track(given[0])
+    assert np.isinf(scenes[-1].lengths_deviation) and np.array_equal(scenes[-1].lengths, scenes[0].lengths)
 
 
 def test_a_camera_on_its_side_gives_the_same_motion_as_a_level_one():

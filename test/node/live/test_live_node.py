@@ -26,6 +26,7 @@ from rcl_interfaces.srv import (  # noqa: E402
 )
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 
+from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.node.parameters import all_settings  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 
@@ -104,7 +105,7 @@ def test_several_values_are_applied_together_or_not_at_all(running):
     request = SetParametersAtomically.Request(parameters=values)
     result = running.call(SetParametersAtomically, "set_parameters_atomically", request).result
     assert not result.successful and "noise_px" in result.reason
-    assert get_parameter(running, "sparsity") == 0.05
+    assert get_parameter(running, "sparsity") == TrackerConfig().sparsity
     feed(running)
 
 
@@ -158,7 +159,7 @@ def test_a_read_only_value_makes_the_whole_request_fail(running):
     request = SetParametersAtomically.Request(parameters=values)
     result = running.call(SetParametersAtomically, "set_parameters_atomically", request).result
     assert not result.successful and "read-only" in result.reason
-    assert (get_parameter(running, "sparsity"), get_parameter(running, "max_people")) == (0.05, 1)
+    assert (get_parameter(running, "sparsity"), get_parameter(running, "max_people")) == (TrackerConfig().sparsity, 1)
 
 
 def test_a_stamp_of_zero_is_the_time_of_arrival_if_no_message_has_a_stamp(running):
