@@ -29,6 +29,7 @@ from benchmarks.common import option_types
 from benchmarks.common.refusals import exit_code
 from benchmarks.common.revision import ROOT, check_out
 from benchmarks.data.motion import FOCAL, FPS, HEIGHT, load_motion, observe, on_skeleton
+from benchmarks.same_output import write_recording
 from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
@@ -45,9 +46,12 @@ COUNTS = {
     "first_lying": 2,
     "callback_idle": 30,
     "callback_all": 30,
+    "replay": 1,
 }
 """Frames of each figure in one round: a step, all of 16 people, a body of 55 joints; a first frame, upright or lying;
-the node's callback without the core's step, with no subscriber and with one for each output."""
+the node's callback without the core's step, with no subscriber and with one for each output. For `replay` the number of
+replays of a recording of REPLAYED_S; its time is that of one frame, and includes the start of the tracker."""
+REPLAYED_S = 20.0
 COLUMNS = {"what": "<", "this_ms": ".3f", "other_ms": ".3f", "ratio": ".2f", "quartiles": "<", "mean_ratio": ".2f",
            "p99_ratio": ".2f"}  # fmt: skip
 
@@ -60,7 +64,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         commit = check_out(options.revision, other)
         data = Path(folder) / "frames.npz"
         np.savez(data, **frames())
-        with Child(ROOT, data) as mine, Child(other, data) as theirs:
+        recording = Path(folder) / "recording"
+        if "replay" in options.figures:
+            write_recording(recording, 1, REPLAYED_S)
+        with Child(ROOT, data, recording) as mine, Child(other, data, recording) as theirs:
             print(f"this tree against {commit}; {options.rounds} rounds, taking turns; processor time of one thread.")
             records = compare(mine, theirs, options.figures, options.rounds)
     print(table(records, COLUMNS))
@@ -101,10 +108,10 @@ def frames() -> dict[str, Any]:
 class Child:
     """A process that runs one revision's figures. Use it in a `with` statement."""
 
-    def __init__(self, tree: Path, data: Path) -> None:
+    def __init__(self, tree: Path, data: Path, recording: Path) -> None:
         environment = {**os.environ, "PYTHONPATH": str(tree), "OMP_NUM_THREADS": "1"}
         self._process = subprocess.Popen(
-            [sys.executable, str(DRIVER), str(data), str(BODY), str(LAYOUT)],
+            [sys.executable, str(DRIVER), str(data), str(BODY), str(LAYOUT), str(recording)],
             cwd=tree, env=environment, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
         )  # fmt: skip
         self._answer()

@@ -8,10 +8,14 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import sys
+import tempfile
 import time
 from collections.abc import Callable
+from contextlib import redirect_stdout
 from importlib import import_module
+from io import StringIO
 from typing import Any
 
 import numpy as np
@@ -39,8 +43,12 @@ Observation = first_of("lassokin_ros.core.observation:Observation", "lassokin_ro
 class Side:
     """The figures of this revision on given keypoints. Each continues where it stopped."""
 
-    def __init__(self, data: Any, body: str, layout: str) -> None:
-        """data: arrays of benchmarks/against.py. body, layout: files of the skeleton with joints55."""
+    def __init__(self, data: Any, body: str, layout: str, recording: str = "") -> None:
+        """data: arrays of benchmarks/against.py. body, layout: files of the skeleton with joints55.
+
+        recording: folder of the recording for `replay`.
+        """
+        self._recording = recording
         self._focal, self._fps, self._pixels = float(data["focal"]), float(data["fps"]), data["pixels"]
         self._points = data["points"]  # (people, f, 17, 2)
         config = {"height": float(data["height"]), "noise_px": NOISE_PX}
@@ -59,6 +67,7 @@ class Side:
             "first_lying": lambda frame: self._start(self._points[0] @ np.array([[0.0, 1.0], [-1.0, 0.0]]), frame),
             "callback_idle": lambda frame: self._callback("nobody", frame),
             "callback_all": lambda frame: self._callback("all", frame),
+            "replay": lambda frame: self._replay(),
         }
 
     def run(self, figure: str, count: int) -> list[float]:
@@ -91,6 +100,16 @@ class Side:
         begin = time.thread_time()
         self._first.track(seen)
         return time.thread_time() - begin
+
+    def _replay(self) -> float:
+        """Seconds per frame of the command `replay`, which writes a recording with sqlite3."""
+        main = first_of("lassokin_ros.cli.replay:main", "lassokin_ros.replay.command:main", "lassokin_ros.replay:main")
+        with tempfile.TemporaryDirectory() as folder, redirect_stdout(StringIO()) as summary:
+            begin = time.process_time()
+            failed = main([self._recording, "--output", f"{folder}/out", "--storage", "sqlite3", "-p", "height:=1.75"])
+            seconds = time.process_time() - begin
+        assert not failed, "replay has failed; its error message is printed above"
+        return seconds / int(re.search(r"^frames +(\d+) in", summary.getvalue(), re.MULTILINE)[1])
 
     def _callback(self, audience: str, frame: int) -> float:
         """Seconds of the node's callback without the tracker's step."""
@@ -161,8 +180,8 @@ def cloud(pixels: np.ndarray, stamp_ns: int) -> Any:
 
 
 def main() -> None:
-    """Arguments: file of arrays, skeleton file, layout file."""
-    side = Side(np.load(sys.argv[1]), *sys.argv[2:4])
+    """Arguments: file of arrays, skeleton file, layout file, recording."""
+    side = Side(np.load(sys.argv[1]), *sys.argv[2:5])
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # other output must not disturb the answers
     print(json.dumps(sorted(side.figures)), file=answers, flush=True)

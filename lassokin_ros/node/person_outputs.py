@@ -71,6 +71,14 @@ def subscribers(publisher: Publisher) -> int:
     return count
 
 
+def publish(publisher: Publisher, message: Any) -> None:
+    """Publish a message object or a serialised message; the latter without the handle's context, see `subscribers`."""
+    if isinstance(message, bytes):
+        publisher.handle.publish_raw(message)
+    else:
+        publisher.publish(message)
+
+
 class PersonOutputs:
     """The publishers of one person."""
 
@@ -118,7 +126,7 @@ class PersonOutputs:
         if copy_markers is not None:
             wanted.append(topics.MARKERS)
         for topic, message in self._messages.build(frame, wanted):
-            self._out[topic].publish(message)
+            publish(self._out[topic], message)
             if copy_markers is not None and topic == topics.MARKERS:
                 copy_markers(message)
 

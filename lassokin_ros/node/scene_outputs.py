@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from rclpy.node import Node
 
-from lassokin_ros.node.person_outputs import advertise, subscribers
+from lassokin_ros.node.person_outputs import advertise, publish, subscribers
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, images_of
@@ -41,7 +41,8 @@ class SceneOutputs:
         for image, people in images_of(frames, newest, config.smoothing_lag > 0):
             self._people.update(people, pipeline.ids)
             if wanted:
-                self._people_out.publish(self._people.build(image, config.lost_after, pipeline.config.forget_after))
+                message = self._people.build(image, config.lost_after, pipeline.config.forget_after)
+                publish(self._people_out, message)
         if self._state.value != TRACKING or not any(frame.accepted for frame in frames):
             self.check(arrival_ns)
 

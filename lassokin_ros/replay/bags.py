@@ -25,6 +25,8 @@ FILE_NAME = "recording"
 WRITTEN_TOGETHER = 250
 """Messages that are passed to the storage at once. One at a time takes four times as long: between two frames of a
 tracker, the code of the storage leaves the caches of the processor."""
+READ_TOGETHER, READ_BYTES = 64, 100_000
+"""Messages that are read and deserialised at once, for the same reason, and the size from which they are fewer."""
 
 PART_SUFFIX = ".part"
 """Suffix of the hidden folder beside a recording, in which the recording is written until it is complete."""
@@ -129,8 +131,9 @@ class BagReader:
         for connection in self._connections():
             if any(topic.name == connection.topic for topic in topics):
                 self._register(connection)
-        for connection, time_ns, data in self._items(topics):
-            yield connection.topic, time_ns, self._message(data, connection.msgtype)
+        for group in _grouped(self._items(topics)):
+            read = [(item.topic, time_ns, self._message(data, item.msgtype)) for item, time_ns, data in group]
+            yield from read
 
     def _message(self, data: bytes, message_type: str) -> Any:
         """Return a message, None if it fits no definition."""
@@ -190,6 +193,23 @@ class BagReader:
             if self._older is None:
                 self._older = typestore()
                 register_detector_types(self._older, {**DEFINITIONS, **OLDER})
+
+
+def _grouped(items: Iterator[Any]) -> Iterator[list[Any]]:
+    """Yield items in groups, see READ_TOGETHER. The items before one that raises BagError are yielded first."""
+    group: list[Any] = []
+    size = 0
+    try:
+        for item in items:
+            group.append(item)
+            size += len(item[2])
+            if len(group) >= READ_TOGETHER or size >= READ_BYTES:
+                yield group
+                group, size = [], 0
+    except BagError:
+        yield group
+        raise
+    yield group
 
 
 def _items_of(file: DataFile, connections: list[Any]) -> Iterator[Any]:

@@ -87,12 +87,10 @@ class Polynomial:
 
     def _radial(self, r2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return R and its derivative by r^2."""
-        k1, k2, k3 = self._upper
-        upper, upper_slope = 1 + r2 * (k1 + r2 * (k2 + r2 * k3)), k1 + r2 * (2 * k2 + r2 * 3 * k3)
-        k4, k5, k6 = self._lower
-        if not (k4 or k5 or k6):
+        upper, upper_slope = _cubic(r2, *self._upper)
+        if not any(self._lower):
             return upper, upper_slope
-        lower, lower_slope = 1 + r2 * (k4 + r2 * (k5 + r2 * k6)), k4 + r2 * (2 * k5 + r2 * 3 * k6)
+        lower, lower_slope = _cubic(r2, *self._lower)
         radial = upper / lower
         return radial, (upper_slope - radial * lower_slope) / lower
 
@@ -115,6 +113,13 @@ class Polynomial:
         offset = p + s1 + 2 * s2 * r2 if s2 else p + s1
         along = factor + slope * r2 + z * p.conjugate() + z.conj() * offset
         return along, z * (slope * z + p + offset)
+
+
+def _cubic(r2: np.ndarray, a: float, b: float, c: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return 1 + a r^2 + b r^4 + c r^6 and its derivative by r^2."""
+    if c == 0:
+        return 1 + r2 * (a + r2 * b), a + r2 * (2 * b)
+    return 1 + r2 * (a + r2 * (b + r2 * c)), a + r2 * (2 * b + r2 * 3 * c)
 
 
 class Equidistant:
