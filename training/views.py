@@ -9,17 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from lassokin_ros.core.evidence.depth_network import (
-    LARGEST_DEVIATION,
-    NAMES,
-    TARGETS,
-    TIMES,
-    Scene,
-    features,
-    interpolated,
-)
+from lassokin_ros.core.evidence.depth_network import NAMES, TARGETS, TIMES, Scene, features, interpolated
 from training.motion import Motion
 
 FASTEST, SLOWEST = 60.0, 2.0
@@ -37,12 +28,6 @@ LAYOUTS = (
 SMPL."""
 OTHER_ARMS = 0.35
 """Share of the samples with the arms of another clip."""
-BENT = 0.6
-"""Share of the samples with limbs and head rotated at random."""
-LENGTHS_KNOWN = 0.6
-"""Share of the samples with known bone lengths."""
-LENGTH_DEVIATIONS = (0.005, LARGEST_DEVIATION)
-"""Range of the standard deviation of the known log-lengths, drawn uniformly in its logarithm."""
 LASTS = 0.1
 """s: correlation time of a detector's wandering error."""
 
@@ -58,14 +43,6 @@ _UPPER = [p for p, name in enumerate(NAMES) if p not in _LOWER and not name.ends
 _FEET = [p for p, name in enumerate(NAMES) if name.endswith(("ankle", "heel", "toe"))]
 _UNSTEADY = np.array([1.5 if n.endswith(("hip", "heel", "toe", "head_top")) else 1.0 for n in NAMES])
 SWAPPED = ("hip knee ankle heel toe", "knee ankle heel toe", "shoulder elbow wrist", "elbow wrist")
-_HINGES = (
-    *((f"{s}_hip", f"{s}_knee {s}_ankle {s}_heel {s}_toe", 0.12) for s in ("left", "right")),
-    *((f"{s}_knee", f"{s}_ankle {s}_heel {s}_toe", 0.12) for s in ("left", "right")),
-    *((f"{s}_shoulder", f"{s}_elbow {s}_wrist", 0.25) for s in ("left", "right")),
-    *((f"{s}_elbow", f"{s}_wrist", 0.25) for s in ("left", "right")),
-    ("neck", "nose left_ear right_ear head head_top", 0.12),
-)
-"""For `_bend`: centre of rotation, the points that it moves, standard deviation of the rotation vector, rad."""
 _CHAINS = [
     ("knee", "hip", 1),
     ("ankle", "knee", 2),
@@ -112,7 +89,6 @@ class Views:
         if not plain:
             self._exchange_arms(points, times, random)
             _twist(points, random)
-            _bend(points, random)
         points, scale = _reshaped(points, random)
         height = (m.parts[clip] * scale[:, _PARTS]).sum(1)
         lengths = m.lengths[clip] * scale[:, _LENGTH_SEGMENTS] / height[:, None]
@@ -127,8 +103,9 @@ class Views:
             _swap(image, seen, random)
         places, known = _resampled(image, seen, times, slots, share)
         believed, up_known = _believed(up, turn, random)
-        lengths, deviation = _learned(lengths, random)
-        inputs, rotation = features(Scene(places, known, believed, up_known, lengths, deviation))
+        lengths_known = random.random(size) < 0.4
+        lengths = lengths * np.exp(0.02 * random.standard_normal(lengths.shape))
+        inputs, rotation = features(Scene(places, known, believed, up_known, lengths, lengths_known))
         relative = points[:, 0] - points[:, 0, _HIPS].mean(1, keepdims=True)
         target = relative[:, _TARGETS] @ rotation.swapaxes(-1, -2)
         return Batch(inputs, target.astype(np.float32))
@@ -215,19 +192,6 @@ def _twist(points: np.ndarray, random: np.random.Generator) -> None:
     world = axes.swapaxes(-1, -2) @ turn[:, None] @ axes
     for point in _UPPER:
         chosen[:, :, point] = ((chosen[:, :, point] - middle[:, :, 0])[:, :, None] @ world)[:, :, 0] + middle[:, :, 0]
-    points[rows] = chosen
-
-
-def _bend(points: np.ndarray, random: np.random.Generator) -> None:
-    """Rotate the segments of the limbs and the head, in place, each by a constant rotation in the trunk's axes."""
-    rows = np.flatnonzero(random.random(len(points)) < BENT)
-    chosen = points[rows]
-    axes = _trunk_axes(chosen)
-    for centre, names, spread in _HINGES:
-        turn = Rotation.from_rotvec(spread * random.standard_normal((len(rows), 3))).as_matrix().astype(np.float32)
-        moved = [_INDEX[name] for name in names.split()]
-        origin = chosen[:, :, _INDEX[centre], None]
-        chosen[:, :, moved] = (chosen[:, :, moved] - origin) @ (axes.swapaxes(-1, -2) @ turn[:, None] @ axes) + origin
     points[rows] = chosen
 
 
@@ -383,11 +347,3 @@ def _believed(up: np.ndarray, turn: np.ndarray, random: np.random.Generator) -> 
     believed = np.where((draw < 0.12)[:, None], level, up) + spread * random.standard_normal(up.shape)
     believed /= np.linalg.norm(believed, axis=1, keepdims=True)
     return believed, draw < 0.7
-
-
-def _learned(lengths: np.ndarray, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """The lengths (b, LENGTHS) as a tracker knows them, and the deviation of their logarithms (b,), inf if unknown."""
-    known = random.random(len(lengths)) < LENGTHS_KNOWN
-    deviation = np.exp(random.uniform(*np.log(LENGTH_DEVIATIONS), len(lengths)))
-    errors = np.where(known, deviation, 0.0)[:, None] * random.standard_normal(lengths.shape)
-    return lengths * np.exp(errors), np.where(known, deviation, np.inf)

@@ -8,7 +8,7 @@ import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
-from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.body.skeleton import Skeleton, has_built_in_proportions
 from lassokin_ros.core.body.surface import BodySurface
 from lassokin_ros.core.body.symmetry import LARGEST_ASYMMETRY, asymmetry, limb_groups, symmetrised
 from lassokin_ros.core.calibration.bone_lengths import Calibration
@@ -43,8 +43,8 @@ ALTERNATIVE_BODIES = 1
 """Number of body hypotheses beside the published state, see `body_hypotheses`. A second one corrected no state sooner.
 With the depth network there are none: the network's pose is the hypothesis."""
 
-LENGTH_ERROR = 2.0
-"""Typical error of a learned log-length, in units of the calibration's deviation, on the validation people."""
+LEARNED = 0.04
+"""Mean deviation of the learned log-lengths below which they are input to the depth network, as given ones are."""
 
 LEAST_MOTION = 0.003
 """rad per frame: lower limit of the typical motion of a degree of freedom."""
@@ -84,6 +84,7 @@ class TrackerParts:
         self.layout = Layout.load(self.config.landmarks, self.skeleton)
         self.kinematics = Kinematics(self.skeleton, self.layout)
         prior = PoseDistribution.load(self.skeleton)
+        self._lengths_given = not has_built_in_proportions(given)
         self._depth = self._depth_estimator()
         learned = [] if self._depth is None else [LearnedDepth(self.kinematics)]
         pose_prior = PosePrior(prior, self.kinematics)
@@ -189,7 +190,7 @@ class TrackerParts:
     def _adopt_lengths(self) -> None:
         self.skeleton = self.calibration.skeleton
         self.kinematics.set_skeleton(self.skeleton)
-        if self._depth is not None:
-            learned = bool(self.calibration.lengths.any())
-            self._depth.use_lengths(self.skeleton, LENGTH_ERROR * self.calibration.spread.mean() if learned else None)
+        if self._depth is not None and not self._lengths_given:
+            certain = bool(self.calibration.lengths.any()) and bool(self.calibration.spread.mean() < LEARNED)
+            self._depth.use_lengths(self.skeleton, certain)
         self._body_hypotheses.refresh()

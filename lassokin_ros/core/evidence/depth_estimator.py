@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from lassokin_ros.core.batch import BatchedCall, Steps
 from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.skeleton import Skeleton, has_built_in_proportions
 from lassokin_ros.core.evidence.depth_network import (
-    LARGEST_DEVIATION,
     LEAST_SEEN,
     TARGETS,
     History,
@@ -22,9 +19,6 @@ from lassokin_ros.core.evidence.depth_network import (
 )
 from lassokin_ros.core.image.frame_data import JointDepths
 
-GIVEN = 0.02
-"""Standard deviation of the log-lengths of a given skeleton, which was measured, or learned in an earlier session."""
-
 
 class DepthEstimator:
     """Runs the network on the recent keypoints of one person."""
@@ -34,8 +28,7 @@ class DepthEstimator:
         self._network, self._height = network, kinematics.skeleton.height
         index = canonical_index(kinematics.layout, kinematics.skeleton)
         self._index, self._there = np.maximum(index, 0), index >= 0
-        self._given = math.inf if has_built_in_proportions(kinematics.skeleton) else GIVEN
-        self.use_lengths(kinematics.skeleton)
+        self.use_lengths(kinematics.skeleton, not has_built_in_proportions(kinematics.skeleton))
         self._history = History()
         self._mount: np.ndarray | None = None
         self._level = np.eye(3)
@@ -47,15 +40,9 @@ class DepthEstimator:
         """True if the layout has enough of the points that the network uses."""
         return int(self._there.sum()) >= LEAST_SEEN
 
-    def use_lengths(self, skeleton: Skeleton, deviation: float | None = None) -> None:
-        """Input a skeleton's bone lengths to the network from the next frame on.
-
-        deviation: standard deviation of the log-lengths if they were learned; None for the given skeleton.
-        """
-        self._lengths = lengths_of(skeleton)
-        if deviation is None:
-            deviation = self._given
-        self._deviation = np.array(deviation if deviation <= LARGEST_DEVIATION else math.inf)
+    def use_lengths(self, skeleton: Skeleton, known: bool) -> None:
+        """Input a skeleton's bone lengths to the network from the next frame on, or none if they are not known."""
+        self._lengths, self._lengths_known = lengths_of(skeleton), np.array(known)
 
     def adopt_history(self, other: DepthEstimator) -> None:
         """Copy the past keypoints and the newest estimate of another estimator for the same person."""
@@ -88,7 +75,7 @@ class DepthEstimator:
             return None
         past, known = self._history.sampled()
         vertical = np.zeros(3) if up is None else level @ up
-        scene = Scene(past, known, vertical, np.array(up is not None), self._lengths, self._deviation)
+        scene = Scene(past, known, vertical, np.array(up is not None), self._lengths, self._lengths_known)
         prediction = self._prediction = yield BatchedCall(self._network, "predict", (scene,))
         self._rotation = prediction.rotation @ level
         depths = self._height * prediction.places[:, 2].astype(float)

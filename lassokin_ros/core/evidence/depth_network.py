@@ -6,7 +6,7 @@ landmarks map into one set of canonical points (`CANONICAL`), and a mask tells w
 Input. The keypoints are turned into a virtual camera that looks at the middle of the body, and divided by their size in
 the image. The same points at fixed times in the past (`TIMES`) follow, as differences, so that the detector's rate does
 not matter. Three more inputs describe the scene: the angular size, the vertical in the virtual camera, and the person's
-bone lengths relative to the height. The vertical has a mask, and the lengths a factor by how certain they are.
+bone lengths relative to the height. Each has a mask for where it is unknown.
 
 Output. For each of `TARGETS` the position relative to the middle of the hips, in the virtual camera and in units of the
 person's height. The depths come with a full covariance: the lower triangular matrix `whitening` makes their errors
@@ -71,10 +71,6 @@ TYPICAL_LENGTHS = np.array([0.105, 0.246, 0.256, 0.287, 0.225, 0.168, 0.13, 0.08
 """In heights."""
 LENGTH_SPREAD = 0.02
 """In heights: divisor of a length's difference from the typical one."""
-HALF_TRUSTED = 0.03
-"""Standard deviation of the log-lengths at which the lengths' inputs are halved."""
-LARGEST_DEVIATION = 0.1
-"""Standard deviation of the log-lengths above which they are treated as unknown."""
 
 _PAST = len(TIMES) - 1
 _GAINS = np.array([4.0, 3.0, 2.0, 1.2, 0.8])
@@ -141,7 +137,7 @@ class Scene:
 
     points: (..., times, canonical points, 2), any finite value if not visible; seen: the same shape without the last
     axis, bool; up: (..., 3) unit vector in the camera frame, and (...,) bool up_known; lengths: (..., LENGTHS) in
-    heights, and (...,) the standard deviation of their logarithms, inf if unknown.
+    heights, and (...,) bool lengths_known.
     """
 
     points: np.ndarray
@@ -149,7 +145,7 @@ class Scene:
     up: np.ndarray
     up_known: np.ndarray
     lengths: np.ndarray
-    lengths_deviation: np.ndarray
+    lengths_known: np.ndarray
 
 
 def features(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
@@ -177,9 +173,9 @@ def features(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     known = np.asarray(scene.up_known, dtype=np.float32)[..., None]
     rest[..., 1:4] = (rotation @ scene.up[..., None])[..., 0] * known
     rest[..., 4:5] = known
-    trust = np.asarray(1 / (1 + scene.lengths_deviation / HALF_TRUSTED), dtype=np.float32)[..., None]
-    rest[..., 5:-1] = (scene.lengths - TYPICAL_LENGTHS) / LENGTH_SPREAD * trust
-    rest[..., -1:] = trust
+    known = np.asarray(scene.lengths_known, dtype=np.float32)[..., None]
+    rest[..., 5:-1] = (scene.lengths - TYPICAL_LENGTHS) / LENGTH_SPREAD * known
+    rest[..., -1:] = known
     return result, rotation
 
 

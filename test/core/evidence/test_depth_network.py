@@ -62,7 +62,7 @@ def scene(count):
     points = random.normal(size=(count, len(TIMES), len(NAMES), 2)) * 0.2
     seen = random.random((count, len(TIMES), len(NAMES))) < 0.8
     up, lengths = np.tile([0.0, -1.0, 0.0], (count, 1)), np.tile(lengths_of(SKELETON), (count, 1))
-    return Scene(points, seen, up, np.ones(count, bool), lengths, np.full(count, np.inf))
+    return Scene(points, seen, up, np.ones(count, bool), lengths, np.zeros(count, bool))
 
 
 def test_a_batch_gives_the_same_results_as_single_people():

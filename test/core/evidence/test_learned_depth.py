@@ -10,7 +10,7 @@ from sequences import CONFIG, FOCAL, RATE, aligned_error, observations
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.proportions import Proportions
 from lassokin_ros.core.body.rotations import exponential
-from lassokin_ros.core.evidence.depth_network import DEPTHS, LARGEST_DEVIATION, LENGTHS, Network
+from lassokin_ros.core.evidence.depth_network import DEPTHS, LENGTHS, Network
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.learned_depth import TAIL, LearnedDepth
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
@@ -143,12 +143,12 @@ def test_learned_lengths_are_input_to_the_network(monkeypatch):
     for observation in given:
         tracker.track(observation)
     assert tracker.calibration.lengths.any()
-    assert np.isinf(scenes[0].lengths_deviation) and 0 < scenes[-1].lengths_deviation <= LARGEST_DEVIATION
+    assert not scenes[0].lengths_known and scenes[-1].lengths_known
     forearm = LENGTHS.index("forearm")
     assert scenes[-1].lengths[forearm] > 1.1 * scenes[0].lengths[forearm]
     tracker.reset()
     tracker.track(given[0])
-    assert np.isinf(scenes[-1].lengths_deviation) and np.array_equal(scenes[-1].lengths, scenes[0].lengths)
+    assert not scenes[-1].lengths_known and np.array_equal(scenes[-1].lengths, scenes[0].lengths)
 
 
 def test_a_camera_on_its_side_gives_the_same_motion_as_a_level_one():
