@@ -24,7 +24,7 @@ from lassokin_ros.core.image.robust_loss import norm
 
 EVERY = 0.1
 """s between the beginnings of two fits while a person is tracked."""
-SAME_POSE = 0.05
+SAME_POSE = 0.08
 """m: mean distance of the network's joints from the tracked ones below which no fit begins."""
 FACTORS = np.repeat([factor for factor, _ in NEAR_SCHEDULE], [count for _, count in NEAR_SCHEDULE])
 """Factor on the noise in each iteration of a fit. With half the iterations, poses after a gap had larger errors."""
