@@ -144,7 +144,7 @@ def _stages(
         frame = timed("decode, undistort, track, angles", pipeline.process, message, 0)
         for topic in OUTPUTS if frame.accepted else ():
             name = topic.name.removeprefix("~/")
-            built = timed(f"encode {name}", lambda: list(messages.build(frame, topic.name.__eq__)))
+            built = timed(f"encode {name}", lambda: list(messages.build(frame, [topic.name])))
             timed(f"publish {name}", publish, topic.name, built[0][1])
         for who, (_, on_keypoints, step) in callbacks.items():
             timed(f"whole callback, {who}", on_keypoints, message)
