@@ -20,8 +20,6 @@ from msg_adapters.detectors.definitions import DEFINITIONS, OLDER
 STORAGES = ("sqlite3", "mcap")
 FILE_NAME = "recording"
 """Stem of the data file in a recording's folder. It is fixed, so that the bytes do not depend on the folder's name."""
-
-
 WRITTEN_TOGETHER = 250
 """Messages that are passed to the storage at once. One at a time takes four times as long: between two frames of a
 tracker, the code of the storage leaves the caches of the processor."""
