@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from lassokin_ros.core.evidence.depth_network import DEPTHS, INPUTS, OUTPUTS, Network
+from lassokin_ros.core.evidence.depth_network import DEPTHS, INPUTS, OUTPUTS, Network, activated, linear
+from training.symmetry import symmetrise_first, symmetrise_last
 
 TAIL = 4.0
 """Degrees of freedom of Student's t, the distribution of the errors."""
@@ -14,32 +15,42 @@ JITTER = 0.008
 """In heights: noise on the target depths, so that no combination of them is considered exact."""
 PLANE = 0.5
 """Weight of x and y in the loss."""
+DISTANCE = 30.0
+"""Per height: weight of the distances in the loss. The likelihood alone teaches the means too little where the network
+is unsure (Seitzer et al. 2022, On the pitfalls of heteroscedastic uncertainty estimation)."""
 ADAM_RATE, ADAM_DECAY = 1.5e-3, 0.03
 MUON_RATE, MUON_DECAY, MOMENTUM = 0.02, 0.01, 0.95
 _LOWER = np.tril_indices(DEPTHS, -1)
 
 
 def initial_weights(width: int, blocks: int, random: np.random.Generator) -> list[np.ndarray]:
-    """He's initialisation; each block starts as the identity."""
+    """He's initialisation, with the symmetry; each block starts near the identity. width: of both parts together."""
+    k = width // 2
 
     def matrix(rows: int, columns: int, gain: float) -> np.ndarray:
         return (random.standard_normal((rows, columns)) * gain / math.sqrt(rows)).astype(np.float32)
 
-    weights = [matrix(INPUTS, width, 1.0), np.zeros(width, dtype=np.float32)]
+    def pair(rows: int, columns: int, gain: float) -> np.ndarray:
+        return np.array([matrix(rows, columns, gain) for _ in range(2)])
+
+    weights = [pair(INPUTS, k, 1.0), np.zeros(k, dtype=np.float32)]
     for _ in range(blocks):
-        weights += [matrix(width, width, math.sqrt(2)), np.zeros(width, dtype=np.float32)]
-        weights += [matrix(width, width, 0.2), np.zeros(width, dtype=np.float32)]
-    weights += [matrix(width, OUTPUTS, 0.1), np.zeros(OUTPUTS, dtype=np.float32)]
+        weights += [pair(k, k, math.sqrt(2)), np.zeros(k, dtype=np.float32)]
+        weights += [pair(k, k, 0.2), np.zeros(k, dtype=np.float32)]
+    weights += [matrix(2 * k, OUTPUTS, 0.14), np.zeros(OUTPUTS, dtype=np.float32)]
     weights[-1][3 * DEPTHS : 4 * DEPTHS] = 2.0
     weights[-1][-DEPTHS:] = -2.5
+    symmetrise_first(weights[0])
+    symmetrise_last(weights[-2], weights[-1])
     return weights
 
 
 def loss(outputs: np.ndarray, places: np.ndarray) -> tuple[float, np.ndarray]:
-    """(mean negative log-likelihood, its derivative by outputs (b, OUTPUTS)); places: (b, TARGETS, 3).
+    """(loss, its derivative by outputs (b, OUTPUTS)); places: (b, TARGETS, 3).
 
-    Depths: Student's t of each component of the whitened error r = D (I + L) e, with log D and L from the output. x and
-    y: Student's t of each one separately.
+    The loss is the mean of a negative log-likelihood and of `DISTANCE` times the sum of the targets' errors (distances
+    in 3D). The likelihood of the depths is Student's t of each component of the whitened error r = D (I + L) e, with
+    log D and L from the output; that of x and y is Student's t of each one separately.
     """
     d, size = DEPTHS, len(outputs)
     gradient = np.zeros_like(outputs)
@@ -65,29 +76,47 @@ def loss(outputs: np.ndarray, places: np.ndarray) -> tuple[float, np.ndarray]:
     g = (TAIL + 1) * q / (TAIL + q * q)
     gradient[:, : 2 * d] = PLANE * (g * np.exp(-log_scale)[:, None]).reshape(size, -1)
     gradient[:, -d:] = PLANE * (1 - g * q).sum(1) * (raw_scale == log_scale)
-    return float(value.sum() / size + PLANE * plane.sum() / size), gradient / size
+    distance = np.sqrt((error * error).sum(1) + 1e-6)
+    gradient[:, : 3 * d] += DISTANCE * (error / distance[:, None]).reshape(size, -1)
+    total = value.sum() + PLANE * plane.sum() + DISTANCE * distance.sum()
+    return float(total) / size, gradient / size
 
 
 def backpropagated(network: Network, inputs: np.ndarray, places: np.ndarray) -> tuple[float, list[np.ndarray]]:
-    """The loss of a batch, and its derivatives by the weights, in their order."""
+    """The loss of a batch, and its derivatives by the weights, in their order, with the symmetry of the weights."""
     w = network.weights
-    kept: list[tuple[np.ndarray, np.ndarray]] = []
-    first = np.maximum(inputs @ w[0] + w[1], 0)
-    h = first
+    kept: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    first = linear(inputs, w[0], w[1])
+    h = activated(first)
     for i in range(2, len(w) - 2, 4):
-        inner = np.maximum(h @ w[i] + w[i + 1], 0)
-        kept.append((h, inner))
-        h = h + (inner @ w[i + 2] + w[i + 3])
-    value, g = loss(h @ w[-2] + w[-1], places)
-    gradients: list[np.ndarray] = [h.T @ g, g.sum(0)]
+        before = linear(h, w[i], w[i + 1])
+        inner = activated(before)
+        kept.append((h, before, inner))
+        h = h + linear(inner, w[i + 2], w[i + 3])
+    joined = np.concatenate((h[0], h[1]), axis=-1)
+    value, g = loss(joined @ w[-2] + w[-1], places)
+    gradients: list[np.ndarray] = [joined.T @ g, g.sum(0)]
+    symmetrise_last(*gradients)
+    k = len(w[1])
     g = g @ w[-2].T
-    for i, (before, inner) in zip(range(len(w) - 6, 0, -4), reversed(kept)):
-        own = [inner.T @ g, g.sum(0)]
-        inside = (g @ w[i + 2].T) * (inner > 0)
-        gradients = [before.T @ inside, inside.sum(0), *own, *gradients]
-        g = g + inside @ w[i].T
-    g = g * (first > 0)
-    return value, [inputs.T @ g, g.sum(0), *gradients]
+    g = np.array([g[:, :k], g[:, k:]])
+    for i, (entered, before, inner) in zip(range(len(w) - 6, 0, -4), reversed(kept)):
+        own = [inner.swapaxes(-1, -2) @ g, g[0].sum(0)]
+        inside = _activation_gradient(before, g @ w[i + 2].swapaxes(-1, -2))
+        gradients = [entered.swapaxes(-1, -2) @ inside, inside[0].sum(0), *own, *gradients]
+        g = g + inside @ w[i].swapaxes(-1, -2)
+    g = _activation_gradient(first, g)
+    gradients = [inputs.T @ g, g[0].sum(0), *gradients]
+    symmetrise_first(gradients[0])
+    return value, gradients
+
+
+def _activation_gradient(h: np.ndarray, g: np.ndarray) -> np.ndarray:
+    """Gradient by the argument h (2, b, k) of `activated`, from the gradient g by its value."""
+    x = np.stack((h[0] + h[1], h[0] - h[1]))
+    s = 0.5 + 0.5 * np.tanh(0.5 * x)
+    by_side = 0.5 * np.stack((g[0] + g[1], g[0] - g[1])) * (s * (1 + x * (1 - s)))
+    return np.stack((by_side[0] + by_side[1], by_side[0] - by_side[1]))
 
 
 class Optimiser:
@@ -111,7 +140,7 @@ class Optimiser:
         shrink = np.float32(min(1.0, clip / (size + 1e-9)))
         kept = min(self._average, (1 + self._step) / (10 + self._step))
         for i, (w, a, g) in enumerate(zip(self.weights, self.averaged, gradients)):
-            if w.ndim == 2 and w.shape[0] == w.shape[1]:
+            if w.ndim == 3 and w.shape[1] == w.shape[2]:
                 self._muon(i, w, g * shrink, share)
             else:
                 self._adam(i, w, g * shrink, share)
@@ -126,7 +155,7 @@ class Optimiser:
     def _adam(self, i: int, w: np.ndarray, g: np.ndarray, share: float) -> None:
         m, v = self._first[i], self._second[i]
         one, two = 1 - 0.9**self._step, 1 - 0.999**self._step
-        if w.ndim == 2:
+        if w.ndim > 1:
             w *= np.float32(1 - ADAM_RATE * share * ADAM_DECAY)
         m += np.float32(0.1) * (g - m)
         v += np.float32(0.001) * (g * g - v)
@@ -134,10 +163,10 @@ class Optimiser:
 
 
 def orthogonalised(matrix: np.ndarray) -> np.ndarray:
-    """About U V' of a square matrix U S V', by five Newton-Schulz steps: its singular values become 0.7 to 1.2."""
+    """About U V' of square matrices U S V' (..., k, k), by five Newton-Schulz steps: singular values 0.7 to 1.2."""
     a, b, c = np.float32(3.4445), np.float32(-4.7750), np.float32(2.0315)
-    X = matrix / np.float32(np.linalg.norm(matrix) + 1e-7)
+    X = matrix / (np.linalg.norm(matrix, axis=(-2, -1), keepdims=True) + np.float32(1e-7))
     for _ in range(5):
-        A = X @ X.T
+        A = X @ X.swapaxes(-1, -2)
         X = a * X + (b * A + c * (A @ A)) @ X
     return np.asarray(X)

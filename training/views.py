@@ -12,6 +12,7 @@ import numpy as np
 
 from lassokin_ros.core.evidence.depth_network import NAMES, TARGETS, TIMES, Scene, features, interpolated
 from training.motion import Motion
+from training.symmetry import OTHER
 
 FASTEST, SLOWEST = 60.0, 2.0
 """Hz: rates of the detector, drawn uniformly in their logarithm. Above 60 Hz interpolation makes no difference."""
@@ -35,8 +36,6 @@ _INDEX = {name: point for point, name in enumerate(NAMES)}
 _LIMB = [_INDEX[f"{s}_{j}"] for j in "shoulder elbow wrist hip knee ankle".split() for s in ("left", "right")]
 _HIPS = [_INDEX["left_hip"], _INDEX["right_hip"]]
 _SHOULDERS = [_INDEX["left_shoulder"], _INDEX["right_shoulder"]]
-OTHER = np.array([_INDEX[n.replace("left", "L").replace("right", "left").replace("L", "right")] for n in NAMES])
-"""Index of each canonical point's mirror image."""
 _TARGETS = [_INDEX[name] for name in TARGETS]
 _LOWER = [p for p, name in enumerate(NAMES) if name.endswith(("knee", "ankle", "heel", "toe"))]
 _UPPER = [p for p, name in enumerate(NAMES) if p not in _LOWER and not name.endswith("hip")]

@@ -18,12 +18,13 @@ def run(*arguments):
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
 
 
-def test_a_revision_compared_with_itself_has_ratios_near_1(tmp_path):
+@pytest.mark.parametrize(("figures", "rounds"), [("step,first_upright", 2), ("replay", 1)])
+def test_a_revision_compared_with_itself_has_ratios_near_1(tmp_path, figures, rounds):
     file = tmp_path / "records.json"
-    done = run("HEAD", "--rounds", "2", "--figures", "step,first_upright", "--json", str(file))
+    done = run("HEAD", "--rounds", str(rounds), "--figures", figures, "--json", str(file))
     assert done.returncode == 0, done.stderr
     records = json.loads(file.read_text(encoding="utf-8"))
-    assert [record["what"] for record in records] == ["step", "first_upright"]
+    assert [record["what"] for record in records] == figures.split(",")
     assert all(0.4 < record["ratio"] < 2.5 for record in records)
 
 

@@ -8,9 +8,15 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.evidence.depth_network import (
     DEPTHS,
     INPUTS,
+    NAMES,
     OUTPUTS,
+    TARGETS,
+    TIMES,
+    TYPICAL_LENGTHS,
     Network,
+    Scene,
     canonical_layout,
+    features,
     lengths_of,
     load_weights,
 )
@@ -18,6 +24,7 @@ from lassokin_ros.demo.synthetic import motion as synthetic_motion
 from training.depth import train, write
 from training.motion import HEIGHT_PARTS, TEST, VALIDATION, Motion
 from training.network import backpropagated, initial_weights, loss, orthogonalised
+from training.symmetry import INPUT, OTHER, PLACE, symmetrise_first, symmetrise_last
 from training.views import Views
 
 HEIGHT = 1.75
@@ -48,20 +55,57 @@ def test_the_loss_gradient_is_its_derivative():
 
 
 def test_backpropagation_is_the_derivative_by_the_weights():
+    """Along directions with the symmetry of the weights."""
     random = np.random.default_rng(1)
     network = Network(initial_weights(8, 1, random))
-    network.weights = [w.astype(float) + 0.05 * random.normal(size=w.shape) for w in network.weights]
+    network.weights = [w.astype(float) for w in network.weights]
     inputs, places = random.normal(size=(6, INPUTS)), 0.3 * random.normal(size=(6, DEPTHS, 3))
     _, gradients = backpropagated(network, inputs, places)
-    for weights, gradient in zip(network.weights, gradients):
-        place = tuple(random.integers(size) for size in weights.shape)
-        before = weights[place]
-        values = []
+    directions = [random.normal(size=w.shape) for w in network.weights]
+    symmetrise_first(directions[0])
+    symmetrise_last(directions[-2], directions[-1])
+    for weights, gradient, direction in zip(network.weights, gradients, directions):
+        values, before = [], weights.copy()
         for step in (1e-6, -1e-6):
-            weights[place] = before + step
+            weights[...] = before + step * direction
             values.append(backpropagated(network, inputs, places)[0])
-        weights[place] = before
-        assert np.isclose(gradient[place], (values[0] - values[1]) / 2e-6, rtol=1e-3, atol=1e-6)
+        weights[...] = before
+        assert np.isclose(np.vdot(gradient, direction), (values[0] - values[1]) / 2e-6, rtol=1e-4, atol=1e-6)
+
+
+def test_training_keeps_the_mirror_symmetry(motion):
+    network = train(motion, 5, 32, 16, 1, seed=0, processes=0)
+    inputs = Views(motion).batch(20, np.random.default_rng(4)).inputs
+    (seen, x), (place, sign) = INPUT, PLACE
+    outputs, mirrored = network(inputs), network(inputs[:, seen] * x)
+    assert np.ptp(outputs[:, : len(place)]) > 0.01
+    assert np.allclose(mirrored[:, : len(place)], outputs[:, place] * sign, atol=1e-5)
+
+
+def test_a_mirrored_scene_has_mirrored_inputs(motion):
+    """`INPUT` describes the order of `features`."""
+    random = np.random.default_rng(5)
+    seen = random.random((7, len(TIMES), len(NAMES))) < 0.8
+    points = 0.2 * random.normal(size=(*seen.shape, 2))
+    up = random.normal(size=(7, 3))
+    known = np.ones(7, dtype=bool)
+    lengths = np.tile(TYPICAL_LENGTHS, (7, 1))
+    inputs, _ = features(Scene(points, seen, up, known, lengths, known))
+    flip = np.array([-1.0, 1.0, 1.0])
+    mirrored = Scene(points[:, :, OTHER] * flip[:2], seen[:, :, OTHER], up * flip, known, lengths, known)
+    index, sign = INPUT
+    assert np.allclose(features(mirrored)[0], inputs[:, index] * sign, atol=1e-5)
+
+
+def test_the_places_of_a_mirrored_body_are_mirrored(motion):
+    """`PLACE` describes the order of the outputs."""
+    body = dict(zip(NAMES, np.random.default_rng(6).normal(size=(len(NAMES), 3))))
+    middle = 0.5 * (body["left_hip"] + body["right_hip"])
+    other = {name: body[NAMES[OTHER[NAMES.index(name)]]] * [-1.0, 1.0, 1.0] for name in NAMES}
+    places = np.array([body[name] - middle for name in TARGETS]).T.ravel()
+    mirrored = np.array([other[name] - middle * [-1.0, 1.0, 1.0] for name in TARGETS]).T.ravel()
+    index, sign = PLACE
+    assert np.allclose(mirrored, places[index] * sign)
 
 
 def test_an_orthogonalised_matrix_keeps_its_singular_vectors_and_has_singular_values_near_one():

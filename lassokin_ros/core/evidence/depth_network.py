@@ -232,20 +232,54 @@ def interpreted(outputs: np.ndarray, rotation: np.ndarray) -> Prediction:
     return Prediction(places, whitening, scale, rotation)
 
 
+def linear(h: np.ndarray, W: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(2, n, k): even and odd part of h times their matrices W (2, m, k), with the bias b (k,) of the even part."""
+    result = np.asarray(h @ W)
+    result[0] += b
+    return result
+
+
+_HALF_SIDES = np.array([[0.5, 0.5], [0.5, -0.5]], dtype=np.float32)
+"""Half the sum and half the difference of an even and an odd part, or of the values for both sides."""
+
+
+def activated(h: np.ndarray) -> np.ndarray:
+    """SiLU of even + odd and of even - odd, as an even and an odd part again; h: (2, n, k).
+
+    silu(x) = x / (1 + exp(-x)) (Elfwing et al. 2018), as x/2 (1 + tanh(x/2)), which does not overflow.
+    """
+    half = _HALF_SIDES @ h.reshape(2, -1)
+    sides = np.tanh(half)
+    sides += 1
+    sides *= half
+    return np.asarray(_HALF_SIDES @ sides).reshape(h.shape)
+
+
 class Network:
-    """A perceptron with residual blocks: h = relu(x W + b); h += relu(h A + a) B + b, per block; y = h W + b."""
+    """A perceptron with residual blocks. For the mirror image of a person it gives the mirror image of its places.
+
+    A hidden layer h has an even part, which stays if the input is mirrored, and an odd part, which changes its sign.
+    Each part has its own matrix: h W is (h_even W_even, h_odd W_odd), with half of the weights of a full matrix. A bias
+    is added to the even part. `activated` mixes the parts and keeps the symmetry.
+
+        h = activated(x W + b);  h += activated(h A + a) B + b, per block;  y = (h_even, h_odd) W + b
+
+    The first and the last W have the symmetry of inputs and places (training/symmetry.py). The columns for the
+    whitening have none, because a triangular matrix depends on the order of the targets.
+    """
 
     def __init__(self, weights: Sequence[np.ndarray]) -> None:
-        """weights: float32, in the order W, b, then A, a, B, b of each block, and W, b of the output."""
+        """weights: W (2, INPUTS, k), b (k,); per block A (2, k, k), a, B, b; W (2 k, OUTPUTS), b (OUTPUTS,)."""
         self.weights = [np.ascontiguousarray(w, dtype=np.float32) for w in weights]
 
     def __call__(self, inputs: np.ndarray) -> np.ndarray:
         """(..., OUTPUTS) of inputs (..., INPUTS), float32."""
         w = self.weights
-        h = np.maximum(inputs @ w[0] + w[1], 0)
+        h = activated(linear(inputs.reshape(-1, INPUTS), w[0], w[1]))
         for A, a, B, b in zip(*(w[2 + i : -2 : 4] for i in range(4))):
-            h += np.maximum(h @ A + a, 0) @ B + b
-        return np.asarray(h @ w[-2] + w[-1])
+            h += linear(activated(linear(h, A, a)), B, b)
+        outputs = np.concatenate((h[0], h[1]), axis=-1) @ w[-2] + w[-1]
+        return np.asarray(outputs.reshape(*inputs.shape[:-1], OUTPUTS))
 
     @batched(reads=(), writes=())
     def predict(self, scene: Scene) -> Prediction:
