@@ -15,7 +15,7 @@ import math
 
 WRONG = 0.1
 """m: mean joint error, relative to the pelvis, from which a pose is called wrong."""
-OFFSET, BY_DEVIATION, BY_EXCESS, BY_COST = -4.5, 4.4, 2.0, 1.7
+OFFSET, BY_DEVIATION, BY_EXCESS, BY_COST = -4.8, 4.4, 2.0, 1.7
 """Coefficients of the curve: offset, and slopes for the three logarithms."""
 
 

@@ -35,7 +35,7 @@ from lassokin_ros.core.image.robust_loss import squared_norm
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
 from lassokin_ros.core.output.failure_probability import failure_probability
 
-FACTOR = 1.4
+FACTOR = 1.5
 """Factor on the posterior's standard deviation s, at the usual disagreement."""
 USUAL_DISAGREEMENT = 0.1
 """Usual disagreement of a pose with the network, see `LearnedDepth.disagreement`."""
