@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.data.depth_images import SIZE, render
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.demo.synthetic import Detector, detections, exact_pixels, motion
+from lassokin_ros.demo.synthetic import WEBCAM, Detector, detections, exact_pixels, motion
 
 HEIGHT, LANDMARKS = 1.75, "coco17"
 APART_M, LATER_S = 0.8, 3.1
@@ -37,3 +38,24 @@ def view(first: int, count: int, hz: float, people: int, detector: Detector = De
         pixels.append(found[0])
         confidence.append(found[1])
     return View(np.stack(pixels, axis=1), np.stack(confidence, axis=1))
+
+
+def depth_images(count: int, hz: float) -> list[np.ndarray]:
+    """(480, 848) mm, uint16, one for each of the first frames of one person: the body before a wall.
+
+    The lens' distortion is left out; it is about a pixel at the body.
+    """
+    skeleton = Skeleton.load("anthropometric", HEIGHT)
+    kinematics = Kinematics(skeleton, Layout.load(LANDMARKS, skeleton))
+    state = motion(skeleton, np.arange(count) / hz)
+    pose = kinematics.pose(BodyState(state.rotations, state.translation + np.array([0.0, 0.0, 0.25])))
+    names = [name.replace("left", "l").replace("right", "r").replace("foot", "toe") for name in skeleton.joint_names]
+    K, (width, height) = WEBCAM.K, WEBCAM.size
+    off_centre = np.array([(K[0, 2] - width / 2) / K[0, 0], (K[1, 2] - height / 2) / K[1, 1]])
+    images = []
+    for positions, orientations in zip(pose.positions, pose.orientations):
+        top = positions[skeleton.index("head")] + orientations[skeleton.index("head")] @ [0.0, 0.11 * HEIGHT, 0.0]
+        joints = dict(zip((*names, "head_top"), (*positions, top)))
+        shifted = {name: place + [*(place[2] * off_centre), 0.0] for name, place in joints.items()}
+        images.append((1000 * render(shifted, HEIGHT, K[0, 0] * SIZE[0] / width)).astype("<u2"))
+    return images

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.common.report import Record
-from benchmarks.data.people_in_view import HEIGHT, LANDMARKS, view
+from benchmarks.data.people_in_view import HEIGHT, LANDMARKS, depth_images, view
 from benchmarks.timing.load_table import latency_rows, row, usage_rows
 from benchmarks.timing.processes import Limits, Usage
 from lassokin_ros.common.progress import Progress
@@ -33,7 +33,8 @@ CYCLE_S, WARM_UP_S, DEADLINE_S = 24.0, 5.0, 30.0
 DETECTION_S = 0.01
 """Delay of keypoints after the camera_info of their image; at most a third of the period."""
 STEPS = 500
-DEPTH_SIZE = 848, 480
+DEPTH_CYCLE = 90
+"""Number of different depth images; the motion goes there and back with them."""
 MOST_MEMORY_MB, MOST_CPU, MOST_CORE_CPU, PROMISED_PEOPLE, PROMISED_HZ = 150.0, 8.0, 4.0, 1, 30.0
 CPU, CORE_CPU = "process, % of a core", "of it the core's steps, % of a core"
 
@@ -119,17 +120,25 @@ def _messages(people: int, hz: float) -> list[bytes]:
     return result
 
 
-def _depth_image() -> bytearray:
-    """A serialised depth image of a depth camera's size: a wall at a person's distance."""
+def _depth_messages(hz: float) -> list[bytearray]:
+    """Serialised depth images of the first frames of one person; the stamps are written when they are sent."""
     from rclpy.serialization import serialize_message
     from sensor_msgs.msg import Image
     from std_msgs.msg import Header
 
-    width, height = DEPTH_SIZE
-    data = np.full((height, width), 3600, "<u2").tobytes()
-    return bytearray(serialize_message(Image(
-        header=Header(frame_id=FRAME_ID), height=height, width=width, encoding="16UC1", step=2 * width,
-        data=array("B", data))))  # fmt: skip
+    result = []
+    for image in depth_images(DEPTH_CYCLE, hz):
+        height, width = image.shape
+        result.append(bytearray(serialize_message(Image(
+            header=Header(frame_id=FRAME_ID), height=height, width=width, encoding="16UC1", step=2 * width,
+            data=array("B", image.tobytes())))))  # fmt: skip
+    return result
+
+
+def _order(count: int, frames: int, there_and_back: bool) -> np.ndarray:
+    """(count,) index of the frame of each message: round and round, or there and back, which has no jumps."""
+    number = np.arange(count)
+    return np.abs((number + frames - 1) % (2 * frames - 2) - (frames - 1)) if there_and_back else number % frames
 
 
 class Load:
@@ -190,7 +199,8 @@ class Load:
     def feed(self, messages: list[bytes], hz: float, seconds: float) -> int:
         """Publish keypoints and camera_info at a constant rate from a thread; return the number sent."""
         count, sent = round(seconds * hz), 0
-        image = _depth_image() if self._depth else bytearray()
+        images = _depth_messages(hz) if self._depth else []
+        order = _order(count, len(images) or len(messages), there_and_back=self._depth)
         progress = Progress(count, "messages")
 
         def send() -> None:
@@ -201,9 +211,10 @@ class Load:
                 due = max(due + 1 / hz, time.monotonic())  # a delayed sender does not send the missed messages
                 self._camera.publish(self._camera_info)
                 time.sleep(min(DETECTION_S, 1 / (3 * hz)))
-                data, stamp = bytearray(messages[number % len(messages)]), divmod(time.time_ns(), 1_000_000_000)
+                data, stamp = bytearray(messages[order[number]]), divmod(time.time_ns(), 1_000_000_000)
                 struct.pack_into("<iI", data, 4, *stamp)
                 if self._depths is not None:
+                    image = images[order[number]]
                     struct.pack_into("<iI", image, 4, *stamp)
                     self._depths.publish(bytes(image))
                 self._keypoints.publish(bytes(data))
