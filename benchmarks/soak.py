@@ -44,6 +44,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Command line; the exit code."""
     options = parser().parse_args(arguments)
     limits = Limits(options.address_space, options.descriptors)
+    if options.depth and options.people != 1:
+        parser().error("--depth has images of one person: add --people 1")
     if options.live:
         from benchmarks.timing.live_load import soak_live
 
@@ -65,7 +67,7 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument("--people", type=int, default=4)
     result.add_argument("--hz", type=float, default=120.0, help="of the live run's keypoints")
     result.add_argument("--clock", type=float, default=0.0, metavar="HZ", help="of the live run's /clock (0: none)")
-    result.add_argument("--depth", action="store_true", help="a depth image with each keypoint message")
+    result.add_argument("--depth", action="store_true", help="a depth image with each keypoint message (--people 1)")
     result.add_argument("--address-space", type=count, default=0, metavar="MB", help="limit of it (RLIMIT_AS)")
     result.add_argument("--descriptors", type=count, default=0, help="limit of open files (RLIMIT_NOFILE)")
     result.add_argument("--json", type=output_file)

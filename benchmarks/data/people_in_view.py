@@ -13,8 +13,9 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.demo.synthetic import WEBCAM, Detector, detections, exact_pixels, motion
 
 HEIGHT, LANDMARKS = 1.75, "coco17"
-APART_M, LATER_S = 0.8, 3.1
-"""Distance between neighbouring people, m, and delay of the motion from one person to the next, s."""
+APART_M, BACK_M, LATER_S = 0.8, 0.25, 3.1
+"""m between neighbouring people; m by which each person more moves all away from the camera; delay of the motion from
+one person to the next, s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +33,7 @@ def view(first: int, count: int, hz: float, people: int, detector: Detector = De
     pixels, confidence = [], []
     for person in range(people):
         state = motion(skeleton, (first + np.arange(count)) / hz + LATER_S * person)
-        place = np.array([(person - (people - 1) / 2) * APART_M, 0.0, 0.25 * people])
+        place = np.array([(person - (people - 1) / 2) * APART_M, 0.0, BACK_M * people])
         exact = exact_pixels(kinematics, BodyState(state.rotations, state.translation + place))
         found = detections(exact, hz, seed=1000 * first + person, detector=detector)
         pixels.append(found[0])
@@ -48,7 +49,7 @@ def depth_images(count: int, hz: float) -> list[np.ndarray]:
     skeleton = Skeleton.load("anthropometric", HEIGHT)
     kinematics = Kinematics(skeleton, Layout.load(LANDMARKS, skeleton))
     state = motion(skeleton, np.arange(count) / hz)
-    pose = kinematics.pose(BodyState(state.rotations, state.translation + np.array([0.0, 0.0, 0.25])))
+    pose = kinematics.pose(BodyState(state.rotations, state.translation + np.array([0.0, 0.0, BACK_M])))
     names = [name.replace("left", "l").replace("right", "r").replace("foot", "toe") for name in skeleton.joint_names]
     K, (width, height) = WEBCAM.K, WEBCAM.size
     off_centre = np.array([(K[0, 2] - width / 2) / K[0, 0], (K[1, 2] - height / 2) / K[1, 1]])

@@ -19,6 +19,7 @@ from lassokin_ros.core.evidence.depth_network import (
     features,
     lengths_of,
     load_weights,
+    shipped_network,
 )
 from lassokin_ros.demo.synthetic import motion as synthetic_motion
 from training.depth import train, write
@@ -80,6 +81,13 @@ def test_training_keeps_the_mirror_symmetry(motion):
     outputs, mirrored = network(inputs), network(inputs[:, seen] * x)
     assert np.ptp(outputs[:, : len(place)]) > 0.01
     assert np.allclose(mirrored[:, : len(place)], outputs[:, place] * sign, atol=1e-5)
+
+
+def test_the_shipped_network_is_symmetric(motion):
+    inputs = Views(motion).batch(20, np.random.default_rng(4)).inputs
+    (seen, x), (place, sign) = INPUT, PLACE
+    outputs, mirrored = shipped_network()(inputs), shipped_network()(inputs[:, seen] * x)
+    assert np.allclose(mirrored[:, : len(place)], outputs[:, place] * sign, atol=1e-4)
 
 
 def test_a_mirrored_scene_has_mirrored_inputs(motion):

@@ -233,7 +233,10 @@ def interpreted(outputs: np.ndarray, rotation: np.ndarray) -> Prediction:
 
 
 def linear(h: np.ndarray, W: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(2, n, k): even and odd part of h times their matrices W (2, m, k), with the bias b (k,) of the even part."""
+    """(2, n, k): even and odd part of h times their matrices W (2, m, k), with the bias b (k,) of the even part.
+
+    h: (2, n, m), or (n, m) for the inputs, which both matrices multiply.
+    """
     result = np.asarray(h @ W)
     result[0] += b
     return result
