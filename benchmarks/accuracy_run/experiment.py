@@ -8,7 +8,7 @@ from typing import Any, Mapping
 
 import numpy as np
 
-from benchmarks.accuracy_run.metrics import acceleration_error, flipped_frames, mpjpe, pa_mpjpe
+from benchmarks.accuracy_run.metrics import acceleration_error, flipped_frames, joint_errors, mpjpe, pa_mpjpe
 from benchmarks.accuracy_run.runs import Follower, Track, follow
 from benchmarks.common.report import Record
 from benchmarks.data.mocap import EVALUATED, SMPL_NAME, Clip, clip_height, clip_skeleton, load_clip
@@ -180,6 +180,7 @@ def score(track: Track, scene: Scene, score_from: float = 0.0) -> Record:
         "rejected": int(np.sum(track.rejected[scored])),
         "ends_lost": bool(track.rejected[-1]),
         "before_first": first,
+        "joints_mm": joint_errors(estimate, truth, own_root, true_root, EVALUATED),
     }
 
 

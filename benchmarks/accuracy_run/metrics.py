@@ -33,6 +33,30 @@ def mpjpe(estimate: np.ndarray, truth: np.ndarray, estimate_root: np.ndarray, tr
         return 1000 * np.where(known, size, 0.0).sum(axis=1) / known.sum(axis=1)
 
 
+def joint_errors(
+    estimate: np.ndarray,
+    truth: np.ndarray,
+    estimate_root: np.ndarray,
+    truth_root: np.ndarray,
+    names: Sequence[str],
+) -> dict[str, tuple[float, float]]:
+    """By joint, without its side: mean distance and mean error along the optical axis, mm, roots at the origin.
+
+    Positions with a NaN are left out, and joints without any other.
+    """
+    difference = (estimate - estimate_root[:, None]) - (truth - truth_root[:, None])
+    sizes = 1000 * np.stack([np.linalg.norm(difference, axis=-1), np.abs(difference[..., 2])], axis=-1)
+    kinds = [name.rpartition("_")[2] for name in names]
+    result = {}
+    for kind in dict.fromkeys(kinds):
+        of_kind = sizes[:, [k == kind for k in kinds]].reshape(-1, 2)
+        known = of_kind[np.isfinite(of_kind).all(axis=1)]
+        if len(known):
+            distance, depth = known.mean(axis=0)
+            result[kind] = float(distance), float(depth)
+    return result
+
+
 def pa_mpjpe(estimate: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """(f,) mm: the same after the best similarity transform (rotation, translation, scale) of each frame's estimate."""
     result = np.empty(len(truth))

@@ -17,7 +17,7 @@ SWITCH = {**dict.fromkeys(("true", "1", "yes", "on"), True), **dict.fromkeys(("f
 GIVEN = {"height": "by each clip", "skeleton": "by each clip", "landmarks": "by --landmarks"}
 """Settings that --set does not accept, and the option to use instead."""
 OF_DETECTIONS = (
-    "detections methods measured_bones tracker_noise_px set uncertainty failure_probability jobs json".split()
+    "detections methods measured_bones tracker_noise_px set joints uncertainty failure_probability jobs json".split()
 )
 """Options that have an effect with --detections: its keypoints are used unchanged, from every camera."""
 
@@ -67,6 +67,7 @@ def parser(description: str | None = None) -> argparse.ArgumentParser:
     add("--initialisation", action="store_true", help="initialise from single frames spread over the clips")
     add("--per-clip", type=count, default=6, help="with --initialisation: frames per clip and view (6)")
     add("--gap", type=positive, metavar="S", help="no landmarks for S s in the middle of each clip")
+    add("--joints", action="store_true", help="print the errors by joint too")
     add("--uncertainty", action="store_true", help="predicted against actual error of the joints, in bins, lasso only")
     add("--failure-probability", action="store_true", help="stated against actual share of wrong poses, lasso only")
     add("--jobs", type=count, default=os.cpu_count(), help="processes (one per core)")

@@ -64,6 +64,19 @@ def report(options: argparse.Namespace, records: Sequence[Record]) -> None:
         else:
             lead = dict.fromkeys((*by, "statistic"), "<") | {"runs": "d"}
             print(table(summarise(group, by, list(columns)), lead | columns))
+            if options.joints and not options.gap:
+                print(f"\n{joint_table(group)}")
+
+
+def joint_table(records: Sequence[Record]) -> str:
+    """Each joint's error and its part along the optical axis, mean over the runs, by method; worst joint first."""
+    rows = []
+    for method in dict.fromkeys(r["method"] for r in records):
+        runs = [r["joints_mm"] for r in records if r["method"] == method and "joints_mm" in r]
+        means = {joint: np.mean([run[joint] for run in runs if joint in run], axis=0) for run in runs for joint in run}
+        for joint, (distance, depth) in sorted(means.items(), key=lambda item: -item[1][0]):
+            rows.append({"method": method, "joint": joint, "error_mm": distance, "depth_mm": depth})
+    return table(rows, {"method": "<", "joint": "<", "error_mm": ".0f", "depth_mm": ".0f"})
 
 
 def head(options: argparse.Namespace) -> str:

@@ -17,7 +17,7 @@ from zlib import error as DamagedArchive
 import numpy as np
 
 from benchmarks.accuracy_run.experiment import FIGURES
-from benchmarks.accuracy_run.metrics import acceleration_error, flipped_frames, mpjpe, pa_mpjpe
+from benchmarks.accuracy_run.metrics import acceleration_error, flipped_frames, joint_errors, mpjpe, pa_mpjpe
 from benchmarks.accuracy_run.runs import Track, follow
 from benchmarks.common.report import Record
 from benchmarks.methods.baselines import FOLLOWERS
@@ -306,6 +306,7 @@ def score(track: Track, recording: Recording, layout: Layout) -> Record:
         "frame_ms_p99": _percentile(track.frame_ms, 99),
         "rejected": int(track.rejected.sum()),
         "ends_lost": bool(track.rejected[-1]),
+        "joints_mm": joint_errors(estimate[scored], truth[scored], own_root[scored], true_root[scored], list(JOINTS)),
     }
 
 

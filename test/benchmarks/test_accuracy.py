@@ -60,6 +60,21 @@ def test_records_have_all_fields_and_do_not_depend_on_the_number_of_jobs(tmp_pat
 
 
 @needs_clips
+def test_errors_by_joint_are_printed_on_request(capsys, tmp_path):
+    file = tmp_path / "records.json"
+    options = ["--clips", "exp_running_1", "--views", "1", "--jobs", "1", "--json", str(file)]
+    assert main([*options, "--joints"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    (record,) = json.loads(file.read_text(encoding="utf-8"))
+    begin = next(i for i, line in enumerate(lines) if line.split()[:2] == ["method", "joint"])
+    rows = [line.split() for line in lines[begin + 2 :] if line.startswith("lasso")]
+    printed = {joint: [int(value) for value in values] for _, joint, *values in rows}
+    assert printed.keys() == record["joints_mm"].keys() == {*"hip knee ankle shoulder elbow wrist neck head".split()}
+    assert all(printed[joint] == [round(v) for v in values] for joint, values in record["joints_mm"].items())
+    assert all(0 < depth <= error for error, depth in record["joints_mm"].values())
+
+
+@needs_clips
 def test_several_seeds_have_one_summary(tmp_path, capsys):
     def records(*options):
         file = tmp_path / "records.json"

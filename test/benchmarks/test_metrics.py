@@ -3,7 +3,15 @@
 import numpy as np
 import pytest
 
-from benchmarks.accuracy_run.metrics import acceleration_error, flipped_frames, mpjpe, pa_mpjpe, procrustes, yaw_error
+from benchmarks.accuracy_run.metrics import (
+    acceleration_error,
+    flipped_frames,
+    joint_errors,
+    mpjpe,
+    pa_mpjpe,
+    procrustes,
+    yaw_error,
+)
 from benchmarks.accuracy_run.runs import follow
 from benchmarks.common.report import summarise, table
 from lassokin_ros.core.body.rotations import exponential
@@ -31,6 +39,17 @@ def test_mpjpe_leaves_out_joints_without_reference():
     estimate[0, 0, 0] += 0.06
     truth[0, 1:3] = np.nan
     assert mpjpe(estimate, truth, root, root) == pytest.approx([30.0])
+
+
+def test_joint_errors_are_means_over_both_sides_with_their_part_in_depth():
+    truth, root = body(2), np.zeros((2, 3))
+    estimate = truth.copy()
+    estimate[:, 0] += [0.03, 0.0, 0.04]
+    estimate[0, 2, 2] -= 0.02
+    truth[1, 2] = truth[:, 3] = np.nan
+    found = joint_errors(estimate, truth, root, root, NAMES)
+    assert list(found) == ["hip", "knee"]
+    assert found["hip"] == pytest.approx((25.0, 20.0)) and found["knee"] == pytest.approx((20.0, 20.0))
 
 
 def test_pa_mpjpe_ignores_similarities_but_not_reflections():
