@@ -101,8 +101,9 @@ class TrackerParts:
         self.calibration, self.adaptive_mean = Calibration(self._rows), AdaptiveMean(self._rows)
         self._output_filter, self._lag = OutputFilter(self.kinematics.joint_count), FixedLag(self.kinematics)
         proportions = self.calibration.proportions
-        self._uncertainty = UncertaintyModel(self.kinematics, prior, proportions, learned[0] if learned else None)
         self._observed = ObservedJoints(self.skeleton, self.layout.joints)
+        evidence = learned[0] if learned else None
+        self._uncertainty = UncertaintyModel(self.kinematics, prior, proportions, self._observed, evidence)
         self._surface = BodySurface(self.skeleton)
 
     def _depth_estimator(self) -> DepthEstimator | None:

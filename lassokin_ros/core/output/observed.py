@@ -18,6 +18,7 @@ class ObservedJoints:
     def __init__(self, skeleton: Skeleton, landmark_joints: np.ndarray) -> None:
         """landmark_joints: (l,) index of the joint to which each landmark is attached."""
         count = skeleton.joint_count
+        self._below = skeleton.ancestors.T.astype(int)
         self._attached = np.zeros((count, len(landmark_joints)), dtype=int)
         self._attached[landmark_joints, np.arange(len(landmark_joints))] = 1
         self._neighbours = np.zeros((count, count), dtype=int)
@@ -30,3 +31,8 @@ class ObservedJoints:
         own = self._attached @ visible.astype(int) > 0
         observed: np.ndarray = own | (self._neighbours @ own.astype(int) >= 2)
         return observed
+
+    def beyond(self, visible: np.ndarray) -> np.ndarray:
+        """Return (n,) bool: no visible keypoint is attached to the joint or to a joint below it."""
+        result: np.ndarray = self._below @ (self._attached @ visible.astype(int)) == 0
+        return result

@@ -11,8 +11,9 @@ pose follows the image, and the error is in depth.
 
 A Gaussian about one hypothesis does not include others (a limb mirrored in depth), and the errors of keypoints, prior
 and network are correlated. Therefore the posterior's deviation is multiplied by `FACTOR`, which is larger if the pose
-disagrees with the depth network, and that of the lengths by `LENGTHS`. These constants were fitted to the errors on the
-people of the validation set (training/motion.py). benchmarks/accuracy.py --uncertainty tests them on other people.
+disagrees with the depth network, and by `BEYOND` for joints beyond the last visible keypoint of a limb. That of the lengths
+is multiplied by `LENGTHS`. These constants were fitted to the errors on the people of the validation set
+(training/motion.py). benchmarks/accuracy.py --uncertainty tests them on other people.
 """
 
 from __future__ import annotations
@@ -34,9 +35,12 @@ from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.robust_loss import squared_norm
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
 from lassokin_ros.core.output.failure_probability import failure_probability
+from lassokin_ros.core.output.observed import ObservedJoints
 
-FACTOR = 1.5
+FACTOR = 1.6
 """Factor on the posterior's standard deviation s, at the usual disagreement."""
+BEYOND = 1.5
+"""Further factor for joints beyond the last visible keypoint of a limb, see `ObservedJoints.beyond`."""
 USUAL_DISAGREEMENT = 0.1
 """Usual disagreement of a pose with the network, see `LearnedDepth.disagreement`."""
 RANGE = 0.05, 5.0
@@ -116,9 +120,10 @@ class UncertaintyModel:
         kinematics: Kinematics,
         prior: PoseDistribution,
         proportions: Proportions,
+        observed: ObservedJoints,
         learned_depth: LearnedDepth | None = None,
     ) -> None:
-        """learned_depth: the network's evidence, or None."""
+        """observed: of this skeleton and layout. learned_depth: the network's evidence, or None."""
         live, dead = np.flatnonzero(kinematics.live), np.flatnonzero(~kinematics.live)
         self._live_count = len(live)
         # Unobserved degrees of freedom have the standard deviation of the prior.
@@ -127,11 +132,11 @@ class UncertaintyModel:
         #: Columns of the root's rotation. The root comes first and every landmark moves with it.
         self._turns = np.eye(len(live), 3)
         self._image_rows = 2 * kinematics.landmark_count
-        self._proportions, self._learned_depth = proportions, learned_depth
+        self._proportions, self._observed, self._learned_depth = proportions, observed, learned_depth
 
     def evaluate(self, estimate: Estimate) -> JointUncertainty:
         """The uncertainty of an accepted estimate."""
-        assert estimate.pose is not None and estimate.problem is not None
+        assert estimate.pose is not None and estimate.problem is not None and estimate.visible is not None
         share = min(estimate.excess * LEAST / SMALLEST_BIAS, 1.0)
         problem = estimate.problem
         if share < 1 and estimate.depth_measured:  # rows of the image are not the only ones with the translation
@@ -143,7 +148,7 @@ class UncertaintyModel:
         covariance, place = self.covariance(
             estimate.pose,
             problem,
-            factor,
+            factor * np.where(self._observed.beyond(estimate.visible), BEYOND, 1.0),
             estimate.length_deviation,
             0.0 if estimate.depth_measured else SCALE_DEVIATION,
             share,
@@ -176,7 +181,7 @@ class UncertaintyModel:
         self,
         pose: BodyPose,
         problem: Lasso,
-        factor: float,
+        factor: np.ndarray,
         length_deviation: np.ndarray | float,
         size_deviation: float = SCALE_DEVIATION,
         share: float = 1.0,
@@ -184,9 +189,9 @@ class UncertaintyModel:
         """Return (n, 3, 3) m^2, from a frame's last problem and the pose of its solution, and the function that
         computes the rest.
 
-        factor: on the posterior's standard deviation. length_deviation: (p,) standard deviation of the log-lengths.
-        size_deviation: see SCALE_DEVIATION. share: factor on the image's rows, so that the keypoint error is at least
-        `SMALLEST_BIAS`. If it is below 1, only these rows depend on the translation.
+        factor: (n,) on the standard deviation of each joint's posterior. length_deviation: (p,) standard deviation of
+        the log-lengths. size_deviation: see SCALE_DEVIATION. share: factor on the image's rows, so that the keypoint
+        error is at least `SMALLEST_BIAS`. If it is below 1, only these rows depend on the translation.
         """
         spread = self._jacobian.at(pose)
         live = spread[:, :, : self._live_count]
@@ -213,7 +218,7 @@ class UncertaintyModel:
         pose: BodyPose,
         problem: Lasso,
         share: float,
-        factor: float,
+        factor: np.ndarray,
         added: np.ndarray,
         size_deviation: float,
     ) -> AbsoluteUncertainty:
@@ -227,18 +232,18 @@ class UncertaintyModel:
         columns = np.empty((self._live_count, 6))
         columns[:, :3], columns[:, 3:] = -Y.dot(problem.A).T, self._turns @ pose.orientations[0].T
         root, _ = lapack.dtrtrs(lower, columns, lower=1)
-        whole = factor**2 * root.T.dot(root)
+        whole = factor[0] ** 2 * root.T.dot(root)
         crossed = live.reshape(-1, self._live_count).dot(root[:, :3]).reshape(-1, 3, 3)
         joints = _sized(relative + crossed + crossed.swapaxes(1, 2) + root[:, :3].T.dot(root[:, :3]), factor, added)
-        place = (factor / share) ** 2 * Y.dot(Y.T) + size_deviation**2 * pelvis[:, None] * pelvis
+        place = (factor[0] / share) ** 2 * Y.dot(Y.T) + size_deviation**2 * pelvis[:, None] * pelvis
         place.reshape(-1)[::4] += PLACE_DEVIATION**2
         joints += place
         whole[:3, :3] = joints[0]
         return AbsoluteUncertainty(joints, whole)
 
 
-def _sized(covariance: np.ndarray, factor: float, added: np.ndarray) -> np.ndarray:
-    """Scale covariances (n, 3, 3) by `factor` on the deviation, limited by `LARGEST`, and add `added` (n,) m^2."""
+def _sized(covariance: np.ndarray, factor: np.ndarray, added: np.ndarray) -> np.ndarray:
+    """Scale covariances (n, 3, 3) by `factor` (n,) on the deviation, limited by `LARGEST`, and add `added` (n,) m^2."""
     size = _trace(covariance)
     wanted = factor**2 * size / (1 + size / LARGEST**2) + added
     return covariance * (wanted / np.maximum(size, 1e-12))[:, None, None]

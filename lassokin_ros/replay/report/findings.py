@@ -33,7 +33,7 @@ LONG_DELAY_S = 1.0
 BONE_CHANGE = 0.02
 UNCERTAIN_MM = 60.0
 """Mean stated deviation from which it is reported."""
-HIDDEN_MM = 200.0
+HIDDEN_MM = 250.0
 """Stated deviation of a joint from which it is reported."""
 
 

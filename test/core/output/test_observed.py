@@ -13,13 +13,16 @@ LIMB_JOINTS = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
 LIMBS = {f"{side}_{joint}" for side in ("left", "right") for joint in LIMB_JOINTS}
 
 
-def observed(visible, layout="coco17"):
+def names_by(method, visible, layout="coco17"):
     landmarks = Layout.load(layout, SKELETON)
     seen = np.isin(landmarks.names, list(visible))
     assert np.count_nonzero(seen) == len(set(visible))
-    return {
-        SKELETON.joint_names[i] for i in np.flatnonzero(ObservedJoints(SKELETON, landmarks.joints).from_visible(seen))
-    }
+    found = method(ObservedJoints(SKELETON, landmarks.joints), seen)
+    return {SKELETON.joint_names[i] for i in np.flatnonzero(found)}
+
+
+def observed(visible, layout="coco17"):
+    return names_by(ObservedJoints.from_visible, visible, layout)
 
 
 def test_all_joints_between_cocos_landmarks_are_observed():
@@ -53,3 +56,26 @@ def test_a_tracked_frame_has_its_observed_joints():
     refused = tracker.track(replace_points(tracker, estimate))
     with pytest.raises(ValueError, match="rejected"):
         tracker.observed(refused)
+
+
+ENDS = {f"{side}_{joint}" for side in ("left", "right") for joint in ("foot", "hand")}
+
+
+@pytest.mark.parametrize(
+    "hidden, expected",
+    [
+        ((), set()),
+        (("left_wrist",), {"left_wrist"}),
+        (("left_elbow",), set()),
+        (("right_knee", "right_ankle"), {"right_knee", "right_ankle"}),
+        (("right_knee",), set()),
+        (("nose", "left_eye", "right_eye", "left_ear", "right_ear"), {"neck", "head"}),
+    ],
+)
+def test_joints_beyond_the_last_visible_keypoint(hidden, expected):
+    visible = set(Layout.load("coco17", SKELETON).names) - set(hidden)
+    assert names_by(ObservedJoints.beyond, visible) == expected | ENDS
+
+
+def test_without_keypoints_all_joints_are_beyond():
+    assert names_by(ObservedJoints.beyond, ()) == set(SKELETON.joint_names)

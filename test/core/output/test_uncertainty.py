@@ -12,6 +12,8 @@ from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
 from lassokin_ros.core.observation import Observation
+from lassokin_ros.core.output import uncertainty
+from lassokin_ros.core.output.observed import ObservedJoints
 from lassokin_ros.core.output.uncertainty import (
     FACTOR,
     LARGEST,
@@ -60,11 +62,11 @@ def test_jacobian_is_the_derivative_of_the_joints_about_the_root():
 
 def test_covariances_are_positive_and_zero_at_the_pelvis():
     tracker, estimate = followed()
-    uncertainty = tracker.uncertainty(estimate)
-    assert uncertainty.covariance.shape == (24, 3, 3) and uncertainty.deviation.shape == (24,)
-    assert np.array_equal(uncertainty.covariance[0], np.zeros((3, 3)))
-    assert np.linalg.eigvalsh(uncertainty.covariance[1:]).min() > -1e-15
-    assert np.all(uncertainty.deviation[1:] > 0.001) and np.all(uncertainty.deviation < 0.3)
+    found = tracker.uncertainty(estimate)
+    assert found.covariance.shape == (24, 3, 3) and found.deviation.shape == (24,)
+    assert np.array_equal(found.covariance[0], np.zeros((3, 3)))
+    assert np.linalg.eigvalsh(found.covariance[1:]).min() > -1e-15
+    assert np.all(found.deviation[1:] > 0.001) and np.all(found.deviation < 0.3)
 
 
 @pytest.mark.parametrize("seen", [72, 44, 1])
@@ -78,8 +80,9 @@ def test_covariances_are_those_of_the_joints_jacobian(seen):
     problem = Lasso(random.normal(size=(100, seen)), random.normal(size=(100, 3)), np.zeros(100), np.ones(seen))
     before = problem.reduced.H.copy()
     pose = kinematics.pose(random_state(random, kinematics))
-    model = UncertaintyModel(kinematics, prior, Proportions(kinematics))
-    found = JointUncertainty(model.covariance(pose, problem, FACTOR, 0.0)[0], 0.0, None)
+    observed = ObservedJoints(kinematics.skeleton, kinematics.layout.joints)
+    model = UncertaintyModel(kinematics, prior, Proportions(kinematics), observed)
+    found = JointUncertainty(model.covariance(pose, problem, np.full(24, FACTOR), 0.0)[0], 0.0, None)
     assert np.array_equal(problem.reduced.H, before)
     variance = np.diag(np.diagonal(prior.covariance).astype(float))
     variance[np.ix_(live, live)] = np.linalg.inv(problem.reduced.H + WEAKEST * np.eye(seen))
@@ -93,12 +96,13 @@ def test_covariances_are_those_of_the_joints_jacobian(seen):
 def test_uncertain_lengths_affect_the_joints_below_them():
     random, kinematics = np.random.default_rng(2), body()
     proportions, pose = Proportions(kinematics), kinematics.pose(random_state(random, kinematics))
-    exact = UncertaintyModel(kinematics, PoseDistribution.load(kinematics.skeleton), proportions)
+    observed = ObservedJoints(kinematics.skeleton, kinematics.layout.joints)
+    exact = UncertaintyModel(kinematics, PoseDistribution.load(kinematics.skeleton), proportions, observed)
     count = int(np.count_nonzero(kinematics.live))
     problem = Lasso(random.normal(size=(count + 9, count)), np.eye(count + 9, 3), np.zeros(count + 9), np.ones(count))
     deviation = np.zeros(proportions.count)
     deviation[proportions.names.index("thigh")] = 0.05
-    without, more = (exact.covariance(pose, problem, FACTOR, d)[0] for d in (0.0, deviation))
+    without, more = (exact.covariance(pose, problem, np.full(24, FACTOR), d)[0] for d in (0.0, deviation))
     before, after = (np.trace(c, axis1=1, axis2=2) for c in (without, more))
     added = np.sqrt((after - before).clip(0))
     assert np.allclose(more[1:], without[1:] * (after / np.maximum(before, 1e-12))[1:, None, None], rtol=1e-9)
@@ -114,6 +118,20 @@ def test_hidden_legs_have_the_deviation_of_their_errors():
     for side in ("left", "right"):
         assert 0.1 < deviation[tracker.skeleton.index(f"{side}_knee")] < 0.4
         assert 0.18 < deviation[tracker.skeleton.index(f"{side}_ankle")] < 0.6
+
+
+def test_only_joints_beyond_the_last_keypoint_have_the_further_factor(monkeypatch):
+    tracker, estimate = followed(["left_elbow", "left_wrist"])
+    monkeypatch.setattr(uncertainty, "BEYOND", 1.0)
+    before = tracker.uncertainty(estimate)
+    monkeypatch.setattr(uncertainty, "BEYOND", 1.3)
+    after = tracker.uncertainty(estimate)
+    larger = after.deviation > before.deviation * 1.2
+    names = {name for name, more in zip(tracker.skeleton.joint_names, larger) if more}
+    ends = {f"{side}_{joint}" for side in ("left", "right") for joint in ("hand", "foot")}
+    assert names == {"left_elbow", "left_wrist", *ends}
+    assert np.array_equal(after.covariance[~larger], before.covariance[~larger])
+    assert np.array_equal(after.absolute.pelvis, before.absolute.pelvis)
 
 
 def test_depth_is_less_certain_than_the_image_directions():
@@ -179,7 +197,7 @@ def numeric_absolute(tracker, estimate):
 
 def test_absolute_covariances_are_those_of_increment_and_translation():
     tracker, estimate = followed()
-    _, place = tracker._uncertainty.covariance(estimate.pose, estimate.problem, FACTOR, 0.0)
+    _, place = tracker._uncertainty.covariance(estimate.pose, estimate.problem, np.full(24, FACTOR), 0.0)
     found = place()
     joints, pelvis = numeric_absolute(tracker, estimate)
     place = estimate.pose.positions[0]

@@ -242,7 +242,7 @@ CASES = {
     ),
     "hidden": (
         {"spoil": without_legs},
-        ("note", r"Joints that the keypoints hardly show, with their deviations: left_foot \d\d\d mm, right_foot "),
+        ("note", r"Joints that the keypoints hardly show, with their deviations: left_ankle \d\d\d mm, right_ankle "),
     ),
     "repeated": ({"spoil": repeated}, ("note", f"{FRAMES // 2} of {FRAMES} messages repeat the previous keypoints")),
     "late": (
