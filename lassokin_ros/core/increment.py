@@ -21,7 +21,7 @@ SHORT_STEP, LONG_STEP = 1 / 30, 0.06
 """s between frames, see `for_step`."""
 MORE_LINEARISATIONS = 2
 """Further linearisations after a long step."""
-FAR_TURN, FAR_MOVE = 0.05, 0.015
+FAR_TURN, FAR_MOVE = 0.2, 0.06
 """rad, m: largest increment of a frame with measured depth after which it is not linearised again."""
 
 
