@@ -2,7 +2,7 @@
 
 A depth image is large and often arrives a few milliseconds after the small keypoint message of the same time. The
 keypoint message then waits, at most WAIT_S. After that the depth image of the period before is used (see
-`DepthImages`). If the images are always later than that, messages no longer wait.
+`DepthImages`). If most images are later than that, messages no longer wait.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ WAIT_S = 0.005
 SILENT_S = 0.5
 """s without a depth image after which keypoint messages do not wait."""
 MOST_FAILED_WAITS = 10
-"""Consecutive waits without success after which keypoint messages do not wait, until images come in time again."""
+"""Messages whose image did not come in time, less those whose image did, from which on messages do not wait."""
 
 
 class DepthInput:
@@ -43,7 +43,7 @@ class DepthInput:
         self._node, self._images, self._counts = node, images, counts
         self._warning = LogThrottle(node.get_logger().warning, time.monotonic)
         self._waiting: deque[tuple[int | None, Callable[[], None]]] = deque()
-        self._came_at, self._useless = -float("inf"), 0
+        self._came_at, self._failed = -float("inf"), 0
         self._missing = MissingInput(node, topic, depth_type(topic), (), now)
         self._topic, self._overrides = topic, overrides(node, topic, "subscription")
         self._noted = ""
@@ -67,9 +67,9 @@ class DepthInput:
         """
         self._release(all_of_them=True)  # messages stay in their order
         if not self._images.may_receive(stamp_ns):
-            self._useless = 0
+            self._count(in_time=True)
             work()
-        elif self._useless >= MOST_FAILED_WAITS or time.monotonic() - self._came_at > SILENT_S:
+        elif self._failed >= MOST_FAILED_WAITS or time.monotonic() - self._came_at > SILENT_S:
             work()
         else:
             self._waiting.append((stamp_ns, work))
@@ -113,10 +113,14 @@ class DepthInput:
         """Process the waiting messages whose depth image was received."""
         while self._waiting and (all_of_them or not self._images.may_receive(self._waiting[0][0])):
             stamp_ns, work = self._waiting.popleft()
-            self._useless = self._useless + 1 if self._images.may_receive(stamp_ns) else 0
+            self._count(in_time=not self._images.may_receive(stamp_ns))
             work()
         if not self._waiting:
             self._timer.cancel()
+
+    def _count(self, in_time: bool) -> None:
+        """Count a message whose image came, or did not come, before the end of its wait."""
+        self._failed = min(max(self._failed + (-1 if in_time else 1), 0), MOST_FAILED_WAITS)
 
     def _on_timeout(self) -> None:
         self._release(all_of_them=True)
