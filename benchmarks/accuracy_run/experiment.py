@@ -127,6 +127,7 @@ def described(job: Job, scene: Scene) -> Record:
         "missing": job.condition.missing,
         "outliers": job.condition.outliers,
         "swaps": job.condition.swaps,
+        "hidden": list(job.condition.hidden),
         "duplicates": job.condition.duplicates,
         "wander_px": job.condition.wander_px,
         "offset_px": job.condition.offset_px,

@@ -40,6 +40,7 @@ def parser(description: str | None = None) -> argparse.ArgumentParser:
     add("--missing", type=share, default=0.0, help="share of keypoints missing, in bursts of 5-30 frames (0)")
     add("--outliers", type=share, default=0.0, help="share of keypoints 30-150 px off at full confidence (0)")
     add("--swaps", type=share, default=0.0, help="share of frames with a limb's left and right swapped, in bursts (0)")
+    add("--hidden", type=names, default=[], help="comma-separated landmarks that are never detected")
     add("--duplicates", type=count, default=1, metavar="K", help="each detection is sent K times (1)")
     add("--camera-roll", type=finite, default=0.0, metavar="RAD", help="true roll of the mount (0)")
     add("--camera-pitch", type=finite, default=0.0, metavar="RAD", help="true pitch of the mount (0)")
@@ -68,7 +69,11 @@ def parser(description: str | None = None) -> argparse.ArgumentParser:
     add("--per-clip", type=count, default=6, help="with --initialisation: frames per clip and view (6)")
     add("--gap", type=positive, metavar="S", help="no landmarks for S s in the middle of each clip")
     add("--joints", action="store_true", help="print the errors by joint too")
-    add("--uncertainty", action="store_true", help="predicted against actual error of the joints, in bins, lasso only")
+    add(
+        "--uncertainty",
+        action="store_true",
+        help="predicted and actual errors of the joints (--hidden: of those) in bins",
+    )
     add("--failure-probability", action="store_true", help="stated against actual share of wrong poses, lasso only")
     add("--jobs", type=count, default=os.cpu_count(), help="processes (one per core)")
     add("--json", type=output_file, metavar="FILE", help="write the records as a JSON list")

@@ -116,6 +116,8 @@ def head(options: argparse.Namespace) -> str:
             f"Depth of each keypoint is measured: noise {sensor.noise:g} m and {sensor.noise_z2:g}/m times the depth "
             f"squared, {sensor.bias:g} m constant, {sensor.occluded:.0%} on an occluder. The noise is no input."
         )
+    if options.hidden:
+        lines.append(f"Never detected: {', '.join(options.hidden)}.")
     if options.lying:
         lines.append("The people are laid down.")
     if options.duplicates > 1:

@@ -11,6 +11,7 @@ from benchmarks.accuracy_run.experiment import Job
 from benchmarks.accuracy_run.followed import followed_frames
 from benchmarks.common.report import Record
 from benchmarks.data.detections import DetectionJob
+from benchmarks.data.mocap import EVALUATED, SMPL_NAME
 
 EVERY = 5
 """Number of frames from one evaluated frame to the next."""
@@ -32,10 +33,12 @@ class Errors:
 
 
 def uncertainty_of(job: Job | DetectionJob) -> Errors:
-    """Track a clip or a recording with the shipped tracker and compare."""
+    """Track a clip or a recording with the shipped tracker and compare. If landmarks are hidden, only their joints."""
     frames = list(followed_frames(job, EVERY))
-    predicted = np.array([1000 * frame.deviations for frame in frames])
-    actual = np.array([1000 * frame.errors for frame in frames])
+    hidden = job.condition.hidden if isinstance(job, Job) else ()
+    joints = [i for i, name in enumerate(EVALUATED) if SMPL_NAME[name] in hidden] if hidden else slice(None)
+    predicted = np.array([1000 * frame.deviations[joints] for frame in frames])
+    actual = np.array([1000 * frame.errors[joints] for frame in frames])
     return Errors(job.file.stem, predicted, actual)
 
 

@@ -52,7 +52,8 @@ class Condition:
     bursts. duplicates: number of frames, with stamps of their own, that each detection is used for: a detector slower
     than the camera. fps: frame rate, Hz. camera_roll, camera_pitch: rad, the camera's mount, as the tracker's settings.
     lying: the person lies on a side drawn by the seed, and moves as if standing. depth: sensor that measures the depth
-    of each landmark, camera whose depth images are sampled at the keypoints, or None.
+    of each landmark, camera whose depth images are sampled at the keypoints, or None. hidden: landmarks that are never
+    detected.
     """
 
     noise_px: float = 2.0
@@ -67,6 +68,7 @@ class Condition:
     wander_px: float = 0.0
     offset_px: float = 0.0
     depth: DepthSensor | DepthCamera | None = None
+    hidden: tuple[str, ...] = ()
 
 
 def step_for(clip_fps: float, fps: float) -> int:
@@ -113,6 +115,7 @@ def view_of(clip: Clip, layout: Layout, skeleton: Skeleton, condition: Condition
     _spoil(pixels, confidence, condition, random)
     if condition.swaps > 0:
         swap_sides(pixels, confidence, layout.names, condition.swaps, random)
+    confidence[:, [layout.index(name) for name in condition.hidden]] = 0
     detected = np.arange(len(pixels)) // condition.duplicates * condition.duplicates
     pixels, confidence = pixels[detected], confidence[detected]
     depth = None

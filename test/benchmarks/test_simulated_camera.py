@@ -1,5 +1,6 @@
 """The simulated camera and detector of the benchmarks: errors have the given sizes, shares and durations."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from benchmarks.data.mocap import EVALUATED
 from benchmarks.data.simulated_camera import WANDERS, Condition
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.evidence.upright import vertical_of
 
 MOCAP = data_folder() / "mocap"
@@ -120,3 +122,23 @@ def test_camera_mount_and_lying_people_have_the_given_orientations(capsys):
     assert main(["--clips", "exp_running_1", "--views", "1", "--jobs", "1", "--lying", "--camera-pitch", "0.3"]) == 0
     said = capsys.readouterr().out
     assert "looking down by 0.3 rad" in said and "people are laid down" in said
+
+
+@needs_clips
+def test_hidden_landmarks_are_never_detected_and_their_joints_evaluated(capsys, tmp_path):
+    job = Job(MOCAP / "exp_running_1.npz", 0, "lasso", Condition(hidden=("left_knee", "left_ankle")))
+    whole, view = scene_of(replace(job, condition=Condition())).view, scene_of(job).view
+    names = Layout.load("coco17", Skeleton.load("anthropometric", 1.75)).names
+    hidden = np.isin(names, job.condition.hidden)
+    assert (view.confidence[:, hidden] == 0).all() and (view.confidence[:, ~hidden] == 1).all()
+    assert np.array_equal(view.pixels, whole.pixels)
+    options = ["--clips", "exp_running_1", "--views", "1", "--jobs", "1", "--uncertainty", "--json"]
+    counts = []
+    for more in ([], ["--hidden", "left_knee,left_ankle"]):
+        assert main([*options, str(tmp_path / "bins.json"), *more]) == 0
+        counts.append(json.loads((tmp_path / "bins.json").read_text(encoding="utf-8"))[-1])
+    assert "Never detected: left_knee, left_ankle." in capsys.readouterr().out
+    assert counts[1]["joints"] * 14 == counts[0]["joints"] * 2
+    assert counts[1]["predicted_mm"] > 2 * counts[0]["predicted_mm"]
+    with pytest.raises(LassokinError, match="left_tail"):
+        scene_of(replace(job, condition=Condition(hidden=("left_tail",))))
