@@ -15,8 +15,11 @@ import math
 
 WRONG = 0.1
 """m: mean joint error, relative to the pelvis, from which a pose is called wrong."""
-OFFSET, BY_DEVIATION, BY_EXCESS, BY_COST = -4.8, 4.4, 2.0, 1.7
-"""Coefficients of the curve: offset, and slopes for the three logarithms."""
+OFFSET, BY_DEVIATION, BY_EXCESS, BY_COST = -5.6, 4.4, 2.0, 1.7
+"""Coefficients of the curve: offset, and slopes for the three logarithms.
+
+If the factors in `uncertainty` change, the offset must change so that the same pose has the same probability.
+"""
 
 
 def failure_probability(deviation: float, excess: float, cost: float) -> float:

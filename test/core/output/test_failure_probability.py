@@ -11,7 +11,7 @@ from lassokin_ros.core.tracker import Tracker
 
 
 def test_the_probability_grows_with_deviation_and_learned_error():
-    values = [failure_probability(deviation, 3.0, 1.5) for deviation in (0.0, 0.03, 0.06, 0.12, 0.3, 1.0, 1e6)]
+    values = [failure_probability(deviation, 3.0, 1.5) for deviation in (0.0, 0.03, 0.06, 0.12, 0.35, 1.0, 1e6)]
     assert values == sorted(values) and values[0] >= 0 and values[1] < 0.02 and 0.9 < values[4] < values[-1] <= 1
     assert np.isnan(failure_probability(float("nan"), 1.0, 1.0))
     for figures in ([(0.08, excess, 1.5) for excess in (1, 2, 8)], [(0.08, 3.0, cost) for cost in (0, 1.0, 30.0)]):
