@@ -71,7 +71,10 @@ PLACES = {
 
 
 def test_joints_outside_of_the_image_are_as_uncertain_as_they_are_wrong():
-    """Legs below the image, clamped to its last row: only the prior determines their position."""
+    """Legs below the image, clamped to its last row: only the prior determines their position.
+
+    The deviation is that of people in general; the walker's small steps are nearer to the prior's mean.
+    """
     skeleton = Skeleton.load("anthropometric", 1.75)
     kinematics = Kinematics(skeleton, Layout.load("coco17", skeleton))
     states = motion(skeleton, np.arange(3 * COUNT) / 30.0)
@@ -92,7 +95,7 @@ def test_joints_outside_of_the_image_are_as_uncertain_as_they_are_wrong():
         errors.append(np.linalg.norm((found - found[0] - true + true[0])[joints], axis=1))
         deviations.append(frame.uncertainty.deviation[joints])
     assert np.mean(errors) < 0.25 and np.min(deviations) > 0.05
-    assert 0.5 < np.sqrt(np.mean(np.square(np.array(errors) / deviations))) < 2.0
+    assert 0.3 < np.sqrt(np.mean(np.square(np.array(errors) / deviations))) < 1.5
 
 
 @pytest.mark.parametrize("name", PLACES)
