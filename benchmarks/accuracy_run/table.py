@@ -73,7 +73,8 @@ def joint_table(records: Sequence[Record]) -> str:
     rows = []
     for method in dict.fromkeys(r["method"] for r in records):
         runs = [r["joints_mm"] for r in records if r["method"] == method and "joints_mm" in r]
-        means = {joint: np.mean([run[joint] for run in runs if joint in run], axis=0) for run in runs for joint in run}
+        joints = dict.fromkeys(joint for run in runs for joint in run)
+        means = {joint: np.mean([run[joint] for run in runs if joint in run], axis=0) for joint in joints}
         for joint, (distance, depth) in sorted(means.items(), key=lambda item: -item[1][0]):
             rows.append({"method": method, "joint": joint, "error_mm": distance, "depth_mm": depth})
     return table(rows, {"method": "<", "joint": "<", "error_mm": ".0f", "depth_mm": ".0f"})

@@ -111,6 +111,12 @@ class Tracker(TrackerParts):
             raise ValueError("only an accepted estimate has an uncertainty; this frame was rejected")
         return self._uncertainty.evaluate(estimate)
 
+    def observed(self, estimate: Estimate) -> np.ndarray:
+        """Return (n,) bool, the joints that keypoints observe. Raises ValueError for a rejected estimate."""
+        if estimate.visible is None:
+            raise ValueError("this frame was rejected; only an accepted estimate has observed joints")
+        return self._observed.from_visible(estimate.visible)
+
     def _filter_keypoints(self, observation: Observation, weights: np.ndarray) -> Measurement:
         depth = None if self._state is None else float(self._state.translation[2])
         if depth is not None and observation.depth is not None and observation.depth_of_surface:
@@ -344,12 +350,6 @@ class Tracker(TrackerParts):
             depth = float(start.translation[2] + increment.x[2])
             weights = np.where(measurement.visible, measurement.weights, 0.0)  # a landmark not seen is extrapolated
             self.model_error.advance(stamp, increment.problem, increment.solution.omega, weights, depth)
-
-    def observed(self, estimate: Estimate) -> np.ndarray:
-        """Return (n,) bool, the joints that keypoints observe. Raises ValueError for a rejected estimate."""
-        if estimate.visible is None:
-            raise ValueError("this frame was rejected; only an accepted estimate has observed joints")
-        return self._observed.from_visible(estimate.visible)
 
     def _calibrate(self, stamp: float, frame: FrameData, initialised: bool) -> None:
         """Update the bone lengths from a tracked frame. New lengths are used from the next frame on."""

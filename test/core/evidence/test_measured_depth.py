@@ -136,3 +136,18 @@ def test_depth_may_be_missing_in_some_frames():
         depth = np.full(17, truth[0, 2]) if number % 3 else None
         estimate = tracker.track(replace(observation, depth=depth))
         assert estimate.accepted and aligned_error(estimate, truth) < 0.3
+
+
+@pytest.mark.parametrize("jump, with_depth, expected", [(0.0, True, 1), (0.1, True, 2), (0.1, False, 1)])
+def test_a_frame_with_depth_is_linearised_again_after_a_large_increment(jump, with_depth, expected, monkeypatch):
+    """The body stands still for 10 frames, and then is `jump` m farther away."""
+    tracker = Tracker(CONFIG)
+    pose = tracker.kinematics.pose(motion(tracker.skeleton, np.zeros(1)))
+    solve, solved = tracker._increments.lasso.solve, []
+    monkeypatch.setattr(tracker._increments.lasso, "solve", lambda *given: solved.append(1) or solve(*given))
+    for number in range(11):
+        landmarks = pose.landmarks[0] + [0.0, 0.0, jump * (number == 10)]
+        depth = landmarks[:, 2] if with_depth else None
+        solved.clear()
+        assert tracker.track(Observation(number / RATE, project(landmarks), np.ones(17), FOCAL, depth=depth)).accepted
+    assert len(solved) == expected
