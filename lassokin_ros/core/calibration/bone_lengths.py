@@ -233,8 +233,8 @@ class Calibration:
         rows = self._rows.linearise(about, frame.data, huber_weights)
         C = self._rows.length_rows(rows, about, frame.data, self.proportions.motion(about.pose, self.lengths))
         size = norm(frame.data.points - project(about.pose.landmarks)) * frame.data.weights
-        prior = about.posture.residual
-        return rows.columns.T, C, rows.z, float(huber_cost(size).sum() + 0.5 * prior @ prior)
+        cost = huber_cost(size).sum() + self._rows.prior.cost(about, frame.data)
+        return rows.columns.T, C, rows.z, float(cost)
 
     def _update(self) -> None:
         """Solve for the lengths with all kept frames, and end the calibration if they are certain."""

@@ -19,6 +19,8 @@ from lassokin_ros.core.evidence.depth_network import CANONICAL, DEPTHS, TARGETS
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
 from lassokin_ros.core.image.frame_data import FrameData, JointDepths
 
+BESIDE_DEPTH = 0.5
+"""Factor on the rows in frames with measured depth, see `FrameData.prior_weight`."""
 TAIL = 4.0
 """Degrees of freedom of Student's t distribution, as in training."""
 
@@ -106,5 +108,8 @@ def _robust_weight(whitened: np.ndarray) -> np.ndarray:
 
 
 def _given(frame: FrameData) -> JointDepths:
+    """The network's estimate, with less weight beside measured depth."""
     assert frame.joint_depths is not None
-    return frame.joint_depths
+    if frame.depth is None:
+        return frame.joint_depths
+    return frame.joint_depths.with_weight(frame.prior_weight(BESIDE_DEPTH))

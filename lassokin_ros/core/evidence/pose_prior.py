@@ -28,6 +28,8 @@ from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import squared_norm
 from lassokin_ros.core.yaml_files import load_mapping
 
+BESIDE_DEPTH = 0.7
+"""Factor on the rows of the Gaussian in frames with measured depth, see `FrameData.prior_weight`."""
 LIMIT_SPREAD = 0.05
 """rad: standard deviation of a joint angle beyond its range of motion."""
 
@@ -131,10 +133,18 @@ class PosePrior(Evidence):
         columns[..., : self.first, :] = columns[..., -3:, :] = 0.0
         columns[..., self.first : -3, :] = self.live_columns(about.states.posture, about.turn)
         z[...] = about.states.posture.residual
+        if about.frame.depth is not None:
+            weight, gaussian = np.asarray(about.frame.prior_weight(BESIDE_DEPTH)), len(self.W)
+            columns[..., self.first : -3, :gaussian] *= weight[..., None, None]
+            z[..., :gaussian] *= weight[..., None]
 
     def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
         """(...,) half of the squared residual."""
-        return np.asarray(0.5 * squared_norm(states.posture.residual))
+        residual = states.posture.residual
+        if frame.depth is None:
+            return np.asarray(0.5 * squared_norm(residual))
+        gaussian, limits = residual[..., : len(self.W)], residual[..., len(self.W) :]
+        return 0.5 * (frame.prior_weight(BESIDE_DEPTH) ** 2 * squared_norm(gaussian) + squared_norm(limits))
 
     @classmethod
     def stack(cls, several: Sequence[PosePrior]) -> PosePrior:

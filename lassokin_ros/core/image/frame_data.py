@@ -22,6 +22,10 @@ class JointDepths:
     depths: np.ndarray
     whitening: np.ndarray
 
+    def with_weight(self, factor: np.ndarray | float) -> JointDepths:
+        """The same depths, with a factor (...,) on the whitening: below 1 they are less certain."""
+        return JointDepths(self.sight, self.depths, np.asarray(factor)[..., None, None] * self.whitening)
+
 
 @dataclass(frozen=True, eq=False)
 class FrameData:
@@ -40,6 +44,17 @@ class FrameData:
     depth: np.ndarray | None = None
     depth_weights: np.ndarray | None = None
     joint_depths: JointDepths | None = None
+
+    def prior_weight(self, beside_depth: float) -> np.ndarray | float:
+        """(...,) factor on a prior's rows: `beside_depth` if half of the landmarks have a measured depth, else 1.
+
+        A frame's lasso knows the frames before only by its start. The noise of measured depths is new in each frame,
+        while the errors of a prior last: it would count again in every frame.
+        """
+        if self.depth_weights is None:
+            return 1.0
+        measured, seen = np.count_nonzero(self.depth_weights, axis=-1), np.count_nonzero(self.weights, axis=-1)
+        return np.where(2 * measured >= seen, beside_depth, 1.0)
 
     def annealed(self, factor: float | np.ndarray) -> FrameData:
         """The frame with the keypoints' noise made larger by a factor, (..., 1) if it differs between states.

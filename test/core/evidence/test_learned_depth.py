@@ -12,7 +12,8 @@ from lassokin_ros.core.body.proportions import Proportions
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.evidence.depth_network import DEPTHS, LENGTHS, Network
 from lassokin_ros.core.evidence.frame_model import FrameModel
-from lassokin_ros.core.evidence.learned_depth import TAIL, LearnedDepth
+from lassokin_ros.core.evidence.learned_depth import BESIDE_DEPTH, TAIL, LearnedDepth
+from lassokin_ros.core.evidence.pose_prior import BESIDE_DEPTH as PRIOR_BESIDE_DEPTH
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.evidence.upright import Upright
 from lassokin_ros.core.image.frame_data import FrameData, JointDepths
@@ -53,11 +54,12 @@ def test_length_rows_are_the_derivatives_of_all_errors(scene):
     about = model.evaluate(state)
     rows = model.linearise(about, frame, huber_weights)
     C = model.length_rows(rows, about, frame, proportions.motion(about.pose, np.zeros(proportions.count)))
-    weight = np.sqrt((TAIL + 1) / (TAIL + learned._whitened(learned._points(about.pose), frame.joint_depths) ** 2))
+    given = frame.joint_depths.with_weight(BESIDE_DEPTH)
+    weight = np.sqrt((TAIL + 1) / (TAIL + learned._whitened(learned._points(about.pose), given) ** 2))
     errors = {
         model.image: (lambda pose: project(pose.landmarks).ravel(), 300.0),
         model.measured_depth: (lambda pose: pose.landmarks[:, 2], None),
-        learned: (lambda pose: -learned._whitened(learned._points(pose), frame.joint_depths), weight[:, None]),
+        learned: (lambda pose: -learned._whitened(learned._points(pose), given), weight[:, None]),
     }
     for piece, (value, factor) in errors.items():
         expected = central_difference(
@@ -87,18 +89,39 @@ def test_rows_are_the_derivative_of_the_whitened_errors(scene):
     assert not J[:, -3:].any()
 
 
-def test_the_pull_of_the_rows_is_the_gradient_of_the_cost(scene):
+@pytest.mark.parametrize("measured", [0, 4, 17])
+@pytest.mark.parametrize("piece", ["learned", "prior"])
+def test_the_pull_of_the_rows_is_the_gradient_of_the_cost(scene, piece, measured):
+    """Also beside measured depths of some landmarks."""
     model, learned, state, frame = scene
+    evidence = learned if piece == "learned" else model.prior
+    if measured:
+        frame = replace(frame, depth=np.full(17, 3.0), depth_weights=np.where(np.arange(17) < measured, 30.0, 0.0))
     rows = model.linearise(model.evaluate(state), frame, huber_weights)
-    which = model.rows_of(learned, frame)
+    which = model.rows_of(evidence, frame)
 
     def cost(step):
-        return float(learned.cost(model.evaluate(moved(model, state, step)), frame))
+        return float(evidence.cost(model.evaluate(moved(model, state, step)), frame))
 
     steps = 1e-6 * np.eye(len(rows.columns))
     gradient = np.array([(cost(step) - cost(-step)) / 2e-6 for step in steps])
     assert TAIL > 0
     assert np.allclose(rows.columns[:, which] @ rows.z[which], -gradient, atol=1e-3 * np.abs(gradient).max())
+
+
+def test_priors_have_less_weight_if_half_of_the_landmarks_have_a_depth(scene):
+    model, learned, state, frame = scene
+    about = model.evaluate(state)
+    weights = [np.where(np.arange(17) < count, 30.0, 0.0) for count in (8, 9)]
+    frames = [frame, *(replace(frame, depth=np.full(17, 3.0), depth_weights=weight) for weight in weights)]
+    posture = about.posture.residual
+    gaussian = len(model.prior.W)
+    for one, factor in zip(frames, (1.0, 1.0, PRIOR_BESIDE_DEPTH)):
+        z = model.linearise(about, one, huber_weights).z[model.rows_of(model.prior, one)]
+        assert np.allclose(z[:gaussian], factor * posture[:gaussian], rtol=1e-14)
+        assert np.array_equal(z[gaussian:], posture[gaussian:])
+    costs = [float(learned.cost(about, one)) for one in frames]
+    assert costs[0] == costs[1] > costs[2]
 
 
 def test_several_states_at_once_give_the_same_as_each_alone(scene):
