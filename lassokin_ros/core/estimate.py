@@ -24,8 +24,9 @@ class Estimate:
     units of its lower limit, see `failure_probability`. confidence: probability of the chosen start relative to the
     second best in an initialised frame, NaN otherwise. repeated: s since the keypoints last changed.
     visible: (l,) bool, keypoints that were detected in this frame and have a weight. measurements: number of keypoints
-    and measured depths that were used. depth_measured: True if measured depths were used. length_deviation: (p,)
-    standard deviation of the log-lengths. joint_depths: estimate of the depth network.
+    and measured depths that were used. depth_measured: True if measured depths were used; depth_covers: of half of the
+    landmarks or more. length_deviation: (p,) standard deviation of the log-lengths. joint_depths: estimate of the depth
+    network.
     """
 
     stamp: float
@@ -48,6 +49,7 @@ class Estimate:
     visible: np.ndarray | None = None
     measurements: int = 0
     depth_measured: bool = False
+    depth_covers: bool = False
     length_deviation: np.ndarray | float = 0.0
     joint_depths: JointDepths | None = None
 

@@ -333,6 +333,7 @@ class Tracker(TrackerParts):
             visible=measurement.visible & (measurement.weights > 0),
             measurements=measurement.count,
             depth_measured=frame.depth_weights is not None,
+            depth_covers=bool(frame.depth_covers),
             length_deviation=self.calibration.spread,
             joint_depths=self._joint_depths,
         )

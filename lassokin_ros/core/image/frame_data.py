@@ -51,10 +51,14 @@ class FrameData:
         A frame's lasso knows the frames before only by its start. The noise of measured depths is new in each frame,
         while the errors of a prior last: it would count again in every frame.
         """
+        return 1.0 if self.depth_weights is None else np.where(self.depth_covers, beside_depth, 1.0)
+
+    @property
+    def depth_covers(self) -> np.ndarray | bool:
+        """(...,) bool: whether half of the landmarks or more have a measured depth."""
         if self.depth_weights is None:
-            return 1.0
-        measured, seen = np.count_nonzero(self.depth_weights, axis=-1), np.count_nonzero(self.weights, axis=-1)
-        return np.where(2 * measured >= seen, beside_depth, 1.0)
+            return False
+        return 2 * np.count_nonzero(self.depth_weights, axis=-1) >= np.count_nonzero(self.weights, axis=-1)
 
     def annealed(self, factor: float | np.ndarray) -> FrameData:
         """The frame with the keypoints' noise made larger by a factor, (..., 1) if it differs between states.

@@ -39,6 +39,8 @@ from lassokin_ros.core.output.observed import ObservedJoints
 
 FACTOR = 1.6
 """Factor on the posterior's standard deviation s, at the usual disagreement."""
+WITH_DEPTH = 0.8
+"""The same, if half of the landmarks or more have a measured depth. Fitted to the network's validation people."""
 BEYOND = 1.5
 """Further factor for joints beyond the last visible keypoint of a limb, see `ObservedJoints.beyond`."""
 USUAL_DISAGREEMENT = 0.1
@@ -141,14 +143,10 @@ class UncertaintyModel:
         problem = estimate.problem
         if share < 1 and estimate.depth_measured:  # rows of the image are not the only ones with the translation
             problem, share = self._scaled(problem, share), 1.0
-        disagreement = USUAL_DISAGREEMENT
-        if self._learned_depth is not None and estimate.joint_depths is not None:
-            disagreement = self._learned_depth.disagreement(estimate.pose, estimate.joint_depths)
-        factor = FACTOR * min(max(disagreement / USUAL_DISAGREEMENT, RANGE[0]), RANGE[1]) ** POWER
         covariance, place = self.covariance(
             estimate.pose,
             problem,
-            factor * np.where(self._observed.beyond(estimate.visible), BEYOND, 1.0),
+            self._factor(estimate) * np.where(self._observed.beyond(estimate.visible), BEYOND, 1.0),
             estimate.length_deviation,
             0.0 if estimate.depth_measured else SCALE_DEVIATION,
             share,
@@ -156,6 +154,16 @@ class UncertaintyModel:
         deviation = np.sqrt(_trace(covariance))[1:]
         mean, cost = float(deviation.sum()) / len(deviation), estimate.cost / max(estimate.measurements, 1)
         return JointUncertainty(covariance, failure_probability(mean, estimate.excess, cost), place)
+
+    def _factor(self, estimate: Estimate) -> float:
+        """Factor on the posterior's standard deviations."""
+        assert estimate.pose is not None
+        if estimate.depth_covers:
+            return WITH_DEPTH
+        if self._learned_depth is None or estimate.joint_depths is None:
+            return FACTOR
+        disagreement = self._learned_depth.disagreement(estimate.pose, estimate.joint_depths) / USUAL_DISAGREEMENT
+        return float(FACTOR * min(max(disagreement, RANGE[0]), RANGE[1]) ** POWER)
 
     def _scaled(self, problem: Lasso, share: float) -> Lasso:
         """The problem with the image's rows multiplied by `share`."""

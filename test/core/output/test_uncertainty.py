@@ -254,3 +254,18 @@ def test_measured_depth_makes_the_distance_certain():
     assert measured.depth_measured and not without.depth_measured
     before, after = (np.sqrt(tracker.uncertainty(e).absolute.joints[0][2, 2]) for e in (without, measured))
     assert after < 0.05 < before
+
+
+def test_depths_of_half_of_the_landmarks_make_the_joints_certain():
+    tracker, without = followed()
+    points, depth = project(without.pose.landmarks), without.pose.landmarks[:, 2]
+    deviations = []
+    for count in (3, len(points)):
+        tracker.reset()
+        some = np.where(np.arange(len(points)) < count, depth, np.nan)
+        estimate = tracker.track(Observation(0.0, points, np.ones(len(points)), FOCAL, depth=some))
+        assert estimate.depth_measured and estimate.depth_covers == (count > 3)
+        known = replace(estimate, length_deviation=np.zeros_like(estimate.length_deviation))
+        deviations.append(tracker.uncertainty(known).deviation.mean())
+    few, all_landmarks = deviations
+    assert all_landmarks < 0.7 * few
