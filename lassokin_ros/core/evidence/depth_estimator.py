@@ -65,11 +65,11 @@ class DepthEstimator:
         frame, None if unknown. mount: (3,) the vertical by the camera's mount. It is used to rotate a rolled image
         upright, because the network was trained with nearly level cameras.
         """
-        shown = seen[self._index] & self._there
+        shown = seen.take(self._index) & self._there
         if mount is not self._mount:
             self._mount, self._level = mount, _upright_image(mount)
         level = self._level
-        self._history.add(stamp, points[self._index] @ level[:2, :2].T, shown)
+        self._history.add(stamp, points.take(self._index, axis=0) @ level[:2, :2].T, shown)
         self._prediction = None
         if np.count_nonzero(shown) < LEAST_SEEN:
             return None

@@ -184,22 +184,21 @@ def _virtual_camera(points: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
     The middle is that of the visible shoulders and hips, or of all points if fewer than two of those are visible.
     """
-    trunk = seen[..., _TRUNK]
-    weights = np.where(trunk.sum(-1, keepdims=True) >= 2, 1.0, 0.0) * _IS_TRUNK * seen
-    weights = np.where(weights.any(-1, keepdims=True), weights, seen)
+    on_trunk = seen * _IS_TRUNK
+    weights = np.where(on_trunk.sum(-1, keepdims=True) >= 2, on_trunk, seen)
     weights = weights / np.maximum(weights.sum(-1, keepdims=True), 1.0)
     centre = (weights[..., None, :] @ points)[..., 0, :]
     x, y = centre[..., 0], centre[..., 1]
     z = 1 / np.sqrt(1 + x * x + y * y)
-    x, y = x * z, y * z
-    share = 1 / (1 + z)
-    rotation = np.empty((*x.shape, 3, 3))
-    rotation[..., 0, 0], rotation[..., 0, 1], rotation[..., 0, 2] = 1 - x * x * share, -x * y * share, -x
-    rotation[..., 1, 0], rotation[..., 1, 1], rotation[..., 1, 2] = -x * y * share, 1 - y * y * share, -y
-    rotation[..., 2, 0], rotation[..., 2, 1], rotation[..., 2, 2] = x, y, z
+    across = centre * z[..., None]
+    rotation = np.empty((*z.shape, 3, 3))
+    moved = across[..., :, None] * across[..., None, :] * (1 / (1 + z))[..., None, None]
+    np.subtract(_IDENTITY, moved, out=rotation[..., :2, :2])
+    rotation[..., :2, 2], rotation[..., 2, :2], rotation[..., 2, 2] = -across, across, z
     return rotation
 
 
+_IDENTITY = np.eye(2)
 _IS_TRUNK = np.isin(np.arange(len(NAMES)), _TRUNK).astype(float)
 
 
@@ -238,8 +237,29 @@ def linear(h: np.ndarray, W: np.ndarray, b: np.ndarray) -> np.ndarray:
     h: (2, n, m), or (n, m) for the inputs, which both matrices multiply.
     """
     result = np.asarray(h @ W)
-    result[0] += b
+    even = result[0]
+    even += b
     return result
+
+
+HUGE_PAGE = 1 << 21
+"""bytes."""
+_FROM_HUGE = 1 << 22
+"""bytes: numpy asks the kernel for huge pages for arrays of this size or more."""
+
+
+def in_huge_pages(arrays: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """float32 copies, one after another in huge pages of memory.
+
+    The weights are read once per frame, mostly from outside the caches. From huge pages this is a fifth faster.
+    """
+    places = np.cumsum([0, *(-(-array.size // 16) * 16 for array in arrays)])  # each begins a cache line
+    block = np.empty(max(4 * places[-1], _FROM_HUGE) + HUGE_PAGE, dtype=np.uint8)
+    values = block[-block.ctypes.data % HUGE_PAGE :][: 4 * places[-1]].view(np.float32)
+    copies = [values[at : at + array.size].reshape(array.shape) for at, array in zip(places, arrays)]
+    for copy, array in zip(copies, arrays):
+        copy[...] = array
+    return copies
 
 
 _HALF_SIDES = np.array([[0.5, 0.5], [0.5, -0.5]], dtype=np.float32)
@@ -273,7 +293,7 @@ class Network:
 
     def __init__(self, weights: Sequence[np.ndarray]) -> None:
         """weights: W (2, INPUTS, k), b (k,); per block A (2, k, k), a, B, b; W (2 k, OUTPUTS), b (OUTPUTS,)."""
-        self.weights = [np.ascontiguousarray(w, dtype=np.float32) for w in weights]
+        self.weights = in_huge_pages(weights)
 
     def __call__(self, inputs: np.ndarray) -> np.ndarray:
         """(..., OUTPUTS) of inputs (..., INPUTS), float32."""
@@ -313,6 +333,7 @@ def shipped_network() -> Network:
 
 
 MOST_FRAMES = 256
+_BEFORE_AND_AFTER = np.array([[-1], [0]])
 
 
 class History:
@@ -342,14 +363,9 @@ class History:
         """(points (times, canonical, 2), seen (times, canonical)) at `TIMES` before the newest frame."""
         stamps = self._stamps[: self._count]
         wanted = stamps[-1] - TIMES
-        later = np.minimum(np.maximum(stamps.searchsorted(wanted - 1e-9), 1), max(self._count - 1, 1))
-        if self._count == 1:
-            later[:] = 0
-        earlier = np.maximum(later - 1, 0)
-        return interpolated(
-            wanted, stamps.take(earlier), stamps.take(later), self._points.take(earlier, 0),
-            self._points.take(later, 0), self._seen.take(earlier, 0), self._seen.take(later, 0),
-        )  # fmt: skip
+        later = np.minimum(np.maximum(stamps.searchsorted(wanted - 1e-9), 1), self._count - 1)
+        frames = np.maximum(later + _BEFORE_AND_AFTER, 0)
+        return interpolated(wanted, *stamps.take(frames), *self._points.take(frames, 0), *self._seen.take(frames, 0))
 
 
 def interpolated(
@@ -371,8 +387,9 @@ def interpolated(
     share[wanted >= after - 1e-6] = 1.0
     inside = (wanted >= before - 1e-6) & (gap <= LONGEST_GAP)
     s = share[..., None]
-    seen = ((seen_before | (s >= 1 - 1e-6)) & (seen_after | (s <= 1e-6))) & (inside | (share >= 1))[..., None]
+    known = (inside | (share >= 1)) & (wanted <= after + 1e-6)
+    seen = (seen_before | (s >= 1 - 1e-6)) & (seen_after | (s <= 1e-6)) & known[..., None]
     points = points_after - points_before
     points *= s[..., None]
     points += points_before
-    return points, seen & (wanted <= after + 1e-6)[..., None]
+    return points, seen
