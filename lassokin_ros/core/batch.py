@@ -93,7 +93,7 @@ def _absent_fields(argument: Any) -> tuple[str, ...]:
     """Names of a dataclass' fields that are None."""
     if isinstance(argument, np.ndarray):
         return ()
-    return tuple(name for name, value in vars(argument).items() if value is None)
+    return tuple(name for name in argument.__dataclass_fields__ if getattr(argument, name) is None)
 
 
 def _done(works: Sequence[BatchedCall]) -> list[Any]:
@@ -139,11 +139,12 @@ def stack_values(values: Sequence[Any]) -> Any:
         return np.array(values)
     if first is None:
         return None
-    return type(first)(*(stack_values([vars(value)[name] for value in values]) for name in vars(first)))
+    fields = first.__dataclass_fields__
+    return type(first)(*(stack_values([getattr(value, name) for value in values]) for name in fields))
 
 
 def select_person(value: Any, person: int) -> Any:
     """Select one person from a value with a leading axis of people, such as those of `stack_values`."""
     if value is None or isinstance(value, np.ndarray):
         return None if value is None else value[person]
-    return type(value)(*(select_person(field, person) for field in vars(value).values()))
+    return type(value)(*(select_person(getattr(value, name), person) for name in value.__dataclass_fields__))

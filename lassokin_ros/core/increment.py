@@ -84,8 +84,8 @@ class IncrementSolver:
             if number >= relinearisations and not _far(omega, x):
                 break
             if number > 0:
-                rows = self._moved(start.retract(omega, x), omega, frame)
-            problem = self._problem(rows, omega, x, sparsity)
+                rows = self._moved(start, omega, x, frame)
+            problem = Lasso(rows.columns[:-3].T, rows.columns[-3:].T, rows.z, sparsity / self._motion)
             solution = self.lasso.solve(problem, self._guess if warm else None)
             if not (solution.exact or solution.certified):  # the tracker checks the certificate of the last one
                 break
@@ -95,18 +95,17 @@ class IncrementSolver:
             problem = replace(problem, alpha=solution.alpha)
         return Increment(omega, problem, solution)
 
-    def _moved(self, state: BodyState, omega: np.ndarray, frame: FrameData) -> LinearisedFrame:
-        """The frame's rows about start * exp(omega), in terms of the total increment.
+    def _moved(self, start: BodyState, omega: np.ndarray, x: np.ndarray, frame: FrameData) -> LinearisedFrame:
+        """The frame's rows about the state after the increment (omega, x), in terms of the total increment.
 
-        Since exp(omega + d) = exp(omega) exp(J_r(omega) d), J_r is applied to the axes of all columns.
+        Since exp(omega + d) = exp(omega) exp(J_r(omega) d), J_r is applied to the axes of all columns, and the
+        increment already applied is added back to z.
         """
-        turn = right_jacobian(omega.reshape(-1, 3))
-        return self._rows.linearise(self._rows.evaluate(state), frame, huber_weights, turn)
-
-    def _problem(self, rows: LinearisedFrame, omega: np.ndarray, x: np.ndarray, sparsity: float) -> Lasso:
-        """The lasso in terms of the total increment: the increment already applied, (omega, x), is added back to z."""
-        A, B = rows.columns[:-3].T, rows.columns[-3:].T
-        return Lasso(A, B, rows.z + A.dot(omega[self._rows.live]) + B.dot(x), sparsity / self._motion)
+        turn, state = right_jacobian(omega.reshape(-1, 3)), self._rows.evaluate(start.retract(omega, x))
+        rows = self._rows.linearise(state, frame, huber_weights, turn)
+        columns = rows.columns
+        applied = columns[:-3].T.dot(omega[self._rows.live]), columns[-3:].T.dot(x)
+        return LinearisedFrame(columns, rows.z + applied[0] + applied[1])
 
 
 def _far(omega: np.ndarray, x: np.ndarray) -> bool:

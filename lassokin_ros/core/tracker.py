@@ -20,7 +20,7 @@ from dataclasses import replace
 import numpy as np
 
 from lassokin_ros.core.batch import BatchedCall, Steps, run_batched, run_single
-from lassokin_ros.core.body.kinematics import BodyState
+from lassokin_ros.core.body.kinematics import BodyPose, BodyState
 from lassokin_ros.core.body.rotations import orthonormalised
 from lassokin_ros.core.calibration.height import HeightEstimator
 from lassokin_ros.core.errors import ConfigurationError
@@ -249,7 +249,7 @@ class Tracker(TrackerParts):
         solved = self._body_hypotheses.published
         if measurement.news > 0:
             yield BatchedCall(self._body_hypotheses, "compute_costs", (frame,))
-            yield from self._compare_hypotheses(frame, alpha, measurement.stamp)
+            yield from self._compare_hypotheses(frame, alpha, measurement.stamp, solved.pose)
             self._cost = self._body_hypotheses.cost
             self._upright.learn(self._state.rotations[0], measurement.news)
         return solved
@@ -264,8 +264,11 @@ class Tracker(TrackerParts):
         self._cost = float(fit.costs[0])
         return self._body_hypotheses.published
 
-    def _compare_hypotheses(self, frame: FrameData, alpha: np.ndarray, stamp: float) -> Steps[None]:
-        """Choose the state from which the next frame starts, if another hypothesis explains this frame better."""
+    def _compare_hypotheses(self, frame: FrameData, alpha: np.ndarray, stamp: float, tracked: BodyPose) -> Steps[None]:
+        """Choose the state from which the next frame starts, if another hypothesis explains this frame better.
+
+        tracked: pose of the present state.
+        """
         winner = self._body_hypotheses.select(frame, alpha)
         if self._depth is None:
             if winner is None:
@@ -273,7 +276,7 @@ class Tracker(TrackerParts):
             else:
                 self._limbs.start(winner)
         else:
-            cost, tracked, places = self._body_hypotheses.cost, self._body_hypotheses.published.pose, self._depth.places
+            cost, places = self._body_hypotheses.cost, self._depth.places
             winner = self._network_hypothesis.better_state(stamp, frame, places, self.skeleton, tracked, cost)
             if winner is not None:
                 self._body_hypotheses.replace_published(winner)

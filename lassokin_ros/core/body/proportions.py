@@ -48,6 +48,7 @@ class Proportions:
         self.names = tuple(seen)
         #: (p, n, 3) m: the offsets that each length scales.
         self.parts = np.array([parts[name] for name in seen]).reshape(-1, skeleton.joint_count, 3)
+        self._components = np.ascontiguousarray(np.moveaxis(self.parts, 0, -1))
         self._given_parts = self._scaled_parts(np.zeros(self.count))
         height = skeleton.rest_positions[:, 1]
         top, bottom = int(np.argmax(height)), int(np.argmin(height))
@@ -66,7 +67,8 @@ class Proportions:
 
     def offsets(self, lengths: np.ndarray) -> np.ndarray:
         """Rest offsets (..., n, 3) m for log-lengths (..., p)."""
-        return self.given.offsets + np.tensordot(np.expm1(lengths), self.parts, 1)
+        scaled: np.ndarray = np.expm1(lengths) @ self.parts.reshape(self.count, -1)
+        return self.given.offsets + scaled.reshape(*scaled.shape[:-1], -1, 3)
 
     def motion(self, pose: BodyPose, lengths: np.ndarray) -> LengthMotion:
         """Derivatives of the body's points with respect to the log-lengths, camera frame, root fixed."""
@@ -79,11 +81,12 @@ class Proportions:
 
     def _scaled_parts(self, lengths: np.ndarray) -> np.ndarray:
         """(n, 3, p) m: derivative of the rest offsets at these log-lengths."""
-        return np.moveaxis(np.exp(lengths)[:, None, None] * self.parts, 0, -1)
+        scaled: np.ndarray = self._components * np.exp(lengths)
+        return scaled
 
     def _bones(self, pose: BodyPose, parts: np.ndarray) -> np.ndarray:
         """(n, 3 p) m: derivative of each joint's offset in the camera frame; parts: see `_scaled_parts`."""
-        turned: np.ndarray = pose.orientations[self._parent] @ parts
+        turned: np.ndarray = pose.orientations.take(self._parent, axis=0) @ parts
         return turned.reshape(self.given.joint_count, -1)
 
     def _moved(self, reach: np.ndarray, bones: np.ndarray) -> np.ndarray:

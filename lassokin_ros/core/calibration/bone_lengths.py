@@ -184,8 +184,10 @@ class Calibration:
         """Recompute a frame's normal equations at the present lengths, and do one Gauss-Newton step of its pose."""
         J, C, z, cost = self._frame_rows(frame)
         H = J.T @ J
-        H.flat[:: len(H) + 1] += DAMPING
-        right = np.column_stack([J.T @ C, J.T @ z])
+        diagonal = H.reshape(-1)[:: len(H) + 1]
+        diagonal += DAMPING
+        right = np.empty((len(H), C.shape[1] + 1))
+        right[:, :-1], right[:, -1] = J.T @ C, J.T @ z
         factor, solved, failed = lapack.dposv(H, right)
         if failed:
             return

@@ -124,13 +124,13 @@ class Evidence(ABC):
 
     def length_rows(
         self, columns: np.ndarray, states: EvaluatedState, frame: FrameData, motion: LengthMotion
-    ) -> np.ndarray:
+    ) -> np.ndarray | float:
         """(count, p) derivative of the rows' right sides, negative, with respect to the log-lengths, for one state.
 
         columns: (live + 3, count) as `linearise` wrote them. Zero for evidence that does not depend on the lengths, or
         from which calibration shall not learn them.
         """
-        return np.zeros((self.count, motion.joints.shape[-1]))
+        return 0.0
 
     @classmethod
     def stack(cls: type[E], several: Sequence[E]) -> E:

@@ -105,10 +105,12 @@ class FrameModel:
         self, rows: LinearisedFrame, states: EvaluatedState, frame: FrameData, motion: LengthMotion
     ) -> np.ndarray:
         """(r, p) negative derivative of the right sides of `linearise` by the log-lengths, for one state."""
-        present = [evidence for evidence in self.evidence if evidence.present(frame)]
-        ends = np.cumsum([evidence.count for evidence in present])
-        parts = zip(present, np.split(rows.columns, ends[:-1], axis=-1))
-        return np.concatenate([evidence.length_rows(own, states, frame, motion) for evidence, own in parts])
+        result, end = np.empty((len(rows.z), motion.joints.shape[-1])), 0
+        for evidence in self.evidence:
+            if evidence.present(frame):
+                begin, end = end, end + evidence.count
+                result[begin:end] = evidence.length_rows(rows.columns[:, begin:end], states, frame, motion)
+        return result
 
     def rows_of(self, piece: Evidence, frame: FrameData) -> slice:
         """The rows of one piece of evidence, which must be present in the frame."""

@@ -73,7 +73,7 @@ class LearnedDepth(Evidence):
         """(DEPTHS, p): how the depths relative to the hips change."""
         given = _given(frame)
         weight = _robust_weight(self._whitened(self._points(states.pose), given))
-        depths = np.tensordot(given.sight, motion.joints[self._joints], axes=(0, 1))
+        depths = np.tensordot(given.sight, motion.joints.take(self._joints, axis=0), axes=(0, 1))
         return np.asarray(weight[:, None] * (given.whitening @ self._relative @ depths))
 
     def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:

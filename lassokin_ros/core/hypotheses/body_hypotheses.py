@@ -106,12 +106,12 @@ class BodyHypotheses:
         """The rows of a frame about the published state. The rows about the hypotheses are kept for `advance`."""
         assert self._states is not None
         if not self._count:
-            rows = self._rows.linearise(self._states, frame.per_state(), huber_weights)
+            rows = self._rows.linearise(self._states, frame.per_state, huber_weights)
             self._linearised = rows
             return LinearisedFrame(rows.columns[..., 0, :, :], rows.z[..., 0, :])
         factor = np.ones((*self._age.shape[:-1], self._count + 1, 1))
         factor[..., :-1, 0] = COARSE.take(self._age, mode="clip")
-        rows = self._rows.linearise(self._states, frame.per_state().annealed(factor), self._robust)
+        rows = self._rows.linearise(self._states, frame.per_state.annealed(factor), self._robust)
         self._linearised = LinearisedFrame(rows.columns[..., :-1, :, :], rows.z[..., :-1, :])
         # A copy, so that the caller does not keep the whole array alive.
         return LinearisedFrame(rows.columns[..., -1, :, :].copy(), rows.z[..., -1, :].copy())
@@ -131,7 +131,7 @@ class BodyHypotheses:
         if not self._count:
             self._increments = omega[..., None, :]
             moved = self._states.state.retract(self._increments, x[..., None, :])
-            moved.rotations[:] = orthonormalised(moved.rotations)
+            moved = BodyState(orthonormalised(moved.rotations), moved.translation)
             self._states = self._rows.evaluate(moved)
             return BodyState(moved.rotations[..., -1, :, :, :], moved.translation[..., -1, :])
         omegas, steps = self._initialiser.step(self._linearised, steady * (0.5 * alpha**2)[..., None, :])
@@ -146,7 +146,7 @@ class BodyHypotheses:
     def compute_costs(self, frame: FrameData) -> None:
         """Compute the costs of all states on a frame, for `select`."""
         assert self._states is not None
-        frame = frame.per_state()
+        frame = frame.per_state
         images = self._rows.image_costs(self._states, frame)
         self.image_costs = images[..., -1, :]
         self._costs = images.sum(axis=-1) + self._rows.other_cost(self._states, frame)

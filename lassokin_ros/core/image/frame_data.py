@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -71,6 +72,7 @@ class FrameData:
             depth_weights = np.where(np.asarray(factor) < WITHOUT_DEPTH, depth_weights / factor, 0.0)
         return FrameData(self.points, self.weights / factor, self.depth, depth_weights, self.joint_depths)
 
+    @cached_property
     def per_state(self) -> FrameData:
         """The frame for k states per person: each array gains an axis of length 1 after the axis of people."""
         depth, depth_weights, learned = self.depth, self.depth_weights, self.joint_depths

@@ -129,7 +129,7 @@ def test_several_states_at_once_give_the_same_as_each_alone(scene):
     random = np.random.default_rng(3)
     other = random_state(random, model.kinematics, 0.4)
     both = BodyState(np.stack([state.rotations, other.rotations]), np.stack([state.translation, other.translation]))
-    whole = model.linearise(model.evaluate(both), frame.per_state(), huber_weights)
+    whole = model.linearise(model.evaluate(both), frame.per_state, huber_weights)
     for number, one in enumerate((state, other)):
         alone = model.linearise(model.evaluate(one), frame, huber_weights)
         assert np.allclose(whole.columns[number], alone.columns, atol=1e-9)
