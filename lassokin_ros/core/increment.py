@@ -5,7 +5,7 @@ The l1 penalty is always on the frame's total increment.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import huber_weights
 from lassokin_ros.core.lasso.problem import Lasso
 from lassokin_ros.core.lasso.solver import LassoSolution, LassoSolver
+from lassokin_ros.core.record import record
 
 SHORT_STEP, LONG_STEP = 1 / 30, 0.06
 """s between frames, see `for_step`."""
@@ -25,7 +26,7 @@ FAR_TURN, FAR_MOVE = 0.2, 0.06
 """rad, m: largest increment of a frame with measured depth after which it is not linearised again."""
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Increment:
     """Increment of one frame: omega (3 n,) rad for all joints and x (3,) m for the root, from the last solution.
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
+
+from lassokin_ros.core.record import record
 
 
 class Status(Enum):
@@ -27,7 +28,7 @@ class Rejection(str, Enum):
     TOO_SMALL = "too_small"
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Observation:
     """One frame's keypoints of one person.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -13,6 +12,7 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.output.uncertainty import JointUncertainty
+from lassokin_ros.core.record import record
 from lassokin_ros.pipeline.camera.lens import Lens
 
 BODY_FROM_ROOT = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
@@ -20,7 +20,7 @@ BODY_FROM_ROOT = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 z front)."""
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class FrameResult:
     """Result of one keypoint message for one person, or of a message that was refused as a whole.
 

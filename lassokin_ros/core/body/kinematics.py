@@ -11,7 +11,6 @@ Functions take leading batch axes (hypotheses, people) where shapes are written 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -20,11 +19,12 @@ from lassokin_ros.core.batch import stack_attribute
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import exponential, hat
 from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.record import record
 
 _IDENTITY = np.eye(3)
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class BodyState:
     """The moving state: local rotations (..., n, 3, 3), root position (..., 3) in the camera frame, m."""
 
@@ -40,7 +40,7 @@ class BodyState:
         return BodyState(self.rotations @ steps, self.translation + translation_step)
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class BodyPose:
     """The result of forward kinematics, in the camera frame.
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
 from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.record import record
 
 PAIRS = {
     "hip width": ("hip", "x"),
@@ -25,7 +24,7 @@ PAIRS = {
 MIDDLE = {"trunk": "spine1 spine2 spine3", "neck": "neck", "head": "head"}
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class LengthMotion:
     """Derivatives with respect to the log-lengths: of the landmarks (l, 3, p) and of the joints (n, 3, p), m."""
 

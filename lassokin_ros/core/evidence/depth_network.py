@@ -16,7 +16,6 @@ independent and of unit scale. The order of `TARGETS` goes from the trunk outwar
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -27,6 +26,7 @@ import numpy as np
 from lassokin_ros.core.batch import batched
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.record import record
 
 TIMES = np.array([0.0, 0.05, 0.1, 0.2, 0.4, 0.8])
 """s before the present: times of the keypoints in the input."""
@@ -131,7 +131,7 @@ def lengths_between(place: dict[str, np.ndarray]) -> np.ndarray:
     return np.array([across[0], limbs[0], limbs[1], trunk, across[1], limbs[2], limbs[3], neck])
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Scene:
     """The input of the network, with any leading axes; all points are normalised image coordinates.
 
@@ -202,18 +202,16 @@ _IDENTITY = np.eye(2)
 _IS_TRUNK = np.isin(np.arange(len(NAMES)), _TRUNK).astype(float)
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Prediction:
     """The network's positions of `TARGETS` relative to the middle of the hips, in the virtual camera, in heights.
 
     places: (..., DEPTHS, 3); whitening: (..., DEPTHS, DEPTHS) lower triangular, so that whitening @ (depths - truth)
-    has independent errors of unit scale; scale: (..., DEPTHS), of the errors of x and y. rotation: (..., 3, 3) from the
-    camera frame into the virtual camera.
+    has independent errors of unit scale. rotation: (..., 3, 3) from the camera frame into the virtual camera.
     """
 
     places: np.ndarray
     whitening: np.ndarray
-    scale: np.ndarray
     rotation: np.ndarray
 
 
@@ -227,8 +225,7 @@ def interpreted(outputs: np.ndarray, rotation: np.ndarray) -> Prediction:
     whitening *= _STRICTLY_LOWER
     whitening += _UNIT
     whitening *= diagonal[..., None]
-    scale = np.exp(np.minimum(np.maximum(outputs[..., -d:], -5.0), 1.0))
-    return Prediction(places, whitening, scale, rotation)
+    return Prediction(places, whitening, rotation)
 
 
 def linear(h: np.ndarray, W: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -299,7 +296,8 @@ class Network:
         """(..., OUTPUTS) of inputs (..., INPUTS), float32."""
         w = self.weights
         h = activated(linear(inputs.reshape(-1, INPUTS), w[0], w[1]))
-        for A, a, B, b in zip(*(w[2 + i : -2 : 4] for i in range(4))):
+        for block in range(2, len(w) - 2, 4):
+            A, a, B, b = w[block : block + 4]
             h += linear(activated(linear(h, A, a)), B, b)
         outputs = np.concatenate((h[0], h[1]), axis=-1) @ w[-2] + w[-1]
         return np.asarray(outputs.reshape(*inputs.shape[:-1], OUTPUTS))

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
 
@@ -19,11 +18,12 @@ import numpy as np
 from lassokin_ros.core.body.kinematics import BodyPose, BodyState, Kinematics
 from lassokin_ros.core.body.proportions import LengthMotion
 from lassokin_ros.core.image.frame_data import FrameData
+from lassokin_ros.core.record import record
 
 E = TypeVar("E", bound="Evidence")
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Posture:
     """Joint angles of a state, as the pose prior uses them.
 
@@ -35,7 +35,7 @@ class Posture:
     residual: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class EvaluatedState:
     """One or several states with pose and posture, which both the cost and the next linearisation use."""
 
@@ -59,7 +59,7 @@ class EvaluatedState:
                 array[index] = getattr(source, name)
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class LinearisationPoint:
     """The states about which a frame is linearised, its measurements, and the robust weights.
 

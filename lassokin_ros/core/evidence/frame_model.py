@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,9 +21,10 @@ from lassokin_ros.core.evidence.measured_depth import MeasuredDepth
 from lassokin_ros.core.evidence.pose_prior import PosePrior
 from lassokin_ros.core.evidence.upright import Upright
 from lassokin_ros.core.image.frame_data import FrameData
+from lassokin_ros.core.record import record
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class LinearisedFrame:
     """columns: (..., live + 3, r), J transposed; z: (..., r). The image's 2 l rows come first."""
 

@@ -11,7 +11,6 @@ used. Its confidence follows from the difference in cost to the best fit that co
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import lapack
@@ -24,6 +23,7 @@ from lassokin_ros.core.hypotheses.mirroring import Mirroring
 from lassokin_ros.core.hypotheses.start_orientations import START_ROTATIONS, nearest
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import capped_weights, norm
+from lassokin_ros.core.record import record
 
 STARTS = 8
 """Sides to which each start orientation is turned, at equal angles about the body's up axis."""
@@ -45,7 +45,7 @@ NEAREST = 0.3
 """m: smallest depth of a fitted state."""
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Fit:
     """Fitted states of S starts with their costs (S,), best first.
 

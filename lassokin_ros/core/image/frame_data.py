@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+
+from lassokin_ros.core.record import record
 
 WITHOUT_DEPTH = 4.0
 """Factor on the noise from which measured depth is not used, see `FrameData.annealed`."""
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class JointDepths:
     """Depths of k joints relative to the middle of the hips, as the depth network estimates them.
 
@@ -28,7 +29,7 @@ class JointDepths:
         return JointDepths(self.sight, self.depths, np.asarray(factor)[..., None, None] * self.whitening)
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class FrameData:
     """The measurements of one frame, as arrays.
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -22,6 +21,7 @@ from lassokin_ros.core.image.keypoint_filter import KeypointFilter
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.repeated_frames import RepeatedFrames
 from lassokin_ros.core.observation import Observation
+from lassokin_ros.core.record import record
 
 ACCELERATION = 3.5
 """m/s^2: standard deviation of a body point's acceleration, typical of everyday motion."""
@@ -30,7 +30,7 @@ TYPICAL_DEPTH = 3.5
 """m: assumed depth of a person before the first fit."""
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Measurement:
     """One frame's keypoints as the tracker uses them; all points are normalised image coordinates.
 

@@ -12,7 +12,8 @@ THRESHOLD = 3.0
 
 def squared_norm(errors: np.ndarray) -> np.ndarray:
     """Squared lengths (...) of vectors (..., d)."""
-    return np.asarray((errors * errors).dot(_ones(errors.shape[-1])))
+    squares: np.ndarray = (errors * errors).dot(_ones(errors.shape[-1]))
+    return squares
 
 
 @cache

@@ -7,7 +7,6 @@ support (see `active_set.py`). KKT-1..3 (13)-(15) on the matrices as given certi
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Callable
 
@@ -18,6 +17,7 @@ from lassokin_ros.core.lasso.active_set import predict_solution, solve_active_se
 from lassokin_ros.core.lasso.certificate import Certificate, certify
 from lassokin_ros.core.lasso.dual import DualSolver
 from lassokin_ros.core.lasso.problem import Lasso, Reduced
+from lassokin_ros.core.record import record
 
 KKT_TOLERANCE = 1e-6
 """Largest KKT residual of a certified solution, in units of alpha."""
@@ -29,7 +29,7 @@ SMALLEST_ALPHA = 1e-4
 """Smallest fraction of alpha_max, at which Omega becomes 0. A smaller alpha is raised to it: solvers stall below."""
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class LassoSolution:
     """The minimiser: omega (n,) rad, x (3,) m, and the alpha (n,) that was used, after clamping.
 

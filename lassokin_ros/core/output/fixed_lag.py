@@ -10,19 +10,20 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.output.output_filter import Forward, is_too_far_in_depth
+from lassokin_ros.core.record import record
 
 TOLERANCE = 0.003
 """s: tolerance of the lag. Four frames at 60 Hz are 0.3 ms shorter than 0.067 s, and stamps of cameras jitter."""
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class _Waiting:
     """A frame that waits: estimate, forward pass, offsets (n, 3) m of its skeleton, and its reprojection error."""
 

@@ -19,7 +19,6 @@ of the lengths is multiplied by `LENGTHS`. These constants were fitted to the er
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -36,6 +35,7 @@ from lassokin_ros.core.image.robust_loss import squared_norm
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
 from lassokin_ros.core.output.failure_probability import failure_probability
 from lassokin_ros.core.output.observed import ObservedJoints
+from lassokin_ros.core.record import record
 
 FACTOR = 1.6
 """Factor on the posterior's standard deviation s, at the usual disagreement."""
@@ -76,7 +76,7 @@ _IDENTITY = np.eye(3).reshape(9)
 _TURNS = hat(np.eye(3)).transpose(2, 1, 0).reshape(9, 3)
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class AbsoluteUncertainty:
     """Covariances of positions in the camera frame.
 
@@ -90,7 +90,7 @@ class AbsoluteUncertainty:
     pelvis: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class JointUncertainty:
     """Uncertainty of an estimate.
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol
 
 from lassokin_ros.core.observation import Status
+from lassokin_ros.core.record import record
 from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.people.presence import Presence
@@ -13,7 +13,7 @@ from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
 from msg_adapters.keypoints import Keypoints
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class PeopleImage:
     """Keypoints of all people in one image, and how to interpret them.
 

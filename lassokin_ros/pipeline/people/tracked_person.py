@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -16,6 +15,7 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.observation import Observation, Status
+from lassokin_ros.core.record import record
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.frame_result import FrameResult
@@ -29,7 +29,7 @@ LONGEST_PREDICTION_S = 0.5
 """s: a person out of sight is predicted to move with constant velocity for this long, then to stand still."""
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Detection:
     """One person in one image.
 
