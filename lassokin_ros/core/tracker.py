@@ -387,6 +387,9 @@ class Tracker(TrackerParts):
 
     def _publish(self, estimate: Estimate, offsets: np.ndarray, measurement: Measurement) -> None:
         """Collect the estimates that are due; offsets: (n, 3) m, of the skeleton that the estimate was made with."""
+        if self.config.smoothing_lag == 0 and self._lag.empty:
+            self.published = [estimate]
+            return
         assert self._output_filter.forward is not None
         self._lag.add(estimate, self._output_filter.forward, offsets, measurement.reprojection_px)
         self.published = self._lag.due(estimate.stamp, self.config.smoothing_lag)

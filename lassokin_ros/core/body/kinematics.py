@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -125,9 +126,9 @@ class Kinematics:
         product = np.empty(rotations.shape[:-3] + (self.joint_count + 1, 3, 3))
         product[..., :-1, :, :] = rotations
         product[..., -1, :, :] = _IDENTITY
-        for first, above in self._jumps:
-            below = product[..., first:-1, :, :]
-            below[:] = product.take(above, axis=-3) @ below
+        for rest, above in self._jumps:
+            below = product[rest]
+            np.matmul(product.take(above, axis=-3), below, out=below)
         return product[..., :-1, :, :]
 
     def jacobian(self, pose: BodyPose) -> np.ndarray:
@@ -202,16 +203,16 @@ def wrenches(pose: BodyPose, points: np.ndarray, rows: np.ndarray) -> np.ndarray
     return result.reshape(*rows.shape[:-1], 6)
 
 
-def _pointer_doubling(parents: np.ndarray) -> list[tuple[int, np.ndarray]]:
-    """(first, above) for each doubling step: above holds the ancestor 2^k levels up of joints first..n-1; n if none.
+def _pointer_doubling(parents: np.ndarray) -> list[tuple[tuple[Any, ...], np.ndarray]]:
+    """(rest, above) for each doubling step: the index of the joints that have an ancestor 2^k levels up, and above.
 
-    Joints before `first` have no such ancestor and need no more work.
+    The joints are first..n-1 on the third last axis; above holds the ancestor of each, n if a later one has none.
     """
     top = len(parents)
     above = np.append(np.where(parents < 0, top, parents), top)
     steps = []
     while np.any(above != top):
         first = int(np.argmax(above != top))
-        steps.append((first, above[first:-1]))
+        steps.append(((..., slice(first, -1), slice(None), slice(None)), above[first:-1]))
         above = above[above]
     return steps

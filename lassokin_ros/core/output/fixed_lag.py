@@ -44,6 +44,11 @@ class FixedLag:
         """Drop the waiting estimates."""
         self._waiting: deque[_Waiting] = deque()
 
+    @property
+    def empty(self) -> bool:
+        """True if no estimate waits."""
+        return not self._waiting
+
     def add(
         self,
         estimate: Estimate,
