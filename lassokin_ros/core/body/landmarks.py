@@ -11,7 +11,7 @@ import numpy as np
 
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import LayoutError
-from lassokin_ros.core.yaml_files import check_keys, finite_numbers, load_mapping, read_text, user_path
+from lassokin_ros.core.yaml_files import check_keys, finite_numbers, load_mapping, read_text, shipped_mapping, user_path
 
 MOST_LANDMARKS = 1000
 """Memory grows with the square of the number. A body with both hands and a face mesh has about 550 landmarks."""
@@ -64,16 +64,14 @@ class Layout:
     def load(cls, name_or_path: str, skeleton: Skeleton) -> Layout:
         """Read a built-in layout by name, or any from a YAML file, for a skeleton. Raises LayoutError."""
         if name_or_path in built_in_layouts():
-            file = resources.files("lassokin_ros.core.body") / "layouts" / f"{name_or_path}.yaml"
-            source, text = f"layout '{name_or_path}'", file.read_text(encoding="utf-8")
-        elif user_path(name_or_path).is_file():
-            source, text = name_or_path, read_text(user_path(name_or_path), LayoutError)
-        else:
-            raise LayoutError(
-                f"landmark layout '{name_or_path}' is neither built in ({', '.join(built_in_layouts())}) "
-                "nor a YAML file"
-            )
-        return cls.from_mapping(load_mapping(text, source, LayoutError), skeleton, source)
+            data = shipped_mapping("lassokin_ros.core.body", f"layouts/{name_or_path}.yaml")
+            return cls.from_mapping(data, skeleton, f"layout '{name_or_path}'")
+        if user_path(name_or_path).is_file():
+            text = read_text(user_path(name_or_path), LayoutError)
+            return cls.from_mapping(load_mapping(text, name_or_path, LayoutError), skeleton, name_or_path)
+        raise LayoutError(
+            f"landmark layout '{name_or_path}' is neither built in ({', '.join(built_in_layouts())}) nor a YAML file"
+        )
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any], skeleton: Skeleton, source: str = "layout") -> Layout:

@@ -15,7 +15,7 @@ from typing import Any, Mapping, Sequence
 import numpy as np
 
 from lassokin_ros.core.errors import SkeletonError
-from lassokin_ros.core.yaml_files import check_keys, finite_numbers, load_mapping, read_text, user_path
+from lassokin_ros.core.yaml_files import check_keys, finite_numbers, load_mapping, read_text, shipped_mapping, user_path
 
 AXIS_ORDERS = ("xyz", "xzy", "yxz", "yzx", "zxy", "zyx")
 HEIGHT_RANGE = (0.3, 2.6)  # m: an infant to the tallest person measured
@@ -100,8 +100,8 @@ class Skeleton:
         """
         if not (np.isfinite(height) and HEIGHT_RANGE[0] <= height <= HEIGHT_RANGE[1]):
             raise SkeletonError(f"height is {height}; expected {HEIGHT_RANGE[0]} to {HEIGHT_RANGE[1]} m")
-        source, text = skeleton_source(name_or_path)
-        return cls.from_mapping(load_mapping(text, source, SkeletonError), height, source)
+        source, data = _read(name_or_path)
+        return cls.from_mapping(data, height, source)
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any], height: float, source: str = "skeleton") -> Skeleton:
@@ -136,11 +136,11 @@ def built_in_skeletons() -> list[str]:
     return sorted(Path(entry.name).stem for entry in folder.iterdir() if entry.name.endswith(".yaml"))
 
 
-def skeleton_source(name_or_path: str) -> tuple[str, str]:
-    """(name for messages, YAML text) of a built-in skeleton or a file. Raises SkeletonError if neither exists."""
+def _read(name_or_path: str) -> tuple[str, dict[str, Any]]:
+    """(name for messages, parsed YAML) of a built-in skeleton or a file. Raises SkeletonError if neither exists."""
     if name_or_path in built_in_skeletons():
-        file = resources.files("lassokin_ros.core.body") / "skeletons" / f"{name_or_path}.yaml"
-        return f"skeleton '{name_or_path}'", file.read_text(encoding="utf-8")
+        data = shipped_mapping("lassokin_ros.core.body", f"skeletons/{name_or_path}.yaml")
+        return f"skeleton '{name_or_path}'", data
     path = user_path(name_or_path)
     if path.suffix.lower() in (".npz", ".bvh", ".urdf", ".pkl", ".xacro", ".fbx"):
         raise SkeletonError(
@@ -152,7 +152,7 @@ def skeleton_source(name_or_path: str) -> tuple[str, str]:
             f"skeleton '{name_or_path}' is neither built in ({', '.join(built_in_skeletons())}) nor a file; expected a "
             ".yaml, .npz, .bvh or .urdf file"
         )
-    return str(path), read_text(path, SkeletonError)
+    return str(path), load_mapping(read_text(path, SkeletonError), str(path), SkeletonError)
 
 
 def _parse_joints(

@@ -10,14 +10,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
 
 import numpy as np
 
 from lassokin_ros.core.body.proportions import Proportions
 from lassokin_ros.core.body.skeleton import has_built_in_proportions
-from lassokin_ros.core.errors import SkeletonError
-from lassokin_ros.core.yaml_files import load_mapping
+from lassokin_ros.core.yaml_files import shipped_mapping
 
 MEASURED, GUESSED, ANOTHER = 0.003, 0.05, 0.12
 """Standard deviation of a log-length about the given one if the given lengths are measured, good guesses, or those of
@@ -44,8 +42,7 @@ class LengthModel:
 @cache
 def _population() -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
     """(names, mean (k,), covariance (k, k)) of people's log-lengths about the built-in proportions."""
-    file = resources.files("lassokin_ros.core.evidence") / "priors" / "lengths.yaml"
-    data = load_mapping(file.read_text(encoding="utf-8"), "prior of the lengths", SkeletonError)
+    data = shipped_mapping("lassokin_ros.core.evidence", "priors/lengths.yaml")
     rows = data["covariance"]
     lower = np.array([row + [0.0] * (len(rows) - len(row)) for row in rows])
     return tuple(data["names"]), np.array(data["mean"]), lower + np.tril(lower, -1).T

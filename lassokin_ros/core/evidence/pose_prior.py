@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib import resources
 from typing import Any, Mapping
 
 import numpy as np
@@ -22,11 +21,11 @@ from lassokin_ros.core.batch import stack_attribute
 from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.rotations import logarithm, right_jacobian, right_jacobian_inverse
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.errors import LayoutError, SkeletonError
+from lassokin_ros.core.errors import LayoutError
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint, Posture
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import squared_norm
-from lassokin_ros.core.yaml_files import load_mapping
+from lassokin_ros.core.yaml_files import shipped_mapping
 
 BESIDE_DEPTH = 0.7
 """Factor on the rows of the Gaussian in frames with measured depth, see `FrameData.prior_weight`."""
@@ -46,10 +45,8 @@ class JointLimit:
 
 def joint_limits() -> list[JointLimit]:
     """The shipped ranges of motion."""
-    file = resources.files("lassokin_ros.core.evidence") / "priors" / "joint_limits.yaml"
-    entries = load_mapping(file.read_text(encoding="utf-8"), "joint limits", SkeletonError)["limits"]
     limits = []
-    for entry in entries:
+    for entry in shipped_mapping("lassokin_ros.core.evidence", "priors/joint_limits.yaml")["limits"]:
         axis = np.array(entry["axis"], dtype=float)
         x, y, z = axis / np.linalg.norm(axis)
         low, high = np.radians([entry["low"], entry["high"]])
@@ -72,8 +69,7 @@ class PoseDistribution:
     @classmethod
     def load(cls, skeleton: Skeleton) -> PoseDistribution:
         """Load the shipped prior for the joints of `skeleton`, matched by name."""
-        file = resources.files("lassokin_ros.core.evidence") / "priors" / "cmu.yaml"
-        return cls.from_mapping(load_mapping(file.read_text(encoding="utf-8"), "pose prior", SkeletonError), skeleton)
+        return cls.from_mapping(shipped_mapping("lassokin_ros.core.evidence", "priors/cmu.yaml"), skeleton)
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any], skeleton: Skeleton) -> PoseDistribution:
