@@ -28,6 +28,9 @@ class BatchedCall(NamedTuple):
         return getattr(self.part, self.method)(*self.arguments)
 
 
+Kind = tuple[Any, ...]
+"""Key of calls that can be executed together."""
+
 Steps = Generator[BatchedCall, Any, T]
 """A generator for `run_single` and `run_batched` that returns a T."""
 
@@ -63,28 +66,30 @@ def run_batched(several: Sequence[Steps[T]]) -> list[T]:
     """
     ended: dict[int, T] = {}
     errors: list[Exception] = []
-    waiting: dict[int, BatchedCall] = {}
-    kinds: dict[tuple[Any, ...], None] = {}  # in the order of their first occurrence
+    waiting: dict[int, tuple[Kind, BatchedCall]] = {}
+    kinds: dict[Kind, None] = {}  # in the order of their first occurrence
     answers: dict[int, Any] = dict.fromkeys(range(len(several)))
     while answers:
         for person, answer in answers.items():
             steps = several[person]
             try:
-                waiting[person] = steps.throw(answer) if isinstance(answer, Exception) else steps.send(answer)
+                work = steps.throw(answer) if isinstance(answer, Exception) else steps.send(answer)
+                waiting[person] = _kind(work), work
             except StopIteration as end:
                 ended[person] = end.value
             except Exception as error:
                 errors.append(error)
-        kinds.update(dict.fromkeys(_kind(work) for work in waiting.values()))
-        now = next((kind for kind in kinds if any(_kind(work) == kind for work in waiting.values())), None)
-        chosen = [person for person, work in waiting.items() if _kind(work) == now]
-        answers = dict(zip(chosen, _done([waiting.pop(person) for person in chosen])))
+        present = dict.fromkeys(kind for kind, _ in waiting.values())
+        kinds.update(present)
+        now = next((kind for kind in kinds if kind in present), None)
+        chosen = [person for person, (kind, _) in waiting.items() if kind == now]
+        answers = dict(zip(chosen, _done([waiting.pop(person)[1] for person in chosen])))
     if errors:
         raise errors[0]
     return [ended[person] for person in range(len(several))]
 
 
-def _kind(work: BatchedCall) -> tuple[Any, ...]:
+def _kind(work: BatchedCall) -> Kind:
     """Key of calls that can be executed together: the same method, with the same optional arrays present."""
     return type(work.part), work.method, *(_absent_fields(argument) for argument in work.arguments)
 
