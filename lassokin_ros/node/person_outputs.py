@@ -122,9 +122,11 @@ class PersonOutputs:
             self.state_publisher.describe(description.data)
 
     def _publish_frame(self, frame: FrameResult, copy_markers: Callable[[Any], None] | None) -> None:
-        wanted = [topic for topic, count in self._subscriptions.items() if count() > 0]
+        wanted = {topic for topic, count in self._subscriptions.items() if count()}
         if copy_markers is not None:
-            wanted.append(topics.MARKERS)
+            wanted.add(topics.MARKERS)
+        if not wanted:
+            return
         for topic, message in self._messages.build(frame, wanted):
             publish(self._out[topic], message)
             if copy_markers is not None and topic == topics.MARKERS:

@@ -65,7 +65,7 @@ class Template:
         seconds, nanoseconds = divmod(MARKED_STAMP, 1_000_000_000)
         words = self._view(np.dtype(np.uint32))
         first = np.flatnonzero((words[:-1] == seconds) & (words[1:] == nanoseconds))
-        self._stamps = (CDR_HEADER + 4 * first).tolist()
+        self._stamps = [slice(at, at + STAMP.size) for at in (CDR_HEADER + 4 * first).tolist()]
         self._places: Any = slice(None)
         at = serialised.find(marked.tobytes())
         if at >= 0:  # contiguous, as in most messages
@@ -78,9 +78,9 @@ class Template:
 
     def of(self, stamp_ns: int, numbers: np.ndarray) -> bytes:
         """Return the message with these numbers."""
-        seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
+        stamp = STAMP.pack(*divmod(stamp_ns, 1_000_000_000))
         for place in self._stamps:
-            STAMP.pack_into(self._buffer, place, seconds, nanoseconds)
+            self._buffer[place] = stamp
         self._numbers[self._places] = numbers
         return bytes(self._buffer)
 

@@ -132,9 +132,11 @@ def to_quaternion(matrices: Array) -> Array:
     products = matrices.reshape(-1, 9) @ _PRODUCTS
     products += _UNIT
     # The row of q q^T with the largest diagonal is the well-conditioned one (Shepperd 1978).
-    quaternion: Array = products[np.arange(len(products))[:, None], _ROWS[products[:, :4].argmax(axis=1)]]
-    quaternion /= np.sqrt(np.add.reduce(quaternion * quaternion, axis=1, keepdims=True))
-    np.negative(quaternion, out=quaternion, where=quaternion[:, 3:] < 0)
+    places = _ROWS.take(products[:, :4].argmax(axis=1), axis=0)
+    places += np.arange(0, products.size, 10)[:, None]
+    quaternion: Array = products.take(places)
+    size = np.sqrt(np.add.reduce(quaternion * quaternion, axis=1, keepdims=True))
+    quaternion /= np.copysign(size, quaternion[:, 3:])
     return quaternion.reshape(matrices.shape[:-2] + (4,))
 
 

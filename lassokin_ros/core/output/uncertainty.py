@@ -94,18 +94,15 @@ class JointUncertainty:
     """Uncertainty of an estimate.
 
     covariance: (n, 3, 3) m^2 of each joint's position relative to the pelvis, in the camera frame; that of the pelvis
-    is 0. failure_probability: 0 to 1, probability that the mean error of the joints exceeds 100 mm. place: computes
+    is 0. deviation: (n,) m, of each joint relative to the pelvis; two thirds of the errors are smaller.
+    failure_probability: 0 to 1, probability that the mean error of the joints exceeds 100 mm. place: computes
     `absolute`.
     """
 
     covariance: np.ndarray
+    deviation: np.ndarray
     failure_probability: float
     place: Callable[[], AbsoluteUncertainty]
-
-    @property
-    def deviation(self) -> np.ndarray:
-        """(n,) m: deviation of each joint relative to the pelvis; two thirds of the errors are smaller."""
-        return np.sqrt(_trace(self.covariance))
 
     @lazy
     def absolute(self) -> AbsoluteUncertainty:
@@ -150,9 +147,9 @@ class UncertaintyModel:
             0.0 if estimate.depth_measured else SCALE_DEVIATION,
             share,
         )
-        deviation = np.sqrt(_trace(covariance))[1:]
-        mean, cost = float(deviation.sum()) / len(deviation), estimate.cost / max(estimate.measurements, 1)
-        return JointUncertainty(covariance, failure_probability(mean, estimate.excess, cost), place)
+        deviation = np.sqrt(_trace(covariance))
+        mean, cost = float(deviation[1:].sum()) / (len(deviation) - 1), estimate.cost / max(estimate.measurements, 1)
+        return JointUncertainty(covariance, deviation, failure_probability(mean, estimate.excess, cost), place)
 
     def _factor(self, estimate: Estimate) -> float:
         """Factor on the posterior's standard deviations."""

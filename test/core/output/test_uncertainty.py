@@ -20,7 +20,6 @@ from lassokin_ros.core.output.uncertainty import (
     LENGTHS,
     PLACE_DEVIATION,
     SCALE_DEVIATION,
-    JointUncertainty,
     PositionJacobian,
     UncertaintyModel,
 )
@@ -66,6 +65,7 @@ def test_covariances_are_positive_and_zero_at_the_pelvis():
     assert found.covariance.shape == (24, 3, 3) and found.deviation.shape == (24,)
     assert np.array_equal(found.covariance[0], np.zeros((3, 3)))
     assert np.linalg.eigvalsh(found.covariance[1:]).min() > -1e-15
+    assert np.allclose(found.deviation**2, np.trace(found.covariance, axis1=1, axis2=2), rtol=1e-12)
     assert np.all(found.deviation[1:] > 0.001) and np.all(found.deviation < 0.3)
 
 
@@ -82,15 +82,14 @@ def test_covariances_are_those_of_the_joints_jacobian(seen):
     pose = kinematics.pose(random_state(random, kinematics))
     observed = ObservedJoints(kinematics.skeleton, kinematics.layout.joints)
     model = UncertaintyModel(kinematics, prior, Proportions(kinematics), observed)
-    found = JointUncertainty(model.covariance(pose, problem, np.full(24, FACTOR), 0.0)[0], 0.0, None)
+    found, _ = model.covariance(pose, problem, np.full(24, FACTOR), 0.0)
     assert np.array_equal(problem.reduced.H, before)
     variance = np.diag(np.diagonal(prior.covariance).astype(float))
     variance[np.ix_(live, live)] = np.linalg.inv(problem.reduced.H + WEAKEST * np.eye(seen))
     J = PositionJacobian(kinematics, np.arange(72), np.ones(72)).at(pose)
     expected = J @ variance @ J.swapaxes(1, 2)
     size = np.trace(expected, axis1=1, axis2=2) / LARGEST**2
-    assert np.allclose(found.covariance, expected * (FACTOR**2 / (1 + size))[:, None, None], rtol=1e-7, atol=1e-15)
-    assert np.allclose(found.deviation**2, np.trace(found.covariance, axis1=1, axis2=2), rtol=1e-12)
+    assert np.allclose(found, expected * (FACTOR**2 / (1 + size))[:, None, None], rtol=1e-7, atol=1e-15)
 
 
 def test_uncertain_lengths_affect_the_joints_below_them():
