@@ -80,7 +80,7 @@ class Tracker(TrackerParts):
         if rejection is not None:
             return self._reject(observation, rejection)
         measurement = self._filter_keypoints(observation, weights)
-        if np.count_nonzero(measurement.weights) < self.config.min_landmarks:
+        if np.count_nonzero(measurement.used) < self.config.min_landmarks:
             return self._reject(observation, Rejection.TOO_FEW_LANDMARKS)
         frame = yield from self._with_learned_depth(measurement)
         fit = self._initialise(measurement, frame)
@@ -148,9 +148,8 @@ class Tracker(TrackerParts):
         if measurement.lost or not measurement.repeated:
             known = self._upright.configured or self._upright.learned_for > VERTICAL_AFTER
             up = self._upright.vertical if known else None
-            seen = measurement.weights > 0
-            mount = self._upright.mount
-            self._joint_depths = yield from self._depth.update(measurement.stamp, measurement.points, seen, up, mount)
+            points, seen, mount = measurement.points, measurement.used, self._upright.mount
+            self._joint_depths = yield from self._depth.update(measurement.stamp, points, seen, up, mount)
         data = self._with_measured_depth(measurement)
         return FrameData(data.points, data.weights, data.depth, data.depth_weights, self._joint_depths)
 
@@ -333,7 +332,7 @@ class Tracker(TrackerParts):
             excess=self.model_error.excess,
             confidence=float("nan") if fit is None else fit.confidence,
             repeated=measurement.repeated,
-            visible=measurement.visible & (measurement.weights > 0),
+            visible=measurement.visible & measurement.used,
             measurements=measurement.count,
             depth_measured=frame.depth_weights is not None,
             depth_covers=bool(frame.depth_covers),

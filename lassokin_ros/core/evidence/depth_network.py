@@ -156,7 +156,7 @@ def features(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     places = points[..., :2] / np.maximum(points[..., 2:], 0.1)
     places *= seen[..., None]
     present, now = places[..., 0, :, :], seen[..., 0, :]
-    count = now.sum(-1)
+    count = now.dot(_ONES)[..., 0]
     size = np.sqrt((present * present).sum((-1, -2)) / np.maximum(count, 1.0)) + 1e-6
     places /= size[..., None, None, None]
     past = places[..., 1:, :, :]
@@ -185,8 +185,8 @@ def _virtual_camera(points: np.ndarray, seen: np.ndarray) -> np.ndarray:
     The middle is that of the visible shoulders and hips, or of all points if fewer than two of those are visible.
     """
     on_trunk = seen * _IS_TRUNK
-    weights = np.where(on_trunk.sum(-1, keepdims=True) >= 2, on_trunk, seen)
-    weights = weights / np.maximum(weights.sum(-1, keepdims=True), 1.0)
+    weights = np.where(on_trunk.dot(_ONES) >= 2, on_trunk, seen)
+    weights = weights / np.maximum(weights.dot(_ONES), 1.0)
     centre = (weights[..., None, :] @ points)[..., 0, :]
     x, y = centre[..., 0], centre[..., 1]
     z = 1 / np.sqrt(1 + x * x + y * y)
@@ -198,7 +198,7 @@ def _virtual_camera(points: np.ndarray, seen: np.ndarray) -> np.ndarray:
     return rotation
 
 
-_IDENTITY = np.eye(2)
+_IDENTITY, _ONES = np.eye(2), np.ones((len(NAMES), 1))
 _IS_TRUNK = np.isin(np.arange(len(NAMES)), _TRUNK).astype(float)
 
 

@@ -94,7 +94,7 @@ class KeypointFilter:
             self._outlier_frames[restarted] = 0.0
             self._swaps.start_tracks(restarted, stamp)
         good = used | restarted
-        self._unseen = np.where(good, 0.0, self._unseen + step)
+        self._unseen = (self._unseen + step) * ~good
         self._known = (self._known | restarted) & (self._unseen < MAX_GAP)
         coasting = self._known & (~seen | (self._outlier_frames == 1))
         filtered = 1 / np.sqrt(np.maximum(self._tracks.variance, 0.0) + model_error * model_error)

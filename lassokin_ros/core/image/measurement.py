@@ -61,6 +61,11 @@ class Measurement:
         """The filtered keypoints in the form that all pieces of evidence read."""
         return FrameData(self.points, self.weights, self.depth, self.depth_weights)
 
+    @lazy
+    def used(self) -> np.ndarray:
+        """(l,) bool: keypoints that have a weight."""
+        return self.weights > 0
+
     @property
     def count(self) -> int:
         """Number of keypoints and depths that are used."""
