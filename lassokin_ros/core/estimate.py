@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, BodyState
@@ -10,10 +12,9 @@ from lassokin_ros.core.lasso.certificate import Certificate
 from lassokin_ros.core.lasso.problem import Lasso
 from lassokin_ros.core.lasso.solver import LassoSolution
 from lassokin_ros.core.observation import Rejection, Status
-from lassokin_ros.core.record import record
 
 
-@record
+@dataclass(frozen=True, eq=False)
 class Estimate:
     """The tracker's answer to one observation. Fields below `status` are None when the frame was rejected.
 

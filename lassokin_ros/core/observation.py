@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-
-from lassokin_ros.core.record import record
 
 
 class Status(Enum):
@@ -28,7 +27,7 @@ class Rejection(str, Enum):
     TOO_SMALL = "too_small"
 
 
-@record
+@dataclass(frozen=True, eq=False)
 class Observation:
     """One frame's keypoints of one person.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.output.uncertainty import JointUncertainty
-from lassokin_ros.core.record import lazy, record
+from lassokin_ros.core.record import record
 from lassokin_ros.pipeline.camera.lens import Lens
 
 BODY_FROM_ROOT = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
@@ -77,19 +78,19 @@ class FrameResult:
         """(3 + 3 n,) in the same order, m/s and rad/s. None if rejected."""
         return self._joint_state[1]
 
-    @lazy
+    @cached_property
     def _joint_state(self) -> tuple[np.ndarray | None, np.ndarray | None]:
         """Computed at the first access. The angles are continuous to the frame that was read last."""
         return (None, None) if self.joint_states is None else self.joint_states()
 
-    @lazy
+    @cached_property
     def uncertainty(self) -> JointUncertainty:
         """Joint uncertainty, computed at the first access. Raises ValueError if the result was rejected."""
         if self.measure is None or self.estimate is None:
             raise ValueError("this result was rejected; only an accepted result has an uncertainty")
         return self.measure(self.estimate)
 
-    @lazy
+    @cached_property
     def quaternions(self) -> np.ndarray:
         """(n + 1, 4), x, y, z, w: orientations of the joints and, last, of the body (x front, y left, z up).
 

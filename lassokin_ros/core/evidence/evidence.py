@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -17,7 +18,7 @@ import numpy as np
 from lassokin_ros.core.body.kinematics import BodyPose, BodyState, Kinematics
 from lassokin_ros.core.body.proportions import LengthMotion
 from lassokin_ros.core.image.frame_data import FrameData
-from lassokin_ros.core.record import lazy, record
+from lassokin_ros.core.record import record
 
 E = TypeVar("E", bound="Evidence")
 
@@ -73,13 +74,13 @@ class LinearisationPoint:
     robust: Callable[[np.ndarray], np.ndarray]
     turn: np.ndarray | None = None
 
-    @lazy
+    @cached_property
     def axes(self) -> np.ndarray:
         """(..., n, 3, 3): axes of each joint's three rotations in the matrix columns, camera frame."""
         orientations = self.states.pose.orientations
         return orientations if self.turn is None else orientations @ self.turn
 
-    @lazy
+    @cached_property
     def twists(self) -> np.ndarray:
         """(..., live, 6) spatial twists of the live degrees of freedom, see `kinematics.twists`."""
         return self.kinematics.live_twists(self.states.pose, self.axes)

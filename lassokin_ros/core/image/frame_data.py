@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
-from lassokin_ros.core.record import lazy, record
+from lassokin_ros.core.record import record
 
 WITHOUT_DEPTH = 4.0
 """Factor on the noise from which measured depth is not used, see `FrameData.annealed`."""
@@ -71,7 +73,7 @@ class FrameData:
             depth_weights = np.where(np.asarray(factor) < WITHOUT_DEPTH, depth_weights / factor, 0.0)
         return FrameData(self.points, self.weights / factor, self.depth, depth_weights, self.joint_depths)
 
-    @lazy
+    @cached_property
     def per_state(self) -> FrameData:
         """The frame for k states per person: each array gains an axis of length 1 after the axis of people."""
         depth, depth_weights, learned = self.depth, self.depth_weights, self.joint_depths

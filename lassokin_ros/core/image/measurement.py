@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from lassokin_ros.core.image.keypoint_filter import KeypointFilter
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.repeated_frames import RepeatedFrames
 from lassokin_ros.core.observation import Observation
-from lassokin_ros.core.record import lazy, record
+from lassokin_ros.core.record import record
 
 ACCELERATION = 3.5
 """m/s^2: standard deviation of a body point's acceleration, typical of everyday motion."""
@@ -56,12 +57,12 @@ class Measurement:
     depth: np.ndarray | None = None
     depth_weights: np.ndarray | None = None
 
-    @lazy
+    @cached_property
     def data(self) -> FrameData:
         """The filtered keypoints in the form that all pieces of evidence read."""
         return FrameData(self.points, self.weights, self.depth, self.depth_weights)
 
-    @lazy
+    @cached_property
     def used(self) -> np.ndarray:
         """(l,) bool: keypoints that have a weight."""
         return self.weights > 0

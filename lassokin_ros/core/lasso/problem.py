@@ -8,12 +8,13 @@ with A = P L and B = P Gamma of (12), followed by the rows of further evidence. 
 from __future__ import annotations
 
 import math
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import lapack
 
 from lassokin_ros.core.errors import SolverError
-from lassokin_ros.core.record import lazy, record
+from lassokin_ros.core.record import record
 
 WEAKEST = 1e-3
 """1/rad^2: information added to every degree of freedom, so that an unobserved one has a finite variance."""
@@ -28,7 +29,7 @@ class Lasso:
     z: np.ndarray
     alpha: np.ndarray
 
-    @lazy
+    @cached_property
     def reduced(self) -> Reduced:
         """The problem with the translation eliminated, computed once."""
         return eliminate_translation(self)

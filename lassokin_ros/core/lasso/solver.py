@@ -7,6 +7,7 @@ support (see `active_set.py`). KKT-1..3 (13)-(15) on the matrices as given certi
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import Callable
 
 import numpy as np
@@ -16,7 +17,7 @@ from lassokin_ros.core.lasso.active_set import predict_solution, solve_active_se
 from lassokin_ros.core.lasso.certificate import Certificate, certify
 from lassokin_ros.core.lasso.dual import DualSolver
 from lassokin_ros.core.lasso.problem import Lasso, Reduced
-from lassokin_ros.core.record import lazy, record
+from lassokin_ros.core.record import record
 
 KKT_TOLERANCE = 1e-6
 """Largest KKT residual of a certified solution, in units of alpha."""
@@ -43,7 +44,7 @@ class LassoSolution:
     method: str
     exact: bool = False
 
-    @lazy
+    @cached_property
     def certificate(self) -> Certificate:
         """KKT residuals and duality gap on the matrices as given, computed on first use."""
         return self.certifier()

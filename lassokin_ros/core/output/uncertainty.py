@@ -19,6 +19,7 @@ of the lengths is multiplied by `LENGTHS`. These constants were fitted to the er
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import lapack
@@ -34,7 +35,7 @@ from lassokin_ros.core.image.robust_loss import squared_norm
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
 from lassokin_ros.core.output.failure_probability import failure_probability
 from lassokin_ros.core.output.observed import ObservedJoints
-from lassokin_ros.core.record import lazy, record
+from lassokin_ros.core.record import record
 
 FACTOR = 1.6
 """Factor on the posterior's standard deviation s, at the usual disagreement."""
@@ -104,7 +105,7 @@ class JointUncertainty:
     failure_probability: float
     place: Callable[[], AbsoluteUncertainty]
 
-    @lazy
+    @cached_property
     def absolute(self) -> AbsoluteUncertainty:
         """The uncertainty of positions in the camera frame, computed at the first access."""
         return self.place()
