@@ -1,13 +1,9 @@
-r"""Train the depth network, and write it with its provenance.
+"""Train the depth network, and write it with its provenance.
 
-    python -m training.depth --data DIR --output first.npz
-    python -m training.depth --data DIR --output lassokin_ros/core/evidence/depth_network.npz --start first.npz \
-        --synthetic 0.2 --steps 2500 --rate 0.3 --seed 1
+    python -m training.depth --data DIR --output lassokin_ros/core/evidence/depth_network.npz
 
 DIR contains `mocap` and `corpus`, folders of motion capture (see training/motion.py). People of `--hold-out` are left
-out (default: the people of the test and validation sets; an empty text leaves out nobody). The second command goes on
-from the first one's network with synthetic motion (training/exercises.py) in a share of the samples. This gave smaller
-errors on the people of the validation set than synthetic motion from the beginning.
+out (default: the people of the test and validation sets; an empty text leaves out nobody).
 """
 
 from __future__ import annotations
@@ -22,9 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from lassokin_ros.core.evidence.depth_network import Network, interpreted, load_weights
-from training.exercises import exercises
-from training.motion import TEST, VALIDATION, Motion, joined, load_motion, sources, training_sources
+from lassokin_ros.core.evidence.depth_network import Network, interpreted
+from training.motion import TEST, VALIDATION, Motion, load_motion, sources, training_sources
 from training.network import JITTER, Optimiser, backpropagated, initial_weights, loss
 from training.views import Batch, Views
 
@@ -34,9 +29,6 @@ LICENCES = (
     "ACCAD motion capture by The Ohio State University, CC BY 3.0.",
     "AnimatedDrawings example motion by Meta Platforms, MIT licence.",
 )
-SYNTHETIC_CLIPS = 400
-AVERAGED = 9.0
-"""The weights are averaged over the last steps / AVERAGED steps, with exponential weights."""
 WARM_UP = 200
 """Number of steps in which the learning rate rises."""
 _views: Views | None = None
@@ -65,23 +57,21 @@ def batches(motion: Motion, seed: int, size: int, steps: int, processes: int) ->
 
 def train(
     motion: Motion,
-    network: Network,
     steps: int,
     size: int,
+    width: int,
+    blocks: int,
     seed: int,
     processes: int,
     check: Motion | None = None,
-    rate: float = 1.0,
 ) -> Network:
-    """The network after the given number of steps; its weights are changed.
-
-    If `check` has motion, the network's loss on other people is printed. rate: factor on the learning rates.
-    """
-    optimiser = Optimiser(network.weights, max(0.0, 1 - AVERAGED / steps))
+    """A network after the given number of steps. If `check` has motion, its loss on other people is printed."""
+    network = Network(initial_weights(width, blocks, np.random.default_rng([seed, 1])))
+    optimiser = Optimiser(network.weights)
     random = np.random.default_rng([seed, 2])
     begun, recent = time.perf_counter(), 0.0
     for number, batch in enumerate(batches(motion, seed, size, steps, processes)):
-        share = rate * min(1.0, (number + 1) / WARM_UP) * 0.5 * (1 + math.cos(math.pi * number / steps))
+        share = min(1.0, (number + 1) / WARM_UP) * 0.5 * (1 + math.cos(math.pi * number / steps))
         places = batch.places.copy()
         places[..., 2] += JITTER * random.standard_normal(places.shape[:-1], dtype=np.float32)
         value, gradients = backpropagated(network, batch.inputs, places)
@@ -107,15 +97,12 @@ def described(network: Network, motion: Motion) -> str:
     return "; ".join(parts)
 
 
-def write(
-    file: Path, network: Network, people: list[str], held_out: list[str], steps: int, seed: int, more: str
-) -> None:
-    """Write weights as float16, with their provenance. more: the command's further options."""
+def write(file: Path, network: Network, people: list[str], held_out: list[str], steps: int, seed: int) -> None:
+    """Write weights as float16, with their provenance."""
     arrays = {f"w{i}": w.astype(np.float16) for i, w in enumerate(network.weights)}
     np.savez_compressed(
         file, count=len(arrays), licences=np.array(LICENCES), people=np.array(people), held_out=np.array(held_out),
-        steps=steps, seed=seed, numpy=np.__version__,
-        command=f"python -m training.depth {more}".strip(), **arrays,
+        steps=steps, seed=seed, numpy=np.__version__, command="python -m training.depth", **arrays,
     )  # fmt: skip
 
 
@@ -125,9 +112,6 @@ def main() -> int:
     parser.add_argument("--data", type=Path, required=True, help="folder that holds mocap and corpus")
     parser.add_argument("--output", type=Path, required=True, help="npz file to write")
     parser.add_argument("--hold-out", default=",".join((*TEST, *VALIDATION)), help="people left out, comma-separated")
-    parser.add_argument("--start", type=Path, help="network to go on from (default: random weights)")
-    parser.add_argument("--synthetic", type=float, default=0.0, help="share of the samples with synthetic motion (0)")
-    parser.add_argument("--rate", type=float, default=1.0, help="factor on the learning rates (1)")
     parser.add_argument("--steps", type=int, default=18000)
     parser.add_argument("--batch", type=int, default=1024)
     parser.add_argument("--width", type=int, default=384)
@@ -142,15 +126,9 @@ def main() -> int:
     check = load_motion([s for s in others if not s.file.stem.startswith("131_03")]) if others else None
     people = sorted(set(motion.people))
     print(f"{len(chosen)} clips of {len(people)} people, {len(motion.points)} frames", flush=True)
-    if options.synthetic > 0:
-        motion = joined(motion, exercises(SYNTHETIC_CLIPS, options.seed), options.synthetic)
-    if options.start is None:
-        network = Network(initial_weights(options.width, options.blocks, np.random.default_rng([options.seed, 1])))
-    else:
-        network, _ = load_weights(options.start)
-    network = train(motion, network, options.steps, options.batch, options.seed, options.processes, check, options.rate)
-    more = "" if options.start is None else f"--start NETWORK --synthetic {options.synthetic} --rate {options.rate}"
-    write(options.output, network, people, held_out, options.steps, options.seed, more)
+    network = train(motion, options.steps, options.batch, options.width, options.blocks, options.seed,
+                    options.processes, check)  # fmt: skip
+    write(options.output, network, people, held_out, options.steps, options.seed)
     return 0
 
 

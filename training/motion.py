@@ -79,20 +79,6 @@ class Motion:
     people: tuple[str, ...]
 
 
-def joined(one: Motion, other: Motion, share: float) -> Motion:
-    """Two motions in one, of which the other has the given share of the weight. The weights of each must sum to 1."""
-    return Motion(
-        np.concatenate([one.points, other.points]),
-        np.concatenate([one.start, len(one.points) + other.start]),
-        np.concatenate([one.count, other.count]),
-        np.concatenate([one.fps, other.fps]),
-        np.concatenate([(1 - share) * one.weight, share * other.weight]),
-        np.concatenate([one.parts, other.parts]),
-        np.concatenate([one.lengths, other.lengths]),
-        one.people + other.people,
-    )
-
-
 HEIGHT_PARTS = ("thigh", "shank", "hips", "trunk", "neck", "head")
 
 

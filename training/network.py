@@ -126,8 +126,7 @@ class Optimiser:
     learned at the same rate. Adam: Kingma & Ba 2015. Both with decoupled decay (Loshchilov & Hutter 2019).
     """
 
-    def __init__(self, weights: list[np.ndarray], average: float) -> None:
-        """average: factor per step with which earlier weights count in `averaged`."""
+    def __init__(self, weights: list[np.ndarray], average: float = 0.9995) -> None:
         self.weights, self._average = weights, average
         self._first = [np.zeros_like(w) for w in weights]
         self._second = [np.zeros_like(w) for w in weights]

@@ -112,8 +112,8 @@ class Balance(Evidence):
         return np.asarray(2 * np.log1p(squared_norm(offset) / (4 * SPREAD**2)))
 
 
-def mass_shares(names: tuple[str, ...]) -> np.ndarray:
-    """(n,) weights of the joint centres in the centre of mass; zeros if a joint is missing."""
+def _shares(names: tuple[str, ...]) -> np.ndarray:
+    """(n,) weights of the joint centres in (centre of mass - middle of the feet); zeros if a joint is missing."""
     shares = np.zeros(len(names))
     sides = [(f"{s}_{a}", f"{s}_{b}", mass, at) for s in ("left", "right") for a, b, mass, at in LIMBS]
     segments = (*TRUNK, *sides)
@@ -122,12 +122,8 @@ def mass_shares(names: tuple[str, ...]) -> np.ndarray:
     for first, last, mass, at in segments:
         shares[names.index(first)] += mass * (1 - at)
         shares[names.index(last)] += mass * at
-    return np.asarray(shares / shares.sum())
-
-
-def _shares(names: tuple[str, ...]) -> np.ndarray:
-    """(n,) weights of the joint centres in (centre of mass - middle of the feet); zeros if a joint is missing."""
-    shares = mass_shares(names)
-    if shares.any():
-        shares[[names.index(f"{side}_{joint}") for side in ("left", "right") for joint in ("ankle", "foot")]] -= 0.25
+    shares /= shares.sum()
+    for side in ("left", "right"):
+        for joint in ("ankle", "foot"):
+            shares[names.index(f"{side}_{joint}")] -= 0.25
     return shares
