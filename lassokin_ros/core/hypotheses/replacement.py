@@ -19,10 +19,8 @@ BODY_MARGIN = 2.0
 """Difference in mean cost by which an alternative body must be better."""
 LIMB_MARGIN = 0.6
 """Difference in mean cost by which a mirrored limb must be better; less than for a whole body."""
-NETWORK_MARGIN = 15.0
-"""Difference in cost by which the fitted pose of the network must be better. The network is certain, and wrong, about
-motions that its training hardly has, such as a squat, while the tracked pose follows from many frames. On the people of
-the network's validation 2, 5, 10 and 15 give the same errors, and 20 gives larger ones."""
+NETWORK_MARGIN = 2.0
+"""Difference in cost by which the fitted pose of the network must be better."""
 FIT_AFTER = 0.15
 """s since the last new keypoints. At this rate a state found for one frame is too old for the next one."""
 REINITIALISATION_SHARE = 0.5

@@ -21,7 +21,6 @@ from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.robust_loss import huber_weights
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
-from lassokin_ros.demo.synthetic import WEBCAM, detections, exact_pixels, motion
 
 WITH_NETWORK = replace(CONFIG, depth_prior=True)
 
@@ -176,8 +175,6 @@ def test_learned_lengths_are_input_to_the_network(monkeypatch):
 
 
 def test_a_camera_on_its_side_gives_the_same_motion_as_a_level_one():
-    """Except for the network's rounding: it computes in single precision."""
-
     def rolled(observation):
         return replace(observation, points=np.stack([observation.points[:, 1], -observation.points[:, 0]], axis=-1))
 
@@ -187,7 +184,7 @@ def test_a_camera_on_its_side_gives_the_same_motion_as_a_level_one():
     turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     for _, observation in observations(tracker):
         estimate = tracker.track(rolled(observation))
-    assert np.allclose(estimate.pose.positions, level.published[-1].pose.positions @ turn.T, atol=3e-3)
+    assert np.allclose(estimate.pose.positions, level.published[-1].pose.positions @ turn.T, atol=1e-3)
 
 
 @pytest.mark.parametrize("landmarks", ["body25", "mediapipe33", "h36m17"])
@@ -204,17 +201,3 @@ def test_too_few_points_give_no_estimate_and_do_no_harm():
         confidence = seen if number % 2 else observation.confidence
         estimate = tracker.track(Observation(number / RATE, observation.points, confidence, FOCAL))
         assert estimate.accepted
-
-
-def test_a_squat_in_front_of_the_camera_is_tracked():
-    """The network is certain that the knees are behind the body. The tracked pose must not be replaced by that."""
-    tracker = Tracker()
-    times = np.arange(6.0, 8.5, 1 / 30)
-    states = motion(tracker.skeleton, times)
-    points, confidence = detections(exact_pixels(tracker.kinematics, states), 30.0)
-    errors = []
-    for stamp, pixels, seen, truth in zip(times, points, confidence, tracker.kinematics.pose(states).positions):
-        lens = WEBCAM.lens
-        positions = tracker.track(Observation(stamp, lens.normalise(pixels), seen, lens.focal)).pose.positions
-        errors.append(np.linalg.norm((positions - positions[0]) - (truth - truth[0]), axis=1).mean())
-    assert np.mean(errors[times.searchsorted(7.0) :]) < 0.1
