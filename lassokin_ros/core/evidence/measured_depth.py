@@ -17,7 +17,7 @@ from lassokin_ros.core.body.proportions import LengthMotion
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
 from lassokin_ros.core.image.frame_data import FrameData
 
-NEW = 1.5
+WEIGHT_FACTOR = 1.5
 """Factor on the weights of the depths. Their noise is new in each frame, while the errors of the priors last. It was
 chosen, with the priors' factors `BESIDE_DEPTH`, on three of the network's validation people."""
 FARTHER, NEARER = 3.0, 3.5
@@ -103,4 +103,4 @@ class MeasuredDepth(Evidence):
         """(..., l) errors in m, measured minus actual depth, and 1 / standard deviation, broadcast to the states."""
         assert frame.depth is not None and frame.depth_weights is not None
         error = frame.depth - states.pose.landmarks[..., 2]
-        return error, np.broadcast_to(NEW * frame.depth_weights, error.shape)
+        return error, np.broadcast_to(WEIGHT_FACTOR * frame.depth_weights, error.shape)

@@ -24,25 +24,25 @@ def certificate_status(estimate: Estimate, failure_probability: float, name: str
     signs = np.sign(solution.omega[support])
     literal = theorem1_literal(problem, solution.x, support, signs)
     projected = theorem1_projected(problem, support, signs)
-    certified = solution.certified
     values = {
-        "kkt1 [alpha]": f"{certificate.kkt1:.6g}",
-        "kkt2 [alpha]": f"{certificate.kkt2:.6g}",
-        "kkt3 [alpha]": f"{certificate.kkt3:.6g}",
-        "duality gap": f"{certificate.duality_gap:.6g}",
-        "relative duality gap": f"{certificate.relative_gap:.6g}",
-        "support size": f"{certificate.support_size}",
-        "certified": str(certified).lower(),
-        "reprojection error [px]": f"{estimate.reprojection_px:.6g}",
-        "theorem 1, condition 1 (< 1)": f"{projected.condition1:.6g}",
-        "theorem 1, condition 2 (> 0) [rad]": f"{projected.condition2:.6g}",
-        "theorem 1, condition 3 (= 0)": f"{projected.condition3:.6g}",
-        "theorem 1 literal, condition 1 (< 1)": f"{literal.condition1:.6g}",
-        "theorem 1 literal, condition 2 (> 0) [rad]": f"{literal.condition2:.6g}",
-        "theorem 1 literal, condition 3 (= 0)": f"{literal.condition3:.6g}",
+        "kkt1 [alpha]": certificate.kkt1,
+        "kkt2 [alpha]": certificate.kkt2,
+        "kkt3 [alpha]": certificate.kkt3,
+        "duality gap": certificate.duality_gap,
+        "relative duality gap": certificate.relative_gap,
+        "support size": certificate.support_size,
+        "certified": str(solution.certified).lower(),
+        "reprojection error [px]": estimate.reprojection_px,
+        "theorem 1, condition 1 (< 1)": projected.condition1,
+        "theorem 1, condition 2 (> 0) [rad]": projected.condition2,
+        "theorem 1, condition 3 (= 0)": projected.condition3,
+        "theorem 1 literal, condition 1 (< 1)": literal.condition1,
+        "theorem 1 literal, condition 2 (> 0) [rad]": literal.condition2,
+        "theorem 1 literal, condition 3 (= 0)": literal.condition3,
         "initialised": str(estimate.initialised).lower(),
-        "start's confidence": f"{estimate.confidence:.6g}",
-        "likely wrong": f"{failure_probability:.6g}",
+        "start's confidence": estimate.confidence,
+        "likely wrong": failure_probability,
     }
-    level, message = (OK, "certified") if certified else (WARN, "not certified")
-    return StatusLine(level, f"{name}: certificate", f"{message} to {KKT_TOLERANCE:g} of alpha", hardware_id, values)
+    level, message = (OK, "certified") if solution.certified else (WARN, "not certified")
+    text = {key: value if isinstance(value, str) else f"{value:.6g}" for key, value in values.items()}
+    return StatusLine(level, f"{name}: certificate", f"{message} to {KKT_TOLERANCE:g} of alpha", hardware_id, text)
