@@ -114,7 +114,8 @@ def run(job: Job) -> Record:
     """Track the clip and score it."""
     scene = scene_of(job)
     track = scene.follow(job.method)
-    return {**described(job, scene), **score(track, scene, job.score_from)}
+    height = {"height_percent": abs(100 * (track.height_m / clip_height(scene.clip) - 1))}
+    return {**described(job, scene), **score(track, scene, job.score_from), **height}
 
 
 def described(job: Job, scene: Scene) -> Record:

@@ -26,7 +26,8 @@ class Track:
     """The estimates of a method for f frames. Before the first estimate: NaN; in a rejected frame: the last estimate.
 
     positions: (f, n, 3) m joint centres; landmarks: (f, l, 3) m; reprojection_px: (f,), NaN where rejected; rejected:
-    (f,) bool; frame_ms: (f,); init_ms: time of the frame that gave the first estimate.
+    (f,) bool; frame_ms: (f,); init_ms: time of the frame that gave the first estimate. height_m: as measured at the
+    end, NaN if it was given.
     """
 
     positions: np.ndarray
@@ -35,6 +36,7 @@ class Track:
     rejected: np.ndarray
     frame_ms: np.ndarray
     init_ms: float
+    height_m: float = float("nan")
 
     @property
     def first(self) -> int:
@@ -70,7 +72,9 @@ def follow(follower: Follower, observations: Sequence[Observation], joints: int,
         take(follower.published if isinstance(follower, Tracker) else [estimate])
     if isinstance(follower, Tracker):
         take(follower.flush())
-    return Track(held(positions), held(points), reprojection, rejected, frame_ms, float(init_ms))
+    measures = isinstance(follower, Tracker) and follower.height is not None and follower.height.measured
+    height = follower.height.height if measures else np.nan
+    return Track(held(positions), held(points), reprojection, rejected, frame_ms, float(init_ms), float(height))
 
 
 def held(values: np.ndarray) -> np.ndarray:

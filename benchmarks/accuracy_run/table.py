@@ -26,6 +26,8 @@ COLUMNS = {
     "frame_ms_p50": ".2f",
     "frame_ms_p99": ".2f",
 }
+HEIGHT = {"height_percent": ".1f"}
+"""Error of the measured height, of the clip's."""
 GAP = {"before_mm": ".1f", "gap_end_mm": ".1f", "after_mm": ".1f", "after_no_gap_mm": ".1f", "rise_mm": ".1f"}
 INITIALISATION = {"init_median_mm": ".1f", "init_p90_mm": ".1f", "front_back_percent": ".1f", "ms_p50": ".0f"}
 
@@ -49,7 +51,7 @@ def report(options: argparse.Namespace, records: Sequence[Record]) -> None:
         print("nothing to measure: no clip is long enough")
         return
     by = ("clip", "method") if options.detections else ("method",)
-    columns = GAP if options.gap else COLUMNS
+    columns = GAP if options.gap else COLUMNS | (HEIGHT if options.unknown_height else {})
     if not options.initialisation:
         shown = [{**r, "clip": r["clip"] + (" *" if r.get("training") else "")} for r in records]
         seed = {"seed": "d"} if options.seeds > 1 and not options.detections else {}

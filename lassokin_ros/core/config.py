@@ -121,6 +121,11 @@ class TrackerConfig:
         """m: `height`, or that of a typical person if it is to be measured."""
         return self.height or TYPICAL_HEIGHT
 
+    @property
+    def height_text(self) -> str:
+        """`height` in words: its value in m, or that it is measured."""
+        return f"{self.height:g} m" if self.height else "measured with depth"
+
 
 OFF = "off"
 

@@ -15,8 +15,10 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.core.calibration.bone_lengths import Calibration
+from lassokin_ros.core.calibration.height import HeightEstimator
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Status
+from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.camera.camera_mount import CameraMount
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE, Camera, View
 from lassokin_ros.pipeline.depth_images import DepthImages
@@ -111,9 +113,19 @@ class Pipeline:
             return Presence(self.status, self.ids)
         return self.people.presence_at(stamp_ns + max(now_ns - arrival_ns, 0), self.config.forget_after)
 
+    @property
+    def trackers(self) -> dict[str, Tracker]:
+        """The tracker of each person by id. The id of a single person is empty."""
+        return {person: tracked.tracker for person, tracked in self.people.tracked.items()}
+
     def calibrations(self) -> dict[str, Calibration]:
-        """Return the calibration of each person's lengths by id. The id of a single person is empty."""
-        return {person: tracked.tracker.calibration for person, tracked in self.people.tracked.items()}
+        """Return the calibration of each person's lengths by id."""
+        return {person: tracker.calibration for person, tracker in self.trackers.items()}
+
+    def heights(self) -> dict[str, HeightEstimator]:
+        """Return each person's measured height by id, none if the height is given."""
+        found = {person: tracker.height for person, tracker in self.trackers.items()}
+        return {person: height for person, height in found.items() if height is not None}
 
     def reset(self) -> None:
         """Forget all people and the stamps. The camera and the counts stay."""

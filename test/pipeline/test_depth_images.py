@@ -27,6 +27,7 @@ from lassokin_ros.pipeline.depth_images import (  # noqa: E402
     DepthImages,
 )
 from lassokin_ros.pipeline.depth_sampling import sample_depth  # noqa: E402
+from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
 from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 from msg_adapters.depth_image import decode_depth_image  # noqa: E402
@@ -226,9 +227,13 @@ def test_height_0_measures_the_height(scene, images):
     config = TrackerConfig(height=0.0)
     errors, pipeline = track(scene, images, config=config)
     height = pipeline.tracker.height
-    assert abs(height.height - 1.75) < 0.035 and abs(height.height - 1.75) < 3 * height.deviation < 0.2
+    assert abs(height.height - 1.75) < 0.035 and 0.05 < height.deviation < 0.08
     assert abs(pipeline.tracker.skeleton.height - 1.75) < 0.05 and errors[1] < 0.08
+    values = Diagnostics(pipeline, "tracker", 0.0).line(1.0).values
+    assert float(values["height [m]"]) == pytest.approx(height.height, abs=6e-4)
+    assert float(values["height: deviation [m]"]) == pytest.approx(height.deviation, abs=6e-4)
     pipeline.reset()
+    assert Diagnostics(pipeline, "tracker", 0.0).line(1.0).values["height"] == "not measured: no depth yet"
     assert pipeline.tracker.skeleton.height == pytest.approx(config.assumed_height) and not height.measured
     untold, pipeline = track(scene, None, config=config, frames=20)
     assert pipeline.tracker.skeleton.height == config.assumed_height

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from lassokin_ros.core.calibration.bone_lengths import Calibration
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Status
+from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.people.presence import Presence, best
 from lassokin_ros.pipeline.pipeline import Pipeline
@@ -52,9 +52,10 @@ class PerBodyPipeline(Pipeline):
         """As Pipeline.presence_at. The detector's list alone decides who is present."""
         return Presence(best(p.presence_at(now_ns).status for p in self._present.values()), self.ids)
 
-    def calibrations(self) -> dict[str, Calibration]:
-        """Return the calibration of each person's lengths by id."""
-        return {person: pipeline.tracker.calibration for person, pipeline in self._present.items()}
+    @property
+    def trackers(self) -> dict[str, Tracker]:
+        """The tracker of each person by id."""
+        return {person: pipeline.tracker for person, pipeline in self._present.items()}
 
     def keep(self, ids: Sequence[str]) -> None:
         """Set the ids of the people present. The others are forgotten. Of too many people the first ones are kept."""

@@ -14,7 +14,7 @@ from lassokin_ros.pipeline.depth_images import COUNTS as DEPTH_COUNTS
 from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
-from lassokin_ros.pipeline.outputs.status.calibration_status import calibration_figures
+from lassokin_ros.pipeline.outputs.status.calibration_status import calibration_figures, height_figures
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.pipeline import NOBODY, Pipeline
 from lassokin_ros.pipeline.placeholders import PLACEHOLDERS
@@ -239,6 +239,9 @@ class Diagnostics:
         for person, calibration in self._pipeline.calibrations().items():
             if presence.ids is None or person in presence.ids:
                 values |= calibration_figures(calibration, tracker.config.calibrate, person)
+        for person, height in self._pipeline.heights().items():
+            if presence.ids is None or person in presence.ids:
+                values |= height_figures(height, person)
         return values
 
 
