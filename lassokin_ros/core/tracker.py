@@ -163,7 +163,7 @@ class Tracker(TrackerParts):
         """A state fitted to this frame alone, if there is no state yet or the present one must be replaced."""
         if self._state is None or measurement.lost or self._stuck_frames >= STUCK_AFTER:
             return self._fit_frame(frame)
-        if measurement.repeated or not self._reinitialisation.due(measurement.stamp, self._cost):
+        if measurement.repeated or not self._reinitialisation.due(measurement.stamp, self._cost, frame.depth_count):
             return None
         vertical = self._upright.vertical
         fit = self._fit_frame(frame)

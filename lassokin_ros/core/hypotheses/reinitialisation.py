@@ -12,8 +12,8 @@ from __future__ import annotations
 import math
 
 HIGH_COST = 2.4
-"""Cost per landmark of the layout (negative log-likelihood) above which a state is doubtful: 1 frame in 100 of motion
-capture has a higher one."""
+"""Cost per landmark of the layout and per measured depth (negative log-likelihood) above which a state is doubtful: 1
+frame in 100 of motion capture has a higher one."""
 HIGH_COST_DURATION = 0.06
 """s for which the cost must stay above `HIGH_COST`."""
 SHORTEST_INTERVAL, LONGEST_INTERVAL = 0.15, 2.4
@@ -25,7 +25,7 @@ class Reinitialisation:
     """Decides when to initialise again. `replacement` decides whether the new state replaces the tracked one."""
 
     def __init__(self, landmark_count: int) -> None:
-        self._limit = HIGH_COST * landmark_count
+        self._landmark_count = landmark_count
         self.reset()
 
     def reset(self) -> None:
@@ -34,9 +34,12 @@ class Reinitialisation:
         self._costly_at = self._next = -math.inf
         self._interval = SHORTEST_INTERVAL
 
-    def due(self, stamp: float, cost: float) -> bool:
-        """Whether to initialise again in the frame with this stamp, s. cost: cost of the last frame."""
-        if not cost > self._limit:
+    def due(self, stamp: float, cost: float, depths: int = 0) -> bool:
+        """Whether to initialise again in the frame with this stamp, s.
+
+        cost: cost of the last frame. depths: number of measured depths.
+        """
+        if not cost > HIGH_COST * (self._landmark_count + depths):
             self._costly_since = math.inf
             return False
         if stamp - self._costly_at > LONGEST_INTERVAL:

@@ -56,6 +56,11 @@ class FrameData:
         return 1.0 if self.depth_weights is None else np.where(self.depth_covers, beside_depth, 1.0)
 
     @property
+    def depth_count(self) -> int:
+        """Number of measured depths."""
+        return 0 if self.depth_weights is None else int(np.count_nonzero(self.depth_weights))
+
+    @property
     def depth_covers(self) -> np.ndarray | bool:
         """(...,) bool: whether half of the landmarks or more have a measured depth."""
         if self.depth_weights is None:

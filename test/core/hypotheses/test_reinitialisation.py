@@ -23,10 +23,10 @@ LANDMARKS = 17
 DEAR, CHEAP = 1.01 * HIGH_COST * LANDMARKS, 0.99 * HIGH_COST * LANDMARKS
 
 
-def looks(costs, step=0.01):
+def looks(costs, step=0.01, depths=0):
     """Stamps, s, of the frames in which a re-initialisation was due."""
     reinitialisation = Reinitialisation(LANDMARKS)
-    return np.array([step * i for i, cost in enumerate(costs) if reinitialisation.due(step * i, cost)])
+    return np.array([step * i for i, cost in enumerate(costs) if reinitialisation.due(step * i, cost, depths)])
 
 
 def test_reinitialisation_is_due_after_a_delay_that_grows():
@@ -36,6 +36,12 @@ def test_reinitialisation_is_due_after_a_delay_that_grows():
     doubled = SHORTEST_INTERVAL * 2.0 ** np.arange(len(between))
     assert between == pytest.approx(np.minimum(doubled, LONGEST_INTERVAL), abs=0.011)
     assert between[-1] == pytest.approx(LONGEST_INTERVAL, abs=0.011)
+
+
+def test_measured_depths_are_counted():
+    """Their rows are part of the cost. With the limit of the keypoints alone, 1 frame in 75 initialised again."""
+    assert len(looks([DEAR] * 100, depths=1)) == 0
+    assert len(looks([2 * DEAR] * 100, depths=LANDMARKS)) == len(looks([DEAR] * 100)) > 0
 
 
 def test_one_frame_of_low_cost_does_not_reset_the_delay():
@@ -94,7 +100,7 @@ def test_repeated_keypoints_do_not_cause_reinitialisation(monkeypatch):
         tracker.track(observation)
     fit = tracker._initialiser.fit
     monkeypatch.setattr(tracker._initialiser, "fit", lambda *of: looked.append(of) or fit(*of))
-    monkeypatch.setattr(tracker._reinitialisation, "due", lambda stamp, cost: True)
+    monkeypatch.setattr(tracker._reinitialisation, "due", lambda stamp, cost, depths: True)
     repeated = tracker.track(replace(observation, stamp=observation.stamp + 1 / RATE))
     assert repeated.repeated > 0 and not looked
     tracker.track(replace(observation, stamp=observation.stamp + 2 / RATE, points=observation.points + 1e-3))
@@ -114,7 +120,7 @@ def test_a_rejected_reinitialisation_changes_nothing(monkeypatch):
     for i, (_, observation) in enumerate(observations(plain, 1.0)):
         if i == 15:
             monkeypatch.setattr(looking._initialiser, "fit", look)
-            monkeypatch.setattr(looking._reinitialisation, "due", lambda stamp, cost: True)
+            monkeypatch.setattr(looking._reinitialisation, "due", lambda stamp, cost, depths: True)
             monkeypatch.setattr("lassokin_ros.core.tracker.reinitialisation_replaces", lambda tracked, found: False)
         a, b = plain.track(observation), looking.track(observation)
         assert np.array_equal(a.state.rotations, b.state.rotations)
