@@ -81,7 +81,7 @@ class TrackerNode(Node):
         outputs = topics.REP155_BODIES if config.rep155 else topics.BODIES if config.several_people else topics.JOINTS
         names = [self.resolve_topic_name(topic) for topic in (*inputs, outputs)]
         return (
-            f"lassokin_ros {version()}: height {tracker.height:g} m, landmarks {tracker.landmarks}, reads "
+            f"lassokin_ros {version()}: height {_height(tracker.height)}, landmarks {tracker.landmarks}, reads "
             f"{', '.join(names[:-1])}, publishes {names[-1].rpartition('/')[0] or names[-1]}/..."
         )
 
@@ -264,8 +264,12 @@ class TrackerNode(Node):
         self._pipeline.tune(*settings)
         if settings[0].height != height:
             self._end_outputs()
-            measured = " (measured)" if settings[0].height == 0 else ""
-            self.get_logger().info(f"height is now {settings[0].height:g} m{measured}: the state is forgotten")
+            self.get_logger().info(f"height is now {_height(settings[0].height)}: the state is forgotten")
+
+
+def _height(height: float) -> str:
+    """Return the parameter `height` in words."""
+    return f"{height:g} m" if height else "measured with depth"
 
 
 def version() -> str:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.core.calibration.bone_lengths import Calibration
+from lassokin_ros.core.calibration.height import HeightEstimator
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.camera.camera_mount import CameraMount
@@ -114,6 +115,11 @@ class Pipeline:
     def calibrations(self) -> dict[str, Calibration]:
         """Return the calibration of each person's lengths by id. The id of a single person is empty."""
         return {person: tracked.tracker.calibration for person, tracked in self.people.tracked.items()}
+
+    def heights(self) -> dict[str, HeightEstimator]:
+        """Return the measurement of each person's height by id, as `calibrations`; empty with a given height."""
+        trackers = {person: tracked.tracker for person, tracked in self.people.tracked.items()}
+        return {person: tracker.height for person, tracker in trackers.items() if tracker.height is not None}
 
     def reset(self) -> None:
         """Forget all people and the stamps. The camera and the counts stay."""

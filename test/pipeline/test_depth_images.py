@@ -27,6 +27,7 @@ from lassokin_ros.pipeline.depth_images import (  # noqa: E402
     DepthImages,
 )
 from lassokin_ros.pipeline.depth_sampling import sample_depth  # noqa: E402
+from lassokin_ros.pipeline.outputs.status.calibration_status import height_in_words  # noqa: E402
 from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 from msg_adapters.depth_image import decode_depth_image  # noqa: E402
@@ -227,9 +228,12 @@ def test_height_0_measures_the_height(scene, images):
     errors, pipeline = track(scene, images, config=config)
     height = pipeline.tracker.height
     assert abs(height.height - 1.75) < 0.035 and abs(height.height - 1.75) < 3 * height.deviation < 0.2
+    assert pipeline.heights() == {"": height} and height_in_words(height).endswith("deviation 0.06 m")
     assert abs(pipeline.tracker.skeleton.height - 1.75) < 0.05 and errors[1] < 0.08
     pipeline.reset()
     assert pipeline.tracker.skeleton.height == pytest.approx(config.assumed_height) and not height.measured
+    assert height_in_words(height) == "1.70 m, a mean of people: no depth was measured"
+    assert Pipeline(TrackerConfig(), NodeSettings()).heights() == {}
     untold, pipeline = track(scene, None, config=config, frames=20)
     assert pipeline.tracker.skeleton.height == config.assumed_height
 

@@ -13,6 +13,7 @@ from dataclasses import replace
 from typing import Any
 
 from lassokin_ros.core.calibration.bone_lengths import Calibration
+from lassokin_ros.core.calibration.height import HeightEstimator
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.frame_result import FrameResult
@@ -55,6 +56,11 @@ class PerBodyPipeline(Pipeline):
     def calibrations(self) -> dict[str, Calibration]:
         """Return the calibration of each person's lengths by id."""
         return {person: pipeline.tracker.calibration for person, pipeline in self._present.items()}
+
+    def heights(self) -> dict[str, HeightEstimator]:
+        """Return the measurement of each person's height by id; empty with a given height."""
+        trackers = {person: pipeline.tracker for person, pipeline in self._present.items()}
+        return {person: tracker.height for person, tracker in trackers.items() if tracker.height is not None}
 
     def keep(self, ids: Sequence[str]) -> None:
         """Set the ids of the people present. The others are forgotten. Of too many people the first ones are kept."""

@@ -67,7 +67,7 @@ def _subtitle(facts: Facts) -> Iterator[str]:
     yield f"camera {facts.topics[1]}" + (
         f", {facts.image_size[0]} x {facts.image_size[1]} px" if facts.image_size else ""
     )
-    yield f"height {facts.tracker.height:g} m"
+    yield f"height {facts.tracker.height:g} m" if facts.tracker.height else "height measured with depth"
 
 
 def _script_json(data: dict[str, Any]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lassokin_ros.core.calibration.bone_lengths import Calibration
+from lassokin_ros.core.calibration.height import HeightEstimator
 
 
 def length_changes(calibration: Calibration) -> dict[str, float]:
@@ -35,3 +36,19 @@ def calibration_figures(calibration: Calibration, enabled: bool, person: str = "
         for name, change in length_changes(calibration).items():
             values[f"{title}: {name} [%]"] = f"{change:+.2f}"
     return values
+
+
+def height_figures(height: HeightEstimator, person: str = "") -> dict[str, str]:
+    """Figures for /diagnostics: the measured height and its standard deviation; before depth came, those of people.
+
+    person: the id, empty if one person is followed.
+    """
+    title = f"{person} height" if person else "height"
+    return {f"{title} [m]": f"{height.height:.3f}", f"{title}: deviation [m]": f"{height.deviation:.3f}"}
+
+
+def height_in_words(height: HeightEstimator) -> str:
+    """Return the measured height and its standard deviation as text."""
+    if not height.measured:
+        return f"{height.height:.2f} m, a mean of people: no depth was measured"
+    return f"{height.height:.2f} m, measured, standard deviation {height.deviation:.2f} m"
