@@ -31,6 +31,8 @@ PARAMETERS = {
     "camera_mount_frame": "frame with z up, such as base_footprint, from which TF gives the camera's pitch and roll",
     "landmarks": "landmark layout of the detector, such as coco17",
     "keypoints_type": "message type of the keypoints",
+    "depth": "topic of depth images that are registered to the colour image",
+    "depth_registered": "true if they are registered although their frame_id differs from the colour image's",
     "max_people": "people followed at once",
     "frame_prefix": "precedes the names of TF frames and URDF links; ~ is the node's name",
 }

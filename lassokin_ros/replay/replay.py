@@ -20,7 +20,7 @@ from lassokin_ros.core.evidence.upright import level_from_camera
 from lassokin_ros.pipeline.depth_images import MATCHED, UNMATCHED
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.description.skeleton_file import check_skeleton_file
-from lassokin_ros.pipeline.outputs.status.calibration_status import averaged_sides
+from lassokin_ros.pipeline.outputs.status.calibration_status import averaged_sides, height_in_words
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.bags import BagReader, BagWriter, RecordedTopic
@@ -206,6 +206,8 @@ def _summary(
         lines["depth images"] = f"for {counts[MATCHED]} of {counts[MATCHED] + counts[UNMATCHED]} keypoint messages"
         if remark := depth.fault or depth.note:
             lines["depth images"] += f"; {remark}"
+    for person, height in tracker.pipeline.heights().items():
+        lines[f"height of {person}" if person else "height"] = height_in_words(height)
     if counts[LINK_AS_FRAME]:
         lines["base frame"] = "frame_id is the name of a link of the body; robot_description has another base"
     lines.update(written)

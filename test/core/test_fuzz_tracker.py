@@ -67,7 +67,21 @@ def stamp(observation, random):
     return replace(observation, stamp=STAMPS[random.integers(len(STAMPS))])
 
 
-WAYS = {f.__name__: f for f in (points, scattered, confidence, shape, focal, stamp)}
+def depth(observation, random):
+    """Depths from near the person to nowhere near it, with any deviation and age."""
+    count = [17, 17, 17, 17, 0, 1, 16][random.integers(7)]
+    values = random.uniform(2.0, 5.0) + random.normal(size=count) * 10.0 ** random.uniform(-3, 2)
+    deviation = 10.0 ** random.uniform(-6, 3, count) if random.integers(2) else None
+    for array in (values, deviation):
+        if array is not None and random.integers(2):
+            for place in some(random, count):
+                array[place] = odd(random)
+    age = odd(random) if random.integers(4) == 0 else 0.03
+    surface = bool(random.integers(2))
+    return replace(observation, depth=values, depth_deviation=deviation, depth_age=age, depth_of_surface=surface)
+
+
+WAYS = {f.__name__: f for f in (points, scattered, confidence, shape, focal, stamp, depth)}
 
 
 FILTERED = (Rejection.NOT_CERTIFIED, Rejection.TOO_SMALL, Rejection.TOO_FEW_LANDMARKS)

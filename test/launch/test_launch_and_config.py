@@ -132,6 +132,13 @@ def test_launch_sets_parameters_and_the_namespace(launch_file):
     assert frames.parameters[0]["robot_description"].args[0] == own_urdf(height=1.9, node="left/tracker")
 
 
+def test_launch_sets_the_depth_images(launch_file):
+    given = {"params": "realsense", "depth": "/depth_to_rgb/image_raw", "depth_registered": "true"}
+    tracker = start(launch_file, **given)["lassokin_ros"]
+    expected = {"depth": "/depth_to_rgb/image_raw", "depth_registered": True, **FOLLOWER}
+    assert tracker.parameters == [str(CONFIG / "realsense.yaml"), {"use_sim_time": False}, expected]
+
+
 def test_launch_of_several_people_starts_no_state_publisher(launch_file, tmp_path):
     """The tracker publishes TF of the limbs itself, unless a parameter file chooses otherwise."""
     started = start(launch_file, max_people="3")

@@ -27,6 +27,7 @@ from lassokin_ros.pipeline.depth_images import (  # noqa: E402
     DepthImages,
 )
 from lassokin_ros.pipeline.depth_sampling import sample_depth  # noqa: E402
+from lassokin_ros.pipeline.outputs.status.calibration_status import height_in_words  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
 from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
@@ -232,8 +233,10 @@ def test_height_0_measures_the_height(scene, images):
     values = Diagnostics(pipeline, "tracker", 0.0).line(1.0).values
     assert float(values["height [m]"]) == pytest.approx(height.height, abs=6e-4)
     assert float(values["height: deviation [m]"]) == pytest.approx(height.deviation, abs=6e-4)
+    assert pipeline.heights() == {"": height} and height_in_words(height).endswith("deviation 0.06 m")
     pipeline.reset()
-    assert Diagnostics(pipeline, "tracker", 0.0).line(1.0).values["height"] == "not measured: no depth yet"
+    assert height_in_words(height) == "1.70 m, a mean of people: no depth was measured"
+    assert Pipeline(TrackerConfig(), NodeSettings()).heights() == {}
     assert pipeline.tracker.skeleton.height == pytest.approx(config.assumed_height) and not height.measured
     untold, pipeline = track(scene, None, config=config, frames=20)
     assert pipeline.tracker.skeleton.height == config.assumed_height

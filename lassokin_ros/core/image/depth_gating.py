@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from lassokin_ros.core.observation import Observation
@@ -58,6 +60,8 @@ def gate_depth(
     weights: 1/m, 1 / standard deviation, 0 = not used.
     """
     if observation.depth is None or observation.depth.shape != visible.shape:
+        return None
+    if not math.isfinite(observation.depth_age):
         return None
     depth = np.asarray(observation.depth, dtype=float)
     if observation.depth_of_surface:

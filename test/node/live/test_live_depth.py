@@ -89,6 +89,9 @@ def test_depth_and_the_height_are_used(running, scene, depth_first):
     assert after[RECEIVED] - before[RECEIVED] == FRAMES
     # The first message after a pause may have no depth. A busy machine may be late, too.
     assert after[MATCHED] - before[MATCHED] >= 0.8 * FRAMES
+    values = values_of(running.next_diagnostics())
+    height, deviation = float(values["height [m]"]), float(values["height: deviation [m]"])
+    assert abs(height - HEIGHT_M) < 2 * deviation < 0.2
     error = np.linalg.norm(joints - scene[1], axis=-1)[FRAMES // 2 :]
     assert error.mean() < 0.08
 

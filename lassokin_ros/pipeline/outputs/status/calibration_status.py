@@ -39,11 +39,16 @@ def calibration_figures(calibration: Calibration, enabled: bool, person: str = "
 
 
 def height_figures(height: HeightEstimator, person: str = "") -> dict[str, str]:
-    """Figures for /diagnostics: the measured height and its standard deviation, or that there is none yet.
+    """Figures for /diagnostics: the measured height and its standard deviation; before depth came, those of people.
 
     person: the id, empty if one person is followed.
     """
     title = f"{person} height" if person else "height"
-    if not height.measured:
-        return {title: "not measured: no depth yet"}
     return {f"{title} [m]": f"{height.height:.3f}", f"{title}: deviation [m]": f"{height.deviation:.3f}"}
+
+
+def height_in_words(height: HeightEstimator) -> str:
+    """Return the measured height and its standard deviation as text."""
+    if not height.measured:
+        return f"{height.height:.2f} m, a mean of people: no depth was measured"
+    return f"{height.height:.2f} m, measured, standard deviation {height.deviation:.2f} m"

@@ -32,6 +32,8 @@ FROZEN_S = 1.0
 TURNOVER = 2
 """Number of people that may come, and leave, in one period. More are a sign of a detector that numbers people anew in
 each image."""
+LEAST_DEPTH_USED = 0.2
+"""Share of the tracked messages that use measured depth below which a warning is due, if most have a depth image."""
 NOT_SEEN = Rejection.TOO_FEW_LANDMARKS.value
 NO_BODY = 0.06
 """As a fraction of the height: largest distance of keypoints from the best body that fits. Detectors have 0.02."""
@@ -61,6 +63,7 @@ class Diagnostics:
         self._times_ms: list[float] = []
         self._delays: list[float] = []
         self._misfits: list[float] = []
+        self._tracked = self._with_depth = 0  # messages with a tracked person, and those of them with measured depth
 
     @property
     def camera_received(self) -> bool:
@@ -93,6 +96,8 @@ class Diagnostics:
             self._newest = accepted
             self._reprojection_px = max(f.estimate.reprojection_px for f in accepted if f.estimate is not None)
             self._misfits.append(max(_misfit(frame) for frame in accepted))
+            self._tracked += 1
+            self._with_depth += any(f.estimate.depth_measured for f in accepted if f.estimate is not None)
 
     def line(self, now: float, presence: Presence | None = None, concern: str = "") -> StatusLine:
         """Return the status of the period since the last call, and start a new one.
@@ -197,6 +202,11 @@ class Diagnostics:
             return (
                 "most keypoint messages had no depth image of their time: check that both have the stamp of the "
                 "camera, and that depth images arrive before the keypoints"
+            )
+        if recent[MATCHED] and self._with_depth < LEAST_DEPTH_USED * self._tracked:
+            return (
+                "the depth images have no depth near the person at the keypoints: check that they are in mm (16UC1) "
+                "or m (32FC1) and registered to the colour image"
             )
         return ""
 

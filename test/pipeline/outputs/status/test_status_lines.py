@@ -40,6 +40,7 @@ def pipeline():
         depth=None,
         mount=None,
         calibrations=dict,
+        heights=dict,
     )
 
 
@@ -51,9 +52,9 @@ def diagnostics(pipeline):
     return result
 
 
-def frame(stamp_ns=SECOND, reprojection_px=2.0, depth=3.5, repeated=0.0, deviation=0.05, held_s=0.0):
+def frame(stamp_ns=SECOND, reprojection_px=2.0, depth=3.5, repeated=0.0, deviation=0.05, held_s=0.0, measured=False):
     state = SimpleNamespace(translation=np.array([0, 0, depth]))
-    estimate = SimpleNamespace(reprojection_px=reprojection_px, state=state, repeated=repeated)
+    estimate = SimpleNamespace(reprojection_px=reprojection_px, state=state, repeated=repeated, depth_measured=measured)
     uncertainty = SimpleNamespace(deviation=np.array([0.01, deviation]))
     return FrameResult(
         stamp_ns,
@@ -202,6 +203,28 @@ def test_depth(pipeline, diagnostics):
     pipeline.counts.update({RECEIVED: 1, MATCHED: 5, UNMATCHED: 6})
     pipeline.depth.fault = "depth is damaged"
     assert said(diagnostics) == (WARN, "tracking; depth is damaged")
+
+
+@pytest.mark.parametrize("used", [0, 1, 2, 10])
+def test_depth_images_without_depth_at_the_person(pipeline, diagnostics, used):
+    pipeline.depth = SimpleNamespace(fault="")
+    for i in range(10):
+        diagnostics.count_message([frame(measured=i < used)], SECOND, 10.5, 0.001)
+    pipeline.counts.update({RECEIVED: 10, MATCHED: 10})
+    level, message = said(diagnostics)
+    assert (level, "no depth near the person" in message) == ((WARN, True) if used < 2 else (OK, False))
+    pipeline.counts.update({RECEIVED: 10})
+    assert said(diagnostics) == (OK, "tracking")  # the next period starts anew
+
+
+def test_the_measured_height_of_people_who_are_there(pipeline, diagnostics):
+    height = SimpleNamespace(height=1.6789, deviation=0.0512)
+    pipeline.heights = lambda: {"": height}
+    values = diagnostics.line(11.0).values
+    assert (values["height [m]"], values["height: deviation [m]"]) == ("1.679", "0.051")
+    pipeline.ids, pipeline.heights = ["p1"], lambda: {"p1": height, "p2": height}
+    figures = {key: value for key, value in diagnostics.line(12.0).values.items() if "height" in key}
+    assert figures == {"p1 height [m]": "1.679", "p1 height: deviation [m]": "0.051"}
 
 
 @pytest.mark.parametrize(("behind_s", "level"), [(3599, OK), (3601, WARN)])
