@@ -9,6 +9,7 @@ import tempfile
 import warnings
 import zipfile
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -16,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from depth_camera import compressed_message
 from faults.courses import BACKEND, LAYOUTS, NUMBERS, START_NS, TYPES, message_of, people
+from faults.damage import WAYS, spoil
 from faults.decoder_checks import outcome_of
 from messages import HEIGHT, WIDTH, camera_info
 from recordings import write_recording
@@ -95,7 +97,8 @@ def keypoints_target(message_type):
     def messages():
         alone, both = people(LAYOUTS[message_type])
         one = message_of(message_type, [alone[1][0]], START_NS, NUMBERS[:1])
-        return [one, message_of(message_type, [pixels[0] for _, pixels in both], START_NS, NUMBERS)]
+        measured = [spoil(message_type, deepcopy(one), ["depth"], 1, START_NS)] if "depth" in WAYS[message_type] else []
+        return [one, message_of(message_type, [pixels[0] for _, pixels in both], START_NS, NUMBERS), *measured]
 
     def use(message):
         outcome_of(adapter, message, (WIDTH, HEIGHT), people(LAYOUTS[message_type])[0][1].shape[1])

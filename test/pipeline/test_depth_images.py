@@ -242,6 +242,15 @@ def test_height_0_measures_the_height(scene, images):
     assert pipeline.tracker.skeleton.height == config.assumed_height
 
 
+def test_a_height_that_nobody_has_is_not_measured(scene, images):
+    """A wall 3 m behind the person implies 2.9 m. The images that follow are used as if they were the first."""
+    config = TrackerConfig(height=0.0)
+    walls = [np.full_like(image, BACKGROUND + 0.5) for image in images]
+    assert not track(scene, walls, config=config)[1].tracker.height.measured
+    height = track(scene, walls[:10] + list(images[10:]), config=config)[1].tracker.height
+    assert abs(height.height - 1.75) < 0.05
+
+
 def test_the_cloud_may_contain_the_depth(scene, images):
     skeleton, pixels, _, landmarks = scene
     message = cloud(BACKEND, START_NS, pixels[0])

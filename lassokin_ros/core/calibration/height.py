@@ -39,8 +39,9 @@ ROUNDS = 4
 """Iterations of the robust fit."""
 LOSS_SCALE = 2.5
 """Scale of the bounded loss, in standard deviations, as in `measured_depth`."""
-RANGE = 0.5, 2.5
-"""m: limits of the height."""
+RANGE = 0.5, 2.3
+"""m: limits of the height. A frame that implies another one is ignored: its depths are those of something else, such as
+the wall behind the person."""
 
 
 class HeightEstimator:
@@ -77,7 +78,7 @@ class HeightEstimator:
         if np.count_nonzero(measurement.depth_weights) < FEWEST:
             return
         scale, deviation = fit_scale(measurement, landmarks - root, root)
-        if not 0.2 < scale < 5.0:
+        if not RANGE[0] < scale * height < RANGE[1]:
             return
         elapsed = measurement.stamp - self._stamp
         self._stamp = measurement.stamp

@@ -26,6 +26,9 @@ chosen on the network's validation people, with 10 % and with half of the depths
 of the depths on an occluder move the body by 12 cm; with 3.5 behind, the first fit may follow an image of a wall."""
 FARTHEST = 0.8
 """m: a measurement that is farther behind the landmark is the background's, without influence."""
+LARGEST_COST = 0.5 * NEARER**2
+"""Limit of a measurement's cost, on both sides. Without it, a body at the distance of the wall behind the person can
+cost less than the person, although it is too small in the image."""
 SHIFT = 0.05
 """m: standard deviation of a body's motion in depth from frame to frame."""
 
@@ -89,9 +92,9 @@ class MeasuredDepth(Evidence):
         return np.asarray((columns[-3:].T[:, None] @ motion.landmarks)[:, 0])
 
     def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
-        """(...,) loss, summed over the landmarks."""
+        """(...,) loss, at most `LARGEST_COST` each, summed over the landmarks."""
         error, weights = self._errors(states, frame)
-        return np.asarray(loss(np.minimum(error, FARTHEST) * weights).sum(-1))
+        return np.asarray(np.minimum(loss(error * weights), LARGEST_COST).sum(-1))
 
     @classmethod
     def stack(cls, several: Sequence[MeasuredDepth]) -> MeasuredDepth:

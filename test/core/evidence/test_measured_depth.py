@@ -58,9 +58,9 @@ def test_cost_and_rows_agree(scene):
     """J^T z of the rows equals the gradient of the cost up to the loss' curvature; both vanish for large errors."""
     model, state, frame = scene
     near = float(model.measured_depth.cost(model.evaluate(state), frame))
-    far = replace(frame, depth=frame.depth - 5.0)
-    bounded = float(model.measured_depth.cost(model.evaluate(state), far))
-    assert near < bounded < 17 * 0.5 * NEARER**2 + 1e-9
+    far, behind = (replace(frame, depth=frame.depth + shift) for shift in (-5.0, 5.0))
+    bounded, limit = (float(model.measured_depth.cost(model.evaluate(state), there)) for there in (far, behind))
+    assert near < bounded < limit == pytest.approx(16 * 0.5 * NEARER**2)
     which = model.rows_of(model.measured_depth, far)
     assert np.abs(model.linearise(model.evaluate(state), far, huber_weights).z[which]).max() < 0.3
 
@@ -129,6 +129,18 @@ def test_a_tracker_with_depth_is_nearer_to_the_truth():
     joints, root = followed(False)
     with_joints, with_root = followed(True)
     assert with_joints < 0.8 * joints and with_root < 0.03
+
+
+@pytest.mark.parametrize("distance", [1.0, 2.0])
+def test_a_wall_behind_the_person_in_all_points_does_no_harm(distance):
+    """As in the image of another camera. The body stays where the keypoints place it, also in the first frame."""
+    tracker, alone = Tracker(CONFIG), Tracker(CONFIG)
+    for truth, observation in observations(tracker):
+        wall = np.full(17, truth[0, 2] + distance)
+        places = [
+            t.track(o).pose.positions for t, o in ((tracker, replace(observation, depth=wall)), (alone, observation))
+        ]
+        assert np.linalg.norm(places[0][0] - places[1][0]) < 0.2
 
 
 def test_depth_may_be_missing_in_some_frames():

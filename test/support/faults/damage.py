@@ -3,7 +3,10 @@
 Each function changes a message of rosbags in place, with a numpy generator; the values can be serialised.
 """
 
+from copy import deepcopy
+
 import numpy as np
+from detector_messages import backend
 
 from msg_adapters.output_messages.builders import set_header
 
@@ -131,6 +134,29 @@ def cloud_fields(message, random, now_ns):
         field.count = size(random)
 
 
+def depths(random, count):
+    """Depths, m: near a person or anywhere, some of them odd."""
+    values = random.uniform(2.0, 5.0) + random.normal(size=count) * 10.0 ** random.uniform(-3, 2)
+    places = some(random, count) if random.random() < 0.5 else []
+    values[places] = [odd(random) for _ in places]
+    return values.astype(np.float32)
+
+
+def cloud_depth(message, random, now_ns):
+    """Add the field `depth`."""
+    if not message.fields:
+        return
+    points = cloud_array(message)
+    wider = np.empty(len(points), [*points.dtype.descr, ("depth", "<f4")])
+    for name in points.dtype.names:
+        wider[name] = points[name]
+    wider["depth"] = depths(random, len(points))
+    field = deepcopy(message.fields[0])
+    field.name, field.offset, field.datatype, field.count = "depth", points.itemsize, 7, 1
+    message.fields = [*message.fields, field]
+    store(message, wider)
+
+
 # PolygonStamped, Float32MultiArray
 
 
@@ -196,6 +222,26 @@ def yolo_lists(message, random, now_ns):
 def yolo_ids(message, random, now_ns):
     for detection in message.detections:
         detection.id = ["", "1", "-1", "1" * 18, "1" * 19, "²", "0x1", "7\x00", "9" * 10_000][random.integers(9)]
+
+
+def yolo_depth(message, random, now_ns):
+    """Fill keypoints3d."""
+    make = backend().make
+    for detection in message.detections:
+        detection.keypoints3d.frame_id = message.header.frame_id if random.random() < 0.8 else text(random)
+        detection.keypoints3d.data = []
+        points = detection.keypoints.data
+        for place, z in zip(some(random, len(points)), depths(random, len(points)).tolist()):
+            point = make("yolo_msgs/msg/KeyPoint3D")
+            point.id, point.point.z = points[place].id if random.random() < 0.9 else IDS[random.integers(len(IDS))], z
+            detection.keypoints3d.data.append(point)
+
+
+def zed_depth(message, random, now_ns):
+    """Fill the 3D skeleton."""
+    for body in message.objects:
+        for point, x in zip(body.skeleton_3d.keypoints, depths(random, 70).tolist()):
+            point.kp = np.array([x, odd(random), odd(random)], np.float32)
 
 
 def zed_values(message, random, now_ns):
@@ -268,13 +314,26 @@ WAYS = {
         "data": cloud_data,
         "byte order": cloud_order,
         "fields": cloud_fields,
+        "depth": cloud_depth,
         **HEADER,
     },
     "geometry_msgs/msg/PolygonStamped": {"values": polygon_values, "length": polygon_length, **HEADER},
     "std_msgs/msg/Float32MultiArray": {"values": array_values, "length": array_length, "offset": array_offset},
     "hri_msgs/msg/Skeleton2D": {"values": hri_values, **HEADER},
-    "yolo_msgs/msg/DetectionArray": {"values": yolo_values, "lists": yolo_lists, "ids": yolo_ids, **HEADER},
-    "zed_msgs/msg/ObjectsStamped": {"values": zed_values, "scalars": zed_scalars, "lists": zed_lists, **HEADER},
+    "yolo_msgs/msg/DetectionArray": {
+        "values": yolo_values,
+        "lists": yolo_lists,
+        "ids": yolo_ids,
+        "depth": yolo_depth,
+        **HEADER,
+    },
+    "zed_msgs/msg/ObjectsStamped": {
+        "values": zed_values,
+        "scalars": zed_scalars,
+        "lists": zed_lists,
+        "depth": zed_depth,
+        **HEADER,
+    },
     "sensor_msgs/msg/CameraInfo": {
         "matrices": camera_matrices,
         "distortion": camera_distortion,
