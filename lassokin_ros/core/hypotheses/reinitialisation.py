@@ -12,8 +12,8 @@ from __future__ import annotations
 import math
 
 HIGH_COST = 2.4
-"""Cost per landmark of the layout and per measured depth (negative log-likelihood) above which a state is doubtful: 1
-frame in 100 of motion capture has a higher one."""
+"""Cost per landmark of the layout and per depth (negative log-likelihood) above which a state is doubtful: 1 frame in
+100 of motion capture has a higher one."""
 HIGH_COST_DURATION = 0.06
 """s for which the cost must stay above `HIGH_COST`."""
 SHORTEST_INTERVAL, LONGEST_INTERVAL = 0.15, 2.4
@@ -37,7 +37,7 @@ class Reinitialisation:
     def due(self, stamp: float, cost: float, depths: int = 0) -> bool:
         """Whether to initialise again in the frame with this stamp, s.
 
-        cost: cost of the last frame. depths: number of measured depths.
+        cost: cost of the last frame. depths: number of measured and estimated depths.
         """
         if not cost > HIGH_COST * (self._landmark_count + depths):
             self._costly_since = math.inf

@@ -57,8 +57,9 @@ class FrameData:
 
     @property
     def depth_count(self) -> int:
-        """Number of measured depths."""
-        return 0 if self.depth_weights is None else int(np.count_nonzero(self.depth_weights))
+        """Number of measured depths, and of those that the network estimates."""
+        measured = 0 if self.depth_weights is None else int(np.count_nonzero(self.depth_weights))
+        return measured + (0 if self.joint_depths is None else self.joint_depths.depths.shape[-1])
 
     @property
     def depth_covers(self) -> np.ndarray | bool:

@@ -109,6 +109,14 @@ def test_the_pull_of_the_rows_is_the_gradient_of_the_cost(scene, piece, measured
     assert np.allclose(rows.columns[:, which] @ rows.z[which], -gradient, atol=1e-3 * np.abs(gradient).max())
 
 
+def test_measured_and_estimated_depths_are_counted(scene):
+    frame = scene[3]
+    weights = np.where(np.arange(17) < 5, 30.0, 0.0)
+    measured = replace(frame, depth=np.full(17, 3.0), depth_weights=weights)
+    counts = [one.depth_count for one in (replace(frame, joint_depths=None), frame, measured)]
+    assert counts == [0, DEPTHS, DEPTHS + 5]
+
+
 def test_priors_have_less_weight_if_half_of_the_landmarks_have_a_depth(scene):
     model, learned, state, frame = scene
     about = model.evaluate(state)
