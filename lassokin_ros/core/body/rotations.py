@@ -140,6 +140,14 @@ def to_quaternion(matrices: Array) -> Array:
     return quaternion.reshape(matrices.shape[:-2] + (4,))
 
 
+def from_quaternion(quaternions: Array) -> Array:
+    """Rotation matrices of quaternions (x, y, z, w), of any length but 0: (..., 4) -> (..., 3, 3)."""
+    unit = quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True)
+    across = hat(unit[..., :3])
+    rotation: Array = np.eye(3) + 2 * (unit[..., 3, None, None] * across + across @ across)
+    return rotation
+
+
 def orthonormalised(matrices: Array) -> Array:
     """One Newton step towards the nearest rotation, R (3 I - R^T R) / 2, (..., 3, 3): removes rounding drift."""
     gram = matrices.swapaxes(-1, -2) @ matrices

@@ -11,7 +11,8 @@ from bisect import bisect
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+
+from lassokin_ros.core.body.rotations import from_quaternion
 
 HISTORY_NS = 3_000_000_000
 """ns for which the transforms of a moving frame are kept."""
@@ -65,7 +66,7 @@ class Transforms:
             raise TransformError(self._difference_of_trees(frame, of_frame, base, of_base))
         up = self._product(of_frame[: of_frame.index(common)], stamp_ns)
         x, y, z, w = self._product(of_base[: of_base.index(common)], stamp_ns)
-        return np.asarray(Rotation.from_quat(_product((-x, -y, -z, w), up)).as_matrix())
+        return from_quaternion(np.array(_product((-x, -y, -z, w), up)))
 
     def _chain(self, name: str) -> Iterator[str]:
         """Yield the frame, its parent, and so on."""

@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from lassokin_ros.core.body.rotations import (
     exponential,
+    from_quaternion,
     hat,
     least_turn,
     logarithm,
@@ -60,6 +61,7 @@ def test_quaternions_agree_with_scipy_and_have_a_positive_last_component():
     scipys *= np.where(np.sum(mine * scipys, axis=1) < 0, -1, 1)[:, None]
     assert np.abs(mine - scipys).max() < 1e-14
     assert mine[:, 3].min() >= 0
+    assert np.abs(from_quaternion(-0.97 * mine) - matrices).max() < 1e-14
 
 
 def test_hat_is_the_cross_product():
