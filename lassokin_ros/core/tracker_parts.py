@@ -92,7 +92,7 @@ class TrackerParts:
         motion = np.maximum(prior.motion, LEAST_MOTION)[self._rows.live]
         self._increments = IncrementSolver(self._rows, LassoSolver(self.config.solver), motion)
         self._initialiser = Initialiser(self.kinematics, prior, self._rows)
-        self._network_hypothesis = NetworkHypothesis(self._initialiser, prior)
+        self._network_hypothesis = NetworkHypothesis(self._initialiser, prior, self._rows.balance)
         bodies = ALTERNATIVE_BODIES if self._depth is None else 0
         self._body_hypotheses = BodyHypotheses(self._initialiser, self._rows, bodies)
         self._limbs = LimbHypotheses(self.kinematics, pose_prior, self._initialiser.mirroring, self._rows.balance)

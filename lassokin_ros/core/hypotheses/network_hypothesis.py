@@ -15,10 +15,11 @@ import numpy as np
 from lassokin_ros.core.body.kinematics import BodyPose, BodyState
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.evidence.balance import Balance
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.hypotheses.initialisation import NEAR_SCHEDULE, OTHER_POSE, Initialiser
 from lassokin_ros.core.hypotheses.network_pose import state_at
-from lassokin_ros.core.hypotheses.replacement import network_replaces
+from lassokin_ros.core.hypotheses.replacement import is_less_balanced, network_replaces
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import norm
 
@@ -33,8 +34,8 @@ FACTORS = np.repeat([factor for factor, _ in NEAR_SCHEDULE], [count for _, count
 class NetworkHypothesis:
     """Fits the network's pose to frames."""
 
-    def __init__(self, initialiser: Initialiser, prior: PoseDistribution) -> None:
-        self._initialiser, self._mean = initialiser, exponential(prior.mean)
+    def __init__(self, initialiser: Initialiser, prior: PoseDistribution, balance: Balance) -> None:
+        self._initialiser, self._mean, self._balance = initialiser, exponential(prior.mean), balance
         self.reset()
 
     def reset(self) -> None:
@@ -82,11 +83,13 @@ class NetworkHypothesis:
         return self._chosen(fitted, frame, tracked, cost)
 
     def _chosen(self, fitted: BodyState, frame: FrameData, tracked: BodyPose, cost: float) -> BodyState | None:
-        """The fitted state, if it has a lower cost and another pose."""
+        """The fitted state, if it has a lower cost and another pose, and is not far less balanced."""
         fit = self._initialiser.evaluate(fitted, frame)
         if not network_replaces(cost, fit.costs[0]):
             return None
         positions = self._initialiser.pose(fit.best).positions
+        if is_less_balanced(*(float(norm(self._balance.offset(p))) for p in (tracked.positions, positions))):
+            return None
         apart = norm((positions - positions[0]) - (tracked.positions - tracked.positions[0])).mean()
         return fit.best if apart > OTHER_POSE else None
 

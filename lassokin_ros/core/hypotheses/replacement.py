@@ -2,7 +2,8 @@
 
 In each frame with new keypoints, `Tracker` compares the tracked state with one of these hypotheses:
 
-- with the depth network: the network's pose, fitted to the frames (`network_hypothesis`), by `NETWORK_MARGIN`;
+- with the depth network: the network's pose, fitted to the frames (`network_hypothesis`), by `NETWORK_MARGIN`,
+  unless it is far less balanced (`LEAST_BALANCE`);
 - without it: alternative bodies (`body_hypotheses`), by `BODY_MARGIN`, and if none replaces the state, the mirrored
   limbs (`limb_hypotheses`), by `LIMB_MARGIN`;
 - with the network, `FIT_AFTER` s or more after the last keypoints: fits of the last state and of the network's pose to
@@ -21,6 +22,10 @@ LIMB_MARGIN = 0.6
 """Difference in mean cost by which a mirrored limb must be better; less than for a whole body."""
 NETWORK_MARGIN = 2.0
 """Difference in cost by which the fitted pose of the network must be better."""
+LEAST_BALANCE = 0.2
+"""m: the fitted pose of the network does not replace the tracked one if its centre of mass is farther from the feet by
+this distance. The network may take a squat, which its training data hardly has, for a lean. On the people of validation
+the two distances differ by less than 0.06 m in 29 of 30 replacements."""
 FIT_AFTER = 0.15
 """s since the last new keypoints. At this rate a state found for one frame is too old for the next one."""
 REINITIALISATION_SHARE = 0.5
@@ -40,6 +45,13 @@ def limb_replaces(advantage: float) -> bool:
 def network_replaces(tracked: float, fitted: float) -> bool:
     """Whether the network's fitted pose replaces the tracked one, by their costs. False for NaN."""
     return bool(fitted < tracked - NETWORK_MARGIN)
+
+
+def is_less_balanced(tracked: float, fitted: float) -> bool:
+    """Whether the network's fitted pose may not replace the tracked one, by the distances of their centres of mass from
+    the feet, m.
+    """
+    return bool(fitted > tracked + LEAST_BALANCE)
 
 
 def reinitialisation_replaces(tracked: float, found: float) -> bool:

@@ -9,6 +9,9 @@ import pytest
 from benchmarks.data.motion import FPS, load_motion
 from benchmarks.latency import Run
 from lassokin_ros.core.hypotheses.network_hypothesis import FACTORS, distance
+from lassokin_ros.core.observation import Observation
+from lassokin_ros.core.tracker import Tracker
+from lassokin_ros.demo.synthetic import WEBCAM, detections, exact_pixels, motion
 
 
 @pytest.fixture(scope="module")
@@ -90,3 +93,18 @@ def test_a_fit_from_before_a_gap_is_dropped(seen, monkeypatch):
     assert hypothesis.better_state(stamp, frame, places, skeleton, elsewhere(tracked), 1e6) is None
     assert hypothesis.better_state(stamp + 1.0, frame, places, skeleton, elsewhere(tracked), 1e6) is not None
     assert counts == [1, len(FACTORS)]  # the second fit starts again, and ends in the same frame
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_squat_is_not_replaced_by_the_lean_that_the_network_sees(seed):
+    """The network's training data hardly has squats. The lean has its centre of mass 0.5 m from the feet."""
+    tracker = Tracker()
+    times = np.arange(0.0, 9.5, 1 / 30)
+    states = motion(tracker.skeleton, times)
+    points, confidence = detections(exact_pixels(tracker.kinematics, states), 30.0, seed=seed)
+    errors = []
+    for stamp, pixels, seen, truth in zip(times, points, confidence, tracker.kinematics.pose(states).positions):
+        frame = Observation(stamp, WEBCAM.lens.normalise(pixels), seen, WEBCAM.lens.focal)
+        positions = tracker.track(frame).pose.positions
+        errors.append(np.linalg.norm((positions - positions[0]) - (truth - truth[0]), axis=1).mean())
+    assert np.mean(errors[times.searchsorted(6.5) :]) < 0.08

@@ -5,10 +5,12 @@ import pytest
 
 from lassokin_ros.core.hypotheses.replacement import (
     BODY_MARGIN,
+    LEAST_BALANCE,
     LIMB_MARGIN,
     NETWORK_MARGIN,
     REINITIALISATION_SHARE,
     body_replaces,
+    is_less_balanced,
     limb_replaces,
     network_replaces,
     reinitialisation_replaces,
@@ -23,6 +25,11 @@ def test_a_hypothesis_replaces_beyond_its_margin_only(replaces, margin):
 def test_the_networks_pose_replaces_if_it_costs_less_by_the_margin():
     assert network_replaces(30.0, 29.99 - NETWORK_MARGIN)
     assert not network_replaces(30.0, 30.01 - NETWORK_MARGIN)
+
+
+def test_the_networks_pose_may_be_a_little_less_balanced():
+    assert is_less_balanced(0.1, 0.101 + LEAST_BALANCE) and not is_less_balanced(0.1, 0.099 + LEAST_BALANCE)
+    assert not is_less_balanced(0.5, 0.1)
 
 
 def test_a_new_state_replaces_if_it_costs_less_than_the_share():
