@@ -245,6 +245,13 @@ def test_the_default_output_is_in_the_current_folder_and_is_printed(recording, t
     assert os.listdir(tmp_path) == ["walk_tracked"] and "-> walk_tracked (mcap)" in capsys.readouterr().out
 
 
+def test_the_summary_states_a_height_that_is_to_be_measured(recording, tmp_path, capsys):
+    assert main([str(recording), "-o", str(tmp_path / "out"), "-p", "height:=0.0"]) == 0
+    assert "1.70 m, a mean of people: no depth was measured" in capsys.readouterr().out
+    assert main([str(recording), "-o", str(tmp_path / "given")]) == 0
+    assert "a mean of people" not in capsys.readouterr().out
+
+
 def test_an_existing_output_is_kept_without_force(recording, replayed, tmp_path, capsys):
     output = tmp_path / "out"
     assert main([str(recording), "-o", str(output), "-p", "height:=1.5"]) == 0

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from lassokin_ros.core.hypotheses.replacement import (
+    BALANCE_MARGIN,
     BODY_MARGIN,
-    LEAST_BALANCE,
     LIMB_MARGIN,
     NETWORK_MARGIN,
     REINITIALISATION_SHARE,
@@ -28,7 +28,7 @@ def test_the_networks_pose_replaces_if_it_costs_less_by_the_margin():
 
 
 def test_the_networks_pose_may_be_a_little_less_balanced():
-    assert is_less_balanced(0.1, 0.101 + LEAST_BALANCE) and not is_less_balanced(0.1, 0.099 + LEAST_BALANCE)
+    assert is_less_balanced(0.1, 0.101 + BALANCE_MARGIN) and not is_less_balanced(0.1, 0.099 + BALANCE_MARGIN)
     assert not is_less_balanced(0.5, 0.1)
 
 

@@ -33,7 +33,8 @@ TURNOVER = 2
 """Number of people that may come, and leave, in one period. More are a sign of a detector that numbers people anew in
 each image."""
 LEAST_DEPTH_USED = 0.2
-"""Share of the tracked messages that use measured depth below which a warning is due, if most have a depth image."""
+"""Share of the messages with a tracked person that use measured depth. Below it a warning is due, if most messages have
+a depth image."""
 NOT_SEEN = Rejection.TOO_FEW_LANDMARKS.value
 NO_BODY = 0.06
 """As a fraction of the height: largest distance of keypoints from the best body that fits. Detectors have 0.02."""
@@ -206,7 +207,7 @@ class Diagnostics:
         if recent[MATCHED] and self._with_depth < LEAST_DEPTH_USED * self._tracked:
             return (
                 "the depth images have no depth near the person at the keypoints: check that they are in mm (16UC1) "
-                "or m (32FC1) and registered to the colour image"
+                "or m (32FC1) and registered to the colour image, and that the person is within the camera's range"
             )
         return ""
 
