@@ -1,5 +1,7 @@
 """The two duals of the frame's lasso, solved by ProxQP or by any solver of qpsolvers.
 
+qpsolvers is imported only if another solver than ProxQP is chosen: it takes 5 MB of memory.
+
 Projected dual, u in R^m (the residual r): the seed's problem with x eliminated,
     min 1/2 ||u - z||^2   s.t.  |A_k^T u| <= alpha_k          Omega = the constraints' multipliers
 
@@ -16,7 +18,6 @@ from typing import Any
 
 import numpy as np
 import proxsuite
-import qpsolvers
 from scipy.linalg import lapack
 
 from lassokin_ros.core.errors import SolverError
@@ -38,6 +39,10 @@ these limits a solve that does not converge ends after 10 ms."""
 
 def available_solvers() -> list[str]:
     """Allowed values of the parameter `solver`: ProxQP with its own interface, the others through qpsolvers."""
+    try:
+        import qpsolvers
+    except ImportError:
+        return ["proxqp"]
     return ["proxqp"] + sorted(set(qpsolvers.available_solvers) - {"proxqp"})
 
 
@@ -46,7 +51,7 @@ class DualSolver:
 
     def __init__(self, name: str) -> None:
         """Raises SolverError if the solver `name` is not installed."""
-        if name not in available_solvers():
+        if name != "proxqp" and name not in available_solvers():
             raise SolverError(f"solver '{name}' is not available; expected one of: {', '.join(available_solvers())}")
         self.name = name
         self._objects: dict[tuple[str, int, int], Any] = {}
@@ -151,6 +156,8 @@ def _new_proxqp(form: str, variables: int, constraints: int, effort: int) -> Any
 
 def _by_qpsolvers(name: str, H: np.ndarray, g: np.ndarray, C: np.ndarray | None, bound: np.ndarray) -> np.ndarray:
     """Multipliers (positive at the upper bound) by a solver of qpsolvers; zeros if it finds no solution."""
+    import qpsolvers
+
     if C is None:
         C = np.eye(len(bound))
     problem = qpsolvers.Problem(H, g, np.vstack([C, -C]), np.concatenate([bound, bound]))

@@ -1,5 +1,7 @@
 """The two duals, by ProxQP and through qpsolvers: one Omega, whichever way; and which way is taken."""
 
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -112,6 +114,21 @@ def test_the_solvers_that_exist_are_named_once():
     assert set(names[1:]) == set(qpsolvers.available_solvers) - {"proxqp"}
     with pytest.raises(SolverError, match="'none' is not available; expected one of: proxqp, "):
         DualSolver("none")
+
+
+def test_proxqp_needs_no_qpsolvers(monkeypatch):
+    monkeypatch.setitem(sys.modules, "qpsolvers", None)  # its import fails
+    assert available_solvers() == ["proxqp"]
+    DualSolver("proxqp")
+    with pytest.raises(SolverError, match="'daqp' is not available; expected one of: proxqp"):
+        DualSolver("daqp")
+
+
+def test_a_tracker_with_proxqp_loads_no_other_solver():
+    code = "import sys; from lassokin_ros import Tracker, TrackerConfig; Tracker(TrackerConfig()); print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert {"proxsuite", "scipy.linalg"} <= set(done.stdout.split())
+    assert not {"qpsolvers", "scipy.spatial", "scipy.sparse.linalg"} & set(done.stdout.split())
 
 
 @pytest.mark.parametrize("z", [None, np.array([1.0, np.nan, 0, 0])])
