@@ -12,7 +12,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.errors import ConfigurationError
+from lassokin_ros.core.errors import ConfigurationError, SkeletonError
 from lassokin_ros.node.qos import overrides
 from lassokin_ros.node.robot_state_publisher_client import RobotStatePublisherClient
 from lassokin_ros.pipeline.frame_result import FrameResult
@@ -158,13 +158,22 @@ class PeopleOutputs:
         self._publish_list()
 
     def publish(self, frames: list[FrameResult], ids: list[str]) -> None:
-        """Publish the frames of all people. ids: ids of all present people, also those without a frame."""
+        """Publish the frames of all people. ids: ids of all present people, also those without a frame.
+
+        Raises SkeletonError like `PersonOutputs.publish`, after the topics of all people have been published.
+        """
         copy_markers = self._markers.publish if subscribers(self._markers) else None
+        fault: SkeletonError | None = None
         for frame in frames:
-            if frame.person not in self._people:
-                self._people[frame.person] = self._of(frame.person)
-            self._people[frame.person].publish(frame, copy_markers)
+            try:
+                if frame.person not in self._people:
+                    self._people[frame.person] = self._of(frame.person)
+                self._people[frame.person].publish(frame, copy_markers)
+            except SkeletonError as error:
+                fault = error
         self.keep(ids)
+        if fault is not None:
+            raise fault
 
     def keep(self, ids: list[str]) -> None:
         """Destroy the publishers of people who have left, and publish the list of ids if it has changed."""

@@ -59,9 +59,7 @@ def gate_depth(
     farther from the person are ignored. noise: m, standard deviation of a depth, if the observation does not give it.
     weights: 1/m, 1 / standard deviation, 0 = not used.
     """
-    if observation.depth is None or observation.depth.shape != visible.shape:
-        return None
-    if not math.isfinite(observation.depth_age):
+    if observation.depth is None or not math.isfinite(observation.depth_age):
         return None
     depth = np.asarray(observation.depth, dtype=float)
     if observation.depth_of_surface:
