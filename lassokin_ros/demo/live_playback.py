@@ -24,6 +24,7 @@ from typing import Any
 from lassokin_ros.common.interruption import uninterrupted
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.node.executable import first_sentence
+from lassokin_ros.node.message_types import message_class
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.replay.bags import BagReader, BagWriter, typestore
 
@@ -119,7 +120,7 @@ class LiveNode:
 
         qos = QoSProfile(depth=100, durability=durability)
         name = topic.name.replace("~", NODE_NAME)
-        self._node.create_subscription(_message_class(topic.message_type), name, collect, qos, raw=True)
+        self._node.create_subscription(message_class(topic.message_type), name, collect, qos, raw=True)
 
     def play(
         self,
@@ -160,7 +161,7 @@ class LiveNode:
             keypoints = bag.find("sensor_msgs/msg/PointCloud2", None, topics.KEYPOINTS, "its name")
             frames = [(name == keypoints.name, time_ns, data) for name, time_ns, data in bag.raw([camera, keypoints])]
         self._publishers = [
-            self._node.create_publisher(_message_class(topic.message_type), name, QoSProfile(depth=10))
+            self._node.create_publisher(message_class(topic.message_type), name, QoSProfile(depth=10))
             for topic, name in ((camera, topics.CAMERA_INFO), (keypoints, topics.KEYPOINTS))
         ]
         return frames
@@ -300,10 +301,3 @@ def _restamped(data: bytes, stamp_ns: int) -> bytes:
     copy = bytearray(data)
     struct.pack_into("<iI", copy, 4, *divmod(stamp_ns, 1_000_000_000))
     return bytes(copy)
-
-
-def _message_class(message_type: str) -> Any:
-    from importlib import import_module
-
-    package, _, name = message_type.split("/")
-    return getattr(import_module(f"{package}.msg"), name)

@@ -14,9 +14,9 @@ from concurrent.futures import Future
 from contextlib import suppress
 from typing import Any
 
+from lassokin_ros.common.exit_codes import USAGE_ERROR
 from lassokin_ros.common.missing_package import missing_package
 
-USAGE_ERROR = 2
 LOG_ADVICE = "set ROS_LOG_DIR to a folder that can be written, or set ROS_HOME or HOME"
 LOG_PERIOD_S = 5.0
 """s: between two messages about a callback that fails again and again."""

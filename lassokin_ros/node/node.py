@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
+from lassokin_ros.common.version import version
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.node.inputs.keypoint_input import KeypointInput
 from lassokin_ros.node.inputs.polled_subscription import ignore_events
@@ -265,14 +265,6 @@ class TrackerNode(Node):
         if settings[0].height != height:
             self._end_outputs()
             self.get_logger().info(f"height is now {settings[0].height_text}: the state is forgotten")
-
-
-def version() -> str:
-    """Return the version of the installed package."""
-    try:
-        return metadata.version("lassokin_ros")
-    except metadata.PackageNotFoundError:  # run from the source folder
-        return "(not installed)"
 
 
 def _misplaced(frame_id: str, camera: str) -> str:

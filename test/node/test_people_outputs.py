@@ -20,7 +20,8 @@ from std_srvs.srv import Trigger  # noqa: E402
 from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.core.errors import SkeletonError  # noqa: E402
-from lassokin_ros.node.person_outputs import PeopleOutputs, message_class  # noqa: E402
+from lassokin_ros.node.message_types import message_class  # noqa: E402
+from lassokin_ros.node.person_outputs import PeopleOutputs  # noqa: E402
 from lassokin_ros.pipeline.frame_result import FrameResult  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 from lassokin_ros.pipeline.outputs.description.urdf import urdf  # noqa: E402

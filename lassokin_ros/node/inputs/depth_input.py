@@ -20,7 +20,7 @@ from rclpy.subscription import Subscription
 from lassokin_ros.node.inputs.missing_input import MissingInput
 from lassokin_ros.node.inputs.polled_subscription import ignore_events
 from lassokin_ros.node.log_throttle import LogThrottle
-from lassokin_ros.node.person_outputs import message_class
+from lassokin_ros.node.message_types import message_class
 from lassokin_ros.node.qos import overrides
 from lassokin_ros.pipeline.depth_images import RECEIVED, DepthImages
 from lassokin_ros.pipeline.outputs.topics import depth_type

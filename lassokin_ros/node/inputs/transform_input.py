@@ -8,7 +8,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from lassokin_ros.node.inputs.polled_subscription import poll
-from lassokin_ros.node.person_outputs import message_class
+from lassokin_ros.node.message_types import message_class
 from lassokin_ros.node.qos import sensor_data
 from lassokin_ros.pipeline.camera.camera_mount import CameraMount
 from lassokin_ros.pipeline.outputs import topics
