@@ -26,12 +26,12 @@ from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.node.executable import first_sentence
 from lassokin_ros.node.message_types import message_class
 from lassokin_ros.pipeline.outputs import topics
+from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.replay.bags import BagReader, BagWriter, typestore
 
 DEADLINE_S = 30.0
 GRACE_S = 10.0
 QUIET_S = 3.0
-NODE_NAME = "tracker"
 OUTPUTS = (*topics.FRAME_OUTPUTS, *topics.OTHER_OUTPUTS)
 FRAME_NAMES = tuple(topic.name for topic in topics.FRAME_OUTPUTS)
 

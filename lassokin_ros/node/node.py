@@ -31,6 +31,7 @@ from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.description.skeleton_file import save_all
 from lassokin_ros.pipeline.outputs.status.calibration_status import averaged_sides
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
+from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.pipeline.people.per_body_pipeline import PerBodyPipeline
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
@@ -45,7 +46,7 @@ CHECK_PERIOD_S = 0.25
 class TrackerNode(Node):
     """Subscribes to keypoints and camera_info; publishes joint states, joints, translation, markers and diagnostics."""
 
-    def __init__(self, node_name: str = "tracker", **options: Any) -> None:
+    def __init__(self, node_name: str = NODE_NAME, **options: Any) -> None:
         """options: those of rclpy.node.Node (context, namespace, ...). Raises a LassokinError for a bad setting."""
         super().__init__(node_name, **options)
         settings = declare(self)

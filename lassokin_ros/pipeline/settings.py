@@ -11,6 +11,8 @@ from lassokin_ros.core.yaml_files import SUFFIXES
 from msg_adapters.detectors.registry import ADAPTERS, full_type_name
 from msg_adapters.output_messages.people import BUILDERS
 
+OPTICAL_FRAME = "camera_optical_frame"
+"""Name of the camera's optical frame (z forward, x right, y down) if nothing else gives one."""
 MESSAGE, NODE = "message", "node"
 ROOT, ALL = "root", "all"
 PEOPLE_TYPES = tuple(BUILDERS)
@@ -42,7 +44,7 @@ class NodeSettings:
         "empty: camera_roll and camera_pitch are used",
     )
     base_frame: str = setting(
-        "camera_optical_frame", "base link of robot_description until the first keypoints give their frame_id"
+        OPTICAL_FRAME, "base link of robot_description until the first keypoints give their frame_id"
     )
     frame_prefix: str = setting(
         "~/", "precedes the names of TF frames and URDF links; ~ is the node's name; <id>/ follows with several people"

@@ -1,4 +1,4 @@
-"""A small network that estimates the depths of a body's joints from the last second of its keypoints.
+"""A small network that estimates the depths of a body's joints from its keypoints of the last 0.8 s.
 
 The network is a multilayer perceptron with residual blocks, in plain numpy. It serves every landmark layout: a layout's
 landmarks map into one set of canonical points (`CANONICAL`), and a mask tells which of them are seen.
