@@ -74,7 +74,6 @@ class NodeSettings:
     rep155: bool = setting(
         False, "several people's topics and frames as in REP-155: /humans/bodies/<id>/, the list as hri_msgs/IdsList"
     )
-
     publish_tf: str = setting(
         OFF,
         "TF of each person: the root (<frame_prefix>body, rep155: body_<id> between the hips; x front, z up), or all "
@@ -118,7 +117,7 @@ class NodeSettings:
         return self.rep155 and not self.topic_per_body
 
     def checked(self) -> NodeSettings:
-        """Itself, when every value has the right type and range."""
+        """Return self if every value has the right type and range; else raise ConfigurationError."""
         for item in fields(self):
             check_setting(item.name, getattr(self, item.name), item.metadata, type(item.default))
         if full_type_name(self.keypoints_type) not in ADAPTERS:

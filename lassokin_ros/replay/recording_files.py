@@ -118,7 +118,7 @@ def _check_parts(folder: Path, names: Sequence[str]) -> None:
 
 
 def _numbers(names: Iterable[str]) -> dict[tuple[str, str], set[int]]:
-    """Return the numbers of the parts, by (what stands before the number, suffix)."""
+    """Return the numbers of the parts, by (prefix, suffix)."""
     found: dict[tuple[str, str], set[int]] = {}
     for part in filter(None, map(PART.fullmatch, names)):
         found.setdefault((part["stem"], part["suffix"]), set()).add(int(part["number"]))

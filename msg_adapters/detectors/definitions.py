@@ -47,7 +47,7 @@ DEFINITIONS = {
     ),
     "zed_msgs/msg/ObjectsStamped": "std_msgs/Header header\nzed_msgs/Object[] objects",
 }
-"""Message type -> definition. A type stands after those of its fields."""
+"""Message type -> definition. Each type comes after the types of its fields."""
 
 OLDER = {
     "zed_msgs/msg/Object": DEFINITIONS["zed_msgs/msg/Object"].removesuffix(

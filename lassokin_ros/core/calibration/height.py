@@ -2,8 +2,8 @@
 
 One camera does not observe size: a body twice as tall at twice the distance gives the same keypoints. Measured depths
 remove this ambiguity. In each frame the body's pose is kept fixed. Its scale s and translation t are fitted to the
-keypoints u_i and the depths d_i by weighted least squares, linear in (s, t), with q_i the landmarks relative to the
-pelvis:
+keypoints u_i and the depths d_i by robust least squares on equations that are linear in (s, t), with q_i the landmarks
+relative to the pelvis:
 
     s q_xy + t_xy - u_i (s q_z + t_z) = 0,     s q_z + t_z - d_i = 0.
 
@@ -38,7 +38,8 @@ PAUSE_S = 0.25
 ROUNDS = 4
 """Iterations of the robust fit."""
 LOSS_SCALE = 2.5
-"""Scale of the bounded loss, in standard deviations, as in `measured_depth`."""
+"""Scale of Geman and McClure's loss, in standard deviations. The loss is bounded for errors of both signs. It is
+applied to all three equations of a landmark. `measured_depth` has Cauchy's loss for depths behind the landmark."""
 RANGE = 0.5, 2.3
 """m: limits of the height. A frame that implies another one is ignored: its depths are those of something else, such as
 the wall behind the person."""

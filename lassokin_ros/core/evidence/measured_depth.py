@@ -2,9 +2,10 @@
 
 One row per landmark compares the measurement with z of q_i, the coordinate that the projection (7) discards. A camera
 may measure an occluder in front of the body: the loss is bounded in front of the landmark (Geman and McClure's), and a
-measurement far in front has hardly any influence. A measurement behind the landmark can hardly be an occluder. It says
-that the limb is estimated too near, so the loss has a longer tail there (Cauchy's); with a bounded one, a limb on the
-wrong side in depth would stay there. A measurement more than `FARTHEST` behind is the background and has no influence.
+measurement far in front has hardly any influence. A measurement behind the landmark can hardly be an occluder. Such a
+measurement means that the estimated limb is too near, so the loss has a longer tail there (Cauchy's); with a bounded
+one, a limb on the wrong side in depth would stay there. A measurement more than `FARTHEST` behind is the background and
+has no influence.
 """
 
 from __future__ import annotations

@@ -48,8 +48,9 @@ def network_replaces(tracked: float, fitted: float) -> bool:
 
 
 def is_less_balanced(tracked: float, fitted: float) -> bool:
-    """Whether the network's fitted pose may not replace the tracked one, by the distances of their centres of mass from
-    the feet, m.
+    """True if the fitted pose of the network is less balanced; the tracked pose is then kept.
+
+    Its centre of mass is more than `BALANCE_MARGIN` farther from the feet than that of the tracked pose. Arguments: m.
     """
     return bool(fitted > tracked + BALANCE_MARGIN)
 

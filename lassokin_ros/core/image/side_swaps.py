@@ -25,7 +25,7 @@ IN_PLACE_GAIN = 10.0
 MAX_DURATION = 2.0
 """s: longest time for which the points of a pair are swapped back."""
 MAX_SHARE = 0.25
-"""The longest time as a share of the tracks' age at the end of the swap: a third of the time before the swap."""
+"""Longest swap, as a share of the tracks' age when the swap ends. 0.25 is one third of the time before the swap."""
 
 
 class SideSwaps:
