@@ -15,7 +15,7 @@ MESSAGE, NODE = "message", "node"
 ROOT, ALL = "root", "all"
 PEOPLE_TYPES = tuple(BUILDERS)
 PER_BODY_TYPE = "hri_msgs/msg/Skeleton2D"
-"""Keypoints of one person, who is named by the topic."""
+"""Message type with the keypoints of one person; the name of the topic contains the id of the person."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class NodeSettings:
 
     @property
     def several_people(self) -> bool:
-        """True when topics are one set for each person."""
+        """True if each person has a separate set of topics."""
         return self.max_people > 1 or self.rep155
 
     @property
