@@ -167,7 +167,7 @@ class LiveNode:
         return frames
 
     def _warm_up(self, frames: list[tuple[bool, int, bytes]]) -> None:
-        """Send the first frame with earlier stamps until every output comes back; then make the node forget.
+        """Send the first frame with earlier stamps until a message of every output arrives; then reset the node.
 
         Only an answer on every topic proves that both processes have found each other in both directions.
         """

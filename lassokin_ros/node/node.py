@@ -255,7 +255,7 @@ class TrackerNode(Node):
         self._end_outputs()
 
     def _end_outputs(self) -> None:
-        """Publish that the people of before the reset have gone."""
+        """Publish that the people who were tracked before the reset have left."""
         if self._people is not None:
             self._people.keep(self._pipeline.ids or [])
         self._scene.forget()

@@ -126,7 +126,7 @@ class PeopleOutputs:
     def __init__(self, node: Node, skeleton: Skeleton, config: NodeSettings, title: str) -> None:
         """Raises ConfigurationError if the package of a required message type is not installed."""
         if config.publish_tf != OFF:
-            message_class(topics.TF_OUTPUT.message_type)  # now, not when the first person comes
+            message_class(topics.TF_OUTPUT.message_type)  # raises now, not when the first person appears
         self._of = partial(PersonOutputs, node, skeleton, config, title)
         self._people: dict[str, PersonOutputs] = {}
         self._ids: list[str] = []

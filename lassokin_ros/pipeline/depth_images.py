@@ -15,9 +15,9 @@ from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
 
 KEPT = 16
-"""Depth images in memory. Detectors that take longer than that many periods find no image."""
+"""Depth images in memory. If a detector's delay is longer than this many periods, its image is no longer in memory."""
 OLDEST = 1.5
-"""Periods by which the newest depth image may be older than the keypoints, if theirs has not come."""
+"""Periods by which the newest depth image may be older than the keypoints, if the image of their time has not come."""
 LONGEST_PERIOD_NS = 200_000_000
 """ns: assumed period of the depth images before two have come, and its upper limit."""
 OVERTAKEN_NS = 1_000_000_000

@@ -23,7 +23,7 @@ from msg_adapters.output_messages.joint_uncertainty import read_uncertainty_clou
 
 DEPTH = 10
 ERROR_KEY = "reprojection error [px]"
-"""Of the certificate."""
+"""Key of the reprojection error in ~/certificate."""
 
 
 class PersonTopics:

@@ -1,4 +1,4 @@
-"""Names and types of the node's topics, and the prefix of its TF frames. No other file spells them out.
+"""Names and types of the node's topics, and the prefix of its TF frames. All other files use these constants.
 
 Inputs are relative names. Outputs are private to the node (`~/`), so that they never collide with those of a robot.
 """
