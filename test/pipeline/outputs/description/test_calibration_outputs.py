@@ -222,7 +222,7 @@ def test_an_invalid_skeleton_path_is_reported_before_processing(tmp_path, monkey
         (tmp_path / name).write_text("mine")
     before = sorted(os.listdir())
     assert main(["walk", "--save-skeleton", *arguments]) == 2
-    assert capsys.readouterr().err.startswith(f"replay: {expected}")
+    assert capsys.readouterr().err.startswith(f"lassokin replay: {expected}")
     assert sorted(os.listdir()) == before and (tmp_path / "me.yaml").read_text() == "mine"
 
 
