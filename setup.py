@@ -84,7 +84,10 @@ setup(
     name=NAME,
     version=MANIFEST.findtext("version"),
     description=" ".join(MANIFEST.findtext("description").split()),
-    author=MANIFEST.findtext("maintainer"),
+    author=MANIFEST.findtext("author"),
+    maintainer=MANIFEST.findtext("maintainer"),
+    maintainer_email=MANIFEST.find("maintainer").get("email"),
+    url=MANIFEST.findtext("url"),
     license=MANIFEST.findtext("license"),
     packages=find_packages(include=["lassokin_ros", "lassokin_ros.*", "msg_adapters", "msg_adapters.*"]),
     package_data={
@@ -95,9 +98,10 @@ setup(
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
-        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}", ["package.xml", "LICENSE"]),
         (f"share/{NAME}/launch", sorted(glob("launch/*.launch.py"))),
         (f"share/{NAME}/config", sorted(glob("config/*.*"))),
+        (f"share/{NAME}/examples", sorted(glob("examples/*.py"))),
     ],
     python_requires=">=3.10",
     install_requires=["setuptools", "numpy>=1.26", "scipy>=1.11", "qpsolvers>=4.3", "proxsuite>=0.6.5", "PyYAML>=6.0"],

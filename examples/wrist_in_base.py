@@ -1,5 +1,8 @@
 """Publish the right wrist in base_link, through TF.
 
+It needs tf2_ros and tf2_geometry_msgs, which package.xml does not require:
+sudo apt install ros-jazzy-tf2-ros-py ros-jazzy-tf2-geometry-msgs
+
 python3 examples/wrist_in_base.py
 """
 

@@ -1,13 +1,33 @@
 """Settings before rclpy or numpy are imported: strict messages, one thread, a DDS domain for this process."""
 
+import fcntl
 import os
 import re
 import sys
+import tempfile
+from pathlib import Path
 
 import pytest
 from installation.pip_only import PIP_ONLY
 
-os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
+DOMAINS = range(1, 102)
+"""Those that DDS can use on every Linux, without 0, which robots use."""
+
+
+def reserved_domain():
+    """(DDS domain that no other test process of this machine uses, file that is locked until this process ends)."""
+    for domain in DOMAINS:
+        try:
+            file = open(Path(tempfile.gettempdir(), f"lassokin_ros_domain_{domain}"), "a")
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:  # of another process, or of another user
+            continue
+        return domain, file
+    raise RuntimeError(f"no DDS domain is free: see {tempfile.gettempdir()}/lassokin_ros_domain_*")
+
+
+DOMAIN, DOMAIN_LOCK = reserved_domain()
+os.environ["ROS_DOMAIN_ID"] = str(DOMAIN)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -43,7 +63,7 @@ def pytest_configure(config):
 def pytest_collection_modifyitems(items):
     """If two processes share the tests, one of them runs all tests with nodes: two at once would compete for a core.
 
-    The tests of a file stay together, because some use results of the previous ones.
+    The tests of a file stay together, because they share the fixtures of their module, such as a running node.
     """
     real = {path: REAL.search(path.read_text(encoding="utf-8")) for path in {item.path for item in items}}
     for item in items:

@@ -16,6 +16,7 @@ from typing import Any
 
 from lassokin_ros.archive.tasks import ArchiveError, Result, Runner, Task, run_task
 from lassokin_ros.replay.bags import remove_leftovers
+from lassokin_ros.replay.options import PROGRAM
 
 TIMEOUT_S = 10
 
@@ -42,7 +43,7 @@ def on_cluster(address: str) -> Runner:
             raise ArchiveError(f"no scheduler at '{address}': {error}") from None
         with client:
             if not client.scheduler_info()["workers"]:
-                print(f"replay: the scheduler at {address} has no workers; waiting for a worker", file=sys.stderr)
+                print(f"{PROGRAM}: the scheduler at {address} has no workers; waiting for a worker", file=sys.stderr)
             futures = {client.submit(run_task, task, pure=False): task for task in tasks}
             try:
                 for future in distributed.as_completed(list(futures), loop=client.loop):

@@ -1,4 +1,4 @@
-"""The command `replay`: run the tracker over one recording, or over an archive of recordings."""
+"""The command `lassokin replay`: run the tracker over one recording, or over an archive of recordings."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lassokin_ros.common.interruption import Interrupted, interruptible
 from lassokin_ros.common.missing_package import missing_package
 from lassokin_ros.common.summary_output import print_summary
 from lassokin_ros.core.errors import LassokinError
-from lassokin_ros.replay.options import parser
+from lassokin_ros.replay.options import PROGRAM, parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -27,13 +27,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with interruptible():
             return run(options)
     except LassokinError as error:
-        print(f"replay: {error}", file=sys.stderr)
+        print(f"{PROGRAM}: {error}", file=sys.stderr)
         return USAGE_ERROR
     except ImportError as error:
-        print(f"replay: {missing_package(error)}", file=sys.stderr)
+        print(f"{PROGRAM}: {missing_package(error)}", file=sys.stderr)
         return USAGE_ERROR
     except Interrupted as interrupted:
-        print(f"replay: interrupted; {interrupted}", file=sys.stderr)
+        print(f"{PROGRAM}: interrupted; {interrupted}", file=sys.stderr)
         return INTERRUPTED
 
 

@@ -1,4 +1,4 @@
-"""The command line options of `replay`."""
+"""The command line options of `lassokin replay`."""
 
 from __future__ import annotations
 
@@ -7,11 +7,14 @@ from pathlib import Path
 
 from lassokin_ros.replay.bags import STORAGES
 
+PROGRAM = "lassokin replay"
+"""What users type; it starts each message. `ros2 run lassokin_ros replay` is the same command."""
+
 
 def parser() -> argparse.ArgumentParser:
     """Return the argument parser."""
     result = argparse.ArgumentParser(
-        prog="replay",
+        prog=PROGRAM,
         description="Track the keypoints of a rosbag2 recording and write the node's topics to another one.",
     )
     _add_inputs(result)

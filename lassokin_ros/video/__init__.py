@@ -1,1 +1,4 @@
-"""The command `track`: a video, a webcam or images to a skeleton, without ROS."""
+"""The command `lassokin track`: a video, a webcam or images to a skeleton, without ROS."""
+
+PROGRAM = "lassokin track"
+"""What users type; it starts each message."""

@@ -1,4 +1,4 @@
-"""The command `track`: a video, a webcam or images to a skeleton, without ROS."""
+"""The command `lassokin track`: a video, a webcam or images to a skeleton, without ROS."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 
 from lassokin_ros.common.exit_codes import INTERRUPTED, USAGE_ERROR
 from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.video import PROGRAM
 
 QUIET = {"GLOG_minloglevel": "3", "TF_CPP_MIN_LOG_LEVEL": "3", "OPENCV_FFMPEG_LOGLEVEL": "-8", "RUST_LOG": "off"}
 """Environment variables that keep libraries (MediaPipe, FFmpeg, Rerun) from writing to stderr beside our line."""
@@ -34,23 +35,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
         tracked = track(options)
         print_summary(tracked.summary)
     except LassokinError as error:
-        print(f"track: {error}", file=sys.stderr)
+        print(f"{PROGRAM}: {error}", file=sys.stderr)
         return USAGE_ERROR
     except ModuleNotFoundError as error:
-        print(f"track: {error}; install it with: pip install '.[report]'", file=sys.stderr)
+        print(f"{PROGRAM}: {error}; install it with: pip install '.[report]'", file=sys.stderr)
         return USAGE_ERROR
     except KeyboardInterrupt:
-        print("track: interrupted; nothing was written", file=sys.stderr)
+        print(f"{PROGRAM}: interrupted; nothing was written", file=sys.stderr)
         return INTERRUPTED
     if tracked.fault:
-        print(f"track: {tracked.fault}; what was tracked until then is kept", file=sys.stderr)
+        print(f"{PROGRAM}: {tracked.fault}; what was tracked until then is kept", file=sys.stderr)
         return USAGE_ERROR
     return 0 if tracked.complete else INTERRUPTED
 
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the options."""
-    result = argparse.ArgumentParser(prog="track", description="Track a person in a video, without ROS.")
+    result = argparse.ArgumentParser(prog=PROGRAM, description="Track a person in a video, without ROS.")
     result.add_argument("source", metavar="VIDEO|0|IMAGES", help="video file, number of a webcam, or folder of images")
     result.add_argument("--height", type=float, help="height of the person, m (same as -p height:=...)")
     result.add_argument("--fov", type=float, metavar="DEG", help="field of view along the longer side of the image")

@@ -28,6 +28,7 @@ from lassokin_ros.replay.motion import MotionRecorder
 from lassokin_ros.replay.offline_tracker import OfflineTracker
 from lassokin_ros.replay.output_paths import OutputError
 from lassokin_ros.replay.report.report import Report
+from lassokin_ros.video import PROGRAM
 from lassokin_ros.video.camera import DEFAULT_FOV, Calibration, assumed_fov_warning, choose_camera
 from lassokin_ros.video.live_view import LiveView
 from lassokin_ros.video.output_video import OutputVideo
@@ -61,7 +62,7 @@ def track(options: argparse.Namespace) -> Tracked:
     layout = f"landmarks:={detector.landmarks}"
     configs = offline_settings(options.params_file, [layout, *options.p, *height])
     if configs[1].camera_mount_frame:
-        print_note("track: camera_mount_frame is not used, since a video has no TF; set camera_pitch and camera_roll")
+        _note("camera_mount_frame is not used, since a video has no TF; set camera_pitch and camera_roll")
     types = typestore()
     tracker = OfflineTracker(*configs, types)
     report = None if options.report is None else Report(options.report, tracker.pipeline, options.force)
@@ -139,7 +140,7 @@ class Run:
                 pass
         read, count = len(self.detect_seconds), self._source.count
         if not stopped and not self.fault and read < COMPLETE * count:
-            print_note(f"track: {self._source.name} announces {count} images, {read} could be read; it may be damaged")
+            _note(f"{self._source.name} announces {count} images, {read} could be read; it may be damaged")
         self.seconds = time.monotonic() - started
         return not stopped or self._source.count == 0
 
@@ -234,10 +235,12 @@ def _exports(options: argparse.Namespace, tracker: OfflineTracker) -> Exports | 
 
 def _camera(options: argparse.Namespace, source: Source) -> Calibration:
     if options.camera_info is None and options.fov is None:
-        print_note(f"track: {assumed_fov_warning('--fov or --camera-info')}")
+        _note(assumed_fov_warning("--fov or --camera-info"))
     if options.camera_info is None and source.content != source.size:
         width, height = source.content
-        print_note(
-            f"track: the images have black bars; the field of view is that of the {width} x {height} px between them"
-        )
+        _note(f"the images have black bars; the field of view is that of the {width} x {height} px between them")
     return choose_camera(options.camera_info, options.fov, source.size, source.content)
+
+
+def _note(text: str) -> None:
+    print_note(f"{PROGRAM}: {text}")

@@ -221,7 +221,8 @@ def test_an_interrupted_archive_leaves_complete_outputs_and_can_continue(tmp_pat
     send(running.pid, number)
     said, complained = running.communicate(timeout=30)
     assert running.returncode == 130 and said == ""
-    assert complained == "replay: interrupted; 2 of 3 recordings are done; run the same command again to continue\n"
+    done = "2 of 3 recordings are done; run the same command again to continue"
+    assert complained == f"lassokin replay: interrupted; {done}\n"
     assert sorted(os.listdir(output)) == ["walk_tracked", "wave_tracked"]
     code, said = replayed(capsys, archive / "day1", "--output", output)
     assert code == 0 and outcomes(said) == {"walk": "done before", "wave": "done before"}

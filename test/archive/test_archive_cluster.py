@@ -106,5 +106,5 @@ def test_a_missing_scheduler_is_one_line(tmp_path, capsys, monkeypatch, address,
     archive = write_archive(tmp_path / "in")
     assert main([str(archive), "--output", str(tmp_path / "out"), "--scheduler", address]) == 2
     said = capsys.readouterr()
-    assert said.out == "" and said.err.startswith(f"replay: {expected}")
+    assert said.out == "" and said.err.startswith(f"lassokin replay: {expected}")
     assert said.err.count("\n") == 1

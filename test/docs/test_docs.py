@@ -205,6 +205,29 @@ def test_every_reason_for_a_rejection_is_in_the_troubleshooting():
     assert not [reason for reason in REASONS if f"`{reason}`" not in page]
 
 
+def arguments_of(launch_file):
+    """Names of the arguments of a launch file, which cannot be imported without ROS."""
+    tree = ast.parse((ROOT / "launch" / launch_file).read_text(encoding="utf-8"))
+    tables = {ast.unparse(node.targets[0]): node.value for node in tree.body if isinstance(node, ast.Assign)}
+    return {key.value for name in ("ARGUMENTS", "PARAMETERS") if name in tables for key in tables[name].keys if key}
+
+
+def test_launch_arguments_are_those_of_the_launch_file():
+    page = (DOCS / "reference.md").read_text(encoding="utf-8")
+    (listed,) = re.findall(r"lists the arguments with their defaults: (.*?)\.\n\n", page, re.DOTALL)
+    (files,) = re.findall(r" \(a file, or one of\s(.*?)\)", listed, re.DOTALL)
+    assert set(re.findall(r"`(\w+)`", listed)) - set(re.findall(r"`(\w+)`", files)) == arguments_of("tracker.launch.py")
+    assert set(re.findall(r"`(\w+)`", files)) == {path.stem for path in (ROOT / "config").glob("*.yaml")}
+
+
+def test_the_distance_of_keypoints_that_fit_no_body_is_that_of_the_diagnostics():
+    from lassokin_ros.pipeline.outputs.status.diagnostics import NO_BODY
+
+    page = (DOCS / "troubleshooting.md").read_text(encoding="utf-8")
+    (percent,) = re.findall(r'"off the best body" if they are off by (\d+) % of the height', page)
+    assert int(percent) == round(100 * NO_BODY)
+
+
 def test_figures_are_small_and_shown():
     shown = {path for page in PAGES for _, path, _ in links(page) if path.suffix == ".png"}
     figures = set((DOCS / "figures").glob("*.png"))

@@ -89,7 +89,7 @@ def test_the_track_commands_of_the_page_run(line, tmp_path):
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     assert "100 in, 100 tracked" in done.stdout
-    assert all(line.startswith("track: ") for line in done.stderr.splitlines()), done.stderr
+    assert all(line.startswith("lassokin track: ") for line in done.stderr.splitlines()), done.stderr
     files = [word for word in line if re.search(r"\.\w+$", word) and not word[0].isdecimal()]
     assert files and sorted(file.name for file in tmp_path.iterdir()) == sorted(files)
     assert all((tmp_path / file).stat().st_size > 10_000 for file in files)

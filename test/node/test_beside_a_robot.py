@@ -4,7 +4,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from live import BACKEND, START_NS, NodeProcess, Peer  # noqa: E402
+from live import BACKEND, NodeProcess, Peer  # noqa: E402
 from messages import FRAME, pixels_of_motion  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
@@ -81,7 +81,7 @@ def test_no_frame_of_the_robots_gets_another_parent_or_name():
                 sent[0] += 1
                 for peer in (one, two):
                     peer.send_camera()
-                    peer.send(START_NS + sent[0] * 30_000_000, pixels)
+                    peer.send(peer.start_ns + sent[0] * 30_000_000, pixels)
                 two.executor.spin_once(timeout_sec=0.0)
                 seen.update(transform.child_frame_id.partition("/")[0] for transform in transforms)
                 return {"one", "two"} <= seen

@@ -11,7 +11,7 @@ pytest.importorskip("rclpy")
 pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
 
 import rclpy  # noqa: E402
-from live import BACKEND, NO_HANDLERS, ROOT, START_NS, TRACKER, NodeProcess, Peer, stamp_of, values_of  # noqa: E402
+from live import BACKEND, NO_HANDLERS, ROOT, TRACKER, NodeProcess, Peer, stamp_of, values_of  # noqa: E402
 from messages import FRAME, camera_info, crowd, pixels_of_motion, rosbags_backend  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from recordings import read, write_messages  # noqa: E402
@@ -29,7 +29,7 @@ from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 from lassokin_ros.replay.bags import BagReader  # noqa: E402
 
 PIXELS = pixels_of_motion(40)
-PERIOD_NS = 33_333_333
+RECORDED_NS, PERIOD_NS = 10**12, 33_333_333
 SKELETON = Skeleton.load("anthropometric", 1.75)
 
 
@@ -41,11 +41,11 @@ def node():
     context.try_shutdown()
 
 
-def two(backend, index, persons=(4, 9), stamp_ns=None):
+def two(backend, start_ns, index, persons=(4, 9)):
     """A message of people who do the same motion side by side."""
     places = {4: -120.0, 9: 120.0}
     people = [(PIXELS[index % 40] + [places[p], 0.0], np.full(17, 0.9)) for p in persons]
-    return crowd(backend, START_NS + index * PERIOD_NS if stamp_ns is None else stamp_ns, people, persons)
+    return crowd(backend, start_ns + index * PERIOD_NS, people, persons)
 
 
 class PeerOfTwo:
@@ -73,7 +73,7 @@ class PeerOfTwo:
 
         def met():
             self.peer.send_camera()
-            self.peer.keypoints.publish(two(BACKEND, self.sent, persons))
+            self.peer.keypoints.publish(two(BACKEND, self.peer.start_ns, self.sent, persons))
             self.sent += step
             return condition()
 
@@ -150,7 +150,7 @@ def test_people_leave_when_the_detector_is_silent():
         assert (values["people"], values["state"]) == ("nobody", "searching")
         assert values["people left"] == values["people come"] != "0"
         lists = len(them.lists())
-        peer.keypoints.publish(two(BACKEND, them.sent - 1))
+        peer.keypoints.publish(two(BACKEND, peer.start_ns, them.sent - 1))
         peer.next_diagnostics(lambda s: values_of(s).get(refused) == "1")
         assert len(them.lists()) == lists  # a rejected message does not bring anybody back
         them.send_until(lambda: them.lists()[-1] == "p4,p9", "both again")
@@ -172,7 +172,7 @@ def test_person_numbers_that_change_in_each_image_are_reported(person_ids):
             sent += 1
             peer.send_camera()
             one = [(PIXELS[sent % 40], np.full(17, 0.9))]
-            peer.keypoints.publish(crowd(BACKEND, START_NS + 3 * sent * PERIOD_NS, one, [sent]))
+            peer.keypoints.publish(crowd(BACKEND, peer.start_ns + 3 * sent * PERIOD_NS, one, [sent]))
             numbered = "set person_ids to node" in status.message and status.level == b"\x01"
             return numbered if person_ids == "message" else int(values_of(status)["accepted [messages]"]) > 20
 
@@ -204,11 +204,11 @@ def test_a_missing_package_is_reported_at_the_start(parameter, package, people):
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
     backend = rosbags_backend()
-    messages = [("/camera_info", "sensor_msgs/msg/CameraInfo", START_NS - 1, camera_info(backend))]
+    messages = [("/camera_info", "sensor_msgs/msg/CameraInfo", RECORDED_NS - 1, camera_info(backend))]
     for i in range(30):
         persons = (4, 9) if i < 10 else (9,)
-        stamp = START_NS + i * PERIOD_NS
-        messages.append(("/keypoints", "sensor_msgs/msg/PointCloud2", stamp, two(backend, i, persons)))
+        stamp = RECORDED_NS + i * PERIOD_NS
+        messages.append(("/keypoints", "sensor_msgs/msg/PointCloud2", stamp, two(backend, RECORDED_NS, i, persons)))
     return write_messages(tmp_path_factory.mktemp("two") / "in", messages)
 
 

@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from live import START_NS, NodeProcess, Peer, complaints  # noqa: E402
+from live import NodeProcess, Peer, complaints  # noqa: E402
 from messages import FRAME, pixels_of_motion  # noqa: E402
 from rcl_interfaces.msg import SetParametersResult  # noqa: E402
 from rclpy.node import Node  # noqa: E402
@@ -75,7 +75,7 @@ def test_a_missing_state_publisher_is_reported_once_and_served_when_it_starts():
             """Send keypoints ten times per second until the status has this level and starts with these words."""
             nonlocal sent
             if time.monotonic() - begun > 0.1 * sent:
-                peer.send(START_NS + 10**8 * sent, pixels[sent])
+                peer.send(peer.start_ns + 10**8 * sent, pixels[sent])
                 sent += 1
             newest = peer.got[topics.DIAGNOSTICS][-1].status[0]
             return newest.level == level and newest.message.startswith(words)

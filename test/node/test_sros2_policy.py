@@ -8,20 +8,26 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+import yaml
 
 pytest.importorskip("rclpy")
 
-from live import START_NS, NodeProcess, Peer  # noqa: E402
+from live import NodeProcess, Peer  # noqa: E402
 from messages import pixels_of_motion  # noqa: E402
 
+from lassokin_ros.node.person_outputs import message_class  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 
-POLICY = Path(__file__).resolve().parents[2] / "config" / "sros2_policy.xml"
+CONFIG = Path(__file__).resolve().parents[2] / "config"
+POLICY = CONFIG / "sros2_policy.xml"
+DEPTH = yaml.safe_load((CONFIG / "realsense.yaml").read_text(encoding="utf-8"))["/**"]["ros__parameters"]["depth"]
 CHILD = {"policy": {"enclaves"}, "enclaves": {"enclave"}, "enclave": {"profiles"}, "profiles": {"profile"},
          "profile": {"topics", "services"}, "topics": {"topic"}, "services": {"service"},
          "topic": set(), "service": set()}  # fmt: skip
 ATTRIBUTES = {"policy": {"version"}, "enclave": {"path"}, "profile": {"ns", "node"}}
 RULES = {"topics": {"publish", "subscribe"}, "services": {"reply", "request"}}
+KINDS = {"publish": "publisher", "subscribe": "subscriber", "reply": "service", "request": "client"}
+HRI = "hri_msgs/msg/Skeleton2D"
 TREE = ElementTree.parse(POLICY).getroot()
 
 
@@ -64,10 +70,16 @@ def test_the_policy_allows_exactly_the_outputs_of_topics_py():
     assert sorted(allowed("publish")) == sorted([*everything, "/parameter_events", "/rosout"])
 
 
+def test_the_policy_allows_exactly_the_inputs_of_topics_py():
+    """And the depth topic of config/realsense.yaml."""
+    bodies = (topics.REP155_TRACKED_OUTPUT.name, topics.of_person(topics.SKELETON2D, "*", True))
+    inputs = (topics.KEYPOINTS, topics.CAMERA_INFO, DEPTH, topics.CLOCK, topics.TF, topics.TF_STATIC, *bodies)
+    assert sorted(allowed("subscribe")) == sorted(topics.full_name(name, "tracker") for name in inputs)
+
+
 def graph_of(peer):
     """Rule -> names in the graph of the node."""
-    kinds = {"publish": "publisher", "subscribe": "subscriber", "reply": "service", "request": "client"}
-    ask = {rule: getattr(peer.node, f"get_{kind}_names_and_types_by_node") for rule, kind in kinds.items()}
+    ask = {rule: getattr(peer.node, f"get_{kind}_names_and_types_by_node") for rule, kind in KINDS.items()}
     return {rule: {name for name, _ in by_node("tracker", peer.namespace)} for rule, by_node in ask.items()}
 
 
@@ -77,41 +89,70 @@ def matches(names, patterns):
     return unheard, {p for p in patterns if not any(fnmatchcase(name, p) for name in names)}
 
 
-def never_done(done, namespace):
-    """Rule -> patterns that were not used, except those of message packages that may be missing."""
-    unused = {rule: matches(names, allowed(rule, namespace))[1] for rule, names in done.items()}
-    left_out = (topics.TF, topics.REP155_BODIES)
-    return {rule: {p for p in patterns if not p.startswith(left_out)} for rule, patterns in unused.items()}
+def endpoints(namespace, expected, detector=(), **settings):
+    """Run a node with a visible person until it has used every rule that is expected; check that it uses no others.
 
-
-def watch(peer, done, everything):
-    """Add the node's endpoints to `done`, with a visible person, until `everything` or all endpoints of one person
-    exist.
+    expected: from (rule, pattern) to whether this node uses it. detector: (type, name) of each topic that exists.
     """
-    pixels, sent = pixels_of_motion(1)[0], 0
+    arguments, pixels, sent, done = [], pixels_of_motion(1)[0], 0, {}
+    for item in settings.items():
+        arguments += ["-p", "{}:={}".format(*item)]
+    awaited = {rule: {p for p in allowed(rule, namespace) if expected(rule, p)} for rule in KINDS}
+    assert any(awaited.values())
 
-    def seen():
+    def all_used():
         nonlocal sent
         sent += 1
         peer.send_camera()
-        peer.send(START_NS + sent * 33_000_000, pixels)
+        peer.send(peer.start_ns + sent * 33_000_000, pixels)
         for rule, names in graph_of(peer).items():
             done.setdefault(rule, set()).update(names)
-        missing = set().union(*never_done(done, peer.namespace).values())
-        return not (missing if everything else {name for name in missing if "/tracker/bodies/" not in name})
+        return not any(matches(done[rule], awaited[rule])[1] for rule in KINDS)
 
-    peer.spin_until(seen, what="all that the policy allows")
-
-
-def test_the_running_node_uses_exactly_what_the_policy_allows():
-    done, namespace = {}, "/secured"
-    one = {"state_publisher": "human_state_publisher", "use_sim_time": "true"}
-    for parameters in (one, {"max_people": 2}):
-        arguments = [text for item in parameters.items() for text in ("-p", f"{item[0]}:={item[1]}")]
-        with NodeProcess(namespace, *arguments), Peer(namespace, outputs=False) as peer:
-            peer.next_diagnostics()
-            peer.spin_until(lambda: "tracker" in peer.node.get_node_names(), what="the node's name")  # noqa: B023
-            watch(peer, done, everything="max_people" in parameters)
+    with NodeProcess(namespace, *arguments), Peer(namespace, outputs=False) as peer:
+        for kind, name in detector:
+            peer.node.create_publisher(message_class(kind), name, 10)
+        peer.next_diagnostics()
+        peer.spin_until(lambda: "tracker" in peer.node.get_node_names(), what="the node's name")
+        peer.spin_until(all_used, what=f"all of {awaited}")
     for rule, names in done.items():
-        beyond, _ = matches(names, allowed(rule, namespace))
-        assert not beyond, rule
+        assert not matches(names, allowed(rule, namespace))[0], rule
+
+
+def of_bodies(pattern):
+    return "/tracker/bodies/" in pattern or pattern.startswith(topics.REP155_BODIES)
+
+
+def test_one_person_with_depth_uses_exactly_what_the_policy_allows():
+    """But TF and several people: see the next tests."""
+    one = {"depth": DEPTH, "state_publisher": "human_state_publisher", "use_sim_time": "true"}
+    endpoints("/secured", lambda _, name: not of_bodies(name) and not name.startswith(topics.TF), **one)
+
+
+def test_several_people_use_exactly_what_the_policy_allows():
+    endpoints("/secured_people", lambda _, name: "/tracker/bodies/" in name, max_people=2)
+
+
+def test_tf_is_used_exactly_as_the_policy_allows():
+    pytest.importorskip("tf2_msgs", reason="tf2_msgs is not installed: apt, or `make messages`")
+    endpoints("/secured_tf", lambda _, name: name.startswith(topics.TF), publish_tf="root", camera_mount_frame="base")
+
+
+def test_the_bodies_of_a_detector_are_read_exactly_as_the_policy_allows():
+    pytest.importorskip("hri_msgs", reason="hri_msgs is not installed: its source, or `make messages`")
+
+    def expected(rule, name):
+        return rule == "subscribe" and name.startswith(topics.REP155_BODIES)
+
+    detector = [(HRI, topics.of_person(topics.SKELETON2D, "abc", True))]
+    settings = {"keypoints_type": HRI, "landmarks": "hri18", "rep155": "true", "max_people": 2}
+    endpoints("/secured_detector", expected, detector, **settings)
+
+
+def test_bodies_of_the_tracker_use_exactly_what_the_policy_allows():
+    pytest.importorskip("hri_msgs", reason="hri_msgs is not installed: its source, or `make messages`")
+
+    def expected(rule, name):
+        return rule == "publish" and name.startswith(topics.REP155_BODIES)
+
+    endpoints("/secured_rep155", expected, rep155="true", max_people=2)

@@ -23,6 +23,8 @@ SOURCES = (
     "resource",
     "launch",
     "config",
+    "examples",
+    "LICENSE",
     "setup.py",
     "setup.cfg",
     "package.xml",
@@ -53,13 +55,22 @@ def test_all_files_are_installed(workspace):
     commands = {path.name for path in (prefix / "lib" / "lassokin_ros").iterdir()}
     assert commands == {"tracker", "replay", "detector", "camera", "viewer", "lassokin"}
     share = prefix / "share" / "lassokin_ros"
-    for name in ("package.xml", "launch/tracker.launch.py", "config/tracker.yaml", "hook/ament_prefix_path.sh"):
+    folders = ("launch/tracker.launch.py", "config/tracker.yaml", "examples/hand_over.py")
+    for name in ("package.xml", "LICENSE", *folders, "hook/ament_prefix_path.sh"):
         assert (share / name).is_file(), name
     assert (prefix / "share/ament_index/resource_index/packages/lassokin_ros").is_file()
     assert list(prefix.rglob("core/body/skeletons/anthropometric.yaml"))
     assert list(prefix.rglob("core/body/layouts/coco17.yaml"))
     assert list(prefix.rglob("core/evidence/depth_network.npz"))
     assert not list(prefix.rglob("training"))
+
+
+def test_lassokin_is_run_by_its_path_only(workspace):
+    """As `ros2 run lassokin_ros lassokin` does: colcon puts lib/lassokin_ros on no PATH."""
+    environment = {"PATH": "/usr/bin:/bin", "AMENT_PREFIX_PATH": sys.prefix}
+    script = "source install/setup.bash; command -v lassokin; install/lassokin_ros/lib/lassokin_ros/lassokin --help"
+    done = subprocess.run(["bash", "-c", script], cwd=workspace, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0 and done.stdout.startswith("The command `lassokin`"), done.stdout + done.stderr
 
 
 def test_the_installed_tracker_answers(workspace):

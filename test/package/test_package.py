@@ -7,6 +7,7 @@ import runpy
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -99,6 +100,19 @@ def test_the_demo_needs_neither_opencv_nor_matplotlib(monkeypatch):
     for room in ("core", "pipeline", "node", "demo"):
         for path in (ROOT / "lassokin_ros" / room).rglob("*.py"):
             assert not {"cv2", "matplotlib"} & {module.partition(".")[0] for module in imports_of(path)}, path
+
+
+def test_setup_py_and_package_xml_agree(monkeypatch):
+    setup = []
+    monkeypatch.setattr("setuptools.setup", lambda **arguments: setup.append(arguments))
+    monkeypatch.chdir(ROOT)
+    runpy.run_path("setup.py")
+    manifest = ElementTree.parse(ROOT / "package.xml").getroot()
+    expected = {name: manifest.findtext(name) for name in ("name", "version", "author", "maintainer", "license", "url")}
+    expected["maintainer_email"] = manifest.find("maintainer").get("email")
+    expected["description"] = " ".join(manifest.findtext("description").split())
+    assert {name: setup[0][name] for name in expected} == expected
+    assert all(value for name, value in expected.items() if name != "url")  # the first release adds it
 
 
 @pytest.mark.parametrize(

@@ -43,7 +43,7 @@ def replay_of(tmp_path, capsys, recording, data):
         assert f"{FRAMES} in, " in said.out  # no message is lost without being counted
     else:
         assert code == 2 and said.out == "" and said.err.count("\n") == 1 and len(said.err) < 2000
-        assert said.err.startswith("replay: ") and "Traceback" not in said.err
+        assert said.err.startswith("lassokin replay: ") and "Traceback" not in said.err
     assert set(os.listdir(tmp_path)) <= {"bag"} | ({"out"} if code == 0 else set())
     shutil.rmtree(tmp_path / "bag")
     shutil.rmtree(tmp_path / "out", ignore_errors=True)
@@ -79,7 +79,7 @@ def test_wrong_metadata_is_refused(recording, metadata, tmp_path, capsys):
     (folder / "metadata.yaml").write_bytes(metadata)
     assert main([str(folder), "--output", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
-    assert said.startswith("replay: ") and said.count("\n") == 1 and os.listdir(tmp_path) == ["bag"]
+    assert said.startswith("lassokin replay: ") and said.count("\n") == 1 and os.listdir(tmp_path) == ["bag"]
 
 
 def replay_in_a_process(folder, output, storage, **options):
@@ -90,7 +90,7 @@ def replay_in_a_process(folder, output, storage, **options):
 
 def assert_refused(done, left, expected):
     assert done.returncode == 2 and done.stdout == "", done.stderr
-    assert done.stderr.count("\n") == 1 and done.stderr.startswith("replay: "), done.stderr
+    assert done.stderr.count("\n") == 1 and done.stderr.startswith("lassokin replay: "), done.stderr
     assert "cannot be written" in done.stderr
     assert sorted(os.listdir(left)) == expected
 
@@ -177,7 +177,7 @@ def test_a_name_used_by_something_else_is_reported(recording, tmp_path, monkeypa
     assert main(wants_files(recording, tmp_path, tmp_path)) == 2
     out, table, page = (tmp_path / name for name in ("out", "walk.csv", "page.html"))
     reason = f"'{page}' cannot be written: Operation not permitted; written before: {out}, {table}"
-    assert capsys.readouterr().err == f"replay: {reason}\n"
+    assert capsys.readouterr().err == f"lassokin replay: {reason}\n"
     assert sorted(os.listdir(tmp_path)) == ["out", "walk.csv"]
 
 

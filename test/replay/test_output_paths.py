@@ -66,7 +66,7 @@ def test_an_output_path_that_collides_is_refused(folder, capsys, case, more):
     before, entries = contents(folder), sorted(folder.rglob("*"))
     assert main([*arguments, *more]) == 2
     said = capsys.readouterr()
-    assert said.err.startswith(f"replay: {expected.replace('{}', str(folder))}"), said.err
+    assert said.err.startswith(f"lassokin replay: {expected.replace('{}', str(folder))}"), said.err
     assert said.err.count("\n") == 1 and said.out == ""
     assert contents(folder) == before and sorted(folder.rglob("*")) == entries
 

@@ -283,8 +283,8 @@ def test_force_does_not_replace_a_folder_with_other_files(recording, tmp_path, c
     assert main([str(recording), "-o", str(output), "--force", "--export", ".csv"]) == 2
     foreign = name.split("/")[0]
     assert capsys.readouterr().err == (
-        f"replay: '{output}' is not replaced: it contains '{foreign}', which is not part of the recording; move that "
-        "away or choose another output\n"
+        f"lassokin replay: '{output}' is not replaced: it contains '{foreign}', which is not part of the recording; "
+        "move that away or choose another output\n"
     )
     assert contents(output) == before and os.listdir(tmp_path) == ["out"]
 
@@ -324,7 +324,8 @@ def test_a_truncated_recording_leaves_no_files(tmp_path, capsys):
         file.write_bytes(whole[:keep])
         assert main([str(recording), "-o", str(tmp_path / "out")]) == 2
         said = capsys.readouterr().err
-        assert said.startswith("replay: ") and "cannot be read as a rosbag2 recording" in said and said.count("\n") == 1
+        assert said.startswith("lassokin replay: ") and said.count("\n") == 1
+        assert "cannot be read as a rosbag2 recording" in said
         assert sorted(os.listdir(tmp_path)) == ["walk"]
 
 
@@ -370,7 +371,7 @@ def test_a_signal_leaves_no_files(tmp_path, number):
         time.sleep(0.01)
     process.send_signal(number)
     said = process.communicate(timeout=30)[1]
-    assert process.returncode == 130 and said == "replay: interrupted; nothing was written\n"
+    assert process.returncode == 130 and said == "lassokin replay: interrupted; nothing was written\n"
     assert os.listdir(tmp_path) == ["long"]
 
 

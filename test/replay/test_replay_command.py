@@ -107,7 +107,7 @@ def test_bad_input_is_one_line(folder, monkeypatch, capsys, case):
     assert main(arguments) == 2
     said = capsys.readouterr()
     assert said.out == "" and said.err.count("\n") == 1
-    assert said.err.startswith(f"replay: {expected}"), said.err
+    assert said.err.startswith(f"lassokin replay: {expected}"), said.err
     assert sorted(os.listdir()) == before
 
 
@@ -147,7 +147,7 @@ def test_a_closed_pipe_for_the_summary_is_no_error(arguments, tmp_path):
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
 def test_a_summary_that_cannot_be_printed_is_one_line(arguments, tmp_path):
     with open("/dev/full", "w") as full:
-        said = "replay: the work is done, but its summary cannot be printed: No space left on device\n"
+        said = "lassokin replay: the work is done, but its summary cannot be printed: No space left on device\n"
         assert replay_into(full, tmp_path, *arguments) == (2, said)
 
 
@@ -167,11 +167,11 @@ def test_an_invalid_number_of_processes_is_reported(number, capsys):
     with pytest.raises(SystemExit):
         main(["a", f"--jobs={number}"])
     said = capsys.readouterr().err.splitlines()[-1]
-    assert said == f"replay: error: argument --jobs: '{number}'; expected a whole number, 1 or more"
+    assert said == f"lassokin replay: error: argument --jobs: '{number}'; expected a whole number, 1 or more"
 
 
 @pytest.mark.parametrize("arguments", [[], ["a", "--jobs", "0"], ["a", "--storage", "zip"], ["a", "--nonsense"]])
 def test_usage_errors_end_with_code_2(arguments, capsys):
     with pytest.raises(SystemExit) as ended:
         main(arguments)
-    assert ended.value.code == 2 and "usage: replay" in capsys.readouterr().err
+    assert ended.value.code == 2 and "usage: lassokin replay" in capsys.readouterr().err

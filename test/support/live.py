@@ -23,8 +23,8 @@ from lassokin_ros.pipeline.outputs import topics
 from msg_adapters.backends import RclpyBackend
 
 DEADLINE_S = 30.0
-START_NS = time.time_ns() // 1_000_000_000 * 1_000_000_000 - 1_800_000_000_000
-"""ns: half an hour ago. Stamps hours in the past would cause a warning."""
+PAST_S = 1800
+"""s between a peer's first stamp and its creation. Stamps an hour in the past would cause a warning."""
 NO_HANDLERS = SignalHandlerOptions.NO
 """rclpy's handlers would remain after the context has ended, and SIGTERM would not end the processes of other tests."""
 SIMULATED_NS = 10**18
@@ -95,6 +95,7 @@ class Peer:
         self.camera = self.node.create_publisher(message_class(topics.CAMERA_INFO_TYPE), topics.CAMERA_INFO, qos)
         self.got = {topic.name: [] for topic in (*topics.FRAME_OUTPUTS, *topics.OTHER_OUTPUTS)}
         self.namespace, self.per_frame = namespace, set()
+        self.start_ns = (time.time_ns() // 1_000_000_000 - PAST_S) * 1_000_000_000  # ns: the first stamp of a test
         if outputs:
             for topic in topics.FRAME_OUTPUTS:
                 self.listen(topic)
@@ -130,7 +131,7 @@ class Peer:
 
     def start(self, xy, frame_id=FRAME):
         """Send camera_info and a frame repeatedly until the newest one is answered on every topic."""
-        stamp_ns, next_at, pause = START_NS - 1_000_000_000, 0.0, 0.1
+        stamp_ns, next_at, pause = self.start_ns - 1_000_000_000, 0.0, 0.1
 
         def answered():
             nonlocal stamp_ns, next_at, pause

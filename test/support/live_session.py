@@ -1,6 +1,6 @@
 """Steps of the tests of the running node: send frames, wait for outputs or rejections, get and set parameters."""
 
-from live import START_NS, values_of
+from live import values_of
 from messages import pixels_of_motion
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters
@@ -32,7 +32,7 @@ def restart(peer):
 
 def send_next(peer, **options):
     """Send the next frame; return its stamp."""
-    stamp = START_NS + peer.frames_sent * 16_666_667
+    stamp = peer.start_ns + peer.frames_sent * 16_666_667
     peer.send(stamp, PIXELS[peer.frames_sent % len(PIXELS)], **options)
     peer.frames_sent += 1
     return stamp

@@ -68,7 +68,7 @@ def refused(arguments, text, capsys):
     assert main([str(argument) for argument in arguments]) == 2
     output = capsys.readouterr()
     lines = [line for line in output.err.splitlines() if "field of view of 60 degrees is assumed" not in line]
-    assert len(lines) == 1 and text in lines[0] and lines[0].startswith("track: ") and not output.out
+    assert len(lines) == 1 and text in lines[0] and lines[0].startswith("lassokin track: ") and not output.out
 
 
 def test_unusable_input_is_one_line_and_writes_nothing(images, tmp_path, monkeypatch, capsys):
@@ -139,7 +139,8 @@ def test_a_video_that_was_cut_is_tracked_to_its_end_with_a_note(tmp_path, monkey
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
     assert main([str(file), "--fov", "60"]) == 0
     (line,) = capsys.readouterr().err.splitlines()
-    assert re.fullmatch(r"track: cut\.avi announces \d+ images, (9|10|11) could be read; it may be damaged", line), line
+    words = r"cut\.avi announces \d+ images, (9|10|11) could be read; it may be damaged"
+    assert re.fullmatch(f"lassokin track: {words}", line), line
 
 
 def test_tracked_frames_are_kept_if_the_user_interrupts(images, tmp_path, monkeypatch, capsys):
@@ -160,7 +161,7 @@ def test_a_mount_frame_is_not_silently_without_effect(images, monkeypatch, capsy
     monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
     assert main([str(images), "--fov", "60", "-p", "camera_mount_frame:=base_link"]) == 0
     output = capsys.readouterr()
-    assert output.err.startswith("track: camera_mount_frame is not used") and output.err.count("\n") == 1
+    assert output.err.startswith("lassokin track: camera_mount_frame is not used") and output.err.count("\n") == 1
     assert "6 in, 6 tracked" in output.out
 
 
@@ -193,7 +194,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(output, images, tmp_path, mo
     said = capfd.readouterr()
     assert code == 2 and said.out == "" and [file.name for file in tmp_path.iterdir()] == ["images"]
     last = said.err.splitlines()[-1]  # after the note on the lens, if any
-    assert last.startswith("track: ") and "cannot be written" in last and "Traceback" not in said.err
+    assert last.startswith("lassokin track: ") and "cannot be written" in last and "Traceback" not in said.err
 
 
 class FullStream(io.StringIO):

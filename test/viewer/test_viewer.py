@@ -9,7 +9,7 @@ rclpy = pytest.importorskip("rclpy")
 pytest.importorskip("cv2")
 pytest.importorskip("rerun", reason="the viewer needs rerun-sdk")
 
-from live import BACKEND, NO_HANDLERS, START_NS, NodeProcess, Peer, stamp_of  # noqa: E402
+from live import BACKEND, NO_HANDLERS, NodeProcess, Peer, stamp_of  # noqa: E402
 from messages import HEIGHT, WIDTH, pixels_of_motion  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from sensor_msgs.msg import Image, PointCloud2  # noqa: E402
@@ -79,7 +79,7 @@ def test_a_recording_contains_the_published_messages_at_their_stamps(viewer, log
             serve()
             recorded = [path for _, path in log]
             if len(peer.got[topics.JOINTS]) >= len(sent) - 2 and len(sent) < len(pixels):
-                stamp = START_NS + len(sent) * 33_333_333
+                stamp = peer.start_ns + len(sent) * 33_333_333
                 sent.append(stamp)
                 peer.send_camera()
                 images.publish(rgb_image(BACKEND, stamp, "lens", np.zeros((HEIGHT, WIDTH, 3), np.uint8)))

@@ -9,13 +9,13 @@ import pytest
 pytest.importorskip("rclpy")
 
 from depth_camera import depth_message  # noqa: E402
-from live import BACKEND, START_NS, Peer  # noqa: E402
+from live import BACKEND, Peer  # noqa: E402
 
 from lassokin_ros.node.inputs import depth_input  # noqa: E402
 from lassokin_ros.node.inputs.depth_input import MOST_FAILED_WAITS, DepthInput  # noqa: E402
 from lassokin_ros.pipeline.depth_images import DepthImages  # noqa: E402
 
-PERIOD_NS = 33_333_333
+START_NS, PERIOD_NS = 10**12, 33_333_333
 
 
 class Camera:

@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from live import BACKEND, START_NS, NodeProcess, Peer, values_of  # noqa: E402
+from live import BACKEND, NodeProcess, Peer, values_of  # noqa: E402
 from messages import camera_info, pixels_of_motion  # noqa: E402
 from rcl_interfaces.msg import Log, Parameter, ParameterType, ParameterValue  # noqa: E402
 from rcl_interfaces.srv import SetParameters  # noqa: E402
@@ -51,7 +51,7 @@ def test_topics_of_other_names_are_listed_until_a_message_arrives():
         def tracking():
             nonlocal sent
             sent += 1
-            peer.send(START_NS + sent * 33_000_000, pixels)
+            peer.send(peer.start_ns + sent * 33_000_000, pixels)
             return "tracking" in peer.said
 
         peer.spin_until(tracking, what="the word that it tracks")
@@ -82,7 +82,7 @@ def test_a_latched_camera_info_is_requested():
             def tracking():
                 nonlocal sent
                 sent += 1
-                peer.send(START_NS + sent * 33_000_000, pixels)
+                peer.send(peer.start_ns + sent * 33_000_000, pixels)
                 return "tracking" in peer.said
 
             peer.spin_until(tracking, what="the word that it tracks")
@@ -94,7 +94,7 @@ def test_a_latched_camera_info_is_requested():
                 nonlocal sent
                 sent += 1
                 peer.send_camera(frame_id="another")
-                peer.send(START_NS + sent * 33_000_000, pixels, frame_id="another")
+                peer.send(peer.start_ns + sent * 33_000_000, pixels, frame_id="another")
                 return said and values_of(said[-1])["resets"] == "1"
 
             peer.spin_until(seen, what="the state forgotten for the other publisher's camera")
@@ -207,7 +207,7 @@ def test_a_frame_id_other_than_the_cameras_is_reported_once(ours, camera, words)
             if time.monotonic() > next_at:  # at a higher rate, a busy machine's node would report overtaken messages
                 sent, next_at = sent + 1, time.monotonic() + 0.1
                 peer.send_camera(frame_id=camera)
-                peer.send(START_NS + sent * 33_000_000, pixels, frame_id=ours)
+                peer.send(peer.start_ns + sent * 33_000_000, pixels, frame_id=ours)
             return "tracking" in peer.said
 
         peer.spin_until(tracking, what="the word that it tracks")

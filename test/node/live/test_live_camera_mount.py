@@ -5,7 +5,7 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("tf2_msgs", reason="tf2_msgs is not installed: apt, or `make messages`")
 
-from live import BACKEND, START_NS, NodeProcess, Peer, values_of  # noqa: E402
+from live import BACKEND, NodeProcess, Peer, values_of  # noqa: E402
 from messages import FRAME, pixels_of_motion  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from tf2_msgs.msg import TFMessage  # noqa: E402
@@ -28,7 +28,7 @@ class Robot:
 
     def send(self):
         self.sent += 1
-        stamp_ns = START_NS + self.sent * 20_000_000
+        stamp_ns = self.peer.start_ns + self.sent * 20_000_000
         self.moving.publish(tf_message(BACKEND, stamp_ns, (BASE, "head", rpy(0, self.pitch))))
         self.peer.send_camera()
         self.peer.send(stamp_ns, PIXELS[self.sent % 40])

@@ -6,7 +6,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from depth_camera import compressed_message, depth_message, render  # noqa: E402
-from live import BACKEND, START_NS, NodeProcess, Peer, stamp_of, values_of  # noqa: E402
+from live import BACKEND, NodeProcess, Peer, stamp_of, values_of  # noqa: E402
 from messages import FOCAL, HEIGHT, WIDTH  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
@@ -84,7 +84,7 @@ def counts(peer):
 @pytest.mark.parametrize("depth_first", [True, False])
 def test_depth_and_the_height_are_used(running, scene, depth_first):
     before = counts(running)
-    joints = send(running, scene, START_NS + 10**10 * (1 + depth_first), depth_first)
+    joints = send(running, scene, running.start_ns + 10**10 * (1 + depth_first), depth_first)
     after = counts(running)
     assert after[RECEIVED] - before[RECEIVED] == FRAMES
     # The first message after a pause may have no depth. A busy machine may be late, too.
@@ -98,21 +98,21 @@ def test_depth_and_the_height_are_used(running, scene, depth_first):
 
 def test_images_of_another_frame_are_reported_and_not_used(running, scene):
     before = counts(running)
-    send(running, scene, START_NS + 5 * 10**10, frame_id="depth_optical_frame")
+    send(running, scene, running.start_ns + 5 * 10**10, frame_id="depth_optical_frame")
     after = counts(running)
     assert after[MATCHED] == before[MATCHED]
     running.send_camera()
-    running.send_depth(START_NS + 6 * 10**10, scene[2][0], frame_id="depth_optical_frame")
-    running.send(START_NS + 6 * 10**10, scene[0][0])
+    running.send_depth(running.start_ns + 6 * 10**10, scene[2][0], frame_id="depth_optical_frame")
+    running.send(running.start_ns + 6 * 10**10, scene[0][0])
     status = running.next_diagnostics(lambda s: "registered" in s.message)
     assert status.level == bytes([WARN]) and "depth_optical_frame" in status.message
 
 
 def test_an_unreadable_image_is_reported(running, scene):
-    message = depth_message(BACKEND, START_NS + 7 * 10**10, scene[2][0])
+    message = depth_message(BACKEND, running.start_ns + 7 * 10**10, scene[2][0])
     message.encoding = "rgb8"
     running.depth.publish(message)
-    running.send(START_NS + 7 * 10**10, scene[0][0])
+    running.send(running.start_ns + 7 * 10**10, scene[0][0])
     status = running.next_diagnostics(lambda s: "rgb8" in s.message)
     assert status.level == bytes([WARN]) and "16UC1" in status.message
 
@@ -127,7 +127,7 @@ def test_compressed_images_are_used(scene):
         peer.start(scene[0][0])
         peer.spin_until(lambda: images.get_subscription_count() == 1, what="the subscription")
         for i in range(10):
-            stamp_ns, count = START_NS + i * PERIOD_NS, len(peer.got[topics.JOINTS])
+            stamp_ns, count = peer.start_ns + i * PERIOD_NS, len(peer.got[topics.JOINTS])
             peer.send_camera()
             images.publish(compressed_message(BACKEND, stamp_ns, scene[2][i], frame_id="depth_optical_frame"))
             peer.send(stamp_ns, scene[0][i])
@@ -138,7 +138,7 @@ def test_compressed_images_are_used(scene):
 def test_the_image_before_serves_keypoints_whose_own_is_late(running, scene):
     """The keypoints of a frame are answered before its depth image is sent."""
     pixels, _, depths = scene
-    start_ns, earlier = START_NS + 9 * 10**10, "depth: matched, the image before [messages]"
+    start_ns, earlier = running.start_ns + 9 * 10**10, "depth: matched, the image before [messages]"
     before = int(values_of(running.next_diagnostics())[earlier])
     assert running.call(Trigger, "reset", Trigger.Request()).success
     for i in range(10):

@@ -12,7 +12,7 @@ from messages import FOCAL, FRAME, HEIGHT, WIDTH
 
 pytest.importorskip("rclpy")
 
-from live import BACKEND, START_NS, NodeProcess, Peer, frame_of, stamp_of  # noqa: E402
+from live import BACKEND, NodeProcess, Peer, frame_of, stamp_of  # noqa: E402
 
 from lassokin_ros.core.body.kinematics import Kinematics  # noqa: E402
 from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
@@ -56,7 +56,7 @@ def test_the_message_of_a_detector_is_tracked(keypoints_type):
 
         def answered():
             peer.send_camera()
-            sent.append(START_NS + len(sent) * 33_333_333)
+            sent.append(peer.start_ns + len(sent) * 33_333_333)
             peer.keypoints.publish(message(sent[-1], pixels[len(sent) % FRAMES]))
             return len(states) >= FRAMES
 

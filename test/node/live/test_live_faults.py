@@ -7,7 +7,7 @@ import sys
 import time
 from collections import Counter
 from concurrent.futures import Future
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +17,8 @@ rclpy = pytest.importorskip("rclpy")
 
 from live import (  # noqa: E402
     BACKEND,
+    DEADLINE_S,
     NO_HANDLERS,
-    START_NS,
     NodeProcess,
     Peer,
     complaints,
@@ -47,7 +47,7 @@ def running():
     namespace = "/faults"
     with NodeProcess(namespace) as node, Peer(namespace) as peer:
         peer.start(PIXELS[0])
-        peer.frames_sent, peer.newest_ns = 1, START_NS
+        peer.frames_sent, peer.newest_ns = 1, peer.start_ns
         yield node.process, peer
 
 
@@ -262,19 +262,41 @@ def test_a_signal_before_camera_info_ends_the_node():
     assert (code, complaints(said)) == (0, [])
 
 
+STAGES = ("", "", "_rclpy_pybind11", "numpy", "proxsuite", "dds.ev")
+"""What a starting node has, in this order: libraries, and a thread of DDS. The first stages need none of them."""
+
+
 def test_signals_during_initialisation_end_the_node():
-    """At any moment after the process handles signals; before, it has done nothing."""
+    """At each stage after the process handles signals; before, it has done nothing."""
     signals = [(TERM,), (INT, INT), (INT,), (TERM, TERM), (INT, TERM), (INT, INT)]
+    end = time.monotonic() + 4 * DEADLINE_S  # six processes start at once, perhaps on a busy machine
     with ExitStack() as stack:
         nodes = [stack.enter_context(NodeProcess("/early")) for _ in signals]
-        ends = []
-        for node, numbers in zip(nodes, signals):
-            while not may_receive(node.process.pid, TERM):
-                assert node.process.poll() is None
-                time.sleep(0.002)
-            ends.append(node.stop(*numbers))
-            time.sleep(0.3)  # no condition is awaited: the next process is signalled later
+        waiting = list(zip(nodes, STAGES, signals))
+        while waiting:
+            assert time.monotonic() < end and all(node.process.poll() is None for node, _, _ in waiting), waiting
+            reached = [entry for entry in waiting if has_reached(entry[0].process.pid, entry[1])]
+            for entry in reached:
+                waiting.remove(entry)
+                for number in entry[2]:
+                    entry[0].process.send_signal(number)
+            time.sleep(0.002)
+        ends = [node.stop() for node in nodes]
     assert [(code, complaints(said)) for code, said in ends] == [(0, [])] * len(signals)
+
+
+def has_reached(pid, stage):
+    """True if a process handles signals itself, and has a library or a thread whose name contains `stage`."""
+    return may_receive(pid, TERM) and stage in Path(f"/proc/{pid}/maps").read_text() + threads_of(pid)
+
+
+def threads_of(pid):
+    """Names of the threads of a process."""
+    names = []
+    for file in Path(f"/proc/{pid}/task").glob("*/comm"):
+        with suppress(OSError):  # the thread may have ended meanwhile
+            names.append(file.read_text())
+    return "".join(names)
 
 
 def may_receive(pid, number):

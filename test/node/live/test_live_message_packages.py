@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from live import BACKEND, START_NS, NodeProcess, Peer, frame_of, stamp_of  # noqa: E402
+from live import BACKEND, NodeProcess, Peer, frame_of, stamp_of  # noqa: E402
 from messages import FRAME, pixels_of_motion  # noqa: E402
 
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
@@ -26,7 +26,7 @@ def send_until(peer, send, condition, what):
         nonlocal sent
         sent += 1
         peer.send_camera()
-        send(START_NS + sent * 20_000_000, PIXELS[sent % 40])
+        send(peer.start_ns + sent * 20_000_000, PIXELS[sent % 40])
         return condition()
 
     peer.spin_until(met, what=what)

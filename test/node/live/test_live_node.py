@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from live import BACKEND, START_NS, NodeProcess, Peer, stamp_of, values_of  # noqa: E402
+from live import BACKEND, NodeProcess, Peer, stamp_of, values_of  # noqa: E402
 from live_session import (  # noqa: E402
     PIXELS,
     feed,
@@ -240,7 +240,7 @@ def test_frozen_keypoints_get_outputs_and_are_reported(running):
     for _ in range(5):
         running.frames_sent += 18  # 0.3 s
         outputs = len(running.got[topics.JOINT_STATES])
-        running.send(START_NS + running.frames_sent * 16_666_667, PIXELS[last % len(PIXELS)])
+        running.send(running.start_ns + running.frames_sent * 16_666_667, PIXELS[last % len(PIXELS)])
         running.spin_until(lambda: len(running.got[topics.JOINT_STATES]) > outputs, what="an answer")  # noqa: B023
     status = running.next_diagnostics(lambda s: "frozen" in s.message)
     assert status.level == WARN and "the same ones for more than 1 s" in status.message
@@ -253,7 +253,7 @@ def test_frozen_keypoints_get_outputs_and_are_reported(running):
 
 def test_rejected_keypoints_are_counted_by_reason_and_keep_the_state(running):
     feed(running, 3)
-    old = START_NS + (running.frames_sent - 1) * 16_666_667
+    old = running.start_ns + (running.frames_sent - 1) * 16_666_667
     wrong = {
         "unknown_id": {"ids": np.arange(17) + 1},
         "repeated_id": {"ids": np.zeros(17, int)},
@@ -314,7 +314,7 @@ def test_another_resolution_does_not_move_the_person(running):
         running.next_diagnostics(lambda s: float(values_of(s)["camera_info age [s]"]) < 1.1)
         for _ in range(10):
             answers = len(outputs)
-            stamp = START_NS + running.frames_sent * 16_666_667
+            stamp = running.start_ns + running.frames_sent * 16_666_667
             running.send(stamp, scale * PIXELS[running.frames_sent % len(PIXELS)])
             running.frames_sent += 1
             running.spin_until(lambda: len(outputs) > answers, what="an output")  # noqa: B023

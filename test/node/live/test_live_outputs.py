@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from live import BACKEND, START_NS, NodeProcess, Peer, frame_of, stamp_of, values_of  # noqa: E402
+from live import BACKEND, NodeProcess, Peer, frame_of, stamp_of, values_of  # noqa: E402
 from messages import CARRIERS, FRAME, pixels_of_motion  # noqa: E402
 
 from lassokin_ros import joints  # noqa: E402
@@ -20,7 +20,7 @@ SKELETON = Skeleton.load("anthropometric", 1.75)
 
 def stream(peer, pixels, period_ns=16_666_667):
     """Send every frame as fast as the node answers, at most AHEAD frames unanswered; return the stamps."""
-    stamps = [START_NS + i * period_ns for i in range(len(pixels))]
+    stamps = [peer.start_ns + i * period_ns for i in range(len(pixels))]
     answers = peer.got[topics.JOINT_STATES]
     for i, (stamp, xy) in enumerate(zip(stamps, pixels)):
         peer.spin_until(lambda: i - len(answers) < AHEAD, what=f"the answer to frame {i - AHEAD}")  # noqa: B023
@@ -119,7 +119,7 @@ def test_each_keypoint_message_type_is_tracked(keypoints_type):
 
         def answered():
             peer.send_camera()
-            sent.append(START_NS + len(sent) * 10_000_000)
+            sent.append(peer.start_ns + len(sent) * 10_000_000)
             peer.keypoints.publish(CARRIERS[keypoints_type](BACKEND, sent[-1], pixels[len(sent) % 5]))
             return len(states) >= 5
 

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from live import BACKEND, START_NS, NodeProcess, Peer, stamp_of  # noqa: E402
+from live import BACKEND, NodeProcess, Peer, stamp_of  # noqa: E402
 from messages import FRAME, crowd, pixels_of_motion  # noqa: E402
 
 from lassokin_ros import joints  # noqa: E402
@@ -63,7 +63,7 @@ def test_the_state_changes_when_a_person_comes_and_leaves_without_messages():
         assert said(states) == ["nobody"]
 
         def send(i):
-            peer.send(START_NS + i * 20_000_000, PIXELS[i % 40])
+            peer.send(peer.start_ns + i * 20_000_000, PIXELS[i % 40])
 
         send_until(peer, send, lambda: len(states) > 1 and people, "tracking")
         peer.spin_until(lambda: len(states) >= 4, what="lost and nobody, in silence")
@@ -86,7 +86,7 @@ def test_people_lists_one_person_as_lost_and_then_not_at_all():
     with NodeProcess(namespace, *settings) as node, Peer(namespace, outputs=False) as peer:
         people, _ = listen(peer)
         places = peer.got[topics.TRANSLATION]
-        stamps, sent_at = [START_NS], 0.0
+        stamps, sent_at = [peer.start_ns], 0.0
 
         def send(xy):  # the next one after the last answer, because the node skips overtaken messages
             nonlocal sent_at
@@ -130,7 +130,7 @@ def test_people_lists_several_people_and_then_nobody():
                 stamp += 100_000_000
                 peer.keypoints.publish(crowd(BACKEND, stamp, xy, persons))
 
-            stamp = START_NS
+            stamp = peer.start_ns
             both = partial(send, persons=(4, 9))
             send_until(peer, both, lambda: people and len(points_of(people[-1])) == 2, "two people")
             points = points_of(people[-1])
@@ -151,7 +151,7 @@ def test_the_node_publishes_tf_of_all_joints():
         peer.node.create_subscription(TFMessage, topics.TF, got.append, 10)
 
         def send(i):
-            peer.send(START_NS + i * 20_000_000, PIXELS[i % 40])
+            peer.send(peer.start_ns + i * 20_000_000, PIXELS[i % 40])
 
         send_until(peer, send, lambda: got, "TF")
     parents = {transform.child_frame_id: transform.header.frame_id for transform in got[0].transforms}

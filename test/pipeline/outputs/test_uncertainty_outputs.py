@@ -110,7 +110,6 @@ def test_a_rejected_frame_has_no_uncertainty(tracked):
 
 def test_the_running_node_publishes_both_and_reports_the_largest():
     pytest.importorskip("rclpy")
-    from live import START_NS as LIVE_NS
     from live import NodeProcess, Peer, stamp_of, values_of
 
     namespace, pixels = "/uncertain", pixels_of_motion(5)
@@ -121,9 +120,9 @@ def test_the_running_node_publishes_both_and_reports_the_largest():
         clouds = peer.got[topics.JOINT_UNCERTAINTY]
         peer.clear()
         for i, xy in enumerate(pixels):
-            peer.send(LIVE_NS + i * 16_666_667, xy)
+            peer.send(peer.start_ns + i * 16_666_667, xy)
             peer.spin_until(lambda: min(len(clouds), len(shown)) > i, what="the uncertainty")  # noqa: B023
-        stamps = [LIVE_NS + i * 16_666_667 for i in range(len(pixels))]
+        stamps = [peer.start_ns + i * 16_666_667 for i in range(len(pixels))]
         assert [stamp_of(m) for m in clouds] == [stamp_of(m) for m in shown] == stamps
         points, largest = points_of(clouds[-1]), max(m.scale.z for m in shown[-1].markers)
         assert 0.01 < points["deviation"].max() < 0.3 and 0.01 < largest < 0.6

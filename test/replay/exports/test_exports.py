@@ -270,7 +270,7 @@ def test_an_existing_file_is_replaced_only_by_force(recording, tmp_path, capsys)
     old.write_text("mine")
     arguments = [str(recording), "--output", str(tmp_path / "out"), "--export", str(old)]
     assert main(arguments) == 2
-    assert capsys.readouterr().err == f"replay: '{old}' exists already; choose another name or add --force\n"
+    assert capsys.readouterr().err == f"lassokin replay: '{old}' exists already; choose another name or add --force\n"
     assert old.read_text() == "mine" and os.listdir(tmp_path) == ["old.csv"]
     assert main([*arguments, "--force"]) == 0
     assert old.read_text().startswith("stamp [s],person,")
@@ -289,7 +289,7 @@ def test_an_output_that_cannot_be_written_is_reported_at_once(recording, tmp_pat
     (tmp_path / "folder.csv").mkdir()
     assert main([str(recording), "--output", "out", "--export", name]) == 2
     said = capsys.readouterr().err
-    assert said.startswith(f"replay: {BAD[name]}") and said.count("\n") == 1
+    assert said.startswith(f"lassokin replay: {BAD[name]}") and said.count("\n") == 1
     assert os.listdir() == ["folder.csv"]
 
 
@@ -304,7 +304,8 @@ def test_a_full_disk_leaves_no_files(recording, tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(command.TABLES, ".npz", on_a_full_disk)
     wanted = ["--export", str(tmp_path / "a.csv"), "--export", str(tmp_path / "b.npz")]
     assert main([str(recording), "--output", str(tmp_path / "out"), *wanted]) == 2
-    assert capsys.readouterr().err.startswith(f"replay: '{tmp_path / 'b.npz'}' cannot be written: No space left")
+    said = capsys.readouterr().err
+    assert said.startswith(f"lassokin replay: '{tmp_path / 'b.npz'}' cannot be written: No space left")
     assert os.listdir(tmp_path) == []
 
 

@@ -350,7 +350,7 @@ def test_an_unwritable_report_is_one_line(case, tmp_path, monkeypatch, capsys):
     (tmp_path / "there.html").write_text("mine")
     before = sorted(tmp_path.iterdir())
     assert main(["bag", *arguments, "--output", "out"]) == 2
-    assert capsys.readouterr().err.startswith(f"replay: {expected}")
+    assert capsys.readouterr().err.startswith(f"lassokin replay: {expected}")
     assert sorted(tmp_path.iterdir()) == before and (tmp_path / "there.html").read_text() == "mine"
     if case == "there already":
         assert main(["bag", *arguments, "--output", "out", "--force"]) == 0
@@ -362,7 +362,7 @@ def test_a_missing_plotly_is_named(tmp_path, monkeypatch, capsys):
     write_recording(tmp_path / "bag", 2)
     options = ["--output", str(tmp_path / "out")]
     assert main([str(tmp_path / "bag"), *options, "--report", str(tmp_path / "page.html")]) == 2
-    assert capsys.readouterr().err == "replay: --report needs plotly; install it with: pip install plotly\n"
+    assert capsys.readouterr().err == "lassokin replay: --report needs plotly; install it with: pip install plotly\n"
     assert not (tmp_path / "out").exists()
     assert main([str(tmp_path / "bag"), *options]) == 0  # nothing else needs plotly
 

@@ -222,7 +222,7 @@ def test_an_invalid_skeleton_path_is_reported_before_processing(tmp_path, monkey
         (tmp_path / name).write_text("mine")
     before = sorted(os.listdir())
     assert main(["walk", "--save-skeleton", *arguments]) == 2
-    assert capsys.readouterr().err.startswith(f"replay: {expected}")
+    assert capsys.readouterr().err.startswith(f"lassokin replay: {expected}")
     assert sorted(os.listdir()) == before and (tmp_path / "me.yaml").read_text() == "mine"
 
 
@@ -269,7 +269,7 @@ def saved_under(peer, name):
 
 def test_the_running_node_publishes_saves_and_reports_learned_lengths(tmp_path):
     pytest.importorskip("rclpy")
-    from live import ROOT, START_NS, NodeProcess, Peer, values_of
+    from live import ROOT, NodeProcess, Peer, values_of
     from messages import FRAME, pixels_of_motion
     from std_srvs.srv import Trigger
 
@@ -292,7 +292,7 @@ def test_the_running_node_publishes_saves_and_reports_learned_lengths(tmp_path):
         del texts[:-1]
         for i, xy in enumerate(pixels):
             peer.send_camera()
-            peer.send(START_NS + i * 40_000_000, xy)
+            peer.send(peer.start_ns + i * 40_000_000, xy)
             peer.spin_until(lambda: min(len(states), len(joints)) > i, what="the answer")  # noqa: B023
         values = values_of(peer.next_diagnostics())
         assert values["calibration"] == "learning" and float(values["calibration: motion seen [s]"]) > 2
@@ -306,7 +306,7 @@ def test_the_running_node_publishes_saves_and_reports_learned_lengths(tmp_path):
         assert fits[-1] == len(bodies) - 1  # two updates in short succession may be equally good
         answer = peer.call(Trigger, "save_skeleton", Trigger.Request())
         assert answer.success and str(saved) in answer.message
-        peer.send(START_NS + len(pixels) * 40_000_000, pixels[-1])  # tracked with the saved skeleton
+        peer.send(peer.start_ns + len(pixels) * 40_000_000, pixels[-1])  # tracked with the saved skeleton
         peer.spin_until(lambda: len(joints) == len(states) == len(pixels) + 1, what="the last answer")
         described = DescribedBody(urdf(Skeleton.load(str(saved), 1.75), FRAME))
         assert described.error(states[-1], joints[-1]) < 1e-6
