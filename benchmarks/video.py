@@ -27,10 +27,11 @@ from lassokin_ros.detector.backend import make_detector
 from lassokin_ros.pipeline.camera.calibration_file import Calibration
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.parameter_files import offline_settings
+from lassokin_ros.pipeline.settings import OPTICAL_FRAME
 from lassokin_ros.replay.bags import typestore
 from lassokin_ros.replay.offline_tracker import OfflineTracker
 from lassokin_ros.video.sources import open_source
-from lassokin_ros.video.track import FIRST_STAMP_NS, FRAME, Run
+from lassokin_ros.video.track import FIRST_STAMP_NS, Run
 from msg_adapters.backends import RosbagsBackend
 
 PAIRS = {
@@ -119,7 +120,7 @@ def run_chain(video: Path, detector_name: str, camera: Calibration, height: floa
 
     tracker.listeners.append(keep)
     backend = RosbagsBackend(types)
-    info = camera.scaled_to(source.size, "K").message(backend, FIRST_STAMP_NS, FRAME)
+    info = camera.scaled_to(source.size, "K").message(backend, FIRST_STAMP_NS, OPTICAL_FRAME)
     for _ in tracker.camera_info(info, FIRST_STAMP_NS):
         pass
     try:

@@ -96,7 +96,7 @@ def _from_png(packed: bytes) -> np.ndarray:
 
 
 def _check_chunks(packed: bytes) -> None:
-    """Raise AdapterError unless the chunks of a PNG fit into its data. OpenCV allocates what a chunk claims: 2 GB."""
+    """Raise AdapterError unless the chunks of a PNG fit into its data. OpenCV allocates a chunk's stated length."""
     at, name = len(PNG_START), b""
     while at < len(packed) and name != b"IEND":
         name, length = packed[at + 4 : at + 8], int.from_bytes(packed[at : at + 4], "big")

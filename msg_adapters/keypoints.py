@@ -65,10 +65,7 @@ class Keypoints:
         (wrong layout), if an id is repeated (two people in one message without `person`), or if most confidences are
         above LARGEST_CONFIDENCE (another unit).
         """
-        present = self.present
-        if person is not None and self.persons is not None:
-            present = present & (self.persons == person)
-        return self._placed(self.ids, present, count, count)
+        return self._placed(self.ids, self._present_of(person), count, count)
 
     def by_person(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return person numbers (p,), points (p, count, 2) and confidence (p, count), see `as_landmarks`."""
@@ -76,19 +73,20 @@ class Keypoints:
             points, confidence = self.as_landmarks(count)
             return np.zeros(1, dtype=np.int64), points[None], confidence[None]
         numbers, index = np.unique(self.persons, return_inverse=True)
-        places = index.reshape(-1) * count + self.ids
-        points, confidence = self._placed(places, self.present, count, len(numbers) * count)
+        rows = index.reshape(-1) * count + self.ids
+        points, confidence = self._placed(rows, self.present, count, len(numbers) * count)
         return numbers, points.reshape(-1, count, 2), confidence.reshape(-1, count)
 
     def depth_as_landmarks(self, count: int, person: int | None = None) -> np.ndarray | None:
-        """Return the depths (count,) m of the points of `as_landmarks`, NaN = not measured; None without any depth."""
+        """Return the depths (count,) m of the points of `as_landmarks`, NaN = not measured; None without any depth.
+
+        Raises AdapterError like `as_landmarks`, except for repeated ids.
+        """
         if self.depth is None:
             return None
-        chosen = self.present
-        if person is not None and self.persons is not None:
-            chosen = chosen & (self.persons == person)
+        chosen = self._usable(self._present_of(person), count)
         result = np.full(count, np.nan)
-        result[self.ids[chosen]] = self.depth[chosen]
+        result[self.ids.take(chosen)] = self.depth.take(chosen)
         return result
 
     @cached_property
@@ -101,23 +99,35 @@ class Keypoints:
             present: np.ndarray = (self.confidence > 0) & near[:, 0] & near[:, 1] & ((x != 0) | (y != 0))
         return present
 
-    def _placed(self, places: np.ndarray, present: np.ndarray, count: int, rows: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return points (rows, 2) and confidence (rows,), with the present points at their places (k,).
+    def _present_of(self, person: int | None) -> np.ndarray:
+        """(k,) bool: `present`, of one person only if it is given and the message has person numbers."""
+        if person is None or self.persons is None:
+            return self.present
+        of_person: np.ndarray = self.present & (self.persons == person)
+        return of_person
 
-        count: number of landmarks in the layout.
+    def _placed(self, rows: np.ndarray, present: np.ndarray, count: int, total: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return points (total, 2) and confidence (total,), with the usable points in their rows.
+
+        rows: (k,) row of each point. count: number of landmarks in the layout.
         """
-        points, confidence = np.full((rows, 2), np.nan), np.zeros(rows)
-        chosen = self._with_valid_scores(present.nonzero()[0])
-        if len(chosen) == 0:
-            return points, confidence
-        ids, scores, places = self.ids.take(chosen), self.confidence.take(chosen), places.take(chosen)
-        if ids.min() < 0 or ids.max() >= count:
-            wrong = ids[(ids < 0) | (ids >= count)][0]
-            raise AdapterError("unknown_id", f"keypoint id {wrong}; expected 0 to {count - 1} of the landmark layout")
-        points[places], confidence[places] = self.xy.take(chosen, axis=0), np.minimum(scores, 1.0)
+        points, confidence = np.full((total, 2), np.nan), np.zeros(total)
+        chosen = self._usable(present, count)
+        rows = rows.take(chosen)
+        points[rows] = self.xy.take(chosen, axis=0)
+        confidence[rows] = np.minimum(self.confidence.take(chosen), 1.0)
         if np.count_nonzero(confidence) < len(chosen):
             raise AdapterError("repeated_id", "a keypoint id is repeated; several people need the field 'person'")
         return points, confidence
+
+    def _usable(self, present: np.ndarray, count: int) -> np.ndarray:
+        """Return the indices of the present points with a valid confidence. Raises AdapterError for an unknown id."""
+        chosen = self._with_valid_scores(present.nonzero()[0])
+        ids = self.ids.take(chosen)
+        if len(ids) and (ids.min() < 0 or ids.max() >= count):
+            wrong = ids[(ids < 0) | (ids >= count)][0]
+            raise AdapterError("unknown_id", f"keypoint id {wrong}; expected 0 to {count - 1} of the landmark layout")
+        return chosen
 
     def _with_valid_scores(self, chosen: np.ndarray) -> np.ndarray:
         """Remove points with a confidence above LARGEST_CONFIDENCE. Raises AdapterError if these are most points."""

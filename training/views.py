@@ -29,7 +29,7 @@ LAYOUTS = (
 SMPL."""
 OTHER_ARMS = 0.35
 """Share of the samples with the arms of another clip."""
-LASTS = 0.1
+CORRELATION_S = 0.1
 """s: correlation time of a detector's wandering error."""
 
 _INDEX = {name: point for point, name in enumerate(NAMES)}
@@ -101,10 +101,10 @@ class Views:
         if not plain:
             _swap(image, seen, random)
         places, known = _resampled(image, seen, times, slots, share)
-        believed, up_known = _believed(up, turn, random)
+        vertical, up_known = _input_vertical(up, turn, random)
         lengths_known = random.random(size) < 0.4
         lengths = lengths * np.exp(0.02 * random.standard_normal(lengths.shape))
-        inputs, rotation = features(Scene(places, known, believed, up_known, lengths, lengths_known))
+        inputs, rotation = features(Scene(places, known, vertical, up_known, lengths, lengths_known))
         relative = points[:, 0] - points[:, 0, _HIPS].mean(1, keepdims=True)
         target = relative[:, _TARGETS] @ rotation.swapaxes(-1, -2)
         return Batch(inputs, target.astype(np.float32))
@@ -242,10 +242,10 @@ def _detected(points: np.ndarray, times: np.ndarray, random: np.random.Generator
     def normal(*shape: int) -> np.ndarray:
         return random.standard_normal(shape, dtype=np.float32)
 
-    def habit() -> np.ndarray:
+    def offset_deviation() -> np.ndarray:
         return (_UNSTEADY * _log_uniform(0.001, 0.015, size, random)[:, None]).astype(np.float32)[..., None]
 
-    own = normal(size, count, 3) * habit()
+    own = normal(size, count, 3) * offset_deviation()
     own = 0.8 * own + 0.6 * own[:, OTHER] * np.array([-1, 1, 1], dtype=np.float32)
     own[:, _HIPS] += (normal(size, 1, 3) * 0.012) * np.array([0, 1, 0.5], dtype=np.float32)
     body = points + np.einsum("bcx,bsxy->bscy", own, _trunk_axes(points))
@@ -261,13 +261,13 @@ def _detected(points: np.ndarray, times: np.ndarray, random: np.random.Generator
         time = times[rows, slot]
         new = normal(size, count, 2)
         if previous is not None:
-            kept = np.exp(-(time - previous) / LASTS).astype(np.float32)[:, None, None]
+            kept = np.exp(-(time - previous) / CORRELATION_S).astype(np.float32)[:, None, None]
             same = (time == previous)[:, None, None]
             lasting = kept * lasting + np.sqrt(1 - kept**2) * normal(size, count, 2)
             new = np.where(same, fresh, new)
         previous, fresh = time, new
         errors[rows, slot] = lasting * wander[:, None, None] + new * white[:, None, None]
-    errors += (normal(size, count, 2) * habit())[:, None]
+    errors += (normal(size, count, 2) * offset_deviation())[:, None]
     wrong = random.random((size, slots, count), dtype=np.float32) < 0.004
     errors[wrong] *= 15.0
     return np.asarray(image + errors / np.maximum(points[:, :1, _HIPS, 2].mean(2), 0.3)[..., None, None])
@@ -337,12 +337,12 @@ def _resampled(
     )
 
 
-def _believed(up: np.ndarray, turn: np.ndarray, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def _input_vertical(up: np.ndarray, turn: np.ndarray, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """The vertical in the tracker's input: nearly right, that of a level camera, or none."""
     size = len(up)
     draw = random.random(size)
     level = np.broadcast_to([0.0, -1.0, 0.0], up.shape)
     spread = _log_uniform(0.02, 0.2, size, random)[:, None]
-    believed = np.where((draw < 0.12)[:, None], level, up) + spread * random.standard_normal(up.shape)
-    believed /= np.linalg.norm(believed, axis=1, keepdims=True)
-    return believed, draw < 0.7
+    vertical = np.where((draw < 0.12)[:, None], level, up) + spread * random.standard_normal(up.shape)
+    vertical /= np.linalg.norm(vertical, axis=1, keepdims=True)
+    return vertical, draw < 0.7

@@ -88,15 +88,15 @@ def scene_of(job: Job) -> Scene:
     """Load the clip and render the view of the job, always with the clip's own body."""
     clip = load_clip(job.file)
     own = clip_skeleton(clip, generic=False)
-    told = clip_skeleton(clip, generic=job.generic_skeleton)
+    given = clip_skeleton(clip, generic=job.generic_skeleton)
     if job.bone_error > 0:
-        told = told.with_bone_scales(bone_scales(told, job))
+        given = given.with_bone_scales(bone_scales(given, job))
     settings = {"noise_px": max(1.0, job.condition.noise_px), **(job.settings or {})}
     config = TrackerConfig(**{"height": clip_height(clip), "landmarks": job.landmarks, **settings}).checked()
     if config.height == 0:
-        told = Skeleton.load(config.skeleton, config.assumed_height)
+        given = Skeleton.load(config.skeleton, config.assumed_height)
     view = view_of(clip, Layout.load(job.landmarks, own), own, job.condition, job.view, job.seed)
-    return Scene(clip, view, told, config)
+    return Scene(clip, view, given, config)
 
 
 def bone_scales(skeleton: Skeleton, job: Job) -> np.ndarray:

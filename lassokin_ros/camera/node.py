@@ -6,7 +6,6 @@ It is for machines without a camera driver of ROS. A driver gives better stamps 
 from __future__ import annotations
 
 import threading
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, Image
 
+from lassokin_ros.core.errors import CameraError
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.video.camera import assumed_fov_warning, choose_camera
 from lassokin_ros.video.sources import Source, SourceError, open_source
@@ -25,6 +25,8 @@ from msg_adapters.inputs import camera_info, rgb_image
 
 RETRY_S = 2.0
 """s: between two attempts to open a disconnected camera."""
+LOG_PERIOD_S = 10.0
+"""s: between two messages that the camera found does not fit."""
 LEAST_SIDE = 64
 """px"""
 POLL_S = 0.05
@@ -108,10 +110,15 @@ class CameraNode(Node):
     def _await_camera(self, source: Source) -> Source:
         """Try to open the camera again until it is back or the node ends."""
         while not self._ended.wait(RETRY_S):
-            with suppress(SourceError):
+            try:
                 source = self._open()
-                self.get_logger().info(f"{source.name} is back")
-                return source
+            except SourceError:
+                continue
+            except CameraError as error:  # another camera has the number now
+                self.get_logger().error(f"{error}; waiting for the camera", throttle_duration_sec=LOG_PERIOD_S)
+                continue
+            self.get_logger().info(f"{source.name} is back")
+            return source
         return source
 
     def _publish_all(self, source: Source) -> None:

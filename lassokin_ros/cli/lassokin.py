@@ -14,7 +14,8 @@ import importlib
 import sys
 from collections.abc import Sequence
 
-USAGE_ERROR = 2
+from lassokin_ros.common.exit_codes import USAGE_ERROR
+
 COMMANDS = {
     "track": ("lassokin_ros.video.command", "main"),
     "replay": ("lassokin_ros.cli.replay", "main"),

@@ -7,14 +7,12 @@ import os
 import sys
 from collections.abc import Sequence
 
+from lassokin_ros.common.exit_codes import INTERRUPTED, USAGE_ERROR
 from lassokin_ros.common.interruption import Interrupted, interruptible
 from lassokin_ros.common.missing_package import missing_package
 from lassokin_ros.common.summary_output import print_summary
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.replay.options import PROGRAM, parser
-
-USAGE_ERROR = 2
-INTERRUPTED = 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

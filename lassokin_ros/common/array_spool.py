@@ -21,7 +21,7 @@ class SpoolError(LassokinError):
 
 
 class Record(NamedTuple):
-    """Where a record is in the file. layout: the number of its layout."""
+    """Position of a record in the file. layout: index of its layout."""
 
     offset: int
     layout: int

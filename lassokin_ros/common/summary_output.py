@@ -17,7 +17,7 @@ class SummaryError(LassokinError):
 def print_summary(text: str) -> None:
     """Print to stdout and flush. A closed pipe is ignored. Raises SummaryError for other failures."""
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # file names may hold bytes that no encoding has
+        sys.stdout.reconfigure(errors="backslashreplace")  # file names may contain bytes that cannot be encoded
     try:
         print(text, flush=True)
     except OSError as error:

@@ -6,7 +6,7 @@ The node declares its parameters from these fields. Tests compare config/*.yaml 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Mapping
 
 from lassokin_ros.core.errors import ConfigurationError
@@ -115,6 +115,11 @@ class TrackerConfig:
         if 0 < self.height < SHORTEST:
             raise ConfigurationError(f"height is {self.height}; expected 0 (measured) or {SHORTEST} to 2.6 m")
         return self
+
+    def with_live_of(self, other: TrackerConfig) -> TrackerConfig:
+        """Return this configuration with the live settings of another one. Raises ConfigurationError like `checked`."""
+        live = {item.name: getattr(other, item.name) for item in fields(self) if item.metadata["live"]}
+        return replace(self, **live).checked()
 
     @property
     def assumed_height(self) -> float:

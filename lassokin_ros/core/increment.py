@@ -75,8 +75,9 @@ class IncrementSolver:
         lassos. warm: use the last answer as initial guess. An answer without a certificate ends the iteration; it is
         `Increment.solution`.
 
-        With measured depth, the answer is linearised about once more if it is far from `start`. The loss of a depth is
-        bounded: about `start`, the depths of a limb that moved fast would look like those of an occluder.
+        With measured depth, the answer is linearised about once more if it is far from `start`. About `start`, the
+        depths of a limb that moved fast have large errors. The losses of `measured_depth`, Geman and McClure's in front
+        of the landmark and Cauchy's behind it, give such depths little weight.
         """
         omega = np.zeros(3 * start.rotations.shape[-3])
         x = np.zeros(3)

@@ -133,8 +133,6 @@ class Tracker(TrackerParts):
     def _with_own_surface(self, observation: Observation, depth: np.ndarray) -> Observation:
         """The observation with the depths as the body in the last pose shows them, see `of_own_surface`."""
         pose, layout = self._body_hypotheses.published.pose, self.layout
-        if depth.shape != layout.surface.shape:
-            return observation
         nearest = self._surface.depth_towards(pose, pose.landmarks)
         own = of_own_surface(depth, pose.landmarks[:, 2], nearest, layout.surface, self.skeleton.height)
         return replace(observation, depth=own)
@@ -189,7 +187,7 @@ class Tracker(TrackerParts):
         return near
 
     def _fit_after_long_step(self, frame: FrameData) -> None:
-        """Start this frame from a fit of the last state or of the network's pose, by which explains it better."""
+        """Start this frame from the better of two fits: one from the last state, one from the network's pose."""
         places = None if self._depth is None else self._depth.places()
         if places is None:
             return

@@ -164,13 +164,17 @@ class TrackerParts:
         self._upright.move_mount(roll, pitch)
 
     def tune(self, config: TrackerConfig, skeleton: Skeleton | None = None) -> None:
-        """Use new live settings. Structural settings (skeleton, landmarks, solver) are not changed.
+        """Use new live settings. The others (skeleton, landmarks, depth_prior, solver) stay as they are.
 
-        A new height makes the tracker forget the person. skeleton: for the new height, in place of `config.skeleton`.
+        A new height makes the tracker forget the person. skeleton: for the new height, in place of the configured one.
+        Raises a LassokinError, before anything is changed, for a setting or a skeleton that cannot be used.
         """
-        before, self.config = self.config, config.checked()
+        before, config, given = self.config, self.config.with_live_of(config), None
         if config.height != before.height:
-            self._use_height(skeleton or Skeleton.load(config.skeleton, config.assumed_height))
+            given = skeleton or Skeleton.load(config.skeleton, config.assumed_height)
+        self.config = config
+        if given is not None:
+            self._use_height(given)
         if (config.camera_roll, config.camera_pitch) != (before.camera_roll, before.camera_pitch):
             self._upright.set_mount(config.camera_roll, config.camera_pitch)
 

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lassokin_ros.common.exit_codes import INTERRUPTED, USAGE_ERROR
 from lassokin_ros.common.interruption import Interrupted, interruptible
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import LassokinError
@@ -26,7 +27,6 @@ RATE = 30.0  # Hz
 SECONDS = 18.0
 LEAST_S, MOST_S = 1.0, 3600.0
 """s: range of --seconds. The limits of the table do not hold for shorter motions; longer ones need much memory."""
-USAGE_ERROR, INTERRUPTED = 2, 130
 QUEUE_DEPTH = 60
 START_NS = 1_700_000_000_000_000_000
 

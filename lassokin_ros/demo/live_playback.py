@@ -24,13 +24,14 @@ from typing import Any
 from lassokin_ros.common.interruption import uninterrupted
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.node.executable import first_sentence
+from lassokin_ros.node.message_types import message_class
 from lassokin_ros.pipeline.outputs import topics
+from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.replay.bags import BagReader, BagWriter, typestore
 
 DEADLINE_S = 30.0
 GRACE_S = 10.0
 QUIET_S = 3.0
-NODE_NAME = "tracker"
 OUTPUTS = (*topics.FRAME_OUTPUTS, *topics.OTHER_OUTPUTS)
 FRAME_NAMES = tuple(topic.name for topic in topics.FRAME_OUTPUTS)
 
@@ -119,7 +120,7 @@ class LiveNode:
 
         qos = QoSProfile(depth=100, durability=durability)
         name = topic.name.replace("~", NODE_NAME)
-        self._node.create_subscription(_message_class(topic.message_type), name, collect, qos, raw=True)
+        self._node.create_subscription(message_class(topic.message_type), name, collect, qos, raw=True)
 
     def play(
         self,
@@ -160,13 +161,13 @@ class LiveNode:
             keypoints = bag.find("sensor_msgs/msg/PointCloud2", None, topics.KEYPOINTS, "its name")
             frames = [(name == keypoints.name, time_ns, data) for name, time_ns, data in bag.raw([camera, keypoints])]
         self._publishers = [
-            self._node.create_publisher(_message_class(topic.message_type), name, QoSProfile(depth=10))
+            self._node.create_publisher(message_class(topic.message_type), name, QoSProfile(depth=10))
             for topic, name in ((camera, topics.CAMERA_INFO), (keypoints, topics.KEYPOINTS))
         ]
         return frames
 
     def _warm_up(self, frames: list[tuple[bool, int, bytes]]) -> None:
-        """Send the first frame with earlier stamps until every output comes back; then make the node forget.
+        """Send the first frame with earlier stamps until a message of every output arrives; then reset the node.
 
         Only an answer on every topic proves that both processes have found each other in both directions.
         """
@@ -300,10 +301,3 @@ def _restamped(data: bytes, stamp_ns: int) -> bytes:
     copy = bytearray(data)
     struct.pack_into("<iI", copy, 4, *divmod(stamp_ns, 1_000_000_000))
     return bytes(copy)
-
-
-def _message_class(message_type: str) -> Any:
-    from importlib import import_module
-
-    package, _, name = message_type.split("/")
-    return getattr(import_module(f"{package}.msg"), name)

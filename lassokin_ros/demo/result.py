@@ -24,7 +24,7 @@ LIMITS = {
     "root error, median": (50.0, "mm"),
     "reprojection error, median": (6.0, "px"),
 }
-"""Limits of the demo's figures, as stated in the README: a minimum for `frames out`, else a maximum."""
+"""Limits of the demo's figures: a minimum for `frames out`, else a maximum."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,7 @@
-"""Plots as SVG: axes with ticks, lines, dots and areas. matplotlib would be an eighth of the demo's environment."""
+"""Plots as SVG: axes with ticks, lines, dots and areas.
+
+matplotlib is not used, because it would take an eighth of the size of the demo's environment.
+"""
 
 from __future__ import annotations
 

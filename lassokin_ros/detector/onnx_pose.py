@@ -12,7 +12,7 @@ from lassokin_ros.detector.person_region import WHOLE, region_around
 from lassokin_ros.detector.pose_models import EXPECTED, LAYOUTS, recognise
 
 OPEN_SIDE = {True: 640, False: 192}
-"""px: side of the input where the model leaves it open; with the channels first (YOLO) and last (MoveNet)."""
+"""px: side of the input if the model does not fix it; with the channels first (YOLO) and last (MoveNet)."""
 TYPES = {
     "tensor(float)": np.float32,
     "tensor(float16)": np.float16,

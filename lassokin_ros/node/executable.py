@@ -14,10 +14,12 @@ from concurrent.futures import Future
 from contextlib import suppress
 from typing import Any
 
+from lassokin_ros.common.exit_codes import USAGE_ERROR
 from lassokin_ros.common.missing_package import missing_package
 
-USAGE_ERROR = 2
 LOG_ADVICE = "set ROS_LOG_DIR to a folder that can be written, or set ROS_HOME or HOME"
+LOG_PERIOD_S = 5.0
+"""s: between two messages about a callback that fails again and again."""
 PAUSE_S = 0.1
 """s: pause after a callback that failed. It keeps a callback that always fails from using a whole core."""
 
@@ -77,7 +79,8 @@ def spin(node: Any, stopped: Future[int]) -> None:
             break
         except Exception as error:
             if node.context.ok():
-                node.get_logger().error(f"a callback failed: {type(error).__name__}: {error}")
+                words = f"a callback failed: {type(error).__name__}: {error}"
+                node.get_logger().error(words, throttle_duration_sec=LOG_PERIOD_S)
                 time.sleep(PAUSE_S)
     executor.shutdown()
 

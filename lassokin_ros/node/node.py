@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
+from lassokin_ros.common.version import version
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.node.inputs.keypoint_input import KeypointInput
 from lassokin_ros.node.inputs.polled_subscription import ignore_events
@@ -31,6 +31,7 @@ from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.description.skeleton_file import save_all
 from lassokin_ros.pipeline.outputs.status.calibration_status import averaged_sides
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
+from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.pipeline.people.per_body_pipeline import PerBodyPipeline
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
@@ -45,7 +46,7 @@ CHECK_PERIOD_S = 0.25
 class TrackerNode(Node):
     """Subscribes to keypoints and camera_info; publishes joint states, joints, translation, markers and diagnostics."""
 
-    def __init__(self, node_name: str = "tracker", **options: Any) -> None:
+    def __init__(self, node_name: str = NODE_NAME, **options: Any) -> None:
         """options: those of rclpy.node.Node (context, namespace, ...). Raises a LassokinError for a bad setting."""
         super().__init__(node_name, **options)
         settings = declare(self)
@@ -254,7 +255,7 @@ class TrackerNode(Node):
         self._end_outputs()
 
     def _end_outputs(self) -> None:
-        """Publish that the people of before the reset have gone."""
+        """Publish that the people who were tracked before the reset have left."""
         if self._people is not None:
             self._people.keep(self._pipeline.ids or [])
         self._scene.forget()
@@ -265,14 +266,6 @@ class TrackerNode(Node):
         if settings[0].height != height:
             self._end_outputs()
             self.get_logger().info(f"height is now {settings[0].height_text}: the state is forgotten")
-
-
-def version() -> str:
-    """Return the version of the installed package."""
-    try:
-        return metadata.version("lassokin_ros")
-    except metadata.PackageNotFoundError:  # run from the source folder
-        return "(not installed)"
 
 
 def _misplaced(frame_id: str, camera: str) -> str:

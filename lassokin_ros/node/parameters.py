@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Callable, Sequence
 
 from lassokin_ros.core.config import TrackerConfig, without_bool
 from lassokin_ros.core.errors import ConfigurationError, LassokinError
+from lassokin_ros.pipeline.parameter_files import all_settings
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.skeleton_readers.load import load_skeleton
 
@@ -149,11 +150,6 @@ class LiveParameters:
 def _with_values(config: Any, parameters: Sequence[Parameter]) -> Any:
     names = {item.name for item in fields(config)}
     return replace(config, **{p.name: p.value for p in parameters if p.name in names})
-
-
-def all_settings() -> list[Field]:
-    """All settings that are parameters, in the order of the file and the table."""
-    return [*fields(TrackerConfig), *fields(NodeSettings)]
 
 
 def parameter_file() -> str:

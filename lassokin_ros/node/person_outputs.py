@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from importlib import import_module
 from typing import Any, Callable
 
 from rclpy.event_handler import PublisherEventCallbacks
@@ -12,7 +11,8 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.errors import ConfigurationError
+from lassokin_ros.core.errors import SkeletonError
+from lassokin_ros.node.message_types import message_class
 from lassokin_ros.node.qos import overrides
 from lassokin_ros.node.robot_state_publisher_client import RobotStatePublisherClient
 from lassokin_ros.pipeline.frame_result import FrameResult
@@ -22,26 +22,8 @@ from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages, id_list
 from lassokin_ros.pipeline.outputs.naming import Naming
 from lassokin_ros.pipeline.settings import OFF, NodeSettings
 from msg_adapters.backends import RclpyBackend
-from msg_adapters.detectors.registry import full_type_name
 
 OUTPUT_DEPTH = 10
-
-
-SOURCES = {"yolo_msgs": "build it from github.com/mgonzs13/yolo_ros"}
-"""How to install packages of messages that apt does not have."""
-
-
-def message_class(message_type: str) -> Any:
-    """Import the class of a message type. Raises ConfigurationError if its package is not installed."""
-    package, _, name = full_type_name(message_type).split("/")
-    try:
-        return getattr(import_module(f"{package}.msg"), name)
-    except (ImportError, AttributeError):
-        source = SOURCES.get(package) or f"apt install ros-$ROS_DISTRO-{package.replace('_', '-')}"
-        raise ConfigurationError(
-            f"message type {message_type} needs the ROS package {package}, which is not installed: {source}, or source "
-            "the workspace that has it"
-        ) from None
 
 
 def advertise(node: Node, topic: topics.OutputTopic, name: str = "", overridable: bool = True) -> Publisher:
@@ -144,7 +126,7 @@ class PeopleOutputs:
     def __init__(self, node: Node, skeleton: Skeleton, config: NodeSettings, title: str) -> None:
         """Raises ConfigurationError if the package of a required message type is not installed."""
         if config.publish_tf != OFF:
-            message_class(topics.TF_OUTPUT.message_type)  # now, not when the first person comes
+            message_class(topics.TF_OUTPUT.message_type)  # raises now, not when the first person appears
         self._of = partial(PersonOutputs, node, skeleton, config, title)
         self._people: dict[str, PersonOutputs] = {}
         self._ids: list[str] = []
@@ -158,13 +140,22 @@ class PeopleOutputs:
         self._publish_list()
 
     def publish(self, frames: list[FrameResult], ids: list[str]) -> None:
-        """Publish the frames of all people. ids: ids of all present people, also those without a frame."""
+        """Publish the frames of all people. ids: ids of all present people, also those without a frame.
+
+        Raises SkeletonError like `PersonOutputs.publish`, after the topics of all people have been published.
+        """
         copy_markers = self._markers.publish if subscribers(self._markers) else None
+        fault: SkeletonError | None = None
         for frame in frames:
-            if frame.person not in self._people:
-                self._people[frame.person] = self._of(frame.person)
-            self._people[frame.person].publish(frame, copy_markers)
+            try:
+                if frame.person not in self._people:
+                    self._people[frame.person] = self._of(frame.person)
+                self._people[frame.person].publish(frame, copy_markers)
+            except SkeletonError as error:
+                fault = error
         self.keep(ids)
+        if fault is not None:
+            raise fault
 
     def keep(self, ids: list[str]) -> None:
         """Destroy the publishers of people who have left, and publish the list of ids if it has changed."""

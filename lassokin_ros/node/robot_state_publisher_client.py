@@ -1,7 +1,7 @@
 """Client of a robot_state_publisher: sets its URDF to ~/robot_description, so that its TF has the calibrated lengths.
 
 robot_state_publisher of Jazzy reads its URDF only from its parameter robot_description, which can be set while it runs.
-The node sets it only if its present value is a URDF of this node, and never that of a robot.
+The node sets it only if its present value is a URDF of this node. It never replaces the URDF of a robot.
 """
 
 from __future__ import annotations

@@ -15,9 +15,9 @@ from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
 
 KEPT = 16
-"""Depth images in memory. Detectors that take longer than that many periods find no image."""
+"""Depth images in memory. If a detector's delay is longer than this many periods, its image is no longer in memory."""
 OLDEST = 1.5
-"""Periods by which the newest depth image may be older than the keypoints, if theirs has not come."""
+"""Periods by which the newest depth image may be older than the keypoints, if the image of their time has not come."""
 LONGEST_PERIOD_NS = 200_000_000
 """ns: assumed period of the depth images before two have come, and its upper limit."""
 OVERTAKEN_NS = 1_000_000_000
@@ -30,7 +30,6 @@ REGISTERED_NAMES = ("aligned_depth_to_color", "depth_registered", "depth_to_rgb"
 
 RECEIVED, MATCHED, UNMATCHED = "depth: received", "depth: matched", "depth: no image of the keypoints' time"
 REFUSED, NOT_REGISTERED = "depth: refused", "depth: not registered"
-REFUSAL = "depth image refused"
 EARLIER = "depth: matched, the image before"
 COUNTS = (RECEIVED, MATCHED, EARLIER, UNMATCHED, REFUSED, NOT_REGISTERED)
 """Keys of the counts: depth images received and refused; keypoint messages with and without a depth image. Those with
@@ -50,6 +49,7 @@ class DepthImages:
         self._registered = registered or any(name in topic for name in REGISTERED_NAMES)
         self._images: deque[DepthImage | CompressedDepth] = deque(maxlen=KEPT)
         self._period_ns = LONGEST_PERIOD_NS
+        self._refused = False  # `fault` is that of a refused image
         self.fault = ""
         """Why depth images are not used, in words; empty if they are."""
         self.note = ""
@@ -80,8 +80,8 @@ class DepthImages:
             image = decode_compressed_depth(message) if hasattr(message, "format") else decode_depth_image(message)
         except AdapterError as error:
             return self._refuse(error)
-        if self.fault.startswith(REFUSAL) and isinstance(image, DepthImage):
-            self.fault = ""
+        if self._refused and isinstance(image, DepthImage):
+            self.fault, self._refused = "", False
         image = replace(image, stamp_ns=image.stamp_ns or arrival_ns)
         assert image.stamp_ns is not None
         if (newest := self.newest_ns) is not None:
@@ -119,11 +119,11 @@ class DepthImages:
             self._refuse(error)
             return keypoints
         if fault := self._registration_fault(image, size, (keypoints.frame_id, frame_id)):
-            self.fault = fault
+            self.fault, self._refused = fault, False
             self._counts[NOT_REGISTERED] += 1
             return keypoints
         self._counts[MATCHED] += 1
-        self.fault = ""
+        self.fault, self._refused = "", False
         depth = sample_depth(image, keypoints.xy, size)
         assert image.stamp_ns is not None
         age_ns = stamp_ns - image.stamp_ns
@@ -135,7 +135,7 @@ class DepthImages:
 
     def _refuse(self, error: AdapterError) -> str:
         self._counts[REFUSED] += 1
-        self.fault = f"{REFUSAL}: {error}"
+        self.fault, self._refused = f"depth image refused: {error}", True
         return error.reason
 
     def _unpacked(self, image: DepthImage | CompressedDepth) -> DepthImage:

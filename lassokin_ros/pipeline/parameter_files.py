@@ -64,7 +64,7 @@ def _value(name: str, text: str) -> Any:
 
 def _check_name(name: str, source: str) -> None:
     """Raise ConfigurationError if the parameter does not exist."""
-    known = [item.name for item in _all_fields()]
+    known = [item.name for item in all_settings()]
     if name in known or name.split(".")[0] in IGNORED:
         return
     close = get_close_matches(name, known, 1)
@@ -72,7 +72,8 @@ def _check_name(name: str, source: str) -> None:
     raise ConfigurationError(f"{source}: there is no parameter '{name}'; {hint}")
 
 
-def _all_fields() -> list[Field]:
+def all_settings() -> list[Field]:
+    """Return all settings that are parameters, in the order of config/tracker.yaml and of the reference."""
     return [*fields(TrackerConfig), *fields(NodeSettings)]
 
 

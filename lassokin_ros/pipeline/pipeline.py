@@ -128,10 +128,14 @@ class Pipeline:
         return {person: height for person, height in found.items() if height is not None}
 
     def reset(self) -> None:
-        """Forget all people and the stamps. The camera and the counts stay."""
-        self._stamps.reset()
+        """Forget all people, the stamps and the depth images. The camera and the counts stay."""
         if self.depth is not None:
             self.depth.reset()
+        self.forget_people()
+
+    def forget_people(self) -> None:
+        """Forget all people and the stamps."""
+        self._stamps.reset()
         self._forget_people()
 
     def _forget_people(self) -> None:

@@ -3,8 +3,8 @@
 Detectors write such placeholders for keypoints that they did not find, often with a confidence above 0: the border of
 the image (clamped coordinates), (-1, -1), the centre of the image, or one position for several keypoints.
 
-A clamped point is at the border or beyond. It is missing here. As a bound on one side it would hardly help, see
-docs/faults.md.
+A clamped point is at the border or beyond. It is treated as missing. Its use as a bound on one side would hardly
+improve the pose, see docs/faults.md.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def without_placeholders(keypoints: Keypoints, size: tuple[int, int]) -> Keypoin
 
 
 def _is_free(xy: np.ndarray, size: tuple[int, int]) -> bool:
-    """Return True if points (k, 2) inside the image surely hold no placeholder; a third of the time of the tests."""
+    """Return True if points (k, 2) surely hold no placeholder. This takes a third of the time of the full tests."""
     if len(xy) == 0:
         return True
     if min(size) <= 0:

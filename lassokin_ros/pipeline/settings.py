@@ -11,11 +11,13 @@ from lassokin_ros.core.yaml_files import SUFFIXES
 from msg_adapters.detectors.registry import ADAPTERS, full_type_name
 from msg_adapters.output_messages.people import BUILDERS
 
+OPTICAL_FRAME = "camera_optical_frame"
+"""Name of the camera's optical frame (z forward, x right, y down) if nothing else gives one."""
 MESSAGE, NODE = "message", "node"
 ROOT, ALL = "root", "all"
 PEOPLE_TYPES = tuple(BUILDERS)
 PER_BODY_TYPE = "hri_msgs/msg/Skeleton2D"
-"""Keypoints of one person, who is named by the topic."""
+"""Message type with the keypoints of one person; the name of the topic contains the id of the person."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,7 @@ class NodeSettings:
         "empty: camera_roll and camera_pitch are used",
     )
     base_frame: str = setting(
-        "camera_optical_frame", "base link of robot_description until the first keypoints give their frame_id"
+        OPTICAL_FRAME, "base link of robot_description until the first keypoints give their frame_id"
     )
     frame_prefix: str = setting(
         "~/", "precedes the names of TF frames and URDF links; ~ is the node's name; <id>/ follows with several people"
@@ -74,7 +76,6 @@ class NodeSettings:
     rep155: bool = setting(
         False, "several people's topics and frames as in REP-155: /humans/bodies/<id>/, the list as hri_msgs/IdsList"
     )
-
     publish_tf: str = setting(
         OFF,
         "TF of each person: the root (<frame_prefix>body, rep155: body_<id> between the hips; x front, z up), or all "
@@ -104,7 +105,7 @@ class NodeSettings:
 
     @property
     def several_people(self) -> bool:
-        """True when topics are one set for each person."""
+        """True if each person has a separate set of topics."""
         return self.max_people > 1 or self.rep155
 
     @property
@@ -118,7 +119,7 @@ class NodeSettings:
         return self.rep155 and not self.topic_per_body
 
     def checked(self) -> NodeSettings:
-        """Itself, when every value has the right type and range."""
+        """Return self if every value has the right type and range; else raise ConfigurationError."""
         for item in fields(self):
             check_setting(item.name, getattr(self, item.name), item.metadata, type(item.default))
         if full_type_name(self.keypoints_type) not in ADAPTERS:

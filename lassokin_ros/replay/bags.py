@@ -21,10 +21,11 @@ STORAGES = ("sqlite3", "mcap")
 FILE_NAME = "recording"
 """Stem of the data file in a recording's folder. It is fixed, so that the bytes do not depend on the folder's name."""
 WRITTEN_TOGETHER = 250
-"""Messages that are passed to the storage at once. One at a time takes four times as long: between two frames of a
-tracker, the code of the storage leaves the caches of the processor."""
+"""Messages that are passed to the storage at once. One at a time takes four times as long, because while a frame is
+tracked, the code of the storage is displaced from the caches of the processor."""
 READ_TOGETHER, READ_BYTES = 64, 100_000
-"""Messages that are read and deserialised at once, for the same reason, and the size from which they are fewer."""
+"""Largest number of messages that are read and deserialised at once, for the same reason, and bytes after which a group
+ends earlier."""
 
 PART_SUFFIX = ".part"
 """Suffix of the hidden folder beside a recording, in which the recording is written until it is complete."""
@@ -139,7 +140,7 @@ class BagReader:
         for types in (self.types, *older):
             try:
                 return types.deserialize_cdr(data, message_type)
-            except Exception:  # rosbags raises whatever the wrong bytes lead to
+            except Exception:  # wrong bytes can cause any exception in rosbags
                 continue
         return None
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from lassokin_ros.pipeline.outputs import topics
+from lassokin_ros.pipeline.settings import OPTICAL_FRAME
 from lassokin_ros.replay.bags import BagWriter, typestore
 from msg_adapters.backends import RosbagsBackend
 from msg_adapters.inputs import camera_info, point_cloud
@@ -23,7 +24,7 @@ def write_keypoint_recording(
     K: np.ndarray,
     D: np.ndarray,
     size: tuple[int, int],
-    frame_id: str = "camera_optical_frame",
+    frame_id: str = OPTICAL_FRAME,
     storage: str = "mcap",
     replace: bool = False,
 ) -> None:

@@ -59,7 +59,7 @@ class OfflineTracker:
         only_track: make no messages of people's poses.
         Raises a LassokinError if the configuration cannot be used.
         """
-        self._ready_made, self._only_track = serialised, only_track
+        self._serialised, self._only_track = serialised, only_track
         self.pipeline = Pipeline(tracker_config, node_config)
         self.frame_seconds: list[float] = []
         """Time for decoding and tracking each message, s."""
@@ -194,7 +194,7 @@ class OfflineTracker:
         self.initialisations += frame.estimate.initialised
         self._reinitialised += frame.estimate.initialised and frame.person in self._people
         if frame.person not in self._people:
-            self._people[frame.person] = PersonMessages(self._backend, self.pipeline, frame.person, self._ready_made)
+            self._people[frame.person] = PersonMessages(self._backend, self.pipeline, frame.person, self._serialised)
         if not self._only_track:
             yield from self._people[frame.person].build(frame)
 

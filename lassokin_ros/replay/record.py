@@ -10,10 +10,10 @@ import argparse
 import hashlib
 import json
 from dataclasses import asdict, dataclass
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from lassokin_ros.common.version import version
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.yaml_files import load_mapping, read_text
 from lassokin_ros.pipeline.camera.calibration_file import split_camera
@@ -84,7 +84,7 @@ def origin_of(options: argparse.Namespace) -> Origin:
         settings["--camera_info"] = _digest([split_camera(options.camera_info)[0]]), options.camera_info.name
     # Exports do not change the recording, so they are not part of the settings (see archive/output_files.py).
     text = json.dumps(settings, sort_keys=True)
-    return Origin(_version(), _digest(_files(options.bag)), hashlib.sha256(text.encode()).hexdigest())
+    return Origin(version(), _digest(_files(options.bag)), hashlib.sha256(text.encode()).hexdigest())
 
 
 def record_of(path: Path) -> Record | None:
@@ -96,13 +96,6 @@ def record_of(path: Path) -> Record | None:
         return Record(origin, Figures(*(values[name] for name in Figures.__dataclass_fields__)))
     except (LassokinError, KeyError, TypeError, ValueError):
         return None
-
-
-def _version() -> str:
-    try:
-        return metadata.version("lassokin_ros")
-    except metadata.PackageNotFoundError:  # run from the source folder, not installed
-        return "unknown"
 
 
 def _files(bag: Path) -> list[Path]:

@@ -1,4 +1,4 @@
-"""The data files of a recording: which belong to it, whether all are there, and their readers of rosbags.
+"""The data files of a recording: their names, a check that none is missing, and their rosbags readers.
 
 An incomplete recording is refused: a part is missing, a file was cut, or a file has fewer messages than metadata.yaml
 states. In all other respects the files are used, not metadata.yaml.
@@ -98,7 +98,7 @@ def open_files(path: Path, stack: ExitStack) -> tuple[list[DataFile], Metadata |
 
 
 def _check_parts(folder: Path, names: Sequence[str]) -> None:
-    """Raise BagError if a listed file is missing, if a number between the parts is, or if a part is not listed."""
+    """Raise BagError if a listed file is missing, a part number is left out, or a part is not listed."""
     for name in names:
         if not (folder / name).is_file():
             raise BagError(f"{folder} is incomplete: its file '{name}' is missing, which {METADATA} lists")
@@ -118,7 +118,7 @@ def _check_parts(folder: Path, names: Sequence[str]) -> None:
 
 
 def _numbers(names: Iterable[str]) -> dict[tuple[str, str], set[int]]:
-    """Return the numbers of the parts, by (what stands before the number, suffix)."""
+    """Return the numbers of the parts, by (prefix, suffix)."""
     found: dict[tuple[str, str], set[int]] = {}
     for part in filter(None, map(PART.fullmatch, names)):
         found.setdefault((part["stem"], part["suffix"]), set()).add(int(part["number"]))

@@ -168,7 +168,6 @@ def _exports(options: argparse.Namespace, tracker: OfflineTracker) -> Exports | 
     """Return the collector of the exports, None without --export. Raises a LassokinError for an unusable path."""
     if not options.export:
         return None
-
     pipeline = tracker.pipeline
     recorder = MotionRecorder(pipeline.tracker.layout.names, lambda: level_from_camera(*pipeline.camera_angles))
     tracker.listeners.append(recorder.add)
@@ -176,7 +175,6 @@ def _exports(options: argparse.Namespace, tracker: OfflineTracker) -> Exports | 
 
 
 def _figures(tracker: OfflineTracker) -> Figures:
-
     counts, error = tracker.pipeline.counts, tracker.reprojection_px
     median = round(float(np.median(error)), 3) if error else None
     return Figures(counts["received"], counts["accepted"], tracker.times_lost, median)
@@ -185,7 +183,6 @@ def _figures(tracker: OfflineTracker) -> Figures:
 def _summary(
     title: str, inputs: Sequence[str], tracker: OfflineTracker, seconds: float, written: Mapping[str, str]
 ) -> str:
-
     counts, error = tracker.pipeline.counts, tracker.reprojection_px
     rejected = {key.partition(": ")[2]: n for key, n in sorted(counts.items()) if key.startswith("rejected: ")}
     times = 1e3 * np.array(tracker.frame_seconds or [np.nan])

@@ -22,12 +22,12 @@ UNITS = {1.0: "m", 0.01: "cm", 0.001: "mm", 0.0254: "inches", 0.3048: "feet", 0.
 METRIC = ("m", "cm", "mm")
 """The usual units, for which nothing is logged."""
 NEAR = 1.55
-"""A size within this factor of that of a person of `height` is near.
+"""A size counts as near if it differs from that of a person of `height` by at most this factor.
 
-The ratio of inches and centimetres is its square.
+It is less than the square root of 2.54, the ratio of inch and centimetre, so that only one of both can be near.
 """
 PLAUSIBLE = (0.6, 2.4)
-"""m over the longest side of a tree with unknown joints."""
+"""m: range of the longest side of a tree with unknown joints."""
 LOG = logging.getLogger(__name__)
 LIMBS = [[f"{side}_{joint}" for joint in limb.split()] for limb in ("shoulder elbow wrist", "hip knee ankle")
          for side in SIDES]  # fmt: skip

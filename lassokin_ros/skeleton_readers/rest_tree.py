@@ -11,7 +11,7 @@ from lassokin_ros.core.errors import SkeletonError
 
 MOST_JOINTS = 1000
 LARGEST_OFFSET = 1e9
-"""Of a joint in a file, in its own unit. Sums and products of offsets stay finite."""
+"""Largest offset of a joint in a file, in the file's unit. It keeps sums and products of offsets finite."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from lassokin_ros.skeleton_readers.rest_tree import RestTree, to_skeleton
 LARGEST = 2**28
 """bytes of one array. The largest array read from SMPL, 6890 vertices by 300 shapes, has 50 MB."""
 LARGEST_VALUE = 1e9
-"""Of an array, in its own unit. Products of three arrays stay finite."""
+"""Largest absolute value in an array, in its own unit. It keeps products of three arrays finite."""
 MOST_VERTICES = 100_000
 ADVICE = "see docs/files.md for how to make the file from SMPL's own"
 

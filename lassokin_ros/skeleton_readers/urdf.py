@@ -41,15 +41,21 @@ class Joint:
 
 
 def read(path: Path, height: float) -> Skeleton:
+    """Return the skeleton of a URDF file, see `parse`."""
+    return parse(read_text(path, SkeletonError), str(path), height, path.stem)
+
+
+def parse(text: str, source: str, height: float, name: str = "robot") -> Skeleton:
     """Return the skeleton of a URDF, for a person of `height` m. Lengths are in metres, as in URDF.
+
+    source: for messages. name: of the skeleton, if the URDF has none.
 
     A URDF written by this package gives the original skeleton. In another URDF the links are identified by name (see
     naming), and the zero pose is turned into a T-pose. Raises SkeletonError.
     """
-    source = str(path)
-    robot = _root(read_text(path, SkeletonError), source)
+    robot = _root(text, source)
     joints = _joints(robot, source)
-    name = robot.get("name") or path.stem
+    name = robot.get("name") or name
     if set(ROOT_JOINTS) <= {joint.name for joint in joints}:
         return to_skeleton(_joints_of_our_urdf(joints, source), height, source, name)
     named = in_our_names(_links(joints), source)

@@ -8,11 +8,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from lassokin_ros.common.exit_codes import INTERRUPTED, USAGE_ERROR
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.video import PROGRAM
 
-USAGE_ERROR = 2
-INTERRUPTED = 130
 QUIET = {"GLOG_minloglevel": "3", "TF_CPP_MIN_LOG_LEVEL": "3", "OPENCV_FFMPEG_LOGLEVEL": "-8", "RUST_LOG": "off"}
 """Environment variables that keep libraries (MediaPipe, FFmpeg, Rerun) from writing to stderr beside our line."""
 WINDOW = Path()

@@ -1,4 +1,4 @@
-"""The output video: the image with keypoints and reprojected skeleton, beside the skeleton in 3D, which turns."""
+"""The output video: the image with keypoints and reprojected skeleton, beside the rotating skeleton in 3D."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ PLOTTED = ("left_knee", "right_knee", "left_elbow", "right_elbow")
 REPROJECTION, UNCERTAINTY = "reprojection", "uncertainty"
 FIGURES = {REPROJECTION: "reprojection error, px", UNCERTAINTY: "joint uncertainty, cm"}
 COLOURS = {"left": (0, 114, 178), "right": (213, 94, 0), "middle": (77, 77, 77)}
-"""Of the sides, as in the report."""
+"""Colours of the body's sides, as in the report."""
 KEYPOINT, ELLIPSOID = (0, 158, 115), (86, 180, 233)
 POINT_SIZE, LINE_SIZE, THIN_SIZE = -3.0, -1.5, -0.5
 """Radii; for Rerun a negative number is in points of the screen, independent of the zoom."""

@@ -37,7 +37,7 @@ class Source:
     """An open source. size: (width, height) px after rotation. fps: nominal, Hz. count: images, 0 = unknown.
 
     content: (width, height) px between black bars, see `content_size`.
-    live: a camera, whose images are of the moment at which they are read.
+    live: True for a camera, whose images show the moment at which they are read.
     """
 
     name: str

@@ -21,6 +21,7 @@ from lassokin_ros.core.evidence.upright import level_from_camera
 from lassokin_ros.detector.backend import Detector, make_detector
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.parameter_files import offline_settings
+from lassokin_ros.pipeline.settings import OPTICAL_FRAME
 from lassokin_ros.replay.bags import typestore
 from lassokin_ros.replay.exports.exports import Exports
 from lassokin_ros.replay.motion import MotionRecorder
@@ -37,7 +38,6 @@ from msg_adapters.inputs import point_cloud
 
 FIRST_STAMP_NS = 1_000_000_000
 """ns: a stamp of zero means no stamp."""
-FRAME = "camera_optical_frame"
 COMPLETE = 0.9
 """Share of the announced images from which a file counts as complete. Some formats give only an estimate."""
 
@@ -73,7 +73,7 @@ def track(options: argparse.Namespace) -> Tracked:
     with ExitStack() as stack, AtomicFiles(options.force, OutputError) as files:
         stack.callback(detector.close)
         camera = _camera(options, source)
-        info = camera.message(backend, FIRST_STAMP_NS, FRAME)
+        info = camera.message(backend, FIRST_STAMP_NS, OPTICAL_FRAME)
         for _ in tracker.camera_info(info, FIRST_STAMP_NS):
             pass
         video = None
@@ -149,7 +149,7 @@ class Run:
         began = time.monotonic()
         found = self._detector.detect(image.rgb, image.seconds)
         self.detect_seconds.append(time.monotonic() - began)
-        message = point_cloud(self._backend, stamp_ns, FRAME, found.pixels, found.confidence)
+        message = point_cloud(self._backend, stamp_ns, OPTICAL_FRAME, found.pixels, found.confidence)
         if self._report is not None:
             self._report.add_image(stamp_ns, lambda: image.rgb)
         if self._video is not None:

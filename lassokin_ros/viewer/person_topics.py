@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -14,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.image.projection import project
-from lassokin_ros.node.person_outputs import message_class
+from lassokin_ros.node.message_types import message_class
 from lassokin_ros.node.qos import sensor_data
 from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.outputs import topics
@@ -25,7 +23,7 @@ from msg_adapters.output_messages.joint_uncertainty import read_uncertainty_clou
 
 DEPTH = 10
 ERROR_KEY = "reprojection error [px]"
-"""Of the certificate."""
+"""Key of the reprojection error in ~/certificate."""
 
 
 class PersonTopics:
@@ -61,10 +59,8 @@ class PersonTopics:
 
     def _on_description(self, message: Any) -> None:
         """Store joint names and tree. Raises SkeletonError."""
-        with TemporaryDirectory(prefix="lassokin_") as folder:
-            path = Path(folder) / "robot_description.urdf"
-            path.write_text(message.data, encoding="utf-8")
-            self._skeleton = urdf.read(path, height=1.0)  # landmarks, which need the height, are not shown
+        # The landmarks, which need the height, are not shown.
+        self._skeleton = urdf.parse(message.data, "robot_description", height=1.0)
 
     def _on_joints(self, message: Any) -> None:
         skeleton = self._skeleton

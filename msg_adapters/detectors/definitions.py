@@ -1,4 +1,4 @@
-"""Message types of detectors whose packages Jazzy does not bring: field names, types and order.
+"""Message types of detectors whose packages are not part of Jazzy: field names, types and order.
 
 Recordings in sqlite3 contain no definitions; these are used instead. They are those of the packages: hri_msgs of
 github.com/ros4hri/hri_msgs, yolo_msgs of github.com/mgonzs13/yolo_ros, zed_msgs of
@@ -47,7 +47,7 @@ DEFINITIONS = {
     ),
     "zed_msgs/msg/ObjectsStamped": "std_msgs/Header header\nzed_msgs/Object[] objects",
 }
-"""Message type -> definition. A type stands after those of its fields."""
+"""Message type -> definition. Each type comes after the types of its fields."""
 
 OLDER = {
     "zed_msgs/msg/Object": DEFINITIONS["zed_msgs/msg/Object"].removesuffix(

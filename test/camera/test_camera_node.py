@@ -2,6 +2,7 @@
 
 import sys
 import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -25,6 +26,12 @@ COMMAND = [sys.executable, "-m", "lassokin_ros.camera.command"]
 FRAMES, FPS, SIZE = 12, 20.0, (160, 120)
 SIDE = 80
 DEADLINE_S = 30.0
+CALIBRATION = """
+image_width: 8
+image_height: 8
+camera_matrix: {data: [9.0, 0, 4, 0, 9, 4, 0, 0, 1]}
+distortion_coefficients: {data: [0.0, 0, 0, 0, 0]}
+"""
 
 
 class Log:
@@ -33,7 +40,11 @@ class Log:
     def __init__(self):
         self.lines = {"info": [], "warning": [], "error": []}
         for level, lines in self.lines.items():
-            setattr(self, level, lines.append)
+            setattr(self, level, partial(self._add, lines))
+
+    @staticmethod
+    def _add(lines, text, throttle_duration_sec=0.0):
+        lines.append(text)
 
 
 @pytest.fixture
@@ -133,6 +144,30 @@ def test_a_disconnected_camera_is_reported_once_and_opened_again(ros, log, monke
     assert not node._thread.is_alive()
     assert set(log.lines["error"]) == {"camera 0 gives no more images; waiting for it"} and not log.lines["warning"]
     assert opened[:4] == ["0"] * 4
+
+
+def test_another_camera_at_the_same_number_is_reported_and_not_used(ros, log, monkeypatch, tmp_path):
+    """Its images have another aspect ratio than the calibration."""
+    calibration = tmp_path / "camera.yaml"
+    calibration.write_text(CALIBRATION, encoding="utf-8")
+    sizes = iter([(8, 8), (16, 8), (16, 8)])
+
+    def open_source(name):
+        size = next(sizes, (8, 8))
+
+        def images():
+            yield SourceImage(0.0, np.zeros((*size[::-1], 3), np.uint8))
+            raise SourceError("camera 0 gives no more images")
+
+        return Source("camera 0", size, size, 30.0, 0, images(), live=True)
+
+    monkeypatch.setattr(camera_module, "open_source", open_source)
+    monkeypatch.setattr(camera_module, "RETRY_S", 0.02)
+    node = camera(*ros, "/other", calibration=str(calibration))
+    spin_until(ros[1], lambda: "camera 0 is back" in log.lines["info"], "the camera")
+    node.destroy_node()
+    assert not node._thread.is_alive()
+    assert any("waiting for the camera" in line and "16 x 8" in line for line in log.lines["error"])
 
 
 @pytest.mark.parametrize(

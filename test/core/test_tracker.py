@@ -13,6 +13,8 @@ from sequences import CONFIG, FOCAL, NOISE_PX, RATE, aligned_error, frame, obser
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.landmarks import built_in_layouts
 from lassokin_ros.core.body.rotations import exponential
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.evidence.upright import Upright
@@ -116,6 +118,8 @@ def bad_observations(good):
         (Rejection.WRONG_SHAPE, broken(good, points=np.zeros((17, 3)))),
         (Rejection.WRONG_SHAPE, broken(good, confidence=confidence[:-1])),
         (Rejection.WRONG_SHAPE, broken(good, points=np.zeros((0, 2)), confidence=np.zeros(0))),
+        (Rejection.WRONG_SHAPE, broken(good, depth=np.full(16, 3.0), depth_of_surface=True)),
+        (Rejection.WRONG_SHAPE, broken(good, depth=np.full(17, 3.0), depth_deviation=np.full(3, 0.03))),
         (Rejection.NOT_FINITE, broken(good, stamp=np.nan)),
         (Rejection.NOT_FINITE, broken(good, stamp=np.inf)),
         (Rejection.NOT_FINITE, broken(good, focal=np.nan)),
@@ -277,6 +281,26 @@ def test_tuning_to_a_bad_value_changes_nothing():
     with pytest.raises(ValueError, match="noise_px is -1.0; expected"):
         tracker.tune(replace(CONFIG, noise_px=-1.0))
     assert tracker.config == CONFIG
+
+
+def test_tuning_changes_live_settings_only():
+    tracker = Tracker(CONFIG)
+    tracker.tune(replace(CONFIG, height=1.6, landmarks="body25", solver="daqp", depth_prior=False))
+    assert tracker.config == replace(CONFIG, height=1.6) and tracker.skeleton.height == 1.6
+    assert tracker.track(frame(tracker)).accepted
+
+
+def test_a_skeleton_that_cannot_be_loaded_for_a_new_height_changes_nothing(monkeypatch):
+    def load(*_):
+        raise SkeletonError("the file is gone")
+
+    tracker = Tracker(CONFIG)
+    before = tracker.skeleton.height
+    monkeypatch.setattr(Skeleton, "load", load)
+    with pytest.raises(SkeletonError, match="the file is gone"):
+        tracker.tune(replace(CONFIG, height=1.6))
+    assert (tracker.config, tracker.skeleton.height) == (CONFIG, before)
+    assert tracker.track(frame(tracker)).accepted
 
 
 def test_noise_is_in_pixels_of_this_camera():

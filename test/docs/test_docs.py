@@ -237,7 +237,7 @@ def test_figures_are_small_and_shown():
 
 
 def test_every_parameter_is_in_the_tuning_guide():
-    from lassokin_ros.node.parameters import all_settings
+    from lassokin_ros.pipeline.parameter_files import all_settings
 
     text = "".join((DOCS / page).read_text(encoding="utf-8") for page in PAGES)
     missing = [item.name for item in all_settings() if f"`{item.name}" not in text and f"{item.name}:=" not in text]

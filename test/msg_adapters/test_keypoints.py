@@ -78,6 +78,16 @@ def test_ids_outside_the_layout_and_repeated_ones_are_refused():
     assert np.isnan(points).all() and points.shape == (3, 2) and not confidence.any()
 
 
+def test_depths_are_those_of_the_points_that_are_used():
+    """A point is left out with its depth, whatever its id."""
+    for wrong in (999, -1):
+        found = keypoints([0, 1, wrong], confidence=[0.5, 0.5, 90], depth=np.array([1.0, 2.0, 3.0]))
+        assert found.as_landmarks(4)[1].tolist() == [0.5, 0.5, 0, 0]
+        assert np.array_equal(found.depth_as_landmarks(4), [1.0, 2.0, np.nan, np.nan], equal_nan=True)
+        present = keypoints([0, 1, wrong], depth=np.array([1.0, 2.0, 3.0]))
+        refused(lambda: present.depth_as_landmarks(4), "unknown_id")
+
+
 def test_each_person_has_its_points():
     both = keypoints([0, 1, 0, 2], persons=[7, 7, 3, 3], depth=np.array([1.0, 2.0, 3.0, np.nan]))
     assert both.as_landmarks(3, person=7)[1].tolist() == [0.5, 0.5, 0]

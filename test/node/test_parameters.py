@@ -8,7 +8,8 @@ import yaml
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError
-from lassokin_ros.node.parameters import all_settings, parameter_file, parameter_table
+from lassokin_ros.node.parameters import parameter_file, parameter_table
+from lassokin_ros.pipeline.parameter_files import all_settings
 from lassokin_ros.pipeline.settings import NodeSettings
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -10,7 +10,8 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
 
-from live import BACKEND, ROOT, TRACKER, NodeProcess, Peer, stamp_of, values_of  # noqa: E402
+import rclpy  # noqa: E402
+from live import BACKEND, NO_HANDLERS, ROOT, TRACKER, NodeProcess, Peer, stamp_of, values_of  # noqa: E402
 from messages import FRAME, camera_info, crowd, pixels_of_motion, rosbags_backend  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from recordings import read, write_messages  # noqa: E402
@@ -18,14 +19,26 @@ from std_srvs.srv import Trigger  # noqa: E402
 
 from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
-from lassokin_ros.node.person_outputs import message_class  # noqa: E402
+from lassokin_ros.core.errors import SkeletonError  # noqa: E402
+from lassokin_ros.node.message_types import message_class  # noqa: E402
+from lassokin_ros.node.person_outputs import PeopleOutputs  # noqa: E402
+from lassokin_ros.pipeline.frame_result import FrameResult  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 from lassokin_ros.pipeline.outputs.description.urdf import urdf  # noqa: E402
+from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 from lassokin_ros.replay.bags import BagReader  # noqa: E402
 
 PIXELS = pixels_of_motion(40)
 RECORDED_NS, PERIOD_NS = 10**12, 33_333_333
 SKELETON = Skeleton.load("anthropometric", 1.75)
+
+
+@pytest.fixture
+def node():
+    context = rclpy.Context()
+    rclpy.init(context=context, signal_handler_options=NO_HANDLERS)
+    yield rclpy.create_node("people", context=context)
+    context.try_shutdown()
 
 
 def two(backend, start_ns, index, persons=(4, 9)):
@@ -102,6 +115,25 @@ def test_each_of_several_people_has_a_set_of_topics():
             again = PeerOfTwo(late)
             late.spin_until(lambda: again.lists() == ["p4,p9"], what="the latched list")
     assert "Traceback" not in node.said
+
+
+def test_a_person_who_cannot_be_described_does_not_stop_the_others(node):
+    published = []
+
+    class Outputs:
+        def __init__(self, person):
+            self.person = person
+
+        def publish(self, frame, copy_markers):
+            if self.person == "p4":
+                raise SkeletonError("p4 has the frame_id of a link")
+            published.append(self.person)
+
+    outputs = PeopleOutputs(node, SKELETON, NodeSettings(max_people=3), "tracker")
+    outputs._of = Outputs
+    with pytest.raises(SkeletonError, match="p4 has"):
+        outputs.publish([FrameResult(1, FRAME, None, person=person) for person in ("p4", "p9")], ["p4", "p9"])
+    assert published == ["p9"] and outputs._ids == ["p4", "p9"]
 
 
 def test_people_leave_when_the_detector_is_silent():

@@ -13,7 +13,7 @@ import rclpy  # noqa: E402
 from live import BACKEND  # noqa: E402
 from messages import camera_info, cloud, pixels_of_motion  # noqa: E402
 
-from lassokin_ros.node.person_outputs import message_class  # noqa: E402
+from lassokin_ros.node.message_types import message_class  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 
 RATE = 60.0

@@ -14,7 +14,7 @@ from lassokin_ros.core.errors import LayoutError
 from lassokin_ros.core.yaml_files import check_keys, finite_numbers, load_mapping, read_text, shipped_mapping, user_path
 
 MOST_LANDMARKS = 1000
-"""Memory grows with the square of the number. A body with both hands and a face mesh has about 550 landmarks."""
+"""Largest number of landmarks. Memory grows with its square. A body with both hands and a face mesh has about 550."""
 
 SURFACE = {
     "hip": 0.055,

@@ -75,7 +75,7 @@ class Proportions:
         return LengthMotion(self._moved(self._reach, bones), self._moved(self._ancestors, bones))
 
     def joint_jacobian(self, pose: BodyPose) -> np.ndarray:
-        """(n, 3, p) m: the same of the joint centres, at the given lengths."""
+        """(n, 3, p) m: derivatives of the joint centres with respect to the log-lengths, at the given lengths."""
         return self._moved(self._ancestors, self._bones(pose, self._given_parts))
 
     def _scaled_parts(self, lengths: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ from lassokin_ros.core.yaml_files import check_keys, finite_numbers, load_mappin
 AXIS_ORDERS = ("xyz", "xzy", "yxz", "yzx", "zxy", "zyx")
 HEIGHT_RANGE = (0.3, 2.6)  # m: an infant to the tallest person measured
 MOST_JOINTS = 300
-"""Memory grows with the square of the number. A body with both hands has 55 joints."""
+"""Largest number of joints. Memory grows with its square. A body with both hands has 55."""
 FARTHEST = 10.0
 """Largest coordinate of a joint at rest, in m or in heights."""
 

@@ -1,7 +1,7 @@
 """The body's surface as a depth camera sees it: capsules along the bones.
 
 At a landmark's keypoint the camera measures the nearest surface. In a side view this often is another part of the body:
-an arm hides the hips, one leg the other. Such a depth says nothing about the landmark.
+an arm may hide the hips, or one leg the other leg. The measured depth is then not that of the landmark.
 """
 
 from __future__ import annotations

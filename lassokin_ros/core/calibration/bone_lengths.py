@@ -256,9 +256,9 @@ class Calibration:
             self._frames = []
 
     def _best(self, found: LengthPosterior) -> np.ndarray:
-        """The mean log-lengths, without the case that the given ones are measured.
+        """The mean log-lengths, computed without the case that the given lengths are measured.
 
-        While that case is probable the lengths stay bitwise equal, so that the track does not change at all.
+        While its probability is above 0.5, the given lengths stay bitwise equal, so that the track does not change.
         """
         guessed = np.array([not model.measured for model in self._models])
         if found.odds[guessed].sum() < 0.5:

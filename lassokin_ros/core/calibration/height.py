@@ -2,8 +2,8 @@
 
 One camera does not observe size: a body twice as tall at twice the distance gives the same keypoints. Measured depths
 remove this ambiguity. In each frame the body's pose is kept fixed. Its scale s and translation t are fitted to the
-keypoints u_i and the depths d_i by weighted least squares, linear in (s, t), with q_i the landmarks relative to the
-pelvis:
+keypoints u_i and the depths d_i by robust least squares on equations that are linear in (s, t), with q_i the landmarks
+relative to the pelvis:
 
     s q_xy + t_xy - u_i (s q_z + t_z) = 0,     s q_z + t_z - d_i = 0.
 
@@ -18,7 +18,7 @@ from lassokin_ros.core.config import TYPICAL_HEIGHT
 from lassokin_ros.core.image.measurement import Measurement
 
 SPREAD = 0.15
-"""Standard deviation of the logarithm of people's heights about that mean, children included."""
+"""Standard deviation of the logarithm of people's heights about that of `TYPICAL_HEIGHT`, children included."""
 FEWEST = 4
 """Smallest number of measured depths in a frame."""
 FRAME_DEVIATION = 0.04
@@ -29,8 +29,8 @@ MEMORY_S = 5.0
 """s: time constant of the average. The first frames' poses are the least exact."""
 LEAST_DEVIATION = 0.035
 """Lower limit of the logarithm's standard deviation, because people's proportions differ from those of the skeleton. It
-is the root mean square over 19 people of motion capture, who are not those of the tests: their heights are measured 3.4
-% too high, with a standard deviation of 1.3 %. A body with the skeleton's proportions is measured to 2 %."""
+is the root mean square error over 19 people of motion capture who are not in the tests. Their measured heights are
+3.4 % too high on average, with a standard deviation of 1.3 %. With the skeleton's proportions the error is 2 %."""
 CHANGE = 0.01
 """Change of the logarithm from which a new height is adopted."""
 PAUSE_S = 0.25
@@ -38,10 +38,11 @@ PAUSE_S = 0.25
 ROUNDS = 4
 """Iterations of the robust fit."""
 LOSS_SCALE = 2.5
-"""Scale of the bounded loss, in standard deviations, as in `measured_depth`."""
+"""Scale of Geman and McClure's loss, in standard deviations. The loss is bounded for errors of both signs. It is
+applied to all three equations of a landmark. `measured_depth` has Cauchy's loss for depths behind the landmark."""
 RANGE = 0.5, 2.3
-"""m: limits of the height. A frame that implies another one is ignored: its depths are those of something else, such as
-the wall behind the person."""
+"""m: limits of the height. A frame that implies a height outside them is ignored, because its depths are not those of
+the person but, for example, of the wall behind."""
 
 
 class HeightEstimator:

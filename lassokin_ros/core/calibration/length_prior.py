@@ -1,8 +1,9 @@
 """Prior distribution of the log-lengths: a mixture of Gaussians, one for each origin that the given lengths may have.
 
 Given lengths are measured, or good guesses, or those of another person. The built-in proportions are not a measurement.
-A person has about these, or those of the people of the motion capture (priors/lengths.yaml, written by
-training/lengths.py), whose joints are other points of the body. The keypoints determine the probability of each case.
+With them there are three cases: the person has about these lengths, or other ones, or lengths like those of the people
+of the motion capture (priors/lengths.yaml, written by training/lengths.py), whose joints are other points of the body.
+The keypoints determine the probability of each case.
 """
 
 from __future__ import annotations

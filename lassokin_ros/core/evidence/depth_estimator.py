@@ -27,7 +27,7 @@ class DepthEstimator:
         """The skeleton's lengths are input to the network if they are not the built-in proportions."""
         self._network, self._height = network, kinematics.skeleton.height
         index = canonical_index(kinematics.layout, kinematics.skeleton)
-        self._index, self._there = np.maximum(index, 0), index >= 0
+        self._index, self._in_layout = np.maximum(index, 0), index >= 0
         self.use_lengths(kinematics.skeleton, not has_built_in_proportions(kinematics.skeleton))
         self._history = History()
         self._mount: np.ndarray | None = None
@@ -38,7 +38,7 @@ class DepthEstimator:
     @property
     def usable(self) -> bool:
         """True if the layout has enough of the points that the network uses."""
-        return int(self._there.sum()) >= LEAST_SEEN
+        return int(self._in_layout.sum()) >= LEAST_SEEN
 
     def use_lengths(self, skeleton: Skeleton, known: bool) -> None:
         """Input a skeleton's bone lengths to the network from the next frame on, or none if they are not known."""
@@ -65,7 +65,7 @@ class DepthEstimator:
         frame, None if unknown. mount: (3,) the vertical by the camera's mount. It is used to rotate a rolled image
         upright, because the network was trained with nearly level cameras.
         """
-        shown = seen.take(self._index) & self._there
+        shown = seen.take(self._index) & self._in_layout
         if mount is not self._mount:
             self._mount, self._level = mount, _upright_image(mount)
         level = self._level

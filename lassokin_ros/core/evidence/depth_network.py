@@ -1,4 +1,4 @@
-"""A small network that estimates the depths of a body's joints from the last second of its keypoints.
+"""A small network that estimates the depths of a body's joints from its keypoints of the last 0.8 s.
 
 The network is a multilayer perceptron with residual blocks, in plain numpy. It serves every landmark layout: a layout's
 landmarks map into one set of canonical points (`CANONICAL`), and a mask tells which of them are seen.
@@ -72,7 +72,6 @@ TYPICAL_LENGTHS = np.array([0.105, 0.246, 0.256, 0.287, 0.225, 0.168, 0.13, 0.08
 LENGTH_SPREAD = 0.02
 """In heights: divisor of a length's difference from the typical one."""
 
-_PAST = len(TIMES) - 1
 _GAINS = np.array([4.0, 3.0, 2.0, 1.2, 0.8])
 """Factors on the differences between the past points and the present ones, which give them a similar size."""
 _TRUNK = np.array([NAMES.index(f"{side}_{joint}") for side in SIDES for joint in ("shoulder", "hip")])

@@ -2,9 +2,10 @@
 
 One row per landmark compares the measurement with z of q_i, the coordinate that the projection (7) discards. A camera
 may measure an occluder in front of the body: the loss is bounded in front of the landmark (Geman and McClure's), and a
-measurement far in front has hardly any influence. A measurement behind the landmark can hardly be an occluder. It says
-that the limb is estimated too near, so the loss has a longer tail there (Cauchy's); with a bounded one, a limb on the
-wrong side in depth would stay there. A measurement more than `FARTHEST` behind is the background and has no influence.
+measurement far in front has hardly any influence. A measurement behind the landmark can hardly be an occluder. Such a
+measurement means that the estimated limb is too near, so the loss has a longer tail there (Cauchy's); with a bounded
+one, a limb on the wrong side in depth would stay there. A measurement more than `FARTHEST` behind is the background and
+has no influence.
 """
 
 from __future__ import annotations
@@ -18,14 +19,15 @@ from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, Linear
 from lassokin_ros.core.image.frame_data import FrameData
 
 WEIGHT_FACTOR = 1.5
-"""Factor on the weights of the depths. Their noise is new in each frame, while the errors of the priors last. It was
-chosen, with the priors' factors `BESIDE_DEPTH`, on three of the network's validation people."""
+"""Factor on the weights of the depths. Their noise is independent from frame to frame, but the errors of the
+priors are not. It was chosen, with the priors' factors `BESIDE_DEPTH`, on three of the network's validation people."""
 FARTHER, NEARER = 3.0, 3.5
 """Scales of the loss for measurements behind and in front of the state's landmark, in standard deviations. They were
-chosen on the network's validation people, with 10 % and with half of the depths on an occluder. With 6 in front, half
-of the depths on an occluder move the body by 12 cm; with 3.5 behind, the first fit may follow an image of a wall."""
+chosen on the network's validation people, with 10 % and with half of the depths on an occluder. With a
+NEARER of 6, the body moves by 12 cm if half of the depths are on an occluder. With a FARTHER of 3.5, the first fit may
+follow an image of a wall."""
 FARTHEST = 0.8
-"""m: a measurement that is farther behind the landmark is the background's, without influence."""
+"""m: a measurement that is farther behind the landmark belongs to the background and has no influence."""
 LARGEST_COST = 0.5 * NEARER**2
 """Limit of a measurement's cost, on both sides. Without it, a body at the distance of the wall behind the person can
 cost less than the person, although it is too small in the image."""

@@ -49,7 +49,7 @@ class Upright(Evidence):
 
     count = 3
     vertical: np.ndarray
-    _seen: float
+    _observed_s: float
 
     def __init__(self, roll: float = 0.0, pitch: float = 0.0) -> None:
         self.set_mount(roll, pitch)
@@ -70,13 +70,13 @@ class Upright(Evidence):
         """Set the measured mount of a camera that may move. The learned vertical is rotated with the camera."""
         first = vertical_of(roll, pitch)
         if not self.configured or np.abs(first - self._first).max() > LEAST_TILT:
-            self.vertical = first if self._seen == 0 else _rotate_between(self.vertical, self._first, first)
+            self.vertical = first if self._observed_s == 0 else _rotate_between(self.vertical, self._first, first)
             self._first, self.configured = first, True
 
     def reset(self) -> None:
         """Return to the vertical of the camera's mount."""
         self.vertical = self._first
-        self._seen = 0.0  # s
+        self._observed_s = 0.0
 
     @property
     def mount(self) -> np.ndarray:
@@ -86,20 +86,20 @@ class Upright(Evidence):
     @property
     def learned_for(self) -> float:
         """Time in s for which the vertical has been learned."""
-        return self._seen
+        return self._observed_s
 
     def adopt(self, others: Iterable[Upright]) -> None:
         """Copy the vertical from the one of `others`, for the same camera, that has learned it for the longest time."""
-        longest = max(others, key=lambda other: other._seen, default=self)
-        if longest._seen > 0:
-            self.vertical, self._seen = longest.vertical, longest._seen
+        longest = max(others, key=lambda other: other._observed_s, default=self)
+        if longest._observed_s > 0:
+            self.vertical, self._observed_s = longest.vertical, longest._observed_s
 
     def candidates(self) -> list[tuple[np.ndarray, float]]:
         """The verticals (3,) to try in the first frame, each with its cost (negative log-likelihood).
 
         They are the mount's vertical and those of cameras pitched up and down from it, or only the learned vertical.
         """
-        if self._seen > 0:
+        if self._observed_s > 0:
             return [(self.vertical, 0.0)]
         across = hat(self._first) @ _SIGHT
         size = math.sqrt(across.dot(across))
@@ -108,11 +108,14 @@ class Upright(Evidence):
         return [(self._first, 0.0), *((tilt @ self._first, TILT_COST) for tilt in tilts)]
 
     def learn(self, root: np.ndarray, step: float) -> None:
-        """Move the vertical towards the pelvis' y axis; root: (3, 3), held for `step` s. Ignored beyond 60 degrees."""
+        """Move the vertical towards the pelvis' y axis.
+
+        root: (3, 3), the orientation during the last `step` s; ignored if it is more than 60 degrees from the vertical.
+        """
         up, step = root[:, 1], min(step, LONGEST_STEP)
         if up.dot(self.vertical) > 0.5:
-            self._seen += step
-            share = min(step / min(FIRST_LEARNED_IN + self._seen, LEARNED_IN), 1.0)
+            self._observed_s += step
+            share = min(step / min(FIRST_LEARNED_IN + self._observed_s, LEARNED_IN), 1.0)
             moved = self.vertical + share * (up - self.vertical)
             self.vertical = moved / math.sqrt(moved.dot(moved))
 

@@ -1,7 +1,7 @@
 """Body hypotheses: alternative states, tracked together with the published state until one is clearly better.
 
-In the image of one camera, a body that faces away fits almost as well as one that faces the camera. A tracker that has
-the wrong one does not leave it by small steps. The same holds for a squatting person estimated as a leaning one.
+In the image of one camera, a body that faces away fits almost as well as one that faces the camera. Small
+steps do not lead from one to the other. The same holds for a squatting person who is estimated as a leaning one.
 Therefore a few alternative states are fitted to each frame. They start in turn from the mean pose, turned to one side
 after another, and from the present state with both legs mirrored in depth. Each gets one Gauss-Newton step per frame,
 coarse to fine. If the mean cost of a hypothesis over its last frames is lower than that of the published state by a

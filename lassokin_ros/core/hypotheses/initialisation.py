@@ -37,7 +37,7 @@ MIRRORED_SCHEDULE = ((2.0, 4), (1.0, 6))
 NEAR_SCHEDULE = ((4.0, 3), (1.0, 5))
 """Schedule for a start near the solution."""
 OTHER_POSE = 0.05
-"""m: mean distance of joints, relative to the pelvis, from which a fit is another explanation than the best one."""
+"""m: mean distance of joints, relative to the pelvis, from which a fit counts as another pose than the best one."""
 DAMPING = 1e-3  # 1/rad^2, fixes unobservable degrees of freedom
 LARGEST_TURN = 0.7
 """rad: largest rotation of a degree of freedom in one step."""

@@ -57,7 +57,7 @@ class NetworkHypothesis:
         tracked: BodyPose,
         cost: float,
     ) -> BodyState | None:
-        """The fitted state, if a fit ends with this frame and is another and better explanation, else None.
+        """The fitted state, if a fit ends in this frame, differs from the tracked pose and has a lower cost, else None.
 
         find_places: `DepthEstimator.places`. tracked: pose of the tracked state, whose cost is `cost`.
         """

@@ -27,9 +27,10 @@ BALANCE_MARGIN = 0.2
 more than this. The network may take a squat, which its training data hardly has, for a lean: 0.33 m in the demo, by
 which the rule was found. On the people of validation, it is less than 0.06 m in 29 of 30 replacements."""
 FIT_AFTER = 0.15
-"""s since the last new keypoints. At this rate a state found for one frame is too old for the next one."""
+"""s since the last new keypoints from which the frame starts from a fit. At lower rates, a state found for one frame is
+too old for the next one."""
 REINITIALISATION_SHARE = 0.5
-"""Share of the tracked state's cost below which the cost of a newly initialised state must be."""
+"""A newly initialised state replaces the tracked one if its cost is below this share of the tracked state's cost."""
 
 
 def body_replaces(advantage: float) -> bool:
@@ -48,8 +49,9 @@ def network_replaces(tracked: float, fitted: float) -> bool:
 
 
 def is_less_balanced(tracked: float, fitted: float) -> bool:
-    """Whether the network's fitted pose may not replace the tracked one, by the distances of their centres of mass from
-    the feet, m.
+    """True if the fitted pose of the network is less balanced; the tracked pose is then kept.
+
+    Its centre of mass is more than `BALANCE_MARGIN` farther from the feet than that of the tracked pose. Arguments: m.
     """
     return bool(fitted > tracked + BALANCE_MARGIN)
 

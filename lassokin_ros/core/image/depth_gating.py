@@ -11,7 +11,8 @@ from lassokin_ros.core.observation import Observation
 DEVIATION = 0.03
 """m: standard deviation of a measured depth, if neither the observation nor the caller gives it."""
 SMALLEST_DEVIATION = 0.005
-"""m: lower limit of the standard deviation. The distance of surface and landmark is not known better."""
+"""m: lower limit of the standard deviation. The distance from the surface to the landmark is not known more
+exactly."""
 DEPTH_RANGE = 0.05, 100.0
 """m: a depth outside this range is ignored."""
 AGED_SPEED = 0.5
@@ -20,7 +21,7 @@ HIDDEN = 0.03
 """Distance / height from the nearest surface of the body to a landmark's own surface from which the landmark is hidden
 by another part of the body."""
 THINNEST = 0.5
-"""Share of `surface` by which the distance from surface to landmark may be less."""
+"""The distance from the surface to the landmark may be less than `surface` by at most this share of it."""
 SAME_SURFACE = 0.12
 """m: a depth this near to the body's nearest surface is that of this surface."""
 
@@ -31,7 +32,8 @@ def of_own_surface(
     """Depths (l,) m of a camera, corrected by the last pose, so that `surface` is the distance to the landmarks.
 
     A landmark behind another part of the body was not measured: NaN. For the others the distance from the surface to
-    the landmark along the line of sight is that of the last pose, within limits: a limb that leans is thicker there.
+    the landmark along the line of sight is that of the last pose, within limits: this line is longer inside a limb that
+    leans.
 
     landmarks: (l,) m, depths of the last pose's landmarks. nearest: (l,) m, where the line of sight meets the last
     pose's body. surface: m, as in `gate_depth`; height: m, of the person. A depth in front of the nearest surface, or
@@ -59,9 +61,7 @@ def gate_depth(
     farther from the person are ignored. noise: m, standard deviation of a depth, if the observation does not give it.
     weights: 1/m, 1 / standard deviation, 0 = not used.
     """
-    if observation.depth is None or observation.depth.shape != visible.shape:
-        return None
-    if not math.isfinite(observation.depth_age):
+    if observation.depth is None or not math.isfinite(observation.depth_age):
         return None
     depth = np.asarray(observation.depth, dtype=float)
     if observation.depth_of_surface:

@@ -50,8 +50,9 @@ class FrameData:
     def prior_weight(self, beside_depth: float) -> np.ndarray | float:
         """(...,) factor on a prior's rows: `beside_depth` if half of the landmarks have a measured depth, else 1.
 
-        A frame's lasso knows the frames before only by its start. The noise of measured depths is new in each frame,
-        while the errors of a prior last: it would count again in every frame.
+        The lasso of a frame uses earlier frames only through its start state. The noise of a measured depth is
+        independent from frame to frame, but the error of a prior is the same in every frame: with full weight it would
+        count again in every frame.
         """
         return 1.0 if self.depth_weights is None else np.where(self.depth_covers, beside_depth, 1.0)
 

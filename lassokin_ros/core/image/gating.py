@@ -28,7 +28,7 @@ def gate_observation(
     none = np.zeros(count)
     if not (math.isfinite(observation.stamp) and FOCAL_RANGE[0] < observation.focal < FOCAL_RANGE[1]):
         return Rejection.NOT_FINITE, none
-    if observation.points.shape != (count, 2) or observation.confidence.shape != (count,):
+    if not _fits(observation, count):
         return Rejection.WRONG_SHAPE, none
     if observation.stamp <= newest:
         return Rejection.OLD_STAMP, none
@@ -38,6 +38,13 @@ def gate_observation(
     deviation = config.noise_px / observation.focal * layout.noise
     confidence = np.minimum(np.where(usable, observation.confidence, 0.0), 1.0)
     return None, np.sqrt(confidence) / deviation
+
+
+def _fits(observation: Observation, count: int) -> bool:
+    """True if all arrays of an observation have one row per landmark; count: of the landmarks."""
+    o, one_each = observation, (count,)
+    rest = (o.confidence, o.depth, o.depth_deviation)
+    return np.shape(o.points) == (count, 2) and all(np.shape(a) == one_each for a in rest if a is not None)
 
 
 def visible(observation: Observation, config: TrackerConfig) -> np.ndarray:

@@ -17,8 +17,8 @@ from lassokin_ros.core.image.robust_loss import norm, squared_norm
 from lassokin_ros.core.image.side_swaps import SWAP_GAIN, SideSwaps
 
 GATE = 2 * 5.0**2
-"""Largest squared distance of a point from its prediction, in units of the variance along each axis: 5 standard
-deviations of both. Points beyond are outliers."""
+"""Largest squared distance of a point from its prediction, in units of the variance along each axis: that of a
+point that is 5 standard deviations off along both axes. A point with a larger one is an outlier."""
 RESTART_AFTER = 3
 """Consecutive frames for which a point must be an outlier before its track restarts there."""
 MAX_GAP = 0.3

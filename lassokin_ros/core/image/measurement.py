@@ -138,7 +138,7 @@ class MeasurementFilter:
         expected = None if lost else known_depth
         measured = gate_depth(observation, visible, self._surface, expected, self._reach, depth_noise)
         detected = np.where(visible[:, None], observation.points, 0.0)
-        if repeated:  # no evidence of a standstill
+        if repeated:  # the same keypoints do not mean that the person stands still
             points, weights = self._filter.expected(stamp)
         else:
             points, weights = self._filter.update(stamp, detected, weights, ACCELERATION / depth, model_error / depth)

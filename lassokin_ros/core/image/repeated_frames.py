@@ -6,7 +6,7 @@ import numpy as np
 
 
 class RepeatedFrames:
-    """Remembers the keypoints of the last frame and the stamp of their first occurrence."""
+    """Stores the keypoints of the last frame and the stamp of their first occurrence."""
 
     def __init__(self) -> None:
         self.reset()

@@ -25,7 +25,7 @@ IN_PLACE_GAIN = 10.0
 MAX_DURATION = 2.0
 """s: longest time for which the points of a pair are swapped back."""
 MAX_SHARE = 0.25
-"""The longest time as a share of the tracks' age at the end of the swap: a third of the time before the swap."""
+"""Longest swap, as a share of the tracks' age when the swap ends. 0.25 is one third of the time before the swap."""
 
 
 class SideSwaps:
@@ -78,7 +78,7 @@ class SideSwaps:
         changed = np.where(swapped, held, led & ~in_place)
         self._spent = np.maximum(self._spent + np.where(changed, step, -step), 0.0)
         self._spent[in_place | given_up] = 0.0
-        if np.count_nonzero(given_up):  # the sides of pairs that followed them are as uncertain
+        if np.count_nonzero(given_up):  # the sides of the pairs that followed are uncertain too
             self._begun[self._paired & ~in_place] = stamp
         self.pending = bool(np.count_nonzero(self._spent))
         return np.where(changed, other, self._own), given_up

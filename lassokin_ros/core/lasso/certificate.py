@@ -19,7 +19,7 @@ class Certificate:
     ----------
     kkt1: max over the support V of |A_k^T r - alpha_k sign(Omega_k)| / alpha_k                              (13)
     kkt2: max over k outside V of (|A_k^T r| - alpha_k)_+ / alpha_k                                          (14)
-    kkt3: max |B^T r| / min alpha                                                                            (15)
+    kkt3: max |B^T r| / min alpha, rad/m                                                                     (15)
     objective: 1/2 ||r||^2 + sum alpha |Omega|, r = z - B x - A Omega.
     duality_gap: objective minus the dual's value at a feasible point, the scaled r (>= 0 up to rounding).
     relative_gap: duality_gap / max(objective, 1/2 ||z||^2): in units of the objective's scale.
@@ -36,7 +36,11 @@ class Certificate:
 
     @property
     def kkt_residual(self) -> float:
-        """The largest of the three, in units of alpha."""
+        """The largest of kkt1, kkt2 and kkt3.
+
+        kkt1 and kkt2 have no unit. kkt3 also has the unit of B: it is in rad/m if Omega is in rad and x in m. The
+        tolerance of the solver assumes these units.
+        """
         largest = max(self.kkt1, self.kkt2, self.kkt3)
         return largest if math.isfinite(self.kkt1 + self.kkt2 + self.kkt3) else math.inf  # max() can ignore a NaN
 

@@ -20,7 +20,7 @@ from lassokin_ros.core.lasso.problem import Lasso, Reduced
 from lassokin_ros.core.record import record
 
 KKT_TOLERANCE = 1e-6
-"""Largest KKT residual of a certified solution, in units of alpha."""
+"""Largest KKT residual of a certified solution, see `Certificate.kkt_residual`. It assumes m and rad."""
 
 GUESS_STEPS = 16
 """Active-set steps from a guess before the QP solver is used. The previous frame's Omega takes about 4."""
@@ -51,7 +51,7 @@ class LassoSolution:
 
     @property
     def certified(self) -> bool:
-        """True when KKT-1..3 hold to `KKT_TOLERANCE` of alpha."""
+        """True when the KKT residual is at most `KKT_TOLERANCE`."""
         return self.certificate.kkt_residual <= KKT_TOLERANCE
 
     @property

@@ -13,8 +13,8 @@ A Gaussian about one hypothesis does not include others (a limb mirrored in dept
 and network are correlated. Therefore the posterior's deviation is multiplied by `FACTOR`, which is larger if the pose
 disagrees with the depth network, and by `BEYOND` for joints beyond the last visible keypoint of a limb. The deviation
 of the lengths is multiplied by `LENGTHS`, and with measured depth `WITH_DEPTH` replaces `FACTOR`. These constants were
-fitted to the errors on the people of the validation set
-(training/motion.py). benchmarks/accuracy.py --uncertainty tests them on other people.
+fitted to the errors on the people of the validation set (training/motion.py). benchmarks/accuracy.py --uncertainty
+tests them on other people.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
 from lassokin_ros.node.inputs.polled_subscription import poll
-from lassokin_ros.node.person_outputs import message_class
+from lassokin_ros.node.message_types import message_class
 from lassokin_ros.node.qos import overrides, sensor_data
 from lassokin_ros.pipeline.outputs import topics
 

@@ -1,4 +1,4 @@
-"""Depth images, and the keypoint messages that wait a moment for theirs.
+"""Depth images, and the keypoint messages that wait a moment for them.
 
 A depth image is large and often arrives a few milliseconds after the small keypoint message of the same time. The
 keypoint message then waits, at most WAIT_S. After that the depth image of the period before is used (see
@@ -20,7 +20,7 @@ from rclpy.subscription import Subscription
 from lassokin_ros.node.inputs.missing_input import MissingInput
 from lassokin_ros.node.inputs.polled_subscription import ignore_events
 from lassokin_ros.node.log_throttle import LogThrottle
-from lassokin_ros.node.person_outputs import message_class
+from lassokin_ros.node.message_types import message_class
 from lassokin_ros.node.qos import overrides
 from lassokin_ros.pipeline.depth_images import RECEIVED, DepthImages
 from lassokin_ros.pipeline.outputs.topics import depth_type
@@ -32,7 +32,8 @@ WAIT_S = 0.005
 SILENT_S = 0.5
 """s without a depth image after which keypoint messages do not wait."""
 MOST_FAILED_WAITS = 10
-"""Messages whose image did not come in time, less those whose image did, from which on messages do not wait."""
+"""Value of a counter at which messages do not wait, and its maximum. The counter rises by 1 for a message whose image
+did not come in time, and falls by 1, down to 0, for one whose image did."""
 
 
 class DepthInput:
@@ -76,7 +77,7 @@ class DepthInput:
             self._timer.reset()
 
     def check(self, now: float) -> None:
-        """Log what is missing; now: s, steady clock. Call it from time to time."""
+        """Log what is missing; now: s, steady clock. Call it periodically."""
         received = self._counts[RECEIVED] > 0
         self._missing.check(now, received)
         if self._overrides is None:

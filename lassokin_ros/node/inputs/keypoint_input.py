@@ -10,7 +10,7 @@ from rclpy.node import Node
 
 from lassokin_ros.node.inputs.missing_input import MissingInput
 from lassokin_ros.node.inputs.polled_subscription import ignore_events
-from lassokin_ros.node.person_outputs import message_class
+from lassokin_ros.node.message_types import message_class
 from lassokin_ros.node.qos import matches_every_publisher, overrides, sensor_data
 from lassokin_ros.pipeline.keypoint_queue import KeypointQueue
 from lassokin_ros.pipeline.outputs import topics

@@ -12,7 +12,7 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from lassokin_ros.node.inputs.polled_subscription import ignore_events
-from lassokin_ros.node.person_outputs import message_class
+from lassokin_ros.node.message_types import message_class
 from lassokin_ros.pipeline.outputs import topics
 
 LIST_DEPTH = 10

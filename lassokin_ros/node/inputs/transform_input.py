@@ -8,7 +8,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from lassokin_ros.node.inputs.polled_subscription import poll
-from lassokin_ros.node.person_outputs import message_class
+from lassokin_ros.node.message_types import message_class
 from lassokin_ros.node.qos import sensor_data
 from lassokin_ros.pipeline.camera.camera_mount import CameraMount
 from lassokin_ros.pipeline.outputs import topics
@@ -32,7 +32,7 @@ class TransformInput:
             for name, static, qos in ((topics.TF, False, sensor_data(DEPTH)), (topics.TF_STATIC, True, latched))
         ]
         self._failing_since: float | None = None
-        self._said_fault = self._said_angles = False
+        self._fault_logged = self._angles_logged = False
 
     def poll(self) -> None:
         """Process the transforms received so far."""
@@ -53,14 +53,14 @@ class TransformInput:
             self._failing_since = now
         if now - self._failing_since < FIRST_WARNING_S:
             return ""
-        if not self._said_fault:
-            self._said_fault = True
+        if not self._fault_logged:
+            self._fault_logged = True
             self._node.get_logger().warning(f"{fault}; until it is received, {self._in_use()}")
         return fault
 
     def _log_angles(self) -> None:
-        if self._mount.angles is not None and not self._said_angles:
-            self._said_angles = True
+        if self._mount.angles is not None and not self._angles_logged:
+            self._angles_logged = True
             self._node.get_logger().info(f"the camera's mount {self._mount.in_words()}")
 
     def _in_use(self) -> str:

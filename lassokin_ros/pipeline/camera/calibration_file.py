@@ -32,7 +32,7 @@ FISHEYE = ("fisheyemodel", "fisheye")
 
 
 LARGEST = 1e9
-"""Of any number in a file."""
+"""Largest absolute value of a number in a file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +173,7 @@ _REQUIRED = object()
 
 
 def _one_of(values: Mapping[str, Any], names: Iterable[str], wanted: str, default: Any = _REQUIRED) -> Any:
-    """Return the value under the first of the names that there is. Raises KeyError, of `wanted`, if there is none."""
+    """Return the value of the first name that exists, else `default`. Raises KeyError(wanted) if there is neither."""
     found = next((values[name] for name in names if values.get(name) is not None), default)
     if found is _REQUIRED:
         raise KeyError(wanted)

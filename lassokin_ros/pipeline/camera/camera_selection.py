@@ -15,7 +15,8 @@ from msg_adapters.camera_info import Intrinsics, decode_camera_info
 from msg_adapters.errors import AdapterError
 
 IN_FLIGHT_NS = 1_000_000_000
-"""ns: an image older than a change of the camera, by up to this, belongs to the previous camera: detectors are late."""
+"""ns: an image that is older than a change of the camera by at most this belongs to the previous camera, because
+detectors have a delay."""
 OUTSIDE_IMAGE = "beyond the image"
 """Key of the count of messages with keypoints outside the image."""
 MARGIN = 0.05

@@ -18,6 +18,8 @@ HISTORY_NS = 3_000_000_000
 """ns for which the transforms of a moving frame are kept."""
 STALE_NS = 500_000_000
 """ns: largest difference between an image's stamp and the nearest transform, which is then used."""
+MOST_FRAMES, LONGEST_NAME, MOST_STAMPS = 2000, 256, 10_000
+"""Limits of the memory: number of frames, characters of a name, transforms of a frame within `HISTORY_NS`."""
 DEEPEST = 200
 """Frames in a chain. A longer one is a loop."""
 
@@ -46,10 +48,20 @@ class Transforms:
             quaternion = (turn.x, turn.y, turn.z, turn.w)
             if not (child and parent and child != parent and 0.9 < math.fsum(x * x for x in quaternion) < 1.1):
                 continue  # NaN compares false
+            if len(child) > LONGEST_NAME or len(parent) > LONGEST_NAME:
+                continue
             frame = self._frames.get(child)
+            if frame is None:
+                self._make_room()
             if frame is None or frame.parent != parent or frame.static is not static:
                 frame = self._frames[child] = _Frame(parent, static)
             frame.add(stamp.sec * 1_000_000_000 + stamp.nanosec, quaternion)
+
+    def _make_room(self) -> None:
+        """Forget one frame if there are too many: the first of the moving ones, which their publishers repeat."""
+        if len(self._frames) >= MOST_FRAMES:
+            moving = (name for name, frame in self._frames.items() if not frame.static)
+            del self._frames[next(moving, next(iter(self._frames)))]
 
     def clear(self) -> None:
         """Forget the moving frames, after a jump of the clock."""
@@ -107,9 +119,13 @@ class _Frame:
         if self.static or (self._stamps and stamp_ns < self._stamps[-1] - HISTORY_NS):
             self._stamps, self._quaternions = [], []
         at = bisect(self._stamps, stamp_ns)
+        if at and self._stamps[at - 1] == stamp_ns:
+            self._quaternions[at - 1] = quaternion
+            return
         self._stamps.insert(at, stamp_ns)
         self._quaternions.insert(at, quaternion)
-        if (old := bisect(self._stamps, self._stamps[-1] - HISTORY_NS)) > 0:
+        old = max(bisect(self._stamps, self._stamps[-1] - HISTORY_NS), len(self._stamps) - MOST_STAMPS)
+        if old > 0:
             del self._stamps[:old], self._quaternions[:old]
 
     def at(self, stamp_ns: int, name: str) -> Quaternion:

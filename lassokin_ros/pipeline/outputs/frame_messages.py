@@ -59,7 +59,7 @@ class FrameMessages:
         backend: see msg_adapters.backends; name: of the node, in certificate and frames; person: id, empty for one
         person; config: of the node; serialised: return serialised messages where that is faster.
         """
-        self._backend, self._ready_made = backend, serialised
+        self._backend, self._serialised = backend, serialised
         self._config = config or NodeSettings()
         self._builders: dict[str, Callable[[int, str, Any, Any], Any]] = {}
         self._detailed_ns: int | None = None  # stamp of the last frame with DETAILS
@@ -97,7 +97,7 @@ class FrameMessages:
         return True
 
     def _fill(self, builder: StampedBuilder) -> Callable[..., Any]:
-        return SerialisedMessage(builder, self._backend).fill if self._ready_made else builder.fill
+        return SerialisedMessage(builder, self._backend).fill if self._serialised else builder.fill
 
     def _add_pose_outputs(self, skeleton: Skeleton, person: str, prefix: str) -> None:
         backend, parents = self._backend, skeleton.parents.tolist()
@@ -119,7 +119,7 @@ class FrameMessages:
         }
 
     def _add_certificate(self, title: str) -> None:
-        certificate = SerialisedStatus(self._backend, self._ready_made).fill
+        certificate = SerialisedStatus(self._backend, self._serialised).fill
         self._builders[topics.CERTIFICATE] = lambda t, f, frame, e: certificate(
             t, f, certificate_status(e, frame.uncertainty.failure_probability, title, f)
         )

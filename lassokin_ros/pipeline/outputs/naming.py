@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from lassokin_ros.pipeline.outputs.rep155 import LINKS
+from lassokin_ros.pipeline.outputs.rep155 import LINKS, suffix
 from lassokin_ros.pipeline.outputs.topics import link_prefix
 from lassokin_ros.pipeline.settings import NodeSettings
 
@@ -28,7 +28,7 @@ class Naming:
 
     def link(self, name: str) -> str:
         """Return the name of a TF frame or URDF link."""
-        return f"{name}_{self.body_id}" if self.body_id else f"{self.prefix}{name}"
+        return f"{name}{suffix(self.body_id)}" if self.body_id else f"{self.prefix}{name}"
 
     def link_of_joint(self, joint: str) -> str:
         """Return the name of the frame of a joint of the skeleton. A frame of REP-155 may have the joint's name."""
@@ -36,4 +36,4 @@ class Naming:
 
     def joint(self, name: str) -> str:
         """Return the name of a URDF joint."""
-        return f"{name}_{self.body_id}" if self.body_id else name
+        return f"{name}{suffix(self.body_id)}" if self.body_id else name

@@ -88,6 +88,6 @@ def person_report(frame: FrameResult, tracked: bool) -> PersonReport:
 
 
 def confidence(frame: FrameResult) -> float:
-    """Return how likely the pose is right, 0 to 1; 0 if the probability is unknown."""
+    """Return the probability that the pose is right, 0 to 1; 0 if it is unknown."""
     wrong = frame.uncertainty.failure_probability
     return 1.0 - wrong if math.isfinite(wrong) else 0.0

@@ -10,8 +10,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-BODY = "body"
-_TRUNK = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+from lassokin_ros.pipeline.frame_result import BODY_FROM_ROOT
+
+_TRUNK = BODY_FROM_ROOT
 _LEFT_ARM = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
 _RIGHT_ARM = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])
 
@@ -42,11 +43,6 @@ JOINTS: dict[str, tuple[str, float]] = {
 def suffix(person: str) -> str:
     """Return the suffix of a person's frames and joints."""
     return f"_{person}"
-
-
-def body_frame(person: str) -> str:
-    """Return the name of a person's frame between the hips."""
-    return f"{BODY}{suffix(person)}"
 
 
 def links_of(joints: Sequence[str]) -> list[tuple[str, int, np.ndarray]]:

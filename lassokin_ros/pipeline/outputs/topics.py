@@ -1,4 +1,4 @@
-"""Names and types of the node's topics, and the prefix of its TF frames. No other file spells them out.
+"""Names and types of the node's topics, and the prefix of its TF frames. All other files use these constants.
 
 Inputs are relative names. Outputs are private to the node (`~/`), so that they never collide with those of a robot.
 """
@@ -36,6 +36,7 @@ KEYPOINT_MARKERS = "~/keypoint_markers"
 DIAGNOSTICS = "/diagnostics"
 TRACKED = "tracked"
 SKELETON2D = "skeleton2d"
+REP155_DESCRIPTION = "urdf"
 TF = "/tf"
 TF_STATIC = "/tf_static"
 
@@ -115,7 +116,7 @@ def of_person(topic: str, person: str, rep155: bool = False) -> str:
         return topic
     name = topic.removeprefix("~/")
     if rep155 and topic == ROBOT_DESCRIPTION:
-        name = "urdf"
+        name = REP155_DESCRIPTION
     return f"{REP155_BODIES if rep155 else BODIES}/{person}/{name}"
 
 
@@ -125,10 +126,14 @@ def full_name(topic: str, node: str) -> str:
     return name if name.startswith("/") else f"/{name}"
 
 
+_LATCHED_NAMES = {topic.name.rpartition("/")[2] for topic in (*OTHER_OUTPUTS, TRACKED_OUTPUT) if topic.latched}
+_LATCHED_NAMES.add(REP155_DESCRIPTION)
+
+
 @lru_cache(maxsize=1024)
 def is_latched(name: str) -> bool:
     """True if the topic of this full name is latched."""
-    return name.rpartition("/")[2] in ("robot_description", "urdf", "state", TRACKED)
+    return name.rpartition("/")[2] in _LATCHED_NAMES
 
 
 def link_prefix(frame_prefix: str, node: str, person: str = "") -> str:

@@ -28,8 +28,9 @@ REPLACEABLE_AFTER_S = 0.5
 """s: if all trackers are in use, a person absent for this long is removed for a new one."""
 
 MOST_REINITIALISED = 4
-"""Lost people re-initialised per message; the others wait for the next message. Initialisation takes thirty times as
-long as tracking. A whole crowd at once would block a slow machine longer than `lost_after` and be lost again."""
+"""Lost people re-initialised per message; the others wait for the next message. Initialisation takes 7 to 50
+times as long as a step. If many people were initialised at once, a slow machine would be busy for longer than
+`lost_after`, and they would be lost again."""
 
 
 @dataclass(eq=False)

@@ -8,7 +8,8 @@ frames = pipeline.frames_of("abcde", skeleton2d, arrival_ns)
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -61,7 +62,8 @@ class PerBodyPipeline(Pipeline):
         """Set the ids of the people present. The others are forgotten. Of too many people the first ones are kept."""
         for person in [person for person in self._present if person not in ids]:
             pipeline = self._present.pop(person)
-            self._reset_uncounted([pipeline])
+            with self._uncounted_resets():
+                pipeline.forget_people()  # the depth images are also those of the others
             self._idle.append(pipeline)
             self.counts["people left"] += 1
         for person in [person for person in dict.fromkeys(ids) if person not in self._present]:
@@ -79,25 +81,28 @@ class PerBodyPipeline(Pipeline):
         if pipeline is None:
             return []
         pipeline.enabled = self.enabled
-        return [replace(frame, person=person) for frame in pipeline.frames(message, arrival_ns)]
+        frames = pipeline.frames(message, arrival_ns)
+        self.nobody_in_view = pipeline.nobody_in_view
+        return [replace(frame, person=person) for frame in frames]
 
     def reset(self) -> None:
         """Forget the state of all people. The list of people, the camera and the counts stay."""
-        self._reset_uncounted(self._all)
+        with self._uncounted_resets():
+            for pipeline in self._all:
+                pipeline.reset()
         self.counts["resets"] += 1
 
     def tune(self, tracker_config: TrackerConfig, node_config: NodeSettings) -> None:
         """Apply settings that can change while running, see Pipeline.tune."""
-        resets = self.counts["resets"]
-        for pipeline in self._all:
-            pipeline.tune(tracker_config, _for_one(node_config))
-        self.counts["resets"] = resets
+        with self._uncounted_resets():
+            for pipeline in self._all:
+                pipeline.tune(tracker_config, _for_one(node_config))
         super().tune(tracker_config, node_config)
 
-    def _reset_uncounted(self, pipelines: Sequence[Pipeline]) -> None:
+    @contextmanager
+    def _uncounted_resets(self) -> Iterator[None]:
         resets = self.counts["resets"]
-        for pipeline in pipelines:
-            pipeline.reset()
+        yield
         self.counts["resets"] = resets
 
 

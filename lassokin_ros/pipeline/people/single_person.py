@@ -90,7 +90,8 @@ class SinglePersonTracker:
     def _absence(self, image: PeopleImage, found: Detection) -> str:
         """Return the explanation for a message that shows other people only; empty if that is not the case.
 
-        Without it the message would be refused for too few landmarks, which points to the detector's confidences.
+        Without it the message would be refused for too few landmarks. This reason would be misleading, because it
+        suggests that the detector's confidences are too low.
         """
         keypoints = image.keypoints
         tracking = self._person.status is Status.TRACKING

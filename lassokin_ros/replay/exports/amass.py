@@ -2,7 +2,7 @@
 
 AMASS of SMPL+H has poses, trans, betas, dmpls, gender, mocap_framerate. AMASS of SMPL-X ("stageii") has root_orient,
 pose_body, pose_hand, pose_jaw, pose_eye, trans, betas, num_betas, gender, mocap_frame_rate, mocap_time_length and
-surface_model_type. Loaders of today ask for either.
+surface_model_type. Present loaders read one or the other.
 
 World frame: metres, z up, x to the right of the camera, y along its viewing direction, corrected for the camera's roll
 and pitch; the camera is at the origin. The rest pose of SMPL is also that of this package: T-pose, y up, x to the

@@ -20,7 +20,7 @@ def write_npz(motions: Sequence[Motion], file: BinaryIO) -> None:
 
     def rows(name: str) -> np.ndarray:
         columns = [getattr(motion, name) for motion in motions]
-        return columns[0] if len(columns) == 1 else np.concatenate(columns)  # one person's stay in their file
+        return columns[0] if len(columns) == 1 else np.concatenate(columns)  # one person: no copy
 
     arrays: dict[str, Any] = {
         "stamp_ns": rows("stamps_ns"),  # (r,)

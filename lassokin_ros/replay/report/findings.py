@@ -70,10 +70,10 @@ def _refused(facts: Facts) -> Iterator[Finding]:
         level = PROBLEM if count > FEW * received or reason not in SELDOM_HARMFUL else NOTE
         what = "per-person frames" if of_person else "camera_info messages" if _of_camera(reason) else "frames"
         detail = facts.log.details.get(reason, "")
-        first = f" First occurrence: {detail}{_full_stop(detail)}" if detail else ""
+        first = f" First occurrence: {detail}." if detail else ""
         advice = advice_for(reason)
         rest = f": {advice}" if advice else ""
-        text = f"{count} {_counted(what, count)} rejected: {reason_text(reason)}{rest}{_full_stop(rest)}{first}"
+        text = f"{count} {_counted(what, count)} rejected: {reason_text(reason)}{rest}.{first}"
         yield Finding(level, text)
 
 
@@ -83,10 +83,6 @@ def _of_camera(reason: str) -> bool:
 
 def _counted(what: str, count: int) -> str:
     return what.replace("messages", "message").replace("frames", "frame") if count == 1 else what
-
-
-def _full_stop(text: str) -> str:
-    return "" if text.endswith("?") else "."
 
 
 def _lost(facts: Facts) -> Iterator[Finding]:

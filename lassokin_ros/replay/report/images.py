@@ -11,7 +11,7 @@ import numpy as np
 LONGEST_SIDE = 640
 """px"""
 QUALITY = 70
-"""Of the JPEG."""
+"""JPEG quality."""
 MOST, BUDGET = 300, 6_000_000
 """Largest number of images, and bytes before base64 (which adds a third).
 

@@ -12,7 +12,7 @@ from rclpy.serialization import serialize_message  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 
 from lassokin_ros.node.inputs.polled_subscription import UNATTENDED  # noqa: E402
-from lassokin_ros.node.person_outputs import message_class  # noqa: E402
+from lassokin_ros.node.message_types import message_class  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 
 PIXELS = pixels_of_motion(2)

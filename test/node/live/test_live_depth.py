@@ -15,7 +15,7 @@ from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.core.image.projection import project  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
-from lassokin_ros.node.person_outputs import message_class  # noqa: E402
+from lassokin_ros.node.message_types import message_class  # noqa: E402
 from lassokin_ros.node.qos import sensor_data  # noqa: E402
 from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402

@@ -31,7 +31,7 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue  # noqa:
 from rcl_interfaces.srv import SetParameters  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 
-from lassokin_ros.node.person_outputs import message_class  # noqa: E402
+from lassokin_ros.node.message_types import message_class  # noqa: E402
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 

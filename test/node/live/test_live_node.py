@@ -27,8 +27,8 @@ from rcl_interfaces.srv import (  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
-from lassokin_ros.node.parameters import all_settings  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
+from lassokin_ros.pipeline.parameter_files import all_settings  # noqa: E402
 
 OK, WARN, ERROR = b"\x00", b"\x01", b"\x02"
 

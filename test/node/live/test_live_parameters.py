@@ -71,7 +71,7 @@ def test_a_dump_can_be_loaded(tmp_path):
 
 
 def test_listed_parameters_are_those_of_the_node_or_of_rclpy(tmp_path):
-    from lassokin_ros.node.parameters import all_settings
+    from lassokin_ros.pipeline.parameter_files import all_settings
 
     namespace = "/listed"
     with NodeProcess(namespace, "-p", "use_sim_time:=true") as node, Peer(namespace, outputs=False) as peer:
@@ -90,7 +90,7 @@ def test_listed_parameters_are_those_of_the_node_or_of_rclpy(tmp_path):
 
 
 def test_the_first_line_has_version_height_layout_and_the_topics_after_remapping():
-    from lassokin_ros.node.node import version
+    from lassokin_ros.common.version import version
 
     namespace = "/first_line"
     given = "-p", "height:=1.6", "-p", "landmarks:=body25", "-r", "keypoints:=/detector/points", "-r", "__node:=human"

@@ -16,7 +16,7 @@ from lassokin_ros.core.evidence.upright import Upright, level_from_camera, verti
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.demo.synthetic import motion
 from lassokin_ros.pipeline.camera.camera_mount import CameraMount, roll_and_pitch
-from lassokin_ros.pipeline.camera.transforms import TransformError, Transforms
+from lassokin_ros.pipeline.camera.transforms import LONGEST_NAME, MOST_FRAMES, MOST_STAMPS, TransformError, Transforms
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
 
@@ -214,3 +214,28 @@ def test_replay_reads_tf_of_the_recording(tmp_path, capsys):
     assert (
         "camera mount    follows TF over 'base_footprint': roll 0.000 rad, pitch 0.524 rad" in capsys.readouterr().out
     )
+
+
+def test_memory_of_transforms_is_limited():
+    transforms = robot()
+    for number in range(3 * MOST_FRAMES):
+        transforms.add(tf_message(BACKEND, SECOND, ("map", f"frame_{number}", Rotation.identity())), static=False)
+    assert len(transforms._frames) == MOST_FRAMES
+    robot(transforms=transforms)  # moving frames are published again; fixed ones were kept
+    assert transforms.rotation(FRAME, BASE, SECOND).shape == (3, 3)
+    transforms.add(tf_message(BACKEND, SECOND, ("map", "x" * (LONGEST_NAME + 1), Rotation.identity())), static=True)
+    assert not any(len(name) > LONGEST_NAME for name in transforms._frames)
+    for number in range(MOST_FRAMES):
+        transforms.add(tf_message(BACKEND, 0, ("map", f"fixed_{number}", Rotation.identity())), static=True)
+    assert len(transforms._frames) == MOST_FRAMES
+
+
+def test_a_publisher_that_repeats_a_stamp_needs_no_memory():
+    transforms = Transforms()
+    for turn in range(5):
+        transforms.add(tf_message(BACKEND, SECOND, (BASE, FRAME, rpy(0, 0.1 * turn))), static=False)
+    assert len(transforms._frames[FRAME]._stamps) == 1
+    assert np.allclose(transforms.rotation(FRAME, BASE, SECOND), rpy(0, 0.4).as_matrix())
+    for number in range(MOST_STAMPS + 10):
+        transforms._frames[FRAME].add(SECOND - number, (0.0, 0.0, 0.0, 1.0))
+    assert len(transforms._frames[FRAME]._stamps) == MOST_STAMPS

@@ -2,7 +2,10 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
+from depth_camera import depth_message
+from messages import rosbags_backend
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Status
@@ -65,3 +68,13 @@ def test_reset_and_settings_count_once_and_reach_all(bodies):
     bodies.tune(replace(TrackerConfig(), height=1.5), CONFIG)
     assert bodies.counts["resets"] == 2
     assert all(one.tracker.skeleton.height == 1.5 for one in bodies._all)
+
+
+def test_depth_images_stay_when_somebody_leaves():
+    bodies = PerBodyPipeline(TrackerConfig(), replace(CONFIG, depth="/depth"))
+    bodies.keep(["a", "b"])
+    bodies.depth.add(depth_message(rosbags_backend(), 5_000_000_000, np.full((4, 6), 2.0)), 5_000_000_000)
+    bodies.keep(["b"])
+    assert bodies.depth.newest_ns == 5_000_000_000
+    bodies.reset()
+    assert bodies.depth.newest_ns is None

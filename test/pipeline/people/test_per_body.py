@@ -102,6 +102,17 @@ def test_new_people_start_with_the_vertical_of_present_people(pipeline):
     assert len(two.candidates()) == 3
 
 
+def test_an_empty_message_is_no_problem_to_report(pipeline):
+    pipeline.keep(["abc"])
+    message = skeleton2d(BACKEND, START_NS, 0)
+    for point in message.skeleton:
+        point.c = 0.0
+    (frame,) = pipeline.frames_of("abc", message, 7)
+    assert frame.rejection == "too_few_landmarks" and pipeline.nobody_in_view
+    feed(pipeline, "abc", 1)
+    assert not pipeline.nobody_in_view
+
+
 def test_listed_bodies_are_lost_in_silence_but_stay(pipeline):
     pipeline.keep(["abc", "xyz"])
     feed(pipeline, "abc", 0), feed(pipeline, "xyz", 0)

@@ -38,7 +38,7 @@ class RobotDescription:
         """Return the message for the given skeleton, before any frame. Raises SkeletonError for an impossible base
         frame.
         """
-        return self._say(self._fallback, self._given)
+        return self._make_description(self._fallback, self._given)
 
     def follow(self, frame: FrameResult) -> Any | None:
         """Return the message that an accepted frame requires, or None. Raises SkeletonError, once, if frame_id is a
@@ -48,7 +48,7 @@ class RobotDescription:
         base_frame = frame.frame_id or self._base_frame or self._fallback
         if base_frame == self._base_frame and not self._differs(skeleton):
             return None
-        return self._say(base_frame, skeleton)
+        return self._make_description(base_frame, skeleton)
 
     def _differs(self, skeleton: Skeleton) -> bool:
         if skeleton is self._same:
@@ -58,7 +58,7 @@ class RobotDescription:
         self._same = skeleton
         return False
 
-    def _say(self, base_frame: str, skeleton: Skeleton) -> Any:
+    def _make_description(self, base_frame: str, skeleton: Skeleton) -> Any:
         self._base_frame, self._skeleton, self._same = base_frame, skeleton, skeleton
         return self._message.fill(urdf(skeleton, base_frame, self._naming.prefix, self._naming.body_id))
 

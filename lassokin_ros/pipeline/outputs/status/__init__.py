@@ -1,1 +1,1 @@
-"""How tracking goes, in words and figures: /diagnostics, ~/state, the reasons of rejected frames."""
+"""Status of tracking: /diagnostics, ~/state, reasons for rejected frames."""

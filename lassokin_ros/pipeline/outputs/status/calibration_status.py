@@ -39,7 +39,9 @@ def calibration_figures(calibration: Calibration, enabled: bool, person: str = "
 
 
 def height_figures(height: HeightEstimator, person: str = "") -> dict[str, str]:
-    """Figures for /diagnostics: the measured height and its standard deviation; before depth came, those of people.
+    """Figures for /diagnostics: the measured height and its standard deviation.
+
+    Before the first measured depth, they are the mean and the standard deviation of people's heights.
 
     person: the id, empty if one person is followed.
     """

@@ -62,7 +62,13 @@ def _not_finite(_: Estimate, observation: Observation, config: TrackerConfig) ->
 
 
 def _wrong_shape(_: Estimate, observation: Observation, config: TrackerConfig) -> str:
-    shapes = f"points {observation.points.shape} and confidences {observation.confidence.shape}"
+    arrays = {
+        "points": observation.points,
+        "confidence": observation.confidence,
+        "depth": observation.depth,
+        "depth_deviation": observation.depth_deviation,
+    }
+    shapes = ", ".join(f"{name} {np.shape(values)}" for name, values in arrays.items() if values is not None)
     return f"{shapes}; expected one of each for every landmark of the layout '{config.landmarks}'"
 
 
