@@ -15,7 +15,7 @@ pytest.importorskip("rclpy")
 from live import NodeProcess, Peer  # noqa: E402
 from messages import pixels_of_motion  # noqa: E402
 
-from lassokin_ros.node.person_outputs import message_class  # noqa: E402
+from lassokin_ros.node.message_types import message_class  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
