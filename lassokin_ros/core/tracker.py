@@ -99,6 +99,8 @@ class Tracker(TrackerParts):
         self._publish(estimate, offsets, measurement)
         if self.height is not None:
             self._measure_height(self.height, measurement, frame)
+        else:
+            self.size_check.update(measurement)
         return estimate
 
     def flush(self) -> list[Estimate]:

@@ -13,6 +13,7 @@ from lassokin_ros.core.body.surface import BodySurface
 from lassokin_ros.core.body.symmetry import LARGEST_ASYMMETRY, asymmetry, limb_groups, symmetrised
 from lassokin_ros.core.calibration.bone_lengths import Calibration
 from lassokin_ros.core.calibration.height import HeightEstimator
+from lassokin_ros.core.calibration.size_check import SizeCheck
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.adaptive_mean import AdaptiveMean
@@ -105,6 +106,8 @@ class TrackerParts:
         evidence = learned[0] if learned else None
         self._uncertainty = UncertaintyModel(self.kinematics, prior, proportions, self._observed, evidence)
         self._surface = BodySurface(self.skeleton)
+        self.size_check = SizeCheck(self.kinematics)
+        """Compares a given height with measured depth."""
 
     def _depth_estimator(self) -> DepthEstimator | None:
         """The depth network for this skeleton and layout; None if it is switched off or cannot be used with them."""
@@ -129,6 +132,7 @@ class TrackerParts:
             self._depth.reset()
         self._network_hypothesis.reset()
         self._increments.reset()
+        self.size_check.reset()
         if self.height is not None and self.height.measured:
             self.height.reset()
             self._resize(self.config.assumed_height)

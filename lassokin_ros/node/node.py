@@ -30,15 +30,19 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.description.skeleton_file import save_all
 from lassokin_ros.pipeline.outputs.status.calibration_status import averaged_sides
-from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
+from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics, limit_text
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.pipeline.people.per_body_pipeline import PerBodyPipeline
-from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.pipeline import WEAK, Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.output_messages.builders import DiagnosticArrayBuilder
 
 DIAGNOSTICS_PERIOD_S = 1.0
+LEFTOVER_S = 25.0
+"""s: the graph contains the publishers of a killed process for up to 20 s."""
+MOST_WEAK = 60
+"""Messages with keypoints of low confidence alone, before any is used, from which on the log reports them."""
 CHECK_PERIOD_S = 0.25
 """s: period of the check for people and cameras that have left. A departure is noticed within twice this time."""
 
@@ -54,6 +58,7 @@ class TrackerNode(Node):
         self._pipeline = (PerBodyPipeline if settings[1].topic_per_body else Pipeline)(*settings)
         self._warning = LogThrottle(self.get_logger().warning, time.monotonic)
         self._reported_unstamped = self._reported_misplaced = False
+        self._namesake_checks = 0
         name = self.get_fully_qualified_name().lstrip("/")  # /diagnostics is shared by the trackers of all namespaces
         self._status = DiagnosticArrayBuilder(RclpyBackend())
         self._diagnostics = Diagnostics(self._pipeline, name, time.monotonic())
@@ -182,6 +187,10 @@ class TrackerNode(Node):
         for frame in frames:
             if not frame.accepted and not self._pipeline.nobody_in_view:
                 self._warning.log(str(frame.rejection), f"keypoints rejected ({frame.rejection}): {frame.detail}")
+        if self._pipeline.counts[WEAK] >= MOST_WEAK and not self._pipeline.counts["accepted"]:
+            config, confidence = self._pipeline.tracker.config, self._pipeline.weak_confidence
+            words = f"no keypoint was used yet: the largest confidence is {confidence:.2g}, {limit_text(config)}"
+            self._warning.log(WEAK, words)
         if self._pipeline.counts["unstamped"] and not self._reported_unstamped:  # only once
             self._reported_unstamped = True
             self.get_logger().warning("keypoints without a stamp: outputs carry the time of their arrival")
@@ -211,11 +220,25 @@ class TrackerNode(Node):
             self._person.state_publisher.update()
             concerns.append(self._person.state_publisher.fault)
         now, presence = time.monotonic(), self._pipeline.presence_at(self._as_of_ns)
-        concerns.append(self._inputs.check(now))
+        concerns += [self._inputs.check(now), self._namesake()]
         if self._keypoints is not None:
             self._keypoints.check(now, self._diagnostics.keypoints_received)
         line = self._diagnostics.line(now, presence, "; ".join(filter(None, concerns)))
         self._diagnostics_out.publish(self._status.fill(self.get_clock().now().nanoseconds, "", [line]))
+
+    def _namesake(self) -> str:
+        """Return that another node publishes the same topics; empty if there is none."""
+        several = self.count_publishers(self.resolve_topic_name(topics.STATE)) > 1
+        self._namesake_checks = self._namesake_checks + 1 if several else 0
+        if self._namesake_checks * DIAGNOSTICS_PERIOD_S < LEFTOVER_S:
+            return ""
+        name = self.get_fully_qualified_name()
+        words = (
+            f"another node publishes the topics of {name}, too: give one of them another name (-r __node:=NAME) or "
+            "namespace (-r __ns:=/NAME)"
+        )
+        self._warning.log("namesake", words)
+        return words
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._forget()

@@ -30,7 +30,7 @@ from lassokin_ros.pipeline.people.people_tracker import PeopleImage, PeopleTrack
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.people.single_person import SinglePersonTracker
 from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
-from lassokin_ros.pipeline.placeholders import PLACEHOLDERS, without_placeholders
+from lassokin_ros.pipeline.placeholders import PLACEHOLDERS, refuse_fractions, without_placeholders
 from lassokin_ros.pipeline.settings import MESSAGE, NodeSettings
 from lassokin_ros.pipeline.stamps import StampWatch
 from lassokin_ros.skeleton_readers.load import load_skeleton, naming_help
@@ -40,6 +40,10 @@ from msg_adapters.keypoints import Keypoints
 
 NOBODY = "nobody in view"
 """Key of the count of messages without any confident keypoint."""
+WEAK = "keypoints below min_confidence"
+"""Key of the count of those of them that have keypoints."""
+DEPTH_IN_MESSAGE = "depth: in the message"
+"""Key of the count of keypoint messages with depths of their own."""
 
 
 class Pipeline:
@@ -61,6 +65,8 @@ class Pipeline:
         messages with keypoints outside the image."""
         self.nobody_in_view = False
         """True if the last message had no confident keypoint."""
+        self.weak_confidence = 0.0
+        """Largest confidence in the last message without a confident keypoint; 0 if that had no keypoint."""
         self.people = _people_tracker(self._trackable, self.counts, self.config.several_people)
         self._adapter = keypoint_adapter(self.config.keypoints_type)
         self.camera = Camera(self.config.rectified)
@@ -206,7 +212,9 @@ class Pipeline:
                 self.counts["unstamped"] += 1
             stamped = keypoints.stamp_ns is not None
             stamp_ns = keypoints.stamp_ns or self._stamps.estimate(arrival_ns)
-            if self.depth is not None:
+            if keypoints.depth is not None:
+                self.counts[DEPTH_IN_MESSAGE] += 1
+            elif self.depth is not None:
                 keypoints = self.depth.with_depth(keypoints, stamp_ns, view.size, view.intrinsics.frame_id)
             image = PeopleImage(keypoints, stamp_ns, frame_id, view.lens, self._has_persistent_numbers(keypoints))
             if self._is_back_in_time(image, arrival_ns, stamped):
@@ -236,7 +244,8 @@ class Pipeline:
         return keypoints, view
 
     def _remove_placeholders(self, keypoints: Keypoints, view: View) -> Keypoints:
-        """Remove placeholder coordinates, and count the message."""
+        """Remove placeholder coordinates, and count the message. Raises AdapterError for fractions of the image."""
+        refuse_fractions(keypoints, view.size)
         kept = without_placeholders(keypoints, view.size)
         if kept is not keypoints:
             self.counts[PLACEHOLDERS] += 1
@@ -245,7 +254,10 @@ class Pipeline:
     def _count_nobody_and_outside(self, keypoints: Keypoints, view: View) -> None:
         confident = keypoints.confidence >= self.tracker.config.min_confidence  # others may be out of view
         self.nobody_in_view = not np.count_nonzero(confident & keypoints.present)
-        self.counts[NOBODY] += self.nobody_in_view
+        if self.nobody_in_view:
+            self.counts[NOBODY] += 1
+            self.weak_confidence = float(keypoints.confidence.compress(keypoints.present).max(initial=0.0))
+            self.counts[WEAK] += self.weak_confidence > 0
         if view.has_outside(keypoints.xy.compress(confident, axis=0)):
             self.counts[OUTSIDE_IMAGE] += 1
 

@@ -14,6 +14,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
 
 PLACEHOLDERS = "placeholder coordinates"
@@ -26,8 +27,28 @@ pixel of a smaller image, or to a cell of a heat map."""
 REPEATED = 3
 """Keypoints of one person at the same position are placeholders from this number on. Two may coincide: detectors
 place left and right on one limb."""
+FEWEST_FRACTIONS = 4
+"""Keypoints from which on coordinates are recognised as fractions of the image size."""
+LEAST_FRACTION = 0.01
+"""Of the side's length: smallest extent of such keypoints. A few placeholders can be less than a pixel apart, too."""
 SMALLEST_PX = 50.0
 """px: in a person smaller than this, eyes and nose can have the same rounded position."""
+
+
+def refuse_fractions(keypoints: Keypoints, size: tuple[int, int]) -> None:
+    """Raise AdapterError if the coordinates are fractions of the image size in place of px.
+
+    size: (width, height) px of the image; 0 = unknown.
+    """
+    xy = keypoints.xy.compress(keypoints.present, axis=0)
+    if len(xy) < FEWEST_FRACTIONS or xy.max() > 1.0 or xy.min() < 0.0 or np.ptp(xy, axis=0).max() < LEAST_FRACTION:
+        return
+    width, height = size
+    raise AdapterError(
+        "fractions",
+        f"all coordinates are between 0 and 1; expected px: multiply x by the image's width ({width}) and y by its "
+        f"height ({height})",
+    )
 
 
 def without_placeholders(keypoints: Keypoints, size: tuple[int, int]) -> Keypoints:

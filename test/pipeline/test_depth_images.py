@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 pytest.importorskip("rosbags", reason="rosbags makes the messages")
 
 from depth_camera import BACKGROUND, compressed_message, depth_message, render  # noqa: E402
-from messages import FOCAL, FRAME, HEIGHT, WIDTH, bytes_field, camera_info, cloud, rosbags_backend  # noqa: E402
+from messages import FOCAL, FRAME, HEIGHT, WIDTH, camera_info, cloud, rosbags_backend, with_depths  # noqa: E402
 
 from lassokin_ros.core.body.kinematics import Kinematics  # noqa: E402
 from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
@@ -254,16 +254,9 @@ def test_a_height_that_nobody_has_is_not_measured(scene, images):
 
 def test_the_cloud_may_contain_the_depth(scene, images):
     skeleton, pixels, _, landmarks = scene
-    message = cloud(BACKEND, START_NS, pixels[0])
-    kinds = np.dtype([("x", "<f4"), ("y", "<f4"), ("confidence", "<f4"), ("id", "<u4"), ("depth", "<f4")])
-    points = np.zeros(17, kinds)
-    points["x"], points["y"] = pixels[0].T
-    points["confidence"], points["id"], points["depth"] = 0.9, np.arange(17), landmarks[0, :, 2]
-    points["depth"][3] = np.nan
-    field = BACKEND.make("sensor_msgs/msg/PointField")
-    field.name, field.offset, field.datatype, field.count = "depth", 16, 7, 1
-    message.fields = [*message.fields, field]
-    message.point_step, message.row_step, message.data = 20, 20 * 17, bytes_field(BACKEND, points.tobytes())
+    depth = landmarks[0, :, 2].copy()
+    depth[3] = np.nan
+    message = with_depths(BACKEND, cloud(BACKEND, START_NS, pixels[0]), depth)
     pipeline = Pipeline(TrackerConfig(), NodeSettings())
     pipeline.set_camera(camera_info(BACKEND))
     keypoints, _ = pipeline._decode(message)

@@ -132,3 +132,21 @@ def test_scores_in_another_unit_are_refused_with_a_factor():
     frame = pipeline.process(cloud(BACKEND, 10**9, PIXELS[0], np.linspace(4, 6, 17)), 0)
     assert frame.rejection == "confidence_range"
     assert "17 of 17" in frame.detail and "up to 6" in frame.detail and "divide percentages by 100" in frame.detail
+
+
+def test_fractions_of_the_image_are_refused_with_the_factors():
+    pipeline = Pipeline(TrackerConfig(), NodeSettings())
+    assert pipeline.set_camera(camera_info(BACKEND)) is None
+    frame = pipeline.process(cloud(BACKEND, 10**9, PIXELS[0] / [WIDTH, HEIGHT]), 0)
+    assert (
+        frame.rejection == "fractions" and f"width ({WIDTH})" in frame.detail and f"height ({HEIGHT})" in frame.detail
+    )
+    assert not pipeline.nobody_in_view
+
+
+@pytest.mark.parametrize("xy", [np.full((17, 2), 0.5), np.zeros((17, 2)), np.full((17, 2), np.nan), PIXELS[0] / 1000])
+def test_placeholders_and_a_small_person_are_no_fractions(xy):
+    pipeline = Pipeline(TrackerConfig(), NodeSettings())
+    assert pipeline.set_camera(camera_info(BACKEND)) is None
+    xy = xy + [100.0, 100.0] if np.ptp(xy) > 0 else xy
+    assert pipeline.process(cloud(BACKEND, 10**9, xy), 0).rejection != "fractions"

@@ -63,6 +63,21 @@ def cloud(backend, stamp_ns, xy, confidence=None, ids=None, frame_id=FRAME):
     return raw_cloud(backend, stamp_ns, points.tobytes(), CLOUD_FIELDS, 16, len(xy), frame_id)
 
 
+def with_depths(backend, message, depth):
+    """The same cloud with the field `depth` (l,) m."""
+    points = np.frombuffer(bytes(message.data), CLOUD_DTYPE)
+    wider = np.zeros(len(points), [*CLOUD_DTYPE.descr, ("depth", "<f4")])
+    for name in CLOUD_DTYPE.names:
+        wider[name] = points[name]
+    wider["depth"] = depth
+    field = backend.make("sensor_msgs/msg/PointField")
+    field.name, field.offset, field.datatype, field.count = "depth", CLOUD_DTYPE.itemsize, 7, 1
+    message.fields = [*message.fields, field]
+    message.point_step, message.row_step = wider.itemsize, wider.nbytes
+    message.data = bytes_field(backend, wider.tobytes())
+    return message
+
+
 def crowd(backend, stamp_ns, people, persons=None, frame_id=FRAME):
     """A PointCloud2 of several people: pairs of pixels (l, 2) and confidences (l,), numbered as in `persons`."""
     dtype = np.dtype([*CLOUD_DTYPE.descr, ("person", "<i4")])

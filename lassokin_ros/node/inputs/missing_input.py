@@ -6,7 +6,7 @@ from collections.abc import Collection
 
 from rclpy.node import Node
 
-from lassokin_ros.pipeline.outputs.topics import FRAME_OUTPUTS
+from lassokin_ros.pipeline.outputs.topics import CLOCK, FRAME_OUTPUTS
 
 FIRST_WARNING_S = 3.0
 """s from the start until the first message."""
@@ -57,6 +57,8 @@ class MissingInput:
             kind = sorted(types)[0]
             remedy = "set keypoints_type to that, or " if kind in self._others else ""
             return f"the type published there is {kind}; {remedy}remap {self._name} to another topic"
+        if self._name == CLOCK:
+            return "nobody publishes there; play the recording with `--clock`, or set use_sim_time to false"
         candidates = self._candidates()
         if not candidates:
             return f"nobody publishes there, and no topic has a suitable type; remap {self._name} to your topic"

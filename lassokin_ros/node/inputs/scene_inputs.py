@@ -78,17 +78,22 @@ class SceneInputs:
             self._depth.hold(stamp_of(message), work)
 
     def check(self, now: float) -> str:
-        """Log missing inputs; now: s, steady clock. Call it periodically. Return the fault of TF, in words."""
-        clock = self._node.get_clock()
+        """Log missing inputs; now: s, steady clock. Call it periodically. Return faults of clock and TF, in words."""
+        clock, faults = self._node.get_clock(), []
         if isinstance(clock, ROSClock) and clock.ros_time_is_active:
-            self._missing_clock.check(now, clock.now().nanoseconds > 0)
+            has_time = clock.now().nanoseconds > 0
+            self._missing_clock.check(now, has_time)
+            if not has_time:
+                faults.append("use_sim_time is set, but no time was received on /clock")
         else:
             self._missing_clock.restart(now)
         self._latched_camera_info.check(now, self._diagnostics.camera_received)
         self._missing_camera.check(now, self._diagnostics.camera_received)
         if self._depth is not None:
             self._depth.check(now)
-        return "" if self._transforms is None else self._transforms.check(now)
+        if self._transforms is not None:
+            faults.append(self._transforms.check(now))
+        return "; ".join(filter(None, faults))
 
     def _on_camera_info(self, message: Any) -> bool:
         reason = self._pipeline.set_camera(message)

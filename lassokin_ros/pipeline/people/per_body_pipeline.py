@@ -82,7 +82,7 @@ class PerBodyPipeline(Pipeline):
             return []
         pipeline.enabled = self.enabled
         frames = pipeline.frames(message, arrival_ns)
-        self.nobody_in_view = pipeline.nobody_in_view
+        self.nobody_in_view, self.weak_confidence = pipeline.nobody_in_view, pipeline.weak_confidence
         return [replace(frame, person=person) for frame in frames]
 
     def reset(self) -> None:

@@ -43,6 +43,10 @@ REASONS: dict[str, tuple[str, str]] = {
         "no image size",
         "these keypoints are relative to the image size: camera_info needs width and height",
     ),
+    "fractions": (
+        "fractions in place of px",
+        "all coordinates are between 0 and 1: multiply them by the width and height of the image",
+    ),
     "unknown_id": ("keypoint id outside the layout", "`landmarks` is not the layout of your detector"),
     "repeated_id": ("repeated keypoint id", "several people in one message need the field `person`"),
     "confidence_range": ("most confidences above 2", "confidence must be between 0 and 1, not in percent"),

@@ -128,7 +128,11 @@ def test_a_simulation_without_a_clock_is_reported():
     """/clock is remapped, as in test_live_time; otherwise the clock of another test would be this node's too."""
     namespace = "/absent_clock"
     with NodeProcess(namespace, "-p", "use_sim_time:=true", "-r", "/clock:=clock"), Reader(namespace) as peer:
-        peer.hears("waiting for /clock on /absent_clock/clock", "nobody publishes there")
+        peer.hears(
+            "waiting for /clock on /absent_clock/clock", "nobody publishes there; play the recording with `--clock`"
+        )
+        status = peer.next_diagnostics(lambda s: "no time was received on /clock" in s.message)
+        assert status.level == b"\x01"
         clock, now = peer.node.create_publisher(Clock, "clock", 10), Clock()
         now.clock.sec = 1000
 

@@ -8,6 +8,7 @@ import time
 from collections import Counter
 from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -360,3 +361,19 @@ def test_keypoints_without_a_stamp_are_reported_once(monkeypatch, capfd):
             node.work_on(cloud(BACKEND, stamp_ns, PIXELS[index]))
         assert node._pipeline.counts["unstamped"] == 1
     assert capfd.readouterr().err.count("without a stamp") == 1
+
+
+def test_a_node_of_the_same_name_is_reported_after_a_while(monkeypatch):
+    """Not at once: the graph contains the publishers of a killed node for some seconds."""
+    monkeypatch.setattr("lassokin_ros.node.node.LEFTOVER_S", 2.0)
+    with node_in_this_process("/twins") as (node, _), node_in_this_process("/twins") as (other, _):
+        peer_count = partial(node.count_publishers, "/twins/tracker/state")
+        deadline = time.monotonic() + 30.0
+        while peer_count() < 2 and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert node._namesake() == ""
+        assert node._namesake().startswith("another node publishes the topics of /twins/tracker, too")
+        other.destroy_node()
+        while peer_count() > 1 and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert node._namesake() == ""

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Rejection, Status
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
 from lassokin_ros.pipeline.depth_images import COUNTS as DEPTH_COUNTS
@@ -16,7 +17,7 @@ from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.outputs.status.calibration_status import calibration_figures, height_figures
 from lassokin_ros.pipeline.people.presence import Presence
-from lassokin_ros.pipeline.pipeline import NOBODY, Pipeline
+from lassokin_ros.pipeline.pipeline import DEPTH_IN_MESSAGE, NOBODY, WEAK, Pipeline
 from lassokin_ros.pipeline.placeholders import PLACEHOLDERS
 from lassokin_ros.pipeline.settings import MESSAGE
 from msg_adapters.output_messages.builders import ERROR, OK, WARN, StatusLine
@@ -25,6 +26,8 @@ SILENCE_S = 2.0
 """s: a longer period without keypoints is a warning."""
 PAST_S = 3600.0
 """s: stamps further in the past are considered those of another clock."""
+FUTURE_S = 1.0
+"""s: the same for stamps in the future."""
 UNUSED_SHARE = 0.02
 """Share of the messages that may be overtaken or lost without a warning."""
 FROZEN_S = 1.0
@@ -122,12 +125,8 @@ class Diagnostics:
         if pipeline.camera_fault:
             kept = "; the last good one is used" if pipeline.has_camera else ""
             return ERROR, f"camera_info refused: {pipeline.camera_fault}{kept}"
-        if not pipeline.has_camera:
-            return WARN, "waiting for camera_info"
-        if self._keypoints_at is None:
-            return WARN, "waiting for keypoints"
-        if now - self._keypoints_at > SILENCE_S:
-            return WARN, "; ".join(filter(None, [f"no keypoints for more than {SILENCE_S:g} s", concern]))
+        if waiting := self._waiting_for(now):
+            return WARN, "; ".join(filter(None, [waiting, concern]))
         if self._repeated_s > FROZEN_S:
             return WARN, (
                 f"keypoints are frozen: the same ones for more than {FROZEN_S:g} s; check that "
@@ -141,6 +140,7 @@ class Diagnostics:
             self._fit_advice(),
             self._turnover_advice(recent),
             self._depth_concern(recent),
+            self._height_concern(),
             self._clock_advice(),
             concern,
         )
@@ -149,11 +149,29 @@ class Diagnostics:
             self._nobody = recent[NOBODY] == recent["received"]
         nobody = self._nobody and status is not Status.TRACKING
         level = OK if (nobody or status is Status.TRACKING) and not concerns else WARN
-        return level, "; ".join([NOBODY if nobody else status.value, *concerns])
+        return level, "; ".join([self._nobody_text(recent) if nobody else status.value, *concerns])
+
+    def _waiting_for(self, now: float) -> str:
+        """Return the input that is missing; empty if none is."""
+        if not self._pipeline.has_camera:
+            return "waiting for camera_info"
+        if self._keypoints_at is None:
+            return "waiting for keypoints"
+        return f"no keypoints for more than {SILENCE_S:g} s" if now - self._keypoints_at > SILENCE_S else ""
+
+    def _nobody_text(self, recent: Counter[str]) -> str:
+        """Return that nobody is in view, with the largest confidence of the newest message if it had keypoints."""
+        if not recent[WEAK]:
+            return NOBODY
+        config = self._pipeline.tracker.config
+        return f"{NOBODY}: the largest confidence is {self._pipeline.weak_confidence:.2g}, {limit_text(config)}"
 
     def _clock_advice(self) -> str:
         """Return advice if the stamps are of another clock than the node's; else empty."""
-        if not self._delays or float(np.median(self._delays)) < PAST_S:
+        delay = float(np.median(self._delays)) if self._delays else 0.0
+        if delay < -FUTURE_S:
+            return f"stamps lie {-delay:.3g} s in the future: synchronise the clocks of the machines"
+        if delay < PAST_S:
             return ""
         return (
             "stamps lie hours in the past: synchronise the clocks of the machines, or play a recording with "
@@ -193,6 +211,12 @@ class Diagnostics:
     def _depth_concern(self, recent: Counter[str]) -> str:
         """Return why measured depth is not used in this period; empty if it is, or if none is configured."""
         pipeline = self._pipeline
+        unused = self._with_depth < LEAST_DEPTH_USED * self._tracked
+        if recent[DEPTH_IN_MESSAGE] and unused:
+            return (
+                "the keypoints' own depths are not near the person: check that they are in m, along the optical axis "
+                "of the camera"
+            )
         if pipeline.depth is None:
             return ""
         if not recent[RECEIVED]:
@@ -204,10 +228,24 @@ class Diagnostics:
                 "most keypoint messages had no depth image of their time: check that both have the stamp of the "
                 "camera, and that depth images arrive before the keypoints"
             )
-        if recent[MATCHED] and self._with_depth < LEAST_DEPTH_USED * self._tracked:
+        if recent[MATCHED] and unused:
             return (
                 "the depth images have no depth near the person at the keypoints: check that they are in mm (16UC1) "
                 "or m (32FC1) and registered to the colour image, and that the person is within the camera's range"
+            )
+        return ""
+
+    def _height_concern(self) -> str:
+        """Return why the person's height is probably wrong, as measured depth shows; empty if it is not."""
+        pipeline, config = self._pipeline, self._pipeline.tracker.config
+        if config.height == 0:
+            waiting = self._tracked and not any(height.measured for height in pipeline.heights().values())
+            return f"height is 0, but no depth is measured: {config.assumed_height:g} m is assumed" if waiting else ""
+        wrong = [tracker.size_check for tracker in pipeline.trackers.values() if tracker.size_check.wrong]
+        if wrong:
+            return (
+                f"depth gives a height of about {wrong[0].ratio * config.height:.2f} m, the parameter height is "
+                f"{config.height:g} m: set it to that of the person, or to 0 to measure it"
             )
         return ""
 
@@ -241,7 +279,7 @@ class Diagnostics:
             values["camera roll, pitch from TF [rad]"] = "{:.3f}, {:.3f}".format(*angles)
         if self._pipeline.depth is not None:
             values |= {f"{key} [messages]": str(counts[key]) for key in DEPTH_COUNTS}
-        listed = (OUTSIDE_IMAGE, PLACEHOLDERS, NOBODY)
+        listed = (OUTSIDE_IMAGE, PLACEHOLDERS, NOBODY, WEAK, DEPTH_IN_MESSAGE)
         for key in sorted(key for key in counts if key.startswith("rejected: ") or key in listed):
             values[f"{key} [messages]"] = str(counts[key])
         tracker = self._pipeline.tracker
@@ -254,6 +292,11 @@ class Diagnostics:
             if presence.ids is None or person in presence.ids:
                 values |= height_figures(height, person)
         return values
+
+
+def limit_text(config: TrackerConfig) -> str:
+    """Return the limit that no confidence of a message reaches, with advice."""
+    return f"min_confidence is {config.min_confidence:g} (lower it if the detector's confidences are that low)"
 
 
 def _misfit(frame: FrameResult) -> float:

@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("rosbags", reason="rosbags makes the messages")
 
-from messages import camera_info, cloud, pixels_of_motion, rosbags_backend  # noqa: E402
+from messages import camera_info, cloud, pixels_of_motion, rosbags_backend, with_depths  # noqa: E402
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.pipeline.keypoint_queue import OVERTAKEN  # noqa: E402
@@ -16,6 +16,10 @@ from msg_adapters.output_messages.builders import OK, WARN  # noqa: E402
 
 BACKEND = rosbags_backend()
 PIXELS = pixels_of_motion(60)
+LOW = (
+    "nobody in view: the largest confidence is 0.05, min_confidence is 0.2 (lower it if the detector's confidences are "
+    "that low)"
+)
 
 
 def status_of(pixels, silence_s=0.0, confidence=None):
@@ -76,11 +80,14 @@ def test_no_figures_for_a_lost_person():
     assert after["reprojection error [px]"] == after["largest joint deviation [m]"] == "nan"
 
 
-def messages(diagnostics, pipeline, count, confidence, stamp_ns, late_ns=0):
-    """Feed messages at 30 Hz, and return the status of the period."""
+def messages(diagnostics, pipeline, count, confidence, stamp_ns, late_ns=0, depth=None):
+    """Feed messages at 30 Hz, and return the status of the period. depth: m, a field of all points."""
     for i in range(count):
         stamp = stamp_ns + i * 33_333_333
-        frames = pipeline.frames(cloud(BACKEND, stamp, PIXELS[i], np.full(17, confidence)), stamp + late_ns)
+        message = cloud(BACKEND, stamp, PIXELS[i], np.full(17, confidence))
+        if depth is not None:
+            message = with_depths(BACKEND, message, np.full(17, depth))
+        frames = pipeline.frames(message, stamp + late_ns)
         diagnostics.count_message(frames, stamp + late_ns, (stamp - 10**12) * 1e-9, 0.001)
     return diagnostics.line((stamp - 10**12) * 1e-9)
 
@@ -92,11 +99,11 @@ def test_an_empty_room_is_no_warning(max_people):
     diagnostics = Diagnostics(pipeline, "tracker", 0.0)
     for start_ns in (10**12, 10**12 + 10**9):
         status = messages(diagnostics, pipeline, 20, 0.05, start_ns)
-        assert (status.level, status.message) == (OK, "nobody in view")
+        assert (status.level, status.message) == (OK, LOW)
     status = messages(diagnostics, pipeline, 20, 0.9, 10**12 + 2 * 10**9)
     assert (status.level, status.message) == (OK, "tracking")
     status = messages(diagnostics, pipeline, 20, 0.05, 10**12 + 4 * 10**9)  # the person has left
-    assert (status.level, status.message) == (OK, "nobody in view")
+    assert (status.level, status.message) == (OK, LOW)
     assert status.values["nobody in view [messages]"] == "60"
 
 
@@ -118,3 +125,45 @@ def test_a_few_overtaken_messages_are_no_warning_and_texts_have_no_counts():
     pipeline.counts.update({OVERTAKEN: 3})
     status = messages(diagnostics, pipeline, 20, 0.9, 10**12 + 10**9)
     assert (status.level, status.message) == (WARN, f"tracking; messages {OVERTAKEN}")
+
+
+def test_stamps_in_the_future_are_a_warning():
+    pipeline = Pipeline(TrackerConfig(), NodeSettings())
+    pipeline.set_camera(camera_info(BACKEND))
+    diagnostics = Diagnostics(pipeline, "tracker", 0.0)
+    status = messages(diagnostics, pipeline, 20, 0.9, 10**12, late_ns=-10 * 10**9)
+    assert status.level == WARN and status.message.startswith("tracking; stamps lie 10 s in the future: synchronise")
+
+
+def test_fractions_of_the_image_are_a_warning():
+    status = status_of(PIXELS / [640.0, 480.0])
+    assert (status.level, status.message) == (WARN, "searching; keypoints rejected: fractions")
+
+
+@pytest.mark.parametrize("height, depth, words", [(1.75, 3000.0, "check that they are in m"), (0.0, 3000.0, "in m,")])
+def test_depths_in_the_message_that_are_not_near_the_person_are_a_warning(height, depth, words):
+    pipeline = Pipeline(TrackerConfig(height=height), NodeSettings())
+    pipeline.set_camera(camera_info(BACKEND))
+    status = messages(Diagnostics(pipeline, "tracker", 0.0), pipeline, 30, 0.9, 10**12, depth=depth)
+    assert status.level == WARN and "the keypoints' own depths are not near the person" in status.message
+    assert words in status.message and status.values["depth: in the message [messages]"] == "30"
+
+
+def test_a_height_that_is_to_be_measured_without_depth_is_a_warning():
+    pipeline = Pipeline(TrackerConfig(height=0.0), NodeSettings())
+    pipeline.set_camera(camera_info(BACKEND))
+    status = messages(Diagnostics(pipeline, "tracker", 0.0), pipeline, 30, 0.9, 10**12)
+    assert status.level == WARN and status.message.endswith("but no depth is measured: 1.7 m is assumed")
+
+
+def test_a_height_that_contradicts_measured_depth_is_a_warning():
+    pipeline = Pipeline(TrackerConfig(), NodeSettings())
+    pipeline.set_camera(camera_info(BACKEND))
+    diagnostics = Diagnostics(pipeline, "tracker", 0.0)
+    assert messages(diagnostics, pipeline, 20, 0.9, 10**12).level == OK
+    check = pipeline.tracker.size_check
+    check._frames, check._mean = 50, np.log(1.6 / 1.9)
+    status = messages(diagnostics, pipeline, 20, 0.9, 10**12 + 10**9)
+    assert (
+        status.level == WARN and "depth gives a height of about 1.47 m, the parameter height is 1.75" in status.message
+    )

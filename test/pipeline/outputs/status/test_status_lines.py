@@ -26,7 +26,12 @@ SECOND = 10**9
 def pipeline():
     """What Diagnostics reads of a pipeline that tracks one person well."""
     view = SimpleNamespace(size=(640, 480))
-    tracker = SimpleNamespace(config=TrackerConfig(), skeleton=SimpleNamespace(height=1.75), averaged=0.0)
+    tracker = SimpleNamespace(
+        config=TrackerConfig(),
+        skeleton=SimpleNamespace(height=1.75),
+        averaged=0.0,
+        size_check=SimpleNamespace(wrong=False, ratio=1.0),
+    )
     return SimpleNamespace(
         enabled=True,
         camera_fault="",
@@ -37,6 +42,8 @@ def pipeline():
         ids=None,
         config=NodeSettings(),
         tracker=tracker,
+        trackers={"": tracker},
+        weak_confidence=0.0,
         depth=None,
         mount=None,
         calibrations=dict,
@@ -89,6 +96,7 @@ def test_what_prevents_tracking_comes_first(pipeline, diagnostics):
     assert said(diagnostics) == (ERROR, "camera_info refused: K is wrong")
     pipeline.camera_fault = ""
     assert said(diagnostics) == (WARN, "waiting for camera_info")
+    assert said(diagnostics, concern="and more") == (WARN, "waiting for camera_info; and more")
     pipeline.enabled = False
     assert said(diagnostics) == (OK, "disabled by ~/set_enabled")
     fresh = Diagnostics(SimpleNamespace(**{**vars(pipeline), "enabled": True, "has_camera": True}), "tracker", 0.0)
@@ -227,11 +235,11 @@ def test_the_measured_height_of_people_who_are_there(pipeline, diagnostics):
     assert figures == {"p1 height [m]": "1.679", "p1 height: deviation [m]": "0.051"}
 
 
-@pytest.mark.parametrize(("behind_s", "level"), [(3599, OK), (3601, WARN)])
+@pytest.mark.parametrize(("behind_s", "level"), [(-2.0, WARN), (-0.5, OK), (3599, OK), (3601, WARN)])
 def test_stamps_of_another_clock(diagnostics, behind_s, level):
     for i in range(3):
         stamp_ns = SECOND if i else 10**5 * SECOND
-        diagnostics.count_message([frame(stamp_ns)], SECOND + behind_s * SECOND, 10.5, 0.001)
+        diagnostics.count_message([frame(stamp_ns)], SECOND + int(behind_s * SECOND), 10.5, 0.001)
     assert said(diagnostics)[0] == level
 
 
