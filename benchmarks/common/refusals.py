@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from typing import Callable
 
+from lassokin_ros.common.missing_package import missing_package
 from lassokin_ros.core.errors import LassokinError
 
 
@@ -15,6 +16,8 @@ def exit_code(command: Callable[[], int | None]) -> int:
         return command() or 0
     except LassokinError as error:
         why = str(error)
+    except ModuleNotFoundError as error:
+        why = missing_package(error)
     except SystemExit as end:
         # argparse uses code 2 for usage errors. A SystemExit with a text would end with code 1, as a traceback does.
         if not isinstance(end.code, str):

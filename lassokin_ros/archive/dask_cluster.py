@@ -29,9 +29,7 @@ def on_cluster(address: str) -> Runner:
     try:
         import distributed
     except ImportError:
-        raise ArchiveError(
-            "--scheduler needs dask.distributed; install it with: pip install 'lassokin_ros[cluster]'"
-        ) from None
+        raise ArchiveError("--scheduler needs dask.distributed; install it with: pip install '.[cluster]'") from None
 
     # The table reports a lost scheduler; the tracebacks of dask add nothing.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)

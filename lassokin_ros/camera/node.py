@@ -6,6 +6,7 @@ It is for machines without a camera driver of ROS. A driver gives better stamps 
 from __future__ import annotations
 
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import cv2
 import numpy as np
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, Image
 
 from lassokin_ros.core.errors import CameraError
@@ -31,6 +32,8 @@ LEAST_SIDE = 64
 """px"""
 POLL_S = 0.05
 """s: between two looks for a subscriber."""
+CAMERA_INFO_WAIT_S = 5.0
+"""s: how long a file that has a subscriber of image_raw waits for one of camera_info. Nobody may need camera_info."""
 LAST_READ_S = 1.0
 """s: how long the end of the node waits for the last image."""
 PARAMETERS: dict[str, tuple[Any, str]] = {
@@ -47,7 +50,8 @@ class CameraNode(Node):
     """Publishes the images of a source. A thread reads them: a webcam's at once, a file's at their own times.
 
     A webcam that is disconnected is reported once, and opened again when it is connected. A file starts when somebody
-    subscribes to `image_raw`, and ends with a line in the log.
+    subscribes to `image_raw` and `camera_info`, and ends with a line in the log. camera_info is transient local: a
+    tracker that is connected later receives the last one.
     """
 
     def __init__(self, node_name: str = "camera", **options: Any) -> None:
@@ -64,7 +68,8 @@ class CameraNode(Node):
             self.get_logger().warning(assumed_fov_warning("the parameter fov or calibration"))
         qos = QoSProfile(depth=2)
         self._images = self.create_publisher(Image, "image_raw", qos)
-        self._infos = self.create_publisher(CameraInfo, "camera_info", qos)
+        latched = QoSProfile(depth=qos.depth, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._infos = self.create_publisher(CameraInfo, "camera_info", latched)
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, args=(source,), daemon=True)
         self._thread.start()
@@ -90,8 +95,8 @@ class CameraNode(Node):
     def _run(self, source: Source) -> None:
         """Publish the images of the source until the node ends; the body of the thread."""
         try:
-            while not source.live and not self._images.get_subscription_count() and not self._ended.wait(POLL_S):
-                pass
+            if not source.live:
+                self._await_subscribers()
             while not self._ended.is_set():
                 try:
                     self._publish_all(source)
@@ -106,6 +111,16 @@ class CameraNode(Node):
         except Exception as error:
             if self.context.ok() and not self._ended.is_set():
                 self.get_logger().error(f"the camera stops: {type(error).__name__}: {error}")
+
+    def _await_subscribers(self) -> None:
+        """Wait for a subscriber of image_raw, then for some seconds for one of camera_info."""
+        while not self._images.get_subscription_count():
+            if self._ended.wait(POLL_S):
+                return
+        deadline = time.monotonic() + CAMERA_INFO_WAIT_S
+        while not self._infos.get_subscription_count() and time.monotonic() < deadline:
+            if self._ended.wait(POLL_S):
+                return
 
     def _await_camera(self, source: Source) -> Source:
         """Try to open the camera again until it is back or the node ends."""

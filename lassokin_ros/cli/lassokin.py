@@ -6,6 +6,7 @@ lassokin tracker --ros-args ...   the ROS 2 node
 lassokin detector --ros-args ...  the ROS 2 node that turns images into keypoints
 lassokin camera --ros-args ...    the ROS 2 node that publishes a webcam or a video file
 lassokin viewer --ros-args ...    the ROS 2 node that shows the tracker's topics in the viewer Rerun
+lassokin --version                the version of the package
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import sys
 from collections.abc import Sequence
 
 from lassokin_ros.common.exit_codes import USAGE_ERROR
+from lassokin_ros.common.version import version
 
 COMMANDS = {
     "track": ("lassokin_ros.video.command", "main"),
@@ -32,6 +34,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if arguments is None else arguments)
     if given and given[0] in ("-h", "--help"):
         print(__doc__)
+        return 0
+    if given == ["--version"]:
+        print(f"lassokin_ros {version()}")
         return 0
     if not given or given[0] not in COMMANDS:
         problem = f"'{given[0]}' is no command of lassokin" if given else "a command is missing"

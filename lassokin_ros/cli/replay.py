@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from lassokin_ros.common.exit_codes import INTERRUPTED, USAGE_ERROR
 from lassokin_ros.common.interruption import Interrupted, interruptible
 from lassokin_ros.common.missing_package import missing_package
-from lassokin_ros.common.summary_output import print_summary
+from lassokin_ros.common.summary_output import print_note, print_summary
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.replay.options import PROGRAM, parser
 
@@ -45,7 +45,10 @@ def run(options: argparse.Namespace) -> int:
     if is_archive(options):
         return replay_archive(options)
     (options.bag,) = options.bags
-    print_summary(replay(options).summary)
+    replayed = replay(options)
+    print_summary(replayed.summary)
+    if replayed.warning:
+        print_note(f"replay: {replayed.warning}")
     return 0
 
 

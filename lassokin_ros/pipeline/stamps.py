@@ -74,7 +74,9 @@ class StampWatch:
 
     def _compare(self, stamp_ns: int, arrival_ns: int, newest: int, jump_back: float) -> bool:
         ahead = (stamp_ns - newest) * 1e-9
-        if -jump_back <= ahead <= 0:
+        if stamp_ns == newest:
+            raise AdapterError("old_stamp", "the stamp has not changed: does the detector copy the image's stamp?")
+        if -jump_back <= ahead < 0:
             raise AdapterError("old_stamp", f"the stamp is {abs(ahead):.3f} s older than the newest one")
         if ahead > 0 and self._is_continuous(stamp_ns, arrival_ns):
             self._jump = None

@@ -69,6 +69,8 @@ class OfflineTracker:
         """Functions called for every keypoint message with its frames, recording time in ns and tracking time in s.
 
         With `smoothing_lag` they are called when the frames leave the smoother."""
+        self.first_rejection: tuple[str, str] | None = None
+        """Key and sentence of the reason of the first rejection, also of a camera_info."""
         self.initialisations = 0
         self._reinitialised = 0
         self._backend = RosbagsBackend(types)
@@ -104,8 +106,8 @@ class OfflineTracker:
         self._diagnostics.count_camera_info(time_ns * 1e-9)
         if message is None:
             self.pipeline.counts[f"rejected: {UNREADABLE}"] += 1
-        else:
-            self.pipeline.set_camera(message)
+        elif (reason := self.pipeline.set_camera(message)) is not None and self.first_rejection is None:
+            self.first_rejection = reason, self.pipeline.camera_fault
 
     def keypoints(self, message: Any, time_ns: int) -> Iterator[tuple[str, str, Any]]:
         """Process a keypoint message, None for one that could not be deserialised.
@@ -177,6 +179,8 @@ class OfflineTracker:
             yield from self._scene.outputs(frames, self.newest_ns)
 
     def _notify(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
+        if self.first_rejection is None:
+            self.first_rejection = next(((f.rejection, f.detail) for f in frames if f.rejection is not None), None)
         if not self.listeners:
             return
         stamp = attrgetter("stamp_ns")

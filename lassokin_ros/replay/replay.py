@@ -40,11 +40,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Replayed:
-    """The result of a replay: printed summary, figures, and median ms per frame (which is not repeatable)."""
+    """The result of a replay: printed summary, figures, and median ms per frame (which is not repeatable).
+
+    warning: a sentence if no frame was accepted although there were keypoint messages, else empty.
+    """
 
     summary: str
     figures: Figures
     frame_ms: float
+    warning: str
 
 
 def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Replayed:
@@ -88,7 +92,10 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
     written.update({"images": str(shown) for shown in images})
     title = f"{options.bag} -> {output} ({storage})"
     summary = _summary(title, (str(keypoints), camera.title), tracker, seconds, written)
-    return Replayed(summary, figures, 1e3 * float(np.median(tracker.frame_seconds or [np.nan])))
+    if report is not None:
+        summary = "\n".join([summary, *(f"{'problem':<15} {problem}" for problem in report.problems)])
+    frame_ms = 1e3 * float(np.median(tracker.frame_seconds or [np.nan]))
+    return Replayed(summary, figures, frame_ms, _warning(figures, tracker))
 
 
 def _check_learning(options: argparse.Namespace, tracker: TrackerConfig, node: NodeSettings) -> None:
@@ -180,6 +187,18 @@ def _figures(tracker: OfflineTracker) -> Figures:
     return Figures(counts["received"], counts["accepted"], tracker.times_lost, median)
 
 
+def _warning(figures: Figures, tracker: OfflineTracker) -> str:
+    if figures.frames_out or not figures.frames_in:
+        return ""
+    found = f"none of {figures.frames_in} keypoint messages gave a skeleton"
+    return f"{found}; first rejection: {_first_rejection(tracker)}" if tracker.first_rejection else found
+
+
+def _first_rejection(tracker: OfflineTracker) -> str:
+    """Return 'unknown_id: ...', empty without a rejection."""
+    return ": ".join(filter(None, tracker.first_rejection or ()))
+
+
 def _summary(
     title: str, inputs: Sequence[str], tracker: OfflineTracker, seconds: float, written: Mapping[str, str]
 ) -> str:
@@ -189,6 +208,10 @@ def _summary(
     lines = {
         "frames": f"{counts['received']} in, {counts['accepted']} out",
         "rejected": ", ".join(f"{reason} {count}" for reason, count in rejected.items()) or "none",
+    }
+    if tracker.first_rejection is not None:
+        lines["rejected first"] = _first_rejection(tracker)
+    lines |= {
         "initialised": "once" if tracker.initialisations == 1 else f"{tracker.initialisations} times",
         "reprojection": f"{np.median(error):.2f} px median" if error else "nothing was tracked",
         "time per frame": f"{np.median(times):.2f} ms median, {np.percentile(times, 99):.2f} ms 99th percentile",

@@ -48,7 +48,7 @@ class RerunScene:
     def __init__(self, path: Path | None, name: str, option: str, replace: bool, timeline: str) -> None:
         """path: of the recording (.rrd); None opens a window. name: of the recording in the viewer.
 
-        option: the command line option that asks for the scene, for errors. replace: an existing file may be replaced.
+        option: the option or command that asks for the scene, for errors. replace: an existing file may be replaced.
         Raises ViewError.
         """
         self._rerun = _rerun(option)

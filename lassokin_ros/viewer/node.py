@@ -41,7 +41,8 @@ class ViewerNode(Node):
 
         options: of rclpy's Node. Raises ViewError.
         """
-        self._scene = RerunScene(path, "lassokin viewer", "viewer --save", replace, TIMELINE)
+        option = "the viewer" if path is None else "viewer --save"
+        self._scene = RerunScene(path, "lassokin viewer", option, replace, TIMELINE)
         super().__init__(node_name, **options)
         description = ParameterDescriptor(description="name of the tracker's node", read_only=True)
         self._tracker = str(self.declare_parameter("tracker", "tracker", description).value)

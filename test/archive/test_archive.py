@@ -3,6 +3,7 @@
 import os
 import shutil
 import signal
+import sys
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,8 @@ pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
 from archives import LONG, holder, outcomes, start_replay, write_archive  # noqa: E402
 from recordings import contents, write_recording  # noqa: E402
 
+from lassokin_ros.archive.dask_cluster import on_cluster  # noqa: E402
+from lassokin_ros.archive.tasks import ArchiveError  # noqa: E402
 from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.replay.record import record_of  # noqa: E402
 
@@ -226,3 +229,10 @@ def test_an_interrupted_archive_leaves_complete_outputs_and_can_continue(tmp_pat
     assert sorted(os.listdir(output)) == ["walk_tracked", "wave_tracked"]
     code, said = replayed(capsys, archive / "day1", "--output", output)
     assert code == 0 and outcomes(said) == {"walk": "done before", "wave": "done before"}
+
+
+def test_a_cluster_without_dask_names_the_extra_of_the_repository(monkeypatch):
+    """The package is not on PyPI."""
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(ArchiveError, match=r"needs dask.distributed; install it with: pip install '\.\[cluster\]'$"):
+        on_cluster("tcp://127.0.0.1:1")

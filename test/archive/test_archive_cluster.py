@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
-pytest.importorskip("distributed", reason="dask.distributed is not installed (pip install 'lassokin_ros[cluster]')")
+pytest.importorskip("distributed", reason="dask.distributed is not installed (pip install '.[cluster]')")
 
 from archives import ROOT, holder, outcomes, start_replay, write_archive  # noqa: E402
 from recordings import contents  # noqa: E402

@@ -55,6 +55,17 @@ def test_scripts_report_errors_in_one_line(script, options, said):
     assert result.stderr.startswith(f"{script}.py: {said}") and result.stderr.count("\n") == 1
 
 
+@pytest.mark.parametrize("script", ["docs_figures", "docs_animation"])
+def test_a_missing_package_is_one_line(script):
+    code = (
+        "import runpy, sys; sys.modules['matplotlib'] = None; "
+        f"sys.argv = ['{script}.py']; runpy.run_path('benchmarks/{script}.py', run_name='__main__')"
+    )
+    result = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=120)
+    assert (result.returncode, result.stdout) == (2, "") and result.stderr.count("\n") == 1
+    assert result.stderr.startswith(f"{script}.py: the Python package matplotlib is not installed: pip install")
+
+
 @pytest.mark.parametrize("command", [accuracy.main, latency.main, solvers.main, soak.main])
 @pytest.mark.parametrize("place", ["nowhere/records.json", "."])
 def test_an_unwritable_record_file_is_reported_before_the_work(command, place, tmp_path, monkeypatch, capsys):

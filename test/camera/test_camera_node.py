@@ -14,7 +14,7 @@ import rclpy  # noqa: E402
 from live import NO_HANDLERS, NodeProcess  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
-from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: E402
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
 from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
 
 from lassokin_ros.camera import node as camera_module  # noqa: E402
@@ -119,6 +119,42 @@ def test_a_video_file_is_published_at_its_own_times(ros, log, tmp_path):
     }
     (warning,) = log.lines["warning"]
     assert "field of view of 60 degrees is assumed" in warning and "parameter fov or calibration" in warning
+
+
+@pytest.fixture
+def file_source(monkeypatch):
+    """A source like a file of three images."""
+
+    def images():
+        for number in range(3):
+            yield SourceImage(number * 0.05, np.zeros((8, 8, 3), np.uint8))
+
+    source = Source("walk.avi", (8, 8), (8, 8), 20.0, 3, images(), live=False)
+    monkeypatch.setattr(camera_module, "open_source", lambda name: source)
+
+
+def test_a_later_subscriber_receives_the_last_camera_info(ros, log, file_source):
+    camera(*ros, "/late", fov=70.0)
+    _, infos = subscribe(*ros, "/late")
+    spin_until(ros[1], lambda: log.lines["info"][-1] == "walk.avi has ended", "the end")
+    spin_until(ros[1], lambda: infos, "camera_info")
+    node, received = rclpy.create_node("late", namespace="/late", context=ros[0]), []
+    kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL, reliability=ReliabilityPolicy.RELIABLE)
+    node.create_subscription(CameraInfo, "camera_info", received.append, kept)
+    ros[1].add_node(node)
+    spin_until(ros[1], lambda: received, "the kept camera_info")
+
+
+def test_a_file_waits_some_time_for_a_subscriber_of_camera_info(ros, log, file_source, monkeypatch):
+    monkeypatch.setattr(camera_module, "CAMERA_INFO_WAIT_S", 1.0)
+    camera(*ros, "/patient", fov=70.0)
+    node, images = rclpy.create_node("detector", namespace="/patient", context=ros[0]), []
+    node.create_subscription(Image, "image_raw", images.append, 10)
+    ros[1].add_node(node)
+    spin_until(ros[1], lambda: node.count_publishers("image_raw"), "the publisher")
+    began = time.monotonic()
+    spin_until(ros[1], lambda: images, "images without a subscriber of camera_info")
+    assert time.monotonic() - began > 0.5
 
 
 def test_a_disconnected_camera_is_reported_once_and_opened_again(ros, log, monkeypatch):

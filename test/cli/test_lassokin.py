@@ -7,14 +7,21 @@ from concurrent.futures import Future
 import pytest
 
 from lassokin_ros.cli import lassokin
+from lassokin_ros.common.missing_package import pip_install
 from lassokin_ros.node import executable
 
 
-@pytest.mark.parametrize("arguments", [[], ["replya"], ["--version"]])
+@pytest.mark.parametrize("arguments", [[], ["replya"], ["--verbose"], ["--version", "x"]])
 def test_a_wrong_command_is_one_line_and_exit_code_2(arguments, capsys):
     assert lassokin.main(arguments) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1 and "track, replay, tracker, detector, camera" in error
+
+
+def test_the_version_is_printed(capsys, monkeypatch):
+    monkeypatch.setattr(lassokin, "version", lambda: "1.2.3")
+    assert lassokin.main(["--version"]) == 0
+    assert capsys.readouterr().out == "lassokin_ros 1.2.3\n"
 
 
 def test_help_names_every_command(capsys):
@@ -48,4 +55,4 @@ def test_a_missing_solver_is_named(arguments, tmp_path):
     (tmp_path / "bag").mkdir()
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
     assert (done.returncode, done.stdout) == (2, "") and done.stderr.count("\n") == 1
-    assert "pip install --break-system-packages proxsuite" in done.stderr
+    assert done.stderr.endswith(f"the Python package proxsuite is not installed: {pip_install()} proxsuite\n")

@@ -236,6 +236,12 @@ def test_figures_are_small_and_shown():
         assert figure.stat().st_size < 100_000, figure
 
 
+def test_extras_are_installed_from_the_repository():
+    """The package is not on PyPI."""
+    files = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *DOCS.glob("*.md"), *ROOT.glob("lassokin_ros/**/*.py")]
+    assert not [file for file in files if "lassokin_ros[" in file.read_text(encoding="utf-8")]
+
+
 def test_every_parameter_is_in_the_tuning_guide():
     from lassokin_ros.pipeline.parameter_files import all_settings
 

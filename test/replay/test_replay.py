@@ -155,7 +155,36 @@ def test_rejected_frames_have_no_output_and_are_counted(tmp_path, capsys):
     assert main([str(recording), "-o", str(tmp_path / "out")]) == 0
     said = capsys.readouterr()
     assert "40 in, 36 out" in said.out and "old_stamp 1, too_few_landmarks 3" in said.out and said.err == ""
+    assert "\nrejected first  too_few_landmarks: " in said.out and "stamp has not changed" not in said.out
     assert len(read(tmp_path / "out", "/tracker/joint_states")) == 36
+
+
+def test_a_recording_without_an_accepted_frame_is_reported_on_stderr(recording, tmp_path, capsys):
+    layout = tmp_path / "seven.yaml"
+    names = ["nose", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle"]
+    joints = ["head", *(f"{side}_{joint}" for joint in ("hip", "knee", "ankle") for side in ("left", "right"))]
+    marks = [{"name": name, "joint": joint, "offset": [0, 0, 0]} for name, joint in zip(names, joints)]
+    layout.write_text(yaml.safe_dump({"landmarks": marks}))
+    assert main([str(recording), "-o", str(tmp_path / "out"), "-p", f"landmarks:={layout}"]) == 0
+    said = capsys.readouterr()
+    sentence = "unknown_id: keypoint id 7; expected 0 to 6 of the landmark layout"
+    assert f"\nrejected        unknown_id {FRAMES}\nrejected first  {sentence}\n" in said.out
+    assert said.err == f"replay: none of {FRAMES} keypoint messages gave a skeleton; first rejection: {sentence}\n"
+
+
+def test_the_summary_states_why_camera_info_was_rejected(tmp_path, capsys):
+    stamps, pixels, confidence = synthetic_pixels(3)
+    backend, info = RosbagsBackend(typestore()), webcam_info()
+    info.k = np.zeros(9)
+    messages = [("/camera_info", "sensor_msgs/msg/CameraInfo", START_NS - 1, info)]
+    for row in zip(stamps.tolist(), pixels, confidence):
+        cloud = point_cloud(backend, row[0], "camera", *row[1:])
+        messages.append(("/keypoints", "sensor_msgs/msg/PointCloud2", row[0], cloud))
+    recording = write_messages(tmp_path / "uncalibrated", messages)
+    assert main([str(recording), "-o", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr()
+    assert "\nrejected first  camera_uncalibrated: " in said.out
+    assert "none of 3 keypoint messages gave a skeleton; first rejection: camera_uncalibrated: " in said.err
 
 
 def test_a_gap_and_a_jump_back_cause_initialisation(tmp_path, capsys):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import datetime, timezone
 from html import escape
 from importlib import resources
@@ -15,7 +15,7 @@ from lassokin_ros.common.atomic_files import refuse_existing
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.replay.report import tables
 from lassokin_ros.replay.report.facts import Facts
-from lassokin_ros.replay.report.findings import findings
+from lassokin_ros.replay.report.findings import Finding
 from lassokin_ros.replay.report.page_json import page_data, timing_data
 
 SCRIPTS = ("common", "space", "image", "series", "page")
@@ -35,14 +35,17 @@ def check_report(path: Path, replace: bool = False) -> None:
     refuse_existing(path, replace, ReportError)
 
 
-def page(facts: Facts, images: dict[str, Any]) -> str:
-    """Return the HTML text. images: see `ReportImages.data`. Raises ReportError if plotly is not installed."""
+def page(facts: Facts, findings: Sequence[Finding], images: dict[str, Any]) -> str:
+    """Return the HTML text. Raises ReportError if plotly is not installed.
+
+    findings: in their order on the page. images: see `ReportImages.data`.
+    """
     template = Template(_file("page.html"))
     return template.substitute(
         title=escape(facts.title),
         subtitle=escape(" · ".join(_subtitle(facts))),
         style=_file("page.css"),
-        findings="".join(f'<li class="{f.level}">{tables.marked(f.text)}</li>' for f in findings(facts)),
+        findings="".join(f'<li class="{f.level}">{tables.marked(f.text)}</li>' for f in findings),
         figures=tables.figures(facts),
         timing=tables.timing(facts),
         rejections=tables.rejections(facts),

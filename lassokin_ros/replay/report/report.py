@@ -11,6 +11,7 @@ from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.replay.report.facts import Facts
+from lassokin_ros.replay.report.findings import PROBLEM, findings
 from lassokin_ros.replay.report.images import ReportImages
 from lassokin_ros.replay.report.log import ReplayLog
 from lassokin_ros.replay.report.page import check_report, page
@@ -26,6 +27,8 @@ class Report:
         self._skeleton = pipeline.tracker.skeleton  # before calibration
         self._log = ReplayLog(late=pipeline.tracker.config.smoothing_lag)
         self._images = ReportImages()
+        self.problems: list[str] = []
+        """The sentences of the problems on the page, after `write`."""
 
     def add(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
         """Add the frames of one keypoint message, see `OfflineTracker.listeners`."""
@@ -51,4 +54,6 @@ class Report:
         counts = dict(pipeline.counts)
         facts = Facts(title, topics, self._log, counts, tracker.config, pipeline.config, self._skeleton, names, size)
         images = self._images.data({message.stamp_ns: message.time for message in self._log.messages})
-        files.write_text(self._path, page(facts, images))
+        found = findings(facts)
+        self.problems = [finding.text for finding in found if finding.level == PROBLEM]
+        files.write_text(self._path, page(facts, found, images))

@@ -139,6 +139,14 @@ def test_the_page_is_reproducible_except_for_times(clean, tmp_path):
     assert lasting(other) == lasting(page) and len(page) - len(lasting(page)) > 500
 
 
+def test_the_summary_lists_the_problems_of_the_page(tmp_path, capsys):
+    problems = [
+        text for level, text in said(report(recording(tmp_path / "dark", absent(0, FRAMES)))) if level == "problem"
+    ]
+    lines = [line.replace("`", "") for line in capsys.readouterr().out.splitlines() if line.startswith("problem  ")]
+    assert len(lines) > 1 and [line.partition(" ")[2].strip() for line in lines] == problems
+
+
 def absent(first, last):
     def spoil(stamps, pixels, confidence):
         confidence[first:last] = 0
