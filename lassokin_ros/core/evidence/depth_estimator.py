@@ -9,6 +9,7 @@ from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.skeleton import Skeleton, has_built_in_proportions
 from lassokin_ros.core.evidence.depth_network import (
     LEAST_SEEN,
+    NAMES,
     TARGETS,
     History,
     Network,
@@ -17,6 +18,7 @@ from lassokin_ros.core.evidence.depth_network import (
     canonical_index,
     lengths_of,
 )
+from lassokin_ros.core.evidence.image_roll import ImageRoll
 from lassokin_ros.core.image.frame_data import JointDepths
 
 
@@ -29,7 +31,7 @@ class DepthEstimator:
         index = canonical_index(kinematics.layout, kinematics.skeleton)
         self._index, self._in_layout = np.maximum(index, 0), index >= 0
         self.use_lengths(kinematics.skeleton, not has_built_in_proportions(kinematics.skeleton))
-        self._history = History()
+        self._history, self._roll = History(), ImageRoll(NAMES)
         self._mount: np.ndarray | None = None
         self._level = np.eye(3)
         self._prediction: Prediction | None = None
@@ -46,16 +48,24 @@ class DepthEstimator:
 
     def adopt_history(self, other: DepthEstimator) -> None:
         """Copy the past keypoints and the newest estimate of another estimator for the same person."""
-        self._history, self._prediction, self._rotation = other._history, other._prediction, other._rotation
+        self._history, self._roll = other._history, other._roll
+        self._prediction, self._rotation = other._prediction, other._rotation
 
     def reset(self) -> None:
         """Forget the past keypoints."""
         self._history.reset()
+        self._roll.reset()
         self._prediction = None
         self._rotation = np.eye(3)
 
     def update(
-        self, stamp: float, points: np.ndarray, seen: np.ndarray, up: np.ndarray | None, mount: np.ndarray
+        self,
+        stamp: float,
+        points: np.ndarray,
+        seen: np.ndarray,
+        up: np.ndarray | None,
+        mount: np.ndarray,
+        mount_known: bool = True,
     ) -> Steps[JointDepths | None]:
         """Estimate the joints' depths after a frame's keypoints; None if fewer than `LEAST_SEEN` are visible.
 
@@ -63,17 +73,25 @@ class DepthEstimator:
 
         stamp: s, later than the last. points: (l, 2) normalised; seen: (l,) bool. up: (3,) the vertical in the camera
         frame, None if unknown. mount: (3,) the vertical by the camera's mount. It is used to rotate a rolled image
-        upright, because the network was trained with nearly level cameras.
+        upright, because the network was trained with nearly level cameras. mount_known: False if the mount is assumed;
+        the image is then turned by what the body shows, see `ImageRoll`.
         """
         shown = seen.take(self._index) & self._in_layout
         if mount is not self._mount:
             self._mount, self._level = mount, _upright_image(mount)
         level = self._level
-        self._history.add(stamp, points.take(self._index, axis=0) @ level[:2, :2].T, shown)
+        levelled = points.take(self._index, axis=0) @ level[:2, :2].T
+        self._history.add(stamp, levelled, shown)
+        if not mount_known:
+            self._roll.update(stamp, levelled, shown)
         self._prediction = None
         if np.count_nonzero(shown) < LEAST_SEEN:
             return None
         past, known = self._history.sampled()
+        if self._roll.turned and not mount_known:
+            turn = np.eye(3)
+            turn[:2, :2] = self._roll.turn
+            past, level, up = past @ turn[:2, :2].T, turn @ level, None
         vertical = np.zeros(3) if up is None else level @ up
         scene = Scene(past, known, vertical, np.array(up is not None), self._lengths, self._lengths_known)
         prediction = self._prediction = yield BatchedCall(self._network, "predict", (scene,))
