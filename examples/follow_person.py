@@ -27,10 +27,10 @@ class FollowPerson(Node):
         self.forward, self.left = message.point.z, -message.point.x
 
     def on_timer(self):
-        """Publish a command; zero if the last position is older than half a second."""
+        """Publish a command, at most 0.5 m/s; zero if the last position is older than half a second."""
         command = Twist()
         if self.seen and (self.get_clock().now() - self.seen).nanoseconds < 5e8:
-            command.linear.x = 0.5 * max(self.forward - 1.5, 0.0)
+            command.linear.x = min(0.5 * max(self.forward - 1.5, 0.0), 0.5)
             command.angular.z = 1.0 * math.atan2(self.left, self.forward)
         self.publisher.publish(command)
 

@@ -84,11 +84,13 @@ class TrackerNode(Node):
         """Version, main settings, and the topics after remapping."""
         tracker, config = self._live_parameters.settings
         inputs = [topics.CAMERA_INFO] if self._bodies is not None else [topics.KEYPOINTS, topics.CAMERA_INFO]
-        outputs = topics.REP155_BODIES if config.rep155 else topics.BODIES if config.several_people else topics.JOINTS
-        names = [self.resolve_topic_name(topic) for topic in (*inputs, outputs)]
+        names = ", ".join(self.resolve_topic_name(topic) for topic in inputs)
+        outputs = self.resolve_topic_name(topics.JOINTS).rpartition("/")[0]
+        if config.several_people:
+            outputs = self.resolve_topic_name(topics.REP155_BODIES if config.rep155 else topics.BODIES) + "/<id>"
         return (
-            f"lassokin_ros {version()}: height {tracker.height_text}, landmarks {tracker.landmarks}, reads "
-            f"{', '.join(names[:-1])}, publishes {names[-1].rpartition('/')[0] or names[-1]}/..."
+            f"lassokin_ros {version()}: height {tracker.height_text}, landmarks {tracker.landmarks}, reads {names}, "
+            f"publishes {outputs}/..."
         )
 
     def _open_outputs(self, config: NodeSettings, name: str) -> None:

@@ -94,7 +94,7 @@ def test_follow_person_stops_without_a_person_and_drives_to_one(robot):
         robot.spin_until(lambda: robot.got, "a command")
         assert (robot.got[-1].linear.x, robot.got[-1].angular.z) == (0.0, 0.0)
         robot.spin_until(lambda: robot.got[-1].linear.x > 0, "motion", lambda: tracker.publish(person))
-        assert robot.got[-1].linear.x == pytest.approx(1.0) and robot.got[-1].angular.z == pytest.approx(
+        assert robot.got[-1].linear.x == pytest.approx(0.5) and robot.got[-1].angular.z == pytest.approx(
             0.142, abs=1e-3
         )
         robot.spin_until(lambda: robot.got[-1].linear.x == 0, "a stop after the person has left")

@@ -5,7 +5,7 @@ import yaml
 
 pytest.importorskip("rclpy")
 
-from live import NodeProcess, Peer  # noqa: E402
+from live import NodeProcess, Peer, node_in_this_process  # noqa: E402
 from rclpy.parameter import parameter_value_to_python  # noqa: E402
 from rclpy.parameter_client import AsyncParameterClient  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
@@ -87,6 +87,11 @@ def test_listed_parameters_are_those_of_the_node_or_of_rclpy(tmp_path):
         "disabled",
         "enabled",
     ]
+
+
+def test_the_first_line_has_the_topics_of_several_people():
+    with node_in_this_process("/first_of_many", max_people=3) as (node, _):
+        assert node._start_text().endswith("publishes /first_of_many/tracker/bodies/<id>/...")
 
 
 def test_the_first_line_has_version_height_layout_and_the_topics_after_remapping():
