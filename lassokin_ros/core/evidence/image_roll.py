@@ -30,9 +30,8 @@ class ImageRoll:
 
     def __init__(self, names: tuple[str, ...]) -> None:
         """names: of the points."""
-        self._heights = np.array([STANDING.get(name, np.nan) for name in names])
-        self._used = np.isfinite(self._heights)
-        self._heights[~self._used] = 0.0
+        self._used = np.array([name in STANDING for name in names])
+        self._rows = np.array([[STANDING.get(name, 0.0) for name in names], np.ones(len(names))])
         self.reset()
 
     def reset(self) -> None:
@@ -48,7 +47,7 @@ class ImageRoll:
         return bool(self.turn[0, 0] < 0.5)
 
     def update(self, stamp: float, points: np.ndarray, seen: np.ndarray) -> None:
-        """Use a frame. stamp: s; points: (k, 2) normalised; seen: (k,) bool."""
+        """Use a frame. stamp: s; points: (k, 2) normalised, any finite value if not seen; seen: (k,) bool."""
         up = self._direction(points, seen & self._used)
         if up is None:
             return
@@ -64,11 +63,10 @@ class ImageRoll:
 
     def _direction(self, points: np.ndarray, used: np.ndarray) -> np.ndarray | None:
         """(2,) unit vector in which the height of the visible points increases in the image; None if undefined."""
-        count = np.count_nonzero(used)
+        rows = self._rows * used
+        sums, (height, count) = rows @ points, rows.sum(axis=1)
         if count < 2:
             return None
-        heights = np.where(used, self._heights, 0.0)
-        heights = np.where(used, heights - heights.sum() / count, 0.0)
-        direction = heights @ np.where(used[:, None], points, 0.0)
+        direction = sums[0] - height / count * sums[1]
         size = math.hypot(*direction)
         return direction / size if size > LEAST else None

@@ -22,7 +22,7 @@ def turned(points, degrees):
     return points @ np.array([[c, -s], [s, c]]).T
 
 
-@pytest.mark.parametrize("degrees", [0, 30, -40, 60, 90, -90, 120, 180, 225])
+@pytest.mark.parametrize("degrees", [0, 30, -40, 55, 90, -90, 120, 180, 225])
 def test_the_body_points_up_after_the_turn(degrees):
     roll = ImageRoll(NAMES)
     points = turned(UP, degrees)
@@ -54,7 +54,6 @@ def test_points_without_a_direction_change_nothing():
     for seen in (np.zeros(len(NAMES), dtype=bool), np.array([name == "nose" for name in NAMES])):
         roll.update(0.0, turned(UP, 180), seen)
     roll.update(0.1, np.full_like(UP, 0.3), ALL)
-    roll.update(0.2, np.where(ALL[:, None], np.nan, UP), ~ALL)
     assert not roll.turned and np.array_equal(roll.turn, np.eye(2))
 
 
