@@ -92,7 +92,7 @@ def test_without_depth_there_are_no_rows(scene):
 
 
 @pytest.mark.parametrize(
-    "depth", [np.full(17, np.nan), np.zeros(17), np.full(17, np.inf), -np.ones(17), np.ones(16), np.full(17, 65.535e3)]
+    "depth", [np.full(17, np.nan), np.zeros(17), np.full(17, np.inf), -np.ones(17), np.full(17, 65.535e3)]
 )
 def test_invalid_depth_is_not_used(depth):
     observation = Observation(0.0, np.zeros((17, 2)), np.ones(17), FOCAL, depth=depth)
