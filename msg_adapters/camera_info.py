@@ -146,11 +146,11 @@ def _check_size(K: np.ndarray, message: Any) -> str:
     if away.max() > FARTHEST_CENTRE:
         raise AdapterError("camera_uncalibrated", f"camera_info has {numbers}: the principal point is far outside")
     if away.max() > UNUSUAL_CENTRE:
-        return f"camera_info has {numbers}: is K of another resolution, or of the binned image?"
+        return f"camera_info has {numbers}, which may be those of another resolution, or of the binned image"
     if focal.max() > UNUSUAL_FOCAL * size.max():
-        return f"camera_info has {numbers}: a field of view below 3 degrees; is K in px?"
+        return f"camera_info has {numbers}: a field of view below 3 degrees; K must be in px"
     if abs(aspect - 1) > UNUSUAL_ASPECT or abs(1 / aspect - 1) > UNUSUAL_ASPECT:
-        return f"camera_info has {numbers}: fx and fy differ; are pixels not square?"
+        return f"camera_info has {numbers}: fx and fy differ, as if pixels were not square"
     return ""
 
 

@@ -78,15 +78,13 @@ class Keypoints:
         return numbers, points.reshape(-1, count, 2), confidence.reshape(-1, count)
 
     def depth_as_landmarks(self, count: int, person: int | None = None) -> np.ndarray | None:
-        """Return the depths (count,) m of the points of `as_landmarks`, NaN = not measured; None without any depth.
-
-        Raises AdapterError like `as_landmarks`, except for repeated ids.
-        """
+        """Return the depths (count,) m of the points of `as_landmarks`, NaN = not measured; None without any depth."""
         if self.depth is None:
             return None
-        chosen = self._usable(self._present_of(person), count)
+        chosen = self._present_of(person) & (self.confidence <= LARGEST_CONFIDENCE)
+        chosen &= (self.ids >= 0) & (self.ids < count)
         result = np.full(count, np.nan)
-        result[self.ids.take(chosen)] = self.depth.take(chosen)
+        result[self.ids[chosen]] = self.depth[chosen]
         return result
 
     @cached_property

@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
     replayed = replay(options)
     print_summary(replayed.summary)
     if replayed.warning:
-        print_note(f"replay: {replayed.warning}")
+        print_note(f"{PROGRAM}: {replayed.warning}")
     return 0
 
 

@@ -30,7 +30,7 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.description.skeleton_file import save_all
 from lassokin_ros.pipeline.outputs.status.calibration_status import averaged_sides
-from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics, limit_text
+from lassokin_ros.pipeline.outputs.status.diagnostics import ALMOST, NEARLY, Diagnostics
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.pipeline.people.per_body_pipeline import PerBodyPipeline
 from lassokin_ros.pipeline.pipeline import WEAK, Pipeline
@@ -58,7 +58,7 @@ class TrackerNode(Node):
         self._pipeline = (PerBodyPipeline if settings[1].topic_per_body else Pipeline)(*settings)
         self._warning = LogThrottle(self.get_logger().warning, time.monotonic)
         self._reported_unstamped = self._reported_misplaced = False
-        self._namesake_checks = 0
+        self._reported_weak, self._namesake_checks = False, 0
         name = self.get_fully_qualified_name().lstrip("/")  # /diagnostics is shared by the trackers of all namespaces
         self._status = DiagnosticArrayBuilder(RclpyBackend())
         self._diagnostics = Diagnostics(self._pipeline, name, time.monotonic())
@@ -189,10 +189,11 @@ class TrackerNode(Node):
         for frame in frames:
             if not frame.accepted and not self._pipeline.nobody_in_view:
                 self._warning.log(str(frame.rejection), f"keypoints rejected ({frame.rejection}): {frame.detail}")
-        if self._pipeline.counts[WEAK] >= MOST_WEAK and not self._pipeline.counts["accepted"]:
-            config, confidence = self._pipeline.tracker.config, self._pipeline.weak_confidence
-            words = f"no keypoint was used yet: the largest confidence is {confidence:.2g}, {limit_text(config)}"
-            self._warning.log(WEAK, words)
+        if self._pipeline.counts[WEAK] >= MOST_WEAK and not self._pipeline.answered and not self._reported_weak:
+            limit, confidence = self._pipeline.tracker.config.min_confidence, self._pipeline.weak_confidence
+            if confidence >= ALMOST * limit:
+                self._reported_weak = True
+                self.get_logger().warning(f"nobody was tracked yet: {NEARLY} ({confidence:.2f}, {limit:g})")
         if self._pipeline.counts["unstamped"] and not self._reported_unstamped:  # only once
             self._reported_unstamped = True
             self.get_logger().warning("keypoints without a stamp: outputs carry the time of their arrival")
@@ -230,14 +231,16 @@ class TrackerNode(Node):
 
     def _namesake(self) -> str:
         """Return that another node publishes the same topics; empty if there is none."""
-        several = self.count_publishers(self.resolve_topic_name(topics.STATE)) > 1
+        config = self._pipeline.config
+        shared = config.rep155 and not config.topic_per_body  # the list of bodies has an absolute name
+        topic = self.resolve_topic_name(topics.REP155_TRACKED_OUTPUT.name if shared else topics.STATE)
+        several = self.count_publishers(topic) > 1
         self._namesake_checks = self._namesake_checks + 1 if several else 0
         if self._namesake_checks * DIAGNOSTICS_PERIOD_S < LEFTOVER_S:
             return ""
-        name = self.get_fully_qualified_name()
         words = (
-            f"another node publishes the topics of {name}, too: give one of them another name (-r __node:=NAME) or "
-            "namespace (-r __ns:=/NAME)"
+            f"another node publishes {topic}, too: give one of the nodes another name (-r __node:=NAME), namespace "
+            "(-r __ns:=/NAME) or remapping"
         )
         self._warning.log("namesake", words)
         return words

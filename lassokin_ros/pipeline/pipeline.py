@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.core.calibration.bone_lengths import Calibration
-from lassokin_ros.core.calibration.height import HeightEstimator
+from lassokin_ros.core.calibration.height import FEWEST, HeightEstimator
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Status
 from lassokin_ros.core.tracker import Tracker
@@ -65,6 +65,8 @@ class Pipeline:
         messages with keypoints outside the image."""
         self.nobody_in_view = False
         """True if the last message had no confident keypoint."""
+        self.answered = False
+        """True after the first accepted result for a person."""
         self.weak_confidence = 0.0
         """Largest confidence in the last message without a confident keypoint; 0 if that had no keypoint."""
         self.people = _people_tracker(self._trackable, self.counts, self.config.several_people)
@@ -195,6 +197,7 @@ class Pipeline:
             self.counts["ignored while disabled"] += 1
             return []
         frames = self._frames(message, arrival_ns)
+        self.answered = self.answered or any(frame.accepted for frame in frames)
         rejection = next((frame.rejection for frame in frames if not frame.accepted), None)
         self.counts["accepted" if rejection is None else f"rejected: {rejection}"] += 1
         if repeated_s(frames) > 0:
@@ -213,7 +216,7 @@ class Pipeline:
             stamped = keypoints.stamp_ns is not None
             stamp_ns = keypoints.stamp_ns or self._stamps.estimate(arrival_ns)
             if keypoints.depth is not None:
-                self.counts[DEPTH_IN_MESSAGE] += 1
+                self.counts[DEPTH_IN_MESSAGE] += bool(np.count_nonzero(keypoints.depth > 0) >= FEWEST)
             elif self.depth is not None:
                 keypoints = self.depth.with_depth(keypoints, stamp_ns, view.size, view.intrinsics.frame_id)
             image = PeopleImage(keypoints, stamp_ns, frame_id, view.lens, self._has_persistent_numbers(keypoints))

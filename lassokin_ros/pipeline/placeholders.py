@@ -29,6 +29,8 @@ REPEATED = 3
 place left and right on one limb."""
 FEWEST_FRACTIONS = 4
 """Keypoints from which on coordinates are recognised as fractions of the image size."""
+LARGEST_FRACTION = 3.0
+"""Of the side's length: largest coordinate of such keypoints. Limbs may be estimated outside of the image."""
 LEAST_FRACTION = 0.01
 """Of the side's length: smallest extent of such keypoints. A few placeholders can be less than a pixel apart, too."""
 SMALLEST_PX = 50.0
@@ -41,12 +43,14 @@ def refuse_fractions(keypoints: Keypoints, size: tuple[int, int]) -> None:
     size: (width, height) px of the image; 0 = unknown.
     """
     xy = keypoints.xy.compress(keypoints.present, axis=0)
-    if len(xy) < FEWEST_FRACTIONS or xy.max() > 1.0 or xy.min() < 0.0 or np.ptp(xy, axis=0).max() < LEAST_FRACTION:
+    if len(xy) < FEWEST_FRACTIONS or np.abs(xy).max() > LARGEST_FRACTION or np.ptp(xy, axis=0).max() < LEAST_FRACTION:
         return
+    if 2 * np.count_nonzero(((xy >= 0.0) & (xy <= 1.0)).all(axis=1)) <= len(xy):
+        return  # most are not inside the image: placeholders, such as -1
     width, height = size
     raise AdapterError(
         "fractions",
-        f"all coordinates are between 0 and 1; expected px: multiply x by the image's width ({width}) and y by its "
+        f"most coordinates are between 0 and 1; expected px: multiply x by the image's width ({width}) and y by its "
         f"height ({height})",
     )
 

@@ -75,7 +75,7 @@ class StampWatch:
     def _compare(self, stamp_ns: int, arrival_ns: int, newest: int, jump_back: float) -> bool:
         ahead = (stamp_ns - newest) * 1e-9
         if stamp_ns == newest:
-            raise AdapterError("old_stamp", "the stamp has not changed: does the detector copy the image's stamp?")
+            raise AdapterError("old_stamp", "the stamp has not changed; the detector must copy the stamp of each image")
         if -jump_back <= ahead < 0:
             raise AdapterError("old_stamp", f"the stamp is {abs(ahead):.3f} s older than the newest one")
         if ahead > 0 and self._is_continuous(stamp_ns, arrival_ns):

@@ -188,7 +188,7 @@ def _figures(tracker: OfflineTracker) -> Figures:
 
 
 def _warning(figures: Figures, tracker: OfflineTracker) -> str:
-    if figures.frames_out or not figures.frames_in:
+    if tracker.pipeline.answered or not figures.frames_in:
         return ""
     found = f"none of {figures.frames_in} keypoint messages gave a skeleton"
     return f"{found}; first rejection: {_first_rejection(tracker)}" if tracker.first_rejection else found

@@ -84,8 +84,15 @@ def test_depths_are_those_of_the_points_that_are_used():
         found = keypoints([0, 1, wrong], confidence=[0.5, 0.5, 90], depth=np.array([1.0, 2.0, 3.0]))
         assert found.as_landmarks(4)[1].tolist() == [0.5, 0.5, 0, 0]
         assert np.array_equal(found.depth_as_landmarks(4), [1.0, 2.0, np.nan, np.nan], equal_nan=True)
-        present = keypoints([0, 1, wrong], depth=np.array([1.0, 2.0, 3.0]))
-        refused(lambda: present.depth_as_landmarks(4), "unknown_id")
+
+
+def test_invalid_scores_of_one_person_do_not_affect_the_depths_of_another():
+    """Most scores of the second person are invalid, but not most of the message."""
+    found = keypoints(
+        [0, 1, 2, 0, 1], persons=[4, 4, 4, 9, 9], confidence=[0.5, 0.5, 0.5, 90, 90], depth=np.arange(1.0, 6.0)
+    )
+    assert found.by_person(3)[2].tolist() == [[0.5, 0.5, 0.5], [0, 0, 0]]
+    assert found.depth_as_landmarks(3, 4).tolist() == [1, 2, 3] and np.isnan(found.depth_as_landmarks(3, 9)).all()
 
 
 def test_each_person_has_its_points():

@@ -142,11 +142,16 @@ def test_fractions_of_the_image_are_refused_with_the_factors():
         frame.rejection == "fractions" and f"width ({WIDTH})" in frame.detail and f"height ({HEIGHT})" in frame.detail
     )
     assert not pipeline.nobody_in_view
+    below = PIXELS[0] / [WIDTH, HEIGHT] + [0.0, 0.4]  # the legs are below the image
+    assert below.max() > 1.1 and pipeline.process(cloud(BACKEND, 10**9, below), 0).rejection == "fractions"
 
 
-@pytest.mark.parametrize("xy", [np.full((17, 2), 0.5), np.zeros((17, 2)), np.full((17, 2), np.nan), PIXELS[0] / 1000])
+@pytest.mark.parametrize(
+    "xy",
+    [np.full((17, 2), 0.5), np.zeros((17, 2)), np.full((17, 2), np.nan), PIXELS[0] / 50, -PIXELS[0] / 1000],
+    ids=["centre", "zero", "nan", "twelve px", "negative"],
+)
 def test_placeholders_and_a_small_person_are_no_fractions(xy):
     pipeline = Pipeline(TrackerConfig(), NodeSettings())
     assert pipeline.set_camera(camera_info(BACKEND)) is None
-    xy = xy + [100.0, 100.0] if np.ptp(xy) > 0 else xy
     assert pipeline.process(cloud(BACKEND, 10**9, xy), 0).rejection != "fractions"

@@ -148,7 +148,7 @@ def test_words_of_a_refused_stamp():
     watch.check(10**12, 0, JUMP_BACK_S)
     watch.seen(10**12, True)
     for ahead_s, words in (
-        (0.0, "the stamp has not changed: does the detector copy the image's stamp?"),
+        (0.0, "the stamp has not changed; the detector must copy the stamp of each image"),
         (-0.25, "the stamp is 0.250 s older than the newest one"),
         (60.0, "the stamp is 60.000 s ahead of the newest one; the next message must confirm it"),
         (-60.0, "the stamp is 60.000 s behind the newest one; the next message must confirm it"),

@@ -169,7 +169,10 @@ def test_a_recording_without_an_accepted_frame_is_reported_on_stderr(recording, 
     said = capsys.readouterr()
     sentence = "unknown_id: keypoint id 7; expected 0 to 6 of the landmark layout"
     assert f"\nrejected        unknown_id {FRAMES}\nrejected first  {sentence}\n" in said.out
-    assert said.err == f"replay: none of {FRAMES} keypoint messages gave a skeleton; first rejection: {sentence}\n"
+    assert (
+        said.err
+        == f"lassokin replay: none of {FRAMES} keypoint messages gave a skeleton; first rejection: {sentence}\n"
+    )
 
 
 def test_the_summary_states_why_camera_info_was_rejected(tmp_path, capsys):

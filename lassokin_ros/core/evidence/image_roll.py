@@ -17,6 +17,9 @@ STANDING = {
     "left_knee": 0.28, "right_knee": 0.28, "left_ankle": 0.04, "right_ankle": 0.04,
 }  # fmt: skip
 """Height of the points of a standing person, in heights. Arms are not used, because they point anywhere."""
+LEAST_HEIGHT = 0.28
+"""In heights: least difference of the standing heights of the visible points. The direction from shoulders to head
+alone is that of a leaning neck."""
 LEAST = 1e-6
 """Normalised units: smallest extent of the body in the image."""
 MEMORY_S = 0.5
@@ -63,10 +66,11 @@ class ImageRoll:
 
     def _direction(self, points: np.ndarray, used: np.ndarray) -> np.ndarray | None:
         """(2,) unit vector in which the height of the visible points increases in the image; None if undefined."""
+        heights = self._rows[0][used]
+        if len(heights) < 2 or heights.max() - heights.min() < LEAST_HEIGHT:
+            return None
         rows = self._rows * used
         sums, (height, count) = rows @ points, rows.sum(axis=1)
-        if count < 2:
-            return None
         direction = sums[0] - height / count * sums[1]
         size = math.hypot(*direction)
         return direction / size if size > LEAST else None

@@ -50,15 +50,16 @@ class Transforms:
                 continue  # NaN compares false
             if len(child) > LONGEST_NAME or len(parent) > LONGEST_NAME:
                 continue
-            frame = self._frames.get(child)
+            frame = self._frames.pop(child, None)
             if frame is None:
                 self._make_room()
             if frame is None or frame.parent != parent or frame.static is not static:
-                frame = self._frames[child] = _Frame(parent, static)
+                frame = _Frame(parent, static)
+            self._frames[child] = frame  # at the end: the last to be forgotten
             frame.add(stamp.sec * 1_000_000_000 + stamp.nanosec, quaternion)
 
     def _make_room(self) -> None:
-        """Forget one frame if there are too many: the first of the moving ones, which their publishers repeat."""
+        """Forget one frame if there are too many: the moving one that was updated the longest time ago."""
         if len(self._frames) >= MOST_FRAMES:
             moving = (name for name, frame in self._frames.items() if not frame.static)
             del self._frames[next(moving, next(iter(self._frames)))]

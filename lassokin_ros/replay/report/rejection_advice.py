@@ -25,7 +25,8 @@ REASONS: dict[str, tuple[str, str]] = {
     "wrong_shape": ("wrong number of values", "the message does not fit `keypoints_type` and `landmarks`"),
     "old_stamp": (
         "stamp not newer than the previous one",
-        "the stamps are not monotonic: check for two detectors on one topic, or messages out of order",
+        "the stamps do not increase: check that the detector copies the stamp of each image, that no second detector "
+        "uses the topic, and that messages come in order",
     ),
     "stamp_jump": ("stamp jump", "a single jump is ignored; two in a row reset the tracker to the new time"),
     "bad_stamp": ("invalid stamp", "the detector fills header.stamp with a value that is not a time"),

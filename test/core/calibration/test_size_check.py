@@ -30,7 +30,7 @@ def test_a_wrong_height_is_found_and_the_right_one_is_not_doubted(given, true, w
 
 def test_there_is_no_result_before_enough_frames_or_after_a_reset():
     tracker = tracked(1.9, 1.6, 1.0)
-    assert tracker.size_check._frames < FEWEST
+    assert len(tracker.size_check._ratios) < FEWEST
     assert tracker.size_check.ratio == 1.0 and not tracker.size_check.wrong
     tracker = tracked(1.9, 1.6)
     tracker.reset()
@@ -41,4 +41,18 @@ def test_without_depth_nothing_is_checked():
     tracker = Tracker(CONFIG)
     for _, observation in observations(tracker, 1.0):
         tracker.track(observation)
-    assert tracker.size_check._frames == 0
+    assert not tracker.size_check._ratios
+
+
+@pytest.mark.parametrize("visible", [slice(None), slice(0, 11)], ids=["body", "upper body"])
+def test_depths_on_occluders_cause_no_doubt(visible):
+    """Of each frame's depths, 15 % are 0.2 to 1 m too near."""
+    tracker, random = Tracker(CONFIG), np.random.default_rng(2)
+    for _, observation in observations(tracker, 5.0):
+        landmarks = tracker.kinematics.pose(motion(tracker.skeleton, np.array([observation.stamp]))).landmarks[0]
+        depth = landmarks[:, 2] + 0.03 * random.normal(size=17)
+        depth -= (random.random(17) < 0.15) * random.uniform(0.2, 1.0, 17)
+        confidence = np.zeros(17)
+        confidence[visible] = 1.0
+        tracker.track(replace(observation, depth=depth, confidence=confidence))
+    assert len(tracker.size_check._ratios) >= FEWEST and not tracker.size_check.wrong

@@ -57,6 +57,15 @@ def test_points_without_a_direction_change_nothing():
     assert not roll.turned and np.array_equal(roll.turn, np.eye(2))
 
 
+def test_head_and_shoulders_alone_do_not_turn_the_image():
+    roll, seen = ImageRoll(NAMES), np.array([name in ("nose", "left_shoulder", "right_shoulder") for name in NAMES])
+    roll.update(0.0, turned(UP, 120), seen)
+    assert not roll.turned
+    seen[NAMES.index("left_hip")] = True
+    roll.update(0.1, turned(UP, 120), seen)
+    assert roll.turned
+
+
 @pytest.mark.parametrize("degrees", [90, 180, -90])
 def test_learned_depths_do_not_depend_on_an_unknown_roll_of_the_camera(degrees):
     """The same person and noise; the camera is turned about its optical axis, and its mount is not configured."""

@@ -372,7 +372,7 @@ def test_a_node_of_the_same_name_is_reported_after_a_while(monkeypatch):
         while peer_count() < 2 and time.monotonic() < deadline:
             time.sleep(0.01)
         assert node._namesake() == ""
-        assert node._namesake().startswith("another node publishes the topics of /twins/tracker, too")
+        assert node._namesake().startswith("another node publishes /twins/tracker/state, too")
         other.destroy_node()
         while peer_count() > 1 and time.monotonic() < deadline:
             time.sleep(0.01)

@@ -222,6 +222,10 @@ def test_memory_of_transforms_is_limited():
         transforms.add(tf_message(BACKEND, SECOND, ("map", f"frame_{number}", Rotation.identity())), static=False)
     assert len(transforms._frames) == MOST_FRAMES
     robot(transforms=transforms)  # moving frames are published again; fixed ones were kept
+    for number in range(MOST_FRAMES):
+        transforms.add(tf_message(BACKEND, SECOND, ("map", f"more_{number}", Rotation.identity())), static=False)
+        if number % 100 == 0:
+            robot(transforms=transforms)
     assert transforms.rotation(FRAME, BASE, SECOND).shape == (3, 3)
     transforms.add(tf_message(BACKEND, SECOND, ("map", "x" * (LONGEST_NAME + 1), Rotation.identity())), static=True)
     assert not any(len(name) > LONGEST_NAME for name in transforms._frames)

@@ -27,7 +27,7 @@ def pipeline():
         (300, 300, 160, 120, "binned image"),
         (600, 400, 320, 240, "fx and fy differ"),
         (400, 600, 320, 240, "fx and fy differ"),
-        (20000, 20000, 320, 240, "is K in px"),
+        (20000, 20000, 320, 240, "K must be in px"),
     ],
 )
 def test_an_unlikely_matrix_is_a_warning_with_numbers(pipeline, fx, fy, cx, cy, text):

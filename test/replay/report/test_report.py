@@ -223,7 +223,7 @@ CASES = {
         {"spoil": shifted(40, -0.2)},
         (
             "problem",
-            "6 frames rejected: stamp not newer than the previous one: the stamps are not monotonic: check for two",
+            "6 frames rejected: stamp not newer than the previous one: the stamps do not increase: check",
         ),
     ),
     "one stamp": ({"spoil": one_stamp}, ("note", "1 frame rejected: stamp jump: a single jump is")),

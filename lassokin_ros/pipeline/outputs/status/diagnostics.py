@@ -8,7 +8,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Rejection, Status
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
 from lassokin_ros.pipeline.depth_images import COUNTS as DEPTH_COUNTS
@@ -26,6 +25,9 @@ SILENCE_S = 2.0
 """s: a longer period without keypoints is a warning."""
 PAST_S = 3600.0
 """s: stamps further in the past are considered those of another clock."""
+ALMOST = 0.5
+"""Share of `min_confidence` from which on confidences below it can be those of a person."""
+NEARLY = "confidences nearly reach min_confidence: lower it if somebody is in view"
 FUTURE_S = 1.0
 """s: the same for stamps in the future."""
 UNUSED_SHARE = 0.02
@@ -67,6 +69,7 @@ class Diagnostics:
         self._times_ms: list[float] = []
         self._delays: list[float] = []
         self._misfits: list[float] = []
+        self._weak = 0.0  # largest confidence in messages without a confident keypoint
         self._tracked = self._with_depth = 0  # messages with a tracked person, and those of them with measured depth
 
     @property
@@ -92,8 +95,11 @@ class Diagnostics:
         self._keypoints_at = now
         self._repeated_s = repeated_s(frames)
         self._times_ms.append(1e3 * callback_s)
+        if self._pipeline.nobody_in_view:
+            self._weak = max(self._weak, self._pipeline.weak_confidence)
         for frame in frames[:1]:
-            self._delays.append((arrival_ns - frame.stamp_ns) * 1e-9 - frame.held_s)
+            if arrival_ns:  # 0: a simulated clock that has not started
+                self._delays.append((arrival_ns - frame.stamp_ns) * 1e-9 - frame.held_s)
             self._hardware_id = frame.frame_id or self._hardware_id
         accepted = [f for f in frames if f.accepted and f.estimate is not None]
         if accepted:
@@ -149,7 +155,7 @@ class Diagnostics:
             self._nobody = recent[NOBODY] == recent["received"]
         nobody = self._nobody and status is not Status.TRACKING
         level = OK if (nobody or status is Status.TRACKING) and not concerns else WARN
-        return level, "; ".join([self._nobody_text(recent) if nobody else status.value, *concerns])
+        return level, "; ".join([self._nobody_text() if nobody else status.value, *concerns])
 
     def _waiting_for(self, now: float) -> str:
         """Return the input that is missing; empty if none is."""
@@ -159,12 +165,10 @@ class Diagnostics:
             return "waiting for keypoints"
         return f"no keypoints for more than {SILENCE_S:g} s" if now - self._keypoints_at > SILENCE_S else ""
 
-    def _nobody_text(self, recent: Counter[str]) -> str:
-        """Return that nobody is in view, with the largest confidence of the newest message if it had keypoints."""
-        if not recent[WEAK]:
-            return NOBODY
-        config = self._pipeline.tracker.config
-        return f"{NOBODY}: the largest confidence is {self._pipeline.weak_confidence:.2g}, {limit_text(config)}"
+    def _nobody_text(self) -> str:
+        """Return that nobody is in view, with advice if the confidences of the period nearly reached the limit."""
+        limit = self._pipeline.tracker.config.min_confidence
+        return f"{NOBODY}; {NEARLY}" if self._weak >= ALMOST * limit else NOBODY
 
     def _clock_advice(self) -> str:
         """Return advice if the stamps are of another clock than the node's; else empty."""
@@ -215,7 +219,7 @@ class Diagnostics:
         if recent[DEPTH_IN_MESSAGE] and unused:
             return (
                 "the keypoints' own depths are not near the person: check that they are in m, along the optical axis "
-                "of the camera"
+                "of the camera, and that the person is within its range"
             )
         if pipeline.depth is None:
             return ""
@@ -244,8 +248,8 @@ class Diagnostics:
         wrong = [tracker.size_check for tracker in pipeline.trackers.values() if tracker.size_check.wrong]
         if wrong:
             return (
-                f"depth gives a height of about {wrong[0].ratio * config.height:.2f} m, the parameter height is "
-                f"{config.height:g} m: set it to that of the person, or to 0 to measure it"
+                f"measured depth does not fit the size of the given body (height {config.height:g} m): set height to "
+                "that of the person, or to 0 to measure it"
             )
         return ""
 
@@ -282,21 +286,21 @@ class Diagnostics:
         listed = (OUTSIDE_IMAGE, PLACEHOLDERS, NOBODY, WEAK, DEPTH_IN_MESSAGE)
         for key in sorted(key for key in counts if key.startswith("rejected: ") or key in listed):
             values[f"{key} [messages]"] = str(counts[key])
+        if self._weak:
+            values["largest confidence of nobody"] = f"{self._weak:.2f}"
         tracker = self._pipeline.tracker
         if tracker.averaged:
             values["skeleton: left/right difference, averaged [%]"] = f"{100 * tracker.averaged:.1f}"
         for person, calibration in self._pipeline.calibrations().items():
             if presence.ids is None or person in presence.ids:
                 values |= calibration_figures(calibration, tracker.config.calibrate, person)
+        for person, one in self._pipeline.trackers.items():
+            if one.size_check.ratio != 1.0:
+                values[f"{person} measured size / given size".strip()] = f"{one.size_check.ratio:.2f}"
         for person, height in self._pipeline.heights().items():
             if presence.ids is None or person in presence.ids:
                 values |= height_figures(height, person)
         return values
-
-
-def limit_text(config: TrackerConfig) -> str:
-    """Return the limit that no confidence of a message reaches, with advice."""
-    return f"min_confidence is {config.min_confidence:g} (lower it if the detector's confidences are that low)"
 
 
 def _misfit(frame: FrameResult) -> float:

@@ -16,10 +16,6 @@ from msg_adapters.output_messages.builders import OK, WARN  # noqa: E402
 
 BACKEND = rosbags_backend()
 PIXELS = pixels_of_motion(60)
-LOW = (
-    "nobody in view: the largest confidence is 0.05, min_confidence is 0.2 (lower it if the detector's confidences are "
-    "that low)"
-)
 
 
 def status_of(pixels, silence_s=0.0, confidence=None):
@@ -99,11 +95,11 @@ def test_an_empty_room_is_no_warning(max_people):
     diagnostics = Diagnostics(pipeline, "tracker", 0.0)
     for start_ns in (10**12, 10**12 + 10**9):
         status = messages(diagnostics, pipeline, 20, 0.05, start_ns)
-        assert (status.level, status.message) == (OK, LOW)
+        assert (status.level, status.message) == (OK, "nobody in view")
     status = messages(diagnostics, pipeline, 20, 0.9, 10**12 + 2 * 10**9)
     assert (status.level, status.message) == (OK, "tracking")
     status = messages(diagnostics, pipeline, 20, 0.05, 10**12 + 4 * 10**9)  # the person has left
-    assert (status.level, status.message) == (OK, LOW)
+    assert (status.level, status.message) == (OK, "nobody in view")
     assert status.values["nobody in view [messages]"] == "60"
 
 
@@ -125,6 +121,27 @@ def test_a_few_overtaken_messages_are_no_warning_and_texts_have_no_counts():
     pipeline.counts.update({OVERTAKEN: 3})
     status = messages(diagnostics, pipeline, 20, 0.9, 10**12 + 10**9)
     assert (status.level, status.message) == (WARN, f"tracking; messages {OVERTAKEN}")
+
+
+@pytest.mark.parametrize(("confidence", "said"), [(0.19, True), (0.11, True), (0.09, False)])
+def test_confidences_that_nearly_reach_the_limit_are_said(confidence, said):
+    pipeline = Pipeline(TrackerConfig(), NodeSettings())
+    pipeline.set_camera(camera_info(BACKEND))
+    diagnostics = Diagnostics(pipeline, "tracker", 0.0)
+    status = messages(diagnostics, pipeline, 20, confidence, 10**12)
+    assert status.level == OK and ("lower it if somebody is in view" in status.message) is said
+    assert status.values["largest confidence of nobody"] == f"{confidence:.2f}"
+    assert not pipeline.answered
+
+
+def test_a_simulated_clock_that_has_not_started_gives_no_delay():
+    pipeline = Pipeline(TrackerConfig(), NodeSettings())
+    pipeline.set_camera(camera_info(BACKEND))
+    diagnostics = Diagnostics(pipeline, "tracker", 0.0)
+    for i in range(20):
+        stamp = 10**12 + i * 33_333_333
+        diagnostics.count_message(pipeline.frames(cloud(BACKEND, stamp, PIXELS[i]), 0), 0, i / 30, 0.001)
+    assert "future" not in diagnostics.line(1.0).message
 
 
 def test_stamps_in_the_future_are_a_warning():
@@ -162,8 +179,8 @@ def test_a_height_that_contradicts_measured_depth_is_a_warning():
     diagnostics = Diagnostics(pipeline, "tracker", 0.0)
     assert messages(diagnostics, pipeline, 20, 0.9, 10**12).level == OK
     check = pipeline.tracker.size_check
-    check._frames, check._mean = 50, np.log(1.6 / 1.9)
+    check._ratios.extend([np.array([1.6 / 1.9])] * 50)
     status = messages(diagnostics, pipeline, 20, 0.9, 10**12 + 10**9)
-    assert (
-        status.level == WARN and "depth gives a height of about 1.47 m, the parameter height is 1.75" in status.message
-    )
+    assert status.level == WARN
+    assert "measured depth does not fit the size of the given body (height 1.75 m)" in status.message
+    assert status.values["measured size / given size"] == "0.84"

@@ -43,6 +43,7 @@ def pipeline():
         config=NodeSettings(),
         tracker=tracker,
         trackers={"": tracker},
+        nobody_in_view=False,
         weak_confidence=0.0,
         depth=None,
         mount=None,
