@@ -149,8 +149,7 @@ class Tracker(TrackerParts):
             known = self._upright.configured or self._upright.learned_for > VERTICAL_AFTER
             up = self._upright.vertical if known else None
             points, seen, mount = measurement.points, measurement.used, self._upright.mount
-            configured = self._upright.configured
-            self._joint_depths = yield from self._depth.update(measurement.stamp, points, seen, up, mount, configured)
+            self._joint_depths = yield from self._depth.update(measurement.stamp, points, seen, up, mount)
         data = self._with_measured_depth(measurement)
         return FrameData(data.points, data.weights, data.depth, data.depth_weights, self._joint_depths)
 

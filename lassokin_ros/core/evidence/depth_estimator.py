@@ -59,13 +59,7 @@ class DepthEstimator:
         self._rotation = np.eye(3)
 
     def update(
-        self,
-        stamp: float,
-        points: np.ndarray,
-        seen: np.ndarray,
-        up: np.ndarray | None,
-        mount: np.ndarray,
-        mount_known: bool = True,
+        self, stamp: float, points: np.ndarray, seen: np.ndarray, up: np.ndarray | None, mount: np.ndarray
     ) -> Steps[JointDepths | None]:
         """Estimate the joints' depths after a frame's keypoints; None if fewer than `LEAST_SEEN` are visible.
 
@@ -73,8 +67,8 @@ class DepthEstimator:
 
         stamp: s, later than the last. points: (l, 2) normalised; seen: (l,) bool. up: (3,) the vertical in the camera
         frame, None if unknown. mount: (3,) the vertical by the camera's mount. It is used to rotate a rolled image
-        upright, because the network was trained with nearly level cameras. mount_known: False if the mount is assumed;
-        the image is then turned by what the body shows, see `ImageRoll`.
+        upright, because the network was trained with nearly level cameras. If the body does not point up in that image,
+        it is turned further, see `ImageRoll`, and the vertical is not used.
         """
         shown = seen.take(self._index) & self._in_layout
         if mount is not self._mount:
@@ -82,13 +76,12 @@ class DepthEstimator:
         level = self._level
         levelled = points.take(self._index, axis=0) @ level[:2, :2].T
         self._history.add(stamp, levelled, shown)
-        if not mount_known:
-            self._roll.update(stamp, levelled, shown)
+        self._roll.update(stamp, levelled, shown)
         self._prediction = None
         if np.count_nonzero(shown) < LEAST_SEEN:
             return None
         past, known = self._history.sampled()
-        if self._roll.turned and not mount_known:
+        if self._roll.turned:
             turn = np.eye(3)
             turn[:2, :2] = self._roll.turn
             past, level, up = past @ turn[:2, :2].T, turn @ level, None

@@ -66,10 +66,11 @@ def test_head_and_shoulders_alone_do_not_turn_the_image():
     assert roll.turned
 
 
+@pytest.mark.parametrize("pitch", [0.0, 1e-3], ids=["not configured", "configured"])
 @pytest.mark.parametrize("degrees", [90, 180, -90])
-def test_learned_depths_do_not_depend_on_an_unknown_roll_of_the_camera(degrees):
-    """The same person and noise; the camera is turned about its optical axis, and its mount is not configured."""
-    upright, rolled = Tracker(LEARNED), Tracker(LEARNED)
+def test_learned_depths_do_not_depend_on_a_roll_of_camera_or_body(degrees, pitch):
+    """The same person and noise; camera or person are turned about the optical axis, which the mount does not say."""
+    upright, rolled = Tracker(LEARNED), Tracker(replace(LEARNED, camera_pitch=pitch))
     for _, observation in observations(upright, 0.5):
         image = replace(observation, points=turned(observation.points, degrees))
         expected, found = upright.track(observation).joint_depths, rolled.track(image).joint_depths
@@ -77,7 +78,7 @@ def test_learned_depths_do_not_depend_on_an_unknown_roll_of_the_camera(degrees):
         assert np.allclose(found.whitening, expected.whitening, rtol=1e-3, atol=1e-2)
 
 
-def test_a_configured_mount_is_used_in_place_of_the_body():
+def test_an_image_that_the_mount_has_turned_is_not_turned_again():
     tracker = Tracker(replace(LEARNED, camera_roll=np.pi))
     for _, observation in observations(tracker, 0.1):
         tracker.track(replace(observation, points=-observation.points))
