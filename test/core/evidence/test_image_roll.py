@@ -69,7 +69,7 @@ def test_head_and_shoulders_alone_do_not_turn_the_image():
 @pytest.mark.parametrize("pitch", [0.0, 1e-3], ids=["not configured", "configured"])
 @pytest.mark.parametrize("degrees", [90, 180, -90])
 def test_learned_depths_do_not_depend_on_a_roll_of_camera_or_body(degrees, pitch):
-    """The same person and noise; camera or person are turned about the optical axis, which the mount does not say."""
+    """The same person and noise; the image is turned about the optical axis, without this turn in the mount."""
     upright, rolled = Tracker(LEARNED), Tracker(replace(LEARNED, camera_pitch=pitch))
     for _, observation in observations(upright, 0.5):
         image = replace(observation, points=turned(observation.points, degrees))
