@@ -30,10 +30,10 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.description.skeleton_file import save_all
 from lassokin_ros.pipeline.outputs.status.calibration_status import averaged_sides
-from lassokin_ros.pipeline.outputs.status.diagnostics import ALMOST, NEARLY, Diagnostics
+from lassokin_ros.pipeline.outputs.status.diagnostics import NEAR_LIMIT, NEAR_LIMIT_ADVICE, Diagnostics
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.pipeline.people.per_body_pipeline import PerBodyPipeline
-from lassokin_ros.pipeline.pipeline import WEAK, Pipeline
+from lassokin_ros.pipeline.pipeline import UNUSED, Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.output_messages.builders import DiagnosticArrayBuilder
@@ -41,8 +41,9 @@ from msg_adapters.output_messages.builders import DiagnosticArrayBuilder
 DIAGNOSTICS_PERIOD_S = 1.0
 LEFTOVER_S = 25.0
 """s: the graph contains the publishers of a killed process for up to 20 s."""
-MOST_WEAK = 60
-"""Messages with keypoints of low confidence alone, before any is used, from which on the log reports them."""
+UNUSED_MESSAGES = 60
+"""Number of messages whose keypoints are all below `min_confidence`. If there are as many before the first result, the
+log reports it."""
 CHECK_PERIOD_S = 0.25
 """s: period of the check for people and cameras that have left. A departure is noticed within twice this time."""
 
@@ -58,7 +59,7 @@ class TrackerNode(Node):
         self._pipeline = (PerBodyPipeline if settings[1].topic_per_body else Pipeline)(*settings)
         self._warning = LogThrottle(self.get_logger().warning, time.monotonic)
         self._reported_unstamped = self._reported_misplaced = False
-        self._reported_weak, self._namesake_checks = False, 0
+        self._reported_unused, self._duplicate_checks = False, 0
         name = self.get_fully_qualified_name().lstrip("/")  # /diagnostics is shared by the trackers of all namespaces
         self._status = DiagnosticArrayBuilder(RclpyBackend())
         self._diagnostics = Diagnostics(self._pipeline, name, time.monotonic())
@@ -189,11 +190,7 @@ class TrackerNode(Node):
         for frame in frames:
             if not frame.accepted and not self._pipeline.nobody_in_view:
                 self._warning.log(str(frame.rejection), f"keypoints rejected ({frame.rejection}): {frame.detail}")
-        if self._pipeline.counts[WEAK] >= MOST_WEAK and not self._pipeline.answered and not self._reported_weak:
-            limit, confidence = self._pipeline.tracker.config.min_confidence, self._pipeline.weak_confidence
-            if confidence >= ALMOST * limit:
-                self._reported_weak = True
-                self.get_logger().warning(f"nobody was tracked yet: {NEARLY} ({confidence:.2f}, {limit:g})")
+        self._log_unused_confidence()
         if self._pipeline.counts["unstamped"] and not self._reported_unstamped:  # only once
             self._reported_unstamped = True
             self.get_logger().warning("keypoints without a stamp: outputs carry the time of their arrival")
@@ -202,6 +199,16 @@ class TrackerNode(Node):
             if words := _misplaced(frames[0].frame_id, camera):
                 self._reported_misplaced = True
                 self.get_logger().warning(words)
+
+    def _log_unused_confidence(self) -> None:
+        """Log once if nobody was tracked yet, because all confidences are slightly below `min_confidence`."""
+        pipeline, limit = self._pipeline, self._pipeline.tracker.config.min_confidence
+        if self._reported_unused or pipeline.answered or pipeline.counts[UNUSED] < UNUSED_MESSAGES:
+            return
+        if pipeline.unused_confidence >= NEAR_LIMIT * limit:
+            self._reported_unused = True
+            figures = f"{pipeline.unused_confidence:.2f}, min_confidence {limit:g}"
+            self.get_logger().warning(f"nobody was tracked yet: {NEAR_LIMIT_ADVICE} ({figures})")
 
     def _update_presence(self) -> None:
         """Poll the inputs, and update the list of people while no keypoints arrive (see `presence_at`).
@@ -223,26 +230,26 @@ class TrackerNode(Node):
             self._person.state_publisher.update()
             concerns.append(self._person.state_publisher.fault)
         now, presence = time.monotonic(), self._pipeline.presence_at(self._as_of_ns)
-        concerns += [self._inputs.check(now), self._namesake()]
+        concerns += [self._inputs.check(now), self._duplicate_node()]
         if self._keypoints is not None:
             self._keypoints.check(now, self._diagnostics.keypoints_received)
         line = self._diagnostics.line(now, presence, "; ".join(filter(None, concerns)))
         self._diagnostics_out.publish(self._status.fill(self.get_clock().now().nanoseconds, "", [line]))
 
-    def _namesake(self) -> str:
+    def _duplicate_node(self) -> str:
         """Return that another node publishes the same topics; empty if there is none."""
         config = self._pipeline.config
         shared = config.rep155 and not config.topic_per_body  # the list of bodies has an absolute name
         topic = self.resolve_topic_name(topics.REP155_TRACKED_OUTPUT.name if shared else topics.STATE)
         several = self.count_publishers(topic) > 1
-        self._namesake_checks = self._namesake_checks + 1 if several else 0
-        if self._namesake_checks * DIAGNOSTICS_PERIOD_S < LEFTOVER_S:
+        self._duplicate_checks = self._duplicate_checks + 1 if several else 0
+        if self._duplicate_checks * DIAGNOSTICS_PERIOD_S < LEFTOVER_S:
             return ""
         words = (
             f"another node publishes {topic}, too: give one of the nodes another name (-r __node:=NAME), namespace "
             "(-r __ns:=/NAME) or remapping"
         )
-        self._warning.log("namesake", words)
+        self._warning.log("duplicate_node", words)
         return words
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

@@ -40,8 +40,8 @@ from msg_adapters.keypoints import Keypoints
 
 NOBODY = "nobody in view"
 """Key of the count of messages without any confident keypoint."""
-WEAK = "keypoints below min_confidence"
-"""Key of the count of those of them that have keypoints."""
+UNUSED = "keypoints below min_confidence"
+"""Key of the count of messages with keypoints, none of which reaches `min_confidence`."""
 DEPTH_IN_MESSAGE = "depth: in the message"
 """Key of the count of keypoint messages with depths of their own."""
 
@@ -67,7 +67,7 @@ class Pipeline:
         """True if the last message had no confident keypoint."""
         self.answered = False
         """True after the first accepted result for a person."""
-        self.weak_confidence = 0.0
+        self.unused_confidence = 0.0
         """Largest confidence in the last message without a confident keypoint; 0 if that had no keypoint."""
         self.people = _people_tracker(self._trackable, self.counts, self.config.several_people)
         self._adapter = keypoint_adapter(self.config.keypoints_type)
@@ -259,8 +259,8 @@ class Pipeline:
         self.nobody_in_view = not np.count_nonzero(confident & keypoints.present)
         if self.nobody_in_view:
             self.counts[NOBODY] += 1
-            self.weak_confidence = float(keypoints.confidence.compress(keypoints.present).max(initial=0.0))
-            self.counts[WEAK] += self.weak_confidence > 0
+            self.unused_confidence = float(keypoints.confidence.compress(keypoints.present).max(initial=0.0))
+            self.counts[UNUSED] += self.unused_confidence > 0
         if view.has_outside(keypoints.xy.compress(confident, axis=0)):
             self.counts[OUTSIDE_IMAGE] += 1
 

@@ -14,7 +14,7 @@ from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.errors import SkeletonError  # noqa: E402
 from lassokin_ros.core.observation import Status  # noqa: E402
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE  # noqa: E402
-from lassokin_ros.pipeline.pipeline import NOBODY, WEAK, Pipeline  # noqa: E402
+from lassokin_ros.pipeline.pipeline import NOBODY, UNUSED, Pipeline  # noqa: E402
 from lassokin_ros.pipeline.placeholders import PLACEHOLDERS  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
@@ -70,8 +70,8 @@ def test_a_disabled_pipeline_counts_and_does_nothing(pipeline):
 
 def test_a_message_without_anybody(pipeline):
     counts, (frame,) = changes(pipeline, message(0, confidence=np.full(17, 0.19)))
-    assert counts == {"received": 1, "rejected: too_few_landmarks": 1, NOBODY: 1, WEAK: 1}
-    assert pipeline.weak_confidence == pytest.approx(0.19)
+    assert counts == {"received": 1, "rejected: too_few_landmarks": 1, NOBODY: 1, UNUSED: 1}
+    assert pipeline.unused_confidence == pytest.approx(0.19)
     assert pipeline.nobody_in_view and frame.estimate is not None
     counts, _ = changes(pipeline, message(1, confidence=np.where(np.arange(17) == 3, 0.2, 0.1)))
     assert NOBODY not in counts and not pipeline.nobody_in_view

@@ -82,7 +82,7 @@ class PerBodyPipeline(Pipeline):
             return []
         pipeline.enabled = self.enabled
         frames = pipeline.frames(message, arrival_ns)
-        self.nobody_in_view, self.weak_confidence = pipeline.nobody_in_view, pipeline.weak_confidence
+        self.nobody_in_view, self.unused_confidence = pipeline.nobody_in_view, pipeline.unused_confidence
         self.answered = self.answered or pipeline.answered
         return [replace(frame, person=person) for frame in frames]
 

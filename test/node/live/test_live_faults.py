@@ -10,6 +10,7 @@ from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -33,6 +34,7 @@ from rcl_interfaces.srv import SetParameters  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 
 from lassokin_ros.node.message_types import message_class  # noqa: E402
+from lassokin_ros.node.node import UNUSED_MESSAGES  # noqa: E402
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN  # noqa: E402
 from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 
@@ -371,9 +373,22 @@ def test_a_node_of_the_same_name_is_reported_after_a_while(monkeypatch):
         deadline = time.monotonic() + 30.0
         while peer_count() < 2 and time.monotonic() < deadline:
             time.sleep(0.01)
-        assert node._namesake() == ""
-        assert node._namesake().startswith("another node publishes /twins/tracker/state, too")
+        assert node._duplicate_node() == ""
+        assert node._duplicate_node().startswith("another node publishes /twins/tracker/state, too")
         other.destroy_node()
         while peer_count() > 1 and time.monotonic() < deadline:
             time.sleep(0.01)
-        assert node._namesake() == ""
+        assert node._duplicate_node() == ""
+
+
+@pytest.mark.parametrize(("confidence", "lines"), [(0.15, 1), (0.05, 0)])
+@pytest.mark.parametrize("max_people", [1, 3])
+def test_confidences_slightly_below_the_limit_are_logged_once(confidence, lines, max_people, monkeypatch):
+    with node_in_this_process("/unsure", max_people=max_people) as (node, _):
+        logged = []
+        monkeypatch.setattr(node, "get_logger", lambda: SimpleNamespace(warning=logged.append))
+        node._pipeline.set_camera(camera_info(BACKEND))
+        for index in range(2 * UNUSED_MESSAGES):
+            stamp_ns = 10**12 + index * 33_333_333
+            node.work_on(cloud(BACKEND, stamp_ns, PIXELS[index], np.full(17, confidence)))
+        assert len([line for line in logged if "nobody was tracked yet" in line]) == lines

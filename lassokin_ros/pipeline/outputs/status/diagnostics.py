@@ -16,7 +16,7 @@ from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.outputs.status.calibration_status import calibration_figures, height_figures
 from lassokin_ros.pipeline.people.presence import Presence
-from lassokin_ros.pipeline.pipeline import DEPTH_IN_MESSAGE, NOBODY, WEAK, Pipeline
+from lassokin_ros.pipeline.pipeline import DEPTH_IN_MESSAGE, NOBODY, UNUSED, Pipeline
 from lassokin_ros.pipeline.placeholders import PLACEHOLDERS
 from lassokin_ros.pipeline.settings import MESSAGE
 from msg_adapters.output_messages.builders import ERROR, OK, WARN, StatusLine
@@ -25,11 +25,11 @@ SILENCE_S = 2.0
 """s: a longer period without keypoints is a warning."""
 PAST_S = 3600.0
 """s: stamps further in the past are considered those of another clock."""
-ALMOST = 0.5
-"""Share of `min_confidence` from which on confidences below it can be those of a person."""
-NEARLY = "confidences nearly reach min_confidence: lower it if somebody is in view"
 FUTURE_S = 1.0
-"""s: the same for stamps in the future."""
+"""s: stamps further in the future are considered those of another clock."""
+NEAR_LIMIT = 0.5
+"""Share of `min_confidence` from which on confidences below it can be those of a person."""
+NEAR_LIMIT_ADVICE = "confidences nearly reach min_confidence: lower it if somebody is in view"
 UNUSED_SHARE = 0.02
 """Share of the messages that may be overtaken or lost without a warning."""
 FROZEN_S = 1.0
@@ -69,7 +69,7 @@ class Diagnostics:
         self._times_ms: list[float] = []
         self._delays: list[float] = []
         self._misfits: list[float] = []
-        self._weak = 0.0  # largest confidence in messages without a confident keypoint
+        self._unused_confidence = 0.0  # largest confidence in messages without a confident keypoint
         self._tracked = self._with_depth = 0  # messages with a tracked person, and those of them with measured depth
 
     @property
@@ -96,7 +96,7 @@ class Diagnostics:
         self._repeated_s = repeated_s(frames)
         self._times_ms.append(1e3 * callback_s)
         if self._pipeline.nobody_in_view:
-            self._weak = max(self._weak, self._pipeline.weak_confidence)
+            self._unused_confidence = max(self._unused_confidence, self._pipeline.unused_confidence)
         for frame in frames[:1]:
             if arrival_ns:  # 0: a simulated clock that has not started
                 self._delays.append((arrival_ns - frame.stamp_ns) * 1e-9 - frame.held_s)
@@ -168,7 +168,7 @@ class Diagnostics:
     def _nobody_text(self) -> str:
         """Return that nobody is in view, with advice if the confidences of the period nearly reached the limit."""
         limit = self._pipeline.tracker.config.min_confidence
-        return f"{NOBODY}; {NEARLY}" if self._weak >= ALMOST * limit else NOBODY
+        return f"{NOBODY}; {NEAR_LIMIT_ADVICE}" if self._unused_confidence >= NEAR_LIMIT * limit else NOBODY
 
     def _clock_advice(self) -> str:
         """Return advice if the stamps are of another clock than the node's; else empty."""
@@ -283,11 +283,11 @@ class Diagnostics:
             values["camera roll, pitch from TF [rad]"] = "{:.3f}, {:.3f}".format(*angles)
         if self._pipeline.depth is not None:
             values |= {f"{key} [messages]": str(counts[key]) for key in DEPTH_COUNTS}
-        listed = (OUTSIDE_IMAGE, PLACEHOLDERS, NOBODY, WEAK, DEPTH_IN_MESSAGE)
+        listed = (OUTSIDE_IMAGE, PLACEHOLDERS, NOBODY, UNUSED, DEPTH_IN_MESSAGE)
         for key in sorted(key for key in counts if key.startswith("rejected: ") or key in listed):
             values[f"{key} [messages]"] = str(counts[key])
-        if self._weak:
-            values["largest confidence of nobody"] = f"{self._weak:.2f}"
+        if self._unused_confidence:
+            values["largest unused confidence"] = f"{self._unused_confidence:.2f}"
         tracker = self._pipeline.tracker
         if tracker.averaged:
             values["skeleton: left/right difference, averaged [%]"] = f"{100 * tracker.averaged:.1f}"
@@ -295,7 +295,7 @@ class Diagnostics:
             if presence.ids is None or person in presence.ids:
                 values |= calibration_figures(calibration, tracker.config.calibrate, person)
         for person, one in self._pipeline.trackers.items():
-            if one.size_check.ratio != 1.0:
+            if one.size_check.ratio != 1.0 and (presence.ids is None or person in presence.ids):
                 values[f"{person} measured size / given size".strip()] = f"{one.size_check.ratio:.2f}"
         for person, height in self._pipeline.heights().items():
             if presence.ids is None or person in presence.ids:

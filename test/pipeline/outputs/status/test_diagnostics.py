@@ -130,7 +130,7 @@ def test_confidences_that_nearly_reach_the_limit_are_said(confidence, said):
     diagnostics = Diagnostics(pipeline, "tracker", 0.0)
     status = messages(diagnostics, pipeline, 20, confidence, 10**12)
     assert status.level == OK and ("lower it if somebody is in view" in status.message) is said
-    assert status.values["largest confidence of nobody"] == f"{confidence:.2f}"
+    assert status.values["largest unused confidence"] == f"{confidence:.2f}"
     assert not pipeline.answered
 
 

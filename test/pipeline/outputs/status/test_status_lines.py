@@ -44,7 +44,7 @@ def pipeline():
         tracker=tracker,
         trackers={"": tracker},
         nobody_in_view=False,
-        weak_confidence=0.0,
+        unused_confidence=0.0,
         depth=None,
         mount=None,
         calibrations=dict,
