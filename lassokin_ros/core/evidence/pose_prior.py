@@ -11,13 +11,11 @@ adds one row: zero inside the range of motion, a spring with standard deviation 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Mapping
 
 import numpy as np
 
-from lassokin_ros.core.batch import stack_attribute
 from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.rotations import logarithm, right_jacobian, right_jacobian_inverse
 from lassokin_ros.core.body.skeleton import Skeleton
@@ -27,7 +25,7 @@ from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import squared_norm
 from lassokin_ros.core.yaml_files import shipped_mapping
 
-BESIDE_DEPTH = 0.7
+WEIGHT_WITH_DEPTH = 0.7
 """Factor on the rows of the Gaussian in frames with measured depth, see `FrameData.prior_weight`."""
 LIMIT_SPREAD = 0.05
 """rad: standard deviation of a joint angle beyond its range of motion."""
@@ -98,6 +96,8 @@ def _components(joints: list[int]) -> np.ndarray:
 class PosePrior(Evidence):
     """Rows of the pose prior and the joint limits for the joints that can move a landmark, without the root."""
 
+    name = "pose prior"
+
     def __init__(self, prior: PoseDistribution, kinematics: Kinematics) -> None:
         """Raises LayoutError if there are no such joints."""
         live = kinematics.live.reshape(-1, 3)
@@ -127,12 +127,12 @@ class PosePrior(Evidence):
     def linearise(self, about: LinearisationPoint, columns: np.ndarray, z: np.ndarray) -> None:
         """Fill the rows W (mean - theta) and the rows of exceeded limits."""
         columns[..., : self.first, :] = columns[..., -3:, :] = 0.0
-        columns[..., self.first : -3, :] = self.live_columns(about.states.posture, about.turn)
+        columns[..., self.first : -3, :] = self.live_columns(about.states.posture, about.increment_jacobian)
         z[...] = about.states.posture.residual
         if about.frame.depth is not None:
-            weight, gaussian = np.asarray(about.frame.prior_weight(BESIDE_DEPTH)), len(self.W)
-            columns[..., self.first : -3, :gaussian] *= weight[..., None, None]
-            z[..., :gaussian] *= weight[..., None]
+            weight, gaussian = about.frame.prior_weight(WEIGHT_WITH_DEPTH), len(self.W)
+            columns[..., self.first : -3, :gaussian] *= weight
+            z[..., :gaussian] *= weight
 
     def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
         """(...,) half of the squared residual."""
@@ -140,12 +140,7 @@ class PosePrior(Evidence):
         if frame.depth is None:
             return np.asarray(0.5 * squared_norm(residual))
         gaussian, limits = residual[..., : len(self.W)], residual[..., len(self.W) :]
-        return 0.5 * (frame.prior_weight(BESIDE_DEPTH) ** 2 * squared_norm(gaussian) + squared_norm(limits))
-
-    @classmethod
-    def stack(cls, several: Sequence[PosePrior]) -> PosePrior:
-        """Stack the priors of several people, each with the person's own mean, for rotations (people, k, ...)."""
-        return stack_attribute(several, "whitened_mean")
+        return 0.5 * (frame.prior_weight(WEIGHT_WITH_DEPTH) ** 2 * squared_norm(gaussian) + squared_norm(limits))
 
     def set_mean(self, mean: np.ndarray) -> None:
         """Set another mean (k,). Postures computed before are no longer valid."""
@@ -181,12 +176,13 @@ class PosePrior(Evidence):
         A[..., self.joints, :] = columns.swapaxes(-1, -2).reshape(*z.shape, len(self.joints), 3)
         return A.reshape(*z.shape, 3 * self._n), z
 
-    def live_columns(self, posture: Posture, turn: np.ndarray | None = None) -> np.ndarray:
+    def live_columns(self, posture: Posture, increment_jacobian: np.ndarray | None = None) -> np.ndarray:
         """A transposed, for the live degrees of freedom after the root's: (..., live - first, k + m).
 
-        turn: (..., n, 3, 3), right Jacobian of an increment already applied, a right factor of each joint's block.
+        increment_jacobian: (..., n, 3, 3), right Jacobian of an increment already applied: a right factor of each
+        joint's block.
         """
-        return self._columns(posture, turn).take(self._live, axis=-2)
+        return self._columns(posture, increment_jacobian).take(self._live, axis=-2)
 
     def in_theta(self, A: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Convert rows A (r, live - first) for Omega to rows (r, 3 joints) for theta: Omega = J_r(theta) d theta."""
@@ -195,15 +191,15 @@ class PosePrior(Evidence):
         turned = rows.reshape(len(A), len(self.joints), 1, 3) @ right_jacobian(theta)
         return np.asarray(turned.reshape(rows.shape))
 
-    def _columns(self, posture: Posture, turn: np.ndarray | None) -> np.ndarray:
+    def _columns(self, posture: Posture, increment_jacobian: np.ndarray | None) -> np.ndarray:
         """(..., 3 joints, k + m), A transposed; in this order no product needs a copy.
 
         d theta / d Omega is the inverse right Jacobian of SO(3) at theta.
         """
         theta, z = posture.theta, posture.residual
         inner = right_jacobian_inverse(theta)
-        if turn is not None:
-            inner = inner @ turn.take(self.joints, axis=-3)
+        if increment_jacobian is not None:
+            inner = inner @ increment_jacobian.take(self.joints, axis=-3)
         columns = (inner.swapaxes(-1, -2) @ self._columns_by_joint).reshape(*theta.shape[:-2], -1, self.count)
         gaussian = len(self.W)
         np.copyto(columns[..., gaussian:], 0.0, where=z[..., None, gaussian:] == 0)
