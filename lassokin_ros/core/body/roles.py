@@ -101,7 +101,7 @@ NETWORK_JOINTS = frozenset(("head", *sided("hip", "knee", "ankle", "shoulder", "
 """Joints without which the depth network cannot be used."""
 PRIOR_JOINTS = frozenset((*sided("hip", "knee", "ankle", "collar", "shoulder", "elbow", "wrist"), "spine1", "spine2",
                           "spine3", "neck", "head"))  # fmt: skip
-"""Joints with a pose prior and limits learned from motion capture, as far as the body's layout shows them."""
+"""Joints with a pose prior learned from motion capture."""
 
 
 def missing_roles(names: Collection[str]) -> str:
@@ -109,7 +109,7 @@ def missing_roles(names: Collection[str]) -> str:
     uses = (
         ("depth network", NETWORK_JOINTS),
         ("balance", BALANCE_JOINTS),
-        ("pose prior and joint limits of these joints", PRIOR_JOINTS),
+        ("pose prior of these joints", PRIOR_JOINTS),
     )
     missing = {use: sorted(needed - set(names)) for use, needed in uses}
     off = [use for use, joints in missing.items() if joints]

@@ -25,7 +25,7 @@ class Posture:
     """Joint angles of a state, as the pose prior uses them.
 
     theta: (..., joints, 3) rad, rotation vectors of the prior's joints.
-    residual: (..., k) right sides of the prior's and the limits' rows, in standard deviations.
+    residual: (..., k) right sides of the prior's rows, in standard deviations.
     """
 
     theta: np.ndarray

@@ -21,7 +21,8 @@ class MirroredLimbs:
     """Mirrors the limbs whose first joint moves a landmark; in turn both bones, the outer and the inner one."""
 
     def __init__(self, kinematics: Kinematics) -> None:
-        names, moving = kinematics.skeleton.joint_names, kinematics.live.reshape(-1, 3).any(axis=1)
+        names = kinematics.skeleton.joint_names
+        moving: np.ndarray = np.any(kinematics.live.reshape(-1, 3), axis=1)
         chains = [[names.index(joint) for joint in limb] for limb in LIMBS if set(limb) <= set(names)]
         self._kinematics, self._moving = kinematics, moving
         self._chains = [chain for chain in chains if moving[chain[0]]]

@@ -1,6 +1,6 @@
 """Uncertainty of each joint's position, from the posterior covariance of the frame's problem.
 
-The l2 rows of a frame's lasso (image, prior, limits, uprightness, balance, depths, each in standard deviations) define
+The l2 rows of a frame's lasso (image, prior, uprightness, balance, depths, each in standard deviations) define
 a Gaussian of the increment and the translation with the inverse covariance [A B]^T [A B]. The marginal of the increment
 has the inverse covariance A^T M A, which the solver has computed. The joints' Jacobian converts it to a covariance of
 each joint's position relative to the pelvis, in the camera frame. The l1 term, which models motion and not position, is

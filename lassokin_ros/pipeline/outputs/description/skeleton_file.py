@@ -55,8 +55,8 @@ def _calibrated_text(calibration: Calibration, now_ns: int) -> str:
     """Return the calibrated skeleton and its comment. Raises SkeletonError if nothing is calibrated."""
     if calibration.kept_motion < LEAST_MOTION:
         raise SkeletonError(
-            f"nothing has been calibrated: {calibration.kept_motion:.1f} s of motion seen, expected {LEAST_MOTION:g} or "
-            "more; set the parameter calibrate and let the person move"
+            f"nothing has been calibrated: {calibration.kept_motion:.1f} s of motion seen, expected {LEAST_MOTION:g} "
+            "or more; set the parameter calibrate and let the person move"
         )
     skeleton = calibration.skeleton
     state = "the lengths are final" if calibration.frozen else "the lengths were still being learned"
