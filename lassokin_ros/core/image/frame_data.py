@@ -68,7 +68,7 @@ class FrameData:
         """Whether half of the landmarks or more have a measured depth."""
         if self.depth_weights is None:
             return False
-        return 2 * np.count_nonzero(self.depth_weights) >= np.count_nonzero(self.weights)
+        return bool(2 * np.count_nonzero(self.depth_weights) >= np.count_nonzero(self.weights))
 
     def with_larger_noise(self, factor: float) -> FrameData:
         """The frame with the keypoints' noise made larger by a factor.
