@@ -14,11 +14,11 @@ from importlib.util import find_spec
 from typing import Any, Callable, Iterator, Sequence
 
 import numpy as np
+from lassokin_ros.core.batch import Steps, run_single
 
 from benchmarks.common.report import Record
 from benchmarks.data.motion import FOCAL, FPS, HEIGHT
 from benchmarks.timing.stages import Clock, percentiles
-from lassokin_ros.core.batch import Steps, run_single
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.pipeline.outputs import topics

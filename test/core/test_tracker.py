@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cases import FACING, relative_error
+from lassokin_ros.core.hypotheses.replacement import FIT_AFTER
 from sequences import CONFIG, FOCAL, NOISE_PX, RATE, aligned_error, frame, observations, same
 
 from lassokin_ros.core.body.kinematics import BodyState
@@ -19,7 +20,6 @@ from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.evidence.upright import Upright
 from lassokin_ros.core.hypotheses.initialisation import Initialiser
-from lassokin_ros.core.hypotheses.replacement import FIT_AFTER
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.lasso.certificate import certify

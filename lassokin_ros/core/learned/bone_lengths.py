@@ -22,8 +22,7 @@ from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.image.frame_data import FrameData
-from lassokin_ros.core.image.projection import project
-from lassokin_ros.core.image.robust_loss import huber_cost, huber_weights, norm
+from lassokin_ros.core.image.robust_loss import huber_weights
 from lassokin_ros.core.learned.length_prior import LengthPosterior, initial_deviation, length_models, posterior
 from lassokin_ros.core.schedule import Schedule
 
@@ -183,8 +182,8 @@ class Calibration:
         about = model.evaluate(frame.state)
         linearised = model.linearise(about, data, huber_weights)
         C = model.length_rows(linearised, about, data, self.proportions.motion(about.pose, self.lengths))
-        size = norm(data.points - project(about.pose.landmarks)) * data.weights
-        cost = huber_cost(size).sum() + model.prior.cost(about, data)
+        images = (piece.uncapped_cost(about, data) for piece in model.image_pieces if piece.present(data))
+        cost = float(sum(images)) + model.prior.cost(about, data)
         return linearised.columns.T, C, linearised.z, float(cost)
 
     def _solve(self) -> None:

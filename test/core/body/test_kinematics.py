@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from cases import body, central_difference, random_body, random_state, relative_error
-
 from lassokin_ros.core.batch import select_person, stack_values
+
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import exponential, to_quaternion

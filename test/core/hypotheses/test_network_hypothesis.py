@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lassokin_ros.core.hypotheses.network_hypothesis import FACTORS, distance
 
 from benchmarks.data.motion import FPS, load_motion
 from benchmarks.latency import Run
-from lassokin_ros.core.hypotheses.network_hypothesis import FACTORS, distance
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import WEBCAM, detections, exact_pixels, motion

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cases import FACING
+from lassokin_ros.core.hypotheses.start_orientations import START_ROTATIONS, nearest
 from scipy.spatial.transform import Rotation
 from sequences import CONFIG, FOCAL, NOISE_PX, RATE
 
@@ -14,7 +15,6 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.evidence.upright import TILT, TILT_COST, Upright, vertical_of
 from lassokin_ros.core.hypotheses.initialisation import Fit, Initialiser
-from lassokin_ros.core.hypotheses.start_orientations import START_ROTATIONS, nearest
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.observation import Observation

@@ -3,20 +3,20 @@
 import numpy as np
 import pytest
 from cases import FACING, body
+from lassokin_ros.core.hypotheses.limb_hypotheses import LimbHypotheses
+from lassokin_ros.core.hypotheses.mirroring import Mirroring
 from sequences import RATE, frame, observations
 
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.learned.adaptive_mean import EVERY, FREE, INDEPENDENT_AFTER, MEMORY, SHARE, AdaptiveMean
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.evidence.upright import Upright
-from lassokin_ros.core.hypotheses.limb_hypotheses import LimbHypotheses
-from lassokin_ros.core.hypotheses.mirroring import Mirroring
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.lasso.problem import Lasso
+from lassokin_ros.core.learned.adaptive_mean import EVERY, FREE, INDEPENDENT_AFTER, MEMORY, SHARE, AdaptiveMean
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
 

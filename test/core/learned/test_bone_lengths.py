@@ -11,14 +11,14 @@ from lassokin_ros.core.body.proportions import Proportions
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.body.symmetry import LARGEST_ASYMMETRY, asymmetry, symmetrised
-from lassokin_ros.core.learned import bone_lengths as calibration_module
-from lassokin_ros.core.learned.bone_lengths import DAMPING, Calibration, KeptFrame
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.evidence.upright import Upright
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project, projection_jacobian
+from lassokin_ros.core.learned import bone_lengths as calibration_module
+from lassokin_ros.core.learned.bone_lengths import DAMPING, Calibration, KeptFrame
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.schedule import Schedule
 from lassokin_ros.core.tracker import Tracker
