@@ -43,6 +43,7 @@ HIPS = [LIMBS.index(EVALUATED.index("l_hip")), LIMBS.index(EVALUATED.index("r_hi
 SCORED_FROM = 0.5
 LONGEST = 10.0
 """s of a clip that are used."""
+SIDES = {"l": "left", "r": "right"}
 METHODS = ("lasso", "dlt", "dlt causal", "dlt offline")
 COLUMNS = {"method": "<", "clips": "d", "mpjpe_mm": ".1f", "pa_mpjpe_mm": ".1f", "abs_mm": ".1f", "accel_error": ".1f",
            "over_100mm_percent": ".1f", "height_percent": ".1f", "frame_ms_p50": ".2f"}  # fmt: skip
@@ -62,15 +63,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     files = clips_of(VALIDATION if options.validation_people else TEST, options.data or data_folder())
     if options.clips:
         files = [file for file in files if file.stem in options.clips]
-    records = [record for group in in_parallel(run, [Job(file, options) for file in files], options.jobs) for record in group]
+    groups = in_parallel(run, [Job(file, options) for file in files], options.jobs)
+    records = [record for group in groups for record in group]
     print(f"{options.cameras} cameras, {options.angle:g} degrees apart; a detector's errors at {options.fps:g} Hz; "
           f"{len(files)} clips, medians")  # fmt: skip
     rows = []
     for method in METHODS:
         own = [record for record in records if record["method"] == method]
         if own:
-            figures = {key: _median([record[key] for record in own]) for key in COLUMNS if key not in ("method",
-            "clips")} rows.append({"method": method, "clips": len(own), **figures})
+            names = [key for key in COLUMNS if key not in ("method", "clips")]
+            figures = {key: _median([record[key] for record in own]) for key in names}
+            rows.append({"method": method, "clips": len(own), **figures})
     print(table(rows, COLUMNS))
     write_json(options.json, records)
     return 0
@@ -201,7 +204,8 @@ def _between(rig: Rig, camera: int, stamp: float, pose: Any) -> Observation:
 
 def triangulated(rig: Rig, poses: list[Any], layout: Layout, count: int) -> np.ndarray:
     """(f, 12, 3) m: direct linear transformation of each frame's keypoints; NaN with fewer than two cameras."""
-    chosen = [layout.names.index(f"{'left' if EVALUATED[limb][0] == 'l' else 'right'}_{EVALUATED[limb][2:]}") for limb in LIMBS]
+    names = [f"{SIDES[EVALUATED[limb][0]]}_{EVALUATED[limb][2:]}" for limb in LIMBS]
+    chosen = [layout.names.index(name) for name in names]
     P = [np.column_stack([pose.rotation, pose.translation]) for pose in poses]
     result = np.full((count, len(chosen), 3), np.nan)
     for frame in range(count):

@@ -35,11 +35,10 @@ class Rig:
     confidence: np.ndarray
     focal: np.ndarray
 
-    def observation(self, camera: int, frame: int, pose: CameraPose | None = None, stamp: float | None = None) ->
-    Observation:
+    def observation(self, camera: int, frame: int, pose: CameraPose | None = None) -> Observation:
         """What a camera sees in a frame. pose: as it is told to the tracker, default the true one."""
         return Observation(
-            frame / self.fps if stamp is None else stamp,
+            frame / self.fps,
             self.points[camera, frame],
             self.confidence[camera, frame],
             float(self.focal[camera]),

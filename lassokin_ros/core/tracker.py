@@ -41,9 +41,12 @@ from lassokin_ros.core.hypotheses.reinitialisation import COST_SHARE, Reinitiali
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.gating import gate_observation
 from lassokin_ros.core.image.measurement import Measurement
+from lassokin_ros.core.image.triangulation import triangulate
 from lassokin_ros.core.increment import Increment, IncrementSolver
 from lassokin_ros.core.lasso.certificate import Certificate
+from lassokin_ros.core.learned.bone_lengths import OBSERVED_STATURE_DEVIATION
 from lassokin_ros.core.learned.depth_noise import DepthNoise
+from lassokin_ros.core.learned.height import PEOPLE_DEVIATION
 from lassokin_ros.core.learned.learned import Learned
 from lassokin_ros.core.network.depth_estimator import DepthEstimator
 from lassokin_ros.core.network.depth_network import shipped_network
@@ -446,15 +449,24 @@ class Tracker:
         solved: EvaluatedState,
     ) -> None:
         """Update all that is learned from an accepted frame, and use it from the next frame on."""
+        height = self.learned.height
+        several = sum(bool(view.weights.any()) for view in frame.views) > 1
+        if several:
+            self.learned.lengths.stature_deviation = OBSERVED_STATURE_DEVIATION if height is None else PEOPLE_DEVIATION
         if self.config.calibrate and (initialised or not measurement.repeated):
             if self.learned.lengths.update(measurement.stamp, solved.state, frame, initialised or self._replaced):
                 self._adopt_lengths()
         seen = _with_seen_landmarks(frame, [measured.get(camera) for camera in self._cameras])
         if self.learned.update(measurement, seen, start.state, initialised, increment, solved.state):
             self._solved = self._evaluated_again()  # the prior's mean has changed
-        height = self.learned.height
-        if height is not None and height.update(measurement, solved, self.skeleton.height):
-            self._adopt_height(height.height / self.skeleton.height)
+        if height is None:
+            return
+        ratios = np.empty(0)
+        if several:
+            places = triangulate(seen)
+            ratios = self.learned.size_check.ratios(places, np.isfinite(places[:, 0]))
+        if height.update(measurement, solved, self.skeleton.height, ratios):
+            self._adopt_height(height.height / self.skeleton.height, several)
 
     def _adopt_lengths(self) -> None:
         """Use the lengths as they are known now."""
@@ -466,12 +478,13 @@ class Tracker:
                     camera.network.use_lengths(self.skeleton, lengths.certain)
         self._solved = self._evaluated_again()
 
-    def _adopt_height(self, ratio: float) -> None:
-        """Scale the body, its distance, and what was learned."""
+    def _adopt_height(self, ratio: float, several: bool) -> None:
+        """Scale the body and what was learned; with one camera, which does not observe it, also the distance."""
         assert self._solved is not None
         self.learned.resize(ratio)
         state = self._solved.state
-        self._solved = replace(self._solved, state=BodyState(state.rotations, ratio * state.translation))
+        if not several:
+            self._solved = replace(self._solved, state=BodyState(state.rotations, ratio * state.translation))
         self._output_filter.reset()
         self._adopt_lengths()
 

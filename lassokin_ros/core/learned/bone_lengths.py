@@ -26,8 +26,9 @@ from lassokin_ros.core.image.robust_loss import huber_weights
 from lassokin_ros.core.learned.length_prior import LengthPosterior, initial_deviation, length_models, posterior
 from lassokin_ros.core.schedule import Schedule
 
-STATURE_DEVIATION = 0.005
-"""Standard deviation of the logarithm of the stature at rest."""
+STATURE_DEVIATION, OBSERVED_STATURE_DEVIATION = 0.005, 0.03
+"""Standard deviation of the logarithm of the stature at rest: with one camera, which does not observe size, and with
+several, for the difference between a stated height and that of the limbs."""
 LARGEST_STEP = 0.1
 """Largest change of a log-length in one update, so that the poses of the kept frames can follow."""
 LARGEST_DIFFERENCE = 0.3
@@ -96,6 +97,7 @@ class Calibration:
         self._next_relinearised = 0
         self._last_work_stamp = -math.inf
         self._kept_at = self._updated_at = np.nan
+        self.stature_deviation = STATURE_DEVIATION
 
     def resize(self, ratio: float) -> None:
         """Use a given body that is taller by a factor. The log-lengths stay, and the kept frames move away from the
@@ -190,9 +192,9 @@ class Calibration:
         """Solve for the lengths with all kept frames, and end the calibration if they are certain."""
         shares = self.proportions.stature_shares * np.exp(self.lengths)
         excess = float(self.proportions.stature_shares @ np.expm1(self.lengths))
-        stature = np.outer(shares, shares) / STATURE_DEVIATION**2
+        stature = np.outer(shares, shares) / self.stature_deviation**2
         H, g = self._normal_equations()
-        g += shares * (shares @ self.lengths - excess) / STATURE_DEVIATION**2
+        g += shares * (shares @ self.lengths - excess) / self.stature_deviation**2
         found = posterior(self._models, H, g, stature)
         self.odds = found.odds
         best = self._best(found)
