@@ -143,8 +143,7 @@ def run(job: Job) -> list[Record]:
     estimates, times = _follow(tracker, rig, poses, count, o)
     truth = rig.truth[:count][:, LIMBS]
     base = {"clip": clip.name, "cameras": o.cameras, "angle": o.angle}
-    known = tracker.learned.height
-    error = abs(100 * (known.height / clip_height(clip) - 1)) if known is not None else np.nan
+    error = abs(100 * (tracker.learned.lengths.stature / clip_height(clip) - 1))
     records = [{**base, "method": "lasso", **score(estimates[:, joints], truth, rig.fps), "height_percent": error,
                 "frame_ms_p50": 1000 * float(np.median(times))}]  # fmt: skip
     if o.cameras > 1 and not o.phase:

@@ -113,6 +113,11 @@ class Calibration:
         return self.proportions.skeleton(self.lengths)
 
     @property
+    def stature(self) -> float:
+        """m: the height of the person with the present lengths. With one camera it stays near the given one."""
+        return float(self.skeleton.height * (1 + self.proportions.stature_shares @ np.expm1(self.lengths)))
+
+    @property
     def certain(self) -> bool:
         """Whether lengths have been learned, and are known well enough for the depth network."""
         return bool(self.lengths.any()) and bool(self.deviation.mean() < CERTAIN_MEAN)
