@@ -203,7 +203,9 @@ class Tracker:
         not among them take part with keypoints predicted to that instant. Bad input does not raise: see
         `Estimate.rejection`.
         """
-        observations = (observation,) if isinstance(observation, Observation) else tuple(observation)
+        observations = [observation] if isinstance(observation, Observation) else list(observation)
+        if not observations:
+            return Estimate(self._newest, self._status, Rejection.TOO_FEW_LANDMARKS)
         measured, rejection = self._measure(observations)
         if rejection is not None:
             return self._reject(observations[0], rejection)
@@ -245,7 +247,7 @@ class Tracker:
     def _measure(self, observations: Sequence[Observation]) -> tuple[dict[Camera, Measurement], Rejection | None]:
         """The measurements of the cameras whose observations can be used; the reason to reject if there are none."""
         measured: dict[Camera, Measurement] = {}
-        first: Rejection | None = None if observations else Rejection.WRONG_SHAPE
+        first: Rejection | None = None
         for observation in observations:
             camera = self._camera(observation)
             newest = camera.measurements.newest
