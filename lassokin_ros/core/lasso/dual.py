@@ -148,9 +148,9 @@ def _solve_from(qp: Any, start: tuple[np.ndarray, np.ndarray] | None) -> None:
 
     `qp.solve(x, y, z)` cannot pass multipliers of box constraints: in proxsuite 0.7.2 and 0.8.0 it raises "wrong
     argument size: expected 0, got 44; the dimension wrt inequality constrained variables for warm start is not valid",
-    because its check does not count the boxes. Therefore they are written where the solver keeps its last result. (With
-    WARM_START_WITH_PREVIOUS_RESULT, 1 solve of 100 returned NaN, by what was in memory before.) The step size of the last
-    solve must not be kept: `update` sets it to its first value again.
+    because its check does not count the boxes. Therefore they are written where the solver keeps its last result. With
+    WARM_START_WITH_PREVIOUS_RESULT, 1 solve of 100 returned NaN, which depended on what was in memory before. The step
+    size of the last solve must not be kept: `update` sets it to its first value again.
     """
     if start is None:
         qp.settings.initial_guess = _proxqp.InitialGuess.NO_INITIAL_GUESS

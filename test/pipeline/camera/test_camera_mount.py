@@ -176,7 +176,7 @@ def lean_error(nods, settings):
 def test_a_person_before_a_nodding_head_stays_upright():
     nods = 0.4 * np.sin(2 * np.pi * np.arange(45) / 45)
     with_tf, without = (lean_error(nods, NodeSettings(camera_mount_frame=base)) for base in (BASE, ""))
-    assert with_tf < 4.0 and with_tf < 0.6 * without
+    assert with_tf < 5.0 and with_tf < 0.6 * without
 
 
 def test_without_tf_the_parameters_are_used():
