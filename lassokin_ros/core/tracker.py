@@ -480,7 +480,7 @@ class Tracker:
                     camera.network.use_lengths(self.skeleton, lengths.certain)
         self._solved = self._evaluated_again()
 
-    def _adopt_height(self, ratio: float, several: bool) -> None:
+    def _adopt_height(self, ratio: float, several: bool = False) -> None:
         """Scale the body and what was learned; with one camera, which does not observe it, also the distance."""
         assert self._solved is not None
         self.learned.resize(ratio)

@@ -78,7 +78,9 @@ class HeightEstimator:
         """Standard deviation of `height`, m."""
         return self.height * float(np.hypot(LEAST_DEVIATION, (self._information + PEOPLE_DEVIATION**-2) ** -0.5))
 
-    def update(self, measurement: Measurement, solved: EvaluatedState, height: float, ratios: np.ndarray) -> bool:
+    def update(
+        self, measurement: Measurement, solved: EvaluatedState, height: float, ratios: np.ndarray = np.empty(0)
+    ) -> bool:
         """Use a tracked frame. Returns True if the estimate should replace the height in use.
 
         height: m, of the skeleton in use. ratios: of limbs that several cameras measure and those of that skeleton;

@@ -67,7 +67,10 @@ def test_a_repeated_frame_is_not_used_for_learning():
     assert np.array_equal(learned.vertical.direction, vertical) and learned.lengths.kept_motion == motion
     assert np.array_equal(learned.lengths.skeleton.offsets, lengths) and learned.model_error.deviation == deviation
     assert np.array_equal(learned.mean_pose.mean, mean) and np.array_equal(once.learned.mean_pose.mean, mean)
-    assert np.array_equal(twice._measurements._filter._tracks.velocity, once._measurements._filter._tracks.velocity)
+    assert np.array_equal(
+        twice._cameras.first.measurements._filter._tracks.velocity,
+        once._cameras.first.measurements._filter._tracks.velocity,
+    )
 
 
 @pytest.mark.parametrize(("config", "largest"), [(replace(WITHOUT_NETWORK, smoothing=0.0), 0.035), (NOW, 0.05)])

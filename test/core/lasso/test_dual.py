@@ -117,21 +117,6 @@ def test_a_start_after_a_failed_solve_is_used_by_the_second_solve(form, monkeypa
         assert kept_object(solver, form).results.info.iter == 1
 
 
-def test_a_solve_that_fails_from_a_poor_start_leaves_no_trace():
-    """From another problem's Omega ProxQP may not converge. The next solve has a new object."""
-    solver, failed = DualSolver("proxqp"), 0
-    reduced, alpha, last = posed(0)
-    by_form(solver, "condensed", reduced, alpha, None)
-    for seed in range(1, 8):
-        reduced, alpha, omega = posed(seed)
-        by_form(solver, "condensed", reduced, alpha, last)
-        failed += not solver._objects
-        cold = by_form(solver, "condensed", reduced, alpha, None)
-        assert np.allclose(cold, omega, rtol=0, atol=2e-3 * np.abs(omega).max())
-        last = omega
-    assert failed > 3
-
-
 @FORMS
 def test_after_a_reset_the_first_solve_has_a_new_object(form):
     reduced, alpha, omega = posed()

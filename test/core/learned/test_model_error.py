@@ -48,7 +48,7 @@ def test_the_free_share_of_a_row_is_one_minus_its_leverage():
     information = J.T @ J
     information[range(UNKNOWNS), range(UNKNOWNS)] += WEAKEST
     leverage = np.diag(J @ np.linalg.solve(information, J.T))[:IMAGES]
-    free = _free_shares(problem, IMAGE)
+    free = _free_shares(problem, IMAGE, LANDMARKS)
     assert free == pytest.approx(1 - leverage.reshape(-1, 2).mean(1), abs=1e-6)
     assert 0 < free.min() < 0.4 and 0.7 < free.max() <= 1
 

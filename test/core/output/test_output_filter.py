@@ -148,7 +148,7 @@ def test_the_tracked_states_do_not_depend_on_the_output():
 def test_the_smoothing_time_depends_on_the_speed_of_the_keypoints():
     tracker = Tracker(CONFIG)
     sequence, steadied_by, told = observations(tracker, 2.0), tracker._output_filter.filtered, []
-    tracker._output_filter.filtered = lambda *a: told.append(a[-2]) or steadied_by(*a)  # speed, before the time
+    tracker._output_filter.filtered = lambda *a: told.append(a[3]) or steadied_by(*a)  # the speed
     depths = [tracker.track(observation).state.translation[2] for _, observation in sequence]
     steps = np.diff([observation.points for _, observation in observations(tracker, 2.0, noise_px=0.0)], axis=0)
     moved = np.linalg.norm(steps, axis=-1).mean(axis=1) * RATE * depths[1:]
