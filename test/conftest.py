@@ -2,13 +2,13 @@
 
 import fcntl
 import os
-import re
 import sys
 import tempfile
 from pathlib import Path
 
 import pytest
 from installation.pip_only import PIP_ONLY
+from live_runs import runs_nodes
 
 DOMAINS = range(1, 102)
 """Those that DDS can use on every Linux, without 0, which robots use."""
@@ -29,11 +29,11 @@ def reserved_domain():
 DOMAIN, DOMAIN_LOCK = reserved_domain()
 os.environ["ROS_DOMAIN_ID"] = str(DOMAIN)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+if os.environ.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp") == "rmw_fastrtps_cpp":
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SYSTEM_DEFAULT"  # that of the profile: the loopback interface
+    os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(Path(__file__).parent / "support" / "dds_loopback.xml")
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 os.environ.setdefault("OMP_NUM_THREADS", "1")
-
-REAL = re.compile(r'^\s*from (live|archives) import|importorskip\("rclpy', re.MULTILINE)
-"""Found in the text of tests that run nodes, or commands that work on all cores."""
 
 
 class TestFile(pytest.Module):
@@ -65,7 +65,7 @@ def pytest_collection_modifyitems(items):
 
     The tests of a file stay together, because they share the fixtures of their module, such as a running node.
     """
-    real = {path: REAL.search(path.read_text(encoding="utf-8")) for path in {item.path for item in items}}
+    real = {path: runs_nodes(path) for path in {item.path for item in items}}
     for item in items:
         item.add_marker(pytest.mark.xdist_group("nodes" if real[item.path] else item.path.stem))
 

@@ -60,15 +60,16 @@ def run(make_node: Callable[[], Any]) -> None:
 
 
 def _run(argv: list[str], make_node: Callable[[], Any], stopped: Future[int]) -> None:
-    """Run a node in the global context until `stopped` is done."""
+    """Run a node in the global context until `stopped` is done. It is not made after a signal."""
     import rclpy
     from rclpy.signals import SignalHandlerOptions
 
     node = None
     try:
         rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
-        node = make_node()
-        spin(node, stopped)
+        if not stopped.done():
+            node = make_node()
+            spin(node, stopped)
     finally:
         if node is not None:
             node.destroy_node()

@@ -135,12 +135,12 @@ def children_of(pid):
 def test_an_interrupted_demo_prints_one_line_and_leaves_no_node(tmp_path, number):
     command = [sys.executable, "-m", "lassokin_ros.demo", "--output", str(tmp_path / "out"), "--seconds", "60"]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as demo:
-        deadline, nodes = time.monotonic() + 60, {}
+        deadline, nodes = time.monotonic() + 120, {}
         while not any(b"lassokin_ros.node.command" in line for line in nodes.values()):
             assert demo.poll() is None and time.monotonic() < deadline, "no node was started"
             nodes = children_of(demo.pid)
         demo.send_signal(number)
-        said = demo.communicate(timeout=60)[1].splitlines()
+        said = demo.communicate(timeout=120)[1].splitlines()
     assert demo.returncode == 130 and said[-1].startswith("demo: interrupted; "), said
     assert not any("Traceback" in line for line in said)
     assert not any(Path(f"/proc/{child}").exists() for child in nodes)
@@ -157,7 +157,7 @@ def test_an_invalid_duration_is_refused_with_the_expected_range(seconds, tmp_pat
 def test_an_unwritable_output_is_one_line(tmp_path):
     (tmp_path / "file").write_text("")
     command = [sys.executable, "-m", "lassokin_ros.demo", "--output", str(tmp_path / "file"), "--seconds", "1"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 2 and done.stderr.startswith("demo: ") and done.stderr.count("\n") == 1
 
 
@@ -166,6 +166,6 @@ def test_a_home_that_cannot_be_written_is_one_line_with_the_remedy(tmp_path):
     environment = {k: v for k, v in os.environ.items() if k not in ("ROS_LOG_DIR", "ROS_HOME")}
     command = [sys.executable, "-m", "lassokin_ros.demo", "--output", str(tmp_path / "out"), "--seconds", "1"]
     environment["HOME"] = "/proc/nowhere"
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, env=environment, check=False)
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, env=environment, check=False)
     assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
     assert done.stderr.startswith("demo: ") and "set ROS_LOG_DIR" in done.stderr

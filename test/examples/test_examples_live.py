@@ -23,7 +23,7 @@ from msg_adapters.backends import RclpyBackend  # noqa: E402
 from msg_adapters.output_messages.skeleton_cloud import SkeletonCloudBuilder  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
-DEADLINE_S = 30.0
+DEADLINE_S = 60.0
 
 
 class Robot:

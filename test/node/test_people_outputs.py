@@ -201,7 +201,7 @@ def test_a_missing_package_is_reported_at_the_start(parameter, package, people):
     if find_spec(package) is not None:
         pytest.skip(f"{package} is installed")
     command = [*TRACKER, "--ros-args", "-p", f"{parameter}:=true", "-p", f"max_people:={people}"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=30, cwd=ROOT)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=ROOT)
     lines = done.stderr.strip().splitlines()
     word = f"ros-$ROS_DISTRO-{package.replace('_', '-')}"
     assert done.returncode == 2 and len(lines) == 1 and word in lines[0], done.stderr
