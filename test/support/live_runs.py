@@ -42,10 +42,8 @@ def run(files, number):
     if done.returncode:
         print(done.stdout[-20_000:], done.stderr[-5_000:])
     last = done.stdout.strip().rpartition("\n")[2].strip("= ")
-    print(
-        f"run {number}: {last if ' in ' in last else f'exit code {done.returncode}'}; {time.monotonic() - started:.0f} s"
-    )
-    sys.stdout.flush()
+    result = last if " in " in last else f"exit code {done.returncode}"
+    print(f"run {number}: {result}; {time.monotonic() - started:.0f} s", flush=True)
     return done.returncode == 0
 
 
