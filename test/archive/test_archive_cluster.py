@@ -47,7 +47,7 @@ def cluster(folder):
             process("scheduler", "--host", HERE, "--port", 0, "--no-dashboard", "--scheduler-file", facts)
         )
         options = ("--scheduler-file", facts, "--host", HERE, "--nthreads", 1, "--no-nanny", "--no-dashboard")
-        options += ("--local-directory", folder / "scratch", "--death-timeout", 60)
+        options += ("--local-directory", folder / "scratch", "--death-timeout", 120)
         workers = [stack.enter_context(process("worker", *options)) for _ in range(2)]
         deadline = time.monotonic() + 120
         while not (facts.exists() and facts.stat().st_size):

@@ -407,15 +407,25 @@ def test_a_signal_leaves_no_files(tmp_path, number):
     assert os.listdir(tmp_path) == ["long"]
 
 
+def read_terminal(leader):
+    """The next characters on a terminal, empty after the last process has closed it."""
+    try:
+        return os.read(leader, 1000).decode()
+    except OSError:
+        return ""
+
+
 def test_progress_is_shown_on_a_terminal_only(recording, tmp_path):
     import pty
 
     leader, follower = pty.openpty()
     command = [sys.executable, "-m", "lassokin_ros.cli.replay", str(recording), "--output"]
-    subprocess.run([*command, str(tmp_path / "a")], check=True, cwd=ROOT, stdout=subprocess.PIPE, stderr=follower)
+    process = subprocess.Popen([*command, str(tmp_path / "a")], cwd=ROOT, stdout=subprocess.PIPE, stderr=follower)
     os.close(follower)
-    shown = os.read(leader, 100_000).decode()
+    shown = "".join(iter(lambda: read_terminal(leader), ""))  # meanwhile: a terminal holds 4 kB
     os.close(leader)
+    process.communicate()
+    assert process.returncode == 0
     assert "messages" in shown and f"{2 * FRAMES}/{2 * FRAMES}" in shown and shown.endswith("\r\x1b[K")
     done = subprocess.run([*command, str(tmp_path / "b")], check=True, cwd=ROOT, capture_output=True)
     assert done.stderr == b""
