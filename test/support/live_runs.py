@@ -5,6 +5,7 @@ python test/support/live_runs.py [--runs 10] [--load 2] [FILE ...]
 
 import argparse
 import re
+import resource
 import subprocess
 import sys
 import time
@@ -34,16 +35,25 @@ def busy(count):
             loop.wait()
 
 
+def processor_time():
+    """s: used by all child processes that have ended, and by theirs."""
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
+
+
 def run(files, number):
     """Run the tests once and print the result; the output is printed if one fails. Return True if none failed."""
     command = [sys.executable, "-m", "pytest", "-p", "no:xdist", "-p", "no:cacheprovider", "-v", "--tb=short", *files]
-    started = time.monotonic()
+    started, used = time.monotonic(), processor_time()
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     if done.returncode:
         print(done.stdout[-20_000:], done.stderr[-5_000:])
     last = done.stdout.strip().rpartition("\n")[2].strip("= ")
     result = last if " in " in last else f"exit code {done.returncode}"
-    print(f"run {number}: {result}; {time.monotonic() - started:.0f} s", flush=True)
+    print(
+        f"run {number}: {result}; {time.monotonic() - started:.0f} s, {processor_time() - used:.0f} s of CPU",
+        flush=True,
+    )
     return done.returncode == 0
 
 
