@@ -76,7 +76,7 @@ def test_a_missing_state_publisher_is_reported_once_and_served_when_it_starts():
             """Send keypoints ten times per second until the status has this level and starts with these words."""
             nonlocal sent
             if time.monotonic() - begun > 0.1 * sent:
-                peer.send(peer.start_ns + 10**8 * sent, pixels[sent])
+                peer.send(peer.start_ns + 10**8 * sent, pixels[sent % len(pixels)])
                 sent += 1
             newest = peer.got[topics.DIAGNOSTICS][-1].status[0]
             return newest.level == level and newest.message.startswith(words)
