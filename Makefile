@@ -18,8 +18,9 @@ RUN := OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= PYTHONPYCACHEPREFIX=$(CURDIR)/
 demo: $(VENV)/.installed-demo
 	$(RUN) $(VENV)/bin/python -m lassokin_ros.demo
 
+# Three processes for two cores: the two that run nodes mostly wait for them.
 test: $(VENV)/.installed-test
-	$(RUN) $(VENV)/bin/python -m pytest --numprocesses 2 --dist loadgroup
+	$(RUN) $(VENV)/bin/python -m pytest --numprocesses 3 --dist loadgroup
 
 live: $(VENV)/.installed-test
 	$(RUN) $(VENV)/bin/python test/support/live_runs.py --runs $(or $(RUNS),10) --load $(or $(LOAD),0) $(FILES)

@@ -61,13 +61,21 @@ def pytest_configure(config):
 
 @pytest.hookimpl(tryfirst=True)  # before the hook of pytest-xdist, which reads the marks
 def pytest_collection_modifyitems(items):
-    """If two processes share the tests, one of them runs all tests with nodes: two at once would compete for a core.
+    """If processes share the tests, those of `test/node` run one after the other, and so do others that run nodes.
 
-    The tests of a file stay together, because they share the fixtures of their module, such as a running node.
+    More nodes at once would compete for a core. The tests of a file stay together, because they share the fixtures of
+    their module, such as a running node.
     """
-    real = {path: runs_nodes(path) for path in {item.path for item in items}}
+    groups = {path: group_of(path) for path in {item.path for item in items}}
     for item in items:
-        item.add_marker(pytest.mark.xdist_group("nodes" if real[item.path] else item.path.stem))
+        item.add_marker(pytest.mark.xdist_group(groups[item.path]))
+
+
+def group_of(path):
+    """The group of a test file: `nodes`, `commands` with nodes, or the file alone."""
+    if not runs_nodes(path):
+        return path.stem
+    return "nodes" if "node" in path.relative_to(Path(__file__).parent).parts else "commands"
 
 
 def pytest_terminal_summary(terminalreporter, config):
