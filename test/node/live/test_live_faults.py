@@ -339,6 +339,15 @@ def test_a_failing_callback_does_not_end_the_node():
     node.destroy_node()
 
 
+def test_no_node_is_made_after_a_signal():
+    from lassokin_ros.node.executable import _run
+
+    stopped = Future()
+    stopped.set_result(INT)
+    _run([], lambda: pytest.fail("a node was made"), stopped)
+    assert not rclpy.ok()
+
+
 def test_waiting_messages_are_stamped_with_their_time_of_arrival():
     namespace, kind = "/waiting", "std_msgs/msg/Float32MultiArray"
     with node_in_this_process(namespace, keypoints_type=kind) as (_, serve), Peer(namespace, kind) as peer:
