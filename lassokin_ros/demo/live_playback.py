@@ -118,8 +118,11 @@ class LiveNode:
         durability = DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE
         collected = self.got[topic.name]
 
+        own = f"{self.namespace.strip('/')}/{NODE_NAME}:".encode()
+
         def collect(data: bytes) -> None:
-            collected.append(Received(time.monotonic(), data))
+            if topic.name != topics.DIAGNOSTICS or own in data:  # every node publishes on /diagnostics
+                collected.append(Received(time.monotonic(), data))
 
         qos = QoSProfile(depth=100, durability=durability)
         name = topic.name.replace("~", NODE_NAME)
