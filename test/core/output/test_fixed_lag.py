@@ -101,7 +101,8 @@ def test_a_frame_without_new_keypoints_does_not_change_earlier_frames():
         estimate = Estimate(frame / RATE, Status.TRACKING, None, steady, solved=state)
         lag.add(estimate, output_filter.forward, kinematics.skeleton.offsets, lambda pose: 0.0)
     settled = [waiting.estimate for waiting in lag._waiting][30:]
-    for smooth, before in zip(lag.flush()[30:], settled):
+    assert len(settled) == 10
+    for smooth, before in zip(lag.flush()[30:], settled, strict=True):
         assert np.abs(smooth.state.rotations - before.state.rotations).max() < 1e-6
 
 
@@ -119,7 +120,9 @@ def test_pose_and_reprojection_are_of_the_smoothed_state_and_the_frames_own_skel
     random = np.random.default_rng(1)
     values = 0.01 * random.normal(size=(5, 3)) + [0.0, 0.0, 3.0]
     offsets = 1.1 * body().skeleton.offsets
-    for estimate in lagging(values, np.full(5, 0.02), offsets).due(0.1, 0.02):
+    due = lagging(values, np.full(5, 0.02), offsets).due(0.1, 0.02)
+    assert len(due) > 0
+    for estimate in due:
         assert np.allclose(estimate.pose.positions[0], estimate.state.translation)
         assert estimate.reprojection_px == estimate.pose.positions[0, 0]
         bones = estimate.pose.positions[1:] - estimate.pose.positions[body().skeleton.parents[1:]]

@@ -117,7 +117,10 @@ def test_depth_is_defined_by_the_camera_not_by_the_joint():
     other = Rotation.random(random_state=3).as_matrix()
     plain = [BodyState(Rotation.from_rotvec(v).as_matrix(), AHEAD + p) for v, p in zip(vectors, steps)]
     turned_round = [BodyState(other @ s.rotations, other @ s.translation) for s in plain]
-    for a, b in zip(followed(plain), followed(turned_round)):
+    published = followed(plain)
+    assert max(map(angle, published, plain)) > 0.01  # the filter has an effect
+    assert max(np.abs(a.translation - s.translation).max() for a, s in zip(published, plain)) > 0.01
+    for a, b in zip(published, followed(turned_round), strict=True):
         assert np.allclose(other @ a.rotations, b.rotations) and np.allclose(other @ a.translation, b.translation)
 
 
