@@ -15,7 +15,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from lassokin_ros.pipeline.shared_coordinates import is_shared
+from lassokin_ros.pipeline.input_checks.shared_coordinates import is_shared
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
 

@@ -98,7 +98,7 @@ class Camera:
         Raises AdapterError if the message is refused; the last good camera then stays.
         """
         before = self.view
-        frame, key = message.header.frame_id, _key(message)
+        frame, key = message.header.frame_id.lstrip("/"), _key(message)
         if key == self._keys.get(frame):
             self.fault = ""
             view = self._by_frame[frame][0]
