@@ -170,7 +170,7 @@ class Keypoints:
             self._refuse_scores(high, most, USUAL_CONFIDENCE, scores)
 
     @staticmethod
-    def _refuse_scores(count: int, of: int, limit: float, scores: np.ndarray) -> None:
+    def _refuse_scores(count: Any, of: int, limit: float, scores: np.ndarray) -> None:
         raise AdapterError(
             "confidence_range",
             f"{count} of {of} confidences are above {limit:g}, up to {scores.max():g}; expected 0 to 1. Rescale them "

@@ -23,6 +23,7 @@ from lassokin_ros.pipeline.outputs.naming import Naming
 from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, images_of
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
 from lassokin_ros.pipeline.outputs.status.presence_state import TRACKING, PresenceState
+from lassokin_ros.pipeline.outputs.status.warning_log import WarningLog
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
@@ -71,6 +72,8 @@ class OfflineTracker:
         With `smoothing_lag` they are called when the frames leave the smoother."""
         self.first_rejection: tuple[str, str] | None = None
         """Key and sentence of the reason of the first rejection, also of a camera_info."""
+        self.warnings = WarningLog()
+        """The warnings of /diagnostics."""
         self.initialisations = 0
         self._reinitialised = 0
         self._backend = RosbagsBackend(types)
@@ -224,6 +227,7 @@ class OfflineTracker:
         if time_ns >= self._next_diagnostics_ns:
             self._next_diagnostics_ns = time_ns + DIAGNOSTICS_PERIOD_NS
             line = self._diagnostics.line(time_ns * 1e-9)
+            self.warnings.add(self._diagnostics.concerns)
             message = self._status.fill(time_ns, "", [line])
             name = topics.full_name(topics.DIAGNOSTICS, NODE_NAME)
             yield name, topics.DIAGNOSTICS_OUTPUT.message_type, message

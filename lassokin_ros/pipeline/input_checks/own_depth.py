@@ -25,11 +25,12 @@ class OwnDepth:
         stamp_ns: ns, of the message.
         """
         self._note = keypoints.depth_note
-        depth = keypoints.depth
-        if depth is None or np.count_nonzero(depth > 0) < FEWEST:
-            self._frozen_s = 0.0
+        self._frozen_s = 0.0
+        if keypoints.depth is None:
             return keypoints
-        self._frozen_s = self._repeats.age(stamp_ns, depth)
+        measured = keypoints.depth[keypoints.depth > 0]
+        if len(measured) >= FEWEST and np.ptp(measured) > 0:
+            self._frozen_s = self._repeats.age(stamp_ns, keypoints.depth)
         return replace(keypoints, depth=None) if self._frozen_s > 0 else keypoints
 
     @property

@@ -19,6 +19,9 @@ LONG_STEP, REGULAR = 10.0, 0.9
 """A step between arrivals is a pause if it is longer than LONG_STEP medians. Arrivals are regular if this share of
 their steps is no pause; those of a detector that works in batches are not."""
 
+JUMP_NS = 2_000_000_000
+"""ns: stamps that advance by more, without such a time between the arrivals, jump to another time."""
+
 
 class StampRate:
     """Keeps the stamps and arrivals of the last messages."""
@@ -27,8 +30,8 @@ class StampRate:
         self._pairs: deque[tuple[int, int]] = deque(maxlen=KEPT)
 
     def add(self, stamp_ns: int, arrival_ns: int) -> None:
-        """Add a message. A clock that jumps back starts anew; arrival_ns: ns of the clock of the arrivals."""
-        if self._pairs and (stamp_ns < self._pairs[-1][0] or arrival_ns < self._pairs[-1][1]):
+        """Add a message. A jump of a clock starts the comparison anew; arrival_ns: ns of the clock of arrivals."""
+        if self._pairs and _is_jump(stamp_ns - self._pairs[-1][0], arrival_ns - self._pairs[-1][1]):
             self._pairs.clear()
         self._pairs.append((stamp_ns, arrival_ns))
 
@@ -49,6 +52,11 @@ class StampRate:
             if period > 0 and not 1 / FARTHEST <= step / period <= FARTHEST:
                 return _words(step, period)
         return ""
+
+
+def _is_jump(stamp_ns: int, arrival_ns: int) -> bool:
+    """Return True for steps of the stamps or arrivals, ns, that are none of a clock that advances."""
+    return stamp_ns < 0 or arrival_ns < 0 or stamp_ns > JUMP_NS + LONG_STEP * arrival_ns
 
 
 def _words(step: float, period: float) -> str:

@@ -139,7 +139,7 @@ def test_several_cameras_on_a_topic_are_detected_by_their_alternation(camera):
 
 
 def test_a_suspicious_matrix_is_reported(camera):
-    camera.update(info(focal=600.0, width=1280, height=960))
+    camera.update(info(focal=600.0, width=900, height=700))
     assert "another resolution" in camera.warning
 
 
