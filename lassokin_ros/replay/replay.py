@@ -63,7 +63,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
     with BagReader(options.bag) as bag, TemporaryDirectory(prefix="lassokin_") as folder:
         keypoints_type = full_type_name(node_config.keypoints_type)
         keypoints = bag.find(keypoints_type, options.keypoints_topic, topics.KEYPOINTS, "--keypoints-topic")
-        camera = camera_source(bag, options, node_config.rectified)
+        camera = camera_source(bag, options, node_config.rectified, keypoints)
         others = _other_topics(bag, node_config)
         read = [keypoints, *camera.recorded, *others]
         if options.two_pass:
