@@ -211,7 +211,6 @@ CASES = {
         {"spoil": absent(20, 26)},
         ("note", "1 short gap, 0.2 s in total, the longest 0.2 s; tracking continued"),
     ),
-    "late camera": ({"late": 10}, ("good", "No problem found: 100.0% of the frames were tracked")),
     "no camera": (
         {"late": 10, "uncalibrated": True},
         (
