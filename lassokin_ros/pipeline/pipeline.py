@@ -33,7 +33,7 @@ from lassokin_ros.pipeline.people.people_tracker import PeopleImage, PeopleTrack
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.people.single_person import SinglePersonTracker
 from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
-from lassokin_ros.pipeline.placeholders import PLACEHOLDERS, refuse_fractions, without_placeholders
+from lassokin_ros.pipeline.placeholders import PLACEHOLDERS, checked_positions
 from lassokin_ros.pipeline.settings import MESSAGE, NodeSettings
 from lassokin_ros.pipeline.stamps import StampWatch
 from lassokin_ros.skeleton_readers.load import load_skeleton, naming_help
@@ -262,8 +262,7 @@ class Pipeline:
 
     def _remove_placeholders(self, keypoints: Keypoints, view: View) -> Keypoints:
         """Remove placeholder coordinates, and count the message. Raises AdapterError for fractions of the image."""
-        refuse_fractions(keypoints, view.size)
-        kept = without_placeholders(keypoints, view.size)
+        kept = checked_positions(keypoints, view.size)
         if kept is not keypoints:
             self.counts[PLACEHOLDERS] += 1
         return kept

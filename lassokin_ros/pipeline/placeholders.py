@@ -39,6 +39,15 @@ SMALLEST_PX = 50.0
 """px: in a person smaller than this, eyes and nose can have the same rounded position."""
 
 
+def checked_positions(keypoints: Keypoints, size: tuple[int, int]) -> Keypoints:
+    """Return the keypoints without placeholders. Raises AdapterError for fractions of the image in place of px.
+
+    size: (width, height) px of the image; 0 = unknown.
+    """
+    refuse_fractions(keypoints, size)
+    return without_placeholders(keypoints, size)
+
+
 def refuse_fractions(keypoints: Keypoints, size: tuple[int, int]) -> None:
     """Raise AdapterError if the coordinates are fractions of the image size in place of px.
 
