@@ -24,6 +24,7 @@ from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE, Camera,
 from lassokin_ros.pipeline.depth_images import DepthImages
 from lassokin_ros.pipeline.detections import detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
+from lassokin_ros.pipeline.input_checks.landmark_ids import LandmarkIds
 from lassokin_ros.pipeline.input_checks.messages import LEADING_SLASH, check_layout, has_leading_slash
 from lassokin_ros.pipeline.input_checks.own_depth import OwnDepth
 from lassokin_ros.pipeline.input_checks.stamp_rate import StampRate
@@ -87,6 +88,8 @@ class Pipeline:
         """The rates of the stamps and of the arrivals."""
         self.own_depth = OwnDepth()
         """What is unusual about depths in the keypoint messages."""
+        self.landmark_ids = LandmarkIds(self.tracker.layout.names)
+        """Which landmarks have appeared."""
         self._camera_frame: str | None = None  # frame of the camera that took the last image
         self._latest: tuple[int, int] | None = None  # stamp and arrival, ns, of the last message not refused as a whole
         self.image: tuple[int, str] | None = None
@@ -227,6 +230,7 @@ class Pipeline:
             stamped = keypoints.stamp_ns is not None
             stamp_ns = keypoints.stamp_ns or self._stamps.estimate(arrival_ns)
             keypoints = self.own_depth.checked(keypoints, stamp_ns)
+            self.landmark_ids.add(keypoints)
             if keypoints.depth is not None:
                 self.counts[DEPTH_IN_MESSAGE] += bool(np.count_nonzero(keypoints.depth > 0) >= FEWEST)
             elif self.depth is not None:

@@ -9,10 +9,10 @@ from collections import deque
 
 import numpy as np
 
-KEPT = 90
-"""Messages that are compared."""
-FEWEST, SHORTEST_S = 20, 0.6
-"""Messages, and s of arrivals, before anything is compared."""
+KEPT, KEPT_NS = 2000, 5_000_000_000
+"""Messages that are compared, and ns of arrivals."""
+FEWEST, SHORTEST_S = 20, 2.0
+"""Messages, and s of arrivals without pauses, before anything is compared."""
 FARTHEST = 2.1
 """Largest ratio of the rates without a warning."""
 LONG_STEP, REGULAR = 10.0, 0.9
@@ -34,6 +34,8 @@ class StampRate:
         if self._pairs and _is_jump(stamp_ns - self._pairs[-1][0], arrival_ns - self._pairs[-1][1]):
             self._pairs.clear()
         self._pairs.append((stamp_ns, arrival_ns))
+        while arrival_ns - self._pairs[0][1] > KEPT_NS:
+            self._pairs.popleft()
 
     @property
     def warning(self) -> str:

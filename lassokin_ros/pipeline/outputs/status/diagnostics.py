@@ -13,6 +13,7 @@ from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
 from lassokin_ros.pipeline.depth_images import COUNTS as DEPTH_COUNTS
 from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
+from lassokin_ros.pipeline.input_checks.body_direction import BodyDirection
 from lassokin_ros.pipeline.input_checks.messages import LEADING_SLASH
 from lassokin_ros.pipeline.input_checks.repeats import FROZEN_S
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
@@ -64,6 +65,7 @@ class Diagnostics:
         self._newest: list[FrameResult] = []
         self._nobody = False
         self._repeated_s = 0.0
+        self._direction = BodyDirection()
         self.concerns: list[str] = []
         """Reasons for a warning in the last period, in words, without the messages that were not used."""
         self.inputs: list[str] = []
@@ -125,6 +127,8 @@ class Diagnostics:
         period = max(now - self._since, 1e-3)
         recent = Counter(self._pipeline.counts)
         recent.subtract(self._counts)
+        tracking = presence.status is Status.TRACKING
+        self._direction.update(self._newest if tracking else (), self._pipeline.camera_angles[0], now)
         level, message = self._level_and_text(now, recent, presence.status, concern)
         values = self._figures(now, period, recent, presence)
         self._begin(now)
@@ -148,7 +152,7 @@ class Diagnostics:
             )
         warning = "" if pipeline.camera.view is None else pipeline.camera.warning
         self.inputs = list(input_concerns(pipeline, recent))
-        unused = _unused(recent)
+        unused, direction = _unused(recent), self._direction.words(now)
         possible = (
             warning,
             unused,
@@ -159,6 +163,7 @@ class Diagnostics:
             self._height_concern(),
             self._clock_advice(),
             *self.inputs,
+            direction if self._direction.is_down else "",
             concern,
         )
         concerns = [words for words in possible if words]
@@ -167,6 +172,8 @@ class Diagnostics:
             self._nobody = recent[NOBODY] == recent["received"]
         nobody = self._nobody and status is not Status.TRACKING
         level = OK if (nobody or status is Status.TRACKING) and not concerns else WARN
+        if direction and direction not in concerns:
+            concerns.append(direction)  # a person who lies is no fault
         return level, "; ".join([self._nobody_text() if nobody else status.value, *concerns])
 
     def _waiting_for(self, now: float) -> str:

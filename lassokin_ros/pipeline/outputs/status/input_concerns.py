@@ -19,6 +19,7 @@ def input_concerns(pipeline: Pipeline, recent: Counter[str]) -> Iterator[str]:
             _unscored(recent),
             _frozen_depth(pipeline),
             pipeline.own_depth.warning,
+            pipeline.landmark_ids.warning,
         ),
     )
 

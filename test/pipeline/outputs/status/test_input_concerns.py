@@ -91,3 +91,67 @@ def test_zeds_other_body_formats_are_refused(body_format, count):
     )
     assert frame.rejection == "other_layout" and status.level == WARN
     assert f"bodies of {count} keypoints; `landmarks: zed38` has 38" in frame.detail and "body_format" in frame.detail
+
+
+def turned(pixels, quarters, size=(WIDTH, HEIGHT)):
+    """The pixels in an image that is turned by quarter turns, about its centre."""
+    angle = 0.5 * np.pi * quarters
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    return (pixels - np.array(size) / 2) @ turn + np.array(size) / 2
+
+
+def status_after(seconds, pixels, camera_roll=0.0):
+    """The last status of a person for whole seconds, at 15 Hz."""
+    pipeline = Pipeline(TrackerConfig(camera_roll=camera_roll), NodeSettings())
+    assert pipeline.set_camera(camera_info(BACKEND)) is None
+    diagnostics = Diagnostics(pipeline, "tracker", 0.0)
+    for second in range(seconds):
+        for i in range(15):
+            stamp_ns = START_NS + second * 10**9 + i * 66_666_666
+            frames = pipeline.frames(cloud(BACKEND, stamp_ns, pixels[(15 * second + i) % len(pixels)]), stamp_ns)
+            diagnostics.count_message(frames, stamp_ns, second + i / 15, 0.001)
+        status = diagnostics.line(second + 1.0)
+    return status
+
+
+LONG = pixels_of_motion(180, 15.0)
+
+
+@pytest.mark.parametrize(
+    ("quarters", "level", "words"), [(2, WARN, "y is counted from the top"), (1, OK, "the person lies, or the camera")]
+)
+def test_an_image_that_is_turned_for_long_is_said(quarters, level, words):
+    status = status_after(12, turned(LONG, quarters))
+    assert status.level == level and words in status.message and "camera_roll" in status.message
+    assert words not in status_after(9, turned(LONG, quarters)).message
+
+
+def test_y_counted_from_the_bottom_is_said():
+    pixels = LONG * [1, -1] + [0, HEIGHT]
+    assert "the body has pointed down in the image" in status_after(12, pixels).message
+
+
+def test_an_upright_person_and_a_camera_with_a_known_roll_are_not_turned():
+    assert status_after(12, LONG).message == "tracking"
+    assert status_after(12, turned(LONG, 2), camera_roll=3.14).message == "tracking"
+
+
+def test_ids_that_begin_at_1_are_named():
+    """The last landmark is never shown, so that no id is outside of the layout."""
+    shown = np.arange(16)
+    pipeline = Pipeline(TrackerConfig(), NodeSettings())
+    pipeline.set_camera(camera_info(BACKEND))
+    for i in range(120):
+        stamp_ns = START_NS + i * PERIOD_NS
+        pipeline.frames(cloud(BACKEND, stamp_ns, LONG[i][shown], ids=shown + 1), stamp_ns)
+    assert "landmark 0 (nose) was in no message, all others were" in pipeline.landmark_ids.warning
+
+
+def test_a_person_seen_from_behind_has_no_face():
+    shown = np.arange(3, 17)
+    pipeline = Pipeline(TrackerConfig(), NodeSettings())
+    pipeline.set_camera(camera_info(BACKEND))
+    for i in range(120):
+        stamp_ns = START_NS + i * PERIOD_NS
+        pipeline.frames(cloud(BACKEND, stamp_ns, LONG[i][shown], ids=shown), stamp_ns)
+    assert pipeline.landmark_ids.warning == ""

@@ -49,6 +49,8 @@ def pipeline():
         image=None,
         stamp_rate=SimpleNamespace(warning=""),
         own_depth=SimpleNamespace(warning=""),
+        landmark_ids=SimpleNamespace(warning=""),
+        camera_angles=(0.0, 0.0),
         mount=None,
         calibrations=dict,
         heights=dict,
@@ -66,6 +68,7 @@ def diagnostics(pipeline):
 def frame(stamp_ns=SECOND, reprojection_px=2.0, depth=3.5, repeated=0.0, deviation=0.05, held_s=0.0, measured=False):
     state = SimpleNamespace(translation=np.array([0, 0, depth]))
     estimate = SimpleNamespace(reprojection_px=reprojection_px, state=state, repeated=repeated, depth_measured=measured)
+    estimate.pose = None
     uncertainty = SimpleNamespace(deviation=np.array([0.01, deviation]))
     return FrameResult(
         stamp_ns,
