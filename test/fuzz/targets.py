@@ -272,8 +272,6 @@ def use_recording(path):
     with BagReader(path) as bag:
         for _ in bag.messages([topic for topic in bag.topics if topic.encoding == "cdr"]):
             pass
-        for topic in bag.topics:
-            bag.find(topic.message_type, topic.name, "keypoints", "--keypoints-topic")
 
 
 def use_metadata(path):

@@ -57,11 +57,15 @@ class TrackedPerson:
     def __init__(self, config: TrackerConfig, skeleton: Skeleton | None = None) -> None:
         """skeleton: replaces the skeleton of `config`. Raises a LassokinError if these are unusable."""
         self.tracker = Tracker(config, skeleton)
-        self._repeats = Repeats()  # not reset: after a reset the keypoints are as old as before
+        self._repeats = Repeats()
         self.reset()
 
     def reset(self, same_camera: bool = False) -> None:
-        """Forget the person. With same_camera, keep the direction of gravity in the camera frame."""
+        """Forget the person. With same_camera, keep the direction of gravity in the camera frame, and the last points:
+        a person who left because the points were frozen does not come again with them.
+        """
+        if not same_camera:
+            self._repeats = Repeats()
         self.tracker.reset(same_camera)
         self._joint_states = JointStates(self.tracker.skeleton.axes)  # results of before keep theirs
         self.status = Status.SEARCHING

@@ -111,14 +111,23 @@ def test_frozen_keypoints_are_lost_after_lost_after(scene, several):
     assert error < 0.3
 
 
-def test_a_reset_does_not_make_frozen_keypoints_new(scene):
-    session = Session()
-    for i in range(60):
-        frames = session.send(i, cloud(BACKEND, stamp(i), scene[1][min(i, 5)]))
-        if i == 50:
+def test_keypoints_are_frozen_anew_after_a_reset(scene):
+    session, accepted = Session(), []
+    for i in range(90):
+        (frame,) = session.send(i, cloud(BACKEND, stamp(i), scene[1][0]))
+        accepted.append(frame.accepted)
+        if i == 40:
+            assert frame.rejection == "frozen" and "the same keypoints for 1.3 s" in frame.detail
             session.pipeline.reset()
-    assert frames[0].rejection == "frozen" and "the same keypoints for 1.8 s" in frames[0].detail
-    assert session.pipeline.status is Status.SEARCHING
+            assert session.pipeline.status is Status.SEARCHING
+    assert accepted == [True] * 31 + [False] * 10 + [True] * 31 + [False] * 18
+
+
+def test_a_frozen_person_who_has_left_does_not_come_again(scene):
+    session = Session(max_people=2, forget_after=0.5)
+    for i in range(COUNT):
+        session.send(i, crowd(BACKEND, stamp(i), [(scene[1][min(i, LIVE)], np.full(17, 0.9))], [4]))
+    assert session.pipeline.counts["people left"] >= 1 and session.pipeline.status is not Status.TRACKING
 
 
 def test_nobody_is_not_frozen():
