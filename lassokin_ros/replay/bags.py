@@ -15,7 +15,14 @@ from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.yaml_files import load_mapping, read_text
 from lassokin_ros.replay.errors import BagError as BagError
 from lassokin_ros.replay.mcap_schemas import CDR, encoding_of
-from lassokin_ros.replay.recording_files import METADATA, DataFile, clear_errors, open_files, refuse_other_files
+from lassokin_ros.replay.recording_files import (
+    METADATA,
+    DataFile,
+    advice_on_folder,
+    clear_errors,
+    open_files,
+    refuse_other_files,
+)
 from msg_adapters.detectors.definitions import DEFINITIONS, OLDER
 
 STORAGES = ("sqlite3", "mcap")
@@ -68,7 +75,7 @@ class BagReader:
         if not path.exists():
             raise BagError(f"there is no recording '{path}'; expected a rosbag2 folder, or a .mcap or .db3 file")
         if path.is_dir() and not (path / METADATA).is_file():
-            raise BagError(f"'{path}' is not a rosbag2 recording: it has no {METADATA}")
+            raise BagError(f"'{path}' is not a rosbag2 recording: it has no {METADATA}{advice_on_folder(path)}")
         with ExitStack() as stack:
             self._files, self._metadata = open_files(path, stack)
             self._stack = stack.pop_all()

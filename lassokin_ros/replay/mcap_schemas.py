@@ -16,14 +16,16 @@ CDR = "cdr"
 
 @contextmanager
 def any_schema() -> Iterator[None]:
-    """Within this context rosbags opens an mcap file whatever the encodings of its schemas are.
+    """Within this context rosbags opens an mcap file whatever the encodings of its schemas are, and without a profile.
 
-    A schema that is no message definition of ROS 2 counts as absent.
+    A schema that is no message definition of ROS 2 counts as absent. The profile is a note of the file's writer; many
+    programs leave it empty.
     """
     from rosbags.rosbag2 import storage_mcap
 
     module: Any = storage_mcap
     kept = module.get_msgdef, module.read_string
+    first = iter([True])  # the first text that is read is the profile
 
     def get_msgdef(schema: Any) -> Any:
         try:
@@ -32,7 +34,8 @@ def any_schema() -> Iterator[None]:
             return kept[0](None)
 
     def read_string(stream: Any) -> str:
-        return str(module.read_bytes(stream).decode(errors="replace"))
+        text = str(module.read_bytes(stream).decode(errors="replace"))
+        return text or "ros2" if next(first, False) else text
 
     module.get_msgdef, module.read_string = get_msgdef, read_string
     try:

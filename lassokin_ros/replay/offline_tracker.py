@@ -35,6 +35,8 @@ from msg_adapters.output_messages.builders import DiagnosticArrayBuilder, String
 from msg_adapters.output_messages.people import DEFINITIONS
 
 DIAGNOSTICS_PERIOD_NS = 1_000_000_000
+LAST_PERIOD_NS = 700_000_000
+"""ns: if less than this is missing to the last period of the diagnostics, its warnings are collected, too."""
 RECORDED = {topic.name for topic in (*topics.FRAME_OUTPUTS, topics.ROI_OUTPUT, topics.TF_OUTPUT)}
 """Topics of an accepted frame that are written."""
 DEPTH_WAIT_NS = 100_000_000
@@ -173,6 +175,9 @@ class OfflineTracker:
         """Flush the frames that `smoothing_lag` still holds at the end of the recording; see `keypoints`."""
         while self._held:
             yield from self._track(*self._held.popleft())
+        if self._diagnostics is not None and self._next_diagnostics_ns - self.newest_ns < LAST_PERIOD_NS:
+            self._diagnostics.line(self.newest_ns * 1e-9)
+            self.warnings.add(self._diagnostics.concerns)
         frames = self.pipeline.flush()
         if frames:
             self._notify(frames, self.newest_ns, float("nan"))

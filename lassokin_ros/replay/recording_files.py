@@ -105,6 +105,17 @@ def refuse_other_files(path: Path) -> None:
         )
 
 
+def advice_on_folder(folder: Path) -> str:
+    """Return what to do with a folder of images, or of other files that are not read; empty if it has none."""
+    suffixes = Counter(file.suffix.lower() for file in folder.iterdir())
+    found = [suffix for suffix, _ in suffixes.most_common() if suffix in OTHER_FILES]
+    if not found:
+        return ""
+    if OTHER_FILES[found[0]] is _IMAGE:
+        return f"; it has images: track them with: lassokin track {folder}"
+    return f"; it has {found[0]} files, and each is {OTHER_FILES[found[0]][0]}"
+
+
 def open_files(path: Path, stack: ExitStack) -> tuple[list[DataFile], Metadata | None]:
     """Open the recording `path`, a folder or a single file; `stack` closes it.
 

@@ -17,6 +17,7 @@ from messages import FRAME, camera_info, cloud, with_depths  # noqa: E402
 from sequences import TRACKED_WITHIN, aligned_error  # noqa: E402
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
+from lassokin_ros.pipeline.camera.camera_selection import STEADY  # noqa: E402
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
 from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
@@ -110,7 +111,7 @@ def test_the_person_is_tracked_after_a_wrong_sequence(kind):
         for number in range(BEFORE, BEFORE + length):
             message = getattr(sequence, kind)(number, START_NS + number * STEP_NS)
             accepted += send(diagnostics, number, message)[0].accepted
-        for _ in range(25):  # until the other camera is forgotten
+        for _ in range(STEADY + 2):  # until the other camera is forgotten
             PIPELINE.set_camera(camera_info(BACKEND))
         for number in range(BEFORE + length, BEFORE + length + AFTER):
             (frame,) = send(diagnostics, number, good(number, START_NS + number * STEP_NS))

@@ -97,6 +97,31 @@ def test_files_of_other_kinds_are_named_with_what_to_do(name, words, tmp_path, c
     assert not (tmp_path / "out").exists()
 
 
+def test_a_folder_of_other_files_is_named_with_what_to_do(tmp_path, capsys):
+    for name, words in (
+        ("0001.png", "it has images: track them with: lassokin track "),
+        ("a.bag", "a recording of ROS 1"),
+    ):
+        folder = tmp_path / name.partition(".")[2]
+        folder.mkdir()
+        (folder / name).touch()
+        assert main([str(folder), "-o", str(tmp_path / "out")]) == 2
+        said = capsys.readouterr().err
+        assert "it has no metadata.yaml; it has " in said and words in said
+
+
+@pytest.mark.parametrize(("profile", "code"), [("", 0), ("ros1", 2)])
+def test_a_file_without_a_profile_is_read(tmp_path, monkeypatch, capsys, profile, code):
+    """As other programs write it; the profile is a note."""
+    write = storage_mcap.write_string
+    with monkeypatch.context() as patched:
+        patched.setattr(storage_mcap, "write_string", lambda io, text: write(io, profile if text == "ros2" else text))
+        path = write_recording(tmp_path / "walk", 5)
+    assert main([str(path), "-o", str(tmp_path / "out")]) == code
+    said = capsys.readouterr()
+    assert "5 in, 5 out" in said.out if code == 0 else "Profile is not ros2" in said.err
+
+
 def test_a_recording_of_other_topics_names_their_encodings(tmp_path, monkeypatch, capsys):
     path = with_topic(tmp_path / "walk", "jsonschema", monkeypatch)
     assert main([str(path), "-o", str(tmp_path / "out"), "--keypoints-topic", "/nix"]) == 2

@@ -25,8 +25,9 @@ FEW = 0.1
 """Fraction of the keypoints of an image that may lie farther outside."""
 MOST_CAMERAS = 8
 """Number of cameras on one topic that are remembered."""
-RECENT, ALTERNATIONS = 20, 3
-"""Several cameras share the topic if, among this many messages, the camera changes at least this often."""
+RECENT, ALTERNATIONS, STEADY = 20, 3, 150
+"""Several cameras share the topic if the camera changes at least ALTERNATIONS times among the last RECENT changes.
+After STEADY messages of one camera the changes are forgotten."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +69,8 @@ class Camera:
         self._newest: tuple[View | None, View | None] = None, None  # now, before
         self._by_frame: dict[str, tuple[View, View | None]] = {}
         self._keys: dict[str, tuple[Any, ...]] = {}
-        self._recent: deque[tuple[str, tuple[Any, ...]]] = deque(maxlen=RECENT)  # frame_id and content
+        self._recent: deque[tuple[str, tuple[Any, ...]]] = deque(maxlen=RECENT)  # frame_id and content at each change
+        self._steady = 0  # messages since the last change
         self._frame = ""  # of the last keypoints
         self.fault = ""
         """Why the last camera_info was refused, in words; empty if it was accepted."""
@@ -112,8 +114,8 @@ class Camera:
     def _alternates(self, frame: str) -> bool:
         """Return True if camera_info of this frame_id changes again and again to a content that it had before."""
         contents = [content for name, content in self._recent if name == frame]
-        changed = [now for before, now in zip(contents, contents[1:]) if now is not before]
-        return len(changed) - len(set(map(id, changed))) >= ALTERNATIONS - 1
+        changed = [now for before, now in zip(contents, contents[1:]) if now != before]
+        return len(changed) - len(set(changed)) >= ALTERNATIONS - 1
 
     def update(self, message: Any) -> bool:
         """Apply a CameraInfo message. Return True if the present camera changes to another frame_id.
@@ -122,21 +124,31 @@ class Camera:
         """
         before = self.view
         frame, key = message.header.frame_id.lstrip("/"), _key(message)
-        known = next((content for name, content in self._recent if name == frame and content == key), key)
+        shared = frame in self._by_frame and self._alternates(frame)
+        self._note_change(frame, key)
         if key == self._keys.get(frame):
             self.fault = ""
             view = self._by_frame[frame][0]
-        elif known is not key and self._alternates(frame):  # another camera's: the first one stays
+        elif shared:  # another camera's: the first one stays
             view = self._by_frame[frame][0]
         else:
             view = self._decode(message)
             self._remember(frame, key, view)
-        self._recent.append((frame, known))
         newest = self._newest[0]
         if newest is None or newest.intrinsics is not view.intrinsics:
             self._newest = replace(view, stamp_ns=_stamp_ns(message)), newest
         now = self.view
         return before is not None and now is not None and before.intrinsics.frame_id != now.intrinsics.frame_id
+
+    def _note_change(self, frame: str, content: tuple[Any, ...]) -> None:
+        """Record the camera of a message if it is another one than that of the message before."""
+        if not self._recent or self._recent[-1] != (frame, content):
+            self._recent.append((frame, content))
+            self._steady = 0
+            return
+        self._steady += 1
+        if self._steady == STEADY:
+            self._recent = deque([(frame, content)], maxlen=RECENT)
 
     def _decode(self, message: Any) -> View:
         try:

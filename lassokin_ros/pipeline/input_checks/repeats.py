@@ -10,23 +10,35 @@ import numpy as np
 
 FROZEN_S = 1.0
 """s: the same content for a longer time is a warning."""
+REMEMBERED = 4
+"""Contents that are compared: a driver with several buffers may send them in turn."""
+SILENCE_NS = 2_000_000_000
+"""ns: content that comes again after a longer time is new: a detector may have been started again."""
 SAMPLES = 64
 """Rows of an image that are compared first: other images nearly always differ there."""
 
 
 class Repeats:
-    """Measures for how long one input has repeated its content."""
+    """Measures for how long one input has repeated its content, or a few contents in turn."""
 
     def __init__(self) -> None:
-        self._content = b""
-        self._since_ns = 0
+        self._seen: dict[bytes, tuple[int, int]] = {}  # stamps of the first and the last occurrence, ns
 
-    def age(self, stamp_ns: int, *arrays: np.ndarray) -> float:
-        """Return s since the same content was first received; 0 if it is new. stamp_ns: ns, of this content."""
-        content = b"".join(array.tobytes() for array in arrays)
-        if content != self._content or stamp_ns < self._since_ns:
-            self._content, self._since_ns = content, stamp_ns
-        return (stamp_ns - self._since_ns) * 1e-9
+    def age(self, stamp_ns: int, values: np.ndarray) -> float:
+        """Return s since the same content was first received; 0 if it is new, or comes again after SILENCE_NS.
+
+        stamp_ns: ns, of this content.
+        """
+        content = values.tobytes()
+        first_ns, last_ns = self._seen.pop(content, (stamp_ns, stamp_ns))
+        if last_ns > stamp_ns:  # time has jumped back
+            self._seen.clear()
+        elif len(self._seen) >= REMEMBERED:
+            del self._seen[next(iter(self._seen))]  # the one that was received the longest time ago
+        if not 0 <= stamp_ns - last_ns <= SILENCE_NS:
+            first_ns = stamp_ns
+        self._seen[content] = first_ns, stamp_ns
+        return (stamp_ns - first_ns) * 1e-9
 
 
 def same_image(one: np.ndarray, other: np.ndarray) -> bool:

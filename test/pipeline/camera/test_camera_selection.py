@@ -8,6 +8,7 @@ pytest.importorskip("rosbags", reason="rosbags makes the messages")
 from messages import FRAME, camera_info, cloud, pixels_of_motion, rosbags_backend  # noqa: E402
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
+from lassokin_ros.pipeline.camera.camera_selection import STEADY  # noqa: E402
 from lassokin_ros.pipeline.input_checks.messages import LEADING_SLASH  # noqa: E402
 from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
@@ -77,10 +78,17 @@ def test_two_cameras_with_one_frame_are_named_and_the_first_one_stays(pipeline):
     assert np.ptp(depths[10:]) < 0.3 and pipeline.camera.is_shared
     assert "camera_info of two cameras with the frame_id" in pipeline.camera.warning
     assert "used is the first one, with fx = 600 px" in pipeline.camera.warning
-    for _ in range(25):  # the first one ends
+    for _ in range(STEADY + 2):  # the first one ends
         pipeline.set_camera(camera_info(BACKEND, 400.0))
     assert not pipeline.camera.is_shared and pipeline.camera.warning == ""
     assert pipeline.camera.view.intrinsics.K[0, 0] == 400.0
+
+
+def test_a_second_camera_that_publishes_seldom_is_noticed(pipeline):
+    for i in range(150):
+        pipeline.set_camera(camera_info(BACKEND, 400.0 if i % 30 == 29 else 600.0))
+    assert "camera_info of two cameras with the frame_id" in pipeline.camera.warning
+    assert pipeline.camera.view.intrinsics.K[0, 0] == 600.0
 
 
 def test_a_zoom_is_no_second_camera(pipeline):
