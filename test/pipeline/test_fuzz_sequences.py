@@ -39,7 +39,7 @@ def index_at(number):
 
 
 def good(number, stamp_ns):
-    return cloud(BACKEND, stamp_ns, PIXELS[index_at(number)])
+    return cloud(BACKEND, stamp_ns, PIXELS[index_at(number)] + 0.001 * number)  # no message equals another
 
 
 class Sequence:
