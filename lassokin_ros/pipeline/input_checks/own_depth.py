@@ -16,6 +16,7 @@ class OwnDepth:
 
     def __init__(self) -> None:
         self._repeats = Repeats()
+        self._points = b""
         self._frozen_s = 0.0
         self._note = ""
 
@@ -28,9 +29,11 @@ class OwnDepth:
         self._frozen_s = 0.0
         if keypoints.depth is None:
             return keypoints
+        before, self._points = self._points, keypoints.xy.tobytes()
         measured = keypoints.depth[keypoints.depth > 0]
         if len(measured) >= FEWEST and np.ptp(measured) > 0:
-            self._frozen_s = self._repeats.age(stamp_ns, keypoints.depth)
+            repeated_s = self._repeats.age(stamp_ns, keypoints.depth)
+            self._frozen_s = repeated_s if before != self._points else 0.0  # else the whole message is a repeat
         return replace(keypoints, depth=None) if self._frozen_s > 0 else keypoints
 
     @property

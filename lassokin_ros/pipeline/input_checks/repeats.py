@@ -14,7 +14,7 @@ REMEMBERED = 4
 """Contents that are compared: a driver with several buffers may send them in turn."""
 SILENCE_NS = 2_000_000_000
 """ns: content that comes again after a longer time is new: a detector may have been started again."""
-SAMPLES = 64
+SAMPLES = 8
 """Rows of an image that are compared first: other images nearly always differ there."""
 
 

@@ -222,3 +222,13 @@ def test_depths_in_the_message_that_repeat_are_no_evidence_and_are_named(scene):
     assert all(used[1:LIVE]) and not any(used[LIVE + 1 :])
     status = session.status(COUNT)
     assert status.level == WARN and "the depths in the keypoint messages are frozen" in status.message
+
+
+def test_a_slow_detector_that_repeats_keypoints_with_their_depths_is_used(scene):
+    session, depth = Session(), scene[0][:, :17, 2]
+    for i in range(COUNT):
+        shown = i // 10 * 10
+        message = with_depths(BACKEND, cloud(BACKEND, stamp(i), scene[1][shown]), depth[shown])
+        (frame,) = session.send(i, message)
+        assert frame.estimate.depth_measured or i == 0
+    assert "depth" not in session.status(COUNT).message
