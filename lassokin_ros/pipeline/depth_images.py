@@ -185,7 +185,7 @@ class DepthImages:
         if abs((width / height) / (size[0] / size[1]) - 1) > LARGEST_ASPECT_ERROR:
             return (
                 f"the depth image has {width} x {height} px, the colour image {size[0]} x {size[1]}, "
-                f"a different shape: {advice}"
+                f"a different shape: {advice}, and check that camera_info is of the same camera"
             )
         if not image.frame_id or not any(frames) or image.frame_id in frames:
             return ""
