@@ -28,7 +28,10 @@ ROOMS = {
     "core/lasso": "lassokin_ros/core/lasso",
     "core/body": "lassokin_ros/core/body",
     "pipeline": "lassokin_ros/pipeline",
+    "pipeline/input_checks": "lassokin_ros/pipeline/input_checks",
     "msg_adapters": "msg_adapters",
+    "node": "lassokin_ros/node",
+    "replay": "lassokin_ros/replay",
 }
 COLUMNS = {"room": "<16", "sampled": "d", "killed": "d", "timed_out": "d", "survived": "d", "score": "6.1%"}
 
