@@ -21,7 +21,7 @@ class BodyDirection:
     """Follows the direction of the bodies of the newest frames."""
 
     def __init__(self) -> None:
-        self._upright_at = -math.inf
+        self._upright_at = math.inf
         self._angle = 0.0
 
     def update(self, frames: Iterable[FrameResult], roll: float, now: float) -> None:

@@ -45,6 +45,7 @@ def test_a_body_points_up_to_the_side_or_down(degrees, side, down):
 
 def test_it_is_said_after_ten_seconds_and_ends_with_the_first_upright_body():
     direction = BodyDirection()
+    assert direction.words(100.0) == ""
     for second in range(12):
         direction.update([frame(180)], 0.0, float(second))
         assert bool(direction.words(float(second))) == (second > LONG_S)

@@ -41,7 +41,7 @@ def test_without_a_size_only_negative_ones_are_outside():
         assert is_shared(xy, (0, 0)).any() == shared
 
 
-@pytest.mark.parametrize("total", [10, 11, 12])
+@pytest.mark.parametrize("total", [7, 8, 10, 11, 12])
 def test_rounded_ones_inside_from_half_of_the_points_on(total):
     for count in range(3, total):
         xy = points(total, 1.0)

@@ -62,6 +62,10 @@ def test_a_few_messages_arrivals_that_are_unknown_and_a_new_time_are_no_warning(
     assert warning(loop, np.concatenate([TIMES, TIMES[:55] + 10**10])) == ""
 
 
+def test_stamps_that_stay_are_a_warning():
+    assert "have no time between them, but they arrive at 30 Hz" in warning(np.full(90, START_NS), TIMES)
+
+
 def test_the_status_and_the_velocities_of_stamps_in_us():
     """Differences over steps of 33 us would be thousands of rad/s."""
     backend, pixels = rosbags_backend(), pixels_of_motion(60, 30.0)
