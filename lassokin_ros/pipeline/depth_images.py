@@ -50,9 +50,7 @@ class DepthImages:
         self._registered = registered or any(name in topic for name in REGISTERED_NAMES)
         self._images: deque[DepthImage | CompressedDepth] = deque(maxlen=KEPT)
         self._period_ns = LONGEST_PERIOD_NS
-        self._newest: tuple[int, np.ndarray] | None = (
-            None  # stamp in ns and content of the last image, also a repeated one
-        )
+        self._newest: tuple[int, np.ndarray] | None = None  # stamp, ns, and content of the last image, repeated or not
         self._refused = False  # `fault` is that of a refused image
         self.fault = ""
         """Why depth images are not used, in words; empty if they are."""

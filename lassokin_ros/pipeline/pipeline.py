@@ -260,7 +260,8 @@ class Pipeline:
         view = self.camera.at(keypoints.stamp_ns, keypoints.frame_id)
         if view is not present:
             keypoints = self._adapter.decode(message, view.size)
-        self.counts[LEADING_SLASH] += has_leading_slash(message)
+        if has_leading_slash(message):
+            self.counts[LEADING_SLASH] += 1
         check_layout(keypoints, self.tracker.layout, self.tracker.config.landmarks)
         return keypoints, view
 
@@ -278,8 +279,8 @@ class Pipeline:
             self.counts[NOBODY] += 1
             self.unused_confidence = float(keypoints.confidence.compress(keypoints.present).max(initial=0.0))
             self.counts[UNUSED] += self.unused_confidence > 0
-            unscored = self.unused_confidence == 0 and keypoints.unscored >= self.tracker.config.min_landmarks
-            self.counts[UNSCORED] += unscored
+            if self.unused_confidence == 0 and keypoints.unscored >= self.tracker.config.min_landmarks:
+                self.counts[UNSCORED] += 1
         if view.has_outside(keypoints.xy.compress(confident, axis=0)):
             self.counts[OUTSIDE_IMAGE] += 1
 

@@ -22,14 +22,13 @@ class CameraSource:
 
     name: the topic, or the file as the user wrote it. title: the same for the summary. recorded: the topic, empty for a
     file. info: CameraInfo of the file, or the first one of a topic that begins after the keypoints; None for another
-    topic. late_s: s by which that topic begins after the keypoints.
+    topic.
     """
 
     name: str
     title: str
     recorded: tuple[RecordedTopic, ...] = ()
     info: Any = None
-    late_s: float = 0.0
 
     def messages(self, bag: BagReader, read: Sequence[RecordedTopic]) -> Iterator[tuple[str, int, Any]]:
         """Yield (topic, recording time in ns, message) of `read`; `info` comes first, under `name`."""
@@ -76,4 +75,4 @@ def _with_late_camera(bag: BagReader, keypoints: RecordedTopic, camera: Recorded
         return CameraSource(camera.name, str(camera), (camera,))
     late_s = (info[1] - first[1]) * 1e-9
     title = f"{camera}; its first message is also used for the {late_s:.1f} s of keypoints before it"
-    return CameraSource(camera.name, title, (camera,), info[2], late_s)
+    return CameraSource(camera.name, title, (camera,), info[2])
