@@ -253,8 +253,8 @@ def _upside_down(facts: Facts) -> Iterator[Finding]:
     if both.any() and np.mean(heights[0][both] > heights[1][both]) > 0.5:
         yield Finding(
             PROBLEM,
-            "The shoulders are below the ankles in most images: check whether the image is upside down, or y is counted "
-            "from the bottom.",
+            "The shoulders are below the ankles in most images: check whether the image is upside down, or y is "
+            "counted from the bottom.",
         )
 
 
