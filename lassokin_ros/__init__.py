@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from lassokin_ros.core.config import TrackerConfig
     from lassokin_ros.core.errors import LassokinError
     from lassokin_ros.core.estimate import Estimate
+    from lassokin_ros.core.evidence.evidence import Evidence
     from lassokin_ros.core.observation import Observation, Rejection, Status
     from lassokin_ros.core.tracker import Tracker
     from lassokin_ros.pipeline.camera.lens import Lens
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Estimate",
+    "Evidence",
     "LassokinError",
     "Lens",
     "Observation",
@@ -33,6 +35,7 @@ __all__ = [
 
 _MODULES = {
     "Estimate": "lassokin_ros.core.estimate",
+    "Evidence": "lassokin_ros.core.evidence.evidence",
     "LassokinError": "lassokin_ros.core.errors",
     "Lens": "lassokin_ros.pipeline.camera.lens",
     "Observation": "lassokin_ros.core.observation",

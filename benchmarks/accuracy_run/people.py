@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
-from lassokin_ros.core.evidence.depth_network import load_weights
+from lassokin_ros.core.network.depth_network import load_weights
 from training.motion import LEFT_OUT_CLIPS, LEFT_OUT_KINDS, TEST, sources
 
 

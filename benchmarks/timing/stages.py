@@ -25,12 +25,7 @@ STAGES = {
     "solve: predict the support": "lasso.solver:predict_solution",
     "solve: active set": "lasso.solver:solve_active_set",
     "solve: certify": "lasso.solver:certify",
-    "body hypotheses: a step": "hypotheses.body_hypotheses:BodyHypotheses.advance",
-    "body hypotheses: costs": "hypotheses.body_hypotheses:BodyHypotheses.compute_costs",
-    "body hypotheses: compare, renew": "hypotheses.body_hypotheses:BodyHypotheses.select",
-    "limbs: a step": "hypotheses.limb_hypotheses:LimbHypotheses.advance",
-    "limbs: exchange, renew": "hypotheses.limb_hypotheses:LimbHypotheses.exchange",
-    "depth network": "evidence.depth_estimator:DepthEstimator.update",
+    "depth network": "network.depth_estimator:DepthEstimator.update",
     "network hypothesis": "hypotheses.network_hypothesis:NetworkHypothesis.better_state",
     "retract": "body.kinematics:BodyState.retract",
 }

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import Enum
+from typing import Any
 
 import numpy as np
 
@@ -37,6 +39,7 @@ class Observation:
     depth_deviation: (l,) m, standard deviation of `depth`; None for the configured one.
     depth_of_surface: True if `depth` is that of the body's surface, as a depth camera measures it; False if it is that
     of the landmark inside the body. depth_age: s by which `depth` is older than the points.
+    extra: data for the user's own evidence, by name; it reads them from `FrameData.extra`.
     """
 
     stamp: float
@@ -47,3 +50,4 @@ class Observation:
     depth_deviation: np.ndarray | None = None
     depth_of_surface: bool = False
     depth_age: float = 0.0
+    extra: Mapping[str, Any] = field(default_factory=dict)

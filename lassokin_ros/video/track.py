@@ -17,7 +17,7 @@ import numpy as np
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.common.summary_output import print_note
-from lassokin_ros.core.evidence.upright import level_from_camera
+from lassokin_ros.core.learned.vertical import level_from_camera
 from lassokin_ros.detector.backend import Detector, make_detector
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.parameter_files import offline_settings

@@ -5,7 +5,7 @@ import pytest
 
 from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.evidence.depth_network import (
+from lassokin_ros.core.network.depth_network import (
     DEPTHS,
     INPUTS,
     NAMES,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from lassokin_ros.core.body.proportions import LengthMotion
@@ -15,6 +13,8 @@ from lassokin_ros.core.image.robust_loss import capped_cost, norm
 
 class ImagePoints(Evidence):
     """Rows z - P L Omega - P Gamma x of (12), two per landmark, weighted and robust."""
+
+    name = "image"
 
     def __init__(self, landmark_count: int) -> None:
         self.count = 2 * landmark_count
@@ -37,16 +37,7 @@ class ImagePoints(Evidence):
         by_point = columns[-3:].T.reshape(-1, 2, 3)
         return np.asarray((by_point @ motion.landmarks).reshape(self.count, -1))
 
-    def costs(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
-        """(..., l) cost of each landmark, robust (see `capped_cost`)."""
-        error = frame.points - project(states.pose.landmarks)
-        return capped_cost(norm(error) * frame.weights)
-
     def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
-        """(...,) sum over the landmarks."""
-        return np.asarray(self.costs(states, frame).sum(-1))
-
-    @classmethod
-    def stack(cls, several: Sequence[ImagePoints]) -> ImagePoints:
-        """One layout serves all people."""
-        return several[0]
+        """(...,) robust cost (see `capped_cost`), summed over the landmarks."""
+        error = frame.points - project(states.pose.landmarks)
+        return np.asarray(capped_cost(norm(error) * frame.weights).sum(-1))

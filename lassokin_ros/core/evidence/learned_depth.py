@@ -7,40 +7,41 @@ row decreases where the state disagrees with the network. All depths are relativ
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
 from lassokin_ros.core.body.proportions import LengthMotion
+from lassokin_ros.core.body.roles import NETWORK_JOINTS
 from lassokin_ros.core.body.rotations import hat
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.evidence.depth_network import CANONICAL, DEPTHS, TARGETS
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
 from lassokin_ros.core.image.frame_data import FrameData, JointDepths
+from lassokin_ros.core.network.depth_network import CANONICAL, DEPTHS, TARGETS
 
-BESIDE_DEPTH = 0.5
+WEIGHT_WITH_DEPTH = 0.5
 """Factor on the rows in frames with measured depth, see `FrameData.prior_weight`."""
 TAIL = 4.0
 """Degrees of freedom of Student's t distribution, as in training."""
 
 
-def has_target_joints(skeleton: Skeleton) -> bool:
-    """Whether a skeleton has all joints whose depths the network estimates."""
-    return {joint for name, joint, _ in CANONICAL if name in (*TARGETS, "right_hip")} <= set(skeleton.joint_names)
-
-
 class LearnedDepth(Evidence):
     """Rows W (d - d(state)), with d the estimated depths (m) and W their whitening matrix (1/m)."""
 
-    count = DEPTHS
+    name, count = "learned depth", DEPTHS
+
+    @staticmethod
+    def fits(skeleton: Skeleton) -> bool:
+        """Whether a skeleton has the joints whose depths the network estimates."""
+        return set(skeleton.joint_names) >= NETWORK_JOINTS
 
     def __init__(self, kinematics: Kinematics) -> None:
-        """The skeleton must have the joints of `has_target_joints`."""
+        """The skeleton must be one that `fits`."""
         skeleton = kinematics.skeleton
-        places = {name: (joint, np.array(offset) * skeleton.height) for name, joint, offset in CANONICAL}
+        places = {name: (joint, offset) for name, joint, offset in CANONICAL}
         chosen = [places[name] for name in (*TARGETS, "right_hip")]
+        self._kinematics = kinematics
         self._joints = np.array([skeleton.index(joint) for joint, _ in chosen])
+        #: (DEPTHS + 1, 3, 1) in heights.
         self._levers = np.array([offset for _, offset in chosen])[..., None]
         live = np.flatnonzero(kinematics.live)
         self._reach = np.repeat(skeleton.ancestors[self._joints], 3, axis=1)[:, live].T.astype(float)
@@ -60,10 +61,9 @@ class LearnedDepth(Evidence):
         weight = _robust_weight(whitened)
         wrenches = np.empty((*points.shape[:-1], 6))
         np.matmul(points - pose.positions[..., :1, :], hat(given.sight), out=wrenches[..., :3])
-        wrenches[..., 3:] = given.sight[..., None, :]
+        wrenches[..., 3:] = given.sight
         depths = (about.twists @ wrenches.swapaxes(-1, -2)) * self._reach
-        whitening = given.whitening @ self._relative
-        columns[..., :-3, :] = (depths @ whitening.swapaxes(-1, -2)) * weight[..., None, :]
+        columns[..., :-3, :] = (depths @ (given.whitening @ self._relative).T) * weight[..., None, :]
         columns[..., -3:, :] = 0.0
         z[...] = weight * whitened
 
@@ -86,20 +86,15 @@ class LearnedDepth(Evidence):
         z = self._whitened(self._points(pose), given)
         return float(np.log1p(z * z / TAIL).sum()) / DEPTHS  # mean() takes twice as long
 
-    @classmethod
-    def stack(cls, several: Sequence[LearnedDepth]) -> LearnedDepth:
-        """The estimates are part of the frames, so one object serves all people."""
-        return several[0]
-
     def _points(self, pose: BodyPose) -> np.ndarray:
         """(..., DEPTHS + 1, 3) m: the targets and the right hip."""
-        turned = pose.orientations.take(self._joints, axis=-3) @ self._levers
+        turned = pose.orientations.take(self._joints, axis=-3) @ (self._kinematics.skeleton.height * self._levers)
         return np.asarray(pose.positions.take(self._joints, axis=-2) + turned[..., 0])
 
     def _whitened(self, points: np.ndarray, given: JointDepths) -> np.ndarray:
         """(..., DEPTHS): whitened difference of estimated and actual depths."""
-        depths = (points @ given.sight[..., None])[..., 0] @ self._relative.T
-        return np.asarray((given.whitening @ (given.depths - depths)[..., None])[..., 0])
+        depths = points.dot(given.sight).dot(self._relative.T)
+        return np.asarray((given.depths - depths).dot(given.whitening.T))
 
 
 def _robust_weight(whitened: np.ndarray) -> np.ndarray:
@@ -112,4 +107,4 @@ def _given(frame: FrameData) -> JointDepths:
     assert frame.joint_depths is not None
     if frame.depth is None:
         return frame.joint_depths
-    return frame.joint_depths.with_weight(frame.prior_weight(BESIDE_DEPTH))
+    return frame.joint_depths.with_weight(frame.prior_weight(WEIGHT_WITH_DEPTH))

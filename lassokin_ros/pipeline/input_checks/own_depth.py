@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lassokin_ros.core.calibration.height import FEWEST
+from lassokin_ros.core.learned.height import FEWEST
 from lassokin_ros.pipeline.input_checks.repeats import FROZEN_S, Repeats
 from msg_adapters.keypoints import Keypoints
 

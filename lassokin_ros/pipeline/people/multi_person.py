@@ -122,19 +122,13 @@ class MultiPersonTracker:
 
     def _track(self, stamp_ns: int, frame_id: str, pairs: dict[int, Detection], lens: Lens) -> list[FrameResult]:
         lost = {number for number, person in self._present.items() if person.status_at(stamp_ns) is Status.LOST}
-        going_on = [number for number in self._present if number in pairs and number not in lost]
-        people, detections = {name(n): self._present[n] for n in going_on}, [pairs[n] for n in going_on]
-        tracked = dict(zip(going_on, TrackedPerson.track_batch(people, stamp_ns, frame_id, detections, lens)))
         results, found = [], 0
         for number, person in list(self._present.items()):
             if number not in pairs or (number in lost and found == MOST_REINITIALISED):
                 results += person.mark_absent(stamp_ns, lens)
                 continue
-            if number in tracked:
-                answers = tracked[number]
-            else:
-                answers = person.track(stamp_ns, frame_id, pairs[number], lens, name(number))
-                found += person.status is Status.TRACKING
+            answers = person.track(stamp_ns, frame_id, pairs[number], lens, name(number))
+            found += number in lost and person.status is Status.TRACKING
             results += [result for result in answers if result.accepted]
             refused = [result for result in answers if not result.accepted]
             for result in refused:

@@ -10,7 +10,6 @@ from sequences import CONFIG, FOCAL, RATE, aligned_error, observations
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.proportions import Proportions
 from lassokin_ros.core.body.rotations import exponential
-from lassokin_ros.core.evidence.depth_network import DEPTHS, LENGTHS, Network
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.learned_depth import BESIDE_DEPTH, TAIL, LearnedDepth
 from lassokin_ros.core.evidence.pose_prior import BESIDE_DEPTH as PRIOR_BESIDE_DEPTH
@@ -19,6 +18,7 @@ from lassokin_ros.core.evidence.upright import Upright
 from lassokin_ros.core.image.frame_data import FrameData, JointDepths
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.robust_loss import huber_weights
+from lassokin_ros.core.network.depth_network import DEPTHS, LENGTHS, Network
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
 

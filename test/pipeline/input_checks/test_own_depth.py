@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lassokin_ros.core.calibration.height import FEWEST
+from lassokin_ros.core.learned.height import FEWEST
 from lassokin_ros.pipeline.input_checks.own_depth import OwnDepth
 from lassokin_ros.pipeline.input_checks.repeats import FROZEN_S
 from msg_adapters.keypoints import Keypoints

@@ -10,11 +10,11 @@ from description_check import DescribedBody
 
 from lassokin_ros.core.body.proportions import Proportions
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.calibration.bone_lengths import UPDATE, Calibration
 from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.evidence.upright import Upright
+from lassokin_ros.core.learned.bone_lengths import UPDATE, Calibration
 from lassokin_ros.pipeline.outputs.description.skeleton_file import save_all, skeleton_text, write_text
 from lassokin_ros.pipeline.outputs.status.calibration_status import calibration_figures
 
