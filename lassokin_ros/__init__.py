@@ -15,12 +15,13 @@ if TYPE_CHECKING:
     from lassokin_ros.core.errors import LassokinError
     from lassokin_ros.core.estimate import Estimate
     from lassokin_ros.core.evidence.evidence import Evidence
-    from lassokin_ros.core.observation import Observation, Rejection, Status
+    from lassokin_ros.core.observation import CameraPose, Observation, Rejection, Status
     from lassokin_ros.core.tracker import Tracker
     from lassokin_ros.pipeline.camera.lens import Lens
     from lassokin_ros.pipeline.from_pixels import observation_from_pixels
 
 __all__ = [
+    "CameraPose",
     "Estimate",
     "Evidence",
     "LassokinError",
@@ -35,6 +36,7 @@ __all__ = [
 
 _MODULES = {
     "Estimate": "lassokin_ros.core.estimate",
+    "CameraPose": "lassokin_ros.core.observation",
     "Evidence": "lassokin_ros.core.evidence.evidence",
     "LassokinError": "lassokin_ros.core.errors",
     "Lens": "lassokin_ros.pipeline.camera.lens",

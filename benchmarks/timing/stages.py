@@ -26,7 +26,7 @@ STAGES = {
     "solve: active set": "lasso.solver:solve_active_set",
     "solve: certify": "lasso.solver:certify",
     "depth network": "network.depth_estimator:DepthEstimator.update",
-    "network hypothesis": "hypotheses.network_hypothesis:NetworkHypothesis.better_state",
+    "other pose": "hypotheses.other_pose:OtherPose.better_state",
     "retract": "body.kinematics:BodyState.retract",
 }
 """Stage -> module:function, looked up at the call. Stages that a version lacks are left out of the table."""

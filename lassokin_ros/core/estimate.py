@@ -30,7 +30,7 @@ class Estimate:
     visible: (l,) bool, keypoints that were detected in this frame and have a weight. measurements: number of keypoints
     and measured depths that were used. depth_measured: True if measured depths were used; depth_covers: of half of the
     landmarks or more. length_deviation: (p,) standard deviation of the log-lengths. joint_depths: estimate of the depth
-    network.
+    network. cameras: number of cameras whose rows have weight.
     """
 
     stamp: float
@@ -56,6 +56,7 @@ class Estimate:
     depth_covers: bool = False
     length_deviation: np.ndarray | float = 0.0
     joint_depths: JointDepths | None = None
+    cameras: int = 1
 
     @property
     def accepted(self) -> bool:

@@ -64,8 +64,9 @@ class IncrementSolver:
         self._guess: np.ndarray | None = None
 
     def reset(self) -> None:
-        """Forget the last answer."""
+        """Forget the last answer, and all problems before."""
         self._guess = None
+        self.lasso.reset()
 
     def solve(self, start: EvaluatedState, frame: FrameData, step: float, config: TrackerConfig) -> Increment:
         """The increment from `start` by one frame's measurements.

@@ -14,17 +14,20 @@ estimates that have become due.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from lassokin_ros.core.body.kinematics import BodyState, Kinematics
+from lassokin_ros.core.body.kinematics import BodyPose, BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.roles import missing_roles
 from lassokin_ros.core.body.rotations import orthonormalised
 from lassokin_ros.core.body.skeleton import Skeleton, has_built_in_proportions
 from lassokin_ros.core.body.symmetry import symmetric_skeleton
+from lassokin_ros.core.cameras import Camera, Cameras
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence
@@ -35,12 +38,15 @@ from lassokin_ros.core.hypotheses.mirrored_limbs import MirroredLimbs
 from lassokin_ros.core.hypotheses.network_pose import NetworkPose
 from lassokin_ros.core.hypotheses.other_pose import OtherPose
 from lassokin_ros.core.hypotheses.reinitialisation import COST_SHARE, Reinitialisation
-from lassokin_ros.core.image.depth_gating import depth_of_own_surface
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.gating import gate_observation
-from lassokin_ros.core.image.measurement import Measurement, MeasurementFilter
+from lassokin_ros.core.image.measurement import Measurement
+from lassokin_ros.core.image.triangulation import triangulate
 from lassokin_ros.core.increment import Increment, IncrementSolver
 from lassokin_ros.core.lasso.certificate import Certificate
+from lassokin_ros.core.learned.bone_lengths import OBSERVED_STATURE_DEVIATION
+from lassokin_ros.core.learned.depth_noise import DepthNoise
+from lassokin_ros.core.learned.height import PEOPLE_DEVIATION
 from lassokin_ros.core.learned.learned import Learned
 from lassokin_ros.core.network.depth_estimator import DepthEstimator
 from lassokin_ros.core.network.depth_network import shipped_network
@@ -69,13 +75,18 @@ class Tracker:
     """
 
     def __init__(
-        self, config: TrackerConfig | None = None, skeleton: Skeleton | None = None, evidence: Sequence[Evidence] = ()
+        self,
+        config: TrackerConfig | None = None,
+        skeleton: Skeleton | None = None,
+        evidence: Sequence[Evidence] = (),
+        up: np.ndarray | None = None,
     ) -> None:
         """Build the tracker for one skeleton and one landmark layout.
 
         skeleton: in place of the configured one. evidence: further pieces of evidence for each frame's lasso, see
-        docs/extending.md. Raises a LassokinError (skeleton, layout, solver or setting) for a configuration that cannot
-        be used.
+        docs/extending.md. up: (3,) the vertical of the fixed frame in which the cameras' places are given; None if the
+        skeleton is kept in the first camera's optical frame, whose mount the settings give. Raises a LassokinError
+        (skeleton, layout, solver or setting) for a configuration that cannot be used.
         """
         self.config = (config or TrackerConfig()).checked()
         self.given_skeleton = skeleton or Skeleton.load(self.config.skeleton, self.config.assumed_height)
@@ -84,16 +95,14 @@ class Tracker:
         self.kinematics = Kinematics(body, Layout.load(self.config.landmarks, body))
         prior = PoseDistribution.load(body)
         self.frame_model = FrameModel(self.kinematics, prior, evidence)
-        self.learned = Learned(self.frame_model, self.config)
-        self._measurements = MeasurementFilter(self.kinematics)
-        self._network = self._depth_estimator()
+        self.learned = Learned(self.frame_model, self.config, up)
+        self._cameras = Cameras(Camera(self.kinematics, self._depth_estimator(), self.learned.depth_noise))
         self._increments = IncrementSolver(self.frame_model, prior, self.config.solver)
         self._initialiser = Initialiser(self.kinematics, prior, self.frame_model)
         self._network_pose = None
         propose = MirroredLimbs(self.kinematics).propose
         if self._network is not None:
-            mean_pose = self._initialiser.mean_pose
-            self._network_pose = NetworkPose(self._network, self.kinematics, mean_pose)
+            self._network_pose = NetworkPose(self._cameras, self.kinematics, self._initialiser.mean_pose)
             propose = self._network_pose.propose
         self._other_pose = OtherPose(self._initialiser, self.frame_model, propose)
         self._reinitialisation = Reinitialisation()
@@ -116,14 +125,13 @@ class Tracker:
         self._solved: EvaluatedState | None = None
         self._replaced = False  # whether the next frame starts from another state than the last one solved
         self._status, self._stuck_frames, self._cost = Status.SEARCHING, 0, float("nan")
-        self._measurements.reset()
+        self._cameras.reset()
+        self._newest = -np.inf  # s: stamp of the last frame that was used
         self._increments.reset()
         self._reinitialisation.reset()
         self._output_filter.reset()
         self._lag.reset()
         self._other_pose.reset()
-        if self._network is not None:
-            self._network.reset()
         if self.learned.height is not None and self.learned.height.measured:
             self.learned.resize(self.given_skeleton.height / self.skeleton.height)
         self.learned.reset(same_camera)
@@ -131,6 +139,11 @@ class Tracker:
         """Estimates that became due with the last observation, in order: that observation's own, or with
         `smoothing_lag` earlier ones, smoothed, each with the stamp of its own frame."""
         self._adopt_lengths()
+
+    @property
+    def _network(self) -> DepthEstimator | None:
+        """The depth network of the first camera; None if it is not used."""
+        return self._cameras.first.network
 
     @property
     def state(self) -> BodyState | None:
@@ -183,28 +196,36 @@ class Tracker:
         if (config.camera_roll, config.camera_pitch) != (before.camera_roll, before.camera_pitch):
             self.learned.vertical.set_mount(config.camera_roll, config.camera_pitch)
 
-    def track(self, observation: Observation) -> Estimate:
-        """Process one observation. Bad input does not raise: see `Estimate.rejection`."""
-        rejection, weights = gate_observation(observation, self._measurements.newest, self.layout, self.config)
+    def track(self, observation: Observation | Sequence[Observation]) -> Estimate:
+        """Process one observation, or those of several cameras, whose rows then stand in one lasso.
+
+        Observations that are given together are of one instant: their stamps differ by 5 ms at most. Cameras that are
+        not among them take part with keypoints predicted to that instant. Bad input does not raise: see
+        `Estimate.rejection`.
+        """
+        observations = [observation] if isinstance(observation, Observation) else list(observation)
+        if not observations:
+            return Estimate(self._newest, self._status, Rejection.TOO_FEW_LANDMARKS)
+        measured, rejection = self._measure(observations)
         if rejection is not None:
-            return self._reject(observation, rejection)
-        measurement = self._filter(observation, weights)
-        if np.count_nonzero(measurement.used) < self.config.min_landmarks:
-            return self._reject(observation, Rejection.TOO_FEW_LANDMARKS)
-        frame = self._frame_data(measurement, observation)
+            return self._reject(observations[0], rejection)
+        measurement = self._together(measured)
+        frame = self._frame_data(measured, measurement, observations[0])
+        if sum(np.count_nonzero(view.weights) for view in frame.views) < self.config.min_landmarks:
+            return self._reject(observations[0], Rejection.TOO_FEW_LANDMARKS)
         start, initialised = self._start(measurement, frame)
         increment = self._solve(start, initialised, frame, measurement)
-        rejection = self._check(start.state, increment, measurement.focal)
+        rejection = self._check(start.state, increment, frame, measurement.focal)
         if rejection is not None:
-            return self._reject(observation, rejection, increment.solution.certificate)
+            return self._reject(observations[0], rejection, increment.solution.certificate)
         solved = self._retract(start.state, increment)
-        smoothed = self._smooth(solved, increment, measurement, initialised)
+        smoothed = self._smooth(solved, increment, measurement, frame, initialised)
         better = self._better_state(solved, frame, measurement, initialised)
-        estimate = self._estimate(measurement, frame, initialised, increment, solved, smoothed)
-        self._measurements.mark_used(measurement)
-        self._publish(estimate, measurement)
+        estimate = self._estimate(measured, measurement, frame, initialised, increment, solved, smoothed)
+        self._mark_used(measured, measurement)
+        self._publish(estimate, measured)
         self._solved, self._replaced = better or solved, better is not None
-        self._learn(measurement, frame, start, initialised, increment, solved)
+        self._learn(measured, measurement, frame, start, initialised, increment, solved)
         return estimate
 
     def flush(self) -> list[Estimate]:
@@ -223,35 +244,78 @@ class Tracker:
             raise ValueError("this frame was rejected; only an accepted estimate has observed joints")
         return self._observed.from_visible(estimate.visible)
 
-    def _filter(self, observation: Observation, weights: np.ndarray) -> Measurement:
-        """The frame's keypoints and depths after the filter of their tracks."""
-        depth = None
-        if self._solved is not None:
-            depth = float(self._solved.state.translation[2])
-            if observation.depth is not None and observation.depth_of_surface:
-                own = depth_of_own_surface(observation.depth, self._solved.pose, self.kinematics)
-                observation = replace(observation, depth=own)
-        error = self.learned.model_error.deviation
-        measurement = self._measurements.filtered(observation, weights, depth, error, self.config)
-        return self.learned.depth_noise.update(measurement, observation.depth_age)
+    def _measure(self, observations: Sequence[Observation]) -> tuple[dict[Camera, Measurement], Rejection | None]:
+        """The measurements of the cameras whose observations can be used; the reason to reject if there are none."""
+        measured: dict[Camera, Measurement] = {}
+        first: Rejection | None = None
+        for observation in observations:
+            camera = self._camera(observation)
+            newest = camera.measurements.newest
+            rejection, weights = gate_observation(observation, newest, self.layout, self.config)
+            if rejection is not None or camera in measured:
+                first = first or rejection or Rejection.OLD_STAMP
+                continue
+            body = None if self._solved is None else self._solved.pose
+            error = self.learned.model_error.deviation
+            measurement = camera.measure(observation, weights, body, error, self.config)
+            if len(self._cameras) > 1 and observation.stamp <= self._newest:  # a later image has been used
+                camera.measurements.mark_used(measurement)
+                first = first or Rejection.LATE
+                continue
+            measured[camera] = measurement
+        return measured, None if measured else first
 
-    def _frame_data(self, measurement: Measurement, observation: Observation) -> FrameData:
-        """The frame's measurements, with the depths that the network estimates from this frame and earlier ones.
+    def _camera(self, observation: Observation) -> Camera:
+        """The camera of an observation. A new one gets a filter, a depth network, and rows in the lasso."""
+        camera = self._cameras.known(observation.camera)
+        if camera is None:
+            camera = Camera(self.kinematics, self._depth_estimator(), DepthNoise())
+            if camera.network is not None:
+                camera.network.use_lengths(self.skeleton, self.learned.lengths.certain)
+            self._cameras.add(observation.camera.name, camera)
+            self.frame_model.add_camera()
+        return camera
+
+    def _together(self, measured: dict[Camera, Measurement]) -> Measurement:
+        """The measurement of the first camera with an image, with the times and the speed of all."""
+        measurement = next(iter(measured.values()))
+        if len(self._cameras) == 1:
+            return measurement
+        stamp = max(one.stamp for one in measured.values())
+        before = max(camera.measurements.last_new_stamp for camera in self._cameras)
+        repeated = min(one.repeated for one in measured.values())
+        return replace(
+            measurement,
+            stamp=stamp,
+            speed=float(np.mean([one.speed for one in measured.values()])),
+            repeated=repeated,
+            step=stamp - self._newest,
+            since_new_keypoints=0.0 if repeated else stamp - before,
+            lost=stamp - before > self.config.lost_after,
+        )
+
+    def _frame_data(
+        self, measured: dict[Camera, Measurement], together: Measurement, observation: Observation
+    ) -> FrameData:
+        """The views of all cameras, each with the depths that its network estimates from this frame and earlier ones.
 
         Measured depths are left out as long as the person's size is unknown.
         """
-        sized = self.learned.height is None or self.learned.height.measured
-        depth, depth_weights = (measurement.depth, measurement.depth_weights) if sized else (None, None)
-        vertical, joint_depths = self.learned.vertical, None
-        if self._network is not None:
-            if measurement.lost:
-                self._network.reset()
-            if measurement.lost or not measurement.repeated:
-                up = vertical.direction if vertical.known else None
-                self._network.update(measurement.stamp, measurement.points, measurement.used, up, vertical.mount)
-            joint_depths = self._network.joint_depths
-        points, weights = measurement.points, measurement.weights
-        return FrameData(points, weights, vertical.direction, depth, depth_weights, joint_depths, observation.extra)
+        sized, vertical = self.learned.height is None or self.learned.height.measured, self.learned.vertical
+        body, error = None if self._solved is None else self._solved.pose, self.learned.model_error.deviation
+        main, *others = (
+            camera.view(measured[camera], vertical, sized)
+            if camera in measured
+            else camera.predicted_view(together.stamp, vertical, body, error)
+            for camera in self._cameras
+        )
+        return replace(main, extra=observation.extra, others=tuple(others))
+
+    def _mark_used(self, measured: dict[Camera, Measurement], together: Measurement) -> None:
+        """Note that the state was updated with these measurements."""
+        for camera, measurement in measured.items():
+            camera.measurements.mark_used(measurement)
+        self._newest = together.stamp
 
     def _start(self, measurement: Measurement, frame: FrameData) -> tuple[EvaluatedState, bool]:
         """The state about which the frame is linearised, and whether it is a first one, fitted to this frame alone."""
@@ -296,9 +360,10 @@ class Tracker:
         step = 0.0 if initialised or self._network is None else measurement.step
         return self._increments.solve(start, frame, step, self.config)
 
-    def _check(self, start: BodyState, increment: Increment, focal: float) -> Rejection | None:
+    def _check(self, start: BodyState, increment: Increment, frame: FrameData, focal: float) -> Rejection | None:
         """The reason to reject an answer, None to accept it. Counts consecutive rejections."""
-        depth = start.translation[2] + increment.x[2]
+        place = start.translation + increment.x
+        depth = min(float(view.camera.into_camera(place)[2]) for view in frame.views if view.weights.any())
         rejection = None
         if not increment.solution.certified:
             rejection = Rejection.NOT_CERTIFIED
@@ -313,13 +378,18 @@ class Tracker:
         return self.frame_model.evaluate(BodyState(orthonormalised(moved.rotations), moved.translation))
 
     def _smooth(
-        self, solved: EvaluatedState, increment: Increment, measurement: Measurement, initialised: bool
+        self,
+        solved: EvaluatedState,
+        increment: Increment,
+        measurement: Measurement,
+        frame: FrameData,
+        initialised: bool,
     ) -> BodyState:
         """The state to publish."""
         if initialised or self._replaced:
             self._output_filter.reset()  # the motion of the replaced state does not go on
-        smoothing = self.config.smoothing
-        return self._output_filter.filtered(solved, increment, measurement.step, measurement.speed, smoothing)
+        smoothing, centre = self.config.smoothing, None if frame.camera.is_identity else frame.camera.centre
+        return self._output_filter.filtered(solved, increment, measurement.step, measurement.speed, smoothing, centre)
 
     def _better_state(
         self, solved: EvaluatedState, frame: FrameData, measurement: Measurement, initialised: bool
@@ -333,6 +403,7 @@ class Tracker:
 
     def _estimate(
         self,
+        measured: dict[Camera, Measurement],
         measurement: Measurement,
         frame: FrameData,
         initialised: bool,
@@ -351,7 +422,7 @@ class Tracker:
             omega=increment.omega,
             translation_step=increment.x,
             certificate=increment.solution.certificate,
-            reprojection_px=measurement.reprojection_px(pose),
+            reprojection_px=_reprojection_px(measured, pose),
             initialised=initialised,
             problem=increment.problem,
             rows=increment.rows,
@@ -360,16 +431,18 @@ class Tracker:
             cost=self._cost,
             keypoint_error_ratio=self.learned.model_error.ratio,
             repeated=measurement.repeated,
-            visible=measurement.visible & measurement.used,
-            measurements=measurement.count,
-            depth_measured=frame.depth_weights is not None,
+            visible=np.any([one.visible & one.used for one in measured.values()], axis=0),
+            measurements=sum(one.count for one in measured.values()),
+            depth_measured=any(view.depth_weights is not None for view in frame.views),
             depth_covers=frame.depth_covers,
             length_deviation=self.learned.lengths.deviation,
             joint_depths=frame.joint_depths,
+            cameras=sum(bool(view.weights.any()) for view in frame.views),
         )
 
     def _learn(
         self,
+        measured: dict[Camera, Measurement],
         measurement: Measurement,
         frame: FrameData,
         start: EvaluatedState,
@@ -378,29 +451,42 @@ class Tracker:
         solved: EvaluatedState,
     ) -> None:
         """Update all that is learned from an accepted frame, and use it from the next frame on."""
+        height = self.learned.height
+        several = sum(bool(view.weights.any()) for view in frame.views) > 1
+        if several:
+            self.learned.lengths.stature_deviation = OBSERVED_STATURE_DEVIATION if height is None else PEOPLE_DEVIATION
         if self.config.calibrate and (initialised or not measurement.repeated):
             if self.learned.lengths.update(measurement.stamp, solved.state, frame, initialised or self._replaced):
                 self._adopt_lengths()
-        if self.learned.update(measurement, start.state, initialised, increment, solved.state):
+        seen = _with_seen_landmarks(frame, [measured.get(camera) for camera in self._cameras])
+        if self.learned.update(measurement, seen, start.state, initialised, increment, solved.state):
             self._solved = self._evaluated_again()  # the prior's mean has changed
-        height = self.learned.height
-        if height is not None and height.update(measurement, solved, self.skeleton.height):
-            self._adopt_height(height.height / self.skeleton.height)
+        if height is None:
+            return
+        ratios = np.empty(0)
+        if several:
+            places = triangulate(seen)
+            ratios = self.learned.size_check.ratios(places, np.isfinite(places[:, 0]))
+        if height.update(measurement, solved, self.skeleton.height, ratios):
+            self._adopt_height(height.height / self.skeleton.height, several)
 
     def _adopt_lengths(self) -> None:
         """Use the lengths as they are known now."""
         lengths = self.learned.lengths
         self.kinematics.set_skeleton(lengths.skeleton)
-        if self._network is not None and has_built_in_proportions(self.given_skeleton):
-            self._network.use_lengths(self.skeleton, lengths.certain)
+        if has_built_in_proportions(self.given_skeleton):
+            for camera in self._cameras:
+                if camera.network is not None:
+                    camera.network.use_lengths(self.skeleton, lengths.certain)
         self._solved = self._evaluated_again()
 
-    def _adopt_height(self, ratio: float) -> None:
-        """Scale the body, its distance, and what was learned."""
+    def _adopt_height(self, ratio: float, several: bool) -> None:
+        """Scale the body and what was learned; with one camera, which does not observe it, also the distance."""
         assert self._solved is not None
         self.learned.resize(ratio)
         state = self._solved.state
-        self._solved = replace(self._solved, state=BodyState(state.rotations, ratio * state.translation))
+        if not several:
+            self._solved = replace(self._solved, state=BodyState(state.rotations, ratio * state.translation))
         self._output_filter.reset()
         self._adopt_lengths()
 
@@ -408,13 +494,14 @@ class Tracker:
         """The present state with the present body and prior."""
         return None if self._solved is None else self.frame_model.evaluate(self._solved.state)
 
-    def _publish(self, estimate: Estimate, measurement: Measurement) -> None:
+    def _publish(self, estimate: Estimate, measured: dict[Camera, Measurement]) -> None:
         """Collect the estimates that are due."""
         if self.config.smoothing_lag == 0 and self._lag.empty:
             self.published = [estimate]
             return
         assert self._output_filter.forward is not None
-        self._lag.add(estimate, self._output_filter.forward, self.skeleton.offsets, measurement.reprojection_px)
+        reprojection_px = partial(_reprojection_px, measured)
+        self._lag.add(estimate, self._output_filter.forward, self.skeleton.offsets, reprojection_px)
         self.published = self._lag.due(estimate.stamp, self.config.smoothing_lag)
 
     def _reject(
@@ -422,10 +509,28 @@ class Tracker:
     ) -> Estimate:
         """The estimate for a rejected frame. The state stays; the status becomes LOST after too long a time."""
         if self._solved is None:
-            self._measurements.forget()
+            for camera in self._cameras:
+                camera.measurements.forget()
         self.published = []
         if rejection is not Rejection.NOT_FINITE:  # the stamp can be used
-            if self._solved is not None and observation.stamp - self._measurements.newest > self.config.lost_after:
+            if self._solved is not None and observation.stamp - self._newest > self.config.lost_after:
                 self._status = Status.LOST
             self.published = self._lag.due(observation.stamp, self.config.smoothing_lag)
         return Estimate(observation.stamp, self._status, rejection, certificate=certificate)
+
+
+def _reprojection_px(measured: dict[Camera, Measurement], pose: BodyPose) -> float:
+    """Root mean square distance of the visible points from the pose's landmarks, px, over the cameras with an image."""
+    errors = [measurement.reprojection_px(pose, camera.pose) for camera, measurement in measured.items()]
+    return errors[0] if len(errors) == 1 else math.sqrt(sum(error * error for error in errors) / len(errors))
+
+
+def _with_seen_landmarks(frame: FrameData, measured: Sequence[Measurement | None]) -> FrameData:
+    """The frame without the landmarks that were not seen but extrapolated. measured: by camera, None without an
+    image.
+    """
+    views = [
+        replace(view, weights=np.where(one.visible, view.weights, 0.0) if one is not None else 0.0 * view.weights)
+        for view, one in zip(frame.views, measured)
+    ]
+    return replace(views[0], others=tuple(views[1:]))

@@ -227,7 +227,7 @@ def test_height_0_measures_the_height(scene, images):
     skeleton, pixels, truth, _ = scene
     config = TrackerConfig(height=0.0)
     errors, pipeline = track(scene, images, config=config)
-    height = pipeline.tracker.height
+    height = pipeline.tracker.learned.height
     assert abs(height.height - 1.75) < 0.035 and 0.05 < height.deviation < 0.08
     assert abs(pipeline.tracker.skeleton.height - 1.75) < 0.05 and errors[1] < 0.08
     values = Diagnostics(pipeline, "tracker", 0.0).line(1.0).values
@@ -247,8 +247,8 @@ def test_a_height_that_nobody_has_is_not_measured(scene, images):
     """A wall 3 m behind the person implies 2.9 m. The images that follow are used as if they were the first."""
     config = TrackerConfig(height=0.0)
     walls = [np.full_like(image, BACKGROUND + 0.5) for image in images]
-    assert not track(scene, walls, config=config)[1].tracker.height.measured
-    height = track(scene, walls[:10] + list(images[10:]), config=config)[1].tracker.height
+    assert not track(scene, walls, config=config)[1].tracker.learned.height.measured
+    height = track(scene, walls[:10] + list(images[10:]), config=config)[1].tracker.learned.height
     assert abs(height.height - 1.75) < 0.05
 
 

@@ -14,6 +14,7 @@ import yaml
 
 pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
 
+from cases import copied_body  # noqa: E402
 from recordings import (  # noqa: E402
     FRAME_TOPICS,
     RATE,
@@ -419,3 +420,14 @@ def test_progress_is_shown_on_a_terminal_only(recording, tmp_path):
     assert "messages" in shown and f"{2 * FRAMES}/{2 * FRAMES}" in shown and shown.endswith("\r\x1b[K")
     done = subprocess.run([*command, str(tmp_path / "b")], check=True, cwd=ROOT, capture_output=True)
     assert done.stderr == b""
+
+
+def test_the_summary_says_what_a_skeleton_lacks(recording, tmp_path, capsys):
+    skeleton = Path(copied_body(tmp_path)["skeleton"])
+    skeleton.write_text(skeleton.read_text(encoding="utf-8").replace("left_foot", "left_toes"), encoding="utf-8")
+    for number, (name, lacks) in enumerate({"anthropometric": False, str(skeleton): True}.items()):
+        assert main([str(recording), "-o", str(tmp_path / str(number)), "-p", f"skeleton:={name}"]) == 0
+        lines = [line.partition("limitations")[2].strip() for line in capsys.readouterr().out.splitlines()]
+        said = [line for line in lines if line]
+        assert bool(said) == lacks
+    assert said[0].startswith("the skeleton has no joint left_foot; off: balance")

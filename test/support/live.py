@@ -62,14 +62,14 @@ class NodeProcess:
 
 
 @contextmanager
-def node_in_this_process(namespace, **settings):
+def node_in_this_process(namespace, evidence=(), **settings):
     """(node, function that runs its next callback): the node does nothing while it is not called."""
     from lassokin_ros.node.node import TrackerNode
 
     context = rclpy.Context()
     rclpy.init(context=context, signal_handler_options=NO_HANDLERS)
     overrides = [Parameter(name, value=value) for name, value in settings.items()]
-    node = TrackerNode(context=context, namespace=namespace, parameter_overrides=overrides)
+    node = TrackerNode(evidence=evidence, context=context, namespace=namespace, parameter_overrides=overrides)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
     try:

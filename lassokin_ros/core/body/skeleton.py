@@ -97,7 +97,7 @@ class Skeleton:
         _check_height(height)
         if self.metric:
             return replace(self, height=float(height))
-        return self if height == self.height else self.scaled(height / self.height)
+        return self if height == self.height else replace(self.scaled(height / self.height), height=float(height))
 
     def with_bone_scales(self, scales: np.ndarray) -> Skeleton:
         """The same tree with the bone that ends in each joint scaled by (n,) factors."""

@@ -57,8 +57,24 @@ class FrameModel:
                 if piece.name in self.pieces:
                     raise ConfigurationError(f"two pieces of evidence are named '{piece.name}'; expected unique names")
                 self.pieces[piece.name] = piece
+        self.image_pieces = [self.image]
+        """The reprojection errors of each camera."""
         #: Indices of the estimated degrees of freedom. The root's come first; the prior has no rows for them.
         self.live = np.flatnonzero(kinematics.live)
+
+    def add_camera(self) -> None:
+        """Add the evidence of a further camera. Its views follow those of the cameras before in each frame."""
+        camera, count = len(self.image_pieces), self.kinematics.landmark_count
+        self.image_pieces.append(ImagePoints(count, camera))
+        pieces: list[Evidence] = [self.image_pieces[-1], MeasuredDepth(count, camera)]
+        if self.learned_depth is not None:
+            pieces.append(LearnedDepth(self.kinematics, camera))
+        self.pieces |= {piece.name: piece for piece in pieces}
+
+    def image_rows(self, rows: Mapping[str, slice]) -> slice | np.ndarray:
+        """The rows of all cameras' images among those of a frame."""
+        found = [rows[piece.name] for piece in self.image_pieces if piece.name in rows]
+        return found[0] if len(found) == 1 else np.concatenate([np.arange(one.start, one.stop) for one in found])
 
     @property
     def faults(self) -> dict[str, str]:

@@ -15,9 +15,12 @@ from lassokin_ros.core.body.roles import NETWORK_JOINTS
 from lassokin_ros.core.body.rotations import hat
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
+from lassokin_ros.core.evidence.image_points import numbered
 from lassokin_ros.core.image.frame_data import FrameData, JointDepths
 from lassokin_ros.core.network.depth_network import CANONICAL, DEPTHS, TARGETS
 
+WEIGHT_OF_SEVERAL = 0.5
+"""Factor on the rows of each camera in frames of several cameras, which observe depth."""
 WEIGHT_WITH_DEPTH = 0.5
 """Factor on the rows in frames with measured depth, see `FrameData.prior_weight`."""
 TAIL = 4.0
@@ -27,15 +30,16 @@ TAIL = 4.0
 class LearnedDepth(Evidence):
     """Rows W (d - d(state)), with d the estimated depths (m) and W their whitening matrix (1/m)."""
 
-    name, count = "learned depth", DEPTHS
+    count = DEPTHS
 
     @staticmethod
     def fits(skeleton: Skeleton) -> bool:
         """Whether a skeleton has the joints whose depths the network estimates."""
         return set(skeleton.joint_names) >= NETWORK_JOINTS
 
-    def __init__(self, kinematics: Kinematics) -> None:
-        """The skeleton must be one that `fits`."""
+    def __init__(self, kinematics: Kinematics, camera: int = 0) -> None:
+        """The skeleton must be one that `fits`. camera: its index among the views of a frame."""
+        self.name, self._camera = numbered("learned depth", camera), camera
         skeleton = kinematics.skeleton
         places = {name: (joint, offset) for name, joint, offset in CANONICAL}
         chosen = [places[name] for name in (*TARGETS, "right_hip")]
@@ -51,11 +55,11 @@ class LearnedDepth(Evidence):
 
     def present(self, frame: FrameData) -> bool:
         """Whether the network gave an estimate for this frame."""
-        return frame.joint_depths is not None
+        return self._camera < len(frame.views) and frame.views[self._camera].joint_depths is not None
 
     def linearise(self, about: LinearisationPoint, columns: np.ndarray, z: np.ndarray) -> None:
         """Fill the rows. A rotation w of a joint at p changes the depth of a point q by (w x (q - p)) . sight."""
-        given, pose = _given(about.frame), about.states.pose
+        given, pose = self._given(about.frame), about.states.pose
         points = self._points(pose)
         whitened = self._whitened(points, given)
         weight = _robust_weight(whitened)
@@ -71,20 +75,29 @@ class LearnedDepth(Evidence):
         self, columns: np.ndarray, states: EvaluatedState, frame: FrameData, motion: LengthMotion
     ) -> np.ndarray:
         """(DEPTHS, p): how the depths relative to the hips change."""
-        given = _given(frame)
+        given = self._given(frame)
         weight = _robust_weight(self._whitened(self._points(states.pose), given))
         depths = np.tensordot(given.sight, motion.joints.take(self._joints, axis=0), axes=(0, 1))
         return np.asarray(weight[:, None] * (given.whitening @ self._relative @ depths))
 
     def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
         """(...,) negative log-likelihood of Student's t distribution, which gives the rows' weights."""
-        z = self._whitened(self._points(states.pose), _given(frame))
+        z = self._whitened(self._points(states.pose), self._given(frame))
         return np.asarray((TAIL + 1) / 2 * np.log1p(z * z / TAIL).sum(-1))
 
     def disagreement(self, pose: BodyPose, given: JointDepths) -> float:
         """How far a pose is from the estimated depths: the mean of log(1 + z^2 / TAIL) over the rows z."""
         z = self._whitened(self._points(pose), given)
         return float(np.log1p(z * z / TAIL).sum()) / DEPTHS  # mean() takes twice as long
+
+    def _given(self, frame: FrameData) -> JointDepths:
+        """The network's estimate, with less weight beside measured depth or other cameras."""
+        given = frame.views[self._camera].joint_depths
+        assert given is not None
+        factor = frame.prior_weight(WEIGHT_WITH_DEPTH)
+        if sum(bool(view.weights.any()) for view in frame.views) > 1:
+            factor = min(factor, WEIGHT_OF_SEVERAL)
+        return given if factor == 1.0 else given.with_weight(factor)
 
     def _points(self, pose: BodyPose) -> np.ndarray:
         """(..., DEPTHS + 1, 3) m: the targets and the right hip."""
@@ -100,11 +113,3 @@ class LearnedDepth(Evidence):
 def _robust_weight(whitened: np.ndarray) -> np.ndarray:
     """Factors on rows with these residuals, for Student's t distribution."""
     return np.asarray(np.sqrt((TAIL + 1) / (TAIL + whitened * whitened)))
-
-
-def _given(frame: FrameData) -> JointDepths:
-    """The network's estimate, with less weight beside measured depth."""
-    assert frame.joint_depths is not None
-    if frame.depth is None:
-        return frame.joint_depths
-    return frame.joint_depths.with_weight(frame.prior_weight(WEIGHT_WITH_DEPTH))

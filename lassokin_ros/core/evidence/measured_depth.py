@@ -14,6 +14,7 @@ import numpy as np
 
 from lassokin_ros.core.body.proportions import LengthMotion
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
+from lassokin_ros.core.evidence.image_points import numbered
 from lassokin_ros.core.image.frame_data import FrameData
 
 WEIGHT_FACTOR = 1.5
@@ -66,14 +67,13 @@ def common_shift(errors: np.ndarray, weights: np.ndarray) -> np.ndarray:
 class MeasuredDepth(Evidence):
     """Rows d_i - z(q_i) for the landmarks with a measured depth, in standard deviations."""
 
-    name = "measured depth"
-
-    def __init__(self, landmark_count: int) -> None:
-        self.count = landmark_count
+    def __init__(self, landmark_count: int, camera: int = 0) -> None:
+        """camera: its index among the views of a frame."""
+        self.name, self.count, self._camera = numbered("measured depth", camera), landmark_count, camera
 
     def present(self, frame: FrameData) -> bool:
         """Whether any depth was measured in this frame."""
-        return frame.depth is not None
+        return self._camera < len(frame.views) and frame.views[self._camera].depth is not None
 
     def linearise(self, about: LinearisationPoint, columns: np.ndarray, z: np.ndarray) -> None:
         """Fill one row per landmark; the row of a landmark without a measurement is zero.
@@ -84,7 +84,8 @@ class MeasuredDepth(Evidence):
         moved = (error - common_shift(error, weights)) * weights
         weights = weights * np.sqrt(loss_weights(moved)) * (error < FARTHEST_BEHIND)
         F = np.zeros((*z.shape, 1, 3))
-        F[..., 0, 2] = weights
+        camera = about.frame.views[self._camera].camera
+        F[..., 0, :] = weights[..., None] * camera.rotation[2]
         about.landmark_columns(F, columns)
         z[...] = weights * error
 
@@ -99,9 +100,9 @@ class MeasuredDepth(Evidence):
         error, weights = self._errors(states, frame)
         return np.asarray(np.minimum(loss(error * weights), LARGEST_COST).sum(-1))
 
-    @staticmethod
-    def _errors(states: EvaluatedState, frame: FrameData) -> tuple[np.ndarray, np.ndarray]:
+    def _errors(self, states: EvaluatedState, frame: FrameData) -> tuple[np.ndarray, np.ndarray]:
         """(..., l) errors in m, measured minus actual depth, and 1 / standard deviation, broadcast to the states."""
-        assert frame.depth is not None and frame.depth_weights is not None
-        error = frame.depth - states.pose.landmarks[..., 2]
-        return error, np.broadcast_to(WEIGHT_FACTOR * frame.depth_weights, error.shape)
+        view = frame.views[self._camera]
+        assert view.depth is not None and view.depth_weights is not None
+        error = view.depth - view.camera.into_camera(states.pose.landmarks)[..., 2]
+        return error, np.broadcast_to(WEIGHT_FACTOR * view.depth_weights, error.shape)

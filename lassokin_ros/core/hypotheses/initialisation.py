@@ -18,6 +18,7 @@ from lassokin_ros.core.evidence.frame_model import FrameModel, LinearisedFrame
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import capped_weights
+from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.core.record import record
 
 START_ROTATIONS = np.array([
@@ -69,9 +70,9 @@ class Initialiser:
 
     def fit(self, frame: FrameData) -> Fit:
         """The best fit of all starts. At least two landmarks must be visible."""
-        upright = int(np.argmax(START_ROTATIONS[:, :, 1].dot(frame.up)))
+        upright = int(np.argmax(START_ROTATIONS[:, :, 1].dot(frame.camera.rotation @ frame.up)))
         fit = self._best_of(self._starts(range(SIDES), [upright], frame), frame)
-        if fit.cost > POOR_FIT * np.count_nonzero(frame.weights):
+        if fit.cost > POOR_FIT * sum(np.count_nonzero(view.weights) for view in frame.views):
             others = [other for other in range(len(START_ROTATIONS)) if other != upright]
             fit = min(fit, self._best_of(self._starts(range(0, SIDES, 2), others, frame), frame), key=_cost)
         return fit
@@ -94,7 +95,7 @@ class Initialiser:
             about = self._frame_model.evaluate(states)
             rows = self._frame_model.linearise(about, frame.with_larger_noise(factor), capped_weights)
             states = states.retract(*self._step(rows))
-            np.maximum(states.translation[..., 2], LEAST_DEPTH, out=states.translation[..., 2])
+            _limit_depths(states.translation, frame.camera)
         return states
 
     def best(self, states: BodyState, frame: FrameData) -> Fit:
@@ -109,7 +110,7 @@ class Initialiser:
         turn = exponential(np.stack([0 * yaw, yaw, 0 * yaw], axis=-1))
         roots = (START_ROTATIONS[orientations][:, None] @ turn).reshape(-1, 3, 3)
         rotations = np.repeat(self.mean_pose[None], len(roots), axis=0)
-        rotations[:, 0] = roots
+        rotations[:, 0] = frame.camera.rotation.T @ roots
         return self.with_translation(rotations, frame)
 
     def with_translation(self, rotations: np.ndarray, frame: FrameData) -> BodyState:
@@ -118,16 +119,21 @@ class Initialiser:
         They follow by linear least squares on p_x + t_x = u (p_z + t_z), and the same for y.
         """
         at_origin = self._kinematics.pose(BodyState(rotations, np.zeros(rotations.shape[:1] + (3,)))).landmarks
-        points, weights = frame.points, frame.weights
-        rows = np.zeros(points.shape + (3,))
-        rows[:, 0, 0] = rows[:, 1, 1] = 1
-        rows[:, :, 2] = -points
-        rows *= weights[:, None, None]
-        right = (points * at_origin[..., 2:] - at_origin[..., :2]) * weights[:, None]
-        translation = right.reshape(len(rotations), -1) @ np.linalg.pinv(rows.reshape(-1, 3)).T
-        behind = translation[:, 2] < 0.5
-        translation[behind] *= np.where(translation[behind, 2:] < 0, -1, 1)
-        translation[:, 2] = np.maximum(translation[:, 2], 0.5)
+        rows, right = [], []
+        for view in frame.views:
+            to_rays = np.zeros((len(view.points), 2, 3))
+            to_rays[:, 0, 0] = to_rays[:, 1, 1] = 1
+            to_rays[:, :, 2] = -view.points
+            to_rays *= view.weights[:, None, None]
+            rows.append((to_rays @ view.camera.rotation).reshape(-1, 3))
+            seen = view.camera.into_camera(at_origin)[..., None]
+            right.append(-(to_rays @ seen).reshape(len(rotations), -1))
+        translation = np.concatenate(right, axis=1) @ np.linalg.pinv(np.concatenate(rows)).T
+        into, camera = frame.camera.into_camera(translation), frame.camera
+        behind = into[:, 2] < 0.5
+        into[behind] *= np.where(into[behind, 2:] < 0, -1, 1)
+        into[:, 2] = np.maximum(into[:, 2], 0.5)
+        translation = into if camera.is_identity else (into - camera.translation) @ camera.rotation
         return BodyState(rotations, translation)
 
     def _step(self, rows: LinearisedFrame) -> tuple[np.ndarray, np.ndarray]:
@@ -139,6 +145,12 @@ class Initialiser:
         omega = np.zeros((len(step), 3 * self._kinematics.joint_count))
         omega[:, self._live] = _limited(step[:, :count])
         return omega, step[:, count:]
+
+
+def _limit_depths(translation: np.ndarray, camera: CameraPose) -> None:
+    """Limit translations (S, 3) in place to depths of at least `LEAST_DEPTH` in a camera."""
+    missing = np.maximum(LEAST_DEPTH - camera.into_camera(translation)[:, 2], 0.0)
+    translation += missing[:, None] * camera.rotation[2]
 
 
 def _cost(fit: Fit) -> float:

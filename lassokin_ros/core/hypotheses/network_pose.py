@@ -7,6 +7,7 @@ All other joints are as in the prior's mean pose.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Protocol
 
 import numpy as np
 
@@ -16,16 +17,23 @@ from lassokin_ros.core.body.rotations import least_turn
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.image.robust_loss import norm
-from lassokin_ros.core.network.depth_estimator import DepthEstimator
 
 SAME_POSE = 0.08
 """m: mean distance of the network's joints from the tracked ones below which they are the same pose."""
 
 
+class PositionSource(Protocol):
+    """Gives the joints' positions as `DepthEstimator.positions` does, in the frame of the skeleton."""
+
+    def positions(self) -> dict[str, np.ndarray] | None:
+        """See `DepthEstimator.positions`."""
+        ...
+
+
 class NetworkPose:
     """The network's pose for the newest frame, on the present skeleton."""
 
-    def __init__(self, network: DepthEstimator, kinematics: Kinematics, mean_pose: np.ndarray) -> None:
+    def __init__(self, network: PositionSource, kinematics: Kinematics, mean_pose: np.ndarray) -> None:
         """mean_pose: (n, 3, 3) local rotations."""
         self._network, self._kinematics, self._mean_pose = network, kinematics, mean_pose
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from lassokin_ros.core.observation import HERE, CameraPose
 from lassokin_ros.core.record import record
 
 WITHOUT_DEPTH = 4.0
@@ -44,6 +45,7 @@ class FrameData:
     depth_weights: (l,) 1/m, 1 / standard deviation of `depth`, 0 = not measured.
     joint_depths: the network's estimate; None without one.
     extra: data for the user's own evidence, by name, as in `Observation.extra`.
+    camera: the camera that saw this. others: the same of the other cameras; their `up` and `extra` are not used.
     """
 
     points: np.ndarray
@@ -53,6 +55,13 @@ class FrameData:
     depth_weights: np.ndarray | None = None
     joint_depths: JointDepths | None = None
     extra: Mapping[str, Any] = field(default_factory=dict)
+    camera: CameraPose = HERE
+    others: tuple[FrameData, ...] = ()
+
+    @property
+    def views(self) -> tuple[FrameData, ...]:
+        """The views of all cameras, this one first."""
+        return (self, *self.others)
 
     def prior_weight(self, with_depth: float) -> float:
         """Factor on a prior's rows: `with_depth` if half of the landmarks have a measured depth, else 1.
@@ -66,9 +75,11 @@ class FrameData:
     @property
     def depth_covers(self) -> bool:
         """Whether half of the landmarks or more have a measured depth."""
-        if self.depth_weights is None:
-            return False
-        return 2 * np.count_nonzero(self.depth_weights) >= np.count_nonzero(self.weights)
+        for view in self.views:
+            if view.depth_weights is not None:
+                if 2 * np.count_nonzero(view.depth_weights) >= np.count_nonzero(view.weights):
+                    return True
+        return False
 
     def with_larger_noise(self, factor: float) -> FrameData:
         """The frame with the keypoints' noise made larger by a factor.
@@ -79,4 +90,5 @@ class FrameData:
         depth_weights = self.depth_weights
         if depth_weights is not None:
             depth_weights = depth_weights / factor if factor < WITHOUT_DEPTH else np.zeros_like(depth_weights)
-        return replace(self, weights=self.weights / factor, depth_weights=depth_weights)
+        others = tuple(view.with_larger_noise(factor) for view in self.others)
+        return replace(self, weights=self.weights / factor, depth_weights=depth_weights, others=others)

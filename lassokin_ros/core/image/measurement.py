@@ -19,7 +19,7 @@ from lassokin_ros.core.image.depth_gating import gate_depth
 from lassokin_ros.core.image.keypoint_filter import PREDICTED_WEIGHT, KeypointFilter
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.repeated_frames import RepeatedFrames
-from lassokin_ros.core.observation import Observation
+from lassokin_ros.core.observation import HERE, CameraPose, Observation
 from lassokin_ros.core.record import record
 
 ACCELERATION = 3.5
@@ -72,9 +72,9 @@ class Measurement:
         """Number of keypoints and depths that are used."""
         return int(np.count_nonzero(self.weights)) + self.depth_count
 
-    def reprojection_px(self, pose: BodyPose) -> float:
+    def reprojection_px(self, pose: BodyPose, camera: CameraPose = HERE) -> float:
         """Root mean square distance of the visible points from the pose's landmarks, px."""
-        error = (self.detected - project(pose.landmarks)) * self.visible[:, None]
+        error = (self.detected - project(camera.into_camera(pose.landmarks))) * self.visible[:, None]
         return self.focal * math.sqrt(np.vdot(error, error) / np.count_nonzero(self.visible))
 
 
@@ -92,7 +92,8 @@ class MeasurementFilter:
         """Start again, as before the first frame."""
         #: s: the stamp of the last frame that was used, -inf before the first.
         self.newest = -np.inf
-        self._last_new_stamp = -np.inf
+        #: s: the stamp of the last frame with new keypoints.
+        self.last_new_stamp = -np.inf
         self.forget()
 
     def forget(self) -> None:
@@ -115,7 +116,7 @@ class MeasurementFilter:
         """
         stamp, focal, visible = observation.stamp, observation.focal, weights > 0
         repeated = self._repeats.age(stamp, observation.points, observation.confidence)
-        lost = stamp - (self.newest if repeated else self._last_new_stamp) > config.lost_after
+        lost = stamp - (self.newest if repeated else self.last_new_stamp) > config.lost_after
         if lost:
             self._filter.reset()
             repeated = 0.0
@@ -135,14 +136,19 @@ class MeasurementFilter:
         if measured is not None and repeated:
             measured = measured[0], PREDICTED_WEIGHT * measured[1]
         speed = depth * self._filter.speed()
-        since_new = 0.0 if repeated else stamp - self._last_new_stamp
+        since_new = 0.0 if repeated else stamp - self.last_new_stamp
         step, depths = stamp - self.newest, measured or (None, None)
         return Measurement(
             stamp, detected, visible, focal, points, weights, speed, repeated, step, since_new, lost, *depths
         )
 
+    def predicted(self, stamp: float, depth: float | None, model_error: float) -> tuple[np.ndarray, np.ndarray]:
+        """Points (l, 2) and weights (l,) predicted for a stamp, s. depth, model_error: m, as in `filtered`."""
+        depth = depth or TYPICAL_DEPTH
+        return self._filter.ahead(stamp, ACCELERATION / depth, model_error / depth)
+
     def mark_used(self, measurement: Measurement) -> None:
         """Note that the state was updated with this measurement."""
         self.newest = measurement.stamp
         if not measurement.repeated:
-            self._last_new_stamp = measurement.stamp
+            self.last_new_stamp = measurement.stamp

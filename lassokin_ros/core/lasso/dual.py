@@ -14,6 +14,7 @@ Both are solved in units of alpha (bounds of +-1), so that they are well scaled 
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -59,12 +60,16 @@ class DualSolver:
         self.name = name
         self._objects: dict[tuple[str, int, int], Any] = {}
 
+    def reset(self) -> None:
+        """Drop the QP objects: a reused one keeps state of earlier problems, which changes the last digits."""
+        self._objects = {}
+
     def solve(self, reduced: Reduced, alpha: np.ndarray, effort: int, start: np.ndarray | None = None) -> np.ndarray:
         """Omega (n,) of the lasso with x eliminated and the penalties alpha (n,).
 
         effort: 0 in the first try; 1 and 2 use more iterations, another step size, and the projected form, which is
-        valid for every A. start: (n,) an Omega from which ProxQP starts; None for a start from zero. From the solution
-        itself it needs one iteration.
+        valid for every A. start: (n,) a predicted solution from which ProxQP starts; None for a start from zero. From
+        the solution itself it needs one iteration. From a point far from it, it may not converge.
         """
         m, n = reduced.A.shape
         if m > n and effort == 0:
@@ -132,26 +137,28 @@ class DualSolver:
             qp.init(np.eye(len(g)), g, None, None, C, -bound, bound)
         else:
             qp.update(g=g, C=C, l=-bound, u=bound, update_preconditioner=False, mu_in=_FIRST_MU[form])
-        _set_start(qp, None if fresh else start)
-        qp.solve()
+        _solve_from(qp, None if fresh else start)
         if qp.results.info.status != _SOLVED:
             self._objects.pop(key, None)
         return np.array(qp.results.z)  # a copy: results.z is a live view
 
 
-def _set_start(qp: Any, start: tuple[np.ndarray, np.ndarray] | None) -> None:
-    """Let a solve start from variables and multipliers, or from zero.
+def _solve_from(qp: Any, start: tuple[np.ndarray, np.ndarray] | None) -> None:
+    """Solve from variables and multipliers, or from zero.
 
     `qp.solve(x, y, z)` cannot pass multipliers of box constraints: in proxsuite 0.7.2 and 0.8.0 it raises "wrong
     argument size: expected 0, got 44; the dimension wrt inequality constrained variables for warm start is not valid",
-    because its check does not count the boxes. Therefore the start is written where the solver keeps its last result.
-    The step size of the last solve must not be kept with it: `update` sets it to its first value again. The first solve
-    of an object starts from zero: in 0.8.0 it ends the process with a segmentation fault otherwise.
+    because its check does not count the boxes. Therefore they are written where the solver keeps its last result. With
+    WARM_START_WITH_PREVIOUS_RESULT, 1 solve of 100 returned NaN, which depended on what was in memory before. The step
+    size of the last solve must not be kept: `update` sets it to its first value again.
     """
-    guess = _proxqp.InitialGuess
-    qp.settings.initial_guess = guess.NO_INITIAL_GUESS if start is None else guess.WARM_START_WITH_PREVIOUS_RESULT
-    if start is not None:
-        qp.results.x[:], qp.results.z[:] = start
+    if start is None:
+        qp.settings.initial_guess = _proxqp.InitialGuess.NO_INITIAL_GUESS
+        qp.solve()
+    else:
+        qp.settings.initial_guess = _proxqp.InitialGuess.WARM_START
+        variables, qp.results.z[:] = start
+        qp.solve(variables, None, None)
 
 
 def _new_proxqp(form: str, variables: int, constraints: int, effort: int) -> Any:
@@ -201,10 +208,16 @@ def _inverse(H: np.ndarray) -> np.ndarray | None:
     if failed:
         return None
     diagonal = factor.diagonal()
-    if diagonal.min() ** 2 * LARGEST_CONDITION < diagonal.max() ** 2:
+    if diagonal[diagonal.argmin()] ** 2 * LARGEST_CONDITION < diagonal[diagonal.argmax()] ** 2:
         return None
-    inverse, failed = lapack.dpotri(factor, lower=1)
+    inverse, failed = lapack.dpotri(factor, lower=1, overwrite_c=1)
     if failed:
         return None
-    lower = np.tril(inverse)
-    return lower + np.tril(inverse, -1).T
+    np.copyto(inverse, inverse.T, where=_above_diagonal(len(H)))  # only the lower triangle was computed
+    return np.asarray(inverse)
+
+
+@cache
+def _above_diagonal(n: int) -> np.ndarray:
+    """(n, n) bool."""
+    return ~np.tri(n, dtype=bool)

@@ -72,6 +72,10 @@ class LassoSolver:
         """solver: "proxqp", or a name in qpsolvers.available_solvers. Raises SolverError for any other name."""
         self._dual = DualSolver(solver)
 
+    def reset(self) -> None:
+        """Drop the QP objects, so that the next answers do not depend on earlier problems."""
+        self._dual.reset()
+
     def solve(self, problem: Lasso, guess: np.ndarray | None = None) -> LassoSolution:
         """The minimiser, with its certificate.
 
@@ -98,7 +102,9 @@ class LassoSolver:
             start = predicted if effort == 0 else None
             answer = self._solve_dual(reduced, alpha, effort, start)
             if answer is not None and start is not None and _confirms(answer, start):
-                return _finished(problem, reduced, alpha, answer, self._dual.name, True)
+                # Polished on its support, the answer is the prediction again, bit for bit. ProxQP's own last digits
+                # depend on where its arrays are in memory.
+                return _finished(problem, reduced, alpha, start, self._dual.name, True)
             omega = np.zeros(len(alpha)) if answer is None else answer
             candidate = solve_active_set(reduced.H, reduced.g, alpha, omega, steps)
             exact = candidate is not None
@@ -107,8 +113,8 @@ class LassoSolver:
             method = "active set" if answer is None else self._dual.name
             solution = _finished(problem, reduced, alpha, candidate, method, exact)
             if solution.certified:
-                break
-        return solution
+                return solution
+        return solution if predicted is None else _finished(problem, reduced, alpha, predicted, "active set", True)
 
     def _solve_dual(
         self, reduced: Reduced, alpha: np.ndarray, effort: int, start: np.ndarray | None

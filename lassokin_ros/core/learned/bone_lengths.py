@@ -22,13 +22,13 @@ from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.image.frame_data import FrameData
-from lassokin_ros.core.image.projection import project
-from lassokin_ros.core.image.robust_loss import huber_cost, huber_weights, norm
+from lassokin_ros.core.image.robust_loss import huber_weights
 from lassokin_ros.core.learned.length_prior import LengthPosterior, initial_deviation, length_models, posterior
 from lassokin_ros.core.schedule import Schedule
 
-STATURE_DEVIATION = 0.005
-"""Standard deviation of the logarithm of the stature at rest."""
+STATURE_DEVIATION, OBSERVED_STATURE_DEVIATION = 0.005, 0.03
+"""Standard deviation of the logarithm of the stature at rest: with one camera, which does not observe size, and with
+several, for the difference between a stated height and that of the limbs."""
 LARGEST_STEP = 0.1
 """Largest change of a log-length in one update, so that the poses of the kept frames can follow."""
 LARGEST_DIFFERENCE = 0.3
@@ -97,6 +97,7 @@ class Calibration:
         self._next_relinearised = 0
         self._last_work_stamp = -math.inf
         self._kept_at = self._updated_at = np.nan
+        self.stature_deviation = STATURE_DEVIATION
 
     def resize(self, ratio: float) -> None:
         """Use a given body that is taller by a factor. The log-lengths stay, and the kept frames move away from the
@@ -110,6 +111,11 @@ class Calibration:
     def skeleton(self) -> Skeleton:
         """The skeleton with the present lengths."""
         return self.proportions.skeleton(self.lengths)
+
+    @property
+    def stature(self) -> float:
+        """m: the height of the person with the present lengths. With one camera it stays near the given one."""
+        return float(self.skeleton.height * (1 + self.proportions.stature_shares @ np.expm1(self.lengths)))
 
     @property
     def certain(self) -> bool:
@@ -183,17 +189,17 @@ class Calibration:
         about = model.evaluate(frame.state)
         linearised = model.linearise(about, data, huber_weights)
         C = model.length_rows(linearised, about, data, self.proportions.motion(about.pose, self.lengths))
-        size = norm(data.points - project(about.pose.landmarks)) * data.weights
-        cost = huber_cost(size).sum() + model.prior.cost(about, data)
+        images = (piece.uncapped_cost(about, data) for piece in model.image_pieces if piece.present(data))
+        cost = float(sum(images)) + model.prior.cost(about, data)
         return linearised.columns.T, C, linearised.z, float(cost)
 
     def _solve(self) -> None:
         """Solve for the lengths with all kept frames, and end the calibration if they are certain."""
         shares = self.proportions.stature_shares * np.exp(self.lengths)
         excess = float(self.proportions.stature_shares @ np.expm1(self.lengths))
-        stature = np.outer(shares, shares) / STATURE_DEVIATION**2
+        stature = np.outer(shares, shares) / self.stature_deviation**2
         H, g = self._normal_equations()
-        g += shares * (shares @ self.lengths - excess) / STATURE_DEVIATION**2
+        g += shares * (shares @ self.lengths - excess) / self.stature_deviation**2
         found = posterior(self._models, H, g, stature)
         self.odds = found.odds
         best = self._best(found)

@@ -24,6 +24,8 @@ FEWEST = 4
 """Smallest number of measured depths in a frame."""
 FRAME_DEVIATION = 0.04
 """Standard deviation of the logarithm of one frame's scale, in addition to that of the fit, for the pose's errors."""
+LIMB_DEVIATION = 0.1
+"""Standard deviation of the logarithm of one limb's length as two cameras measure it, with people's proportions."""
 CORRELATED_S = 0.1
 """s: frames closer than this count as one, because their errors are correlated."""
 TIME_CONSTANT_S = 5.0
@@ -76,9 +78,17 @@ class HeightEstimator:
         """Standard deviation of `height`, m."""
         return self.height * float(np.hypot(LEAST_DEVIATION, (self._information + PEOPLE_DEVIATION**-2) ** -0.5))
 
-    def update(self, measurement: Measurement, solved: EvaluatedState, height: float) -> bool:
-        """Use a tracked frame. height: m, of the skeleton in use. Returns True if the estimate should replace it."""
-        self._learn(measurement, solved, height)
+    def update(self, measurement: Measurement, solved: EvaluatedState, height: float, ratios: np.ndarray) -> bool:
+        """Use a tracked frame. Returns True if the estimate should replace the height in use.
+
+        height: m, of the skeleton in use. ratios: of limbs that several cameras measure and those of that skeleton;
+        empty with one camera.
+        """
+        if len(ratios) >= FEWEST:
+            deviation = LIMB_DEVIATION / np.sqrt(len(ratios))
+            self._add(measurement.stamp, float(np.median(np.log(ratios * height / TYPICAL_HEIGHT))), deviation)
+        else:
+            self._learn(measurement, solved, height)
         stamp = measurement.stamp
         if not self.measured or stamp - self._adopted_at < PAUSE_S or abs(np.log(self.height / height)) < CHANGE:
             return False
@@ -94,13 +104,16 @@ class HeightEstimator:
         scale, deviation = fit_scale(measurement, solved.pose.landmarks - root, root)
         if not RANGE[0] < scale * height < RANGE[1]:
             return
-        elapsed = measurement.stamp - self._stamp
-        self._stamp = measurement.stamp
+        self._add(measurement.stamp, float(np.log(scale * height / TYPICAL_HEIGHT)), deviation)
+
+    def _add(self, stamp: float, log_height: float, deviation: float) -> None:
+        """Average a frame's logarithm of the height / `TYPICAL_HEIGHT`, with the standard deviation of its fit."""
+        elapsed, self._stamp = stamp - self._stamp, stamp
         fade = np.exp(-min(elapsed, 1e3) / TIME_CONSTANT_S)
         share = min(elapsed / CORRELATED_S, 1.0)
         information = share / (FRAME_DEVIATION**2 + deviation**2)
         self._information = fade * self._information + information
-        self._weighted = fade * self._weighted + information * float(np.log(scale * height / TYPICAL_HEIGHT))
+        self._weighted = fade * self._weighted + information * log_height
 
 
 def fit_scale(measurement: Measurement, body: np.ndarray, root: np.ndarray) -> tuple[float, float]:

@@ -8,6 +8,7 @@ from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.frame_model import FrameModel
+from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.measurement import Measurement
 from lassokin_ros.core.increment import Increment
 from lassokin_ros.core.learned.adaptive_mean import AdaptiveMean
@@ -27,11 +28,12 @@ class Learned:
     height against measured depth.
     """
 
-    def __init__(self, frame_model: FrameModel, config: TrackerConfig) -> None:
-        skeleton = frame_model.kinematics.skeleton
+    def __init__(self, frame_model: FrameModel, config: TrackerConfig, up: np.ndarray | None = None) -> None:
+        """up: (3,) the vertical if it is given; it is learned otherwise."""
+        skeleton, self._frame_model = frame_model.kinematics.skeleton, frame_model
         self.lengths, self.mean_pose = Calibration(frame_model), AdaptiveMean(frame_model.prior)
         self.model_error, self.depth_noise = ModelError(skeleton.height), DepthNoise()
-        self.vertical = Vertical(config.camera_roll, config.camera_pitch)
+        self.vertical = Vertical(config.camera_roll, config.camera_pitch, up)
         self.size_check = SizeCheck(frame_model.kinematics)
         self.height = HeightEstimator() if config.height == 0 else None
 
@@ -58,6 +60,7 @@ class Learned:
     def update(
         self,
         measurement: Measurement,
+        frame: FrameData,
         start: BodyState,
         initialised: bool,
         increment: Increment,
@@ -65,7 +68,8 @@ class Learned:
     ) -> bool:
         """Use a tracked frame for all but lengths and height. Returns True if the prior's mean has changed.
 
-        start: the state about which the frame's lasso was linearised; solved: the state after its increment.
+        frame: its views, with the weights of the landmarks that were seen. start: the state about which the frame's
+        lasso was linearised; solved: the state after its increment.
         """
         stamp, problem, rows = measurement.stamp, increment.problem, increment.rows
         if self.height is None:
@@ -74,7 +78,8 @@ class Learned:
             return False
         if not initialised:
             self.vertical.update(solved.rotations[0], measurement.since_new_keypoints)
-        weights = np.where(measurement.visible, measurement.weights, 0.0)  # a landmark not seen is extrapolated
-        depth = float(solved.translation[2])
-        self.model_error.update(stamp, problem, rows["image"], increment.solution.omega, weights, depth)
+        weights = np.concatenate([view.weights for view in frame.views])
+        depths = [np.full(len(view.weights), view.camera.into_camera(solved.translation)[2]) for view in frame.views]
+        image = self._frame_model.image_rows(rows)
+        self.model_error.update(stamp, problem, image, increment.solution.omega, weights, np.concatenate(depths))
         return not initialised and self.mean_pose.update(stamp, start, problem, rows)

@@ -76,7 +76,7 @@ class ModelError:
         self,
         stamp: float,
         problem: Lasso,
-        image: slice,
+        image: slice | np.ndarray,
         omega: np.ndarray,
         weights: np.ndarray,
         depth: np.ndarray | float,
@@ -93,7 +93,7 @@ class ModelError:
         step = min(step, 2 * self._every)
         self._measured_at = stamp
         seen = weights > 0
-        free = _free_shares(problem, image)[seen]
+        free = _free_shares(problem, image, len(weights))[seen]
         residual = (problem.reduced.z[image] - problem.reduced.A[image] @ omega).reshape(-1, 2)[seen]
         left = free.sum()
         if not left > 0:
@@ -108,7 +108,7 @@ class ModelError:
         self.deviation = math.sqrt(min(max(learned, least * least), largest * largest))
 
 
-def _free_shares(problem: Lasso, image: slice) -> np.ndarray:
+def _free_shares(problem: Lasso, image: slice | np.ndarray, count: int) -> np.ndarray:
     """(l,) f_i, the mean of each landmark's two rows: share of the row that the fit leaves free, 0 to 1.
 
     a_i^T H^-1 a_i is the sum of the share of the translation and the share of the other unknowns (in the row of M A).
@@ -118,7 +118,7 @@ def _free_shares(problem: Lasso, image: slice) -> np.ndarray:
     information.reshape(-1)[:: len(information) + 1] += WEAKEST
     factor, failed = lapack.dpotrf(information.T, lower=1, overwrite_a=1)
     if failed:
-        return np.zeros((image.stop - image.start) // 2)
+        return np.zeros(count)
     taken, _ = lapack.dtrtrs(factor, reduced.A[image].T, lower=1)
     translation = np.einsum("ij,ji->i", problem.B[image], reduced.Y[:, image])
     free = 1 - translation - squared_norm(taken.T)

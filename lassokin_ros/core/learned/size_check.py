@@ -66,6 +66,13 @@ class SizeCheck:
         """True if the given height is probably wrong."""
         return abs(math.log(self.ratio)) > LIMIT
 
+    def ratios(self, places: np.ndarray, usable: np.ndarray) -> np.ndarray:
+        """Ratios of the limbs' measured and given lengths. places: (l, 3) m of the landmarks; usable: (l,) bool."""
+        limbs = usable[self._above] & usable[self._below]
+        measured = np.linalg.norm(places[self._above] - places[self._below], axis=1)
+        found = measured[limbs] / self._lengths[limbs]
+        return np.asarray(found[(found > 1 / LARGEST_RATIO) & (found < LARGEST_RATIO)])
+
     def update(self, measurement: Measurement) -> None:
         """Use a tracked frame."""
         if measurement.depth is None or measurement.depth_weights is None or measurement.repeated:
@@ -73,11 +80,8 @@ class SizeCheck:
         if measurement.stamp < self._newest + PERIOD_S:
             return
         usable = (measurement.depth_weights > 0) & measurement.visible & (measurement.weights > 0)
-        limbs = usable[self._above] & usable[self._below]
         places = measurement.depth[:, None] * np.column_stack([measurement.points, np.ones(len(usable))])
-        measured = np.linalg.norm(places[self._above] - places[self._below], axis=1)
-        ratios = measured[limbs] / self._lengths[limbs]
-        ratios = ratios[(ratios > 1 / LARGEST_RATIO) & (ratios < LARGEST_RATIO)]
+        ratios = self.ratios(places, usable)
         if len(ratios):
             self._newest = measurement.stamp
             self._ratios.append(ratios)

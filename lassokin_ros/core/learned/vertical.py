@@ -30,14 +30,16 @@ LONGEST_STEP = 0.2
 class Vertical:
     """The vertical of one camera, learned from one person."""
 
-    def __init__(self, roll: float = 0.0, pitch: float = 0.0) -> None:
+    def __init__(self, roll: float = 0.0, pitch: float = 0.0, given: np.ndarray | None = None) -> None:
+        """given: (3,) the vertical of a fixed frame, which neither a mount nor a person changes."""
+        self._given = given
         self.set_mount(roll, pitch)
 
     def set_mount(self, roll: float, pitch: float) -> None:
         """Set the camera's mount, rad, see `vertical_of`, and forget what was learned."""
-        self.mount = vertical_of(roll, pitch)
+        self.mount = vertical_of(roll, pitch) if self._given is None else self._given
         """(3,) the vertical that follows from the camera's mount."""
-        self.configured = bool(roll or pitch)
+        self.configured = bool(roll or pitch) or self._given is not None
         """True if the mount is known, and not assumed to be level."""
         self.reset()
 
@@ -62,7 +64,7 @@ class Vertical:
         The learned vertical is rotated with the camera. The first measured mount is no motion: it replaces what was
         learned with an assumed one.
         """
-        mount = vertical_of(roll, pitch)
+        mount = vertical_of(roll, pitch) if self._given is None else self._given
         if not self.configured:
             self.mount, self.configured = mount, True
             self.reset()
@@ -78,6 +80,8 @@ class Vertical:
 
     def update(self, root: np.ndarray, step: float) -> None:
         """Move the vertical towards the pelvis' y axis. root: (3, 3), the orientation during the last `step` s."""
+        if self._given is not None:
+            return
         up, step = root[:, 1], min(step, LONGEST_STEP)
         if up.dot(self.direction) > LEAST_COSINE:
             first, longest = TIME_CONSTANT_S

@@ -343,7 +343,8 @@ class History:
 
     def add(self, stamp: float, points: np.ndarray, seen: np.ndarray) -> None:
         """Append a frame: stamp s, later than the last; points (canonical, 2); seen (canonical,)."""
-        if self._count > 1 and stamp - self._stamps[self._count - 2] < LEAST_STEP:
+        last = self._stamps[: self._count][-2:]
+        if len(last) == 2 and last[1] - last[0] < LEAST_STEP:
             self._count -= 1  # the newest frame takes the place of the last one
         elif self._count == MOST_FRAMES:
             half = MOST_FRAMES // 2

@@ -90,12 +90,19 @@ class OutputFilter:
         """The forward pass of the last frame."""
 
     def filtered(
-        self, solved: EvaluatedState, increment: Increment, step: float, speed: float, time: float
+        self,
+        solved: EvaluatedState,
+        increment: Increment,
+        step: float,
+        speed: float,
+        time: float,
+        centre: np.ndarray | None = None,
     ) -> BodyState:
         """The state to publish.
 
         solved: the state after the frame's `increment`. step: s since the last frame. speed: m/s, mean speed of the
         keypoints. time: s, time constant in the image at the typical speed; below `SHORTEST_TIME` the filter is off.
+        centre: (3,) m, of the only camera; None for the origin.
         """
         state = solved.state
         steady_over = max(time_constant(speed, time), SHORTEST_TIME)
@@ -109,7 +116,7 @@ class OutputFilter:
         predicted = self._offset + step * self._velocity
         predicted[:-1] -= increment.omega.reshape(-1, 3)
         predicted[-1] -= increment.x
-        rays = self._rays(solved.pose, state.translation)
+        rays = self._rays(solved.pose, state.translation if centre is None else state.translation - centre)
         depth = _in_depth(predicted, rays)
         self._offset = (1 - gain) * predicted + (gain - depth_gain) * depth
         self._velocity = self._velocity - velocity_gain * predicted + (velocity_gain - depth_velocity_gain) * depth

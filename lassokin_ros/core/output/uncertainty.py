@@ -133,13 +133,15 @@ class UncertaintyModel:
         #: Columns of the root's rotation. The root comes first and every landmark moves with it.
         self._turns = np.eye(len(live), 3)
         self._proportions, self._observed, self._learned_depth = proportions, observed, frame_model.learned_depth
+        self._image_rows = frame_model.image_rows
 
     def evaluate(self, estimate: Estimate) -> JointUncertainty:
         """The uncertainty of an accepted estimate."""
         assert estimate.pose is not None and estimate.problem is not None and estimate.visible is not None
         share = min(estimate.keypoint_error_ratio * LEAST_ERROR / SMALLEST_BIAS, 1.0)
-        problem, image = estimate.problem, estimate.rows["image"]
-        if share < 1 and estimate.depth_measured:  # rows of the image are not the only ones with the translation
+        problem, image = estimate.problem, self._image_rows(estimate.rows)
+        # Rows of the image may not be the only ones with the translation.
+        if share < 1 and (estimate.depth_measured or estimate.cameras > 1):
             problem, share = _scaled(problem, image, share), 1.0
         covariance, place = self.covariance(
             estimate.pose,
@@ -147,7 +149,7 @@ class UncertaintyModel:
             self._factor(estimate)
             * np.where(self._observed.below_last_keypoint(estimate.visible), FACTOR_BELOW_LAST_KEYPOINT, 1.0),
             estimate.length_deviation,
-            0.0 if estimate.depth_measured else SCALE_DEVIATION,
+            0.0 if estimate.depth_measured or estimate.cameras > 1 else SCALE_DEVIATION,
             share,
             image,
         )
@@ -175,7 +177,7 @@ class UncertaintyModel:
         length_deviation: np.ndarray | float,
         size_deviation: float = SCALE_DEVIATION,
         share: float = 1.0,
-        image: slice = slice(0),
+        image: slice | np.ndarray = slice(0),
     ) -> tuple[np.ndarray, Callable[[], AbsoluteUncertainty]]:
         """Return (n, 3, 3) m^2, from a frame's last problem and the pose of its solution, and the function that
         computes the rest.
@@ -233,7 +235,7 @@ class UncertaintyModel:
         return AbsoluteUncertainty(joints, whole)
 
 
-def _scaled(problem: Lasso, rows: slice, share: float) -> Lasso:
+def _scaled(problem: Lasso, rows: slice | np.ndarray, share: float) -> Lasso:
     """The problem with some rows multiplied by `share`."""
     A, B = problem.A.copy(), problem.B.copy()
     A[rows] *= share
@@ -241,7 +243,7 @@ def _scaled(problem: Lasso, rows: slice, share: float) -> Lasso:
     return Lasso(A, B, problem.z, problem.alpha)
 
 
-def _information(problem: Lasso, image: slice, share: float) -> np.ndarray:
+def _information(problem: Lasso, image: slice | np.ndarray, share: float) -> np.ndarray:
     """(live, live): A^T M A with the image's rows multiplied by `share`; only they hold the translation.
 
     M does not change if all rows of B are scaled, so the image's part of the product is.

@@ -15,7 +15,7 @@ from lassokin_ros.core.learned.length_prior import (
     MEASURED,
     ODDS,
     LengthModel,
-    initial_spread,
+    initial_deviation,
     length_models,
     posterior,
 )
@@ -73,7 +73,7 @@ def test_the_posterior_is_that_of_a_mixture_of_gaussians():
         assert np.allclose(covariance, C - gain @ C)
 
 
-def test_the_spread_is_the_standard_deviation_of_samples():
+def test_the_deviation_is_the_standard_deviation_of_samples():
     random = np.random.default_rng(2)
     models = length_models(proportions_of(Skeleton.load("anthropometric", 1.75)))
     which = random.choice(len(models), 20000, p=[model.odds for model in models])
@@ -81,12 +81,12 @@ def test_the_spread_is_the_standard_deviation_of_samples():
         random.multivariate_normal(model.mean, np.linalg.inv(model.precision), int((which == case).sum()))
         for case, model in enumerate(models)
     ])  # fmt: skip
-    assert np.allclose(np.sqrt((samples**2).mean(0)), initial_spread(models), rtol=0.03)
+    assert np.allclose(np.sqrt((samples**2).mean(0)), initial_deviation(models), rtol=0.03)
 
 
-def test_the_spread_of_given_lengths_is_that_of_a_guess():
+def test_the_deviation_of_given_lengths_is_that_of_a_guess():
     models = length_models(proportions_of(scaled_forearms(Skeleton.load("anthropometric", 1.75), 0.9)))
-    assert np.all(initial_spread(models) == GUESSED)
+    assert np.all(initial_deviation(models) == GUESSED)
 
 
 def test_an_exact_measurement_decides_for_the_population():

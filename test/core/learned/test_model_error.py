@@ -10,11 +10,12 @@ from sequences import CONFIG, observations
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
-from lassokin_ros.core.learned.model_error import FIRST, LARGEST, LEAST, ModelError, _free_shares
+from lassokin_ros.core.learned.model_error import INITIAL, LARGEST_ERROR, LEAST_ERROR, ModelError, _free_shares
 from lassokin_ros.core.tracker import Tracker
 
 HEIGHT, DEPTH, LANDMARKS, UNKNOWNS, PRIOR = 1.75, 3.5, 40, 30, 12
 IMAGES = 2 * LANDMARKS
+IMAGE = slice(0, IMAGES)
 
 
 def drawn(random, errors):
@@ -36,7 +37,8 @@ def learned(true, seed=0, frames=200, wrong=0, missing=0):
         errors[:wrong] *= 7
         weights = np.full(LANDMARKS, DEPTH / model_error.deviation)
         weights[:missing] = 0.0
-        model_error.advance(float(second), *drawn(random, errors), weights, DEPTH)
+        problem, omega = drawn(random, errors)
+        model_error.update(float(second), problem, IMAGE, omega, weights, DEPTH)
     return model_error.deviation
 
 
@@ -46,7 +48,7 @@ def test_the_free_share_of_a_row_is_one_minus_its_leverage():
     information = J.T @ J
     information[range(UNKNOWNS), range(UNKNOWNS)] += WEAKEST
     leverage = np.diag(J @ np.linalg.solve(information, J.T))[:IMAGES]
-    free = _free_shares(problem, LANDMARKS)
+    free = _free_shares(problem, IMAGE)
     assert free == pytest.approx(1 - leverage.reshape(-1, 2).mean(1), abs=1e-6)
     assert 0 < free.min() < 0.4 and 0.7 < free.max() <= 1
 
@@ -62,14 +64,15 @@ def test_outliers_have_little_influence_and_extrapolated_points_none():
 
 
 def test_the_learned_value_is_limited_and_can_be_reset():
-    assert learned(1e-5) == LEAST * HEIGHT and learned(0.2) == LARGEST * HEIGHT
+    assert learned(1e-5) == LEAST_ERROR * HEIGHT and learned(0.2) == LARGEST_ERROR * HEIGHT
     model_error = ModelError(HEIGHT)
-    assert model_error.deviation == FIRST * HEIGHT
+    assert model_error.deviation == INITIAL * HEIGHT
     random = np.random.default_rng(3)
-    model_error.advance(0.0, *drawn(random, 3 * random.normal(size=(LANDMARKS, 2))), np.full(LANDMARKS, 500.0), DEPTH)
-    assert model_error.deviation > 1.2 * FIRST * HEIGHT
+    problem, omega = drawn(random, 3 * random.normal(size=(LANDMARKS, 2)))
+    model_error.update(0.0, problem, IMAGE, omega, np.full(LANDMARKS, 500.0), DEPTH)
+    assert model_error.deviation > 1.2 * INITIAL * HEIGHT
     model_error.reset()
-    assert model_error.deviation == FIRST * HEIGHT
+    assert model_error.deviation == INITIAL * HEIGHT
 
 
 def test_the_tracker_learns_the_error_of_its_detector():
@@ -81,15 +84,15 @@ def test_the_tracker_learns_the_error_of_its_detector():
         for _, observation in observations(tracker, seconds=3.0):
             estimate = tracker.track(replace(observation, points=observation.points + stays))
             assert estimate.accepted
-        said.append(tracker.model_error.deviation)
+        said.append(tracker.learned.model_error.deviation)
     assert said[0] < 0.006 and 0.008 < said[1] < 0.025
     tracker.reset(same_camera=True)
-    assert tracker.model_error.deviation == FIRST * tracker.skeleton.height
+    assert tracker.learned.model_error.deviation == INITIAL * tracker.skeleton.height
 
 
 def test_repeated_frames_and_extrapolated_points_are_not_used_for_learning(monkeypatch):
     tracker, taught = Tracker(TrackerConfig(noise_px=2.0)), []
-    monkeypatch.setattr(tracker.model_error, "advance", lambda stamp, *frame: taught.append((stamp, frame[2])))
+    monkeypatch.setattr(tracker.learned.model_error, "update", lambda stamp, *frame: taught.append((stamp, frame[3])))
     frames = [observation for _, observation in observations(tracker, seconds=1.0)]
     for observation in frames[:10]:
         tracker.track(observation)

@@ -24,24 +24,24 @@ def tracked(given, true, seconds=4.0):
 
 @pytest.mark.parametrize("given, true, wrong", [(1.75, 1.75, False), (1.9, 1.6, True), (1.6, 1.9, True)])
 def test_a_wrong_height_is_found_and_the_right_one_is_not_doubted(given, true, wrong):
-    check = tracked(given, true).size_check
+    check = tracked(given, true).learned.size_check
     assert check.wrong is wrong and check.ratio == pytest.approx(true / given, rel=0.04)
 
 
 def test_there_is_no_result_before_enough_frames_or_after_a_reset():
     tracker = tracked(1.9, 1.6, 1.0)
-    assert len(tracker.size_check._ratios) < FEWEST
-    assert tracker.size_check.ratio == 1.0 and not tracker.size_check.wrong
+    assert len(tracker.learned.size_check._ratios) < FEWEST
+    assert tracker.learned.size_check.ratio == 1.0 and not tracker.learned.size_check.wrong
     tracker = tracked(1.9, 1.6)
     tracker.reset()
-    assert not tracker.size_check.wrong
+    assert not tracker.learned.size_check.wrong
 
 
 def test_without_depth_nothing_is_checked():
     tracker = Tracker(CONFIG)
     for _, observation in observations(tracker, 1.0):
         tracker.track(observation)
-    assert not tracker.size_check._ratios
+    assert not tracker.learned.size_check._ratios
 
 
 @pytest.mark.parametrize("visible", [slice(None), slice(0, 11)], ids=["body", "upper body"])
@@ -55,4 +55,4 @@ def test_depths_on_occluders_cause_no_doubt(visible):
         confidence = np.zeros(17)
         confidence[visible] = 1.0
         tracker.track(replace(observation, depth=depth, confidence=confidence))
-    assert len(tracker.size_check._ratios) >= FEWEST and not tracker.size_check.wrong
+    assert len(tracker.learned.size_check._ratios) >= FEWEST and not tracker.learned.size_check.wrong

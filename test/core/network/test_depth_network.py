@@ -34,12 +34,26 @@ def history(rate, seconds=1.2):
     return filled.sampled(), place, speed
 
 
-@pytest.mark.parametrize("rate", [2.0, 5.0, 10.0, 30.0, 240.0])
-def test_the_past_is_sampled_at_the_same_times_for_each_rate(rate):
-    (points, seen), place, speed = history(rate)
+@pytest.mark.parametrize("rate", [2.0, 5.0, 10.0, 30.0, 240.0, 260.0, 490.0, 1000.0])
+@pytest.mark.parametrize("seconds", [1.2, 6.0])
+def test_the_past_is_sampled_at_the_same_times_for_each_rate(rate, seconds):
+    (points, seen), place, speed = history(rate, seconds)
     assert seen[0].all() and seen.all(axis=1).sum() >= 5
+    assert rate < 5 or seen.all()
     expected = place - TIMES[:, None, None] * speed
     assert np.allclose(points[seen], expected[seen])
+
+
+@pytest.mark.parametrize("rate", [240.0, 249.0, 260.0, 490.0, 1000.0, 5000.0])
+def test_the_frames_that_are_kept_always_cover_all_times(rate):
+    """At 240 Hz, and at any other rate, the oldest time is known in each frame after the first 0.8 s."""
+    filled, points, everything = History(), np.zeros((len(NAMES), 2)), np.ones(len(NAMES), bool)
+    for frame in range(round(3.0 * rate)):
+        points[0, 0] = frame / rate
+        filled.add(100 + frame / rate, points, everything)
+        if frame / rate > TIMES[-1] + 0.01 and frame % 7 == 0:
+            past, seen = filled.sampled()
+            assert seen.all() and np.allclose(past[:, 0, 0], frame / rate - TIMES, rtol=0, atol=1e-6)
 
 
 def test_a_gap_in_the_past_is_unknown():
@@ -82,7 +96,7 @@ def test_a_missing_point_has_no_influence():
 
 
 def test_the_file_is_small_and_names_its_sources():
-    file = resources.files("lassokin_ros.core.evidence") / "depth_network.npz"
+    file = resources.files("lassokin_ros.core.network") / "depth_network.npz"
     with resources.as_file(file) as path:
         assert path.stat().st_size <= 2_000_000
         network, provenance = load_weights(path)

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from sequences import CONFIG, observations
 
+from lassokin_ros.core.body.roles import STANDING_HEIGHT
 from lassokin_ros.core.network.depth_network import NAMES
-from lassokin_ros.core.network.image_roll import STANDING, ImageRoll
+from lassokin_ros.core.network.image_roll import ImageRoll
 from lassokin_ros.core.tracker import Tracker
 
 LEARNED = replace(CONFIG, depth_prior=True)
 ALL = np.ones(len(NAMES), dtype=bool)
-UP = np.array([[0.0, -STANDING.get(name, 0.5)] for name in NAMES])
+UP = np.array([[0.0, -STANDING_HEIGHT.get(name, 0.5)] for name in NAMES])
 """Points of a standing person in a level image."""
 
 
@@ -82,4 +83,4 @@ def test_an_image_that_the_mount_has_turned_is_not_turned_again():
     tracker = Tracker(replace(LEARNED, camera_roll=np.pi))
     for _, observation in observations(tracker, 0.1):
         tracker.track(replace(observation, points=-observation.points))
-    assert not tracker._depth._roll.turned
+    assert not tracker._network._roll.turned
