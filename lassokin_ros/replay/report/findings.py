@@ -252,7 +252,9 @@ def _upside_down(facts: Facts) -> Iterator[Finding]:
     both = np.isfinite(heights[0]) & np.isfinite(heights[1])
     if both.any() and np.mean(heights[0][both] > heights[1][both]) > 0.5:
         yield Finding(
-            PROBLEM, "The shoulders are below the ankles in most images: check whether the image is upside down."
+            PROBLEM,
+            "The shoulders are below the ankles in most images: check whether the image is upside down, or y is "
+            "counted from the bottom.",
         )
 
 
