@@ -7,7 +7,7 @@ bone lengths (with --generic-skeleton only the height), and the detector's noise
 
 --initialisation measures first frames only, --gap a period without landmarks, --detections FILE real detector output.
 --uncertainty and --failure-probability compare the tracker's own figures of its error with the error. --realistic
---test-people gives the figures that a user can expect.
+--test-people gives the figures that a user can expect; --validation-people those with which a design is chosen.
 
 Clips that the shipped prior or network was trained with are left out. With --all-clips and --clips they are run, marked
 with *, and not part of the summary. With --leave-one-out every clip counts: each is run with a prior that was learned
@@ -29,7 +29,7 @@ from benchmarks.accuracy_run import failure_probability
 from benchmarks.accuracy_run.experiment import METHODS, Job, run
 from benchmarks.accuracy_run.leave_one_out import under_its_prior
 from benchmarks.accuracy_run.options import apply_presets, depth_sensor, parser, unheeded
-from benchmarks.accuracy_run.people import seen_by_network, test_clips
+from benchmarks.accuracy_run.people import person_of, seen_by_network, test_clips, validation_clips
 from benchmarks.accuracy_run.special import initialise_frames, run_gap
 from benchmarks.accuracy_run.table import detections_head, given_settings, head, report
 from benchmarks.accuracy_run.uncertainty import COLUMNS as UNCERTAINTY
@@ -144,6 +144,8 @@ def clip_files(options: argparse.Namespace) -> list[Path]:
     """The clips to run. Raises SystemExit with the reason if there are none."""
     if options.test_people:
         return test_clips(options.data or data_folder())
+    if options.validation_people:
+        return validation_clips(options.data or data_folder())
     folder = options.data or data_folder() / "mocap"
     files = sorted(folder.glob("*.npz"))
     if not files:
@@ -167,9 +169,12 @@ def _other_rates(options: argparse.Namespace) -> str:
 
 
 def _marked(options: argparse.Namespace, records: list[Record]) -> list[Record]:
-    """Mark each record whose prior was learned from its clip."""
+    """The records with their person; those whose prior was learned from their clip are marked."""
     files = {file.stem: file for file in clip_files(options)}
-    return [{**record, "training": _training(options, files[record["clip"]])} for record in records]
+    return [
+        {**record, "person": person_of(file), "training": _training(options, file)}
+        for record, file in ((record, files[record["clip"]]) for record in records)
+    ]
 
 
 def _training(options: argparse.Namespace, file: Path) -> bool:

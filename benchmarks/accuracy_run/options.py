@@ -54,7 +54,9 @@ def parser(description: str | None = None) -> argparse.ArgumentParser:
     add("--clips", type=names, help="comma-separated names (default: all but the training clips)")
     add("--all-clips", action="store_true", help="run the training clips too")
     add("--exclude-training", action=switch, default=None, help="default: on, unless another option names the clips")
-    add("--test-people", action="store_true", help="clips of people in no training set (--data: shared data)")
+    people = result.add_mutually_exclusive_group()
+    for name, meaning in (("test", "in no training set"), ("validation", "with which the design is chosen")):
+        people.add_argument(f"--{name}-people", action="store_true", help=f"people {meaning} (--data: shared data)")
     add("--realistic", action="store_true", help="the usual case: a detector's errors, only the height given")
     add("--leave-one-out", action="store_true", help="all clips, each with a prior learned from the folder's others")
     add("--generic-skeleton", action="store_true", help="give only the person's height")

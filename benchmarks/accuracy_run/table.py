@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any, Sequence
+from typing import Any, Mapping, Sequence
 
 import numpy as np
 
@@ -66,8 +66,22 @@ def report(options: argparse.Namespace, records: Sequence[Record]) -> None:
         else:
             lead = dict.fromkeys((*by, "statistic"), "<") | {"runs": "d"}
             print(table(summarise(group, by, list(columns)), lead | columns))
+            if options.test_people or options.validation_people:
+                print(f"\n{person_table(group, columns)}")
             if options.joints and not options.gap:
                 print(f"\n{joint_table(group)}")
+
+
+def person_table(records: Sequence[Record], columns: Mapping[str, str]) -> str:
+    """The mean over each person's runs, by method, and the mean over the people, which many short clips do not sway."""
+    rows = []
+    for method in dict.fromkeys(r["method"] for r in records):
+        runs = [r for r in records if r["method"] == method]
+        people = [r for r in summarise(runs, ["person"], list(columns)) if r["statistic"] == "mean"]
+        mean = {key: float(np.nanmean([row[key] for row in people])) for key in columns}
+        rows += [{**row, "method": method} for row in people]
+        rows.append({"method": method, "person": "mean of people", "runs": len(runs), **mean})
+    return table(rows, {"method": "<", "person": "<", "runs": "d"} | columns)
 
 
 def joint_table(records: Sequence[Record]) -> str:
