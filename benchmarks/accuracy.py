@@ -5,7 +5,8 @@
 Every method gets the same keypoints and initialises by itself. Its inputs are what a user could measure: the person's
 bone lengths (with --generic-skeleton only the height), and the detector's noise in px.
 
---initialisation measures first frames only, --gap a period without landmarks, --detections FILE real detector output.
+--initialisation measures first frames only, --gap a period without landmarks, --detections FILE|DIR real detector
+output, with one table by person, --videos FILE|DIR the keypoints of videos without a reference.
 --uncertainty and --failure-probability compare the tracker's own figures of its error with the error. --realistic
 --test-people gives the figures that a user can expect; --validation-people those with which a design is chosen.
 
@@ -34,11 +35,14 @@ from benchmarks.accuracy_run.special import initialise_frames, run_gap
 from benchmarks.accuracy_run.table import detections_head, given_settings, head, report
 from benchmarks.accuracy_run.uncertainty import COLUMNS as UNCERTAINTY
 from benchmarks.accuracy_run.uncertainty import binned, uncertainty_of
+from benchmarks.accuracy_run.videos import VideoJob, run_video, video_files, video_table
 from benchmarks.common.refusals import exit_code
 from benchmarks.common.report import Record, data_folder, table, write_json
 from benchmarks.data.detections import detection_jobs, run_detections
+from benchmarks.data.recordings import recording_files
 from benchmarks.data.simulated_camera import Condition, rate_of
 from benchmarks.learn_prior import SEEN
+from benchmarks.methods.baselines import FOLLOWERS
 from lassokin_ros.core.errors import LassokinError
 
 T = TypeVar("T")
@@ -48,6 +52,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Command line."""
     options = parser(__doc__).parse_args(arguments)
     apply_presets(options)
+    if options.videos:
+        return _of_videos(options)
     records = measure(options)
     if not options.detections:
         print(_other_rates(options), end="")
@@ -69,6 +75,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
+def _of_videos(options: argparse.Namespace) -> int:
+    """Track keypoints without a reference, and print what can be said of them."""
+    _check_methods(options)
+    if unknown := sorted(set(options.methods) - set(FOLLOWERS)):
+        raise SystemExit(f"no {', '.join(unknown)} for --videos; expected some of: {', '.join(FOLLOWERS)}")
+    settings = given_settings(options)
+    jobs = [VideoJob(file, method, settings) for file in video_files(options.videos) for method in options.methods]
+    records = in_parallel(run_video, jobs, options.jobs)
+    print(video_table(records))
+    write_json(options.json, records)
+    return 0
+
+
 def measure(options: argparse.Namespace) -> list[Record]:
     """The records of what the options ask for."""
     _check_methods(options)
@@ -79,7 +98,8 @@ def measure(options: argparse.Namespace) -> list[Record]:
             raise SystemExit("--gap and --initialisation are for clips, not for --detections")
         own = options.uncertainty or options.failure_probability
         methods = ["lasso"] if own else options.methods
-        recordings = detection_jobs(options.detections, methods, options.measured_bones, given_settings(options))
+        files = recording_files(options.detections)
+        recordings = detection_jobs(files, methods, options.measured_bones, given_settings(options))
         if options.uncertainty:
             return _of_recordings(binned(in_parallel(uncertainty_of, recordings, options.jobs)))
         if options.failure_probability:

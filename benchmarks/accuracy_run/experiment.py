@@ -8,6 +8,7 @@ from typing import Any, Mapping
 
 import numpy as np
 
+from benchmarks.accuracy_run import anatomy
 from benchmarks.accuracy_run.metrics import acceleration_error, flipped_frames, joint_errors, mpjpe, pa_mpjpe
 from benchmarks.accuracy_run.runs import Follower, Track, follow
 from benchmarks.common.report import Record
@@ -157,7 +158,7 @@ def score(track: Track, scene: Scene, score_from: float = 0.0) -> Record:
     if len(estimate) == 0:
         return {
             "frames": 0,
-            **dict.fromkeys(FIGURES, float("nan")),
+            **dict.fromkeys((*FIGURES, *anatomy.FIGURES), float("nan")),
             "rejected": int(track.rejected.sum()),
             "ends_lost": begin < len(view.truth),
         }
@@ -183,6 +184,7 @@ def score(track: Track, scene: Scene, score_from: float = 0.0) -> Record:
         "ends_lost": bool(track.rejected[-1]),
         "before_first": first,
         "joints_mm": joint_errors(estimate, truth, own_root, true_root, EVALUATED),
+        **anatomy.body_figures(estimate, truth, EVALUATED, np.arange(len(truth)) / view.fps),
     }
 
 

@@ -27,7 +27,8 @@ def parser(description: str | None = None) -> argparse.ArgumentParser:
     result = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     add, switch = result.add_argument, argparse.BooleanOptionalAction
     add("--data", type=Path, help="folder of clips (default: mocap/ in LASSOKIN_DATA or ../shared/data)")
-    add("--detections", type=Path, nargs="+", metavar="FILE", help="real detector output (npz) instead of clips")
+    add("--detections", type=Path, nargs="+", metavar="FILE|DIR", help="real detector output (npz) instead of clips")
+    add("--videos", type=Path, nargs="+", metavar="FILE|DIR", help="keypoints of videos, without any reference (npz)")
     add("--noise-px", type=size, default=2.0, help="Gaussian noise of a keypoint, px (2)")
     add("--wander-px", type=size, default=0.0, help="standard deviation of errors that last 0.1 s, px (0)")
     add("--offset-px", type=size, default=0.0, help="standard deviation of constant errors, px (0)")
