@@ -79,7 +79,5 @@ def test_unknown_joints_are_left_out():
     truth[:, [2, 4, 8]] = np.nan
     truth[30:] = np.nan
     figures = body_figures(standing(knee=25), truth, NAMES, STAMPS)
-    assert (
-        figures["knee_bias_deg"] == pytest.approx(15) and np.isnan(figures["exchanged_percent"])
-    )
+    assert figures["knee_bias_deg"] == pytest.approx(15) and np.isnan(figures["exchanged_percent"])
     assert np.isnan(flexion(truth, NAMES, "l", LEG)).all() and np.isfinite(flexion(truth, NAMES, "r", LEG)[:30]).all()
