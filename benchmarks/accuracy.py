@@ -29,7 +29,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.accuracy_run import failure_probability
 from benchmarks.accuracy_run.experiment import METHODS, Job, run
 from benchmarks.accuracy_run.leave_one_out import under_its_prior
-from benchmarks.accuracy_run.options import apply_presets, depth_sensor, parser, unheeded
+from benchmarks.accuracy_run.options import depth_sensor, parsed, unheeded
 from benchmarks.accuracy_run.people import person_of, seen_by_network, test_clips, validation_clips
 from benchmarks.accuracy_run.special import initialise_frames, run_gap
 from benchmarks.accuracy_run.table import detections_head, given_settings, head, report
@@ -50,8 +50,7 @@ T = TypeVar("T")
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Command line."""
-    options = parser(__doc__).parse_args(arguments)
-    apply_presets(options)
+    options = parsed(__doc__, arguments)
     if options.videos:
         return _of_videos(options)
     records = measure(options)
@@ -111,7 +110,8 @@ def measure(options: argparse.Namespace) -> list[Record]:
     o = options
     condition = Condition(
         o.noise_px, o.missing, o.outliers, o.fps, o.swaps, o.duplicates, o.camera_roll, o.camera_pitch, o.lying,
-        o.wander_px, o.offset_px, depth_sensor(o), tuple(o.hidden),
+        o.wander_px, o.offset_px, depth_sensor(o), tuple(o.hidden), o.landmark_mm,
+        o.peoples_proportions,
     )  # fmt: skip
     methods = ["lasso"] if o.uncertainty or o.failure_probability else o.methods
     jobs = [

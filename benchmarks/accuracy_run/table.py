@@ -167,6 +167,10 @@ def head(options: argparse.Namespace) -> str:
             f"Beside the noise keypoints are off by {options.wander_px:g} px for {WANDERS:g} s on end, and by "
             f"{options.offset_px:g} px all the time (standard deviations)."
         )
+    if options.landmark_mm:
+        lines.append(f"Hips and shoulders lie {options.landmark_mm:g} mm elsewhere on each body, others in proportion.")
+    if options.peoples_proportions:
+        lines.append("Bodies have people's proportions, as recorded, in place of the capture's.")
     sensor = depth_sensor(options)
     if isinstance(sensor, DepthCamera):
         lines.append(

@@ -4,7 +4,8 @@ import json
 
 import pytest
 
-from benchmarks.accuracy import clip_files, main, parser
+from benchmarks.accuracy import clip_files, main
+from benchmarks.accuracy_run.options import parser
 from benchmarks.accuracy_run.people import person_of, seen_by_network
 from benchmarks.accuracy_run.table import COLUMNS, person_table
 from benchmarks.common.report import data_folder
