@@ -94,12 +94,15 @@ SPREAD = (0.03, 0.04, 0.05, 0.12, 0.09, 0.03, 0.04)
 standard deviation over nine recorded people (arms and shoulders: eleven)."""
 PUBLISHED = (0.245, 0.246, 0.292, 0.102, 0.224, 0.160, 0.153)
 """These proportions, as fractions of the height. The simulation does not change with the tracker's built-in body."""
+PELVIS = (0.0, 0.055, -0.010)
+"""Place of the pelvis from the middle of the hips, fraction of the height, in the pelvis' frame. Captures place it up
+to 12 cm away from there, and MPJPE is aligned at it."""
 BONES = {"thigh": ("hip", "knee"), "shank": ("knee", "ankle"), "upper arm": ("shoulder", "elbow"),
          "forearm": ("elbow", "wrist")}  # fmt: skip
 
 
 def with_peoples_proportions(clip: Clip, person: str, seed: int) -> Clip:
-    """The clip with lengths drawn for the person from those of people; its rotations, height and head stay.
+    """The clip with lengths drawn for the person from those of people; its rotations, height, neck and head stay.
 
     The path of the hips is scaled with the legs, so that standing feet stand still.
     """
@@ -107,9 +110,11 @@ def with_peoples_proportions(clip: Clip, person: str, seed: int) -> Clip:
     drawn = np.exp(np.array(MEAN) + np.array(SPREAD) * random.normal(size=len(MEAN)))
     wanted = dict(zip(LENGTHS, clip_height(clip) * np.array(PUBLISHED) * drawn))
     factors = {name: wanted[name] / own for name, own in _own_lengths(clip).items()}
-    rest = _reshaped(clip.rest[None], clip.names, factors)[0]
+    pelvis = clip_height(clip) * np.array(PELVIS)
+    rest = _reshaped(clip.rest[None], clip.names, factors, pelvis[None])[0]
     rest -= rest[clip.names.index("pelvis")]
-    return replace(clip, standard=_reshaped(clip.standard, clip.names, factors), rest=rest)
+    standard = _reshaped(clip.standard, clip.names, factors, clip.orientations[:, 0] @ pelvis)
+    return replace(clip, standard=standard, rest=rest)
 
 
 def _own_lengths(clip: Clip) -> dict[str, float]:
@@ -126,17 +131,20 @@ def _own_lengths(clip: Clip) -> dict[str, float]:
     return {**bones, "trunk": trunk, "hips": apart(*hips), "shoulders": apart(*shoulders)}
 
 
-def _reshaped(points: np.ndarray, names: Sequence[str], factors: Mapping[str, float]) -> np.ndarray:
-    """(f, j, 3) m: standard joints (f, j, 3) with each length multiplied by its factor."""
+def _reshaped(points: np.ndarray, names: Sequence[str], factors: Mapping[str, float], pelvis: np.ndarray) -> np.ndarray:
+    """(f, j, 3) m: standard joints (f, j, 3) with each length multiplied by its factor.
+
+    pelvis: (f, 3) m from the middle of the hips to the pelvis.
+    """
     at = {name: points[:, i] for i, name in enumerate(names)}
     legs = (factors["thigh"] + factors["shank"]) / 2
     hips, shoulders = (0.5 * (at[f"l_{joint}"] + at[f"r_{joint}"]) for joint in ("hip", "shoulder"))
-    new = {}
+    new = {"pelvis": legs * hips + pelvis}
 
     def on_trunk(point: np.ndarray) -> np.ndarray:
         return np.asarray(legs * hips + factors["trunk"] * (point - hips))
 
-    for name in ("pelvis", "spine", "thorax", "neck"):
+    for name in ("spine", "thorax", "neck"):
         new[name] = on_trunk(at[name])
     for name, below in (("head", "neck"), ("head_top", "head")):
         new[name] = new[below] + at[name] - at[below]
