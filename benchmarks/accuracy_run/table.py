@@ -31,6 +31,8 @@ COLUMNS = {
 _POSITIONS = ("mpjpe_mm", "pa_mpjpe_mm", "root_mm", "over_100mm_percent")
 BY_PERSON = {key: COLUMNS[key] for key in _POSITIONS} | anatomy.COLUMNS
 """Columns of the tables by person."""
+LEARNED = {"lengths_given": ".3f", "lengths_learned": ".3f"}
+"""Root mean square of seven log-lengths about the person's own, at the same size: at the start and at the end."""
 HEIGHT = {"height_percent": ".1f"}
 """Error of the measured height, of the clip's."""
 GAP = {"before_mm": ".1f", "gap_end_mm": ".1f", "after_mm": ".1f", "after_no_gap_mm": ".1f", "rise_mm": ".1f"}
@@ -84,7 +86,7 @@ def report(options: argparse.Namespace, records: Sequence[Record]) -> None:
 
 def recordings_table(records: Sequence[Record]) -> str:
     """Real recordings in one table, by person: each camera, then the mean of each group (`recording_group`)."""
-    columns = BY_PERSON | {key: COLUMNS[key] for key in ("accel_error", "reprojection_px", "flips_percent")}
+    columns = BY_PERSON | LEARNED | {key: COLUMNS[key] for key in ("accel_error", "reprojection_px", "flips_percent")}
     rows: list[Record] = []
     for method in dict.fromkeys(r["method"] for r in records):
         runs = [r for r in records if r["method"] == method]

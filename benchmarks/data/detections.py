@@ -21,6 +21,7 @@ from benchmarks.accuracy_run.experiment import FIGURES
 from benchmarks.accuracy_run.metrics import acceleration_error, flipped_frames, joint_errors, mpjpe, pa_mpjpe
 from benchmarks.accuracy_run.runs import Track, follow
 from benchmarks.common.report import Record
+from benchmarks.data.body_lengths import landmark_lengths, rms_difference, skeleton_lengths
 from benchmarks.data.recordings import recorded_person
 from benchmarks.methods.baselines import FOLLOWERS
 from benchmarks.methods.mediapipe_world import world_track
@@ -274,7 +275,14 @@ def run_detections(job: DetectionJob) -> Record:
         "height_m": config.height,
         "skeleton": "reference bones" if job.measured_bones else "height",
         **score(track, recording, layout),
+        **_lengths(track, skeleton, landmark_lengths(recording.reference, layout)),
     }
+
+
+def _lengths(track: Track, given: Skeleton, own: np.ndarray) -> Record:
+    """How far the log-lengths given and those learned are from the person's own (7,) m, root mean square."""
+    learned = float("nan") if track.skeleton is None else rms_difference(skeleton_lengths(track.skeleton), own)
+    return {"lengths_given": rms_difference(skeleton_lengths(given), own), "lengths_learned": learned}
 
 
 def _followed(method: str, recording: Recording, config: TrackerConfig, skeleton: Skeleton, layout: Layout) -> Track:

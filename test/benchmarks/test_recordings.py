@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.accuracy import main
-from benchmarks.accuracy_run.table import BY_PERSON, COLUMNS, recordings_table
+from benchmarks.accuracy_run.table import BY_PERSON, COLUMNS, LEARNED, recordings_table
 from benchmarks.accuracy_run.videos import lean, video_files
 from benchmarks.common.report import data_folder
 from benchmarks.data.detections import load_recording
@@ -28,7 +28,7 @@ def test_recordings_of_one_person_and_motion_are_one_group():
 
 def test_people_count_alike_and_apart_in_the_means():
     def record(clip, view, error, person):
-        figures = dict.fromkeys({**COLUMNS, **BY_PERSON}, error)
+        figures = dict.fromkeys({**COLUMNS, **BY_PERSON, **LEARNED}, error)
         return {"clip": clip, "view": view, "method": "lasso", "frames": 10, "person": person, **figures}
 
     man, child = ("man who balances", "wildflower, person 0")
@@ -59,6 +59,7 @@ def test_recordings_are_scored_with_angles_and_feet(tmp_path, capsys):
     assert main(["--detections", str(file), "--jobs", "1", "--json", str(output)]) == 0
     (record,) = json.loads(output.read_text(encoding="utf-8"))
     assert record["person"] == "woman D" and abs(record["knee_bias_deg"]) <= record["knee_error_deg"] < 20
+    assert 0 < record["lengths_given"] < 0.3 and record["lengths_learned"] != record["lengths_given"]
     assert 0 < record["slide_mm_s"] < record["skate_mm_s"] and record["exchanged_percent"] == 0
     assert "1 groups of 1 people" in capsys.readouterr().out
 
