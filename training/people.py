@@ -2,6 +2,8 @@
 
     python -m training.people --data DIR --output FILE     # writes the proposal (YAML)
     python -m training.people --data DIR --check FILE      # compares it with the recordings that may only be measured
+    python -m training.people --data DIR --body FILE       # gives these lengths to a skeleton file, the built-in one
+    python -m training.people --data DIR --prior FILE      # writes the prior of the lengths about that skeleton
 
 DIR holds `mocap`, `corpus` and `detections`. Seven lengths are compared, as log-lengths about the published proportions
 (`PUBLISHED`), at the size at which legs and trunk together are as long. They come from three sources:
@@ -16,6 +18,7 @@ DIR holds `mocap`, `corpus` and `detections`. Seven lengths are compared, as log
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from collections import defaultdict
 from collections.abc import Sequence
@@ -26,11 +29,13 @@ import numpy as np
 import yaml
 
 from benchmarks.common.report import table
-from benchmarks.data.body_lengths import LENGTHS, landmark_lengths, log_ratios, seven_lengths
+from benchmarks.data.body_lengths import LENGTHS, landmark_lengths, log_ratios, seven_lengths, skeleton_lengths
 from benchmarks.data.detections import load_recording
 from benchmarks.data.mocap import Clip, load_clip
 from benchmarks.data.recordings import recorded_person, recording_files
+from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.proportions import PAIRS, Proportions
 from lassokin_ros.core.body.skeleton import Skeleton
 from training.motion import LEFT_OUT_CLIPS, TEST, VALIDATION, sources
 
@@ -46,6 +51,8 @@ SPLIT = 0.03
 """Standard deviation with which the parts of `WHOLE` differ from each other."""
 SHRINKAGE, FLOOR = 0.3, 0.02
 """Share of the covariance's diagonal that is mixed in, and smallest standard deviation: the people are few."""
+LIMITS_AT = 1.7
+"""m: height for which the limits are given."""
 LIMIT = 2.5
 """Standard deviations within which a person's length is believed."""
 PERMITTED = ("man who balances", "woman who talks", "wildflower, person 0", "wildflower, person 2")
@@ -183,25 +190,30 @@ HEADER = """\
 # A proposal: log-lengths of people about the published proportions (0 = Winter, Bell, de Leva) at the same size, the
 # covariance (lower triangle by rows), what women, men and children add to the mean, and the lengths' limits in mm for a
 # person of 1.7 m (2.5 standard deviations). Written by training/people.py; do not edit.
+"""
+PROVENANCE = """\
 # Recordings: {recorded}.
 # Captures: {captured}.
 # The data used in this project was obtained from mocap.cs.cmu.edu. The database was created with funding from NSF
-# EIA-0196217. UI-PRMD is in the public domain (PDDL 1.0). Surveys: ANSUR II (public domain); Bundak et al. 2014.
+# EIA-0196217. UI-PRMD is in the public domain (PDDL 1.0), Pose2Sim's demo is BSD-3, Wildflower Schools' recording MIT.
+# Surveys: ANSUR II (public domain); R. Bundak et al., Eur. J. Pediatrics 173, 2014.
 """
+
+
+def provenance(recorded: Sequence[Person], captured: Sequence[Person]) -> str:
+    """Comment lines that name the sources."""
+    people = {source: sorted(p.name for p in captured if p.source == source) for source in sorted({*CAPTURED.values()})}
+    return PROVENANCE.format(
+        recorded="; ".join(sorted(person.name for person in recorded)),
+        captured="; ".join(f"{source} {' '.join(names)}" for source, names in people.items()),
+    )
 
 
 def write(file: Path, recorded: Sequence[Person], captured: Sequence[Person]) -> None:
     """Write the proposal."""
     mean, covariance = for_the_model(mean_person(recorded, captured), people_covariance([*recorded, *captured]))
     names = model_names()
-    text = HEADER.format(
-        recorded=", ".join(sorted(person.name for person in recorded)),
-        captured=", ".join(sorted(f"{person.source} {person.name}" for person in captured)),
-    )
-
-    def row(values: np.ndarray, form: str = ".3f") -> str:
-        return "[" + ", ".join(f"{value:{form}}" for value in values) + "]"
-
+    text = HEADER + provenance(recorded, captured)
     text += f"names: [{', '.join(names)}]\nmean: {row(mean)}\n"
     none = np.zeros((len(LENGTHS), len(LENGTHS)))
     for name, added in zip(("women", "men"), sexes()):
@@ -211,12 +223,68 @@ def write(file: Path, recorded: Sequence[Person], captured: Sequence[Person]) ->
     )
     text += "covariance:\n" + "".join(f"  - {row(line[: i + 1], '.5f')}\n" for i, line in enumerate(covariance))
     text += "limits_mm:\n"
-    published = dict(zip(LENGTHS, PUBLISHED))
-    for name, value, variance in zip(names, mean, np.diag(covariance)):
-        if name in published:
-            low, high = (1700 * published[name] * np.exp(value + LIMIT * sign * variance**0.5) for sign in (-1, 1))
-            text += f"  {name}: [{low:.0f}, {high:.0f}]\n"
+    body = with_lengths(Skeleton.load("anthropometric", LIMITS_AT), mean_person(recorded, captured))
+    typical = part_lengths(body)
+    for name, variance in zip(names, np.diag(covariance)):
+        low, high = (1000 * typical[name] * np.exp(sign * LIMIT * variance**0.5) for sign in (-1, 1))
+        text += f"  {name}: [{low:.0f}, {high:.0f}]\n"
     file.write_text(text, encoding="utf-8")
+
+
+def row(values: np.ndarray, form: str = ".3f") -> str:
+    """A list in YAML."""
+    return "[" + ", ".join(f"{value:{form}}" for value in values) + "]"
+
+
+PRIOR_HEADER = """\
+# Log-lengths of people (0 = the built-in proportions of the same height): mean, and covariance, lower triangle by rows.
+# The names are those of lassokin_ros/core/body/proportions.py. Written by training/people.py; do not edit.
+"""
+
+
+def write_prior(file: Path, recorded: Sequence[Person], captured: Sequence[Person]) -> None:
+    """Write the prior of the lengths about a built-in skeleton that has the proposed mean."""
+    _, covariance = for_the_model(np.zeros(len(LENGTHS)), people_covariance([*recorded, *captured]))
+    names = model_names()
+    text = PRIOR_HEADER + provenance(recorded, captured)
+    text += f"names: [{', '.join(names)}]\nmean: {row(np.zeros(len(names)))}\ncovariance:\n"
+    text += "".join(f"  - {row(line[: i + 1], '.5f')}\n" for i, line in enumerate(covariance))
+    file.write_text(text, encoding="utf-8")
+
+
+def with_lengths(skeleton: Skeleton, mean: np.ndarray) -> Skeleton:
+    """The skeleton with seven log-lengths (7,) about the published ones, and its distance from ankle to head."""
+    proportions = Proportions(Kinematics(skeleton, Layout.load("smpl24", skeleton)))
+    change = dict(zip(LENGTHS, mean - about_published(skeleton_lengths(skeleton))))
+    parts = {part: change[name] for name in LENGTHS for part in WHOLE.get(name, (name,))}
+    changed = proportions.skeleton(np.array([parts.get(name, 0.0) for name in proportions.names]))
+
+    def tall(body: Skeleton) -> float:
+        return float(body.rest_positions[body.index("head"), 1] - body.rest_positions[body.index("left_ankle"), 1])
+
+    return changed.with_offsets(changed.offsets * tall(skeleton) / tall(changed))
+
+
+def part_lengths(skeleton: Skeleton) -> dict[str, float]:
+    """Length, m, of each part of `Proportions`, of one side if there are two; widths are of both."""
+    proportions = Proportions(Kinematics(skeleton, Layout.load("smpl24", skeleton)))
+    total = {name: np.linalg.norm(part, axis=1).sum() for name, part in zip(proportions.names, proportions.parts)}
+    halved = {name for name in PAIRS if not name.endswith("width")}
+    return {name: float(length / (2 if name in halved else 1)) for name, length in total.items()}
+
+
+def write_body(file: Path, mean: np.ndarray) -> None:
+    """Change the positions in a skeleton file in fractions of the height; its comments stay."""
+    skeleton = Skeleton.load(str(file), 1.0)
+    place = with_lengths(skeleton, mean).rest_positions
+    lines = []
+    for line in file.read_text(encoding="utf-8").splitlines():
+        joint = re.search(r"name: (\w+),.*position: ", line)
+        if joint:
+            position = ", ".join(f"{value:6.3f}" for value in place[skeleton.index(joint[1])])
+            line = re.sub(r"position: \[[^]]*\]", f"position: [{position}]", line)
+        lines.append(line)
+    file.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def check(file: Path, people: Sequence[Person]) -> str:
@@ -252,6 +320,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--data", type=Path, required=True, help="folder that holds mocap, corpus and detections")
     action = parser.add_mutually_exclusive_group(required=True)
     action.add_argument("--output", type=Path, metavar="FILE", help="YAML file to write")
+    action.add_argument("--body", type=Path, metavar="FILE", help="YAML file of a skeleton to change")
+    action.add_argument("--prior", type=Path, metavar="FILE", help="YAML file of the lengths' prior to write")
     action.add_argument("--check", type=Path, metavar="FILE", help="YAML file to compare with the recordings")
     options = parser.parse_args(arguments)
     people = recorded_people(options.data / "detections")
@@ -260,8 +330,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     recorded = [person for person in people if person.name in PERMITTED]
     captured = captured_people(options.data)
-    write(options.output, recorded, captured)
-    print(f"{len(recorded)} recorded and {len(captured)} captured people -> {options.output}")
+    if options.output:
+        write(options.output, recorded, captured)
+    elif options.prior:
+        write_prior(options.prior, recorded, captured)
+    else:
+        write_body(options.body, mean_person(recorded, captured))
+    file = options.output or options.prior or options.body
+    print(f"{len(recorded)} recorded and {len(captured)} captured people -> {file}")
     return 0
 
 

@@ -1,5 +1,8 @@
 """The proposal for the built-in body: lengths of known bodies, the mean, the covariance, and the file."""
 
+from importlib import resources
+from pathlib import Path
+
 import numpy as np
 import pytest
 import yaml
@@ -18,8 +21,10 @@ from training.people import (
     main,
     mean_person,
     model_names,
+    part_lengths,
     people_covariance,
     sexes,
+    write_body,
 )
 
 DATA = data_folder()
@@ -106,3 +111,41 @@ def test_the_proposal_is_nearer_to_people_of_whom_nothing_is_in_it(tmp_path, cap
     assert set(rows) == {*MEASURED_ONLY, "mean, measured only"}
     published, proposal = (float(value) for value in rows["mean, measured only"][3:5])
     assert proposal < 0.6 * published
+
+
+def test_a_skeleton_file_gets_the_lengths_and_keeps_its_stature(tmp_path):
+    shipped = resources.files("lassokin_ros.core.body") / "skeletons" / "anthropometric.yaml"
+    file = tmp_path / "body.yaml"
+    file.write_text(shipped.read_text(encoding="utf-8"), encoding="utf-8")
+    before, wanted = Skeleton.load(str(file), 1.0), np.array([-0.05, 0.02, 0.04, 0.2, -0.05, 0.06, -0.03])
+    write_body(file, wanted)
+    after = Skeleton.load(str(file), 1.0)
+    logs = about_published(skeleton_lengths(after)) - about_published(np.array(PUBLISHED) * np.exp(wanted))
+    assert np.abs(logs).max() < 0.01
+
+    def tall(body):
+        return body.rest_positions[body.index("head"), 1] - body.rest_positions[body.index("left_ankle"), 1]
+
+    assert tall(after) == pytest.approx(tall(before), abs=0.0015)
+    comments = [text.read_text(encoding="utf-8").count("#") for text in (shipped, file)]
+    assert comments[0] == comments[1] and part_lengths(after)["hip width"] == pytest.approx(
+        skeleton_lengths(after)[HIPS]
+    )
+
+
+@needs_data
+def test_the_prior_is_about_the_proposed_body(tmp_path):
+    file = tmp_path / "lengths.yaml"
+    assert main(["--data", str(DATA), "--prior", str(file)]) == 0
+    data = yaml.safe_load(file.read_text(encoding="utf-8"))
+    assert not any(data["mean"]) and tuple(data["names"]) == model_names()
+    lower = np.array([row + [0.0] * (len(data["names"]) - len(row)) for row in data["covariance"]])
+    assert np.linalg.eigvalsh(lower + np.tril(lower, -1).T).min() > 1e-4
+
+
+@needs_data
+def test_the_file_of_the_proposal_follows_from_the_data(tmp_path):
+    file = tmp_path / "people.yaml"
+    assert main(["--data", str(DATA), "--output", str(file)]) == 0
+    kept = Path(__file__).resolve().parents[2] / "training" / "people.yaml"
+    assert file.read_bytes() == kept.read_bytes()
