@@ -71,7 +71,7 @@ def test_a_body_that_turned_over_in_a_gap_is_found_within_100_or_270_ms(orientat
         found_anew.append(estimate.initialised)
     assert max(errors[:20]) < TRACKED_WITHIN < max(errors[20:23])
     assert max(errors[20 + frames :]) < TRACKED_WITHIN
-    assert sum(found_anew) == 2  # one of them at the start
+    assert 2 <= sum(found_anew) <= 3  # one of them at the start
 
 
 def test_a_fit_that_is_not_far_better_changes_nothing(monkeypatch):
