@@ -83,5 +83,6 @@ def moved(pose: CameraPose, metres: float, radians: float, random: np.random.Gen
     """A camera's place with an error of this size, in a random direction."""
     turn = random.normal(size=3)
     shift = random.normal(size=3)
-    rotation = Rotation.from_rotvec(radians * turn / np.linalg.norm(turn)).as_matrix() @ pose.rotation
-    return CameraPose(pose.name, rotation, pose.translation + metres * shift / np.linalg.norm(shift))
+    error = Rotation.from_rotvec(radians * turn / np.linalg.norm(turn)).as_matrix()  # about the camera's centre
+    translation = error @ pose.translation + metres * shift / np.linalg.norm(shift)
+    return CameraPose(pose.name, error @ pose.rotation, translation)
