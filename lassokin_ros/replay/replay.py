@@ -93,7 +93,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
     title = f"{options.bag} -> {output} ({storage})"
     summary = _summary(title, (str(keypoints), camera.title), tracker, seconds, written)
     if report is not None:
-        summary = "\n".join([summary, *(f"{'problem':<15} {problem}" for problem in report.problems)])
+        summary = "\n".join([summary, *report.summary_lines])
     frame_ms = 1e3 * float(np.median(tracker.frame_seconds or [np.nan]))
     return Replayed(summary, figures, frame_ms, _warning(figures, tracker))
 

@@ -86,7 +86,7 @@ def track(options: argparse.Namespace) -> Tracked:
         run = Run(source, detector, tracker, backend, report, video, view)
         complete = run.all_images()
         if report is not None:
-            report.write(files, source.name, (f"of {detector_name(options)}", camera_name(options)))
+            report.write(files, source.name, (f"of {detector_name(options)}", camera_name(options)), own_keypoints=True)
         if exports is not None:
             exports.write(Path(), files)
         if video is not None:
@@ -183,7 +183,8 @@ class Run:
         }
         files = [options.report, *options.export, options.video, options.view]
         lines["written"] = ", ".join(str(file) for file in files if file is not None and file.name) or "nothing"
-        return "\n".join([self._source.name, *(f"{name:<15} {text}" for name, text in lines.items())])
+        doubts = [] if self._report is None else self._report.summary_lines
+        return "\n".join([self._source.name, *(f"{name:<15} {text}" for name, text in lines.items()), *doubts])
 
 
 def detector_name(options: argparse.Namespace) -> str:

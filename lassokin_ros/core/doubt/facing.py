@@ -57,8 +57,8 @@ class FastTurn:
 class LastingReversal:
     """Remembers whether the person is reversed since a turn that was too fast.
 
-    Once the tracker follows exchanged sides, no figure of a single frame shows it: the reversed pose explains the image.
-    The parity of the turns does. An odd number of reversals is doubted until the next one.
+    Once the tracker follows exchanged sides, no figure of a single frame shows it: the reversed pose explains the
+    image. The parity of the turns does. An odd number of reversals is doubted until the next one.
     """
 
     def __init__(self) -> None:

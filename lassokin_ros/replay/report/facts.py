@@ -10,9 +10,11 @@ import numpy as np
 
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.evidence.upright import level_from_camera
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.report.absences import Span, spans_of, usual_period
 from lassokin_ros.replay.report.log import PersonRow, ReplayLog
+from lassokin_ros.replay.report.wrong_spans import WrongSpan, wrong_spans
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +23,7 @@ class Facts:
 
     title: name of the recording. topics: keypoint topic and camera_info topic. counts: counters of the pipeline.
     landmarks: names in layout order. skeleton: the skeleton before calibration. image_size: (width, height) px, None
-    without camera_info.
+    without camera_info. own_keypoints: True if this program detected the keypoints in images, False for recorded ones.
     """
 
     title: str
@@ -33,6 +35,7 @@ class Facts:
     skeleton: Skeleton
     landmarks: tuple[str, ...]
     image_size: tuple[int, int] | None
+    own_keypoints: bool = False
 
     @cached_property
     def people(self) -> list[str]:
@@ -62,6 +65,26 @@ class Facts:
         }
 
     @cached_property
+    def wrong(self) -> dict[str, list[WrongSpan]]:
+        """The spans of each person in which the pose is likely wrong."""
+        return {person: wrong_spans(self.accepted(person)) for person in self.people}
+
+    @cached_property
+    def level(self) -> np.ndarray:
+        """(3, 3) rotation from the camera frame to that of a level camera, by the camera's configured mount."""
+        return level_from_camera(self.tracker.camera_roll, self.tracker.camera_pitch)
+
+    @property
+    def wrong_share(self) -> float:
+        """Share of the skeletons that lie in these spans."""
+        marked = sum(
+            any(span.contains(row.time) for span in self.wrong[person])
+            for person in self.people
+            for row in self.accepted(person)
+        )
+        return marked / max(len(self.tracks), 1)
+
+    @cached_property
     def times(self) -> np.ndarray:
         """(m,) s: time of each message."""
         return np.array([message.time for message in self.log.messages])
@@ -87,6 +110,23 @@ class Facts:
     def initialisations(self) -> int:
         """Number of initialisations."""
         return sum(row.initialised for row in self.tracks)
+
+
+STANDING_PERCENTILE = 20
+"""Percentile of the lowest foot's height over time that is taken for the floor: people jump, and lie in few frames."""
+SOLE = 0.012
+"""Height of a foot joint above the floor, as a fraction of the person's height."""
+
+
+def floor_height(facts: Facts, person: str) -> float:
+    """Return the floor's height above the camera, m, in a level frame; NaN if the feet are seen in few frames."""
+    names = facts.skeleton.joint_names
+    feet = [i for i, name in enumerate(names) if name.endswith(("_foot", "_ankle"))]
+    rows = [row for row in facts.accepted(person) if row.observed is not None and row.observed[feet].any()]
+    if not feet or not rows or len(rows) < len(facts.accepted(person)) / 2:
+        return float("nan")
+    heights = [-float((row.positions[feet] @ facts.level[1]).max()) for row in rows]
+    return float(np.percentile(heights, STANDING_PERCENTILE)) - SOLE * facts.skeleton.height
 
 
 def landmark_errors(rows: list[PersonRow], count: int) -> tuple[np.ndarray, np.ndarray]:
