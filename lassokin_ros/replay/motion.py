@@ -89,9 +89,12 @@ class _Rows:
 class MotionRecorder:
     """Collect the accepted frames of each person in a temporary file: 4 kB per frame, 0.4 GB for an hour at 30 Hz."""
 
-    def __init__(self, landmark_names: Sequence[str], level: Callable[[], np.ndarray]) -> None:
-        """landmark_names: l names. level: returns (3, 3), see `Motion`, after the last frame."""
-        self._landmark_names, self._level = tuple(landmark_names), level
+    def __init__(self, landmark_names: Sequence[str], level: Callable[[], np.ndarray], origin_ns: int = 0) -> None:
+        """landmark_names: l names. level: returns (3, 3), see `Motion`, after the last frame.
+
+        origin_ns: stamp that becomes 0.
+        """
+        self._landmark_names, self._level, self._origin_ns = tuple(landmark_names), level, origin_ns
         self._spool = ArraySpool()
         self._people: dict[str, _Rows] = {}
 
@@ -107,6 +110,7 @@ class MotionRecorder:
         for person, rows in self._people.items():
             assert rows.skeleton is not None
             columns = self._spool.columns(rows.records)
+            columns["stamps_ns"] = columns["stamps_ns"] - self._origin_ns
             names, level = self._landmark_names, self._level()
             motions.append(Motion(person, rows.frame_id, rows.skeleton, names, **columns, level=level))
         return motions

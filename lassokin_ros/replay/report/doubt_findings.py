@@ -8,12 +8,15 @@ import numpy as np
 
 from lassokin_ros.replay.report.facts import Facts
 from lassokin_ros.replay.report.finding import DOUBT, MOST_LISTED, NOTE, Finding
+from lassokin_ros.replay.report.log import PersonRow
 from lassokin_ros.replay.report.wrong_spans import WrongSpan
 
 MOST_MARKED = 0.25
 """Share of the frames that may be marked by their uncertainty alone before it is a doubt about the whole."""
 BENT_DEG, BENT_SHARE, LEAST_BENT_S = 25.0, 0.8, 1.0
 """Knees that are both bent by more than this, in this share of the frames that show them, for this time at least."""
+UPRIGHT_DEG = 25.0
+"""Lean of the trunk up to which a person is upright; who leans further may well bend the knees."""
 UNSEEN = 0.5
 """Share of the frames below which a limb's joints are observed for it to be reported as not seen."""
 LIMBS = {
@@ -96,7 +99,11 @@ def bent_knees(facts: Facts) -> Iterator[Finding]:
         return
     places, knees = [names.index(joint) for joint in legs], [names.index("left_knee"), names.index("right_knee")]
     for person in facts.people:
-        rows = [row for row in facts.accepted(person) if row.observed is not None and row.observed[places].all()]
+        rows = [
+            row
+            for row in facts.accepted(person)
+            if row.observed is not None and row.observed[places].all() and _lean_deg(row, facts) < UPRIGHT_DEG
+        ]
         bends = np.array([row.bends[knees] for row in rows]).reshape(-1, 2)
         bent = (bends > BENT_DEG).all(axis=1)
         if len(rows) > LEAST_BENT_S * facts.rate and bent.mean() > BENT_SHARE:
@@ -104,10 +111,20 @@ def bent_knees(facts: Facts) -> Iterator[Finding]:
             who = f"{person}: both" if person else "Both"
             yield Finding(
                 DOUBT,
-                f"{who} knees are bent in {bent.mean():.0%} of the frames, by {left:.0f} and {right:.0f} degrees "
-                "in the median. If the person stands or walks upright, this is an error: the skeleton bends its knees "
+                f"{who} knees are bent in {bent.mean():.0%} of the frames in which the trunk is upright, by {left:.0f} "
+                f"and {right:.0f} degrees in the median. If the person stands or walks upright, this is an error: the skeleton bends its knees "
                 "if its legs are longer than the person's, in relation to the trunk.",
             )
+
+
+def _lean_deg(row: PersonRow, facts: Facts) -> float:
+    """Return the angle between the trunk and the vertical."""
+    names = facts.skeleton.joint_names
+    if "neck" not in names or row.positions is None:
+        return 0.0
+    trunk = row.positions[names.index("neck")] - row.positions[0]
+    up = -facts.level[1]
+    return float(np.degrees(np.arccos(np.clip(trunk @ up / max(np.linalg.norm(trunk), 1e-9), -1.0, 1.0))))
 
 
 def bones(facts: Facts) -> Iterator[Finding]:
