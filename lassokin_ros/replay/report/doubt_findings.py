@@ -13,8 +13,9 @@ from lassokin_ros.replay.report.wrong_spans import WrongSpan
 
 MOST_MARKED = 0.25
 """Share of the frames that may be marked by their uncertainty alone before it is a doubt about the whole."""
-BENT_DEG, BENT_SHARE, LEAST_BENT_S = 25.0, 0.8, 1.0
-"""Knees that are both bent by more than this, in this share of the frames that show them, for this time at least."""
+BENT_DEG, BENT_SHARE, LEAST_BENT_S = 18.0, 0.8, 1.0
+"""Bend of the straighter knee, and share of the frames in which it is larger, for this time at least. One leg of people
+who stand or walk is nearly straight at any time."""
 UPRIGHT_DEG = 25.0
 """Lean of the trunk up to which a person is upright; who leans further may well bend the knees."""
 UNSEEN = 0.5
@@ -104,16 +105,15 @@ def bent_knees(facts: Facts) -> Iterator[Finding]:
             for row in facts.accepted(person)
             if row.observed is not None and row.observed[places].all() and _lean_deg(row, facts) < UPRIGHT_DEG
         ]
-        bends = np.array([row.bends[knees] for row in rows]).reshape(-1, 2)
-        bent = (bends > BENT_DEG).all(axis=1)
+        bends = np.array([row.bends[knees].min() for row in rows])
+        bent = bends > BENT_DEG
         if len(rows) > LEAST_BENT_S * facts.rate and bent.mean() > BENT_SHARE:
-            left, right = np.median(bends, axis=0)
-            who = f"{person}: both" if person else "Both"
+            who = f"{person}: even" if person else "Even"
             yield Finding(
                 DOUBT,
-                f"{who} knees are bent in {bent.mean():.0%} of the frames in which the trunk is upright, by {left:.0f} "
-                f"and {right:.0f} degrees in the median. If the person stands or walks upright, this is an error: the skeleton bends its knees "
-                "if its legs are longer than the person's, in relation to the trunk.",
+                f"{who} the straighter knee stays bent, by {np.median(bends):.0f} degrees in the median. If the person "
+                "stands or walks upright, this is an error: the skeleton bends its knees if its legs are longer than "
+                "the person's, in relation to the trunk.",
             )
 
 

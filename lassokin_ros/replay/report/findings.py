@@ -185,12 +185,31 @@ def _stamps(facts: Facts) -> Iterator[Finding]:
 
 def _outside(facts: Facts) -> Iterator[Finding]:
     outside, received = facts.counts.get(OUTSIDE_IMAGE, 0), facts.counts.get("received", 0)
-    if outside > FEW * max(received, 1):
+    if outside <= FEW * max(received, 1):
+        return
+    if _mostly_inside(facts):
+        yield Finding(
+            NOTE,
+            f"In {outside} of {received} messages the person is partly outside of the image. If the whole person was "
+            "in view, the keypoints are no pixels of the raw image at full resolution.",
+        )
+    else:
         yield Finding(
             PROBLEM,
             f"In {outside} of {received} messages keypoints lie outside the image of camera_info: check that they are "
             "pixels of the raw image at full resolution.",
         )
+
+
+def _mostly_inside(facts: Facts) -> bool:
+    """Return whether more than half of the keypoints of the usual message are in the image."""
+    seen = [row.detected for person in facts.people for row in facts.rows(person) if row.detected is not None]
+    if not seen or facts.image_size is None:
+        return False
+    points = np.array(seen)
+    inside = ((points >= 0) & (points <= facts.image_size)).all(axis=-1).sum(axis=1)
+    known = np.isfinite(points[..., 0]).sum(axis=1)
+    return bool(np.median(inside / np.maximum(known, 1)) > 0.5)
 
 
 def _rate(facts: Facts) -> Iterator[Finding]:

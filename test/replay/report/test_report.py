@@ -181,6 +181,10 @@ def of_a_larger_image(stamps, pixels, confidence):
     pixels *= 3
 
 
+def legs_below_the_image(stamps, pixels, confidence):
+    pixels[:, 13:17, 1] += 400
+
+
 def half_seen(stamps, pixels, confidence):
     confidence[::3, 3] = confidence[1::3, 3] = 0
 
@@ -251,6 +255,13 @@ CASES = {
     "larger image": (
         {"spoil": of_a_larger_image},
         ("problem", f"In {FRAMES} of {FRAMES} messages keypoints lie outside the image of camera_info: check that"),
+    ),
+    "partly outside": (
+        {"spoil": legs_below_the_image},
+        (
+            "note",
+            f"In {FRAMES} of {FRAMES} messages the person is partly outside of the image. If the whole person was",
+        ),
     ),
     "seldom": ({"spoil": half_seen}, ("note", "Landmarks detected in fewer than half of the frames: left_ear 33%.")),
     "slow": (
