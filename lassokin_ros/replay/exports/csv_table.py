@@ -17,10 +17,11 @@ BLOCK = 1000
 
 
 def header(joint_names: Sequence[str]) -> list[str]:
-    """Return the column names: stamp, person, joint positions, joint angles, reprojection error."""
+    """Return the column names: stamp, person, joint positions and angles, reprojection error, deviations, doubt."""
     positions = [f"{joint} position {axis} [m]" for joint in joint_names for axis in "xyz"]
     angles = [f"{joint} angle {axis} [rad]" for joint in joint_names for axis in "xyz"]
-    return ["stamp [s]", "person", *positions, *angles, "reprojection [px]"]
+    deviations = [f"{joint} deviation [m]" for joint in joint_names]
+    return ["stamp [s]", "person", *positions, *angles, "reprojection [px]", *deviations, "likely wrong"]
 
 
 def write_csv(motions: Sequence[Motion], file: BinaryIO) -> None:
@@ -43,7 +44,9 @@ def _block(motion: Motion, part: slice) -> Iterator[list[str]]:
     """Yield the rows of some frames."""
     positions, angles = motion.positions[part], motion.angles[part]
     count = len(positions)
-    figures = [positions.reshape(count, -1), angles.reshape(count, -1), motion.reprojection_px[part, None]]
-    for stamp, row in zip(motion.stamps_ns[part].tolist(), np.concatenate(figures, 1).tolist()):
+    flat = positions.reshape(count, -1), angles.reshape(count, -1)
+    figures = np.concatenate([*flat, motion.reprojection_px[part, None], motion.deviations[part]], axis=1)
+    rows = zip(motion.stamps_ns[part].tolist(), figures.tolist(), motion.likely_wrong[part].tolist())
+    for stamp, row, wrong in rows:
         time = f"{stamp // SECOND}.{stamp % SECOND:09d}"
-        yield [time, motion.person, *(f"{value:.6f}" for value in row)]
+        yield [time, motion.person, *(f"{value:.6f}" for value in row), str(int(wrong))]

@@ -12,6 +12,7 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.upright import level_from_camera
 from lassokin_ros.pipeline.settings import NodeSettings
+from lassokin_ros.replay.floor import floor_height
 from lassokin_ros.replay.report.absences import Span, spans_of, usual_period
 from lassokin_ros.replay.report.log import PersonRow, ReplayLog
 from lassokin_ros.replay.report.wrong_spans import WrongSpan, wrong_spans
@@ -112,21 +113,13 @@ class Facts:
         return sum(row.initialised for row in self.tracks)
 
 
-STANDING_PERCENTILE = 20
-"""Percentile of the lowest foot's height over time that is taken for the floor: people jump, and lie in few frames."""
-SOLE = 0.012
-"""Height of a foot joint above the floor, as a fraction of the person's height."""
-
-
-def floor_height(facts: Facts, person: str) -> float:
+def floor_of(facts: Facts, person: str) -> float:
     """Return the floor's height above the camera, m, in a level frame; NaN if the feet are seen in few frames."""
-    names = facts.skeleton.joint_names
-    feet = [i for i, name in enumerate(names) if name.endswith(("_foot", "_ankle"))]
-    rows = [row for row in facts.accepted(person) if row.observed is not None and row.observed[feet].any()]
-    if not feet or not rows or len(rows) < len(facts.accepted(person)) / 2:
+    rows = [row for row in facts.accepted(person) if row.positions is not None and row.observed is not None]
+    if not rows:
         return float("nan")
-    heights = [-float((row.positions[feet] @ facts.level[1]).max()) for row in rows]
-    return float(np.percentile(heights, STANDING_PERCENTILE)) - SOLE * facts.skeleton.height
+    positions, observed = np.array([row.positions for row in rows]), np.array([row.observed for row in rows])
+    return floor_height(positions, observed, facts.skeleton.joint_names, facts.skeleton.height, facts.level)
 
 
 def landmark_errors(rows: list[PersonRow], count: int) -> tuple[np.ndarray, np.ndarray]:

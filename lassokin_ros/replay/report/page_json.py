@@ -14,7 +14,7 @@ import numpy as np
 
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.body.surface import CAPSULES, HEAD
-from lassokin_ros.replay.report.facts import Facts, floor_height, landmark_errors
+from lassokin_ros.replay.report.facts import Facts, floor_of, landmark_errors
 from lassokin_ros.replay.report.log import PersonRow
 from lassokin_ros.replay.report.rejection_advice import reason_text
 
@@ -56,7 +56,7 @@ def person_data(facts: Facts, person: str, stride: int) -> dict[str, Any]:
     border = max(FARTHEST_PX, *(facts.image_size or (0, 0)))
     return {
         "name": person,
-        "floor": _number(floor_height(facts, person)),
+        "floor": _number(floor_of(facts, person)),
         "stride": stride,
         "time": [round(row.time, 4) for row in shown],
         "refused": [None if row.rejection is None else reason_text(row.rejection) for row in shown],
