@@ -115,7 +115,7 @@ class OutputVideo:
     ) -> np.ndarray:
         """Return both halves above an empty line for the text."""
         cv2 = self._cv2
-        left = cv2.resize(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), self._size, interpolation=cv2.INTER_AREA)
+        left = cv2.cvtColor(cv2.resize(rgb, self._size), cv2.COLOR_RGB2BGR)
         for frame in frames:
             if frame.accepted:
                 self._skeleton(left, frame)

@@ -75,7 +75,8 @@ def test_csv_contains_the_positions_and_angles_of_the_bag(tracked, published):
             assert abs(float(row[f"{joint} angle {axis} [rad]"]) - angle) < 1e-6
         assert 0 < float(row["reprojection [px]"]) < 30
         assert 0 < float(row["left_wrist deviation [m]"]) < 0.6 and row["likely wrong"] in ("0", "1")
-    assert len(rows[0]) == 2 + 2 * 72 + 1 + 24 + 1
+        assert 0 <= float(row["left_knee flexion [deg]"]) < 120
+    assert len(rows[0]) == 2 + 2 * 72 + 1 + 24 + 1 + 13
 
 
 def test_every_array_of_the_npz_is_in_the_documentation(tracked):
