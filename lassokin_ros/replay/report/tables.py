@@ -149,7 +149,7 @@ def landmarks(facts: Facts) -> str:
         (name, f"{share:.0%}", f"{pixels:.1f}" if np.isfinite(pixels) else "-")
         for name, share, pixels in zip(facts.landmarks, seen, error)
     ]
-    return table("Landmarks", ("", "detected", "median error [px]"), rows, (1, 2))
+    return table("Landmarks", ("landmark", "detected", "median error [px]"), rows, (1, 2))
 
 
 def bone_lengths(facts: Facts) -> str:
