@@ -27,7 +27,7 @@ from lassokin_ros.core.doubt.monitor import DoubtMonitor, Signs  # noqa: E402
 from lassokin_ros.core.doubt.recent import Recent  # noqa: E402
 from lassokin_ros.core.estimate import Estimate  # noqa: E402
 from lassokin_ros.core.tracker import Tracker  # noqa: E402
-from lassokin_ros.replay.doubts import FAILURE_S, FrameDoubt  # noqa: E402
+from lassokin_ros.replay.analysis.doubts import FAILURE_S, FrameDoubt  # noqa: E402
 from lassokin_ros.replay.first_pass import WHOLE_FILE  # noqa: E402
 from lassokin_ros.replay.report.doubt_findings import MOST_MARKED  # noqa: E402
 from lassokin_ros.replay.report.wrong_spans import wrong_spans  # noqa: E402
@@ -54,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--two-pass", action="store_true", help="learn the lengths first, smooth with later frames")
     options = parser.parse_args(arguments)
     settings = WHOLE_FILE if options.two_pass else {}
-    jobs = [job for job in detection_jobs(options.files, ["lasso"], False, settings)]
+    jobs = detection_jobs(options.files, ["lasso"], False, settings)
     records = [record(job, options.two_pass) for job in jobs]
     print(table(records, COLUMNS))
     print("\n".join(totals(records)))

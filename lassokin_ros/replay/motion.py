@@ -10,8 +10,8 @@ import numpy as np
 from lassokin_ros.common.array_spool import ArraySpool, Record
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.pipeline.frame_result import FrameResult
-from lassokin_ros.replay.doubts import PeopleDoubts
-from lassokin_ros.replay.floor import floor_height
+from lassokin_ros.replay.analysis.doubts import PeopleDoubts
+from lassokin_ros.replay.analysis.floor import floor_height
 
 
 @dataclass(frozen=True, eq=False)

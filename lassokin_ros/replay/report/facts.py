@@ -12,7 +12,7 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.upright import level_from_camera
 from lassokin_ros.pipeline.settings import NodeSettings
-from lassokin_ros.replay.floor import floor_height
+from lassokin_ros.replay.analysis.floor import floor_height
 from lassokin_ros.replay.report.absences import Span, spans_of, usual_period
 from lassokin_ros.replay.report.log import PersonRow, ReplayLog
 from lassokin_ros.replay.report.wrong_spans import WrongSpan, wrong_spans

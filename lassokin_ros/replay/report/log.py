@@ -11,7 +11,7 @@ from lassokin_ros.common.array_spool import ArraySpool, Record
 from lassokin_ros.core.body.rotations import logarithm
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.pipeline.frame_result import FrameResult
-from lassokin_ros.replay.doubts import FrameDoubt, PeopleDoubts
+from lassokin_ros.replay.analysis.doubts import FrameDoubt, PeopleDoubts
 
 STAMP_REASONS = ("old_stamp", "stamp_jump", "bad_stamp")
 LONGEST_AHEAD_S = 10.0

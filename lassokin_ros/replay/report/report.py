@@ -9,7 +9,7 @@ from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.pipeline import Pipeline
-from lassokin_ros.replay.doubts import PeopleDoubts
+from lassokin_ros.replay.analysis.doubts import PeopleDoubts
 from lassokin_ros.replay.report.facts import Facts
 from lassokin_ros.replay.report.findings import DOUBT, PROBLEM, findings
 from lassokin_ros.replay.report.images import ReportImages

@@ -9,7 +9,7 @@ import numpy as np
 
 from lassokin_ros.core.doubt.monitor import Event
 from lassokin_ros.core.doubt.spans import marked_spans
-from lassokin_ros.replay.doubts import FrameDoubt
+from lassokin_ros.replay.analysis.doubts import FrameDoubt
 from lassokin_ros.replay.report.absences import usual_period
 from lassokin_ros.replay.report.log import PersonRow
 
