@@ -1,5 +1,6 @@
 # make demo   play a bag of keypoints into the node and show the result
 # make test   run the whole test suite
+# make live   run the tests with running nodes RUNS times (10), beside LOAD busy loops (0), and count the failures
 # make fuzz   run the fuzz tests alone, with 100,000 new cases and more, then fuzz every decoder and file reader guided by
 #             coverage (atheris), each for SECONDS; takes an hour
 # make mutants   put faults into the code, one at a time, and count those that the tests notice; see CONTRIBUTING.md
@@ -11,14 +12,18 @@ PYTHON ?= python3
 VENV := .venv
 RUN := OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= PYTHONPYCACHEPREFIX=$(CURDIR)/$(VENV)/bytecode
 
-.PHONY: demo test fuzz mutants messages lint clean
+.PHONY: demo test live fuzz mutants messages lint clean
 .NOTPARALLEL:
 
 demo: $(VENV)/.installed-demo
 	$(RUN) $(VENV)/bin/python -m lassokin_ros.demo
 
+# Three processes for two cores: the two that run nodes mostly wait for them.
 test: $(VENV)/.installed-test
-	$(RUN) $(VENV)/bin/python -m pytest --numprocesses 2 --dist loadgroup
+	$(RUN) $(VENV)/bin/python -m pytest --numprocesses 3 --dist loadgroup
+
+live: $(VENV)/.installed-test
+	$(RUN) $(VENV)/bin/python test/support/live_runs.py --runs $(or $(RUNS),10) --load $(or $(LOAD),0) $(FILES)
 
 fuzz: $(VENV)/.installed-fuzz
 	$(RUN) LASSOKIN_FUZZ_CASES=$(or $(CASES),90000) $(VENV)/bin/python -m pytest test/msg_adapters/test_fuzz_adapters.py test/pipeline/test_fuzz_pipeline.py test/core/test_fuzz_tracker.py

@@ -97,13 +97,11 @@ class Run:
 
 
 def step_together(runs: Sequence[Run], frame: int) -> bool:
-    """Track one frame of several people at once; False if one of the clips restarts."""
+    """Track one frame of several people, one after the other; False if one of the clips restarts."""
     for run in runs:
         if frame in run.starts:
             run.tracker.reset()
-    if len(runs) == 1:
-        return not runs[0].tracker.track(runs[0].observations[frame]).initialised
-    estimates = Tracker.track_batch([run.tracker for run in runs], [run.observations[frame] for run in runs])
+    estimates = [run.tracker.track(run.observations[frame]) for run in runs]
     return not any(estimate.initialised for estimate in estimates)
 
 
@@ -190,7 +188,7 @@ def joints(motion: Motion) -> tuple[str, list[Record]]:
 
 
 def people(motion: Motion) -> tuple[str, list[Record]]:
-    """By number of people, each with a tracker and independent noise, processed together as in the node."""
+    """By number of people, each with a tracker and independent noise, processed one after the other as in the node."""
 
     def step_of(count: int) -> Step:
         runs = [Run(motion, seed=person) for person in range(count)]

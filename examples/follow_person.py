@@ -5,10 +5,10 @@ python3 examples/follow_person.py
 
 import math
 
-import rclpy
 from geometry_msgs.msg import PointStamped, Twist
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
+
+from lassokin_ros.node.executable import run
 
 
 class FollowPerson(Node):
@@ -35,16 +35,5 @@ class FollowPerson(Node):
         self.publisher.publish(command)
 
 
-def main():
-    """Run until interrupted."""
-    rclpy.init()
-    try:
-        rclpy.spin(FollowPerson())
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    finally:
-        rclpy.try_shutdown()
-
-
 if __name__ == "__main__":
-    main()
+    run(FollowPerson)

@@ -6,14 +6,13 @@ sudo apt install ros-jazzy-tf2-ros-py ros-jazzy-tf2-geometry-msgs
 python3 examples/wrist_in_base.py
 """
 
-import rclpy
 import tf2_geometry_msgs  # noqa: F401  (registers PointStamped with tf2)
 from geometry_msgs.msg import PointStamped, PoseArray
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from tf2_ros import Buffer, TransformException, TransformListener
 
 from lassokin_ros import joints
+from lassokin_ros.node.executable import run
 
 
 class WristInBase(Node):
@@ -36,16 +35,5 @@ class WristInBase(Node):
         self.publisher.publish(point)
 
 
-def main():
-    """Run until interrupted."""
-    rclpy.init()
-    try:
-        rclpy.spin(WristInBase())
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    finally:
-        rclpy.try_shutdown()
-
-
 if __name__ == "__main__":
-    main()
+    run(WristInBase)

@@ -14,14 +14,28 @@ if TYPE_CHECKING:
     from lassokin_ros.core.config import TrackerConfig
     from lassokin_ros.core.errors import LassokinError
     from lassokin_ros.core.estimate import Estimate
-    from lassokin_ros.core.observation import Observation, Rejection, Status
+    from lassokin_ros.core.evidence.evidence import Evidence
+    from lassokin_ros.core.observation import CameraPose, Observation, Rejection, Status
     from lassokin_ros.core.tracker import Tracker
     from lassokin_ros.pipeline.camera.lens import Lens
 
-__all__ = ["Estimate", "LassokinError", "Lens", "Observation", "Rejection", "Status", "Tracker", "TrackerConfig"]
+__all__ = [
+    "CameraPose",
+    "Estimate",
+    "Evidence",
+    "LassokinError",
+    "Lens",
+    "Observation",
+    "Rejection",
+    "Status",
+    "Tracker",
+    "TrackerConfig",
+]
 
 _MODULES = {
     "Estimate": "lassokin_ros.core.estimate",
+    "CameraPose": "lassokin_ros.core.observation",
+    "Evidence": "lassokin_ros.core.evidence.evidence",
     "LassokinError": "lassokin_ros.core.errors",
     "Lens": "lassokin_ros.pipeline.camera.lens",
     "Observation": "lassokin_ros.core.observation",

@@ -2,13 +2,13 @@
 
 import fcntl
 import os
-import re
 import sys
 import tempfile
 from pathlib import Path
 
 import pytest
 from installation.pip_only import PIP_ONLY
+from live_runs import runs_nodes
 
 DOMAINS = range(1, 102)
 """Those that DDS can use on every Linux, without 0, which robots use."""
@@ -29,11 +29,11 @@ def reserved_domain():
 DOMAIN, DOMAIN_LOCK = reserved_domain()
 os.environ["ROS_DOMAIN_ID"] = str(DOMAIN)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+if os.environ.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp") == "rmw_fastrtps_cpp":
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SYSTEM_DEFAULT"  # that of the profile: the loopback interface
+    os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(Path(__file__).parent / "support" / "dds_loopback.xml")
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 os.environ.setdefault("OMP_NUM_THREADS", "1")
-
-REAL = re.compile(r'^\s*from (live|archives) import|importorskip\("rclpy', re.MULTILINE)
-"""Found in the text of tests that run nodes, or commands that work on all cores."""
 
 
 class TestFile(pytest.Module):
@@ -61,13 +61,21 @@ def pytest_configure(config):
 
 @pytest.hookimpl(tryfirst=True)  # before the hook of pytest-xdist, which reads the marks
 def pytest_collection_modifyitems(items):
-    """If two processes share the tests, one of them runs all tests with nodes: two at once would compete for a core.
+    """If processes share the tests, those of `test/node` run one after the other, and so do others that run nodes.
 
-    The tests of a file stay together, because they share the fixtures of their module, such as a running node.
+    More nodes at once would compete for a core. The tests of a file stay together, because they share the fixtures of
+    their module, such as a running node.
     """
-    real = {path: REAL.search(path.read_text(encoding="utf-8")) for path in {item.path for item in items}}
+    groups = {path: group_of(path) for path in {item.path for item in items}}
     for item in items:
-        item.add_marker(pytest.mark.xdist_group("nodes" if real[item.path] else item.path.stem))
+        item.add_marker(pytest.mark.xdist_group(groups[item.path]))
+
+
+def group_of(path):
+    """The group of a test file: `nodes`, `commands` with nodes, or the file alone."""
+    if not runs_nodes(path):
+        return path.stem
+    return "nodes" if "node" in path.relative_to(Path(__file__).parent).parts else "commands"
 
 
 def pytest_terminal_summary(terminalreporter, config):

@@ -1,6 +1,6 @@
 """Train the depth network, and write it with its provenance.
 
-    python -m training.depth --data DIR --output lassokin_ros/core/evidence/depth_network.npz
+    python -m training.depth --data DIR --output lassokin_ros/core/network/depth_network.npz
 
 DIR contains `mocap` and `corpus`, folders of motion capture (see training/motion.py). People of `--hold-out` are left
 out (default: the people of the test and validation sets; an empty text leaves out nobody).
@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lassokin_ros.core.evidence.depth_network import Network, interpreted
+from lassokin_ros.core.network.depth_network import Network, interpreted
 from training.motion import TEST, VALIDATION, Motion, load_motion, sources, training_sources
 from training.network import JITTER, Optimiser, backpropagated, initial_weights, loss
 from training.views import Batch, Views

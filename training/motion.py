@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.data.mocap import Clip, clip_height, clip_skeleton, landmark_positions, load_clip
-from lassokin_ros.core.evidence.depth_network import CANONICAL, LENGTHS, NAMES, canonical_layout, lengths_between
+from lassokin_ros.core.network.depth_network import CANONICAL, LENGTHS, NAMES, canonical_layout, lengths_between
 
 TEST = ("03", "05", "12", "29", "55", "127")
 """People of the final test. None of their clips is among the training clips of the shipped pose prior."""

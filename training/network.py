@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from lassokin_ros.core.evidence.depth_network import DEPTHS, INPUTS, OUTPUTS, Network, activated, linear
+from lassokin_ros.core.network.depth_network import DEPTHS, INPUTS, OUTPUTS, Network, activated, linear
 from training.symmetry import symmetrise_first, symmetrise_last
 
 TAIL = 4.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lassokin_ros.core.evidence.depth_network import DEPTHS, INPUTS, NAMES, TARGETS, TIMES
+from lassokin_ros.core.network.depth_network import DEPTHS, INPUTS, NAMES, TARGETS, TIMES
 
 
 def _other_side(name: str) -> str:

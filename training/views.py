@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lassokin_ros.core.evidence.depth_network import NAMES, TARGETS, TIMES, Scene, features, interpolated
+from lassokin_ros.core.network.depth_network import NAMES, TARGETS, TIMES, Scene, features, interpolated
 from training.motion import Motion
 from training.symmetry import OTHER
 

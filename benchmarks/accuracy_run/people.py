@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from functools import cache
 from pathlib import Path
 
-from lassokin_ros.core.evidence.depth_network import load_weights
+from lassokin_ros.core.network.depth_network import load_weights
 from training.motion import LEFT_OUT_CLIPS, LEFT_OUT_KINDS, TEST, sources
 
 
@@ -29,10 +30,15 @@ def seen_by_network(file: Path) -> bool:
 
 def test_clips(folder: Path) -> list[Path]:
     """The clips of the test people. No take of them was used to train the network or the pose prior."""
+    return clips_of(TEST, folder)
+
+
+def clips_of(people: Collection[str], folder: Path) -> list[Path]:
+    """The usable clips of some people."""
     return [
         source.file
         for source in sources(folder)
-        if source.person in TEST
+        if source.person in people
         and source.kind not in LEFT_OUT_KINDS
         and not source.file.stem.startswith(LEFT_OUT_CLIPS)
     ]

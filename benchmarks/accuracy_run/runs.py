@@ -72,8 +72,8 @@ def follow(follower: Follower, observations: Sequence[Observation], joints: int,
         take(follower.published if isinstance(follower, Tracker) else [estimate])
     if isinstance(follower, Tracker):
         take(follower.flush())
-    measures = isinstance(follower, Tracker) and follower.height is not None and follower.height.measured
-    height = follower.height.height if measures else np.nan
+    estimator = follower.learned.height if isinstance(follower, Tracker) else None
+    height = np.nan if estimator is None or not estimator.measured else estimator.height
     return Track(held(positions), held(points), reprojection, rejected, frame_ms, float(init_ms), float(height))
 
 

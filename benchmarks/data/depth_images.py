@@ -1,7 +1,7 @@
 """Depth images of a body made of capsules, as from a depth camera registered to the colour camera.
 
 The radii are anthropometric means (circumference / (2 pi), half depth for the trunk), chosen without regard to the
-tracker's own offsets (`SURFACE` in `core/body/landmarks.py`). The images contain what a simulated sensor per landmark
+tracker's own offsets (`THICKNESS` in `core/body/roles.py`). The images contain what a simulated sensor per landmark
 does not: the surface in front of each joint, limbs hidden by the own body, pixels of the wall beside thin limbs, and
 furniture in front of the person.
 """

@@ -28,7 +28,7 @@ from lassokin_ros.core.lasso.certificate import Certificate
 from lassokin_ros.core.lasso.problem import Lasso, eliminate_translation
 from lassokin_ros.core.lasso.solver import LassoSolution, LassoSolver
 from lassokin_ros.core.observation import Observation, Rejection, Status
-from lassokin_ros.core.tracker import SMALLEST, Tracker
+from lassokin_ros.core.tracker import SMALLEST_PX, Tracker
 
 PLAIN_ALPHA = 30.0  # 1/rad, with residuals in standard deviations
 RIDGE_WEIGHT = 10.0  # rho
@@ -83,7 +83,7 @@ class ImageOnly:
     def _nowhere(self, state: BodyState, focal: float) -> bool:
         """Whether the state cannot recover, by the criterion of the shipped tracker; the baseline then restarts too."""
         depth, height = state.translation[2], self._starter.skeleton.height
-        return not (depth > 0 and height * focal >= SMALLEST * self._config.noise_px * depth)
+        return not (depth > 0 and height * focal >= SMALLEST_PX * self._config.noise_px * depth)
 
     def weights(self, observation: Observation) -> np.ndarray:
         """(l,): 1 / standard deviation of a visible landmark, 0 of a missing one."""

@@ -160,7 +160,7 @@ class WindowFit:
     def _residual(self, state: BodyState, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
         pose = self.kinematics.pose(state)
         image = _robust(((project(pose.landmarks) - points) * weights[..., None]).reshape(len(points), -1))[0]
-        prior = -self._prior.residual(state.rotations)[..., : len(self._prior.W)]  # the Gaussian, without limits
+        prior = -self._prior.residual(state.rotations)
         smooth = np.diff(pose.landmarks, 2, axis=0) / self._smooth
         return np.concatenate([image.reshape(-1), prior.reshape(-1), smooth.reshape(-1)])
 

@@ -18,7 +18,6 @@ import numpy as np
 from benchmarks.common.report import Record
 from benchmarks.data.motion import FOCAL, FPS, HEIGHT
 from benchmarks.timing.stages import Clock, percentiles
-from lassokin_ros.core.batch import Steps, run_single
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.pipeline.outputs import topics
@@ -97,15 +96,7 @@ def _nodes() -> Iterator[list[Any]]:
 def _clock(node: Any) -> Clock:
     """On the step of a node's tracker."""
     clock, tracker = Clock(), node._pipeline.tracker
-    original = tracker.steps
-    track = clock.around(lambda observation: run_single(original(observation)))
-
-    def steps(observation: Observation) -> Steps[Any]:
-        """Process all at once."""
-        return track(observation)
-        yield
-
-    tracker.steps = steps
+    tracker.track = clock.around(tracker.track)
     return clock
 
 

@@ -92,7 +92,8 @@ def _core_share(people: int, hz: float) -> float:
     for number, message in enumerate(zip(seen.pixels, seen.confidence)):
         found = [Detection(lens.normalise(pixels), confidence) for pixels, confidence in zip(*message)]
         start = time.thread_time()
-        TrackedPerson.track_batch(bodies, round(number * 1e9 / hz), "", found, lens)
+        for (person, body), one in zip(bodies.items(), found):
+            body.track(round(number * 1e9 / hz), "", one, lens, person)
         times.append(time.thread_time() - start)
     return 100 * float(np.mean(times[1:])) * hz
 

@@ -86,11 +86,12 @@ class Side:
             for tracker in trackers:
                 tracker.reset()
         seen = [self._observation(person, frame) for person in points]
-        batch = getattr(Tracker, "track_batch", None) or Tracker.track_together
+        batch = getattr(Tracker, "track_batch", None) or getattr(Tracker, "track_together", None)
         begin = time.thread_time()
-        if len(trackers) == 1:
-            trackers[0].track(seen[0])
-        else:
+        if len(trackers) == 1 or batch is None:
+            for tracker, observation in zip(trackers, seen):
+                tracker.track(observation)
+        else:  # earlier revisions track people together
             batch(trackers, seen)
         return time.thread_time() - begin
 
@@ -149,20 +150,32 @@ def node_with(listened_to: bool, focal: float) -> tuple[Any, list[float]]:
     info.p = [focal, 0.0, 640.0, 0.0, 0.0, focal, 360.0, 0.0, 0.0, 0.0, 1.0, 0.0]
     inputs = getattr(node, "_inputs", None)  # earlier revisions have the subscription in the node
     (node._camera_info if inputs is None else inputs.camera_info).take(info)
-    steps: list[float] = []
-    run_single = first_of("lassokin_ros.core.batch:run_single", "lassokin_ros.core.together:alone")
-    tracker = node._pipeline.tracker
-    original = tracker.steps
+    return node, timed_steps(node._pipeline.tracker)
 
-    def timed(observation: Any) -> Any:
+
+def timed_steps(tracker: Any) -> list[float]:
+    """A list to which the time of each of the tracker's steps will be added, s of the processor."""
+    times: list[float] = []
+
+    def timed(step: Callable[[Any], Any], observation: Any) -> Any:
         begin = time.thread_time()
-        estimate = run_single(original(observation))
-        steps.append(time.thread_time() - begin)
+        estimate = step(observation)
+        times.append(time.thread_time() - begin)
         return estimate
+
+    original = getattr(tracker, "steps", None)
+    if original is None:
+        track = tracker.track
+        tracker.track = lambda observation: timed(track, observation)
+        return times
+    run_single = first_of("lassokin_ros.core.batch:run_single", "lassokin_ros.core.together:alone")
+
+    def steps(observation: Any) -> Any:  # earlier revisions: a generator of the parts of a step
+        return timed(lambda seen: run_single(original(seen)), observation)
         yield
 
-    tracker.steps = timed
-    return node, steps
+    tracker.steps = steps
+    return times
 
 
 def cloud(pixels: np.ndarray, stamp_ns: int) -> Any:

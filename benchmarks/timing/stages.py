@@ -25,13 +25,8 @@ STAGES = {
     "solve: predict the support": "lasso.solver:predict_solution",
     "solve: active set": "lasso.solver:solve_active_set",
     "solve: certify": "lasso.solver:certify",
-    "body hypotheses: a step": "hypotheses.body_hypotheses:BodyHypotheses.advance",
-    "body hypotheses: costs": "hypotheses.body_hypotheses:BodyHypotheses.compute_costs",
-    "body hypotheses: compare, renew": "hypotheses.body_hypotheses:BodyHypotheses.select",
-    "limbs: a step": "hypotheses.limb_hypotheses:LimbHypotheses.advance",
-    "limbs: exchange, renew": "hypotheses.limb_hypotheses:LimbHypotheses.exchange",
-    "depth network": "evidence.depth_estimator:DepthEstimator.update",
-    "network hypothesis": "hypotheses.network_hypothesis:NetworkHypothesis.better_state",
+    "depth network": "network.depth_estimator:DepthEstimator.update",
+    "other pose": "hypotheses.other_pose:OtherPose.better_state",
     "retract": "body.kinematics:BodyState.retract",
 }
 """Stage -> module:function, looked up at the call. Stages that a version lacks are left out of the table."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -23,13 +24,13 @@ class Estimate:
 
     state, pose: the smoothed state to publish. omega: (3 n,) rad and translation_step: (3,) m, the frame's increment.
     solved: the state after the increment, before smoothing; the certificate refers to it. cost: negative log-likelihood
-    of that state (in an initialised frame including the cost of the vertical). excess: the keypoints' model error in
-    units of its lower limit, see `failure_probability`. confidence: probability of the chosen start relative to the
-    second best in an initialised frame, NaN otherwise. repeated: s since the keypoints last changed.
+    of that state. rows: the slice of the problem's rows of each piece of evidence, by name. keypoint_error_ratio: the
+    keypoints' model error in units of its lower limit, see `failure_probability`. repeated: s since the keypoints last
+    changed.
     visible: (l,) bool, keypoints that were detected in this frame and have a weight. measurements: number of keypoints
     and measured depths that were used. depth_measured: True if measured depths were used; depth_covers: of half of the
     landmarks or more. length_deviation: (p,) standard deviation of the log-lengths. joint_depths: estimate of the depth
-    network.
+    network. cameras: number of cameras whose rows have weight.
     """
 
     stamp: float
@@ -43,11 +44,11 @@ class Estimate:
     reprojection_px: float = float("nan")
     initialised: bool = False
     problem: Lasso | None = None
+    rows: Mapping[str, slice] = field(default_factory=dict)
     solution: LassoSolution | None = None
     solved: BodyState | None = None
     cost: float = float("nan")
-    excess: float = 1.0
-    confidence: float = float("nan")
+    keypoint_error_ratio: float = 1.0
     repeated: float = 0.0
     visible: np.ndarray | None = None
     measurements: int = 0
@@ -55,6 +56,7 @@ class Estimate:
     depth_covers: bool = False
     length_deviation: np.ndarray | float = 0.0
     joint_depths: JointDepths | None = None
+    cameras: int = 1
 
     @property
     def accepted(self) -> bool:

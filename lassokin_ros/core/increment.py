@@ -5,13 +5,16 @@ The l1 penalty is always on the frame's total increment.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import right_jacobian
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.evidence.frame_model import FrameModel, LinearisedFrame
+from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.robust_loss import huber_weights
 from lassokin_ros.core.lasso.problem import Lasso
@@ -22,8 +25,10 @@ SHORT_STEP, LONG_STEP = 1 / 30, 0.06
 """s between frames, see `for_step`."""
 MORE_LINEARISATIONS = 2
 """Further linearisations after a long step."""
-FAR_TURN, FAR_MOVE = 0.2, 0.06
+LARGE_ROTATION, LARGE_MOTION = 0.2, 0.06
 """rad, m: largest increment of a frame with measured depth after which it is not linearised again."""
+LEAST_MOTION = 0.003
+"""rad per frame: lower limit of the typical motion of a degree of freedom."""
 
 
 @record
@@ -31,11 +36,13 @@ class Increment:
     """Increment of one frame: omega (3 n,) rad for all joints and x (3,) m for the root, from the last solution.
 
     problem: the lasso as solved; if the solver raised alpha (see `solver.SMALLEST_ALPHA`), with the raised alpha.
+    rows: the slice of its rows of each piece of evidence, by name.
     """
 
     omega: np.ndarray
     problem: Lasso
     solution: LassoSolution
+    rows: Mapping[str, slice]
 
     @property
     def x(self) -> np.ndarray:
@@ -46,80 +53,78 @@ class Increment:
 class IncrementSolver:
     """Solves the lassos of each frame. Its only state is the last answer, the initial guess for the next lasso."""
 
-    def __init__(self, rows: FrameModel, solver: LassoSolver, motion: np.ndarray) -> None:
-        """motion: (live,) rad, typical increment of each degree of freedom. A larger motion is penalised less."""
-        self.lasso = solver
-        self._rows, self._motion = rows, motion
+    def __init__(self, frame_model: FrameModel, prior: PoseDistribution, solver: str) -> None:
+        """prior: its `motion` is the typical increment of each degree of freedom. A larger motion is penalised less.
+
+        Raises SolverError for a solver that is not available.
+        """
+        self.lasso = LassoSolver(solver)
+        self._frame_model = frame_model
+        self._motion = np.maximum(prior.motion, LEAST_MOTION)[frame_model.live]
         self._guess: np.ndarray | None = None
 
     def reset(self) -> None:
-        """Forget the last answer."""
+        """Forget the last answer, and all problems before."""
         self._guess = None
+        self.lasso.reset()
 
-    def about(self, state: BodyState, frame: FrameData) -> LinearisedFrame:
-        """Linearise a frame about a state."""
-        return self._rows.linearise(self._rows.evaluate(state), frame, huber_weights)
-
-    def solve(
-        self,
-        start: BodyState,
-        rows: LinearisedFrame,
-        frame: FrameData,
-        sparsity: float,
-        relinearisations: int,
-        warm: bool,
-    ) -> Increment:
+    def solve(self, start: EvaluatedState, frame: FrameData, step: float, config: TrackerConfig) -> Increment:
         """The increment from `start` by one frame's measurements.
 
-        rows: the frame's rows about `start`. sparsity: alpha_k = sparsity / motion_k. relinearisations: total number of
-        lassos. warm: use the last answer as initial guess. An answer without a certificate ends the iteration; it is
-        `Increment.solution`.
+        step: s since the last frame, see `for_step`. The l1 weights are alpha_k = sparsity / motion_k. An answer
+        without a certificate ends the iteration; it is `Increment.solution`.
 
         With measured depth, the answer is linearised about once more if it is far from `start`. About `start`, the
         depths of a limb that moved fast have large errors. The losses of `measured_depth`, Geman and McClure's in front
         of the landmark and Cauchy's behind it, give such depths little weight.
         """
-        omega = np.zeros(3 * start.rotations.shape[-3])
-        x = np.zeros(3)
+        relinearisations, sparsity = for_step(step, config.relinearisations, config.sparsity)
+        live, alpha = self._frame_model.live, sparsity / self._motion
+        omega, x = np.zeros(3 * start.state.rotations.shape[-3]), np.zeros(3)
         again = 0 if frame.depth is None else 1
         for number in range(relinearisations + again):
-            if number >= relinearisations and not _far(omega, x):
+            if number >= relinearisations and not _is_large(omega, x):
                 break
-            if number > 0:
-                rows = self._moved(start, omega, x, frame)
-            problem = Lasso(rows.columns[:-3].T, rows.columns[-3:].T, rows.z, sparsity / self._motion)
-            solution = self.lasso.solve(problem, self._guess if warm else None)
+            linearised = self._linearised(start, frame) if number == 0 else self._relinearised(start, omega, x, frame)
+            problem = Lasso(linearised.columns[:-3].T, linearised.columns[-3:].T, linearised.z, alpha)
+            solution = self.lasso.solve(problem, self._guess if config.warm_start else None)
             if not (solution.exact or solution.certified):  # the tracker checks the certificate of the last one
                 break
             self._guess = solution.omega  # for the next problem, or the first problem of the next frame
-            omega[self._rows.live], x = solution.omega, solution.x
+            omega[live], x = solution.omega, solution.x
         if solution.alpha is not problem.alpha:
             problem = replace(problem, alpha=solution.alpha)
-        return Increment(omega, problem, solution)
+        return Increment(omega, problem, solution, linearised.rows)
 
-    def _moved(self, start: BodyState, omega: np.ndarray, x: np.ndarray, frame: FrameData) -> LinearisedFrame:
+    def _linearised(self, start: EvaluatedState, frame: FrameData) -> LinearisedFrame:
+        return self._frame_model.linearise(start, frame, huber_weights)
+
+    def _relinearised(
+        self, start: EvaluatedState, omega: np.ndarray, x: np.ndarray, frame: FrameData
+    ) -> LinearisedFrame:
         """The frame's rows about the state after the increment (omega, x), in terms of the total increment.
 
         Since exp(omega + d) = exp(omega) exp(J_r(omega) d), J_r is applied to the axes of all columns, and the
         increment already applied is added back to z.
         """
-        turn, state = right_jacobian(omega.reshape(-1, 3)), self._rows.evaluate(start.retract(omega, x))
-        rows = self._rows.linearise(state, frame, huber_weights, turn)
-        columns = rows.columns
-        applied = columns[:-3].T.dot(omega[self._rows.live]), columns[-3:].T.dot(x)
-        return LinearisedFrame(columns, rows.z + applied[0] + applied[1])
+        jacobian = right_jacobian(omega.reshape(-1, 3))
+        about = self._frame_model.evaluate(start.state.retract(omega, x))
+        linearised = self._frame_model.linearise(about, frame, huber_weights, jacobian)
+        columns = linearised.columns
+        applied = columns[:-3].T.dot(omega[self._frame_model.live]) + columns[-3:].T.dot(x)
+        return replace(linearised, z=linearised.z + applied)
 
 
-def _far(omega: np.ndarray, x: np.ndarray) -> bool:
+def _is_large(omega: np.ndarray, x: np.ndarray) -> bool:
     """Whether an increment is large, so that robust weights about its start are wrong."""
-    return bool(np.abs(omega).max() > FAR_TURN or np.abs(x).max() > FAR_MOVE)
+    return bool(np.abs(omega).max() > LARGE_ROTATION or np.abs(x).max() > LARGE_MOTION)
 
 
 def for_step(step: float, linearisations: int, sparsity: float) -> tuple[int, float]:
     """Linearisations and sparsity for a frame `step` s after the last one.
 
-    Both settings are for frames at 60 Hz or more. In a longer step people move farther: the l1 weight falls with the
-    step, and one linearisation more is used from `LONG_STEP` on.
+    Both settings are for frames at 30 Hz or more. In a longer step people move farther: the l1 weight falls with the
+    step, and more linearisations are used from `LONG_STEP` on.
     """
     if not np.isfinite(step) or step <= SHORT_STEP:
         return linearisations, sparsity

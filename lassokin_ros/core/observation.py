@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import Enum
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -22,14 +25,46 @@ class Rejection(str, Enum):
     WRONG_SHAPE = "wrong_shape"
     NOT_FINITE = "not_finite"
     OLD_STAMP = "old_stamp"
+    LATE = "late"
     TOO_FEW_LANDMARKS = "too_few_landmarks"
     NOT_CERTIFIED = "not_certified"
     TOO_SMALL = "too_small"
 
 
 @dataclass(frozen=True, eq=False)
+class CameraPose:
+    """Where a camera is, in the frame in which the skeleton is kept: x_camera = rotation x + translation.
+
+    name: of the camera; each camera of a tracker has another one. rotation: (3, 3) into the camera's optical frame.
+    translation: (3,) m. The default is the frame of a single camera: its own optical frame.
+    """
+
+    name: str = ""
+    rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
+    translation: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    @cached_property
+    def is_identity(self) -> bool:
+        """Whether the skeleton is kept in this camera's optical frame."""
+        return bool(np.array_equal(self.rotation, np.eye(3)) and not self.translation.any())
+
+    @property
+    def centre(self) -> np.ndarray:
+        """(3,) m: the camera's centre in the frame of the skeleton."""
+        return -self.rotation.T @ self.translation
+
+    def into_camera(self, points: np.ndarray) -> np.ndarray:
+        """Points (..., 3) m in the camera's optical frame."""
+        return points if self.is_identity else points @ self.rotation.T + self.translation
+
+
+HERE = CameraPose()
+"""A single camera, in whose optical frame the skeleton is kept."""
+
+
+@dataclass(frozen=True, eq=False)
 class Observation:
-    """One frame's keypoints of one person.
+    """One frame's keypoints of one person, seen by one camera.
 
     stamp: s. points: (l, 2) normalised image coordinates without distortion, NaN = missing. confidence: (l,) from 0 to
     1, 0 = missing. focal: px per normalised unit; it converts `noise_px` to that unit.
@@ -37,6 +72,8 @@ class Observation:
     depth_deviation: (l,) m, standard deviation of `depth`; None for the configured one.
     depth_of_surface: True if `depth` is that of the body's surface, as a depth camera measures it; False if it is that
     of the landmark inside the body. depth_age: s by which `depth` is older than the points.
+    extra: data for the user's own evidence, by name; it reads them from `FrameData.extra`. camera: which camera, and
+    where.
     """
 
     stamp: float
@@ -47,3 +84,5 @@ class Observation:
     depth_deviation: np.ndarray | None = None
     depth_of_surface: bool = False
     depth_age: float = 0.0
+    extra: Mapping[str, Any] = field(default_factory=dict)
+    camera: CameraPose = HERE

@@ -14,93 +14,218 @@ estimates that have become due.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from lassokin_ros.core.batch import BatchedCall, Steps, run_batched, run_single
-from lassokin_ros.core.body.kinematics import BodyPose, BodyState
+from lassokin_ros.core.body.kinematics import BodyPose, BodyState, Kinematics
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.roles import missing_roles
 from lassokin_ros.core.body.rotations import orthonormalised
-from lassokin_ros.core.calibration.height import HeightEstimator
-from lassokin_ros.core.errors import ConfigurationError
+from lassokin_ros.core.body.skeleton import Skeleton, has_built_in_proportions
+from lassokin_ros.core.body.symmetry import symmetric_skeleton
+from lassokin_ros.core.cameras import Camera, Cameras
+from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Estimate
-from lassokin_ros.core.evidence.evidence import EvaluatedState
-from lassokin_ros.core.hypotheses.initialisation import Fit
-from lassokin_ros.core.hypotheses.replacement import FIT_AFTER, reinitialisation_replaces
-from lassokin_ros.core.image.depth_gating import of_own_surface
+from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence
+from lassokin_ros.core.evidence.frame_model import FrameModel
+from lassokin_ros.core.evidence.pose_prior import PoseDistribution
+from lassokin_ros.core.hypotheses.initialisation import Fit, Initialiser
+from lassokin_ros.core.hypotheses.mirrored_limbs import MirroredLimbs
+from lassokin_ros.core.hypotheses.network_pose import NetworkPose
+from lassokin_ros.core.hypotheses.other_pose import OtherPose
+from lassokin_ros.core.hypotheses.reinitialisation import COST_SHARE, Reinitialisation
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.gating import gate_observation
 from lassokin_ros.core.image.measurement import Measurement
-from lassokin_ros.core.increment import Increment, for_step
+from lassokin_ros.core.image.triangulation import triangulate
+from lassokin_ros.core.increment import Increment, IncrementSolver
 from lassokin_ros.core.lasso.certificate import Certificate
+from lassokin_ros.core.learned.bone_lengths import OBSERVED_STATURE_DEVIATION
+from lassokin_ros.core.learned.depth_noise import DepthNoise
+from lassokin_ros.core.learned.height import PEOPLE_DEVIATION
+from lassokin_ros.core.learned.learned import Learned
+from lassokin_ros.core.network.depth_estimator import DepthEstimator
+from lassokin_ros.core.network.depth_network import shipped_network
 from lassokin_ros.core.observation import Observation, Rejection, Status
-from lassokin_ros.core.output.uncertainty import JointUncertainty
-from lassokin_ros.core.tracker_parts import TrackerParts
+from lassokin_ros.core.output.fixed_lag import FixedLag
+from lassokin_ros.core.output.observed import ObservedJoints
+from lassokin_ros.core.output.output_filter import OutputFilter
+from lassokin_ros.core.output.uncertainty import JointUncertainty, UncertaintyModel
 
-SMALLEST = 3.0
+SMALLEST_PX = 3.0
 """Height of the person in the image, in noise_px, below which a body is rejected: random keypoints fit far away."""
-
 STUCK_AFTER = 3
 """Consecutive frames without a usable answer (no certificate, behind the camera, too small) until the tracker
 initialises anew."""
-
 GOOD_FIT = 3.0
 """Cost per visible landmark up to which a fit that started from the network's pose is used without another search."""
+FIT_AFTER = 0.15
+"""s since the last new keypoints from which the frame starts from a fit, because the last state is too old. Without it,
+validation people at 5 Hz have 51.0 instead of 49.3 mm."""
 
-VERTICAL_AFTER = 1.0
-"""s for which the vertical must have been learned before it is input to the depth network."""
 
-
-class Tracker(TrackerParts):
+class Tracker:
     """Tracks one person.
 
     Its state is the body's state and what was learned about the person, the keypoints and the camera until `reset`.
     """
 
-    def track(self, observation: Observation) -> Estimate:
-        """Process one observation. Bad input does not raise: see `Estimate.rejection`."""
-        return run_single(self.steps(observation))
+    def __init__(
+        self,
+        config: TrackerConfig | None = None,
+        skeleton: Skeleton | None = None,
+        evidence: Sequence[Evidence] = (),
+        up: np.ndarray | None = None,
+    ) -> None:
+        """Build the tracker for one skeleton and one landmark layout.
 
-    @staticmethod
-    def track_batch(trackers: Sequence[Tracker], observations: Sequence[Observation]) -> list[Estimate]:
-        """Process one observation with each of several trackers. This is faster than one after another.
-
-        The estimates equal those of `track` up to rounding. Raises ConfigurationError if the trackers have different
-        layouts or different trees of joints.
+        skeleton: in place of the configured one. evidence: further pieces of evidence for each frame's lasso, see
+        docs/extending.md. up: (3,) the vertical of the fixed frame in which the cameras' places are given; None if the
+        skeleton is kept in the first camera's optical frame, whose mount the settings give. Raises a LassokinError
+        (skeleton, layout, solver or setting) for a configuration that cannot be used.
         """
-        if len({(tracker.layout.names, tracker.skeleton.parents.tobytes()) for tracker in trackers}) > 1:
-            raise ConfigurationError("trackers of one batch must have the same layout and the same tree of joints")
-        pairs = zip(trackers, observations, strict=True)
-        return run_batched([tracker.steps(observation) for tracker, observation in pairs])
+        self.config = (config or TrackerConfig()).checked()
+        self.given_skeleton = skeleton or Skeleton.load(self.config.skeleton, self.config.assumed_height)
+        """The body before anything is learned, at the configured height."""
+        body, self.averaged = symmetric_skeleton(self.given_skeleton, self.config.calibrate)
+        self.kinematics = Kinematics(body, Layout.load(self.config.landmarks, body))
+        prior = PoseDistribution.load(body)
+        self.frame_model = FrameModel(self.kinematics, prior, evidence)
+        self.learned = Learned(self.frame_model, self.config, up)
+        self._cameras = Cameras(Camera(self.kinematics, self._depth_estimator(), self.learned.depth_noise))
+        self._increments = IncrementSolver(self.frame_model, prior, self.config.solver)
+        self._initialiser = Initialiser(self.kinematics, prior, self.frame_model)
+        self._network_pose = None
+        propose = MirroredLimbs(self.kinematics).propose
+        if self._network is not None:
+            self._network_pose = NetworkPose(self._cameras, self.kinematics, self._initialiser.mean_pose)
+            propose = self._network_pose.propose
+        self._other_pose = OtherPose(self._initialiser, self.frame_model, propose)
+        self._reinitialisation = Reinitialisation()
+        self._output_filter, self._lag = OutputFilter(self.kinematics.joint_count), FixedLag(self.kinematics)
+        self._observed = ObservedJoints(body, self.layout.joints)
+        self._uncertainty = UncertaintyModel(self.frame_model, prior, self.learned.lengths.proportions, self._observed)
+        self.reset()
 
-    def steps(self, observation: Observation) -> Steps[Estimate]:
-        """The steps of the method for one frame, as a generator for `run_single` or `run_batched` (see `batch`)."""
-        rejection, weights = gate_observation(observation, self._measurements.newest, self.layout, self.config)
+    def _depth_estimator(self) -> DepthEstimator | None:
+        """The depth network's estimator; None if it is switched off or cannot be used with this skeleton and layout."""
+        if not (self.config.depth_prior and DepthEstimator.fits(self.kinematics)):
+            return None
+        return DepthEstimator(shipped_network(), self.kinematics)
+
+    def reset(self, same_camera: bool = False) -> None:
+        """Forget the state; the next usable frame initialises anew.
+
+        same_camera: True if the camera stays as it is and only the person changes: the learned vertical is kept.
+        """
+        self._solved: EvaluatedState | None = None
+        self._replaced = False  # whether the next frame starts from another state than the last one solved
+        self._status, self._stuck_frames, self._cost = Status.SEARCHING, 0, float("nan")
+        self._cameras.reset()
+        self._newest = -np.inf  # s: stamp of the last frame that was used
+        self._increments.reset()
+        self._reinitialisation.reset()
+        self._output_filter.reset()
+        self._lag.reset()
+        self._other_pose.reset()
+        if self.learned.height is not None and self.learned.height.measured:
+            self.learned.resize(self.given_skeleton.height / self.skeleton.height)
+        self.learned.reset(same_camera)
+        self.published: list[Estimate] = []
+        """Estimates that became due with the last observation, in order: that observation's own, or with
+        `smoothing_lag` earlier ones, smoothed, each with the stamp of its own frame."""
+        self._adopt_lengths()
+
+    @property
+    def _network(self) -> DepthEstimator | None:
+        """The depth network of the first camera; None if it is not used."""
+        return self._cameras.first.network
+
+    @property
+    def state(self) -> BodyState | None:
+        """The present state; None before the first usable frame."""
+        return None if self._solved is None else self._solved.state
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """The body with the lengths as they are known now."""
+        return self.kinematics.skeleton
+
+    @property
+    def layout(self) -> Layout:
+        """The landmarks, on this body."""
+        return self.kinematics.layout
+
+    @property
+    def limitations(self) -> str:
+        """What is off because joints or landmarks are missing, in one line; empty if nothing is."""
+        off = missing_roles(self.skeleton.joint_names)
+        if not off and self.config.depth_prior and self._network is None:
+            return f"layout '{self.layout.name}' has too few of the points that the depth network needs; it is off"
+        return off
+
+    def adopt_vertical(self, others: Iterable[Tracker]) -> None:
+        """Copy the camera's vertical from trackers of other people in the same images, if one has learned it."""
+        self.learned.vertical.adopt(other.learned.vertical for other in others)
+
+    def move_camera(self, roll: float, pitch: float) -> None:
+        """Use a measured mount of the camera, rad, from the next frame on; see `camera_roll` and `camera_pitch`.
+
+        The state stays: the camera may be on a head that moves.
+        """
+        self.learned.vertical.move_mount(roll, pitch)
+
+    def tune(self, config: TrackerConfig) -> None:
+        """Use new live settings. The others (skeleton, landmarks, depth_prior, solver) stay as they are.
+
+        A new height scales the given body, and makes the tracker forget the person. Raises ConfigurationError, before
+        anything is changed, for a setting out of its range.
+        """
+        before, config = self.config, self.config.with_live_of(config)
+        given = self.given_skeleton.at_height(config.assumed_height)  # raises for a height out of range
+        self.config = config
+        if config.height != before.height:
+            self.reset()
+            self.given_skeleton = given
+            self.learned.use_body(symmetric_skeleton(given, self.averaged > 0)[0], config.height == 0)
+            self._adopt_lengths()
+        if (config.camera_roll, config.camera_pitch) != (before.camera_roll, before.camera_pitch):
+            self.learned.vertical.set_mount(config.camera_roll, config.camera_pitch)
+
+    def track(self, observation: Observation | Sequence[Observation]) -> Estimate:
+        """Process one observation, or those of several cameras, whose rows then stand in one lasso.
+
+        Observations that are given together are of one instant: their stamps differ by 5 ms at most. Cameras that are
+        not among them take part with keypoints predicted to that instant. Bad input does not raise: see
+        `Estimate.rejection`.
+        """
+        observations = [observation] if isinstance(observation, Observation) else list(observation)
+        if not observations:
+            return Estimate(self._newest, self._status, Rejection.TOO_FEW_LANDMARKS)
+        measured, rejection = self._measure(observations)
         if rejection is not None:
-            return self._reject(observation, rejection)
-        measurement = self._filter_keypoints(observation, weights)
-        if np.count_nonzero(measurement.used) < self.config.min_landmarks:
-            return self._reject(observation, Rejection.TOO_FEW_LANDMARKS)
-        frame = yield from self._with_learned_depth(measurement)
-        fit = self._initialise(measurement, frame)
-        if fit is None and measurement.news >= FIT_AFTER:
-            self._fit_after_long_step(frame)
-        start, increment = yield from self._solve_increment(fit, frame, measurement)
-        rejection = self._check_answer(start, increment, measurement.focal)
+            return self._reject(observations[0], rejection)
+        measurement = self._together(measured)
+        frame = self._frame_data(measured, measurement, observations[0])
+        if sum(np.count_nonzero(view.weights) for view in frame.views) < self.config.min_landmarks:
+            return self._reject(observations[0], Rejection.TOO_FEW_LANDMARKS)
+        start, initialised = self._start(measurement, frame)
+        increment = self._solve(start, initialised, frame, measurement)
+        rejection = self._check(start.state, increment, frame, measurement.focal)
         if rejection is not None:
-            return self._reject(observation, rejection, increment.solution.certificate)
-        solved = yield from self._accept_increment(start, fit, increment, measurement, frame)
-        smoothed = self._smooth(solved, increment, measurement)
-        estimate = self._estimate(measurement, frame, fit, increment, solved.state, smoothed)
-        self._measurements.mark_used(measurement)
-        offsets = self.skeleton.offsets
-        self._learn(measurement, frame, start, fit, increment)
-        self._publish(estimate, offsets, measurement)
-        if self.height is not None:
-            self._measure_height(self.height, measurement, frame)
-        else:
-            self.size_check.update(measurement)
+            return self._reject(observations[0], rejection, increment.solution.certificate)
+        solved = self._retract(start.state, increment)
+        smoothed = self._smooth(solved, increment, measurement, frame, initialised)
+        better = self._better_state(solved, frame, measurement, initialised)
+        estimate = self._estimate(measured, measurement, frame, initialised, increment, solved, smoothed)
+        self._mark_used(measured, measurement)
+        self._publish(estimate, measured)
+        self._solved, self._replaced = better or solved, better is not None
+        self._learn(measured, measurement, frame, start, initialised, increment, solved)
         return estimate
 
     def flush(self) -> list[Estimate]:
@@ -119,197 +244,171 @@ class Tracker(TrackerParts):
             raise ValueError("this frame was rejected; only an accepted estimate has observed joints")
         return self._observed.from_visible(estimate.visible)
 
-    def _filter_keypoints(self, observation: Observation, weights: np.ndarray) -> Measurement:
-        depth = None if self._state is None else float(self._state.translation[2])
-        if depth is not None and observation.depth is not None and observation.depth_of_surface:
-            observation = self._with_own_surface(observation, observation.depth)
-        return self._measurements.filtered(
-            observation,
-            weights,
-            depth,
-            self.model_error.deviation,
-            self.config.lost_after,
-            self.config.depth_noise,
+    def _measure(self, observations: Sequence[Observation]) -> tuple[dict[Camera, Measurement], Rejection | None]:
+        """The measurements of the cameras whose observations can be used; the reason to reject if there are none."""
+        measured: dict[Camera, Measurement] = {}
+        first: Rejection | None = None
+        for observation in observations:
+            camera = self._camera(observation)
+            newest = camera.measurements.newest
+            rejection, weights = gate_observation(observation, newest, self.layout, self.config)
+            if rejection is not None or camera in measured:
+                first = first or rejection or Rejection.OLD_STAMP
+                continue
+            body = None if self._solved is None else self._solved.pose
+            error = self.learned.model_error.deviation
+            measurement = camera.measure(observation, weights, body, error, self.config)
+            if len(self._cameras) > 1 and observation.stamp <= self._newest:  # a later image has been used
+                camera.measurements.mark_used(measurement)
+                first = first or Rejection.LATE
+                continue
+            measured[camera] = measurement
+        return measured, None if measured else first
+
+    def _camera(self, observation: Observation) -> Camera:
+        """The camera of an observation. A new one gets a filter, a depth network, and rows in the lasso."""
+        camera = self._cameras.known(observation.camera)
+        if camera is None:
+            camera = Camera(self.kinematics, self._depth_estimator(), DepthNoise())
+            if camera.network is not None:
+                camera.network.use_lengths(self.skeleton, self.learned.lengths.certain)
+            self._cameras.add(observation.camera.name, camera)
+            self.frame_model.add_camera()
+        return camera
+
+    def _together(self, measured: dict[Camera, Measurement]) -> Measurement:
+        """The measurement of the first camera with an image, with the times and the speed of all."""
+        measurement = next(iter(measured.values()))
+        if len(self._cameras) == 1:
+            return measurement
+        stamp = max(one.stamp for one in measured.values())
+        before = max(camera.measurements.last_new_stamp for camera in self._cameras)
+        repeated = min(one.repeated for one in measured.values())
+        return replace(
+            measurement,
+            stamp=stamp,
+            speed=float(np.mean([one.speed for one in measured.values()])),
+            repeated=repeated,
+            step=stamp - self._newest,
+            since_new_keypoints=0.0 if repeated else stamp - before,
+            lost=stamp - before > self.config.lost_after,
         )
 
-    def _with_own_surface(self, observation: Observation, depth: np.ndarray) -> Observation:
-        """The observation with the depths as the body in the last pose shows them, see `of_own_surface`."""
-        pose, layout = self._body_hypotheses.published.pose, self.layout
-        nearest = self._surface.depth_towards(pose, pose.landmarks)
-        own = of_own_surface(depth, pose.landmarks[:, 2], nearest, layout.surface, self.skeleton.height)
-        return replace(observation, depth=own)
+    def _frame_data(
+        self, measured: dict[Camera, Measurement], together: Measurement, observation: Observation
+    ) -> FrameData:
+        """The views of all cameras, each with the depths that its network estimates from this frame and earlier ones.
 
-    def _with_learned_depth(self, measurement: Measurement) -> Steps[FrameData]:
-        """The frame's measurements, with the depths that the network estimates from this frame and earlier ones."""
-        if self._depth is None:
-            return self._with_measured_depth(measurement)
-        if measurement.lost:
-            self._depth.reset()
-        if measurement.lost or not measurement.repeated:
-            known = self._upright.configured or self._upright.learned_for > VERTICAL_AFTER
-            up = self._upright.vertical if known else None
-            points, seen, mount = measurement.points, measurement.used, self._upright.mount
-            self._joint_depths = yield from self._depth.update(measurement.stamp, points, seen, up, mount)
-        data = self._with_measured_depth(measurement)
-        return FrameData(data.points, data.weights, data.depth, data.depth_weights, self._joint_depths)
+        Measured depths are left out as long as the person's size is unknown.
+        """
+        sized, vertical = self.learned.height is None or self.learned.height.measured, self.learned.vertical
+        body, error = None if self._solved is None else self._solved.pose, self.learned.model_error.deviation
+        main, *others = (
+            camera.view(measured[camera], vertical, sized)
+            if camera in measured
+            else camera.predicted_view(together.stamp, vertical, body, error)
+            for camera in self._cameras
+        )
+        return replace(main, extra=observation.extra, others=tuple(others))
 
-    def _with_measured_depth(self, measurement: Measurement) -> FrameData:
-        """The frame's measurements; without measured depth as long as the person's size is unknown."""
-        if self.height is None or self.height.measured:
-            return measurement.data
-        return replace(measurement.data, depth=None, depth_weights=None)
+    def _mark_used(self, measured: dict[Camera, Measurement], together: Measurement) -> None:
+        """Note that the state was updated with these measurements."""
+        for camera, measurement in measured.items():
+            camera.measurements.mark_used(measurement)
+        self._newest = together.stamp
 
-    def _initialise(self, measurement: Measurement, frame: FrameData) -> Fit | None:
-        """A state fitted to this frame alone, if there is no state yet or the present one must be replaced."""
-        if self._state is None or measurement.lost or self._stuck_frames >= STUCK_AFTER:
-            return self._fit_frame(frame)
-        if measurement.repeated or not self._reinitialisation.due(measurement.stamp, self._cost, frame.depth_count):
-            return None
-        vertical = self._upright.vertical
-        fit = self._fit_frame(frame)
-        if reinitialisation_replaces(self._cost, float(fit.costs[0])):
-            return fit
-        self._upright.vertical = vertical  # the rejected fit may have set another one
-        return None
+    def _start(self, measurement: Measurement, frame: FrameData) -> tuple[EvaluatedState, bool]:
+        """The state about which the frame is linearised, and whether it is a first one, fitted to this frame alone."""
+        if self._solved is None or measurement.lost or self._stuck_frames >= STUCK_AFTER:
+            fit = self._first_fit(frame)
+            self._cost = fit.cost
+            return self.frame_model.evaluate(fit.state), True
+        if self._network_pose is None:
+            return self._start_without_network(self._solved, measurement, frame)
+        if measurement.since_new_keypoints < FIT_AFTER:
+            return self._solved, False
+        starts = self._solved.state, self._network_pose.state()
+        fits = [self._initialiser.fit_near(start, frame) for start in starts if start is not None]
+        self._replaced = True
+        return self.frame_model.evaluate(min(fits, key=lambda fit: fit.cost).state), False
 
-    def _fit_frame(self, frame: FrameData) -> Fit:
-        """A state from one frame: from the network's pose if that explains the frame, else from all start poses."""
-        places = None if self._depth is None else self._depth.places()
-        if places is None:
-            return self._initialiser.fit(frame)
-        vertical = self._upright.vertical
-        near = self._initialiser.fit(frame, self._network_hypothesis.start(places, self.skeleton))
-        if near.costs[0] <= GOOD_FIT * np.count_nonzero(frame.weights):
-            return near
-        chosen, self._upright.vertical = self._upright.vertical, vertical
+    def _start_without_network(
+        self, tracked: EvaluatedState, measurement: Measurement, frame: FrameData
+    ) -> tuple[EvaluatedState, bool]:
+        """The tracked state, or a newly fitted one if the cost stays high and that one explains the frame better."""
+        count = self.kinematics.landmark_count + measurement.depth_count
+        if measurement.repeated or not self._reinitialisation.due(measurement.stamp, self._cost, count):
+            return tracked, False
         fit = self._initialiser.fit(frame)
-        if fit.costs[0] <= near.costs[0]:
-            return fit
-        self._upright.vertical = chosen
-        return near
+        if not fit.cost < COST_SHARE * self._cost:
+            return tracked, False
+        self._cost = fit.cost
+        return self.frame_model.evaluate(fit.state), True
 
-    def _fit_after_long_step(self, frame: FrameData) -> None:
-        """Start this frame from the better of two fits: one from the last state, one from the network's pose."""
-        places = None if self._depth is None else self._depth.places()
-        if places is None:
-            return
-        assert self._state is not None
-        starts = self._successor or self._state, self._network_hypothesis.start(places, self.skeleton)
-        fits = [self._initialiser.refine_start(start, frame) for start in starts]
-        self._successor = min(fits, key=lambda fit: float(fit.costs[0])).best
-        self._body_hypotheses.replace_published(self._successor)
+    def _first_fit(self, frame: FrameData) -> Fit:
+        """A state from one frame: from the network's pose if that explains the frame, else from all start poses."""
+        start = None if self._network_pose is None else self._network_pose.state()
+        if start is None:
+            return self._initialiser.fit(frame)
+        near = self._initialiser.fit_near(start, frame)
+        if near.cost <= GOOD_FIT * np.count_nonzero(frame.weights):
+            return near
+        return min(self._initialiser.fit(frame), near, key=lambda fit: fit.cost)
 
-    def _solve_increment(
-        self, fit: Fit | None, frame: FrameData, measurement: Measurement
-    ) -> Steps[tuple[BodyState, Increment]]:
-        """The state from which the frame starts, and the increment from there."""
-        config = self.config
-        if fit is not None:
-            start = fit.best
-            rows = self._increments.about(start, frame)
-        else:
-            assert self._state is not None
-            start = self._successor or self._state
-            rows = yield BatchedCall(self._body_hypotheses, "linearise", (frame,))
-        linearisations, sparsity = config.relinearisations, config.sparsity
-        if self._depth is not None and fit is None:
-            linearisations, sparsity = for_step(measurement.step, linearisations, sparsity)
-        increment = self._increments.solve(start, rows, frame, sparsity, linearisations, config.warm_start)
-        return start, increment
+    def _solve(self, start: EvaluatedState, initialised: bool, frame: FrameData, measurement: Measurement) -> Increment:
+        """The increment from the start state, by the frame's lasso."""
+        step = 0.0 if initialised or self._network is None else measurement.step
+        return self._increments.solve(start, frame, step, self.config)
 
-    def _check_answer(self, start: BodyState, increment: Increment, focal: float) -> Rejection | None:
+    def _check(self, start: BodyState, increment: Increment, frame: FrameData, focal: float) -> Rejection | None:
         """The reason to reject an answer, None to accept it. Counts consecutive rejections."""
-        depth = start.translation[2] + increment.x[2]
+        place = start.translation + increment.x
+        depth = min(float(view.camera.into_camera(place)[2]) for view in frame.views if view.weights.any())
         rejection = None
         if not increment.solution.certified:
             rejection = Rejection.NOT_CERTIFIED
-        elif self.skeleton.height * focal < SMALLEST * self.config.noise_px * depth or depth <= 0:
+        elif self.skeleton.height * focal < SMALLEST_PX * self.config.noise_px * depth or depth <= 0:
             rejection = Rejection.TOO_SMALL  # or behind the camera; the image cannot correct either
         self._stuck_frames = 0 if rejection is None else self._stuck_frames + 1
         return rejection
 
-    def _accept_increment(
-        self, start: BodyState, fit: Fit | None, increment: Increment, measurement: Measurement, frame: FrameData
-    ) -> Steps[EvaluatedState]:
-        """Retract a certified increment, which gives the present state, and update the hypotheses.
+    def _retract(self, start: BodyState, increment: Increment) -> EvaluatedState:
+        """The state after a certified increment."""
+        moved = start.retract(increment.omega, increment.x)
+        return self.frame_model.evaluate(BodyState(orthonormalised(moved.rotations), moved.translation))
 
-        fit: the fit from which the frame started, if the state was initialised in it.
-        """
-        if fit is not None or self._another_body:
-            self._output_filter.reset()  # the motion of the replaced state does not go on
-        elif self._successor is not None:
-            assert self._state is not None
-            self._output_filter.exchange(self._state, start)
-        self._successor, self._another_body = None, False
-        if fit is not None:
-            return self._start_tracking(start, fit, increment, frame)
-        alpha = increment.problem.alpha
-        self._state = yield BatchedCall(self._body_hypotheses, "advance", (increment.omega, increment.x, alpha))
-        solved = self._body_hypotheses.published
-        if measurement.news > 0:
-            yield BatchedCall(self._body_hypotheses, "compute_costs", (frame,))
-            yield from self._compare_hypotheses(frame, alpha, measurement.stamp, solved.pose)
-            self._cost = self._body_hypotheses.cost
-            self._upright.learn(self._state.rotations[0], measurement.news)
-        return solved
-
-    def _start_tracking(self, start: BodyState, fit: Fit, increment: Increment, frame: FrameData) -> EvaluatedState:
-        """Make the state after a first frame's increment the present one."""
-        state = start.retract(increment.omega, increment.x)
-        self._state = state = replace(state, rotations=orthonormalised(state.rotations))
-        self._body_hypotheses.start(state, frame)
-        if self._depth is None:
-            self._limbs.start(state)
-        self._cost = float(fit.costs[0])
-        return self._body_hypotheses.published
-
-    def _compare_hypotheses(self, frame: FrameData, alpha: np.ndarray, stamp: float, tracked: BodyPose) -> Steps[None]:
-        """Choose the state from which the next frame starts, if another hypothesis explains this frame better.
-
-        tracked: pose of the present state.
-        """
-        winner = self._body_hypotheses.select(frame, alpha)
-        if self._depth is None:
-            if winner is None:
-                yield from self._compare_limbs(frame)
-            else:
-                self._limbs.start(winner)
-        else:
-            cost, places = self._body_hypotheses.cost, self._depth.places
-            winner = self._network_hypothesis.better_state(stamp, frame, places, self.skeleton, tracked, cost)
-            if winner is not None:
-                self._body_hypotheses.replace_published(winner)
-        if winner is not None:
-            self._successor, self._another_body = winner, True
-
-    def _compare_limbs(self, frame: FrameData) -> Steps[None]:
-        """Use another hypothesis of a limb from the next frame on, if its mean cost has become lower."""
-        published = self._body_hypotheses.published
-        if self._limbs.count:
-            yield BatchedCall(self._limbs, "advance", (published, frame, self._body_hypotheses.image_costs))
-        self._successor = self._limbs.exchange(published)
-        if self._successor is not None:
-            self._body_hypotheses.replace_published(self._successor)
-
-    def _smooth(self, solved: EvaluatedState, increment: Increment, measurement: Measurement) -> BodyState:
+    def _smooth(
+        self,
+        solved: EvaluatedState,
+        increment: Increment,
+        measurement: Measurement,
+        frame: FrameData,
+        initialised: bool,
+    ) -> BodyState:
         """The state to publish."""
-        return self._output_filter.filtered(
-            solved.state,
-            solved.pose,
-            increment.omega,
-            increment.x,
-            measurement.step,
-            measurement.speed,
-            self.config.smoothing,
-        )
+        if initialised or self._replaced:
+            self._output_filter.reset()  # the motion of the replaced state does not go on
+        smoothing, centre = self.config.smoothing, None if frame.camera.is_identity else frame.camera.centre
+        return self._output_filter.filtered(solved, increment, measurement.step, measurement.speed, smoothing, centre)
+
+    def _better_state(
+        self, solved: EvaluatedState, frame: FrameData, measurement: Measurement, initialised: bool
+    ) -> EvaluatedState | None:
+        """The state from which the next frame starts, if another pose explains this frame better."""
+        if initialised or measurement.repeated:
+            return None
+        self._cost = float(self.frame_model.cost(solved, frame))
+        better = self._other_pose.better_state(measurement.stamp, frame, solved, self._cost)
+        return None if better is None else self.frame_model.evaluate(better)
 
     def _estimate(
         self,
+        measured: dict[Camera, Measurement],
         measurement: Measurement,
         frame: FrameData,
-        fit: Fit | None,
+        initialised: bool,
         increment: Increment,
-        solved: BodyState,
+        solved: EvaluatedState,
         smoothed: BodyState,
     ) -> Estimate:
         """The estimate for an accepted frame. solved: the state of its lasso; smoothed: the state to publish."""
@@ -323,85 +422,115 @@ class Tracker(TrackerParts):
             omega=increment.omega,
             translation_step=increment.x,
             certificate=increment.solution.certificate,
-            reprojection_px=measurement.reprojection_px(pose),
-            initialised=fit is not None,
+            reprojection_px=_reprojection_px(measured, pose),
+            initialised=initialised,
             problem=increment.problem,
+            rows=increment.rows,
             solution=increment.solution,
-            solved=solved,
+            solved=solved.state,
             cost=self._cost,
-            excess=self.model_error.excess,
-            confidence=float("nan") if fit is None else fit.confidence,
+            keypoint_error_ratio=self.learned.model_error.ratio,
             repeated=measurement.repeated,
-            visible=measurement.visible & measurement.used,
-            measurements=measurement.count,
-            depth_measured=frame.depth_weights is not None,
-            depth_covers=bool(frame.depth_covers),
-            length_deviation=self.calibration.spread,
-            joint_depths=self._joint_depths,
+            visible=np.any([one.visible & one.used for one in measured.values()], axis=0),
+            measurements=sum(one.count for one in measured.values()),
+            depth_measured=any(view.depth_weights is not None for view in frame.views),
+            depth_covers=frame.depth_covers,
+            length_deviation=self.learned.lengths.deviation,
+            joint_depths=frame.joint_depths,
+            cameras=sum(bool(view.weights.any()) for view in frame.views),
         )
 
     def _learn(
-        self, measurement: Measurement, frame: FrameData, start: BodyState, fit: Fit | None, increment: Increment
+        self,
+        measured: dict[Camera, Measurement],
+        measurement: Measurement,
+        frame: FrameData,
+        start: EvaluatedState,
+        initialised: bool,
+        increment: Increment,
+        solved: EvaluatedState,
     ) -> None:
-        """Update bone lengths, the person's mean pose, and the keypoints' model error."""
-        stamp, new = measurement.stamp, not measurement.repeated
-        if self.config.calibrate and (fit is not None or new):
-            self._calibrate(stamp, frame, fit is not None)
-        if fit is None and new and self.adaptive_mean.advance(stamp, start, increment.problem):
-            self._body_hypotheses.refresh()
-        if new and self.model_error.due(stamp):
-            depth = float(start.translation[2] + increment.x[2])
-            weights = np.where(measurement.visible, measurement.weights, 0.0)  # a landmark not seen is extrapolated
-            self.model_error.advance(stamp, increment.problem, increment.solution.omega, weights, depth)
+        """Update all that is learned from an accepted frame, and use it from the next frame on."""
+        height = self.learned.height
+        several = sum(bool(view.weights.any()) for view in frame.views) > 1
+        if several:
+            self.learned.lengths.stature_deviation = OBSERVED_STATURE_DEVIATION if height is None else PEOPLE_DEVIATION
+        if self.config.calibrate and (initialised or not measurement.repeated):
+            if self.learned.lengths.update(measurement.stamp, solved.state, frame, initialised or self._replaced):
+                self._adopt_lengths()
+        seen = _with_seen_landmarks(frame, [measured.get(camera) for camera in self._cameras])
+        if self.learned.update(measurement, seen, start.state, initialised, increment, solved.state):
+            self._solved = self._evaluated_again()  # the prior's mean has changed
+        if height is None:
+            return
+        ratios = np.empty(0)
+        if several:
+            places = triangulate(seen)
+            ratios = self.learned.size_check.ratios(places, np.isfinite(places[:, 0]))
+        if height.update(measurement, solved, self.skeleton.height, ratios):
+            self._adopt_height(height.height / self.skeleton.height, several)
 
-    def _calibrate(self, stamp: float, frame: FrameData, initialised: bool) -> None:
-        """Update the bone lengths from a tracked frame. New lengths are used from the next frame on."""
-        assert self._state is not None
-        if initialised or self._another_body:
-            self.calibration.restart_clock(stamp)
-        elif self._successor is None and self.calibration.advance(stamp, self._state, frame):
-            self._adopt_lengths()
+    def _adopt_lengths(self) -> None:
+        """Use the lengths as they are known now."""
+        lengths = self.learned.lengths
+        self.kinematics.set_skeleton(lengths.skeleton)
+        if has_built_in_proportions(self.given_skeleton):
+            for camera in self._cameras:
+                if camera.network is not None:
+                    camera.network.use_lengths(self.skeleton, lengths.certain)
+        self._solved = self._evaluated_again()
 
-    def _measure_height(self, height: HeightEstimator, measurement: Measurement, frame: FrameData) -> None:
-        """Update the height from an accepted frame, and adopt it from the next frame on if it has changed."""
-        assert self._state is not None
-        pose = self.kinematics.pose(self._state)
-        height.update(measurement, pose.landmarks, self._state.translation, self.skeleton.height)
-        if height.due(measurement.stamp, self.skeleton.height):
-            self._adopt_height(height.height, frame)
+    def _adopt_height(self, ratio: float, several: bool = False) -> None:
+        """Scale the body and what was learned; with one camera, which does not observe it, also the distance."""
+        assert self._solved is not None
+        self.learned.resize(ratio)
+        state = self._solved.state
+        if not several:
+            self._solved = replace(self._solved, state=BodyState(state.rotations, ratio * state.translation))
+        self._output_filter.reset()
+        self._adopt_lengths()
 
-    def _adopt_height(self, height: float, frame: FrameData) -> None:
-        """Scale the body and its distance. The proportions are learned anew."""
-        assert self._state is not None
-        ratio, depth, waiting = height / self.skeleton.height, self._depth, self._lag.flush()
-        self._resize(height)
-        if self._depth is not None and depth is not None:
-            self._depth.adopt_history(depth)
-        self.published = [*self.published, *waiting]
-        self._successor, self._another_body = None, False
-        self._state = BodyState(self._state.rotations, self._state.translation * ratio)
-        self._body_hypotheses.start(self._state, frame)
-        if self._depth is None:
-            self._limbs.start(self._state)
+    def _evaluated_again(self) -> EvaluatedState | None:
+        """The present state with the present body and prior."""
+        return None if self._solved is None else self.frame_model.evaluate(self._solved.state)
 
-    def _publish(self, estimate: Estimate, offsets: np.ndarray, measurement: Measurement) -> None:
-        """Collect the estimates that are due; offsets: (n, 3) m, of the skeleton that the estimate was made with."""
+    def _publish(self, estimate: Estimate, measured: dict[Camera, Measurement]) -> None:
+        """Collect the estimates that are due."""
         if self.config.smoothing_lag == 0 and self._lag.empty:
             self.published = [estimate]
             return
         assert self._output_filter.forward is not None
-        self._lag.add(estimate, self._output_filter.forward, offsets, measurement.reprojection_px)
+        reprojection_px = partial(_reprojection_px, measured)
+        self._lag.add(estimate, self._output_filter.forward, self.skeleton.offsets, reprojection_px)
         self.published = self._lag.due(estimate.stamp, self.config.smoothing_lag)
 
     def _reject(
         self, observation: Observation, rejection: Rejection, certificate: Certificate | None = None
     ) -> Estimate:
         """The estimate for a rejected frame. The state stays; the status becomes LOST after too long a time."""
-        if self._state is None:
-            self._measurements.forget()
+        if self._solved is None:
+            for camera in self._cameras:
+                camera.measurements.forget()
         self.published = []
         if rejection is not Rejection.NOT_FINITE:  # the stamp can be used
-            if self._state is not None and observation.stamp - self._measurements.newest > self.config.lost_after:
+            if self._solved is not None and observation.stamp - self._newest > self.config.lost_after:
                 self._status = Status.LOST
             self.published = self._lag.due(observation.stamp, self.config.smoothing_lag)
         return Estimate(observation.stamp, self._status, rejection, certificate=certificate)
+
+
+def _reprojection_px(measured: dict[Camera, Measurement], pose: BodyPose) -> float:
+    """Root mean square distance of the visible points from the pose's landmarks, px, over the cameras with an image."""
+    errors = [measurement.reprojection_px(pose, camera.pose) for camera, measurement in measured.items()]
+    return errors[0] if len(errors) == 1 else math.sqrt(sum(error * error for error in errors) / len(errors))
+
+
+def _with_seen_landmarks(frame: FrameData, measured: Sequence[Measurement | None]) -> FrameData:
+    """The frame without the landmarks that were not seen but extrapolated. measured: by camera, None without an
+    image.
+    """
+    views = [
+        replace(view, weights=np.where(one.visible, view.weights, 0.0) if one is not None else 0.0 * view.weights)
+        for view, one in zip(frame.views, measured)
+    ]
+    return replace(views[0], others=tuple(views[1:]))

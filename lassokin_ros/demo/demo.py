@@ -38,7 +38,7 @@ def run(folder: Path, seconds: float, rate: float = 1.0) -> DemoResult:
     start or does not answer.
     """
     from lassokin_ros.common.progress import Progress
-    from lassokin_ros.demo.live_playback import LiveNode
+    from lassokin_ros.demo.live_playback import LiveNode, PlaybackError
     from lassokin_ros.demo.synthetic import WEBCAM, detections, exact_pixels, motion
     from lassokin_ros.replay.keypoint_recording import write_keypoint_recording
 
@@ -59,6 +59,8 @@ def run(folder: Path, seconds: float, rate: float = 1.0) -> DemoResult:
             live.play(recording, rate, on_frame=progress.advance)
         finally:
             progress.close()
+    if not live.latencies_ms():
+        raise PlaybackError("the node answered no frame of the recording")
     live.record(folder / "tracked", replace=(folder / "tracked").exists())
     return _result(live, tracker, times, stamps, truth, pixels, confidence)
 
@@ -82,6 +84,7 @@ def _result(live, tracker, times, stamps, truth, pixels, confidence) -> DemoResu
         np.array(live.latencies_ms()),
         len(live.sent),
         live.rejected(),
+        live.overtaken(),
         live.state(),
     )
 
@@ -131,26 +134,39 @@ def depth_line(result: DemoResult, seconds: float) -> str:
 
 def table(result: DemoResult) -> str:
     """Return the table of figures and their limits."""
-    exceeded = result.exceeded_limits()
+    exceeded, slow = result.exceeded_limits(), result.exceeded_speed_limits()
     lines = [f"{'':<32}{'measured':>10}{'limit':>13}"]
     for name, value in result.figures().items():
         limit, unit = LIMITS[name]
         sign = ">=" if name == "frames out" else "<="
         share = unit.startswith("share")
         text, bound = (f"{value:.1%}", f"{sign} {limit:.0%}") if share else (f"{value:.1f}", f"{sign} {limit:g}")
-        mark = "   FAILED" if name in exceeded else ""
+        mark = "   FAILED" if name in exceeded else "   SLOW" if name in slow else ""
         lines.append(f"{name + ('' if share else f' [{unit}]'):<32}{text:>10}{bound:>13}{mark}")
     mark = "   FAILED" if "tracking state" in exceeded else ""
     lines.append(f"{'tracking state at the end':<32}{result.state:>10}{Status.TRACKING.value:>13}{mark}")
-    lines.append(f"frames: {result.frames_in} in, {len(result.times)} out, {result.rejected} rejected")
+    counts = f"{len(result.times)} out, {result.rejected} rejected, {result.overtaken} overtaken"
+    lines.append(f"frames: {result.frames_in} in, {counts}")
     return "\n".join(lines)
+
+
+def slow_line(result: DemoResult) -> str:
+    """Return the line that reports a slow or busy machine, empty if the figures of speed are within their limits."""
+    if not result.exceeded_speed_limits():
+        return ""
+    figures, limit = result.figures(), LIMITS["latency p99"][0]
+    return (
+        f"This machine is slow or busy: of {result.frames_in} frames {result.overtaken} were overtaken by newer ones, "
+        f"{result.late()} were later than {limit:g} ms; latency p50 {figures['latency p50']:.0f} ms, p99 "
+        f"{figures['latency p99']:.0f} ms. This is no failure."
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the demo and return the exit code.
 
-    The code is 0 if every figure is within its limit, 1 if not, 2 if the demo could not run (one line on stderr) and
-    130 after an interrupt.
+    The code is 0 if the skeleton is right, on a slow or busy machine too; 1 if a figure other than those of speed is
+    outside its limit, 2 if the demo could not run (one line on stderr) and 130 after an interrupt.
     """
     parser = argparse.ArgumentParser(prog="demo", description=(__doc__ or "").split("\n", maxsplit=1)[0])
     parser.add_argument("--output", type=Path, default=Path("demo_output"), help="folder for the results")
@@ -170,7 +186,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def show(folder: Path, seconds: float) -> int:
-    """Run the demo, write the results and print the table; return 0 if every figure is within its limit, else 1."""
+    """Run the demo, write the results and print the table; return 0 if the skeleton is right, else 1."""
     from lassokin_ros.demo.picture import draw
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -183,6 +199,8 @@ def show(folder: Path, seconds: float) -> int:
     print(depth_line(result, seconds))
     print(f"report for a browser: {folder / 'report.html'} (the same motion through lassokin replay --report)")
     print(f"picture: {folder / 'skeleton.svg'}   recordings: {folder}/keypoints, {folder}/tracked (rosbag2)")
+    if slow := slow_line(result):
+        print(slow)
     exceeded = result.exceeded_limits()
     if exceeded:
         print(f"outside the limits: {', '.join(exceeded)}", file=sys.stderr)

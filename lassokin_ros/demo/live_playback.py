@@ -16,6 +16,7 @@ import struct
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,13 +26,15 @@ from lassokin_ros.common.interruption import uninterrupted
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.node.executable import first_sentence
 from lassokin_ros.node.message_types import message_class
+from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.replay.bags import BagReader, BagWriter, typestore
 
-DEADLINE_S = 30.0
-GRACE_S = 10.0
-QUIET_S = 3.0
+DEADLINE_S = 60.0
+GRACE_S = 30.0
+QUIET_S = 10.0
+"""s: after the last frame, the playback has ended when nothing new arrives for this time."""
 OUTPUTS = (*topics.FRAME_OUTPUTS, *topics.OTHER_OUTPUTS)
 FRAME_NAMES = tuple(topic.name for topic in topics.FRAME_OUTPUTS)
 
@@ -58,7 +61,7 @@ class LiveNode:
         self.got: dict[str, list[Received]] = {topic.name: [] for topic in OUTPUTS}
         self.sent: dict[int, float] = {}
         """Stamp of each played keypoint message, ns -> time of sending (s, monotonic)."""
-        self._received_before = self._rejected_before = 0
+        self._before: dict[str, int] = {}
         self._process: Any = None
         assignments = [text for item in (parameters or {}).items() for text in ("-p", f"{item[0]}:={item[1]}")]
         arguments = ["--ros-args", "-r", f"__ns:={namespace}", *assignments]
@@ -115,8 +118,11 @@ class LiveNode:
         durability = DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE
         collected = self.got[topic.name]
 
+        own = f"{self.namespace.strip('/')}/{NODE_NAME}:".encode()
+
         def collect(data: bytes) -> None:
-            collected.append(Received(time.monotonic(), data))
+            if topic.name != topics.DIAGNOSTICS or own in data:  # every node publishes on /diagnostics
+                collected.append(Received(time.monotonic(), data))
 
         qos = QoSProfile(depth=100, durability=durability)
         name = topic.name.replace("~", NODE_NAME)
@@ -137,19 +143,16 @@ class LiveNode:
         """
         frames = self._load(recording)
         self._warm_up(frames)
-        self._executor.spin_once(timeout_sec=0)
         started, first = time.monotonic(), frames[0][1]
         self.epoch = started, first, rate or 1.0
         for is_keypoints, time_ns, data in frames:
-            if rate is not None:
-                self._spin_to(started + (time_ns - first) * 1e-9 / rate)
+            self._spin_to(started + (time_ns - first) * 1e-9 / rate if rate is not None else -math.inf)
             if is_keypoints and ahead is not None:
                 self._spin_while(lambda: len(self.sent) - len(self.got[topics.JOINT_STATES]) > ahead, "an answer")
             if is_keypoints:
                 self.sent[_stamp(data)] = time.monotonic()
                 on_frame()
             self._publishers[is_keypoints].publish(data)
-            self._executor.spin_once(timeout_sec=0)
         self._finish()
 
     def _load(self, recording: Path) -> list[tuple[bool, int, bytes]]:
@@ -187,7 +190,7 @@ class LiveNode:
         self._spin_while(silent, "the node's first answer")
         self._settle()
         self._reset()
-        self._received_before, self._rejected_before = self._received_count(), self._rejected_count()
+        self._before = self._counts()
         for name in FRAME_NAMES:
             self.got[name].clear()
 
@@ -210,33 +213,52 @@ class LiveNode:
         self._spin_while(moving, "a quiet second")
 
     def _finish(self) -> None:
-        """Wait until the node has counted every frame and its outputs have arrived, at most QUIET_S each."""
-        expected, end = self._received_before + len(self.sent), time.monotonic() + QUIET_S
-        begun = len(self.got[topics.DIAGNOSTICS])
-        while time.monotonic() < end and (
-            len(self.got[topics.DIAGNOSTICS]) == begun or self._received_count() < expected
-        ):
-            self._executor.spin_once(timeout_sec=0.05)
-        end = time.monotonic() + QUIET_S
-        while time.monotonic() < end and len({len(self.got[name]) for name in FRAME_NAMES}) > 1:
-            self._executor.spin_once(timeout_sec=0.05)
+        """Wait until the node has counted every frame and its outputs have arrived.
 
-    def _received_count(self) -> int:
-        """Return the number of messages received by the node, from its last diagnostics."""
-        return self._count(self.got[topics.DIAGNOSTICS][-1])
+        Give up when nothing new arrives for QUIET_S: the figures show what is missing.
+        """
+        begun = len(self.got[topics.DIAGNOSTICS])
+
+        def counted() -> bool:
+            new = self._new_counts()
+            return len(self.got[topics.DIAGNOSTICS]) > begun and new["received"] + new[LOST] >= len(self.sent)
+
+        self._spin_while_new(lambda: not counted(), lambda: self._counts()["received"])
+        accepted = self._new_counts()["accepted"]
+        arrived = lambda: sum(min(len(self.got[name]), accepted) for name in FRAME_NAMES)  # noqa: E731
+        self._spin_while_new(lambda: arrived() < accepted * len(FRAME_NAMES), arrived)
+
+    def _spin_while_new(self, condition: Callable[[], bool], progress: Callable[[], int]) -> None:
+        """Spin while a condition holds and `progress` has changed within QUIET_S."""
+        before, end = progress(), time.monotonic() + QUIET_S
+        while condition() and time.monotonic() < end:
+            self._executor.spin_once(timeout_sec=0.05)
+            if progress() != before:
+                before, end = progress(), time.monotonic() + QUIET_S
 
     def _count(self, message: Received) -> int:
         return int(self._values(message)["received [messages]"])
 
-    def _rejected_count(self) -> int:
-        """Return the number of messages rejected by the node, from its last diagnostics."""
-        return sum(int(n) for key, n in self.last_diagnostics().items() if key.startswith("rejected: "))
+    def _counts(self) -> Counter[str]:
+        """Return the node's counts of messages, from its last diagnostics."""
+        unit = " [messages]"
+        return Counter({key.removesuffix(unit): int(n) for key, n in self.last_diagnostics().items() if unit in key})
+
+    def _new_counts(self) -> Counter[str]:
+        """Return the counts since the playback started.
+
+        Rejections during warm-up do not count: keypoints may arrive before the first camera_info.
+        """
+        return Counter({key: n - self._before.get(key, 0) for key, n in self._counts().items()})
 
     def _values(self, message: Received) -> dict[str, str]:
         status = self.types.deserialize_cdr(message.data, "diagnostic_msgs/msg/DiagnosticArray").status[0]
         return {pair.key: pair.value for pair in status.values}
 
     def _spin_to(self, moment: float) -> None:
+        """Spin until a moment; if it has passed, long enough to take one message of each topic."""
+        for _ in OUTPUTS if time.monotonic() > moment else ():
+            self._executor.spin_once(timeout_sec=0)
         while (left := moment - time.monotonic()) > 0:
             self._executor.spin_once(timeout_sec=left)
 
@@ -261,24 +283,25 @@ class LiveNode:
         return [1e3 * (arrival - self.sent[stamp]) for stamp, arrival in arrivals if stamp in self.sent]
 
     def rejected(self) -> int:
-        """Return the number of rejected messages of the recording.
+        """Return the number of rejected messages of the recording."""
+        return sum(n for key, n in self._new_counts().items() if key.startswith("rejected: "))
 
-        Rejections during warm-up do not count: keypoints may arrive before the first camera_info.
-        """
-        return self._rejected_count() - self._rejected_before
+    def overtaken(self) -> int:
+        """Return the number of messages of the recording that the node or DDS dropped for newer ones."""
+        return self._new_counts()[OVERTAKEN] + self._new_counts()[LOST]
 
     def last_diagnostics(self) -> dict[str, str]:
         """Return the values of the node's last diagnostics, by key."""
         return self._values(self.got[topics.DIAGNOSTICS][-1])
 
     def state(self) -> str:
-        """Return the tracking state of the last diagnostics before the last answer, else of the first ones.
+        """Return the last `~/state` before the last answer.
 
-        Diagnostics after the last answer may report `lost`, since no more keypoints arrive.
+        A later one may be `lost`, since no more keypoints arrive.
         """
         last = max((message.arrival for name in FRAME_NAMES for message in self.got[name][-1:]), default=math.inf)
-        diagnostics = self.got[topics.DIAGNOSTICS]
-        return self._values(next((m for m in reversed(diagnostics) if m.arrival <= last), diagnostics[0]))["state"]
+        states = [message for message in self.got[topics.STATE] if message.arrival <= last]
+        return str(self.types.deserialize_cdr(states[-1].data, topics.STATE_OUTPUT.message_type).data) if states else ""
 
     def record(self, path: Path, storage: str = "mcap", replace: bool = False) -> None:
         """Write all received messages to a recording, with times relative to the playback. Raises BagError."""

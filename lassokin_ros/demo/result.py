@@ -17,6 +17,7 @@ EVALUATED = ("neck", "head") + tuple(
 LIMITS = {
     "frames out": (0.99, "share of frames in"),
     "rejected": (0.01, "share of frames in"),
+    "unanswered": (0.01, "share of frames in"),
     "latency p50": (20.0, "ms"),
     "latency p99": (80.0, "ms"),
     "joint error, median": (60.0, "mm"),
@@ -26,6 +27,9 @@ LIMITS = {
 }
 """Limits of the demo's figures: a minimum for `frames out`, else a maximum."""
 
+OF_SPEED = ("frames out", "latency p50", "latency p99")
+"""Figures that a slow or busy machine takes out of their limits. This is no failure."""
+
 
 @dataclass(frozen=True, eq=False)
 class DemoResult:
@@ -34,6 +38,7 @@ class DemoResult:
     times: (f,) s. estimate, truth: (f, 24, 3) m, joint positions in the camera frame. pixels (f, l, 2) px and
     confidence (f, l): the keypoints sent to the node. support: (f,) moving degrees of freedom. reprojection_px: (f,).
     latencies_ms: (f,). frames_in: number of keypoint messages sent. rejected: number of rejected messages.
+    overtaken: number of messages that were dropped for newer ones.
     """
 
     tracker: Tracker
@@ -47,6 +52,7 @@ class DemoResult:
     latencies_ms: np.ndarray
     frames_in: int
     rejected: int
+    overtaken: int
     state: str
 
     @property
@@ -67,6 +73,7 @@ class DemoResult:
         return {
             "frames out": len(self.times) / self.frames_in,
             "rejected": self.rejected / self.frames_in,
+            "unanswered": (self.frames_in - len(self.times) - self.rejected - self.overtaken) / self.frames_in,
             "latency p50": float(np.percentile(self.latencies_ms, 50)),
             "latency p99": float(np.percentile(self.latencies_ms, 99)),
             "joint error, median": float(np.median(self.error_mm)),
@@ -76,10 +83,22 @@ class DemoResult:
         }
 
     def exceeded_limits(self) -> list[str]:
-        """Return the names of the figures outside their limits."""
+        """Return the names of the figures outside their limits, without those of speed."""
         exceeded = [] if self.state == Status.TRACKING.value else ["tracking state"]
+        return exceeded + [name for name in self._outside() if name not in OF_SPEED]
+
+    def exceeded_speed_limits(self) -> list[str]:
+        """Return the names of the figures of speed outside their limits."""
+        return [name for name in self._outside() if name in OF_SPEED]
+
+    def late(self) -> int:
+        """Return the number of answers that took longer than the limit of `latency p99`."""
+        return int((self.latencies_ms > LIMITS["latency p99"][0]).sum())
+
+    def _outside(self) -> list[str]:
+        outside = []
         for name, value in self.figures().items():
             limit = LIMITS[name][0]
             if not (value >= limit if name == "frames out" else value <= limit):
-                exceeded.append(name)
-        return exceeded
+                outside.append(name)
+        return outside

@@ -17,6 +17,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from lassokin_ros.common.version import version
 from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.core.evidence.evidence import Evidence
 from lassokin_ros.node.inputs.keypoint_input import KeypointInput
 from lassokin_ros.node.inputs.polled_subscription import ignore_events
 from lassokin_ros.node.inputs.rep155_inputs import Rep155Inputs
@@ -51,15 +52,18 @@ CHECK_PERIOD_S = 0.25
 class TrackerNode(Node):
     """Subscribes to keypoints and camera_info; publishes joint states, joints, translation, markers and diagnostics."""
 
-    def __init__(self, node_name: str = NODE_NAME, **options: Any) -> None:
-        """options: those of rclpy.node.Node (context, namespace, ...). Raises a LassokinError for a bad setting."""
+    def __init__(self, node_name: str = NODE_NAME, evidence: Sequence[Evidence] = (), **options: Any) -> None:
+        """evidence: the user's own, for each frame's lasso, see docs/extending.md. options: those of rclpy.node.Node
+        (context, namespace, ...). Raises a LassokinError for a bad setting.
+        """
         super().__init__(node_name, **options)
         settings = declare(self)
         self._live_parameters = LiveParameters(self, settings, self._tune)
-        self._pipeline = (PerBodyPipeline if settings[1].topic_per_body else Pipeline)(*settings)
+        self._pipeline = (PerBodyPipeline if settings[1].topic_per_body else Pipeline)(*settings, evidence)
         self._warning = LogThrottle(self.get_logger().warning, time.monotonic)
         self._reported_unstamped = self._reported_misplaced = False
         self._reported_unused, self._duplicate_checks = False, 0
+        self._reported_faults: set[str] = set()
         name = self.get_fully_qualified_name().lstrip("/")  # /diagnostics is shared by the trackers of all namespaces
         self._status = DiagnosticArrayBuilder(RclpyBackend())
         self._diagnostics = Diagnostics(self._pipeline, name, time.monotonic())
@@ -73,6 +77,8 @@ class TrackerNode(Node):
         self.get_logger().info(self._start_text())
         if self._pipeline.tracker.averaged:
             self.get_logger().warning(averaged_sides(self._pipeline.tracker.averaged))
+        if self._pipeline.tracker.limitations:
+            self.get_logger().warning(self._pipeline.tracker.limitations)
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
         """As in rclpy, but read-only parameters may be set to the value that they have."""
@@ -191,6 +197,10 @@ class TrackerNode(Node):
             if not frame.accepted and not self._pipeline.nobody_in_view:
                 self._warning.log(str(frame.rejection), f"keypoints rejected ({frame.rejection}): {frame.detail}")
         self._log_unused_confidence()
+        for name, fault in self._pipeline.evidence_faults.items():
+            if name not in self._reported_faults:
+                self._reported_faults.add(name)
+                self.get_logger().error(fault)
         if self._pipeline.counts["unstamped"] and not self._reported_unstamped:  # only once
             self._reported_unstamped = True
             self.get_logger().warning("keypoints without a stamp: outputs carry the time of their arrival")

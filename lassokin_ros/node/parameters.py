@@ -16,7 +16,6 @@ from lassokin_ros.core.config import TrackerConfig, without_bool
 from lassokin_ros.core.errors import ConfigurationError, LassokinError
 from lassokin_ros.pipeline.parameter_files import all_settings
 from lassokin_ros.pipeline.settings import NodeSettings
-from lassokin_ros.skeleton_readers.load import load_skeleton
 
 if TYPE_CHECKING:
     from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
@@ -131,9 +130,7 @@ class LiveParameters:
         from rcl_interfaces.msg import SetParametersResult
 
         try:
-            tracker, _ = self._changed(parameters)
-            if tracker.height != self.settings[0].height:
-                load_skeleton(tracker.skeleton, tracker.assumed_height)  # the file may be gone
+            self._changed(parameters)
         except (LassokinError, TypeError) as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from lassokin_ros.core.calibration.bone_lengths import Calibration
-from lassokin_ros.core.calibration.height import FEWEST, HeightEstimator
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.evidence.evidence import Evidence
+from lassokin_ros.core.learned.bone_lengths import Calibration
+from lassokin_ros.core.learned.height import FEWEST, HeightEstimator
 from lassokin_ros.core.observation import Status
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.camera.camera_mount import CameraMount
@@ -49,13 +50,17 @@ DEPTH_IN_MESSAGE = "depth: in the message"
 class Pipeline:
     """Decodes messages, removes the distortion, tracks people. No message content raises an error."""
 
-    def __init__(self, tracker_config: TrackerConfig, node_config: NodeSettings) -> None:
-        """Raises a LassokinError if the configuration is unusable."""
+    def __init__(
+        self, tracker_config: TrackerConfig, node_config: NodeSettings, evidence: Sequence[Evidence] = ()
+    ) -> None:
+        """evidence: the user's own, for each frame's lasso; all people share it. Raises a LassokinError if the
+        configuration is unusable.
+        """
         self.config = node_config.checked()
         skeleton = load_skeleton(tracker_config.checked().skeleton, tracker_config.assumed_height)
         check_names(skeleton)
         with naming_help(tracker_config.skeleton):
-            self._trackable = [TrackedPerson(tracker_config, skeleton) for _ in range(self.config.max_people)]
+            self._trackable = [TrackedPerson(tracker_config, skeleton, evidence) for _ in range(self.config.max_people)]
         self.tracker = self._trackable[0].tracker
         self._landmark_count = self.tracker.kinematics.landmark_count
         self.enabled = True
@@ -128,12 +133,17 @@ class Pipeline:
 
     def calibrations(self) -> dict[str, Calibration]:
         """Return the calibration of each person's lengths by id."""
-        return {person: tracker.calibration for person, tracker in self.trackers.items()}
+        return {person: tracker.learned.lengths for person, tracker in self.trackers.items()}
 
     def heights(self) -> dict[str, HeightEstimator]:
         """Return each person's measured height by id, none if the height is given."""
-        found = {person: tracker.height for person, tracker in self.trackers.items()}
+        found = {person: tracker.learned.height for person, tracker in self.trackers.items()}
         return {person: height for person, height in found.items() if height is not None}
+
+    @property
+    def evidence_faults(self) -> dict[str, str]:
+        """What was wrong with the user's evidence that is left out, by name."""
+        return {n: fault for one in self._trackable for n, fault in one.tracker.frame_model.faults.items()}
 
     def reset(self) -> None:
         """Forget all people, the stamps and the depth images. The camera and the counts stay."""
@@ -154,15 +164,13 @@ class Pipeline:
     def tune(self, tracker_config: TrackerConfig, node_config: NodeSettings) -> None:
         """Apply settings that can change while running, from the next message on. Another height resets.
 
-        Raises SkeletonError, before anything is changed, if the file of the skeleton cannot be read anew.
+        Raises ConfigurationError, before anything is changed, for a setting out of its range.
         """
-        skeleton = None
-        if tracker_config.height != self.tracker.config.height:
-            skeleton = load_skeleton(tracker_config.skeleton, tracker_config.assumed_height)
+        config, resized = node_config.checked(), tracker_config.height != self.tracker.config.height
         for tracked in self._trackable:
-            tracked.tracker.tune(tracker_config, skeleton)
-        self.config = node_config.checked()
-        if skeleton is not None:
+            tracked.tracker.tune(tracker_config)
+        self.config = config
+        if resized:
             self.reset()
 
     def set_camera(self, message: Any) -> str | None:

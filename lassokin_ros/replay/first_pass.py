@@ -42,7 +42,7 @@ def learn_lengths(
         pass
     calibrations = tracker.pipeline.calibrations()
     (calibration,) = calibrations.values()
-    if calibration.moved < LEAST_MOTION:
+    if calibration.kept_motion < LEAST_MOTION:
         return config
     path = folder / "skeleton.yaml"
     save_all(calibrations, path, tracker.newest_ns)

@@ -17,7 +17,7 @@ from lassokin_ros.common.progress import Progress
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError
-from lassokin_ros.core.evidence.upright import level_from_camera
+from lassokin_ros.core.learned.vertical import level_from_camera
 from lassokin_ros.pipeline.depth_images import MATCHED, UNMATCHED
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.description.skeleton_file import check_skeleton_file
@@ -229,6 +229,8 @@ def _summary(
     averaged = tracker.pipeline.tracker.averaged
     if averaged:
         lines["left and right"] = averaged_sides(averaged)
+    if limitations := tracker.pipeline.tracker.limitations:
+        lines["limitations"] = limitations
     if (depth := tracker.pipeline.depth) is not None:
         lines["depth images"] = f"for {counts[MATCHED]} of {counts[MATCHED] + counts[UNMATCHED]} keypoint messages"
         if remark := depth.fault or depth.note:

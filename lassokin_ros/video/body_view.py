@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.body.surface import CAPSULES, HEAD
+from lassokin_ros.core.body.surface import HEAD
 from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.replay.analysis.capsules import capsules
 
 SIDE_DEG, ABOVE_DEG = 55.0, 12.0
 """The view's direction: from the camera's right, and from above."""
@@ -28,16 +29,9 @@ SOLE = 0.012
 BACKGROUND, GRID, TRAIL = (30, 28, 26), (62, 58, 54), (150, 140, 130)
 COLOURS = {"left": (255, 170, 70), "right": (50, 130, 255), "middle": (205, 205, 205)}
 """BGR; of the limbs by side."""
-FAINT, HALO = 0.35, 0.3
+FAINT, HALO = 0.35, 0.15
 """Share of a limb's colour where no keypoint shows it, and of the halo that shows the uncertainty."""
 WIDEST_HALO_M = 0.25
-
-
-def side_of(a: str, b: str) -> str:
-    """Return "left" or "right" for a limb between two joints, "middle" for the trunk."""
-    side = a.split("_")[0]
-    trunk = a.endswith("_hip") and b.endswith("_shoulder")
-    return side if side in COLOURS and b.startswith(side) and not trunk else "middle"
 
 
 def blended(colour: tuple[int, int, int], share: float) -> tuple[int, int, int]:
@@ -108,14 +102,13 @@ class BodyView:
         """Draw the limbs, far ones first; each with a halo as wide as the deviation of its end."""
         assert frame.skeleton is not None
         names, height = frame.skeleton.joint_names, frame.skeleton.height
-        limbs = [(names.index(a), names.index(b), r * height) for a, b, r in CAPSULES if {a, b} <= set(names)]
+        limbs = capsules(frame.skeleton)
         limbs.sort(key=lambda limb: -float((joints[list(limb[:2])] @ self._axes[2]).mean()))
         deviation, observed = frame.uncertainty.deviation, frame.observed
-        for a, b, radius in limbs:
+        for a, b, radius, side in limbs:
             width = 2 * (radius + min(float(deviation[b]), WIDEST_HALO_M))
-            self._limb(image, joints[[a, b]], middle, blended(COLOURS[side_of(names[a], names[b])], HALO * 0.5), width)
-        for a, b, radius in limbs:
-            side = side_of(names[a], names[b])
+            self._limb(image, joints[[a, b]], middle, blended(COLOURS[side], HALO), width)
+        for a, b, radius, side in limbs:
             seen = side == "middle" or (observed[a] and (observed[b] or names[b].endswith("_foot")))
             self._limb(image, joints[[a, b]], middle, blended(COLOURS[side], 1.0 if seen else FAINT), 2 * radius)
         if {"head", "neck"} <= set(names):

@@ -12,8 +12,9 @@ import numpy as np
 from lassokin_ros.common.atomic_files import refuse_existing
 from lassokin_ros.core.doubt.spans import AROUND_S
 from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.replay.analysis.capsules import side_of
 from lassokin_ros.replay.analysis.doubts import FrameDoubt, PeopleDoubts
-from lassokin_ros.video.body_view import BACKGROUND, COLOURS, NAME, BodyView, side_of
+from lassokin_ros.video.body_view import BACKGROUND, COLOURS, NAME, BodyView
 from lassokin_ros.video.encoder import VideoError, open_encoder
 
 HEIGHT = 720

@@ -11,7 +11,7 @@ from pathlib import Path
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.summary_output import print_note
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.evidence.upright import level_from_camera
+from lassokin_ros.core.learned.vertical import level_from_camera
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.replay.exports.exports import Exports
 from lassokin_ros.replay.motion import MotionRecorder

@@ -178,7 +178,7 @@ def test_a_recording_whose_process_is_killed_is_repeated(tmp_path):
     victim = holder(running, output / "z_long0_tracked")
     os.kill(victim, signal.SIGKILL)
     assert holder(running, output / "z_long0_tracked", but=(victim,)) != running.pid
-    said, complained = running.communicate(timeout=60)
+    said, complained = running.communicate(timeout=120)
     assert running.returncode == 2 and complained == ""
     results = outcomes(said)
     assert results.pop("torn").startswith("failed: ") and set(results.values()) == {"tracked"}
@@ -198,7 +198,7 @@ def test_a_recording_that_kills_every_process_is_skipped(tmp_path):
     for _ in range(3):
         killed.append(holder(running, output / "z_long0_tracked", but=killed))
         os.kill(killed[-1], signal.SIGKILL)
-    said, _ = running.communicate(timeout=60)
+    said, _ = running.communicate(timeout=120)
     assert running.returncode == 2
     assert outcomes(said) == {"z_long0": "failed: its process died 3 times", "short": "tracked"}
     assert os.listdir(output) == ["short_tracked"]
@@ -210,7 +210,7 @@ def test_processes_end_when_the_command_is_killed(tmp_path):
     running = start_replay(archive / "z_long0", archive / "squat.v2", "--output", output, "--jobs", 1)
     worker = holder(running, output / "z_long0_tracked")
     running.kill()
-    running.communicate(timeout=20)  # reads until the last process with the other end of the pipes has ended
+    running.communicate(timeout=120)  # reads until the last process with the other end of the pipes has ended
     assert not Path(f"/proc/{worker}/fd").is_dir() or not list(Path(f"/proc/{worker}/fd").iterdir())
 
 
@@ -222,7 +222,7 @@ def test_an_interrupted_archive_leaves_complete_outputs_and_can_continue(tmp_pat
     running = start_replay(archive / "day1", archive / "z_long0", "--output", output, "--jobs", 1)
     holder(running, output / "z_long0_tracked")
     send(running.pid, number)
-    said, complained = running.communicate(timeout=30)
+    said, complained = running.communicate(timeout=120)
     assert running.returncode == 130 and said == ""
     done = "2 of 3 recordings are done; run the same command again to continue"
     assert complained == f"lassokin replay: interrupted; {done}\n"

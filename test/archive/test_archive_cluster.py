@@ -47,9 +47,9 @@ def cluster(folder):
             process("scheduler", "--host", HERE, "--port", 0, "--no-dashboard", "--scheduler-file", facts)
         )
         options = ("--scheduler-file", facts, "--host", HERE, "--nthreads", 1, "--no-nanny", "--no-dashboard")
-        options += ("--local-directory", folder / "scratch", "--death-timeout", 60)
+        options += ("--local-directory", folder / "scratch", "--death-timeout", 120)
         workers = [stack.enter_context(process("worker", *options)) for _ in range(2)]
-        deadline = time.monotonic() + 40
+        deadline = time.monotonic() + 120
         while not (facts.exists() and facts.stat().st_size):
             assert time.monotonic() < deadline and scheduler.poll() is None
             time.sleep(0.05)
@@ -61,7 +61,7 @@ def lose_the_scheduler(archive, output, address, scheduler):
     running = start_replay(archive / "z_long0", archive / "squat.v2", "--output", output, "--scheduler", address)
     holder(running, output / "z_long0_tracked")
     scheduler.kill()
-    said, complained = running.communicate(timeout=30)
+    said, complained = running.communicate(timeout=120)
     assert running.returncode == 2 and complained == ""
     assert outcomes(said)["z_long0"] == "failed: the scheduler was lost, or cancelled the task"
 
@@ -77,7 +77,7 @@ def test_an_archive_is_completed_if_one_of_two_workers_is_killed(tmp_path, capsy
         os.kill(victim, signal.SIGKILL)
         (other,) = set(workers) - {victim}
         assert holder(running, output / "z_long0_tracked", but=(victim,)) == other
-        said, complained = running.communicate(timeout=60)
+        said, complained = running.communicate(timeout=120)
         results = outcomes(said)
         assert running.returncode == 2, complained
         assert results.pop("torn").startswith("failed: ") and set(results.values()) == {"tracked"}

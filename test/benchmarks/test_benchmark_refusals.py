@@ -50,7 +50,7 @@ def test_success_and_explicit_exit_codes_are_unchanged():
 )
 def test_scripts_report_errors_in_one_line(script, options, said):
     command = [sys.executable, f"benchmarks/{script}.py", *options]
-    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
     assert result.returncode == 2
     assert result.stderr.startswith(f"{script}.py: {said}") and result.stderr.count("\n") == 1
 
@@ -140,7 +140,7 @@ def test_an_invalid_clip_is_reported_with_its_file(name, value, said, tmp_path):
 def test_a_damaged_clip_ends_a_run_with_one_line(content, jobs, tmp_path):
     (tmp_path / "damaged.npz").write_bytes(content)
     command = [sys.executable, "benchmarks/accuracy.py", "--data", str(tmp_path), "--jobs", jobs]
-    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
     assert result.returncode == 2 and "Traceback" not in result.stderr
     assert result.stderr.startswith(f"accuracy.py: {tmp_path / 'damaged.npz'} is no npz file of plain arrays; expected")
 

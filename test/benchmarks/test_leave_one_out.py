@@ -137,7 +137,7 @@ def test_an_error_ends_several_processes(folder):
     for clip in CLIPS[1:]:
         (folder / f"{clip}.npz").unlink()
     command = [sys.executable, "benchmarks/accuracy.py", "--data", str(folder), "--leave-one-out", "--jobs", "2"]
-    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
     assert result.returncode == 2
     assert result.stderr == f"accuracy.py: no clip but 02_02 in {folder}: expected others to learn its prior from\n"
 

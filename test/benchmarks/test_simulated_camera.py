@@ -15,7 +15,7 @@ from benchmarks.data.simulated_camera import WANDERS, Condition
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import LassokinError
-from lassokin_ros.core.evidence.upright import vertical_of
+from lassokin_ros.core.learned.vertical import vertical_of
 
 MOCAP = data_folder() / "mocap"
 needs_clips = pytest.mark.skipif(not MOCAP.is_dir(), reason=f"no motion capture in {MOCAP}: set LASSOKIN_DATA")

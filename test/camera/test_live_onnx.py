@@ -76,5 +76,5 @@ def test_images_become_joints_with_their_stamps(tmp_path):
 
 
 def test_a_model_that_does_not_exist_is_one_line_and_exit_code_2():
-    code, said = NodeProcess("/none", "-p", "detector:=none.onnx", command=DETECTOR).stop(grace_s=60)
+    code, said = NodeProcess("/none", "-p", "detector:=none.onnx", command=DETECTOR).stop()
     assert code == 2 and said.strip() == "detector: there is no file 'none.onnx'"

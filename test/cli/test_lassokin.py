@@ -53,6 +53,6 @@ def test_a_missing_solver_is_named(arguments, tmp_path):
     without = "import sys; sys.modules['proxsuite'] = None"
     code = f"{without}; from lassokin_ros.cli import lassokin; sys.exit(lassokin.main({arguments}))"
     (tmp_path / "bag").mkdir()
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
     assert (done.returncode, done.stdout) == (2, "") and done.stderr.count("\n") == 1
     assert done.stderr.endswith(f"the Python package proxsuite is not installed: {pip_install()} proxsuite\n")

@@ -131,5 +131,5 @@ def test_a_second_signal_does_not_stop_cleaning_up():
         "except Interrupted as interrupted:\n"
         "    print(interrupted)\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30, check=False)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "cleaned\nnothing was written\n", "")

@@ -17,7 +17,7 @@ pytest.importorskip("rosbags", reason="the demo needs rosbags")
 
 from recordings import FRAME_TOPICS, read  # noqa: E402
 
-from lassokin_ros.demo.demo import RATE, main, run, table  # noqa: E402
+from lassokin_ros.demo.demo import RATE, main, run, show, slow_line, table  # noqa: E402
 from lassokin_ros.demo.result import LIMITS  # noqa: E402
 from lassokin_ros.replay.bags import BagReader  # noqa: E402
 
@@ -30,21 +30,15 @@ def result(tmp_path_factory):
     return run(tmp_path_factory.mktemp("demo"), SECONDS, rate=2.0)
 
 
-def latencies_not_kept(said):
-    """In the demo's last lines: the latency limits, which a machine that runs other tests may exceed."""
-    words = said.splitlines()[-1].removeprefix("outside the limits: ").split(", ")
-    return [name for name in words if name in ("latency p50", "latency p99")]
-
-
 def test_the_command_keeps_its_limits_and_writes_its_files(tmp_path):
     command = [sys.executable, "-m", "lassokin_ros.demo", "--output", str(tmp_path / "out"), "--seconds", str(SECONDS)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
     print(done.stdout, done.stderr)
-    late = latencies_not_kept(done.stderr)
-    assert done.returncode == (1 if late else 0), done.stderr
+    assert done.returncode == 0 and "FAILED" not in done.stdout, done.stderr
+    slow = done.stdout.count("   SLOW")  # on a machine that also runs other tests
+    assert ("This machine is slow or busy" in done.stdout) == (slow > 0)
     frames = round(SECONDS * RATE)
-    assert f"frames: {frames} in, {frames} out, 0 rejected" in done.stdout
-    assert done.stdout.count("FAILED") == len(late)
+    assert f"frames: {frames} in, {frames} out, 0 rejected, 0 overtaken" in done.stdout
     assert f"{frames}/{frames} frames" in done.stderr  # progress, in a few lines without a terminal
     for name in LIMITS:
         assert name in done.stdout
@@ -64,7 +58,7 @@ def test_the_command_keeps_its_limits_and_writes_its_files(tmp_path):
         for bag, topic in (("keypoints", "/keypoints"), ("tracked", "/tracker/joints"))
     )
     delays = [(b - a) * 1e-9 for (a, _), (b, _) in zip(inputs, outputs)]
-    assert -0.001 < min(delays) and (late or np.median(delays) < 0.1)  # recorded at the time of the playback
+    assert -0.001 < min(delays) and (slow or np.median(delays) < 0.1)  # recorded at the time of the playback
 
 
 def test_the_result_is_compared_with_the_motion_frame_by_frame(result):
@@ -78,20 +72,57 @@ def test_the_result_is_compared_with_the_motion_frame_by_frame(result):
     assert moved.error_mm.max() < 1e-9 and np.allclose(moved.root_error_mm, 50)
 
 
-def test_every_exceeded_limit_is_reported(result):
-    kept = replace(result, latencies_ms=np.full(5, 1.0))
+@pytest.fixture
+def kept(result):
+    """The result on a fast machine."""
+    return replace(result, latencies_ms=np.full(5, 1.0))
+
+
+def test_every_exceeded_limit_is_reported(kept, result):
     assert kept.exceeded_limits() == [] and "FAILED" not in table(kept)
     far = result.truth + np.arange(24)[None, :, None] * 0.05
     for broken, names in (
         (replace(kept, estimate=far), ["joint error, median", "joint error, mean"]),
-        (replace(kept, latencies_ms=np.full(5, 1000.0)), ["latency p50", "latency p99"]),
         (replace(kept, rejected=50), ["rejected"]),
-        (replace(kept, frames_in=10_000), ["frames out"]),
+        (replace(kept, frames_in=len(kept.times) + 5), ["unanswered"]),
         (replace(kept, state="lost"), ["tracking state"]),
         (replace(kept, reprojection_px=np.full(5, np.nan)), ["reprojection error, median"]),
     ):
         assert broken.exceeded_limits() == names
         assert table(broken).count("FAILED") == len(names)
+
+
+def test_a_slow_machine_is_reported_in_a_line_and_is_no_failure(kept):
+    assert slow_line(kept) == "" and "SLOW" not in table(kept)
+    latencies, frames = np.full(100, 90.0), len(kept.times)
+    latencies[:30] = 10.0
+    for slow, names, words in (
+        (replace(kept, latencies_ms=latencies), ["latency p50", "latency p99"], "70 were later than 80 ms"),
+        (replace(kept, frames_in=2 * frames, overtaken=frames), ["frames out"], f"{frames} were overtaken"),
+    ):
+        assert (slow.exceeded_limits(), slow.exceeded_speed_limits()) == ([], names)
+        assert table(slow).count("SLOW") == len(names) and "FAILED" not in table(slow)
+        assert words in slow_line(slow) and slow_line(slow).endswith("This is no failure.")
+
+
+@pytest.mark.parametrize("wrong", [False, True], ids=["right", "wrong"])
+def test_the_exit_code_depends_on_the_skeleton_and_not_on_the_machine(kept, wrong, monkeypatch, tmp_path, capsys):
+    slow = replace(kept, latencies_ms=np.full(5, 1000.0), estimate=kept.estimate + 0.3 * wrong)
+    monkeypatch.setattr("lassokin_ros.demo.demo.run", lambda folder, seconds: slow)
+    monkeypatch.setattr("lassokin_ros.demo.demo.write_page", lambda folder: None)
+    monkeypatch.setattr("lassokin_ros.demo.demo.depth_line", lambda result, seconds: "")
+    assert show(tmp_path, SECONDS) == int(wrong)
+    said, errors = capsys.readouterr()
+    assert said.count("This machine is slow or busy: ") == 1
+    assert errors == ("outside the limits: root error, median\n" if wrong else "")
+
+
+def test_a_node_that_falls_behind_is_slow_and_right(tmp_path, monkeypatch):
+    """With a short queue the node skips frames for newer ones; each missing one is counted."""
+    monkeypatch.setattr("lassokin_ros.demo.demo.QUEUE_DEPTH", 1)
+    slow = run(tmp_path, 8, rate=40.0)
+    assert slow.exceeded_limits() == [] and "frames out" in slow.exceeded_speed_limits()
+    assert slow.frames_in == len(slow.times) + slow.overtaken and "overtaken" in slow_line(slow)
 
 
 def children_of(pid):
@@ -104,12 +135,12 @@ def children_of(pid):
 def test_an_interrupted_demo_prints_one_line_and_leaves_no_node(tmp_path, number):
     command = [sys.executable, "-m", "lassokin_ros.demo", "--output", str(tmp_path / "out"), "--seconds", "60"]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as demo:
-        deadline, nodes = time.monotonic() + 60, {}
+        deadline, nodes = time.monotonic() + 120, {}
         while not any(b"lassokin_ros.node.command" in line for line in nodes.values()):
             assert demo.poll() is None and time.monotonic() < deadline, "no node was started"
             nodes = children_of(demo.pid)
         demo.send_signal(number)
-        said = demo.communicate(timeout=60)[1].splitlines()
+        said = demo.communicate(timeout=120)[1].splitlines()
     assert demo.returncode == 130 and said[-1].startswith("demo: interrupted; "), said
     assert not any("Traceback" in line for line in said)
     assert not any(Path(f"/proc/{child}").exists() for child in nodes)
@@ -126,7 +157,7 @@ def test_an_invalid_duration_is_refused_with_the_expected_range(seconds, tmp_pat
 def test_an_unwritable_output_is_one_line(tmp_path):
     (tmp_path / "file").write_text("")
     command = [sys.executable, "-m", "lassokin_ros.demo", "--output", str(tmp_path / "file"), "--seconds", "1"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 2 and done.stderr.startswith("demo: ") and done.stderr.count("\n") == 1
 
 
@@ -135,6 +166,6 @@ def test_a_home_that_cannot_be_written_is_one_line_with_the_remedy(tmp_path):
     environment = {k: v for k, v in os.environ.items() if k not in ("ROS_LOG_DIR", "ROS_HOME")}
     command = [sys.executable, "-m", "lassokin_ros.demo", "--output", str(tmp_path / "out"), "--seconds", "1"]
     environment["HOME"] = "/proc/nowhere"
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, env=environment, check=False)
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, env=environment, check=False)
     assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
     assert done.stderr.startswith("demo: ") and "set ROS_LOG_DIR" in done.stderr

@@ -96,7 +96,7 @@ def run(block, command, workplace):
             command, cwd=folder, env=environment, start_new_session=True, stdout=said, stderr=subprocess.STDOUT
         )
         try:
-            code = process.wait(timeout=60)
+            code = process.wait(timeout=120)
         finally:
             with suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
@@ -140,7 +140,7 @@ def test_the_recipe_for_smpls_files_makes_a_skeleton(tmp_path):
     regressor = sparse.csc_matrix(np.hstack([np.eye(24), np.eye(24)]) / 2)
     model = {"J_regressor": regressor, "v_template": vertices, "shapedirs": np.zeros((48, 3, 10)), "f": None}
     (tmp_path / "SMPL_NEUTRAL.pkl").write_bytes(pickle.dumps(model))
-    subprocess.run([sys.executable, "-c", textwrap.dedent(recipe)], cwd=tmp_path, check=True, timeout=60)
+    subprocess.run([sys.executable, "-c", textwrap.dedent(recipe)], cwd=tmp_path, check=True, timeout=120)
     skeleton = load_skeleton(str(tmp_path / "smpl.npz"), 1.75)
     assert np.abs(skeleton.offsets - ours.offsets).max() < 1e-9
 

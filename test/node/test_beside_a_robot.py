@@ -35,7 +35,9 @@ def test_the_robots_topics_are_not_changed():
             for peer in (one, two):
                 peer.listen(topics.DESCRIPTION_OUTPUT)
                 peer.start(pixels)
-                described[peer] = peer.got[topics.ROBOT_DESCRIPTION][-1].data
+                texts = peer.got[topics.ROBOT_DESCRIPTION]
+                peer.spin_until(lambda: texts and FRAME in texts[-1].data, what="its description")  # noqa: B023
+                described[peer] = texts[-1].data
             one.next_diagnostics(lambda s: "is not changed" in s.message)
             publishers = [one.node.get_publishers_info_by_topic(name) for name in names]
             assert [[p.node_name for p in found] for found in publishers[:2]] == [["robot_state_publisher"]] * 2

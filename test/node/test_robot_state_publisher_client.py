@@ -1,6 +1,7 @@
 """robot_state_publisher's URDF follows ~/robot_description, on real DDS. A node with the same parameter replaces it."""
 
 import time
+from contextlib import ExitStack
 
 import pytest
 
@@ -75,7 +76,7 @@ def test_a_missing_state_publisher_is_reported_once_and_served_when_it_starts():
             """Send keypoints ten times per second until the status has this level and starts with these words."""
             nonlocal sent
             if time.monotonic() - begun > 0.1 * sent:
-                peer.send(peer.start_ns + 10**8 * sent, pixels[sent])
+                peer.send(peer.start_ns + 10**8 * sent, pixels[sent % len(pixels)])
                 sent += 1
             newest = peer.got[topics.DIAGNOSTICS][-1].status[0]
             return newest.level == level and newest.message.startswith(words)
@@ -106,13 +107,19 @@ def test_a_refusal_is_logged_once_and_has_no_other_effect():
 
 def test_the_urdf_of_a_robot_is_never_changed():
     """Neither that of a robot, nor that of another tracker, whose links have another prefix."""
-    namespace, pixels = "/guest", pixels_of_motion(2)
-    for text in ('<robot name="arm"><link name="base_link"/></robot>', "", urdf(SKELETON, FRAME, "other/tracker/")):
-        with NodeProcess(namespace, "-p", "state_publisher:=human_state_publisher") as node, Peer(namespace) as peer:
-            robot = StandIn(peer, text=text or "no URDF")
-            before = robot.urdf
-            peer.start(pixels[0])
-            peer.next_diagnostics(lambda s: "is not changed" in s.message)
-            assert robot.urdf == before and not robot.asked
-            robot.end()
-        assert node.said.count("is not of this node") == 1
+    robots = {
+        "/arm": '<robot name="arm"><link name="base_link"/></robot>',
+        "/empty": "no URDF",
+        "/other_tracker": urdf(SKELETON, FRAME, "other/tracker/"),
+    }
+    with ExitStack() as stack:
+        settings = "-p", "state_publisher:=human_state_publisher"
+        nodes = {namespace: stack.enter_context(NodeProcess(namespace, *settings)) for namespace in robots}
+        for namespace, text in robots.items():
+            with Peer(namespace) as peer:
+                robot = StandIn(peer, text=text)
+                peer.start(pixels_of_motion(2)[0])
+                peer.next_diagnostics(lambda s: "is not changed" in s.message)
+                assert robot.urdf == text and not robot.asked
+                robot.end()
+    assert [node.said.count("is not of this node") for node in nodes.values()] == [1, 1, 1]

@@ -61,7 +61,7 @@ def test_all_files_are_installed(workspace):
     assert (prefix / "share/ament_index/resource_index/packages/lassokin_ros").is_file()
     assert list(prefix.rglob("core/body/skeletons/anthropometric.yaml"))
     assert list(prefix.rglob("core/body/layouts/coco17.yaml"))
-    assert list(prefix.rglob("core/evidence/depth_network.npz"))
+    assert list(prefix.rglob("core/network/depth_network.npz"))
     assert not list(prefix.rglob("training"))
 
 

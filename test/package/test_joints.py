@@ -25,4 +25,4 @@ def test_the_table_of_joints_is_that_of_the_module():
 
 def test_the_module_imports_nothing():
     code = "import sys, lassokin_ros.joints; assert 'numpy' not in sys.modules"
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=30)
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)

@@ -1,17 +1,19 @@
 """The pipeline's book-keeping: what is counted, what resets, and what the next message means after it."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rosbags", reason="rosbags makes the messages")
 
+from cases import copied_body  # noqa: E402
 from depth_camera import depth_message  # noqa: E402
 from messages import FRAME, camera_info, cloud, crowd, pixels_of_motion, rosbags_backend  # noqa: E402
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
-from lassokin_ros.core.errors import SkeletonError  # noqa: E402
+from lassokin_ros.core.errors import ConfigurationError  # noqa: E402
 from lassokin_ros.core.observation import Status  # noqa: E402
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE  # noqa: E402
 from lassokin_ros.pipeline.pipeline import NOBODY, UNUSED, Pipeline  # noqa: E402
@@ -48,7 +50,7 @@ def test_an_accepted_message(pipeline):
     assert counts == {"received": 1, "accepted": 1} and frame.accepted
     assert pipeline.image == (START_NS, FRAME) and pipeline.status is Status.TRACKING and pipeline.ids is None
     assert (frame.stamp_ns, frame.frame_id, frame.rejection, frame.detail) == (START_NS, FRAME, None, "")
-    assert pipeline.calibrations() == {"": pipeline.tracker.calibration} and not pipeline.nobody_in_view
+    assert pipeline.calibrations() == {"": pipeline.tracker.learned.lengths} and not pipeline.nobody_in_view
 
 
 def test_before_the_camera_messages_are_refused():
@@ -164,12 +166,32 @@ def test_another_height_resets_and_other_settings_do_not(pipeline):
     assert pipeline.status is Status.SEARCHING
 
 
-def test_a_skeleton_that_is_gone_changes_nothing(pipeline, tmp_path):
-    config = replace(pipeline.tracker.config, height=1.5, skeleton=str(tmp_path / "gone.yaml"), noise_px=5.0)
-    before = pipeline.tracker.config
-    with pytest.raises(SkeletonError):
-        pipeline.tune(config, replace(pipeline.config, jump_back=1.5))
-    assert pipeline.tracker.config == before and pipeline.config.jump_back == 0.5
+@pytest.mark.parametrize(
+    ("tracker", "node"),
+    [({"height": 3.0}, {}), ({"height": 1.5, "noise_px": -1.0}, {}), ({"height": 1.5}, {"jump_back": -1.0})],
+)
+def test_a_wrong_value_changes_nothing_for_anybody(tracker, node):
+    pipeline = Pipeline(TrackerConfig(), NodeSettings(max_people=2))
+    config, settings = pipeline.tracker.config, pipeline.config
+    with pytest.raises(ConfigurationError, match="expected"):
+        pipeline.tune(replace(config, **tracker), replace(settings, **{"jump_back": 1.5, **node}))
+    assert pipeline.config == settings and pipeline.counts["resets"] == 0
+    assert {(one.tracker.config, one.tracker.skeleton.height) for one in pipeline._trackable} == {(config, 1.75)}
+
+
+def test_files_that_are_gone_change_nothing(tmp_path):
+    """Skeleton and layout are read at the start only."""
+    files = copied_body(tmp_path)
+    pipeline = Pipeline(TrackerConfig(**files), NodeSettings(max_people=2))
+    for path in files.values():
+        Path(path).unlink()
+    config = pipeline.tracker.config
+    pipeline.tune(replace(config, height=1.5), pipeline.config)
+    assert {one.tracker.skeleton.height for one in pipeline._trackable} == {1.5}
+    pipeline.tune(replace(config, height=0.0), pipeline.config)
+    assert all(one.tracker.learned.height is not None for one in pipeline._trackable)
+    pipeline.reset()
+    assert pipeline.set_camera(camera_info(BACKEND)) is None and pipeline.frames(message(0), 5) == []
 
 
 @pytest.mark.parametrize(

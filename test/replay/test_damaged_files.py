@@ -85,7 +85,7 @@ def test_wrong_metadata_is_refused(recording, metadata, tmp_path, capsys):
 def replay_in_a_process(folder, output, storage, **options):
     command = [sys.executable, "-m", "lassokin_ros.cli.replay", str(folder), "--output", str(output)]
     command += ["--storage", storage]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, **options)
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, **options)
 
 
 def assert_refused(done, left, expected):
@@ -136,7 +136,7 @@ def test_a_forced_output_survives_a_full_disk(recording, small_disk):
     before = contents(small_disk / "out")
     output = str(small_disk / "out")
     command = [sys.executable, "-m", "lassokin_ros.cli.replay", str(recording[0]), "-o", output, "--force"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
     assert_refused(done, small_disk, ["out"])
     assert contents(small_disk / "out") == before
 

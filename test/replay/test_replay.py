@@ -14,6 +14,7 @@ import yaml
 
 pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
 
+from cases import copied_body  # noqa: E402
 from recordings import (  # noqa: E402
     FRAME_TOPICS,
     RATE,
@@ -397,14 +398,22 @@ def test_a_signal_leaves_no_files(tmp_path, number):
     recording = write_recording(tmp_path / "long", 3000)
     command = [sys.executable, "-m", "lassokin_ros.cli.replay", str(recording), "--output", str(tmp_path / "out")]
     process = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + 120
     while not list(tmp_path.glob(".out.*.part/recording")):
         assert time.monotonic() < deadline and process.poll() is None
         time.sleep(0.01)
     process.send_signal(number)
-    said = process.communicate(timeout=30)[1]
+    said = process.communicate(timeout=120)[1]
     assert process.returncode == 130 and said == "lassokin replay: interrupted; nothing was written\n"
     assert os.listdir(tmp_path) == ["long"]
+
+
+def read_terminal(leader):
+    """The next characters on a terminal, empty after the last process has closed it."""
+    try:
+        return os.read(leader, 1000).decode()
+    except OSError:
+        return ""
 
 
 def test_progress_is_shown_on_a_terminal_only(recording, tmp_path):
@@ -412,10 +421,23 @@ def test_progress_is_shown_on_a_terminal_only(recording, tmp_path):
 
     leader, follower = pty.openpty()
     command = [sys.executable, "-m", "lassokin_ros.cli.replay", str(recording), "--output"]
-    subprocess.run([*command, str(tmp_path / "a")], check=True, cwd=ROOT, stdout=subprocess.PIPE, stderr=follower)
+    process = subprocess.Popen([*command, str(tmp_path / "a")], cwd=ROOT, stdout=subprocess.PIPE, stderr=follower)
     os.close(follower)
-    shown = os.read(leader, 100_000).decode()
+    shown = "".join(iter(lambda: read_terminal(leader), ""))  # meanwhile: a terminal holds 4 kB
     os.close(leader)
+    process.communicate()
+    assert process.returncode == 0
     assert "messages" in shown and f"{2 * FRAMES}/{2 * FRAMES}" in shown and shown.endswith("\r\x1b[K")
     done = subprocess.run([*command, str(tmp_path / "b")], check=True, cwd=ROOT, capture_output=True)
     assert done.stderr == b""
+
+
+def test_the_summary_says_what_a_skeleton_lacks(recording, tmp_path, capsys):
+    skeleton = Path(copied_body(tmp_path)["skeleton"])
+    skeleton.write_text(skeleton.read_text(encoding="utf-8").replace("left_foot", "left_toes"), encoding="utf-8")
+    for number, (name, lacks) in enumerate({"anthropometric": False, str(skeleton): True}.items()):
+        assert main([str(recording), "-o", str(tmp_path / str(number)), "-p", f"skeleton:={name}"]) == 0
+        lines = [line.partition("limitations")[2].strip() for line in capsys.readouterr().out.splitlines()]
+        said = [line for line in lines if line]
+        assert bool(said) == lacks
+    assert said[0].startswith("the skeleton has no joint left_foot; off: balance")

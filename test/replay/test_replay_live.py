@@ -68,7 +68,7 @@ class HeardBeforeItsCamera(LiveNode):
 
         def unnoticed():
             self._publishers[1].publish(keypoints)
-            return not self.got[topics.DIAGNOSTICS] or not self._rejected_count()
+            return not self.got[topics.DIAGNOSTICS] or not self._counts()["rejected: no_camera_info"]
 
         self._spin_while(unnoticed, "a rejection")
         super()._warm_up(frames)

@@ -33,7 +33,7 @@ def start_replay(*arguments, **options):
     return subprocess.Popen(command, cwd=ROOT, start_new_session=True, **pipes, **options)
 
 
-def holder(running, output, deadline_s=25.0, but=()):
+def holder(running, output, deadline_s=120.0, but=()):
     """The id of the process that writes the recording `output`: it has a file open in the hidden folder beside it.
 
     running: process of `start_replay`, which must not end before. but: processes to ignore. A process that removes the

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
 
 import numpy as np
 
@@ -134,3 +136,12 @@ def scaled_forearms(skeleton: Skeleton, factor: float) -> Skeleton:
     scales = np.ones(skeleton.joint_count)
     scales[[skeleton.index("left_wrist"), skeleton.index("right_wrist")]] = factor
     return skeleton.with_bone_scales(scales)
+
+
+def copied_body(folder):
+    """The built-in skeleton and layout as files of a user: {setting: path}."""
+    shipped, result = resources.files("lassokin_ros.core.body"), {}
+    for name, source in {"skeleton": "skeletons/anthropometric.yaml", "landmarks": "layouts/coco17.yaml"}.items():
+        result[name] = str(folder / f"{name}.yaml")
+        Path(result[name]).write_text((shipped / source).read_text(encoding="utf-8"), encoding="utf-8")
+    return result

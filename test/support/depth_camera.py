@@ -6,7 +6,7 @@ import zlib
 import numpy as np
 from messages import FOCAL, FRAME, HEIGHT, WIDTH, bytes_field
 
-from lassokin_ros.core.body.landmarks import SURFACE
+from lassokin_ros.core.body.roles import THICKNESS, without_side
 from msg_adapters.output_messages.builders import set_header
 
 BACKGROUND = 6.0
@@ -35,9 +35,7 @@ def render(skeleton, positions, scale=1.0, background=BACKGROUND):
 
 def _spheres(skeleton, positions):
     """Centres (k, 3) m and radii (k,) m."""
-    radii = np.array(
-        [SURFACE.get(name.removeprefix("left_").removeprefix("right_"), 0.03) for name in skeleton.joint_names]
-    )
+    radii = np.array([THICKNESS.get(without_side(name), 0.03) for name in skeleton.joint_names])
     child = np.arange(1, skeleton.joint_count)
     parent = skeleton.parents[child]
     share = np.linspace(0, 1, SPHERES)[:, None]

@@ -22,7 +22,8 @@ from lassokin_ros.node.message_types import message_class
 from lassokin_ros.pipeline.outputs import topics
 from msg_adapters.backends import RclpyBackend
 
-DEADLINE_S = 30.0
+DEADLINE_S = 60.0
+"""s: after this time a condition counts as never met. A node starts in 2 s, on a very busy machine in 20 s."""
 PAST_S = 1800
 """s between a peer's first stamp and its creation. Stamps an hour in the past would cause a warning."""
 NO_HANDLERS = SignalHandlerOptions.NO
@@ -42,7 +43,7 @@ class NodeProcess:
         self.said = ""
         self.process = subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True, cwd=folder, **options)
 
-    def stop(self, *signals, grace_s=10.0):
+    def stop(self, *signals, grace_s=DEADLINE_S):
         """Send signals, wait, and return (exit code, stderr)."""
         for number in signals:
             self.process.send_signal(number)
@@ -62,14 +63,14 @@ class NodeProcess:
 
 
 @contextmanager
-def node_in_this_process(namespace, **settings):
+def node_in_this_process(namespace, evidence=(), **settings):
     """(node, function that runs its next callback): the node does nothing while it is not called."""
     from lassokin_ros.node.node import TrackerNode
 
     context = rclpy.Context()
     rclpy.init(context=context, signal_handler_options=NO_HANDLERS)
     overrides = [Parameter(name, value=value) for name, value in settings.items()]
-    node = TrackerNode(context=context, namespace=namespace, parameter_overrides=overrides)
+    node = TrackerNode(evidence=evidence, context=context, namespace=namespace, parameter_overrides=overrides)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
     try:

@@ -1,19 +1,23 @@
 """Good frames for the core's tracker, with the true motion."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.evidence.evidence import EvaluatedState
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import WEBCAM, detections, exact_pixels, motion
 
 FOCAL, RATE, NOISE_PX = 1000.0, 30.0, 2.0
-CONFIG = TrackerConfig(noise_px=NOISE_PX, depth_prior=False)
-"""Configuration without the depth network: only the tracker with hypotheses."""
+CONFIG = TrackerConfig(noise_px=NOISE_PX)
+"""The default configuration, with the noise of `observations`."""
+WITHOUT_NETWORK = replace(CONFIG, depth_prior=False)
+"""The same without the depth network, for what the tracker does only then, or what the network hides."""
 TRACKED_WITHIN = 0.15
 """Largest mean error of the joints, pelvis on pelvis, of a tracked state, m; a lost one has 0.3 m."""
 
@@ -32,7 +36,7 @@ def observations(tracker, seconds=2.0, start=0.0, noise_px=NOISE_PX, seed=0):
 
 def detected(seconds, seed=1):
     """(tracker, observations) of the demo's person with its simulated detector."""
-    tracker, lens = Tracker(TrackerConfig(depth_prior=False)), WEBCAM.lens
+    tracker, lens = Tracker(TrackerConfig()), WEBCAM.lens
     times = np.arange(round(seconds * RATE)) / RATE
     pixels, confidence = detections(exact_pixels(tracker.kinematics, motion(tracker.skeleton, times)), RATE, seed=seed)
     return tracker, [
@@ -53,3 +57,10 @@ def aligned_error(estimate, truth):
 
 def same(a: BodyState, b: BodyState) -> bool:
     return np.array_equal(a.rotations, b.rotations) and np.array_equal(a.translation, b.translation)
+
+
+def published_by(output_filter, state, pose, omega, x, step, speed, time):
+    """The state that an OutputFilter publishes for a solved state, after the increment (omega, x)."""
+    return output_filter.filtered(
+        EvaluatedState(state, pose, None), SimpleNamespace(omega=omega, x=x), step, speed, time
+    )

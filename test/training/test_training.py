@@ -5,7 +5,7 @@ import pytest
 
 from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.evidence.depth_network import (
+from lassokin_ros.core.network.depth_network import (
     DEPTHS,
     INPUTS,
     NAMES,
@@ -87,6 +87,7 @@ def test_the_shipped_network_is_symmetric(motion):
     inputs = Views(motion).batch(20, np.random.default_rng(4)).inputs
     (seen, x), (place, sign) = INPUT, PLACE
     outputs, mirrored = shipped_network()(inputs), shipped_network()(inputs[:, seen] * x)
+    assert np.ptp(outputs[:, : len(place)]) > 0.01 and np.abs(mirrored - outputs).max() > 0.01
     assert np.allclose(mirrored[:, : len(place)], outputs[:, place] * sign, atol=1e-4)
 
 
@@ -102,6 +103,7 @@ def test_a_mirrored_scene_has_mirrored_inputs(motion):
     flip = np.array([-1.0, 1.0, 1.0])
     mirrored = Scene(points[:, :, OTHER] * flip[:2], seen[:, :, OTHER], up * flip, known, lengths, known)
     index, sign = INPUT
+    assert np.abs(features(mirrored)[0] - inputs).max() > 0.1
     assert np.allclose(features(mirrored)[0], inputs[:, index] * sign, atol=1e-5)
 
 

@@ -126,7 +126,7 @@ def test_topics_of_people_are_added_and_removed(viewer):
 def test_an_existing_file_is_one_line_and_exit_code_2(tmp_path):
     there = tmp_path / "there.rrd"
     there.write_bytes(b"kept")
-    code, said = NodeProcess("/none", command=[*COMMAND, "--save", str(there)]).stop(grace_s=60)
+    code, said = NodeProcess("/none", command=[*COMMAND, "--save", str(there)]).stop()
     assert code == 2 and said.strip() == f"viewer: '{there}' exists already; choose another name or add --force"
     assert [(f.name, f.read_bytes()) for f in tmp_path.iterdir()] == [("there.rrd", b"kept")]
 

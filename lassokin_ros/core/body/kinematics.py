@@ -5,18 +5,16 @@ joint frame is parallel to the root's frame. Joint j rotates by R_j about its ow
 increment omega_j is applied on the right, R_j <- R_j exp(hat(omega_j)): the three angular degrees of freedom are
 rotations about the axes of the joint's own frame.
 
-Functions take leading batch axes (hypotheses, people) where shapes are written with `...`.
+Functions take leading batch axes (several states) where shapes are written with `...`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from lassokin_ros.core.batch import stack_attribute
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import exponential, hat
 from lassokin_ros.core.body.skeleton import Skeleton
@@ -58,7 +56,8 @@ class Kinematics:
 
     def __init__(self, skeleton: Skeleton, layout: Layout) -> None:
         self.skeleton = skeleton
-        self.layout = layout
+        self.layout = self._given_layout = layout
+        self._given_height = skeleton.height
         n = skeleton.joint_count
         ancestors = skeleton.ancestors.astype(float)
         reach = ancestors[layout.joints]
@@ -76,13 +75,10 @@ class Kinematics:
         self.live_root = self._live[skeleton.parents[self._live // 3] < 0]
         self._live_reach = np.ascontiguousarray(self._row_reach[:, self._live].T)
 
-    @staticmethod
-    def stack(several: Sequence[Kinematics]) -> Kinematics:
-        """Stack the kinematics of several people, for states (people, k, ...). Skeletons may differ in lengths only."""
-        return stack_attribute(several, "_vectors")
-
     def set_skeleton(self, skeleton: Skeleton) -> None:
-        """Replace the skeleton by one with other lengths. The tree and the landmarks must be the same."""
+        """Replace the skeleton by one with other lengths and the same tree. Landmarks are scaled with its height."""
+        if skeleton.height != self.skeleton.height:
+            self.layout = self._given_layout.scaled(skeleton.height / self._given_height)
         self.skeleton = skeleton
         self._vectors = np.concatenate([skeleton.offsets, self.layout.offsets])[:, :, None]
 
@@ -159,26 +155,26 @@ class Kinematics:
         """(..., live, 6): `twists` of the live degrees of freedom; axes: (..., n, 3, 3), see `twists`."""
         return twists(pose, axes).take(self._live, axis=-2)
 
-    def landmark_columns(self, moving: np.ndarray, pose: BodyPose, rows: np.ndarray, out: np.ndarray) -> None:
+    def landmark_columns(self, live_twists: np.ndarray, pose: BodyPose, rows: np.ndarray, out: np.ndarray) -> None:
         """Fill `out` (..., live, m l) with the live columns of `image_jacobian`, transposed.
 
-        moving: (..., live, 6), from `live_twists`; rows: (..., m l, 3), m rows per landmark, in the landmarks' order.
+        live_twists: (..., live, 6), see there; rows: (..., m l, 3), m rows per landmark, in the landmarks' order.
         """
         per_landmark = rows.shape[-2] // self.landmark_count
         reach = self._live_reach if per_landmark == 2 else np.repeat(self.reach, per_landmark, axis=0)[:, self._live].T
-        columns = moving @ wrenches(pose, pose.landmarks, rows).swapaxes(-1, -2)
+        columns = live_twists @ wrenches(pose, pose.landmarks, rows).swapaxes(-1, -2)
         np.multiply(columns, reach, out=out)
 
     def joint_columns(
-        self, moving: np.ndarray, pose: BodyPose, joints: np.ndarray, rows: np.ndarray, out: np.ndarray
+        self, live_twists: np.ndarray, pose: BodyPose, joints: np.ndarray, rows: np.ndarray, out: np.ndarray
     ) -> None:
         """Fill `out` (..., live, m k) with the derivatives of f . p_j, for rows f that act on the centres of k joints.
 
-        moving: (..., live, 6), from `live_twists`; joints: (k,); rows: (..., m k, 3), m rows per joint.
+        live_twists: (..., live, 6), see there; joints: (k,); rows: (..., m k, 3), m rows per joint.
         """
         carried = np.repeat(self.skeleton.ancestors[joints], 3, axis=1)[:, self._live]
         reach = np.repeat(carried, rows.shape[-2] // len(joints), axis=0).T
-        columns = moving @ wrenches(pose, pose.positions.take(joints, axis=-2), rows).swapaxes(-1, -2)
+        columns = live_twists @ wrenches(pose, pose.positions.take(joints, axis=-2), rows).swapaxes(-1, -2)
         np.multiply(columns, reach, out=out)
 
 

@@ -2,41 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any, Mapping
 
 import numpy as np
 
+from lassokin_ros.core.body.roles import THICKNESS, without_side
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import LayoutError
 from lassokin_ros.core.yaml_files import check_keys, finite_numbers, load_mapping, read_text, shipped_mapping, user_path
 
 MOST_LANDMARKS = 1000
 """Largest number of landmarks. Memory grows with its square. A body with both hands and a face mesh has about 550."""
-
-SURFACE = {
-    "hip": 0.055,
-    "knee": 0.034,
-    "ankle": 0.021,
-    "foot": 0.018,
-    "neck": 0.036,
-    "head": 0.045,
-    "shoulder": 0.040,
-    "elbow": 0.025,
-    "wrist": 0.016,
-    "hand": 0.010,
-    "pelvis": 0.060,
-    "spine1": 0.060,
-    "spine2": 0.060,
-    "spine3": 0.060,
-}
-"""Half of the body's thickness at a joint / height: the default `surface` of a landmark at a joint's centre.
-
-Typical values of adults in light clothing: circumference / (2 pi) for limbs and neck, half of the depth for the trunk.
-A landmark with an offset from its joint (nose, ear, toe) is on the surface: 0. A layout may set other values.
-"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +28,8 @@ class Layout:
     names: l landmark names; a keypoint's id is its index here.
     joints: (l,) index of the joint that each landmark is fixed to.
     offsets: (l, 3) m, q_i^0 of (1): position in that joint's frame (body axes at rest: x left, y up, z front).
-    surface: (l,) m from the body's surface to the landmark, along the line of sight of a depth camera.
+    surface: (l,) m from the body's surface to the landmark, along the line of sight of a depth camera. By default it is
+        the body's `THICKNESS` for a landmark at a joint's centre, and 0 for one with an offset (nose, ear, toe).
     noise: (l,) factor on the detector's noise, above 1 for an unsteady landmark or one off its joint's centre.
     """
 
@@ -103,7 +83,7 @@ class Layout:
             noise.append(_numbers([entry.get("noise", 1.0)], 1, where, "noise")[0])
             if not 0.1 <= noise[-1] <= 100:
                 raise LayoutError(f"{where} has noise {noise[-1]}; expected a factor from 0.1 to 100")
-            inside = SURFACE.get(_without_side(entry["joint"]), 0.0) if not any(offsets[-1]) else 0.0
+            inside = THICKNESS.get(without_side(entry["joint"]), 0.0) if not any(offsets[-1]) else 0.0
             surface.append(_numbers([entry.get("surface", inside)], 1, where, "surface")[0])
             if not 0 <= surface[-1] <= 0.2:
                 raise LayoutError(f"{where} has surface {surface[-1]}; expected 0 to 0.2 of the height")
@@ -117,6 +97,10 @@ class Layout:
             np.array(surface) * scale,
         )
 
+    def scaled(self, ratio: float) -> Layout:
+        """The same landmarks on a body that is taller by a factor."""
+        return replace(self, offsets=self.offsets * ratio, surface=self.surface * ratio)
+
     def index(self, landmark: str) -> int:
         """Index of a landmark by name; LayoutError with the names that exist if there is none."""
         if landmark not in self.names:
@@ -128,10 +112,6 @@ def built_in_layouts() -> list[str]:
     """Names of the built-in layouts, for `Layout.load`."""
     folder = resources.files("lassokin_ros.core.body") / "layouts"
     return sorted(Path(entry.name).stem for entry in folder.iterdir() if entry.name.endswith(".yaml"))
-
-
-def _without_side(joint: str) -> str:
-    return joint.removeprefix("left_").removeprefix("right_")
 
 
 def _numbers(value: Any, count: int, where: str, what: str) -> list[float]:

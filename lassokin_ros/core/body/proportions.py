@@ -5,23 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
+from lassokin_ros.core.body.roles import LENGTHS, without_side
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.record import record
-
-PAIRS = {
-    "hip width": ("hip", "x"),
-    "hip drop": ("hip", "yz"),
-    "thigh": ("knee", "xyz"),
-    "shank": ("ankle", "xyz"),
-    "foot": ("foot", "xyz"),
-    "shoulder width": ("collar shoulder", "x"),
-    "shoulder height": ("collar shoulder", "yz"),
-    "upper arm": ("elbow", "xyz"),
-    "forearm": ("wrist", "xyz"),
-    "hand": ("hand", "xyz"),
-}
-"""Paired lengths of SMPL's tree: name -> (joints, components of their offsets)."""
-MIDDLE = {"trunk": "spine1 spine2 spine3", "neck": "neck", "head": "head"}
 
 
 @record
@@ -37,23 +23,25 @@ class Proportions:
 
     def __init__(self, kinematics: Kinematics) -> None:
         skeleton = kinematics.skeleton
-        self.given = skeleton
-        self._kinematics = kinematics
         self._parent = np.maximum(skeleton.parents, 0)
         self._ancestors = skeleton.ancestors.astype(float)
         self._reach = self._ancestors[kinematics.layout.joints]
-        parts = _parts(skeleton)
-        seen = [name for name, part in parts.items() if np.any(self._reach @ np.abs(part).sum(-1) > 1e-6)]
-        self.names = tuple(seen)
-        #: (p, n, 3) m: the offsets that each length scales.
-        self.parts = np.array([parts[name] for name in seen]).reshape(-1, skeleton.joint_count, 3)
-        self._components = np.ascontiguousarray(np.moveaxis(self.parts, 0, -1))
-        self._given_parts = self._scaled_parts(np.zeros(self.count))
+        moved = {name: self._reach @ np.abs(part).sum(-1) for name, part in _parts(skeleton).items()}
+        self.names = tuple(name for name, motion in moved.items() if np.any(motion > 1e-6))
+        self.use(skeleton)
         height = skeleton.rest_positions[:, 1]
         top, bottom = int(np.argmax(height)), int(np.argmin(height))
         path = skeleton.ancestors[top].astype(float) - skeleton.ancestors[bottom]
         #: (p,) share of each length in the stature at rest.
         self.stature_shares = self.parts[:, :, 1] @ path / max(height[top] - height[bottom], 1e-9)
+
+    def use(self, given: Skeleton) -> None:
+        """Use another skeleton with the same tree, such as one of another height. The lengths refer to it."""
+        self.given, parts = given, _parts(given)
+        #: (p, n, 3) m: the offsets that each length scales.
+        self.parts = np.array([parts[name] for name in self.names]).reshape(-1, given.joint_count, 3)
+        self._components = np.ascontiguousarray(np.moveaxis(self.parts, 0, -1))
+        self._given_parts = self._scaled_parts(np.zeros(self.count))
 
     @property
     def count(self) -> int:
@@ -95,13 +83,10 @@ class Proportions:
 def _parts(skeleton: Skeleton) -> dict[str, np.ndarray]:
     """(n, 3) m: the offsets that belong to each length. A joint that is in no table gets a separate length."""
     names = skeleton.joint_names
-    groups: dict[str, tuple[list[str], str]] = {}
-    for length, (kinds, axes) in PAIRS.items():
-        groups[length] = ([f"{side}_{kind}" for side in ("left", "right") for kind in kinds.split()], axes)
-    groups |= {length: (joints.split(), "xyz") for length, joints in MIDDLE.items()}
+    groups = {length: (list(joints), axes) for length, (joints, axes) in LENGTHS.items()}
     known = {joint for joints, _ in groups.values() for joint in joints}
     for name in (name for name in names if name not in known):
-        kind = name.removeprefix("left_").removeprefix("right_")
+        kind = without_side(name)
         groups[kind] = ([*groups.get(kind, ([], ""))[0], name], "xyz")
     parts = {}
     for length, (joints, axes) in groups.items():

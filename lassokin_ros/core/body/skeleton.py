@@ -38,6 +38,7 @@ class Skeleton:
         zero for the root.
     axes: n orders such as "xzy": the three revolute joints that represent each ball joint in URDF and JointState.
     height: m, height of the person.
+    metric: whether the offsets were given in metres, so that another height does not change them.
     """
 
     name: str
@@ -46,6 +47,7 @@ class Skeleton:
     offsets: np.ndarray
     axes: tuple[str, ...]
     height: float
+    metric: bool = False
 
     def __post_init__(self) -> None:
         for field in ("parents", "offsets"):
@@ -88,6 +90,15 @@ class Skeleton:
         """The same body, taller by a factor."""
         return replace(self, offsets=self.offsets * ratio, height=self.height * ratio)
 
+    def at_height(self, height: float) -> Skeleton:
+        """The same skeleton for a person of another height, m; lengths in metres stay. Raises SkeletonError like
+        `load`.
+        """
+        _check_height(height)
+        if self.metric:
+            return replace(self, height=float(height))
+        return self if height == self.height else replace(self.scaled(height / self.height), height=float(height))
+
     def with_bone_scales(self, scales: np.ndarray) -> Skeleton:
         """The same tree with the bone that ends in each joint scaled by (n,) factors."""
         return self.with_offsets(self.offsets * np.asarray(scales, dtype=float)[:, None])
@@ -98,8 +109,7 @@ class Skeleton:
 
         Raises SkeletonError if the name or file does not exist, the tree is not valid, or the height is out of range.
         """
-        if not (np.isfinite(height) and HEIGHT_RANGE[0] <= height <= HEIGHT_RANGE[1]):
-            raise SkeletonError(f"height is {height}; expected {HEIGHT_RANGE[0]} to {HEIGHT_RANGE[1]} m")
+        _check_height(height)
         source, data = _read(name_or_path)
         return cls.from_mapping(data, height, source)
 
@@ -118,7 +128,12 @@ class Skeleton:
         names, parents, positions, axes = _parse_joints(joints, source)
         scale = height if unit == "fraction" else 1.0
         offsets = positions - np.where(parents[:, None] >= 0, positions[np.maximum(parents, 0)], positions[0])
-        return cls(str(data.get("name", source)), names, parents, offsets * scale, axes, float(height))
+        return cls(str(data.get("name", source)), names, parents, offsets * scale, axes, float(height), unit == "metre")
+
+
+def _check_height(height: float) -> None:
+    if not (np.isfinite(height) and HEIGHT_RANGE[0] <= height <= HEIGHT_RANGE[1]):
+        raise SkeletonError(f"height is {height}; expected {HEIGHT_RANGE[0]} to {HEIGHT_RANGE[1]} m")
 
 
 def has_built_in_proportions(skeleton: Skeleton) -> bool:

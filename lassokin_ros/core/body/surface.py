@@ -9,23 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose
+from lassokin_ros.core.body.roles import BONES
 from lassokin_ros.core.body.skeleton import Skeleton
 
-CAPSULES = (
-    ("pelvis", "spine2", 0.060),
-    ("spine2", "neck", 0.060),
-    ("neck", "head", 0.036),
-    ("left_hip", "right_hip", 0.055),
-    ("left_hip", "left_shoulder", 0.048),
-    ("right_hip", "right_shoulder", 0.048),
-    ("left_shoulder", "right_shoulder", 0.038),
-    *((f"{side}_hip", f"{side}_knee", 0.042) for side in ("left", "right")),
-    *((f"{side}_knee", f"{side}_ankle", 0.029) for side in ("left", "right")),
-    *((f"{side}_ankle", f"{side}_foot", 0.020) for side in ("left", "right")),
-    *((f"{side}_shoulder", f"{side}_elbow", 0.027) for side in ("left", "right")),
-    *((f"{side}_elbow", f"{side}_wrist", 0.021) for side in ("left", "right")),
-)
-"""Joints at both ends, and radius / height: the means of `SURFACE` (landmarks.py) along the limb."""
 HEAD = (0.0, 0.055, 0.012), 0.055
 """Middle of the skull in the head's frame, and its radius, / height."""
 
@@ -35,7 +21,8 @@ class BodySurface:
 
     def __init__(self, skeleton: Skeleton) -> None:
         names, scale = skeleton.joint_names, skeleton.height
-        chosen = [(names.index(a), names.index(b), r) for a, b, r in CAPSULES if a in names and b in names]
+        bones = [bone for bone in BONES if bone.radius and {bone.first, bone.last} <= set(names)]
+        chosen = [(names.index(bone.first), names.index(bone.last), bone.radius) for bone in bones]
         self._start, self._end = (np.array([c[i] for c in chosen], dtype=int) for i in (0, 1))
         self._radii = np.array([c[2] for c in chosen]) * scale
         self._head = names.index("head") if "head" in names else None

@@ -43,6 +43,17 @@ def asymmetry(skeleton: Skeleton) -> float:
     return float(np.sqrt(np.mean(ratios[paired] ** 2))) if paired.any() else 0.0
 
 
+def symmetric_skeleton(skeleton: Skeleton, average: bool) -> tuple[Skeleton, float]:
+    """The skeleton with which calibration starts, and the difference of its sides if they were averaged, else 0.
+
+    Both sides are averaged if `average` is set and their difference exceeds `LARGEST_ASYMMETRY`.
+    """
+    difference = asymmetry(skeleton)
+    if average and difference > LARGEST_ASYMMETRY:
+        return symmetrised(skeleton), difference
+    return skeleton, 0.0
+
+
 def symmetrised(skeleton: Skeleton) -> Skeleton:
     """The skeleton with both bones of each pair at their geometric mean length; directions do not change."""
     _, ratios = _ratios(skeleton)

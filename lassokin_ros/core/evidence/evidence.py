@@ -3,15 +3,14 @@
 A frame's problem is || z - J [Omega; x] ||^2 plus the l1 term, with Omega the live degrees of freedom and x the
 translation (the paper's lasso, rebuilt in docs/method.md). Each `Evidence` gives some rows of J and z, in units of its
 own standard deviation, and the matching cost: a negative log-likelihood. `FrameModel` puts the rows of all pieces
-together. First frame, hypotheses, increment, certificate, calibration and uncertainty use the same list.
+together. First frame, increment, certificate, learning and uncertainty use the same pieces.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cached_property
-from typing import TypeVar
 
 import numpy as np
 
@@ -20,15 +19,13 @@ from lassokin_ros.core.body.proportions import LengthMotion
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.record import record
 
-E = TypeVar("E", bound="Evidence")
-
 
 @record
 class Posture:
     """Joint angles of a state, as the pose prior uses them.
 
     theta: (..., joints, 3) rad, rotation vectors of the prior's joints.
-    residual: (..., k) right sides of the prior's and the limits' rows, in standard deviations.
+    residual: (..., k) right sides of the prior's rows, in standard deviations.
     """
 
     theta: np.ndarray
@@ -43,42 +40,28 @@ class EvaluatedState:
     pose: BodyPose
     posture: Posture
 
-    def __getitem__(self, index: int | np.ndarray) -> EvaluatedState:
-        """The states at one index or at several."""
-        state, pose = self.state, self.pose
-        return EvaluatedState(
-            BodyState(state.rotations[index], state.translation[index]),
-            BodyPose(pose.orientations[index], pose.positions[index], pose.landmarks[index]),
-            Posture(self.posture.theta[index], self.posture.residual[index]),
-        )
-
-    def __setitem__(self, index: int, other: EvaluatedState) -> None:
-        pairs = ((self.state, other.state), (self.pose, other.pose), (self.posture, other.posture))
-        for target, source in pairs:
-            for name, array in vars(target).items():
-                array[index] = getattr(source, name)
-
 
 @record
 class LinearisationPoint:
     """The states about which a frame is linearised, its measurements, and the robust weights.
 
-    states: one state or several, shape (...). frame: the measurements, with axes that broadcast to (...).
+    states: one state or several, shape (...). frame: the measurements.
     robust: factors (..., l) on the landmarks' squared errors, given their sizes in standard deviations.
-    turn: (..., n, 3, 3) right Jacobian of an increment already applied; Omega is then the total increment.
+    increment_jacobian: (..., n, 3, 3) right Jacobian of an increment already applied; Omega is then the total
+    increment.
     """
 
     kinematics: Kinematics
     states: EvaluatedState
     frame: FrameData
     robust: Callable[[np.ndarray], np.ndarray]
-    turn: np.ndarray | None = None
+    increment_jacobian: np.ndarray | None = None
 
     @cached_property
     def axes(self) -> np.ndarray:
         """(..., n, 3, 3): axes of each joint's three rotations in the matrix columns, camera frame."""
         orientations = self.states.pose.orientations
-        return orientations if self.turn is None else orientations @ self.turn
+        return orientations if self.increment_jacobian is None else orientations @ self.increment_jacobian
 
     @cached_property
     def twists(self) -> np.ndarray:
@@ -101,9 +84,11 @@ class LinearisationPoint:
 class Evidence(ABC):
     """One piece of evidence about a body's state, as rows of the frame's lasso.
 
-    `count` is the number of its rows. Arrays may have leading axes (hypotheses, people).
+    name: unique among the pieces of a tracker. count: number of its rows. Arrays may have leading axes (several
+    states).
     """
 
+    name: str
     count: int
 
     def present(self, frame: FrameData) -> bool:
@@ -131,11 +116,3 @@ class Evidence(ABC):
         from which calibration shall not learn them.
         """
         return 0.0
-
-    @classmethod
-    def stack(cls: type[E], several: Sequence[E]) -> E:
-        """Stack the evidence of several people, for states (people, k, ...).
-
-        Only `Tracker.track_batch` needs it; without it, people are processed one at a time.
-        """
-        raise NotImplementedError(f"{cls.__name__} has no stack() for several people")

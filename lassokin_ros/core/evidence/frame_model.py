@@ -1,83 +1,85 @@
 """The frame model: the rows of all pieces of evidence for one frame, about one state or several.
 
-Tracker, hypotheses, initialisation and calibration linearise the same problem
+First frame, tracker and calibration linearise the same problem
 
     || z - J [Omega; x] ||^2,   Omega the live degrees of freedom, x the translation.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from copy import copy
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.proportions import LengthMotion
+from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.evidence.balance import Balance
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
 from lassokin_ros.core.evidence.image_points import ImagePoints
+from lassokin_ros.core.evidence.learned_depth import LearnedDepth
 from lassokin_ros.core.evidence.measured_depth import MeasuredDepth
-from lassokin_ros.core.evidence.pose_prior import PosePrior
+from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.evidence.upright import Upright
+from lassokin_ros.core.evidence.users import UsersEvidence
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.record import record
 
 
 @record
 class LinearisedFrame:
-    """columns: (..., live + 3, r), J transposed; z: (..., r). The image's 2 l rows come first."""
+    """columns: (..., live + 3, r), J transposed; z: (..., r). rows: the slice of the r rows of each piece, by name."""
 
     columns: np.ndarray
     z: np.ndarray
+    rows: Mapping[str, slice]
 
 
 class FrameModel:
-    """The list of evidence for one kinematics."""
+    """The pieces of evidence for one kinematics, by name: `pieces` has all, the attributes have those that are built
+    in.
 
-    def __init__(
-        self, kinematics: Kinematics, prior: PosePrior, upright: Upright, more: Sequence[Evidence] = ()
-    ) -> None:
-        """more: further evidence, after the built-in pieces."""
+    learned_depth is None for a skeleton without the joints that the depth network needs.
+    """
+
+    def __init__(self, kinematics: Kinematics, prior: PoseDistribution, users: Sequence[Evidence] = ()) -> None:
+        """users: further evidence of the user. Raises ConfigurationError for a name that is used twice."""
         self.kinematics = kinematics
-        image, balance = ImagePoints(kinematics.landmark_count), Balance(kinematics, upright)
-        depth = MeasuredDepth(kinematics.landmark_count)
-        self.evidence: list[Evidence] = [image, prior, upright, balance, depth, *more]
+        self.image, self.prior = ImagePoints(kinematics.landmark_count), PosePrior(prior, kinematics)
+        self.upright, self.balance = Upright(), Balance(kinematics)
+        self.measured_depth = MeasuredDepth(kinematics.landmark_count)
+        self.learned_depth = LearnedDepth(kinematics) if LearnedDepth.fits(kinematics.skeleton) else None
+        self._users = [UsersEvidence(evidence) for evidence in users]
+        built_in = self.image, self.prior, self.upright, self.balance, self.measured_depth, self.learned_depth
+        self.pieces: dict[str, Evidence] = {}
+        for piece in (*built_in, *self._users):
+            if piece is not None:
+                if piece.name in self.pieces:
+                    raise ConfigurationError(f"two pieces of evidence are named '{piece.name}'; expected unique names")
+                self.pieces[piece.name] = piece
+        self.image_pieces = [self.image]
+        """The reprojection errors of each camera."""
         #: Indices of the estimated degrees of freedom. The root's come first; the prior has no rows for them.
         self.live = np.flatnonzero(kinematics.live)
 
-    @property
-    def image(self) -> ImagePoints:
-        """The reprojection errors."""
-        return self.evidence[0]  # type: ignore[return-value]
+    def add_camera(self) -> None:
+        """Add the evidence of a further camera. Its views follow those of the cameras before in each frame."""
+        camera, count = len(self.image_pieces), self.kinematics.landmark_count
+        self.image_pieces.append(ImagePoints(count, camera))
+        pieces: list[Evidence] = [self.image_pieces[-1], MeasuredDepth(count, camera)]
+        if self.learned_depth is not None:
+            pieces.append(LearnedDepth(self.kinematics, camera))
+        self.pieces |= {piece.name: piece for piece in pieces}
+
+    def image_rows(self, rows: Mapping[str, slice]) -> slice | np.ndarray:
+        """The rows of all cameras' images among those of a frame."""
+        found = [rows[piece.name] for piece in self.image_pieces if piece.name in rows]
+        return found[0] if len(found) == 1 else np.concatenate([np.arange(one.start, one.stop) for one in found])
 
     @property
-    def prior(self) -> PosePrior:
-        """The pose prior, whose mean the tracker learns."""
-        return self.evidence[1]  # type: ignore[return-value]
-
-    @property
-    def upright(self) -> Upright:
-        """The prior of upright bodies, whose vertical the tracker learns."""
-        return self.evidence[2]  # type: ignore[return-value]
-
-    @property
-    def balance(self) -> Balance:
-        """The prior of the centre of mass, with the same vertical."""
-        return self.evidence[3]  # type: ignore[return-value]
-
-    @property
-    def measured_depth(self) -> MeasuredDepth:
-        """The depths that a camera measured."""
-        return self.evidence[4]  # type: ignore[return-value]
-
-    @staticmethod
-    def stack(several: Sequence[FrameModel]) -> FrameModel:
-        """Stack the models of several people, for k states each: arrays have leading axes (people, k)."""
-        whole = copy(several[0])
-        whole.kinematics = Kinematics.stack([model.kinematics for model in several])
-        whole.evidence = [type(pieces[0]).stack(pieces) for pieces in zip(*(model.evidence for model in several))]
-        return whole
+    def faults(self) -> dict[str, str]:
+        """What was wrong with the user's evidence that is left out, by name."""
+        return {piece.name: piece.fault for piece in self._users if piece.fault}
 
     def evaluate(self, state: BodyState) -> EvaluatedState:
         """Pose and posture of states (..., n, 3, 3) and (..., 3), for the skeleton as it is now."""
@@ -88,48 +90,35 @@ class FrameModel:
         states: EvaluatedState,
         frame: FrameData,
         robust: Callable[[np.ndarray], np.ndarray],
-        turn: np.ndarray | None = None,
+        increment_jacobian: np.ndarray | None = None,
     ) -> LinearisedFrame:
         """The rows about each state. Arguments as in `LinearisationPoint`."""
-        about = LinearisationPoint(self.kinematics, states, frame, robust, turn)
-        present = [evidence for evidence in self.evidence if evidence.present(frame)]
-        shape, count = states.pose.landmarks.shape[:-2], sum(evidence.count for evidence in present)
+        about = LinearisationPoint(self.kinematics, states, frame, robust, increment_jacobian)
+        rows, count = self._rows(frame)
+        shape = states.pose.landmarks.shape[:-2]
         columns, z = np.empty((*shape, len(self.live) + 3, count)), np.empty((*shape, count))
-        end = 0
-        for evidence in present:
-            begin, end = end, end + evidence.count
-            evidence.linearise(about, columns[..., begin:end], z[..., begin:end])
-        return LinearisedFrame(columns, z)
+        for name, own in rows.items():
+            self.pieces[name].linearise(about, columns[..., own], z[..., own])
+        return LinearisedFrame(columns, z, rows)
+
+    def _rows(self, frame: FrameData) -> tuple[dict[str, slice], int]:
+        """The rows of each piece that is present in a frame, and their number."""
+        rows, end = {}, 0
+        for name, piece in self.pieces.items():
+            if piece.present(frame):
+                begin, end = end, end + piece.count
+                rows[name] = slice(begin, end)
+        return rows, end
 
     def length_rows(
-        self, rows: LinearisedFrame, states: EvaluatedState, frame: FrameData, motion: LengthMotion
+        self, linearised: LinearisedFrame, states: EvaluatedState, frame: FrameData, motion: LengthMotion
     ) -> np.ndarray:
         """(r, p) negative derivative of the right sides of `linearise` by the log-lengths, for one state."""
-        result, end = np.empty((len(rows.z), motion.joints.shape[-1])), 0
-        for evidence in self.evidence:
-            if evidence.present(frame):
-                begin, end = end, end + evidence.count
-                result[begin:end] = evidence.length_rows(rows.columns[:, begin:end], states, frame, motion)
+        result = np.empty((len(linearised.z), motion.joints.shape[-1]))
+        for name, own in linearised.rows.items():
+            result[own] = self.pieces[name].length_rows(linearised.columns[:, own], states, frame, motion)
         return result
-
-    def rows_of(self, piece: Evidence, frame: FrameData) -> slice:
-        """The rows of one piece of evidence, which must be present in the frame."""
-        before = self.evidence[: self.evidence.index(piece)]
-        begin = sum(evidence.count for evidence in before if evidence.present(frame))
-        return slice(begin, begin + piece.count)
-
-    def rows_besides_prior(self, count: int) -> np.ndarray:
-        """Indices of all `count` rows except those of the pose prior and the joint limits."""
-        return np.delete(np.arange(count), slice(self.image.count, self.image.count + self.prior.count))
-
-    def image_costs(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
-        """(..., l) robust cost of each landmark."""
-        return self.image.costs(states, frame)
-
-    def other_cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
-        """(...,) cost of all evidence but the image."""
-        return np.asarray(sum(piece.cost(states, frame) for piece in self.evidence[1:] if piece.present(frame)))
 
     def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
         """(...,) negative log-likelihood of each state, all evidence together."""
-        return np.asarray(self.image.cost(states, frame) + self.other_cost(states, frame))
+        return np.asarray(sum(piece.cost(states, frame) for piece in self.pieces.values() if piece.present(frame)))

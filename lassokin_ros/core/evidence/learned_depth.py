@@ -7,27 +7,24 @@ row decreases where the state disagrees with the network. All depths are relativ
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
 from lassokin_ros.core.body.proportions import LengthMotion
+from lassokin_ros.core.body.roles import NETWORK_JOINTS
 from lassokin_ros.core.body.rotations import hat
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.evidence.depth_network import CANONICAL, DEPTHS, TARGETS
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
+from lassokin_ros.core.evidence.image_points import numbered
 from lassokin_ros.core.image.frame_data import FrameData, JointDepths
+from lassokin_ros.core.network.depth_network import CANONICAL, DEPTHS, TARGETS
 
-BESIDE_DEPTH = 0.5
+WEIGHT_OF_SEVERAL = 0.5
+"""Factor on the rows of each camera in frames of several cameras, which observe depth."""
+WEIGHT_WITH_DEPTH = 0.5
 """Factor on the rows in frames with measured depth, see `FrameData.prior_weight`."""
 TAIL = 4.0
 """Degrees of freedom of Student's t distribution, as in training."""
-
-
-def has_target_joints(skeleton: Skeleton) -> bool:
-    """Whether a skeleton has all joints whose depths the network estimates."""
-    return {joint for name, joint, _ in CANONICAL if name in (*TARGETS, "right_hip")} <= set(skeleton.joint_names)
 
 
 class LearnedDepth(Evidence):
@@ -35,12 +32,20 @@ class LearnedDepth(Evidence):
 
     count = DEPTHS
 
-    def __init__(self, kinematics: Kinematics) -> None:
-        """The skeleton must have the joints of `has_target_joints`."""
+    @staticmethod
+    def fits(skeleton: Skeleton) -> bool:
+        """Whether a skeleton has the joints whose depths the network estimates."""
+        return set(skeleton.joint_names) >= NETWORK_JOINTS
+
+    def __init__(self, kinematics: Kinematics, camera: int = 0) -> None:
+        """The skeleton must be one that `fits`. camera: its index among the views of a frame."""
+        self.name, self._camera = numbered("learned depth", camera), camera
         skeleton = kinematics.skeleton
-        places = {name: (joint, np.array(offset) * skeleton.height) for name, joint, offset in CANONICAL}
+        places = {name: (joint, offset) for name, joint, offset in CANONICAL}
         chosen = [places[name] for name in (*TARGETS, "right_hip")]
+        self._kinematics = kinematics
         self._joints = np.array([skeleton.index(joint) for joint, _ in chosen])
+        #: (DEPTHS + 1, 3, 1) in heights.
         self._levers = np.array([offset for _, offset in chosen])[..., None]
         live = np.flatnonzero(kinematics.live)
         self._reach = np.repeat(skeleton.ancestors[self._joints], 3, axis=1)[:, live].T.astype(float)
@@ -50,20 +55,19 @@ class LearnedDepth(Evidence):
 
     def present(self, frame: FrameData) -> bool:
         """Whether the network gave an estimate for this frame."""
-        return frame.joint_depths is not None
+        return self._camera < len(frame.views) and frame.views[self._camera].joint_depths is not None
 
     def linearise(self, about: LinearisationPoint, columns: np.ndarray, z: np.ndarray) -> None:
         """Fill the rows. A rotation w of a joint at p changes the depth of a point q by (w x (q - p)) . sight."""
-        given, pose = _given(about.frame), about.states.pose
+        given, pose = self._given(about.frame), about.states.pose
         points = self._points(pose)
         whitened = self._whitened(points, given)
         weight = _robust_weight(whitened)
         wrenches = np.empty((*points.shape[:-1], 6))
         np.matmul(points - pose.positions[..., :1, :], hat(given.sight), out=wrenches[..., :3])
-        wrenches[..., 3:] = given.sight[..., None, :]
+        wrenches[..., 3:] = given.sight
         depths = (about.twists @ wrenches.swapaxes(-1, -2)) * self._reach
-        whitening = given.whitening @ self._relative
-        columns[..., :-3, :] = (depths @ whitening.swapaxes(-1, -2)) * weight[..., None, :]
+        columns[..., :-3, :] = (depths @ (given.whitening @ self._relative).T) * weight[..., None, :]
         columns[..., -3:, :] = 0.0
         z[...] = weight * whitened
 
@@ -71,14 +75,14 @@ class LearnedDepth(Evidence):
         self, columns: np.ndarray, states: EvaluatedState, frame: FrameData, motion: LengthMotion
     ) -> np.ndarray:
         """(DEPTHS, p): how the depths relative to the hips change."""
-        given = _given(frame)
+        given = self._given(frame)
         weight = _robust_weight(self._whitened(self._points(states.pose), given))
         depths = np.tensordot(given.sight, motion.joints.take(self._joints, axis=0), axes=(0, 1))
         return np.asarray(weight[:, None] * (given.whitening @ self._relative @ depths))
 
     def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
         """(...,) negative log-likelihood of Student's t distribution, which gives the rows' weights."""
-        z = self._whitened(self._points(states.pose), _given(frame))
+        z = self._whitened(self._points(states.pose), self._given(frame))
         return np.asarray((TAIL + 1) / 2 * np.log1p(z * z / TAIL).sum(-1))
 
     def disagreement(self, pose: BodyPose, given: JointDepths) -> float:
@@ -86,30 +90,26 @@ class LearnedDepth(Evidence):
         z = self._whitened(self._points(pose), given)
         return float(np.log1p(z * z / TAIL).sum()) / DEPTHS  # mean() takes twice as long
 
-    @classmethod
-    def stack(cls, several: Sequence[LearnedDepth]) -> LearnedDepth:
-        """The estimates are part of the frames, so one object serves all people."""
-        return several[0]
+    def _given(self, frame: FrameData) -> JointDepths:
+        """The network's estimate, with less weight beside measured depth or other cameras."""
+        given = frame.views[self._camera].joint_depths
+        assert given is not None
+        factor = frame.prior_weight(WEIGHT_WITH_DEPTH)
+        if sum(bool(view.weights.any()) for view in frame.views) > 1:
+            factor = min(factor, WEIGHT_OF_SEVERAL)
+        return given if factor == 1.0 else given.with_weight(factor)
 
     def _points(self, pose: BodyPose) -> np.ndarray:
         """(..., DEPTHS + 1, 3) m: the targets and the right hip."""
-        turned = pose.orientations.take(self._joints, axis=-3) @ self._levers
+        turned = pose.orientations.take(self._joints, axis=-3) @ (self._kinematics.skeleton.height * self._levers)
         return np.asarray(pose.positions.take(self._joints, axis=-2) + turned[..., 0])
 
     def _whitened(self, points: np.ndarray, given: JointDepths) -> np.ndarray:
         """(..., DEPTHS): whitened difference of estimated and actual depths."""
-        depths = (points @ given.sight[..., None])[..., 0] @ self._relative.T
-        return np.asarray((given.whitening @ (given.depths - depths)[..., None])[..., 0])
+        depths = points.dot(given.sight).dot(self._relative.T)
+        return np.asarray((given.depths - depths).dot(given.whitening.T))
 
 
 def _robust_weight(whitened: np.ndarray) -> np.ndarray:
     """Factors on rows with these residuals, for Student's t distribution."""
     return np.asarray(np.sqrt((TAIL + 1) / (TAIL + whitened * whitened)))
-
-
-def _given(frame: FrameData) -> JointDepths:
-    """The network's estimate, with less weight beside measured depth."""
-    assert frame.joint_depths is not None
-    if frame.depth is None:
-        return frame.joint_depths
-    return frame.joint_depths.with_weight(frame.prior_weight(BESIDE_DEPTH))

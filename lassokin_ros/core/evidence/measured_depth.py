@@ -4,31 +4,31 @@ One row per landmark compares the measurement with z of q_i, the coordinate that
 may measure an occluder in front of the body: the loss is bounded in front of the landmark (Geman and McClure's), and a
 measurement far in front has hardly any influence. A measurement behind the landmark can hardly be an occluder. Such a
 measurement means that the estimated limb is too near, so the loss has a longer tail there (Cauchy's); with a bounded
-one, a limb on the wrong side in depth would stay there. A measurement more than `FARTHEST` behind is the background and
-has no influence.
+one, a limb on the wrong side in depth would stay there. A measurement more than `FARTHEST_BEHIND` behind is the
+background and has no influence.
 """
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 
 from lassokin_ros.core.body.proportions import LengthMotion
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
+from lassokin_ros.core.evidence.image_points import numbered
 from lassokin_ros.core.image.frame_data import FrameData
 
 WEIGHT_FACTOR = 1.5
 """Factor on the weights of the depths. Their noise is independent from frame to frame, but the errors of the
-priors are not. It was chosen, with the priors' factors `BESIDE_DEPTH`, on three of the network's validation people."""
-FARTHER, NEARER = 3.0, 3.5
+priors are not. It was chosen, with the priors' factors `WEIGHT_WITH_DEPTH`, on three of the network's validation
+people."""
+SCALE_BEHIND, SCALE_IN_FRONT = 3.0, 3.5
 """Scales of the loss for measurements behind and in front of the state's landmark, in standard deviations. They were
 chosen on the network's validation people, with 10 % and with half of the depths on an occluder. With a
-NEARER of 6, the body moves by 12 cm if half of the depths are on an occluder. With a FARTHER of 3.5, the first fit may
-follow an image of a wall."""
-FARTHEST = 0.8
+SCALE_IN_FRONT of 6, the body moves by 12 cm if half of the depths are on an occluder. With a SCALE_BEHIND of 3.5, the
+first fit may follow an image of a wall."""
+FARTHEST_BEHIND = 0.8
 """m: a measurement that is farther behind the landmark belongs to the background and has no influence."""
-LARGEST_COST = 0.5 * NEARER**2
+LARGEST_COST = 0.5 * SCALE_IN_FRONT**2
 """Limit of a measurement's cost, on both sides. Without it, a body at the distance of the wall behind the person can
 cost less than the person, although it is too small in the image."""
 SHIFT = 0.05
@@ -40,15 +40,15 @@ def loss(errors: np.ndarray) -> np.ndarray:
 
     Cauchy's behind, Geman and McClure's in front.
     """
-    behind = 0.5 * FARTHER**2 * np.log1p((np.maximum(errors, 0.0) / FARTHER) ** 2)
+    behind = 0.5 * SCALE_BEHIND**2 * np.log1p((np.maximum(errors, 0.0) / SCALE_BEHIND) ** 2)
     square = np.minimum(errors, 0.0) ** 2
-    return np.asarray(behind + 0.5 * square / (1 + square / NEARER**2))
+    return np.asarray(behind + 0.5 * square / (1 + square / SCALE_IN_FRONT**2))
 
 
 def loss_weights(errors: np.ndarray) -> np.ndarray:
     """Weights on the squared errors with which least squares minimises the loss (IRLS)."""
-    behind = 1 / (1 + (np.maximum(errors, 0.0) / FARTHER) ** 2)
-    return np.asarray(behind / (1 + (np.minimum(errors, 0.0) / NEARER) ** 2) ** 2)
+    behind = 1 / (1 + (np.maximum(errors, 0.0) / SCALE_BEHIND) ** 2)
+    return np.asarray(behind / (1 + (np.minimum(errors, 0.0) / SCALE_IN_FRONT) ** 2) ** 2)
 
 
 def common_shift(errors: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -67,12 +67,13 @@ def common_shift(errors: np.ndarray, weights: np.ndarray) -> np.ndarray:
 class MeasuredDepth(Evidence):
     """Rows d_i - z(q_i) for the landmarks with a measured depth, in standard deviations."""
 
-    def __init__(self, landmark_count: int) -> None:
-        self.count = landmark_count
+    def __init__(self, landmark_count: int, camera: int = 0) -> None:
+        """camera: its index among the views of a frame."""
+        self.name, self.count, self._camera = numbered("measured depth", camera), landmark_count, camera
 
     def present(self, frame: FrameData) -> bool:
         """Whether any depth was measured in this frame."""
-        return frame.depth is not None
+        return self._camera < len(frame.views) and frame.views[self._camera].depth is not None
 
     def linearise(self, about: LinearisationPoint, columns: np.ndarray, z: np.ndarray) -> None:
         """Fill one row per landmark; the row of a landmark without a measurement is zero.
@@ -81,9 +82,10 @@ class MeasuredDepth(Evidence):
         """
         error, weights = self._errors(about.states, about.frame)
         moved = (error - common_shift(error, weights)) * weights
-        weights = weights * np.sqrt(loss_weights(moved)) * (error < FARTHEST)
+        weights = weights * np.sqrt(loss_weights(moved)) * (error < FARTHEST_BEHIND)
         F = np.zeros((*z.shape, 1, 3))
-        F[..., 0, 2] = weights
+        camera = about.frame.views[self._camera].camera
+        F[..., 0, :] = weights[..., None] * camera.rotation[2]
         about.landmark_columns(F, columns)
         z[...] = weights * error
 
@@ -98,14 +100,9 @@ class MeasuredDepth(Evidence):
         error, weights = self._errors(states, frame)
         return np.asarray(np.minimum(loss(error * weights), LARGEST_COST).sum(-1))
 
-    @classmethod
-    def stack(cls, several: Sequence[MeasuredDepth]) -> MeasuredDepth:
-        """One layout serves all people."""
-        return several[0]
-
-    @staticmethod
-    def _errors(states: EvaluatedState, frame: FrameData) -> tuple[np.ndarray, np.ndarray]:
+    def _errors(self, states: EvaluatedState, frame: FrameData) -> tuple[np.ndarray, np.ndarray]:
         """(..., l) errors in m, measured minus actual depth, and 1 / standard deviation, broadcast to the states."""
-        assert frame.depth is not None and frame.depth_weights is not None
-        error = frame.depth - states.pose.landmarks[..., 2]
-        return error, np.broadcast_to(WEIGHT_FACTOR * frame.depth_weights, error.shape)
+        view = frame.views[self._camera]
+        assert view.depth is not None and view.depth_weights is not None
+        error = view.depth - view.camera.into_camera(states.pose.landmarks)[..., 2]
+        return error, np.broadcast_to(WEIGHT_FACTOR * view.depth_weights, error.shape)

@@ -1,4 +1,1 @@
-"""Other explanations of the image: initialisation, alternative bodies and limbs, the network's pose, re-initialisation.
-
-`replacement` decides when one of them replaces the tracked pose.
-"""
+"""Where a frame may start other than from the tracked state: first fit, and the pose of the depth network."""

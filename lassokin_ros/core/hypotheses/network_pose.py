@@ -1,4 +1,4 @@
-"""A body state from the joint positions of the depth network, as the start of a fit.
+"""The pose of the depth network as a body state: the start of a first fit, and another pose beside the tracked one.
 
 The pelvis is oriented by hips and shoulders, the bones of the limbs by the directions between the network's positions.
 All other joints are as in the prior's mean pose.
@@ -7,36 +7,73 @@ All other joints are as in the prior's mean pose.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Protocol
 
 import numpy as np
 
-from lassokin_ros.core.body.kinematics import BodyState
+from lassokin_ros.core.body.kinematics import BodyPose, BodyState, Kinematics
+from lassokin_ros.core.body.roles import LIMB_BONES
 from lassokin_ros.core.body.rotations import least_turn
 from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.evidence.evidence import EvaluatedState
+from lassokin_ros.core.image.robust_loss import norm
 
-BONES = tuple(
-    (f"{side}_{start}", f"{side}_{end}")
-    for side in ("left", "right")
-    for start, end in (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
-)
-"""Bones from the trunk outwards: the first joint is rotated so that the bone points to the second."""
+SAME_POSE = 0.08
+"""m: mean distance of the network's joints from the tracked ones below which they are the same pose."""
 
 
-def state_at(places: Mapping[str, np.ndarray], skeleton: Skeleton, mean: np.ndarray) -> BodyState:
+class PositionSource(Protocol):
+    """Gives the joints' positions as `DepthEstimator.positions` does, in the frame of the skeleton."""
+
+    def positions(self) -> dict[str, np.ndarray] | None:
+        """See `DepthEstimator.positions`."""
+        ...
+
+
+class NetworkPose:
+    """The network's pose for the newest frame, on the present skeleton."""
+
+    def __init__(self, network: PositionSource, kinematics: Kinematics, mean_pose: np.ndarray) -> None:
+        """mean_pose: (n, 3, 3) local rotations."""
+        self._network, self._kinematics, self._mean_pose = network, kinematics, mean_pose
+
+    def state(self) -> BodyState | None:
+        """The pose, (n, 3, 3), with translation 0; None without an estimate for the newest frame."""
+        positions = self._network.positions()
+        return None if positions is None else state_at(positions, self._kinematics.skeleton, self._mean_pose)
+
+    def propose(self, tracked: EvaluatedState) -> BodyState | None:
+        """The pose, as a batch of one, if it is far from the tracked one."""
+        positions = self._network.positions()
+        if positions is None or distance(positions, self._kinematics.skeleton, tracked.pose) < SAME_POSE:
+            return None
+        state = state_at(positions, self._kinematics.skeleton, self._mean_pose)
+        return BodyState(state.rotations[None], state.translation[None])
+
+
+def distance(positions: Mapping[str, np.ndarray], skeleton: Skeleton, pose: BodyPose) -> float:
+    """Mean distance in m of a pose's joints from the network's positions, both relative to the middle of the hips."""
+    names = [name for name in positions if name in skeleton.joint_names]
+    joints = pose.positions.take([skeleton.index(name) for name in names], axis=0)
+    hips = 0.5 * (joints[names.index("left_hip")] + joints[names.index("right_hip")])
+    return float(norm(np.array([positions[name] for name in names]) - (joints - hips)).mean())
+
+
+def state_at(positions: Mapping[str, np.ndarray], skeleton: Skeleton, mean: np.ndarray) -> BodyState:
     """The state, with translation 0, whose bones point along the given positions.
 
-    places: (3,) m by joint name, camera frame, relative to the middle of the hips. mean: (n, 3, 3) local rotations.
+    positions: (3,) m by joint name, camera frame, relative to the middle of the hips. mean: (n, 3, 3) local rotations.
     """
     rotations, names = mean.copy(), skeleton.joint_names
-    rotations[0] = trunk_orientation(places)
+    rotations[0] = trunk_orientation(positions)
     world = np.empty_like(rotations)
-    bone_of = dict(BONES)
+    bone_of = dict(LIMB_BONES)
     for joint, parent in enumerate(skeleton.parents):
         above = np.eye(3) if parent < 0 else world[parent]
         world[joint] = above @ rotations[joint]
         end = bone_of.get(names[joint])
         if end in names:
-            along = places[end] - places[names[joint]]
+            along = positions[end] - positions[names[joint]]
             bone = world[joint] @ skeleton.offsets[names.index(end)]
             if along.dot(along) > 1e-6 and bone.dot(bone) > 1e-6:
                 world[joint] = least_turn(bone, along) @ world[joint]
@@ -44,10 +81,14 @@ def state_at(places: Mapping[str, np.ndarray], skeleton: Skeleton, mean: np.ndar
     return BodyState(rotations, np.zeros(3))
 
 
-def trunk_orientation(places: Mapping[str, np.ndarray]) -> np.ndarray:
+def trunk_orientation(positions: Mapping[str, np.ndarray]) -> np.ndarray:
     """(3, 3): x to the person's left, y up along the trunk, z to the front."""
-    y = 0.5 * (places["left_shoulder"] + places["right_shoulder"])
-    across = places["left_hip"] - places["right_hip"] + 0.5 * (places["left_shoulder"] - places["right_shoulder"])
+    y = 0.5 * (positions["left_shoulder"] + positions["right_shoulder"])
+    across = (
+        positions["left_hip"]
+        - positions["right_hip"]
+        + 0.5 * (positions["left_shoulder"] - positions["right_shoulder"])
+    )
     y = y / (np.linalg.norm(y) + 1e-9)
     x = across - across.dot(y) * y
     x = x / (np.linalg.norm(x) + 1e-9)

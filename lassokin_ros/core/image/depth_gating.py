@@ -6,17 +6,15 @@ import math
 
 import numpy as np
 
+from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
+from lassokin_ros.core.body.surface import BodySurface
 from lassokin_ros.core.observation import Observation
 
-DEVIATION = 0.03
-"""m: standard deviation of a measured depth, if neither the observation nor the caller gives it."""
 SMALLEST_DEVIATION = 0.005
 """m: lower limit of the standard deviation. The distance from the surface to the landmark is not known more
 exactly."""
 DEPTH_RANGE = 0.05, 100.0
 """m: a depth outside this range is ignored."""
-AGED_SPEED = 0.5
-"""m/s: typical speed of a body point along the optical axis, by which an older depth becomes less certain."""
 HIDDEN = 0.03
 """Distance / height from the nearest surface of the body to a landmark's own surface from which the landmark is hidden
 by another part of the body."""
@@ -24,6 +22,13 @@ THINNEST = 0.5
 """The distance from the surface to the landmark may be less than `surface` by at most this share of it."""
 SAME_SURFACE = 0.12
 """m: a depth this near to the body's nearest surface is that of this surface."""
+
+
+def depth_of_own_surface(depth: np.ndarray, pose: BodyPose, kinematics: Kinematics) -> np.ndarray:
+    """Depths (l,) m of a depth camera, corrected by the body in its last pose, see `of_own_surface`."""
+    landmarks, skeleton = pose.landmarks, kinematics.skeleton
+    nearest = BodySurface(skeleton).depth_towards(pose, landmarks)
+    return of_own_surface(depth, landmarks[:, 2], nearest, kinematics.layout.surface, skeleton.height)
 
 
 def of_own_surface(
@@ -52,7 +57,7 @@ def gate_depth(
     surface: np.ndarray | float,
     expected: float | None,
     reach: float,
-    noise: float = DEVIATION,
+    noise: float,
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """(depth, weights) of an observation, each (l,), or None if no depth can be used.
 
@@ -81,8 +86,3 @@ def gate_depth(
         return None
     weights = np.where(used, 1 / np.maximum(np.where(used, deviation, 1.0), SMALLEST_DEVIATION), 0.0)
     return np.where(used, depth, 0.0), weights
-
-
-def aged(weights: np.ndarray, age: float) -> np.ndarray:
-    """Weights (l,), 1 / standard deviation, 0 = missing, of depths measured `age` s before the points."""
-    return weights / np.sqrt(1 + (AGED_SPEED * age * weights) ** 2)

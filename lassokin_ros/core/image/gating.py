@@ -43,8 +43,9 @@ def gate_observation(
 def _fits(observation: Observation, count: int) -> bool:
     """True if all arrays of an observation have one row per landmark; count: of the landmarks."""
     o, one_each = observation, (count,)
-    rest = (o.confidence, o.depth, o.depth_deviation)
-    return np.shape(o.points) == (count, 2) and all(np.shape(a) == one_each for a in rest if a is not None)
+    if np.shape(o.points) != (count, 2) or np.shape(o.confidence) != one_each:
+        return False
+    return all(np.shape(array) == one_each for array in (o.depth, o.depth_deviation) if array is not None)
 
 
 def visible(observation: Observation, config: TrackerConfig) -> np.ndarray:

@@ -114,6 +114,17 @@ class KeypointFilter:
         step = min(max(stamp - self._stamp, 0.0), MAX_EXTRAPOLATION)
         return self._tracks.position + step * self._tracks.velocity, PREDICTED_WEIGHT * self._weights
 
+    def ahead(self, stamp: float, acceleration: float, model_error: float) -> tuple[np.ndarray, np.ndarray]:
+        """Points (l, 2) and weights (l,) predicted for a stamp, with the variance that this costs. Tracks do not
+        change.
+
+        acceleration, model_error: as in `update`.
+        """
+        points, variance = self._tracks.ahead(max(stamp - self._stamp, 0.0), acceleration)
+        known = self._known & (self._weights > 0)
+        weights = 1 / np.sqrt(np.maximum(variance, 0.0) + model_error * model_error)
+        return points, np.where(known, weights, 0.0)
+
     def _innovations(self, points: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(innovation (l, 2), squared innovation / variance (l,)) of points."""
         innovation = points - self._tracks.position

@@ -15,6 +15,7 @@ last axis of all arrays, which is fastest in numpy.
 from __future__ import annotations
 
 import math
+from copy import copy
 
 import numpy as np
 
@@ -77,6 +78,13 @@ class KeypointTracks:
         np.dot(self._prediction_matrix(step, acceleration), mixed.reshape(9, -1), out=self._beliefs.reshape(8, -1))
         self._merged[0] += step * self._merged[1]
         self.variance = _HALVES.dot(self._beliefs[5])
+
+    def ahead(self, step: float, acceleration: float) -> tuple[np.ndarray, np.ndarray]:
+        """(positions (l, 2), variances (l,)) predicted by step, s, as by `predict`; the tracks do not change."""
+        other = copy(self)
+        other._beliefs, other._merged, other._mixed = self._beliefs.copy(), self._merged.copy(), self._mixed.copy()
+        other.predict(step, acceleration)
+        return other._merged[0].T.copy(), other.variance
 
     def correct(self, used: np.ndarray, innovation: np.ndarray, variance: np.ndarray) -> None:
         """Correct the tracks `used` (l,) bool by points of variance (l,). innovation: (l, 2), point - position."""

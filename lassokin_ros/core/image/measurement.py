@@ -1,26 +1,25 @@
 """The measurement of one frame: keypoints after gating and filtering.
 
 Keypoints equal to the last ones are no new evidence (see `repeated_frames`). Each keypoint's track in the image is
-filtered (see `keypoint_filter`). The filter keeps the stamps of the last used frame and of the last frame with new
-keypoints.
+filtered (see `keypoint_filter`). `MeasurementFilter` keeps the stamps of the last used frame and of the last frame with
+new keypoints.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
 
-from lassokin_ros.core.body.kinematics import BodyPose
-from lassokin_ros.core.image.depth_gating import DEVIATION, aged, gate_depth
-from lassokin_ros.core.image.depth_noise import DepthNoise
-from lassokin_ros.core.image.frame_data import FrameData
-from lassokin_ros.core.image.keypoint_filter import KeypointFilter
+from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
+from lassokin_ros.core.body.symmetry import limb_groups
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.image.depth_gating import gate_depth
+from lassokin_ros.core.image.keypoint_filter import PREDICTED_WEIGHT, KeypointFilter
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.repeated_frames import RepeatedFrames
-from lassokin_ros.core.observation import Observation
+from lassokin_ros.core.observation import HERE, CameraPose, Observation
 from lassokin_ros.core.record import record
 
 ACCELERATION = 3.5
@@ -38,7 +37,8 @@ class Measurement:
     focal: px per normalised unit.
     points: (l, 2) filtered points; weights: (l,) 1 / standard deviation, 0 = missing.
     speed: m/s, mean speed of the keypoints' tracks. repeated: s since the keypoints last changed, 0 for new ones.
-    step: s since the last used frame. news: s since the last frame with new keypoints, 0 if this one has none.
+    step: s since the last used frame. since_new_keypoints: s since the last frame with new keypoints, 0 if this one has
+    none.
     lost: whether the last new keypoints are too old, so that the tracks were dropped.
     depth: (l,) m and depth_weights: (l,) 1/m, see `gate_depth`; None without a measured depth.
     """
@@ -52,15 +52,10 @@ class Measurement:
     speed: float
     repeated: float
     step: float
-    news: float
+    since_new_keypoints: float
     lost: bool
     depth: np.ndarray | None = None
     depth_weights: np.ndarray | None = None
-
-    @cached_property
-    def data(self) -> FrameData:
-        """The filtered keypoints in the form that all pieces of evidence read."""
-        return FrameData(self.points, self.weights, self.depth, self.depth_weights)
 
     @cached_property
     def used(self) -> np.ndarray:
@@ -68,48 +63,43 @@ class Measurement:
         return self.weights > 0
 
     @property
+    def depth_count(self) -> int:
+        """Number of measured depths that are used."""
+        return 0 if self.depth_weights is None else int(np.count_nonzero(self.depth_weights))
+
+    @property
     def count(self) -> int:
         """Number of keypoints and depths that are used."""
-        return sum(int(np.count_nonzero(w)) for w in (self.weights, self.depth_weights) if w is not None)
+        return int(np.count_nonzero(self.weights)) + self.depth_count
 
-    def reprojection_px(self, pose: BodyPose) -> float:
+    def reprojection_px(self, pose: BodyPose, camera: CameraPose = HERE) -> float:
         """Root mean square distance of the visible points from the pose's landmarks, px."""
-        error = (self.detected - project(pose.landmarks)) * self.visible[:, None]
+        error = (self.detected - project(camera.into_camera(pose.landmarks))) * self.visible[:, None]
         return self.focal * math.sqrt(np.vdot(error, error) / np.count_nonzero(self.visible))
 
 
 class MeasurementFilter:
     """Turns gated observations into measurements. The caller reports which of them were used."""
 
-    def __init__(
-        self, names: Sequence[str], limbs: Sequence[int], surface: np.ndarray | float = 0.0, reach: float = 2.0
-    ) -> None:
-        """names: of the landmarks; limbs: index of each landmark's pair of limbs, see `limb_groups`.
-
-        surface, reach: m, see `gate_depth`.
-        """
-        self._surface, self._reach = surface, reach
-        self._repeats, self._filter = RepeatedFrames(), KeypointFilter(names, limbs)
-        self._depth_noise = DepthNoise()
+    def __init__(self, kinematics: Kinematics) -> None:
+        """kinematics: its layout and skeleton may change their size later."""
+        self._kinematics = kinematics
+        limbs = limb_groups(kinematics.skeleton)[kinematics.layout.joints]
+        self._repeats, self._filter = RepeatedFrames(), KeypointFilter(kinematics.layout.names, limbs)
         self.reset()
-
-    def resize(self, surface: np.ndarray | float, reach: float) -> None:
-        """Use another body size; arguments as in the constructor. The tracks of the keypoints stay."""
-        self._surface, self._reach = surface, reach
 
     def reset(self) -> None:
         """Start again, as before the first frame."""
         #: s: the stamp of the last frame that was used, -inf before the first.
         self.newest = -np.inf
-        self._informed = -np.inf
-        self._depth_noise.reset()
+        #: s: the stamp of the last frame with new keypoints.
+        self.last_new_stamp = -np.inf
         self.forget()
 
     def forget(self) -> None:
         """Forget the keypoints, but not the stamps."""
         self._repeats.reset()
         self._filter.reset()
-        self._depth_noise.forget()
 
     def filtered(
         self,
@@ -117,26 +107,23 @@ class MeasurementFilter:
         weights: np.ndarray,
         depth: float | None,
         model_error: float,
-        lost_after: float,
-        depth_noise: float = DEVIATION,
+        config: TrackerConfig,
     ) -> Measurement:
         """The measurement of an observation with the weights (l,) of `gate_observation`.
 
         depth: m, depth of the person, None if unknown. model_error: m, standard deviation of the constant offset
-        between keypoints and landmarks. lost_after: s without new keypoints after which the tracks are dropped.
-        depth_noise: m, see `gate_depth`.
+        between keypoints and landmarks. The tracks are dropped if there were no new keypoints for `lost_after`.
         """
         stamp, focal, visible = observation.stamp, observation.focal, weights > 0
         repeated = self._repeats.age(stamp, observation.points, observation.confidence)
-        lost = stamp - (self.newest if repeated else self._informed) > lost_after
+        lost = stamp - (self.newest if repeated else self.last_new_stamp) > config.lost_after
         if lost:
             self._filter.reset()
             repeated = 0.0
-        known_depth = depth
-        if lost or depth is None:
-            depth = TYPICAL_DEPTH
-        expected = None if lost else known_depth
-        measured = gate_depth(observation, visible, self._surface, expected, self._reach, depth_noise)
+        known_depth = None if lost else depth
+        depth = known_depth or TYPICAL_DEPTH
+        layout, reach = self._kinematics.layout, self._kinematics.skeleton.height
+        measured = gate_depth(observation, visible, layout.surface, known_depth, reach, config.depth_noise)
         detected = np.where(visible[:, None], observation.points, 0.0)
         if repeated:  # the same keypoints do not mean that the person stands still
             points, weights = self._filter.expected(stamp)
@@ -146,17 +133,22 @@ class MeasurementFilter:
         if assignment is not None:
             detected, visible = detected[assignment], visible[assignment]
             measured = None if measured is None else (measured[0][assignment], measured[1][assignment])
-        if measured is not None and not repeated:
-            weighted = measured[1] / self._depth_noise.update(stamp, *measured)
-            measured = measured[0], aged(weighted, observation.depth_age)
+        if measured is not None and repeated:
+            measured = measured[0], PREDICTED_WEIGHT * measured[1]
         speed = depth * self._filter.speed()
-        news = 0.0 if repeated else stamp - self._informed
-        step = stamp - self.newest
-        depths = measured or (None, None)
-        return Measurement(stamp, detected, visible, focal, points, weights, speed, repeated, step, news, lost, *depths)
+        since_new = 0.0 if repeated else stamp - self.last_new_stamp
+        step, depths = stamp - self.newest, measured or (None, None)
+        return Measurement(
+            stamp, detected, visible, focal, points, weights, speed, repeated, step, since_new, lost, *depths
+        )
+
+    def predicted(self, stamp: float, depth: float | None, model_error: float) -> tuple[np.ndarray, np.ndarray]:
+        """Points (l, 2) and weights (l,) predicted for a stamp, s. depth, model_error: m, as in `filtered`."""
+        depth = depth or TYPICAL_DEPTH
+        return self._filter.ahead(stamp, ACCELERATION / depth, model_error / depth)
 
     def mark_used(self, measurement: Measurement) -> None:
         """Note that the state was updated with this measurement."""
         self.newest = measurement.stamp
         if not measurement.repeated:
-            self._informed = measurement.stamp
+            self.last_new_stamp = measurement.stamp

@@ -14,6 +14,7 @@ Both are solved in units of alpha (bounds of +-1), so that they are well scaled 
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ import proxsuite
 from scipy.linalg import lapack
 
 from lassokin_ros.core.errors import SolverError
+from lassokin_ros.core.lasso.problem import Reduced
 
 _proxqp = proxsuite.proxqp
 _SOLVED = _proxqp.QPSolverOutput.PROXQP_SOLVED
@@ -32,6 +34,8 @@ TOLERANCE_AGAIN, GAP_AGAIN = 1e-9, 1e-7
 LARGEST_CONDITION = 1e10
 """Condition number of H above which the condensed dual is not used."""
 
+_FIRST_MU = {"condensed": 1.0, "projected": 1e-4}
+"""ProxQP's step size of the inequalities at the begin of a solve, in the first try."""
 ITERATIONS = ((40, 25), (50, 30), (50, 30))
 """Limits of ProxQP's outer and inner iterations, by effort. A frame's problem takes about 10 and 60 in total. With
 these limits a solve that does not converge ends after 10 ms."""
@@ -56,49 +60,64 @@ class DualSolver:
         self.name = name
         self._objects: dict[tuple[str, int, int], Any] = {}
 
-    def solve(
-        self, A: np.ndarray, z: np.ndarray, H: np.ndarray, g: np.ndarray, alpha: np.ndarray, effort: int
-    ) -> np.ndarray:
-        """Omega (n,) of the lasso with x eliminated; A (m, n), z (m,), H = A^T A, g = A^T z, alpha (n,).
+    def reset(self) -> None:
+        """Drop the QP objects: a reused one keeps state of earlier problems, which changes the last digits."""
+        self._objects = {}
+
+    def solve(self, reduced: Reduced, alpha: np.ndarray, effort: int, start: np.ndarray | None = None) -> np.ndarray:
+        """Omega (n,) of the lasso with x eliminated and the penalties alpha (n,).
 
         effort: 0 in the first try; 1 and 2 use more iterations, another step size, and the projected form, which is
-        valid for every A.
+        valid for every A. start: (n,) a predicted solution from which ProxQP starts; None for a start from zero. From
+        the solution itself it needs one iteration. From a point far from it, it may not converge.
         """
-        m, n = A.shape
+        m, n = reduced.A.shape
         if m > n and effort == 0:
-            inverse = _inverse(H)
+            inverse = _inverse(reduced.H)
             if inverse is not None:
-                return self._condensed(inverse, g, alpha, effort)
-        return self._projected(A, z, alpha, effort)
+                return self._condensed(inverse, reduced, alpha, effort, start)
+        return self._projected(reduced, alpha, effort, start)
 
-    def _projected(self, A: np.ndarray, z: np.ndarray, alpha: np.ndarray, effort: int) -> np.ndarray:
+    def _projected(self, reduced: Reduced, alpha: np.ndarray, effort: int, start: np.ndarray | None) -> np.ndarray:
+        A, z = reduced.A, reduced.z
         unit = np.exp(np.mean(np.log(alpha)))
         scaled = A.T / alpha[:, None]
-        norm = np.sqrt(np.mean(scaled * scaled) * A.shape[0]) + 1e-300
-        C, bound = scaled / norm, np.full(len(alpha), 1 / (unit * norm))
-        m, n = A.shape
+        norm = np.sqrt(np.mean(scaled * scaled) * len(z)) + 1e-300
+        C, bound, by_multiplier = scaled / norm, np.full(len(alpha), 1 / (unit * norm)), unit / (norm * alpha)
         if self.name == "proxqp":
-            multipliers = self._proxqp("projected", None, -z / unit, C, bound, effort)
+            warm = None if start is None else ((z - A.dot(start)) / unit, start / by_multiplier)
+            multipliers = self._proxqp("projected", None, -z / unit, C, bound, effort, warm)
         else:
-            multipliers = _by_qpsolvers(self.name, np.eye(m), -z / unit, C, bound)
-        return multipliers * unit / (norm * alpha)
+            multipliers = _by_qpsolvers(self.name, np.eye(len(z)), -z / unit, C, bound)
+        return multipliers * by_multiplier
 
-    def _condensed(self, inverse: np.ndarray, g: np.ndarray, alpha: np.ndarray, effort: int) -> np.ndarray:
+    def _condensed(
+        self, inverse: np.ndarray, reduced: Reduced, alpha: np.ndarray, effort: int, start: np.ndarray | None
+    ) -> np.ndarray:
         scaled = inverse * alpha * alpha[:, None]
-        norm = np.trace(scaled) / len(alpha)
+        norm = scaled.trace() / len(alpha)
         scaled /= norm
-        linear = -scaled @ (g / alpha)
-        bound = np.ones(len(alpha))
+        linear, bound, by_multiplier = -scaled.dot(reduced.g / alpha), np.ones(len(alpha)), norm / alpha
         if self.name == "proxqp":
-            multipliers = self._proxqp("condensed", scaled, linear, None, bound, effort)
+            warm = None if start is None else ((reduced.g - reduced.H.dot(start)) / alpha, start / by_multiplier)
+            multipliers = self._proxqp("condensed", scaled, linear, None, bound, effort, warm)
         else:
             multipliers = _by_qpsolvers(self.name, scaled, linear, None, bound)
-        return multipliers * norm / alpha
+        return multipliers * by_multiplier
 
     def _proxqp(
-        self, form: str, H: np.ndarray | None, g: np.ndarray, C: np.ndarray | None, bound: np.ndarray, effort: int
+        self,
+        form: str,
+        H: np.ndarray | None,
+        g: np.ndarray,
+        C: np.ndarray | None,
+        bound: np.ndarray,
+        effort: int,
+        start: tuple[np.ndarray, np.ndarray] | None,
     ) -> np.ndarray:
-        """Multipliers (positive at the upper bound) by ProxQP; dense, from a zero start."""
+        """Multipliers (positive at the upper bound) by dense ProxQP. start: variables and multipliers, None for
+        zero.
+        """
         key = (form, len(g), len(bound))
         # A reused object keeps some state of earlier problems. Rarely, after a hard problem, it reports a wrong answer
         # as solved or does not converge. The second and third try therefore use a new object, and so does the next
@@ -113,15 +132,33 @@ class DualSolver:
             if fresh:
                 qp.init(H, g, None, None, None, None, None, -bound, bound)
             else:
-                qp.update(H=H, g=g, l_box=-bound, u_box=bound, update_preconditioner=False)
+                qp.update(H=H, g=g, l_box=-bound, u_box=bound, update_preconditioner=False, mu_in=_FIRST_MU[form])
         elif fresh:
             qp.init(np.eye(len(g)), g, None, None, C, -bound, bound)
         else:
-            qp.update(g=g, C=C, l=-bound, u=bound, update_preconditioner=False)
-        qp.solve()
+            qp.update(g=g, C=C, l=-bound, u=bound, update_preconditioner=False, mu_in=_FIRST_MU[form])
+        _solve_from(qp, None if fresh else start)
         if qp.results.info.status != _SOLVED:
             self._objects.pop(key, None)
         return np.array(qp.results.z)  # a copy: results.z is a live view
+
+
+def _solve_from(qp: Any, start: tuple[np.ndarray, np.ndarray] | None) -> None:
+    """Solve from variables and multipliers, or from zero.
+
+    `qp.solve(x, y, z)` cannot pass multipliers of box constraints: in proxsuite 0.7.2 and 0.8.0 it raises "wrong
+    argument size: expected 0, got 44; the dimension wrt inequality constrained variables for warm start is not valid",
+    because its check does not count the boxes. Therefore they are written where the solver keeps its last result. With
+    WARM_START_WITH_PREVIOUS_RESULT, 1 solve of 100 returned NaN, which depended on what was in memory before. The step
+    size of the last solve must not be kept: `update` sets it to its first value again.
+    """
+    if start is None:
+        qp.settings.initial_guess = _proxqp.InitialGuess.NO_INITIAL_GUESS
+        qp.solve()
+    else:
+        qp.settings.initial_guess = _proxqp.InitialGuess.WARM_START
+        variables, qp.results.z[:] = start
+        qp.solve(variables, None, None)
 
 
 def _new_proxqp(form: str, variables: int, constraints: int, effort: int) -> Any:
@@ -129,8 +166,7 @@ def _new_proxqp(form: str, variables: int, constraints: int, effort: int) -> Any
 
     The dual is always feasible (u = 0), so the infeasibility tests are off: with their defaults they report 5-18 % of
     small-alpha problems as infeasible. The check of the duality gap is on; without it (the default) the status SOLVED
-    is not reliable. Each solve starts from zero: a warm start keeps the last, tiny step size and fails. Iterations are
-    limited, so that no frame takes too long.
+    is not reliable. Iterations are limited, so that no frame takes too long.
     """
     box = form == "condensed"
     qp = _proxqp.dense.QP(
@@ -148,8 +184,7 @@ def _new_proxqp(form: str, variables: int, constraints: int, effort: int) -> Any
     settings.eps_duality_gap_abs = settings.eps_duality_gap_rel = GAP_AGAIN if effort else tolerance
     settings.eps_primal_inf = settings.eps_dual_inf = 0.0
     settings.max_iter, settings.max_iter_in = ITERATIONS[effort]
-    settings.initial_guess = _proxqp.InitialGuess.NO_INITIAL_GUESS
-    settings.default_mu_in = 1.0 if box else (1e-4, 1e-2, 1.0)[effort]
+    settings.default_mu_in = 1.0 if effort == 2 else 1e-2 if effort else _FIRST_MU[form]
     settings.compute_preconditioner = False
     return qp
 
@@ -173,10 +208,16 @@ def _inverse(H: np.ndarray) -> np.ndarray | None:
     if failed:
         return None
     diagonal = factor.diagonal()
-    if diagonal.min() ** 2 * LARGEST_CONDITION < diagonal.max() ** 2:
+    if diagonal[diagonal.argmin()] ** 2 * LARGEST_CONDITION < diagonal[diagonal.argmax()] ** 2:
         return None
-    inverse, failed = lapack.dpotri(factor, lower=1)
+    inverse, failed = lapack.dpotri(factor, lower=1, overwrite_c=1)
     if failed:
         return None
-    lower = np.tril(inverse)
-    return lower + np.tril(inverse, -1).T
+    np.copyto(inverse, inverse.T, where=_above_diagonal(len(H)))  # only the lower triangle was computed
+    return np.asarray(inverse)
+
+
+@cache
+def _above_diagonal(n: int) -> np.ndarray:
+    """(n, n) bool."""
+    return ~np.tri(n, dtype=bool)

@@ -1,7 +1,9 @@
 """Solve the frame's lasso (see `problem.py`) and certify the answer.
 
-The dual is a small QP, whose multipliers are Omega (see `dual.py`). An active-set step makes the answer exact on its
-support (see `active_set.py`). KKT-1..3 (13)-(15) on the matrices as given certify it (see `certificate.py`).
+The dual is a small QP, whose multipliers are Omega (see `dual.py`). ProxQP solves it in each frame and gives the
+answer. An active set (see `active_set.py`) predicts the solution from a guess, which is ProxQP's start, and makes an
+answer that ProxQP found from its own start exact on its support. KKT-1..3 (13)-(15) on the matrices as given certify
+the answer (see `certificate.py`).
 """
 
 from __future__ import annotations
@@ -23,7 +25,10 @@ KKT_TOLERANCE = 1e-6
 """Largest KKT residual of a certified solution, see `Certificate.kkt_residual`. It assumes m and rad."""
 
 GUESS_STEPS = 16
-"""Active-set steps from a guess before the QP solver is used. The previous frame's Omega takes about 4."""
+"""Active-set steps of a prediction. The previous frame's Omega takes about 4."""
+
+CONFIRMED = 1e-9
+"""Largest relative difference of the solver's answer from a predicted solution that it confirms."""
 
 SMALLEST_ALPHA = 1e-4
 """Smallest fraction of alpha_max, at which Omega becomes 0. A smaller alpha is raised to it: solvers stall below."""
@@ -67,11 +72,16 @@ class LassoSolver:
         """solver: "proxqp", or a name in qpsolvers.available_solvers. Raises SolverError for any other name."""
         self._dual = DualSolver(solver)
 
+    def reset(self) -> None:
+        """Drop the QP objects, so that the next answers do not depend on earlier problems."""
+        self._dual.reset()
+
     def solve(self, problem: Lasso, guess: np.ndarray | None = None) -> LassoSolution:
         """The minimiser, with its certificate.
 
-        guess: (n,) an Omega whose signs may be those of the solution, for example the previous linearisation's. It is
-        used only if the exact solution on its support satisfies KKT: it saves time and cannot change the answer.
+        guess: (n,) an Omega whose signs may be those of the solution, for example the previous linearisation's. The
+        solver starts from the solution predicted from it, if that satisfies KKT: it saves time and cannot change the
+        answer.
         Raises SolverError for a problem that is not posed correctly. A solve that fails returns an uncertified answer.
         """
         problem.check()
@@ -84,13 +94,17 @@ class LassoSolver:
             return _finished(problem, reduced, problem.alpha, np.zeros(len(problem.alpha)), "zero", True)
         clamp = SMALLEST_ALPHA * ratio
         alpha = problem.alpha * clamp if clamp > 1 else problem.alpha
+        predicted = None
         if guess is not None:
-            predicted = predict_solution(reduced.H, reduced.g, alpha, guess)
-            candidate = solve_active_set(reduced.H, reduced.g, alpha, predicted, GUESS_STEPS)
-            if candidate is not None:
-                return _finished(problem, reduced, alpha, candidate, "guess", True)
+            nearly = predict_solution(reduced.H, reduced.g, alpha, guess)
+            predicted = solve_active_set(reduced.H, reduced.g, alpha, nearly, GUESS_STEPS)
         for effort, steps in enumerate((8, 100, 100)):
-            answer = self._solve_dual(reduced, alpha, effort)
+            start = predicted if effort == 0 else None
+            answer = self._solve_dual(reduced, alpha, effort, start)
+            if answer is not None and start is not None and _confirms(answer, start):
+                # Polished on its support, the answer is the prediction again, bit for bit. ProxQP's own last digits
+                # depend on where its arrays are in memory.
+                return _finished(problem, reduced, alpha, start, self._dual.name, True)
             omega = np.zeros(len(alpha)) if answer is None else answer
             candidate = solve_active_set(reduced.H, reduced.g, alpha, omega, steps)
             exact = candidate is not None
@@ -99,17 +113,26 @@ class LassoSolver:
             method = "active set" if answer is None else self._dual.name
             solution = _finished(problem, reduced, alpha, candidate, method, exact)
             if solution.certified:
-                break
-        return solution
+                return solution
+        return solution if predicted is None else _finished(problem, reduced, alpha, predicted, "active set", True)
 
-    def _solve_dual(self, reduced: Reduced, alpha: np.ndarray, effort: int) -> np.ndarray | None:
+    def _solve_dual(
+        self, reduced: Reduced, alpha: np.ndarray, effort: int, start: np.ndarray | None
+    ) -> np.ndarray | None:
         """The QP solver's Omega (n,), or None if the solver raises or does not return n finite numbers."""
         try:
-            answer = self._dual.solve(reduced.A, reduced.z, reduced.H, reduced.g, alpha, effort)
-            omega = np.asarray(answer)
+            omega = np.asarray(self._dual.solve(reduced, alpha, effort, start))
         except Exception:  # solvers raise any exception; the certificate decides about the answer
             return None
         return omega if omega.dtype == float and omega.shape == alpha.shape and np.isfinite(omega).all() else None
+
+
+def _confirms(answer: np.ndarray, predicted: np.ndarray) -> bool:
+    """Whether the solver's answer is the predicted exact solution, up to rounding and with the same support."""
+    if np.count_nonzero((answer != 0) != (predicted != 0)):
+        return False
+    apart = np.abs(answer - predicted)
+    return bool(apart[apart.argmax()] <= CONFIRMED * np.abs(predicted).max())
 
 
 def _finished(

@@ -16,7 +16,7 @@ import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
 from lassokin_ros.core.estimate import Estimate
-from lassokin_ros.core.output.output_filter import Forward, is_too_far_in_depth
+from lassokin_ros.core.output.output_filter import Forward, is_too_far_in_depth, moved
 from lassokin_ros.core.record import record
 
 TOLERANCE = 0.003
@@ -80,20 +80,20 @@ class FixedLag:
         for index in range(len(waiting) - 1, -1, -1):
             this = waiting[index]
             after = waiting[index + 1].forward if index + 1 < len(waiting) else None
-            alone = after is None or after.begins
-            if after is None or after.begins:
-                departure, velocity = map(this.forward.parts, (this.forward.departure, this.forward.velocity))
+            alone = after is None or after.restarted
+            if after is None or after.restarted:
+                offset, velocity = map(this.forward.parts, (this.forward.offset, this.forward.velocity))
             else:
-                departure, velocity = _corrected(this.forward, after, departure, velocity)
+                offset, velocity = _corrected(this.forward, after, offset, velocity)
             if index < count:
-                released.append(this.estimate if alone else self._smoothed(this, departure))
+                released.append(this.estimate if alone else self._smoothed(this, offset))
         return released[::-1]
 
-    def _smoothed(self, waiting: _Waiting, departure: np.ndarray) -> Estimate:
-        """A frame's estimate moved by its departure (2, n + 1, 3); unchanged if the result is too far off in depth."""
+    def _smoothed(self, waiting: _Waiting, offset: np.ndarray) -> Estimate:
+        """A frame's estimate moved by its offset (2, n + 1, 3); unchanged if the result is too far off in depth."""
         estimate = waiting.estimate
         assert estimate.solved is not None
-        state = waiting.forward.published(estimate.solved, departure[0] + departure[1])
+        state = moved(estimate.solved, offset[0] + offset[1])
         if is_too_far_in_depth(state, estimate.solved):
             return estimate
         pose = self._kinematics.pose(state, waiting.offsets)
@@ -101,21 +101,23 @@ class FixedLag:
 
 
 def _corrected(
-    this: Forward, after: Forward, departure: np.ndarray, velocity: np.ndarray
+    this: Forward, after: Forward, offset: np.ndarray, velocity: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Smoothed departure and velocity of a frame from those of the next frame, (2, n + 1, 3) each.
+    """Smoothed offset and velocity of a frame from those of the next frame, (2, n + 1, 3) each.
 
     Motion in the image and in depth have a gain each, P F^T P'^-1, with this frame's covariance P, the covariance P'
     predicted from it, and F = [1, step; 0, 1]. Differences to the prediction are split into the two parts with the rays
     of the later frame, because the rays rotate with the joints.
     """
-    off, faster = departure - after.parts(after.predicted), velocity - after.parts(this.velocity)
-    departure, velocity = this.parts(this.departure), this.parts(this.velocity)
+    off, faster = offset - after.parts(after.predicted), velocity - after.parts(this.velocity)
+    offset, velocity = this.parts(this.offset), this.parts(this.velocity)
     for part in range(2):
         value, both, speed = this.covariance[part]
         A, B, C = after.predicted_covariance[part]
-        ahead, moving = value + after.step * both, both + after.step * speed
+        ahead, speed_ahead = value + after.step * both, both + after.step * speed
         size = A * C - B * B
-        departure[part] += (ahead * C - both * B) / size * off[part] + (both * A - ahead * B) / size * faster[part]
-        velocity[part] += (moving * C - speed * B) / size * off[part] + (speed * A - moving * B) / size * faster[part]
-    return departure, velocity
+        offset[part] += (ahead * C - both * B) / size * off[part] + (both * A - ahead * B) / size * faster[part]
+        velocity[part] += (speed_ahead * C - speed * B) / size * off[part] + (
+            speed * A - speed_ahead * B
+        ) / size * faster[part]
+    return offset, velocity

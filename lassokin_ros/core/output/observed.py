@@ -32,7 +32,7 @@ class ObservedJoints:
         observed: np.ndarray = own | (self._neighbours @ own.astype(int) >= 2)
         return observed
 
-    def beyond(self, visible: np.ndarray) -> np.ndarray:
+    def below_last_keypoint(self, visible: np.ndarray) -> np.ndarray:
         """Return (n,) bool: no visible keypoint is attached to the joint or to a joint below it."""
         result: np.ndarray = self._below @ (self._attached @ visible.astype(int)) == 0
         return result

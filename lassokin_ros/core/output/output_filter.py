@@ -5,9 +5,8 @@ of the image, mainly in depth. The published state follows it through one consta
 degree of freedom (white acceleration; Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and
 Navigation, 2001, sec. 6.3). There are two gains: one for motion that the image shows (rotations about the viewing ray,
 translation across it), and a lower one for motion in depth. Both increase with the keypoints' speed, because jitter is
-visible at rest and lag in motion (Casiez, Roussel, Vogel, 1 Euro Filter, CHI 2012). If a limb is replaced by another
-hypothesis, the published limb moves there within a few frames. The next frame is linearised about the solved state and
-not about the published one, because feeding back a prediction in depth would preserve errors.
+visible at rest and lag in motion (Casiez, Roussel, Vogel, 1 Euro Filter, CHI 2012). The next frame is linearised about
+the solved state and not about the published one, because feeding back a prediction in depth would preserve errors.
 """
 
 from __future__ import annotations
@@ -18,9 +17,10 @@ from typing import NamedTuple
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyPose, BodyState
-from lassokin_ros.core.body.rotations import logarithm
+from lassokin_ros.core.evidence.evidence import EvaluatedState
+from lassokin_ros.core.increment import Increment
 
-DEPTH = 1.9
+DEPTH_RATIO = 1.9
 """Ratio of the time constants in depth and in the image. One camera observes depth worse by about this factor."""
 
 TYPICAL_SPEED = 0.5
@@ -32,10 +32,10 @@ REST_SPEED = 0.05
 LONGEST_STEP = 0.2
 """s between frames above which the filter restarts, because the motion between them is unknown."""
 
-SHORTEST = 1e-3
+SHORTEST_TIME = 1e-3
 """s: lower limit of the time constant. Below it the smoothing is not visible, and covariances lose digits."""
 
-FARTHEST = 0.25
+LARGEST_DEPTH_OFFSET = 0.25
 """Largest difference in depth between the published and the solved body, as a share of the distance to the camera.
 Beyond it the filter restarts; otherwise a solved state that jumps in depth could move it through the camera."""
 
@@ -48,35 +48,29 @@ _ONES = np.ones(3)  # a product with it takes half the time of sum(axis=-1) on a
 class Forward(NamedTuple):
     """The forward pass of one frame, for the backward pass in `fixed_lag`.
 
-    begins: the filter started with this frame. step: s since the last frame. rays: see `OutputFilter._rays`. predicted,
-    predicted_covariance: departure predicted from the last frame. departure, velocity, covariance: after this frame.
-    settling: remaining difference to the replaced hypothesis. Covariances are pairs (in the image, in depth); all other
-    arrays are (n + 1, 3).
+    restarted: the filter started with this frame. step: s since the last frame. rays: see `OutputFilter._rays`.
+    predicted, predicted_covariance: offset predicted from the last frame. offset, velocity, covariance: after this
+    frame. An offset is that of the published from the solved state. Covariances are pairs (in the image, in depth); all
+    other arrays are (n + 1, 3).
     """
 
-    begins: bool
+    restarted: bool
     step: float
     rays: np.ndarray
     predicted: np.ndarray
     predicted_covariance: tuple[Covariance, Covariance]
-    departure: np.ndarray
+    offset: np.ndarray
     velocity: np.ndarray
     covariance: tuple[Covariance, Covariance]
-    settling: np.ndarray
 
     def parts(self, vectors: np.ndarray) -> np.ndarray:
         """(2, n + 1, 3): split vectors (n rotations and one translation) into parts in the image and in depth."""
         depth = _in_depth(vectors, self.rays)
         return np.array([vectors - depth, depth])
 
-    def published(self, solved: BodyState, departure: np.ndarray) -> BodyState:
-        """The solved state moved by its departure (n + 1, 3) and the remaining difference to a replaced hypothesis."""
-        moved = departure + self.settling
-        return solved.retract(moved[:-1].reshape(-1), moved[-1])
-
 
 class OutputFilter:
-    """Filters rotations (n, 3, 3) and translation (3,), as small departures d from the solved state.
+    """Filters rotations (n, 3, 3) and translation (3,), as small offsets d from the solved state.
 
     With the solved state R and the published state R exp(hat(d)), the prediction for the next solved state
     R exp(hat(omega)) is d + v dt - omega, to first order in the angles of one frame. The error does not accumulate,
@@ -89,66 +83,53 @@ class OutputFilter:
 
     def reset(self) -> None:
         """Restart from the next state."""
-        self._departure = np.zeros(self._shape)
+        self._offset = np.zeros(self._shape)
         self._velocity = np.zeros(self._shape)
-        self._settling = np.zeros(self._shape)
         self._covariance: tuple[Covariance, Covariance] | None = None
         self.forward: Forward | None = None
         """The forward pass of the last frame."""
 
-    def exchange(self, last: BodyState, start: BodyState) -> None:
-        """Note that the next frame starts from another hypothesis, `start`, instead of the `last` state.
-
-        The published state moves to it gradually.
-        """
-        self._settling = self._settling.copy()  # the last frame's `forward` refers to the old array
-        self._settling[:-1] += logarithm(np.swapaxes(start.rotations, -1, -2) @ last.rotations)
-        self._settling[-1] += last.translation - start.translation
-
     def filtered(
         self,
-        state: BodyState,
-        pose: BodyPose,
-        omega: np.ndarray,
-        translation_step: np.ndarray,
+        solved: EvaluatedState,
+        increment: Increment,
         step: float,
         speed: float,
         time: float,
+        centre: np.ndarray | None = None,
     ) -> BodyState:
         """The state to publish.
 
-        state, pose: solved state and its pose. omega: (3 n,) rad and translation_step: (3,) m, the frame's increment.
-        step: s since the last frame. speed: m/s, mean speed of the keypoints. time: s, time constant in the image at
-        the typical speed, and for the transition to another hypothesis; below `SHORTEST` the filter is off.
+        solved: the state after the frame's `increment`. step: s since the last frame. speed: m/s, mean speed of the
+        keypoints. time: s, time constant in the image at the typical speed; below `SHORTEST_TIME` the filter is off.
+        centre: (3,) m, of the only camera; None for the origin.
         """
-        steady_over = max(time_constant(speed, time), SHORTEST)
-        if self._covariance is None or time < SHORTEST or step > LONGEST_STEP:
-            return self._begun(state, step, steady_over)
+        state = solved.state
+        steady_over = max(time_constant(speed, time), SHORTEST_TIME)
+        if self._covariance is None or time < SHORTEST_TIME or step > LONGEST_STEP:
+            return self._restart(state, step, steady_over)
         ahead = (
             _predicted_covariance(self._covariance[0], step, steady_over),
-            _predicted_covariance(self._covariance[1], step, DEPTH * steady_over),
+            _predicted_covariance(self._covariance[1], step, DEPTH_RATIO * steady_over),
         )
         (gain, velocity_gain, after), (depth_gain, depth_velocity_gain, depth_after) = map(_corrected, ahead)
-        predicted = self._departure + step * self._velocity
-        predicted[:-1] -= omega.reshape(-1, 3)
-        predicted[-1] -= translation_step
-        rays = self._rays(pose, state.translation)
+        predicted = self._offset + step * self._velocity
+        predicted[:-1] -= increment.omega.reshape(-1, 3)
+        predicted[-1] -= increment.x
+        rays = self._rays(solved.pose, state.translation if centre is None else state.translation - centre)
         depth = _in_depth(predicted, rays)
-        self._departure = (1 - gain) * predicted + (gain - depth_gain) * depth
+        self._offset = (1 - gain) * predicted + (gain - depth_gain) * depth
         self._velocity = self._velocity - velocity_gain * predicted + (velocity_gain - depth_velocity_gain) * depth
         self._covariance = after, depth_after
-        self._settling = self._settling * math.exp(-step / time)
-        self.forward = Forward(
-            False, step, rays, predicted, ahead, self._departure, self._velocity, self._covariance, self._settling
-        )
-        published = self.forward.published(state, self._departure)
-        return self._begun(state, step, steady_over) if is_too_far_in_depth(published, state) else published
+        self.forward = Forward(False, step, rays, predicted, ahead, self._offset, self._velocity, self._covariance)
+        published = moved(state, self._offset)
+        return self._restart(state, step, steady_over) if is_too_far_in_depth(published, state) else published
 
-    def _begun(self, state: BodyState, step: float, time: float) -> BodyState:
+    def _restart(self, state: BodyState, step: float, time: float) -> BodyState:
         self.reset()
-        start = self._covariance = (1.0, 0.0, time**-2), (1.0, 0.0, (DEPTH * time) ** -2)
-        none = self._departure
-        self.forward = Forward(True, step, none, none, start, none, none, start, none)
+        start = self._covariance = (1.0, 0.0, time**-2), (1.0, 0.0, (DEPTH_RATIO * time) ** -2)
+        none = self._offset
+        self.forward = Forward(True, step, none, none, start, none, none, start)
         return state
 
     def _rays(self, pose: BodyPose, translation: np.ndarray) -> np.ndarray:
@@ -159,10 +140,15 @@ class OutputFilter:
         return rays
 
 
+def moved(state: BodyState, offset: np.ndarray) -> BodyState:
+    """The state moved by an offset (n + 1, 3): rotations in rad and, last, the translation in m."""
+    return state.retract(offset[:-1].reshape(-1), offset[-1])
+
+
 def is_too_far_in_depth(published: BodyState, solved: BodyState) -> bool:
-    """Whether a published state is too far from the solved one in depth, see `FARTHEST`."""
+    """Whether a published state is too far from the solved one in depth, see `LARGEST_DEPTH_OFFSET`."""
     place = solved.translation
-    return bool(abs((published.translation - place).dot(place)) > FARTHEST * place.dot(place))
+    return bool(abs((published.translation - place).dot(place)) > LARGEST_DEPTH_OFFSET * place.dot(place))
 
 
 def time_constant(speed: float, time: float) -> float:

@@ -1,6 +1,6 @@
 """Uncertainty of each joint's position, from the posterior covariance of the frame's problem.
 
-The l2 rows of a frame's lasso (image, prior, limits, uprightness, balance, depths, each in standard deviations) define
+The l2 rows of a frame's lasso (image, prior, uprightness, balance, depths, each in standard deviations) define
 a Gaussian of the increment and the translation with the inverse covariance [A B]^T [A B]. The marginal of the increment
 has the inverse covariance A^T M A, which the solver has computed. The joints' Jacobian converts it to a covariance of
 each joint's position relative to the pelvis, in the camera frame. The l1 term, which models motion and not position, is
@@ -11,10 +11,11 @@ pose follows the image, and the error is in depth.
 
 A Gaussian about one hypothesis does not include others (a limb mirrored in depth), and the errors of keypoints, prior
 and network are correlated. Therefore the posterior's deviation is multiplied by `FACTOR`, which is larger if the pose
-disagrees with the depth network, and by `BEYOND` for joints beyond the last visible keypoint of a limb. The deviation
-of the lengths is multiplied by `LENGTHS`, and with measured depth `WITH_DEPTH` replaces `FACTOR`. These constants were
-fitted to the errors on the people of the validation set (training/motion.py). benchmarks/accuracy.py --uncertainty
-tests them on other people.
+disagrees with the depth network, and by `FACTOR_BELOW_LAST_KEYPOINT` for joints beyond the last visible keypoint of a
+limb. The deviation of the lengths is multiplied by `LENGTHS_FACTOR`, and with measured depth `FACTOR_WITH_DEPTH`
+replaces `FACTOR`. These constants were fitted to the errors on the people of the validation set (training/motion.py).
+benchmarks/accuracy.py
+--uncertainty tests them on other people.
 """
 
 from __future__ import annotations
@@ -29,35 +30,35 @@ from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
 from lassokin_ros.core.body.proportions import Proportions
 from lassokin_ros.core.body.rotations import hat
 from lassokin_ros.core.estimate import Estimate
-from lassokin_ros.core.evidence.learned_depth import LearnedDepth
-from lassokin_ros.core.evidence.model_error import LEAST
+from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.robust_loss import squared_norm
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
+from lassokin_ros.core.learned.model_error import LEAST_ERROR
 from lassokin_ros.core.output.failure_probability import failure_probability
 from lassokin_ros.core.output.observed import ObservedJoints
 from lassokin_ros.core.record import record
 
 FACTOR = 1.6
 """Factor on the posterior's standard deviation s, at the usual disagreement."""
-WITH_DEPTH = 0.8
+FACTOR_WITH_DEPTH = 0.8
 """The same, if half of the landmarks or more have a measured depth. Fitted to the network's validation people."""
-BEYOND = 1.5
-"""Further factor for joints beyond the last visible keypoint of a limb, see `ObservedJoints.beyond`."""
+FACTOR_BELOW_LAST_KEYPOINT = 1.5
+"""Further factor for joints beyond the last visible keypoint of a limb, see `ObservedJoints.below_last_keypoint`."""
 USUAL_DISAGREEMENT = 0.1
 """Usual disagreement of a pose with the network, see `LearnedDepth.disagreement`."""
 RANGE = 0.05, 5.0
 """Limits of the disagreement, in units of the usual one."""
 POWER = 0.25
 """Power of the disagreement in the factor."""
-LENGTHS = 3.0
+LENGTHS_FACTOR = 3.0
 """Factor on the standard deviation of the log-lengths."""
 SMALLEST_BIAS = 0.01
 """As a fraction of the height: smallest constant error of a keypoint, in each direction. The constant error of real
 detectors is 11 to 17 mm. The pose follows the keypoints, so the residuals do not contain all of this error."""
-LARGEST = 0.6
-"""m: s becomes s / sqrt(1 + (s / LARGEST)^2). A limb moves on a sphere, so its error is bounded, contrary to the linear
-model."""
+LARGEST_DEVIATION = 0.6
+"""m: s becomes s / sqrt(1 + (s / LARGEST_DEVIATION)^2). A limb moves on a sphere, so its error is bounded, contrary to
+the linear model."""
 SCALE_DEVIATION = 0.045
 """Standard deviation of the body's size, as a fraction of it: height, shoes, proportions.
 
@@ -117,13 +118,13 @@ class UncertaintyModel:
 
     def __init__(
         self,
-        kinematics: Kinematics,
+        frame_model: FrameModel,
         prior: PoseDistribution,
         proportions: Proportions,
         observed: ObservedJoints,
-        learned_depth: LearnedDepth | None = None,
     ) -> None:
-        """observed: of this skeleton and layout. learned_depth: the network's evidence, or None."""
+        """observed: of this skeleton and layout."""
+        kinematics = frame_model.kinematics
         live, dead = np.flatnonzero(kinematics.live), np.flatnonzero(~kinematics.live)
         self._live_count = len(live)
         # Unobserved degrees of freedom have the standard deviation of the prior.
@@ -131,57 +132,42 @@ class UncertaintyModel:
         self._jacobian = PositionJacobian(kinematics, np.concatenate([live, dead]), deviation)
         #: Columns of the root's rotation. The root comes first and every landmark moves with it.
         self._turns = np.eye(len(live), 3)
-        self._image_rows = 2 * kinematics.landmark_count
-        self._proportions, self._observed, self._learned_depth = proportions, observed, learned_depth
+        self._proportions, self._observed, self._learned_depth = proportions, observed, frame_model.learned_depth
+        self._image_rows = frame_model.image_rows
 
     def evaluate(self, estimate: Estimate) -> JointUncertainty:
         """The uncertainty of an accepted estimate."""
         assert estimate.pose is not None and estimate.problem is not None and estimate.visible is not None
-        share = min(estimate.excess * LEAST / SMALLEST_BIAS, 1.0)
-        problem = estimate.problem
-        if share < 1 and estimate.depth_measured:  # rows of the image are not the only ones with the translation
-            problem, share = self._scaled(problem, share), 1.0
+        share = min(estimate.keypoint_error_ratio * LEAST_ERROR / SMALLEST_BIAS, 1.0)
+        problem, image = estimate.problem, self._image_rows(estimate.rows)
+        # Rows of the image may not be the only ones with the translation.
+        if share < 1 and (estimate.depth_measured or estimate.cameras > 1):
+            problem, share = _scaled(problem, image, share), 1.0
         covariance, place = self.covariance(
             estimate.pose,
             problem,
-            self._factor(estimate) * np.where(self._observed.beyond(estimate.visible), BEYOND, 1.0),
+            self._factor(estimate)
+            * np.where(self._observed.below_last_keypoint(estimate.visible), FACTOR_BELOW_LAST_KEYPOINT, 1.0),
             estimate.length_deviation,
-            0.0 if estimate.depth_measured else SCALE_DEVIATION,
+            0.0 if estimate.depth_measured or estimate.cameras > 1 else SCALE_DEVIATION,
             share,
+            image,
         )
         deviation = np.sqrt(_trace(covariance))
         mean, cost = float(deviation[1:].sum()) / (len(deviation) - 1), estimate.cost / max(estimate.measurements, 1)
-        return JointUncertainty(covariance, deviation, failure_probability(mean, estimate.excess, cost), place)
+        return JointUncertainty(
+            covariance, deviation, failure_probability(mean, estimate.keypoint_error_ratio, cost), place
+        )
 
     def _factor(self, estimate: Estimate) -> float:
         """Factor on the posterior's standard deviations."""
         assert estimate.pose is not None
         if estimate.depth_covers:
-            return WITH_DEPTH
+            return FACTOR_WITH_DEPTH
         if self._learned_depth is None or estimate.joint_depths is None:
             return FACTOR
         disagreement = self._learned_depth.disagreement(estimate.pose, estimate.joint_depths) / USUAL_DISAGREEMENT
         return float(FACTOR * min(max(disagreement, RANGE[0]), RANGE[1]) ** POWER)
-
-    def _scaled(self, problem: Lasso, share: float) -> Lasso:
-        """The problem with the image's rows multiplied by `share`."""
-        A, B = problem.A.copy(), problem.B.copy()
-        A[: self._image_rows] *= share
-        B[: self._image_rows] *= share
-        return Lasso(A, B, problem.z, problem.alpha)
-
-    def _information(self, problem: Lasso, share: float) -> np.ndarray:
-        """(live, live): A^T M A with the image's rows multiplied by `share`; only they hold the translation.
-
-        M does not change if all rows of B are scaled, so the image's part of the product is.
-        """
-        if share == 1:
-            information = problem.reduced.H.copy()
-        else:
-            image = problem.reduced.A[: self._image_rows].T
-            information = problem.reduced.H - (1 - share * share) * image.dot(image.T)
-        information.reshape(-1)[:: len(information) + 1] += WEAKEST
-        return information
 
     def covariance(
         self,
@@ -191,23 +177,24 @@ class UncertaintyModel:
         length_deviation: np.ndarray | float,
         size_deviation: float = SCALE_DEVIATION,
         share: float = 1.0,
+        image: slice | np.ndarray = slice(0),
     ) -> tuple[np.ndarray, Callable[[], AbsoluteUncertainty]]:
         """Return (n, 3, 3) m^2, from a frame's last problem and the pose of its solution, and the function that
         computes the rest.
 
         factor: (n,) on the standard deviation of each joint's posterior. length_deviation: (p,) standard deviation of
-        the log-lengths. size_deviation: see SCALE_DEVIATION. share: factor on the image's rows, so that the keypoint
-        error is at least `SMALLEST_BIAS`. If it is below 1, only these rows depend on the translation.
+        the log-lengths. size_deviation: see SCALE_DEVIATION. share: factor on the rows of the `image`, so that the
+        keypoint error is at least `SMALLEST_BIAS`. If it is below 1, only these rows depend on the translation.
         """
         spread = self._jacobian.at(pose)
         live = spread[:, :, : self._live_count]
-        information = self._information(problem, share)
+        information = _information(problem, image, share)
         # LAPACK works in place on the transposed views.
         lower, _ = lapack.dpotrf(information.T, lower=1, overwrite_a=1)
         right = live.reshape(-1, self._live_count).T
         seen, _ = lapack.dtrtrs(lower, right, lower=1, overwrite_b=1)  # J H^-1 J^T = seen^T seen
         live[:] = seen.T.reshape(live.shape)
-        by_length = self._proportions.joint_jacobian(pose) * (LENGTHS * length_deviation)
+        by_length = self._proportions.joint_jacobian(pose) * (LENGTHS_FACTOR * length_deviation)
         added = squared_norm(by_length.reshape(len(by_length), -1))
         relative = spread @ np.swapaxes(spread, -1, -2)
 
@@ -248,10 +235,34 @@ class UncertaintyModel:
         return AbsoluteUncertainty(joints, whole)
 
 
+def _scaled(problem: Lasso, rows: slice | np.ndarray, share: float) -> Lasso:
+    """The problem with some rows multiplied by `share`."""
+    A, B = problem.A.copy(), problem.B.copy()
+    A[rows] *= share
+    B[rows] *= share
+    return Lasso(A, B, problem.z, problem.alpha)
+
+
+def _information(problem: Lasso, image: slice | np.ndarray, share: float) -> np.ndarray:
+    """(live, live): A^T M A with the image's rows multiplied by `share`; only they hold the translation.
+
+    M does not change if all rows of B are scaled, so the image's part of the product is.
+    """
+    if share == 1:
+        information = problem.reduced.H.copy()
+    else:
+        columns = problem.reduced.A[image].T
+        information = problem.reduced.H - (1 - share * share) * columns.dot(columns.T)
+    information.reshape(-1)[:: len(information) + 1] += WEAKEST
+    return information
+
+
 def _sized(covariance: np.ndarray, factor: np.ndarray, added: np.ndarray) -> np.ndarray:
-    """Scale covariances (n, 3, 3) by `factor` (n,) on the deviation, limited by `LARGEST`, and add `added` (n,) m^2."""
+    """Scale covariances (n, 3, 3) by `factor` (n,) on the deviation, limited by `LARGEST_DEVIATION`, and add `added`
+    (n,) m^2.
+    """
     size = _trace(covariance)
-    wanted = factor**2 * size / (1 + size / LARGEST**2) + added
+    wanted = factor**2 * size / (1 + size / LARGEST_DEVIATION**2) + added
     return covariance * (wanted / np.maximum(size, 1e-12))[:, None, None]
 
 

@@ -122,26 +122,33 @@ class MultiPersonTracker:
 
     def _track(self, stamp_ns: int, frame_id: str, pairs: dict[int, Detection], lens: Lens) -> list[FrameResult]:
         lost = {number for number, person in self._present.items() if person.status_at(stamp_ns) is Status.LOST}
-        going_on = [number for number in self._present if number in pairs and number not in lost]
-        people, detections = {name(n): self._present[n] for n in going_on}, [pairs[n] for n in going_on]
-        tracked = dict(zip(going_on, TrackedPerson.track_batch(people, stamp_ns, frame_id, detections, lens)))
         results, found = [], 0
+        errors: list[Exception] = []
         for number, person in list(self._present.items()):
-            if number not in pairs or (number in lost and found == MOST_REINITIALISED):
-                results += person.mark_absent(stamp_ns, lens)
-                continue
-            if number in tracked:
-                answers = tracked[number]
-            else:
-                answers = person.track(stamp_ns, frame_id, pairs[number], lens, name(number))
-                found += person.status is Status.TRACKING
-            results += [result for result in answers if result.accepted]
-            refused = [result for result in answers if not result.accepted]
-            for result in refused:
-                self._counts[f"rejected: {result.rejection} (a person)"] += 1
-            if refused and person.seen_ns is None:  # never tracked: there is no state to keep
-                self._remove(number)
+            seen = pairs.get(number) if number not in lost or found < MOST_REINITIALISED else None
+            try:
+                results += self._results_of(number, stamp_ns, frame_id, seen, lens)
+            except Exception as error:  # the others are tracked all the same
+                errors.append(error)
+            found += seen is not None and number in lost and person.status is Status.TRACKING
+        if errors:
+            raise errors[0]
         return results
+
+    def _results_of(
+        self, number: int, stamp_ns: int, frame_id: str, seen: Detection | None, lens: Lens
+    ) -> list[FrameResult]:
+        """The accepted results of one person; rejections are counted. seen: None for a person not in the image."""
+        person = self._present[number]
+        if seen is None:
+            return person.mark_absent(stamp_ns, lens)
+        answers = person.track(stamp_ns, frame_id, seen, lens, name(number))
+        refused = [result for result in answers if not result.accepted]
+        for result in refused:
+            self._counts[f"rejected: {result.rejection} (a person)"] += 1
+        if refused and person.seen_ns is None:  # never tracked: there is no state to keep
+            self._remove(number)
+        return [result for result in answers if result.accepted]
 
     def _match(self, stamp_ns: int, detections: Sequence[Detection]) -> dict[int, Detection]:
         """Match detections to present people by the least total distance, then add new people."""

@@ -14,6 +14,7 @@ from dataclasses import replace
 from typing import Any
 
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.evidence.evidence import Evidence
 from lassokin_ros.core.observation import Status
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.frame_result import FrameResult
@@ -28,10 +29,12 @@ class PerBodyPipeline(Pipeline):
     Each person has a separate topic, so that each pipeline checks its own order of stamps.
     """
 
-    def __init__(self, tracker_config: TrackerConfig, node_config: NodeSettings) -> None:
-        """Raises a LassokinError if the configuration is unusable."""
-        super().__init__(tracker_config, _for_one(node_config))
-        self._idle = [Pipeline(tracker_config, self.config) for _ in range(node_config.max_people)]
+    def __init__(
+        self, tracker_config: TrackerConfig, node_config: NodeSettings, evidence: Sequence[Evidence] = ()
+    ) -> None:
+        """evidence: see `Pipeline`. Raises a LassokinError if the configuration is unusable."""
+        super().__init__(tracker_config, _for_one(node_config), evidence)
+        self._idle = [Pipeline(tracker_config, self.config, evidence) for _ in range(node_config.max_people)]
         for pipeline in self._idle:
             pipeline.camera, pipeline.counts, pipeline.depth = self.camera, self.counts, self.depth
             pipeline.mount = self.mount
@@ -57,6 +60,11 @@ class PerBodyPipeline(Pipeline):
     def trackers(self) -> dict[str, Tracker]:
         """The tracker of each person by id."""
         return {person: pipeline.tracker for person, pipeline in self._present.items()}
+
+    @property
+    def evidence_faults(self) -> dict[str, str]:
+        """See Pipeline.evidence_faults."""
+        return {name: fault for one in self._all for name, fault in one.evidence_faults.items()}
 
     def keep(self, ids: Sequence[str]) -> None:
         """Set the ids of the people present. The others are forgotten. Of too many people the first ones are kept."""

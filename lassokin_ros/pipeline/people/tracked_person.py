@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
 
-from lassokin_ros.core.batch import Steps, run_batched, run_single
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Estimate
+from lassokin_ros.core.evidence.evidence import Evidence
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.observation import Observation, Status
 from lassokin_ros.core.record import record
@@ -50,9 +50,13 @@ class Detection:
 class TrackedPerson:
     """Tracks one person. Times are ns; only differences matter."""
 
-    def __init__(self, config: TrackerConfig, skeleton: Skeleton | None = None) -> None:
-        """skeleton: replaces the skeleton of `config`. Raises a LassokinError if these are unusable."""
-        self.tracker = Tracker(config, skeleton)
+    def __init__(
+        self, config: TrackerConfig, skeleton: Skeleton | None = None, evidence: Sequence[Evidence] = ()
+    ) -> None:
+        """skeleton: replaces the skeleton of `config`. evidence: see `Tracker`. Raises a LassokinError if these are
+        unusable.
+        """
+        self.tracker = Tracker(config, skeleton, evidence)
         self.reset()
 
     def reset(self, same_camera: bool = False) -> None:
@@ -75,20 +79,6 @@ class TrackedPerson:
         Returns the results to publish now. If the detection is refused, the last result gives the reason. Without
         `smoothing_lag` there is one result, that of this detection.
         """
-        return run_single(self._steps(stamp_ns, frame_id, seen, lens, person))
-
-    @staticmethod
-    def track_batch(
-        tracked: Mapping[str, TrackedPerson], stamp_ns: int, frame_id: str, seen: Sequence[Detection], lens: Lens
-    ) -> list[list[FrameResult]]:
-        """Track several people at once; tracked: by id; seen: one detection each. See `run_batched` for errors."""
-        people = zip(tracked.items(), seen, strict=True)
-        return run_batched([body._steps(stamp_ns, frame_id, one, lens, person) for (person, body), one in people])
-
-    def _steps(
-        self, stamp_ns: int, frame_id: str, seen: Detection, lens: Lens, person: str
-    ) -> Steps[list[FrameResult]]:
-        """Track one detection, as steps that `run_batched` can combine."""
         if self._origin_ns is None:
             self._origin_ns = stamp_ns
         seconds = (stamp_ns - self._origin_ns) * 1e-9
@@ -111,7 +101,7 @@ class TrackedPerson:
             depth_of_surface=seen.depth_of_surface,
             depth_age=seen.depth_age,
         )
-        estimate = yield from self.tracker.steps(observation)
+        estimate = self.tracker.track(observation)
         self.status = estimate.status
         if estimate.rejection is not None:
             if self.seen_ns is None:

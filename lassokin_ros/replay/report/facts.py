@@ -10,7 +10,7 @@ import numpy as np
 
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
-from lassokin_ros.core.evidence.upright import level_from_camera
+from lassokin_ros.core.learned.vertical import level_from_camera
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.analysis.floor import floor_height
 from lassokin_ros.replay.report.absences import Span, spans_of, usual_period

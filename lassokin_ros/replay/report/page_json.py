@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.body.surface import CAPSULES, HEAD
+from lassokin_ros.core.body.surface import HEAD
+from lassokin_ros.replay.analysis.capsules import capsules
 from lassokin_ros.replay.report.facts import Facts, floor_of, landmark_errors
 from lassokin_ros.replay.report.log import PersonRow
 from lassokin_ros.replay.report.rejection_advice import reason_text
@@ -101,30 +102,13 @@ def page_data(facts: Facts) -> dict[str, Any]:
         "landmarks": list(facts.landmarks),
         "image": facts.image_size,
         "level": np.round(facts.level, 6).tolist(),
-        "capsules": _capsules(skeleton),
+        "capsules": [(a, b, round(radius, 4), side) for a, b, radius, side in capsules(skeleton)],
         "skull": _skull(skeleton),
         "live": 3 * skeleton.joint_count,
         "duration": round(facts.duration, 3),
         "people": [person_data(facts, person, stride) for person in facts.people],
         "rate": {"time": _numbers(edges, 3), "in": _numbers(rate, 2), "out": _numbers(out, 2)},
     }
-
-
-def _capsules(skeleton: Skeleton) -> list[tuple[int, int, float, str]]:
-    """Return (joint, joint, radius in m, side) of each capsule of the body's surface."""
-    names = skeleton.joint_names
-    return [
-        (names.index(a), names.index(b), round(radius * skeleton.height, 4), _side(a, b))
-        for a, b, radius in CAPSULES
-        if a in names and b in names
-    ]
-
-
-def _side(a: str, b: str) -> str:
-    """Return the side of a limb, "middle" for a capsule of the trunk."""
-    side = a.split("_")[0]
-    trunk = a.endswith("_hip") and b.endswith("_shoulder")
-    return side if side in ("left", "right") and side == b.split("_")[0] and not trunk else "middle"
 
 
 def _skull(skeleton: Skeleton) -> tuple[int, int, float] | None:

@@ -4,13 +4,11 @@ import numpy as np
 import pytest
 from cases import body, central_difference, random_body, random_state, relative_error
 
-from lassokin_ros.core.batch import select_person, stack_values
 from lassokin_ros.core.body.kinematics import BodyState, Kinematics
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.rotations import exponential, to_quaternion
 from lassokin_ros.core.errors import LayoutError
-from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior, joint_limits
-from lassokin_ros.core.evidence.upright import Upright
+from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
 from lassokin_ros.core.image.projection import project, projection_jacobian
 from lassokin_ros.core.image.stacked_model import linearise, stacked_matrices
 
@@ -160,7 +158,7 @@ def test_the_joints_columns_are_the_derivatives_of_their_centres(case):
 
 
 def test_other_offsets_are_another_skeleton(case):
-    """As an argument, as the kinematics' own, and of several people at once."""
+    """As an argument, and as the kinematics' own."""
     kinematics, states = case
     skeleton = kinematics.skeleton.with_offsets(kinematics.skeleton.offsets * 1.3)
     other = Kinematics(skeleton, kinematics.layout)
@@ -168,16 +166,32 @@ def test_other_offsets_are_another_skeleton(case):
     reshaped = Kinematics(kinematics.skeleton, kinematics.layout)
     reshaped.set_skeleton(skeleton)
     assert reshaped.skeleton is skeleton
-    people = Kinematics.stack([kinematics, other])
-    two = stack_values([stack_values([states[0]])] * 2)
-    for pose in (
-        kinematics.pose(states[0], skeleton.offsets),
-        reshaped.pose(states[0]),
-        select_person(select_person(people.pose(two), 1), 0),
-    ):
+    for pose in (kinematics.pose(states[0], skeleton.offsets), reshaped.pose(states[0])):
         assert np.allclose(pose.positions, expected.positions, rtol=0, atol=1e-13)
         assert np.allclose(pose.landmarks, expected.landmarks, rtol=0, atol=1e-13)
-    assert np.allclose(people.pose(two).landmarks[0, 0], kinematics.pose(states[0]).landmarks, rtol=0, atol=1e-13)
+
+
+def test_landmarks_are_scaled_with_the_height_and_do_not_drift():
+    """A thousand changes of the height leave the landmarks as they were."""
+    kinematics, random = body("coco17"), np.random.default_rng(9)
+    skeleton, layout = kinematics.skeleton, kinematics.layout
+    state = random_state(random, kinematics)
+    for height in random.uniform(1.0, 2.2, 1000):
+        kinematics.set_skeleton(skeleton.at_height(height))
+    taller = Kinematics(skeleton.at_height(height), Layout.load("coco17", skeleton.at_height(height)))
+    assert np.allclose(kinematics.layout.offsets, taller.layout.offsets, rtol=1e-14, atol=0)
+    assert np.allclose(kinematics.layout.surface, taller.layout.surface, rtol=1e-14, atol=0)
+    assert np.allclose(kinematics.pose(state).landmarks, taller.pose(state).landmarks, rtol=0, atol=1e-14)
+    kinematics.set_skeleton(skeleton)
+    assert np.array_equal(kinematics.layout.offsets, layout.offsets)
+    assert np.array_equal(kinematics.layout.surface, layout.surface)
+
+
+def test_other_lengths_at_the_same_height_keep_the_landmarks():
+    kinematics = body("coco17")
+    layout, longer = kinematics.layout, kinematics.skeleton.with_bone_scales(np.full(24, 1.1))
+    kinematics.set_skeleton(longer)
+    assert kinematics.layout is layout and kinematics.skeleton is longer
 
 
 def test_coco17_has_the_expected_live_degrees_of_freedom():
@@ -254,69 +268,7 @@ def test_prior_rows_agree_with_finite_differences():
 
         assert relative_error(A, central_difference(residual, 72)) < 1e-7
         assert np.array_equal(z, rows.residual(state.rotations))
-    assert rows.count == len(rows.W) + len([limit for limit in joint_limits() if limit.joint in kept(kinematics, rows)])
-
-
-def kept(kinematics, rows):
-    return [kinematics.skeleton.joint_names[joint] for joint in rows.joints]
-
-
-def test_a_limit_acts_only_beyond_the_range_of_motion():
-    kinematics = body()
-    rows = PosePrior(PoseDistribution.load(kinematics.skeleton), kinematics)
-    knee = kinematics.skeleton.index("left_knee")
-    for angle, pushed in ((0.5, False), (-0.5, True), (3.0, True)):
-        vectors = np.zeros((24, 3))
-        vectors[knee, 0] = angle
-        A, z = rows.rows(exponential(vectors))
-        limits = slice(len(rows.W), None)
-        assert bool(z[limits].any()) is pushed and bool(A[limits].any()) is pushed
-        if pushed:
-            row = int(np.flatnonzero(z[limits])[0]) + len(rows.W)
-            assert z[row] * A[row, 3 * knee] * angle < 0  # the increment leads back into the range
-
-
-def test_upright_rows_agree_with_finite_differences_and_learn_the_vertical():
-    upright = Upright()
-    root = np.diag([1.0, -1.0, -1.0]) @ exponential(np.array([0.1, 0.7, -0.2]))
-    A, z = upright.rows(root)
-    weight = np.linalg.norm(z) / np.linalg.norm(root[:, 1] - upright.vertical)
-    numeric = central_difference(lambda w: weight * (root @ exponential(w))[:, 1], 3)
-    assert relative_error(A, numeric) < 1e-7
-    for _ in range(600):
-        upright.learn(root, 0.1)
-    assert np.abs(upright.vertical - root[:, 1]).max() < 1e-3
-    assert np.abs(upright.rows(root)[1]).max() < 0.02
-    upright.learn(-root, 10.0)
-    assert np.abs(upright.vertical - root[:, 1]).max() < 1e-3
-
-
-def test_the_vertical_is_learned_quickly_at_first_and_slowly_later():
-    upright, level = Upright(), np.array([0.0, -1.0, 0.0])
-    there = np.diag([1.0, -1.0, -1.0]) @ exponential(np.array([0.4, 0.0, 0.0]))
-    shares = []
-    for second in range(40):
-        before = np.linalg.norm(upright.vertical - there[:, 1])
-        for _ in range(30):
-            upright.learn(there, 1 / 30)
-        shares.append(1 - np.linalg.norm(upright.vertical - there[:, 1]) / before)
-        if second == 20:  # the error is large again
-            upright.vertical = level.copy()
-    assert 0.55 < shares[0] < 0.75 and np.all(np.diff(shares[:4]) < 0)
-    assert shares[30] == pytest.approx(1 - np.exp(-0.2), abs=0.02)  # 5 s
-    upright.reset()
-    assert np.array_equal(np.abs(upright.vertical), np.abs(level)) and upright.vertical[1] < 0
-    for _ in range(15):
-        upright.learn(there, 1 / 30)
-    assert np.linalg.norm(upright.vertical - there[:, 1]) < 0.6 * 2 * np.sin(0.2)  # fast again
-
-
-def test_a_gap_does_not_count_as_time_with_a_visible_person():
-    upright, there = Upright(), np.diag([1.0, -1.0, -1.0])
-    for _ in range(900):
-        upright.learn(there, 1 / 30)
-    upright.learn(there @ exponential(np.array([0.0, 0.0, 0.9])), 30.0)
-    assert np.degrees(np.arccos(upright.vertical @ there[:, 1])) < 2.5
+    assert rows.count == len(rows.W) == 3 * len(rows.joints)
 
 
 def test_a_layout_moved_by_the_root_only_is_refused():
@@ -336,7 +288,7 @@ def test_prior_rows_measure_the_mahalanobis_distance():
     chosen = (3 * rows.joints[:, None] + np.arange(3)).reshape(-1)
     difference = (vectors - prior.mean).reshape(-1)[chosen]
     expected = difference @ np.linalg.solve(prior.covariance[np.ix_(chosen, chosen)], difference)
-    residual = rows.residual(exponential(vectors))[: len(rows.W)]
+    residual = rows.residual(exponential(vectors))
     assert residual @ residual == pytest.approx(expected, rel=1e-9)
 
 

@@ -6,7 +6,8 @@ from cases import body, central_difference, random_state, relative_error
 
 from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.landmarks import Layout
-from lassokin_ros.core.body.proportions import MIDDLE, PAIRS, Proportions
+from lassokin_ros.core.body.proportions import Proportions
+from lassokin_ros.core.body.roles import LENGTHS
 from lassokin_ros.core.body.skeleton import Skeleton
 
 
@@ -25,13 +26,13 @@ def chain(*joints, seen):
 
 
 def test_each_length_scales_its_own_bones_only(all_lengths):
-    assert set(all_lengths.names) == {*PAIRS, *MIDDLE} and all_lengths.count == 13
+    assert set(all_lengths.names) == set(LENGTHS) and all_lengths.count == 13
     given = all_lengths.given
     assert np.allclose(all_lengths.parts.sum(axis=0), given.offsets)  # each component belongs to one length
     for length, part in zip(all_lengths.names, all_lengths.parts):
-        kinds, axes = PAIRS[length] if length in PAIRS else (MIDDLE[length], "xyz")
+        joints, axes = LENGTHS[length]
         for joint, name in enumerate(given.joint_names):
-            belongs = name.split("_")[-1] in kinds.split()
+            belongs = name in joints
             expected = [offset if belongs and axis in axes else 0 for axis, offset in zip("xyz", given.offsets[joint])]
             assert np.array_equal(part[joint], expected), (length, name)
 
@@ -87,3 +88,22 @@ def test_unknown_joints_have_a_length_by_kind_and_invisible_ones_none():
 def test_a_body_without_height_has_finite_shares():
     flat = chain(("a", None, (0, 0, 0)), ("b", "a", (1, 0, 0)), seen=["b"])
     assert flat.names == ("b",) and flat.stature_shares.tolist() == [0.0]
+
+
+def test_another_given_body_has_lengths_of_its_own(all_lengths):
+    """The log-lengths of a taller body refer to it; those of the old one are not changed."""
+    kinematics = body("smpl24")
+    proportions, lengths = Proportions(kinematics), np.linspace(-0.1, 0.1, 13)
+    taller = kinematics.skeleton.scaled(1.2)
+    proportions.use(taller)
+    assert proportions.given is taller and proportions.names == all_lengths.names
+    assert np.allclose(proportions.offsets(lengths), 1.2 * all_lengths.offsets(lengths))
+    assert np.allclose(proportions.parts, 1.2 * all_lengths.parts)
+    assert np.array_equal(proportions.stature_shares, all_lengths.stature_shares)
+    state = random_state(np.random.default_rng(5), kinematics)
+    kinematics.set_skeleton(taller)
+    expected = central_difference(lambda log: kinematics.pose(state, proportions.offsets(log)).positions, 13)
+    assert relative_error(proportions.joint_jacobian(kinematics.pose(state)).reshape(-1, 13), expected) < 1e-8
+    moved = proportions.motion(kinematics.pose(state, proportions.offsets(lengths)), lengths)
+    expected = central_difference(lambda log: kinematics.pose(state, proportions.offsets(lengths + log)).landmarks, 13)
+    assert relative_error(moved.landmarks.reshape(-1, 13), expected) < 1e-8

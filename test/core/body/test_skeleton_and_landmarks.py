@@ -6,7 +6,9 @@ import re
 import numpy as np
 import pytest
 
-from lassokin_ros.core.body.landmarks import SURFACE, Layout, built_in_layouts
+from lassokin_ros.core.body.kinematics import Kinematics
+from lassokin_ros.core.body.landmarks import Layout, built_in_layouts
+from lassokin_ros.core.body.roles import THICKNESS
 from lassokin_ros.core.body.skeleton import HEIGHT_RANGE, Skeleton, built_in_skeletons
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError, LassokinError, LayoutError, SkeletonError, SolverError
@@ -231,7 +233,7 @@ def test_what_a_file_leaves_out_has_a_default():
     assert layout.name == "points.yaml" and layout.noise.tolist() == [1, 1]
     assert layout.offsets.tolist() == [[0, 0, 0], [0, 0.2, 0]]
     # Half of a knee's depth from its centre to the surface; a landmark with an offset is on it.
-    assert layout.surface == pytest.approx([SURFACE["knee"] * 2.0, 0.0])
+    assert layout.surface == pytest.approx([THICKNESS["knee"] * 2.0, 0.0])
 
 
 @pytest.mark.parametrize("suffix", ["npz", "bvh", "urdf", "pkl", "xacro", "fbx", "BVH"])
@@ -245,6 +247,38 @@ def test_a_taller_skeleton_is_the_same_body():
     taller = skeleton.scaled(1.25)
     assert taller.height == 2.0 and np.allclose(taller.offsets, skeleton.offsets * 1.25)
     assert (taller.name, taller.joint_names, taller.axes) == (skeleton.name, skeleton.joint_names, skeleton.axes)
+
+
+def test_a_skeleton_in_fractions_is_scaled_to_another_height():
+    skeleton = Skeleton.load("anthropometric", 1.6)
+    taller = skeleton.at_height(1.9)
+    assert not skeleton.metric and not taller.metric and taller.height == 1.9
+    assert np.allclose(taller.offsets, Skeleton.load("anthropometric", 1.9).offsets, rtol=1e-14, atol=0)
+    assert skeleton.at_height(1.6) is skeleton
+    assert np.allclose(taller.at_height(1.6).offsets, skeleton.offsets, rtol=1e-14, atol=0)
+
+
+def test_a_skeleton_in_metres_keeps_its_lengths_at_another_height():
+    """Its file gives lengths, which do not depend on the height; the landmarks do."""
+    data = tree(joint("a", None), joint("b", "a", (0, 0.6, 0)))
+    skeleton = Skeleton.from_mapping(data, 1.6)
+    taller = skeleton.at_height(1.9)
+    assert skeleton.metric and taller.metric and taller.height == 1.9
+    assert np.array_equal(taller.offsets, skeleton.offsets)
+    assert np.array_equal(taller.offsets, Skeleton.from_mapping(data, 1.9).offsets)
+    assert taller.with_offsets(2 * skeleton.offsets).metric
+    points = {"landmarks": [{"name": "tip", "joint": "b", "offset": [0, 0.1, 0]}]}
+    kinematics = Kinematics(skeleton, Layout.from_mapping(points, skeleton))
+    kinematics.set_skeleton(taller)
+    assert np.allclose(kinematics.layout.offsets, [[0, 0.19, 0]])
+
+
+@pytest.mark.parametrize("height", [0.29, 2.61, 0.0, -1.7, float("nan"), float("inf")])
+def test_a_skeleton_refuses_another_height_out_of_range(height):
+    data = tree(joint("a", None), joint("b", "a", (0, 0.6, 0)))
+    for skeleton in (Skeleton.load("anthropometric", 1.75), Skeleton.from_mapping(data, 1.75)):
+        with pytest.raises(SkeletonError, match=f"height is .*; expected {HEIGHT_RANGE[0]} to {HEIGHT_RANGE[1]} m"):
+            skeleton.at_height(height)
 
 
 def test_errors_for_unknown_names_list_the_existing_ones():

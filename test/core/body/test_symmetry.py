@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.body.symmetry import asymmetry, limb_groups, other_side, symmetrised
+from lassokin_ros.core.body.symmetry import (
+    LARGEST_ASYMMETRY,
+    asymmetry,
+    limb_groups,
+    other_side,
+    symmetric_skeleton,
+    symmetrised,
+)
 
 NAMES = ("pelvis", "left_hip", "right_hip", "left_knee", "right_knee", "head", "wing_left", "wing_right", "left_ear")
 PARENTS = (-1, 0, 0, 1, 2, 0, 5, 5, 5)
@@ -75,3 +82,12 @@ def test_symmetrised_bones_have_their_geometric_mean():
 def test_a_name_whose_other_side_is_missing_is_no_limb():
     lone = replace(creature(), joint_names=("pelvis", "left_hip", *(f"part{i}" for i in range(7))))
     assert limb_groups(lone).tolist() == [-1] * 9 and asymmetry(lone) == 0
+
+
+def test_sides_that_differ_too_much_are_averaged_if_they_may_be():
+    little, much = (creature(left_hip=0.4 * (1 + LARGEST_ASYMMETRY * share)) for share in (1.5, 2.0))
+    assert asymmetry(little) < LARGEST_ASYMMETRY < asymmetry(much)
+    assert symmetric_skeleton(little, average=True) == (little, 0.0)
+    assert symmetric_skeleton(much, average=False) == (much, 0.0)
+    averaged, difference = symmetric_skeleton(much, average=True)
+    assert difference == asymmetry(much) and asymmetry(averaged) == pytest.approx(0)

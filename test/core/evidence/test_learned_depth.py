@@ -5,33 +5,29 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cases import body, central_difference, random_state, relative_error, scaled_forearms
-from sequences import CONFIG, FOCAL, RATE, aligned_error, observations
+from sequences import CONFIG, FOCAL, RATE, WITHOUT_NETWORK, aligned_error, observations
 
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.proportions import Proportions
 from lassokin_ros.core.body.rotations import exponential
-from lassokin_ros.core.evidence.depth_network import DEPTHS, LENGTHS, Network
 from lassokin_ros.core.evidence.frame_model import FrameModel
-from lassokin_ros.core.evidence.learned_depth import BESIDE_DEPTH, TAIL, LearnedDepth
-from lassokin_ros.core.evidence.pose_prior import BESIDE_DEPTH as PRIOR_BESIDE_DEPTH
-from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
-from lassokin_ros.core.evidence.upright import Upright
+from lassokin_ros.core.evidence.learned_depth import TAIL, WEIGHT_WITH_DEPTH
+from lassokin_ros.core.evidence.pose_prior import WEIGHT_WITH_DEPTH as PRIOR_WEIGHT_WITH_DEPTH
+from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.frame_data import FrameData, JointDepths
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.robust_loss import huber_weights
+from lassokin_ros.core.network.depth_network import DEPTHS, LENGTHS, Network
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
-
-WITH_NETWORK = replace(CONFIG, depth_prior=True)
 
 
 @pytest.fixture
 def scene():
     """(model, its learned depth, state, frame): a random estimate about a random state."""
     kinematics, random = body(), np.random.default_rng(2)
-    learned = LearnedDepth(kinematics)
-    prior = PosePrior(PoseDistribution.load(kinematics.skeleton), kinematics)
-    model = FrameModel(kinematics, prior, Upright(), [learned])
+    model = FrameModel(kinematics, PoseDistribution.load(kinematics.skeleton))
+    learned = model.learned_depth
     state = random_state(random, kinematics, 0.4)
     sight = random.normal(size=3) * 0.1 + [0.0, 0.0, 1.0]
     whitening = np.tril(random.normal(size=(DEPTHS, DEPTHS))) * 5 + 10 * np.eye(DEPTHS)
@@ -54,7 +50,7 @@ def test_length_rows_are_the_derivatives_of_all_errors(scene):
     about = model.evaluate(state)
     rows = model.linearise(about, frame, huber_weights)
     C = model.length_rows(rows, about, frame, proportions.motion(about.pose, np.zeros(proportions.count)))
-    given = frame.joint_depths.with_weight(BESIDE_DEPTH)
+    given = frame.joint_depths.with_weight(WEIGHT_WITH_DEPTH)
     weight = np.sqrt((TAIL + 1) / (TAIL + learned._whitened(learned._points(about.pose), given) ** 2))
     errors = {
         model.image: (lambda pose: project(pose.landmarks).ravel(), 300.0),
@@ -65,18 +61,18 @@ def test_length_rows_are_the_derivatives_of_all_errors(scene):
         expected = central_difference(
             lambda d, value=value: value(model.kinematics.pose(state, proportions.offsets(d))), proportions.count
         )
-        actual = C[model.rows_of(piece, frame)]
+        actual = C[rows.rows[piece.name]]
         if factor is None:
-            factor = rows.columns[-1, model.rows_of(piece, frame)][:, None]  # by the translation along the optical axis
+            factor = rows.columns[-1, rows.rows[piece.name]][:, None]  # by the translation along the optical axis
         assert relative_error(actual, factor * expected) < 1e-6
-    others = np.delete(C, np.r_[tuple(model.rows_of(piece, frame) for piece in errors)], axis=0)
+    others = np.delete(C, np.r_[tuple(rows.rows[piece.name] for piece in errors)], axis=0)
     assert len(others) and not others.any()
 
 
 def test_rows_are_the_derivative_of_the_whitened_errors(scene):
     model, learned, state, frame = scene
     rows = model.linearise(model.evaluate(state), frame, huber_weights)
-    which = model.rows_of(learned, frame)
+    which = rows.rows["learned depth"]
     J, z = rows.columns[:, which].T, rows.z[which]
 
     def errors(step):
@@ -98,7 +94,7 @@ def test_the_pull_of_the_rows_is_the_gradient_of_the_cost(scene, piece, measured
     if measured:
         frame = replace(frame, depth=np.full(17, 3.0), depth_weights=np.where(np.arange(17) < measured, 30.0, 0.0))
     rows = model.linearise(model.evaluate(state), frame, huber_weights)
-    which = model.rows_of(evidence, frame)
+    which = rows.rows[evidence.name]
 
     def cost(step):
         return float(evidence.cost(model.evaluate(moved(model, state, step)), frame))
@@ -109,25 +105,14 @@ def test_the_pull_of_the_rows_is_the_gradient_of_the_cost(scene, piece, measured
     assert np.allclose(rows.columns[:, which] @ rows.z[which], -gradient, atol=1e-3 * np.abs(gradient).max())
 
 
-def test_measured_and_estimated_depths_are_counted(scene):
-    frame = scene[3]
-    weights = np.where(np.arange(17) < 5, 30.0, 0.0)
-    measured = replace(frame, depth=np.full(17, 3.0), depth_weights=weights)
-    counts = [one.depth_count for one in (replace(frame, joint_depths=None), frame, measured)]
-    assert counts == [0, DEPTHS, DEPTHS + 5]
-
-
 def test_priors_have_less_weight_if_half_of_the_landmarks_have_a_depth(scene):
     model, learned, state, frame = scene
     about = model.evaluate(state)
     weights = [np.where(np.arange(17) < count, 30.0, 0.0) for count in (8, 9)]
     frames = [frame, *(replace(frame, depth=np.full(17, 3.0), depth_weights=weight) for weight in weights)]
-    posture = about.posture.residual
-    gaussian = len(model.prior.W)
-    for one, factor in zip(frames, (1.0, 1.0, PRIOR_BESIDE_DEPTH)):
-        z = model.linearise(about, one, huber_weights).z[model.rows_of(model.prior, one)]
-        assert np.allclose(z[:gaussian], factor * posture[:gaussian], rtol=1e-14)
-        assert np.array_equal(z[gaussian:], posture[gaussian:])
+    for one, factor in zip(frames, (1.0, 1.0, PRIOR_WEIGHT_WITH_DEPTH)):
+        rows = model.linearise(about, one, huber_weights)
+        assert np.allclose(rows.z[rows.rows["pose prior"]], factor * about.posture.residual, rtol=1e-14)
     costs = [float(learned.cost(about, one)) for one in frames]
     assert costs[0] == costs[1] > costs[2]
 
@@ -137,7 +122,7 @@ def test_several_states_at_once_give_the_same_as_each_alone(scene):
     random = np.random.default_rng(3)
     other = random_state(random, model.kinematics, 0.4)
     both = BodyState(np.stack([state.rotations, other.rotations]), np.stack([state.translation, other.translation]))
-    whole = model.linearise(model.evaluate(both), frame.per_state, huber_weights)
+    whole = model.linearise(model.evaluate(both), frame, huber_weights)
     for number, one in enumerate((state, other)):
         alone = model.linearise(model.evaluate(one), frame, huber_weights)
         assert np.allclose(whole.columns[number], alone.columns, atol=1e-9)
@@ -155,25 +140,26 @@ def followed(config, change=lambda observation: observation):
 
 
 def test_a_tracker_with_the_network_follows_and_is_certified():
-    error, tracker = followed(WITH_NETWORK)
-    assert error < 0.1 and tracker._joint_depths is not None
+    error, tracker = followed(CONFIG)
+    assert error < 0.1 and tracker._network.joint_depths is not None
 
 
 def test_there_are_no_rows_if_switched_off():
-    _, tracker = followed(CONFIG)
-    assert tracker._joint_depths is None and len(tracker._rows.evidence) == 5
+    _, tracker = followed(WITHOUT_NETWORK)
+    assert tracker._network is None and tracker.published[-1].joint_depths is None
+    assert "learned depth" not in tracker.published[-1].rows
 
 
 def test_learned_lengths_are_input_to_the_network(monkeypatch):
     """At first the lengths are unknown; then they are the learned ones; after a reset they are unknown again."""
-    tracker, scenes = Tracker(WITH_NETWORK), []
+    tracker, scenes = Tracker(CONFIG), []
     predict = Network.predict
     monkeypatch.setattr(Network, "predict", lambda self, scene: scenes.append(scene) or predict(self, scene))
-    person = Tracker(WITH_NETWORK, scaled_forearms(tracker.skeleton, 1.2))
+    person = Tracker(CONFIG, scaled_forearms(tracker.skeleton, 1.2))
     given = [observation for _, observation in observations(person, 4.0)]
     for observation in given:
         tracker.track(observation)
-    assert tracker.calibration.lengths.any()
+    assert tracker.learned.lengths.lengths.any()
     assert not scenes[0].lengths_known and scenes[-1].lengths_known
     forearm = LENGTHS.index("forearm")
     assert scenes[-1].lengths[forearm] > 1.1 * scenes[0].lengths[forearm]
@@ -186,7 +172,7 @@ def test_a_camera_on_its_side_gives_the_same_motion_as_a_level_one():
     def rolled(observation):
         return replace(observation, points=np.stack([observation.points[:, 1], -observation.points[:, 0]], axis=-1))
 
-    config = replace(WITH_NETWORK, calibrate=False)
+    config = replace(CONFIG, calibrate=False)
     _, level = followed(config)
     tracker = Tracker(replace(config, camera_roll=np.pi / 2))
     turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
@@ -197,12 +183,12 @@ def test_a_camera_on_its_side_gives_the_same_motion_as_a_level_one():
 
 @pytest.mark.parametrize("landmarks", ["body25", "mediapipe33", "h36m17"])
 def test_other_layouts_are_supported(landmarks):
-    error, tracker = followed(replace(WITH_NETWORK, landmarks=landmarks))
-    assert error < 0.12 and tracker._joint_depths is not None
+    error, tracker = followed(replace(CONFIG, landmarks=landmarks))
+    assert error < 0.12 and tracker.published[-1].joint_depths is not None
 
 
 def test_too_few_points_give_no_estimate_and_do_no_harm():
-    tracker = Tracker(replace(WITH_NETWORK, min_landmarks=3))
+    tracker = Tracker(replace(CONFIG, min_landmarks=3))
     seen = np.zeros(17)
     seen[[5, 6, 11]] = 1.0
     for number, (_, observation) in enumerate(observations(tracker, 0.5)):

@@ -10,10 +10,9 @@ from sequences import CONFIG, FOCAL, RATE, aligned_error, observations
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.evidence.frame_model import FrameModel
-from lassokin_ros.core.evidence.measured_depth import NEARER
-from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
-from lassokin_ros.core.evidence.upright import Upright
-from lassokin_ros.core.image.depth_gating import DEVIATION, gate_depth
+from lassokin_ros.core.evidence.measured_depth import LARGEST_COST
+from lassokin_ros.core.evidence.pose_prior import PoseDistribution
+from lassokin_ros.core.image.depth_gating import gate_depth
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.image.robust_loss import huber_weights
@@ -21,24 +20,26 @@ from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.demo.synthetic import motion
 
+DEVIATION = 0.03
+
 
 @pytest.fixture
 def scene():
     kinematics = body()
-    model = FrameModel(kinematics, PosePrior(PoseDistribution.load(kinematics.skeleton), kinematics), Upright())
+    model = FrameModel(kinematics, PoseDistribution.load(kinematics.skeleton))
     random = np.random.default_rng(1)
     state = random_state(random, kinematics, 0.4)
     landmarks = kinematics.pose(state).landmarks
     weights = np.full(17, 1 / DEVIATION)
     weights[3] = 0.0
     depth = landmarks[:, 2] + 0.02 * random.normal(size=17)
-    return model, state, FrameData(project(landmarks), np.full(17, 300.0), depth, weights)
+    return model, state, FrameData(project(landmarks), np.full(17, 300.0), depth=depth, depth_weights=weights)
 
 
 def test_rows_are_the_derivative_of_the_depth(scene):
     model, state, frame = scene
     rows = model.linearise(model.evaluate(state), frame, huber_weights)
-    which = model.rows_of(model.measured_depth, frame)
+    which = rows.rows["measured depth"]
     J, z = rows.columns[:, which].T, rows.z[which]
 
     def depths(step):
@@ -60,19 +61,18 @@ def test_cost_and_rows_agree(scene):
     near = float(model.measured_depth.cost(model.evaluate(state), frame))
     far, behind = (replace(frame, depth=frame.depth + shift) for shift in (-5.0, 5.0))
     bounded, limit = (float(model.measured_depth.cost(model.evaluate(state), there)) for there in (far, behind))
-    assert near < bounded < limit == pytest.approx(16 * 0.5 * NEARER**2)
-    which = model.rows_of(model.measured_depth, far)
-    assert np.abs(model.linearise(model.evaluate(state), far, huber_weights).z[which]).max() < 0.3
+    assert near < bounded < limit == pytest.approx(16 * LARGEST_COST)
+    rows = model.linearise(model.evaluate(state), far, huber_weights)
+    assert np.abs(rows.z[rows.rows["measured depth"]]).max() < 0.3
 
 
 def test_a_body_that_comes_nearer_is_no_occluder(scene):
     """If all depths change by 4 standard deviations, the rows keep their weights; a single one by 8 loses its."""
     model, state, frame = scene
-    which = model.rows_of(model.measured_depth, frame)
 
     def weights(depth):
         rows = model.linearise(model.evaluate(state), replace(frame, depth=depth), huber_weights)
-        return rows.columns[-1, which] * DEVIATION
+        return rows.columns[-1, rows.rows["measured depth"]] * DEVIATION
 
     all_of_them = weights(frame.depth - 0.12)
     one = weights(frame.depth - 0.24 * (np.arange(17) == 5))
@@ -87,8 +87,9 @@ def test_without_depth_there_are_no_rows(scene):
     rows = model.linearise(model.evaluate(state), without, huber_weights)
     with_depth = model.linearise(model.evaluate(state), frame, huber_weights)
     assert with_depth.z.shape[-1] == rows.z.shape[-1] + 17
-    others = np.delete(np.arange(len(rows.z)), model.rows_of(model.prior, without))  # the prior has less weight
-    assert np.array_equal(with_depth.z[others], rows.z[others])
+    assert set(with_depth.rows) - set(rows.rows) == {"measured depth"}
+    for name in {*rows.rows} - {"pose prior"}:  # the prior has less weight
+        assert np.array_equal(with_depth.z[with_depth.rows[name]], rows.z[rows.rows[name]])
 
 
 @pytest.mark.parametrize(
@@ -96,14 +97,14 @@ def test_without_depth_there_are_no_rows(scene):
 )
 def test_invalid_depth_is_not_used(depth):
     observation = Observation(0.0, np.zeros((17, 2)), np.ones(17), FOCAL, depth=depth)
-    assert gate_depth(observation, np.ones(17, bool), 0.0, None, 1.75) is None
+    assert gate_depth(observation, np.ones(17, bool), 0.0, None, 1.75, DEVIATION) is None
 
 
 def test_background_is_not_used_and_the_surface_is_in_front_of_the_landmark():
     depth = np.full(17, 2.5)
     depth[5] = 5.0
     observation = Observation(0.0, np.zeros((17, 2)), np.ones(17), FOCAL, depth=depth, depth_of_surface=True)
-    used, weights = gate_depth(observation, np.ones(17, bool), np.full(17, 0.05), None, 1.75)
+    used, weights = gate_depth(observation, np.ones(17, bool), np.full(17, 0.05), None, 1.75, DEVIATION)
     assert weights[5] == 0 and np.isclose(weights[4], 1 / DEVIATION) and np.isclose(used[4], 2.55)
 
 
@@ -161,6 +162,7 @@ def test_a_frame_with_depth_is_linearised_again_after_a_large_increment(jump, wi
     for number in range(11):
         landmarks = pose.landmarks[0] + [0.0, 0.0, jump * (number == 10)]
         depth = landmarks[:, 2] if with_depth else None
+        points = project(landmarks) + 1e-6 * number  # new keypoints in each frame
         solved.clear()
-        assert tracker.track(Observation(number / RATE, project(landmarks), np.ones(17), FOCAL, depth=depth)).accepted
+        assert tracker.track(Observation(number / RATE, points, np.ones(17), FOCAL, depth=depth)).accepted
     assert len(solved) == expected

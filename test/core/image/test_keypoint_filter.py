@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 from sequences import CONFIG, observations
 
-from lassokin_ros.core.image.keypoint_filter import MAX_EXTRAPOLATION, MAX_GAP, PREDICTED_WEIGHT, KeypointFilter
+from lassokin_ros.core.image.keypoint_filter import (
+    MAX_EXTRAPOLATION,
+    MAX_GAP,
+    PREDICTED_WEIGHT,
+    RESTART_AFTER,
+    KeypointFilter,
+)
 from lassokin_ros.core.tracker import Tracker
 
 NAMES = ("nose", "left_knee", "right_knee", "left_ankle")
@@ -29,6 +35,39 @@ def test_an_unpaired_outlier_is_left_out():
     wrong[3] += 0.1
     points, _ = keypoint_filter.update(20 / RATE, wrong, weights, 1.0, LIKENESS)
     assert np.abs(points - places(20)).max() < 0.01
+
+
+def test_the_first_outlier_is_replaced_by_the_prediction_and_the_next_one_is_missing():
+    """After `RESTART_AFTER` outliers at one place the track starts there."""
+    keypoint_filter = KeypointFilter(NAMES, LIMBS)
+    weights = np.full(4, 1 / NOISE)
+    for frame in range(20):
+        good, weight = keypoint_filter.update(frame / RATE, places(frame), weights, 1.0, LIKENESS)
+    answers = []
+    for frame in range(20, 20 + RESTART_AFTER):
+        wrong = places(frame)
+        wrong[3] += 0.1
+        answers.append(keypoint_filter.update(frame / RATE, wrong, weights, 1.0, LIKENESS))
+    (first, first_weight), *others, (last, last_weight) = answers
+    assert np.abs(first - places(20)).max() < 0.002 and 0 < first_weight[3] < weight[3]
+    assert len(others) == RESTART_AFTER - 2 and all(w[3] == 0 for _, w in others)
+    assert np.array_equal(last[3], wrong[3]) and last_weight[3] > 0
+
+
+def test_a_missing_point_is_predicted_with_less_and_less_weight():
+    keypoint_filter = KeypointFilter(NAMES, LIMBS)
+    weights, hidden = np.full(4, 1 / NOISE), np.array([1, 1, 1, 0]) / NOISE
+    given = [keypoint_filter.update(frame / RATE, places(frame), weights, 1.0, LIKENESS)[1][3] for frame in range(20)]
+    for frame in range(20, 37):
+        points, answer = keypoint_filter.update(
+            frame / RATE, places(frame) * (hidden[:, None] > 0), hidden, 1.0, LIKENESS
+        )
+        assert np.abs(points - places(frame)).max() < 0.005
+        assert 0 < answer[3] < given[-1]
+        given.append(answer[3])
+    for frame in range(37, 40):  # longer than MAX_GAP
+        answer = keypoint_filter.update(frame / RATE, places(frame), hidden, 1.0, LIKENESS)[1]
+    assert answer[3] == 0 and np.all(answer[:3] > 0)
 
 
 @pytest.mark.parametrize("gap", [MAX_GAP + 0.01, 0.5, 0.9, 100.0])

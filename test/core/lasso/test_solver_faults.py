@@ -138,16 +138,18 @@ def test_the_qp_solver_survives_values_that_are_not_finite(place, value):
     arrays = {"A": reduced.A, "z": reduced.z, "H": reduced.H, "g": reduced.g, "alpha": problem.alpha}
     arrays[place] = arrays[place].copy()
     arrays[place].flat[4] = value
+    alpha = arrays.pop("alpha")
+    broken = replace(reduced, **arrays)
     dual = DualSolver("proxqp")
-    for effort in (0, 1, 2):
+    for effort, start in ((0, None), (0, np.ones(len(alpha))), (1, None), (2, None)):
         started = time.thread_time()
         try:
-            dual.solve(*arrays.values(), effort)
+            dual.solve(broken, alpha, effort, start)
         except (ValueError, RuntimeError, FloatingPointError):
             pass
         assert time.thread_time() - started < LONGEST_S
-    sound = dual.solve(reduced.A, reduced.z, reduced.H, reduced.g, problem.alpha, 0)
-    fresh = DualSolver("proxqp").solve(reduced.A, reduced.z, reduced.H, reduced.g, problem.alpha, 0)
+    sound = dual.solve(reduced, problem.alpha, 0)
+    fresh = DualSolver("proxqp").solve(reduced, problem.alpha, 0)
     assert np.allclose(sound, fresh, rtol=0, atol=1e-5 * np.abs(fresh).max())  # the object keeps none of the values
 
 

@@ -72,10 +72,10 @@ ENDS = {f"{side}_{joint}" for side in ("left", "right") for joint in ("foot", "h
         (("nose", "left_eye", "right_eye", "left_ear", "right_ear"), {"neck", "head"}),
     ],
 )
-def test_joints_beyond_the_last_visible_keypoint(hidden, expected):
+def test_joints_below_the_last_visible_keypoint(hidden, expected):
     visible = set(Layout.load("coco17", SKELETON).names) - set(hidden)
-    assert names_by(ObservedJoints.beyond, visible) == expected | ENDS
+    assert names_by(ObservedJoints.below_last_keypoint, visible) == expected | ENDS
 
 
-def test_without_keypoints_all_joints_are_beyond():
-    assert names_by(ObservedJoints.beyond, ()) == set(SKELETON.joint_names)
+def test_without_keypoints_all_joints_are_below_the_last_one():
+    assert names_by(ObservedJoints.below_last_keypoint, ()) == set(SKELETON.joint_names)

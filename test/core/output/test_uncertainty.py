@@ -8,6 +8,7 @@ from cases import body, central_difference, random_state, relative_error
 
 from lassokin_ros.core.body.proportions import Proportions
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
@@ -16,8 +17,8 @@ from lassokin_ros.core.output import uncertainty
 from lassokin_ros.core.output.observed import ObservedJoints
 from lassokin_ros.core.output.uncertainty import (
     FACTOR,
-    LARGEST,
-    LENGTHS,
+    LARGEST_DEVIATION,
+    LENGTHS_FACTOR,
     PLACE_DEVIATION,
     SCALE_DEVIATION,
     PositionJacobian,
@@ -81,14 +82,14 @@ def test_covariances_are_those_of_the_joints_jacobian(seen):
     before = problem.reduced.H.copy()
     pose = kinematics.pose(random_state(random, kinematics))
     observed = ObservedJoints(kinematics.skeleton, kinematics.layout.joints)
-    model = UncertaintyModel(kinematics, prior, Proportions(kinematics), observed)
+    model = UncertaintyModel(FrameModel(kinematics, prior), prior, Proportions(kinematics), observed)
     found, _ = model.covariance(pose, problem, np.full(24, FACTOR), 0.0)
     assert np.array_equal(problem.reduced.H, before)
     variance = np.diag(np.diagonal(prior.covariance).astype(float))
     variance[np.ix_(live, live)] = np.linalg.inv(problem.reduced.H + WEAKEST * np.eye(seen))
     J = PositionJacobian(kinematics, np.arange(72), np.ones(72)).at(pose)
     expected = J @ variance @ J.swapaxes(1, 2)
-    size = np.trace(expected, axis1=1, axis2=2) / LARGEST**2
+    size = np.trace(expected, axis1=1, axis2=2) / LARGEST_DEVIATION**2
     assert np.allclose(found, expected * (FACTOR**2 / (1 + size))[:, None, None], rtol=1e-7, atol=1e-15)
 
 
@@ -96,7 +97,8 @@ def test_uncertain_lengths_affect_the_joints_below_them():
     random, kinematics = np.random.default_rng(2), body()
     proportions, pose = Proportions(kinematics), kinematics.pose(random_state(random, kinematics))
     observed = ObservedJoints(kinematics.skeleton, kinematics.layout.joints)
-    exact = UncertaintyModel(kinematics, PoseDistribution.load(kinematics.skeleton), proportions, observed)
+    prior = PoseDistribution.load(kinematics.skeleton)
+    exact = UncertaintyModel(FrameModel(kinematics, prior), prior, proportions, observed)
     count = int(np.count_nonzero(kinematics.live))
     problem = Lasso(random.normal(size=(count + 9, count)), np.eye(count + 9, 3), np.zeros(count + 9), np.ones(count))
     deviation = np.zeros(proportions.count)
@@ -107,7 +109,7 @@ def test_uncertain_lengths_affect_the_joints_below_them():
     assert np.allclose(more[1:], without[1:] * (after / np.maximum(before, 1e-12))[1:, None, None], rtol=1e-9)
     index = kinematics.skeleton.index
     thigh = np.linalg.norm(kinematics.skeleton.offsets[index("left_knee")])
-    assert added[[index("left_knee"), index("left_ankle")]] == pytest.approx(LENGTHS * 0.05 * thigh, rel=1e-6)
+    assert added[[index("left_knee"), index("left_ankle")]] == pytest.approx(LENGTHS_FACTOR * 0.05 * thigh, rel=1e-6)
     assert added[[index("left_hip"), index("head"), index("right_wrist")]] == pytest.approx(0, abs=1e-6)
 
 
@@ -119,11 +121,11 @@ def test_hidden_legs_have_the_deviation_of_their_errors():
         assert 0.18 < deviation[tracker.skeleton.index(f"{side}_ankle")] < 0.6
 
 
-def test_only_joints_beyond_the_last_keypoint_have_the_further_factor(monkeypatch):
+def test_only_joints_below_the_last_keypoint_have_the_further_factor(monkeypatch):
     tracker, estimate = followed(["left_elbow", "left_wrist"])
-    monkeypatch.setattr(uncertainty, "BEYOND", 1.0)
+    monkeypatch.setattr(uncertainty, "FACTOR_BELOW_LAST_KEYPOINT", 1.0)
     before = tracker.uncertainty(estimate)
-    monkeypatch.setattr(uncertainty, "BEYOND", 1.3)
+    monkeypatch.setattr(uncertainty, "FACTOR_BELOW_LAST_KEYPOINT", 1.3)
     after = tracker.uncertainty(estimate)
     larger = after.deviation > before.deviation * 1.2
     names = {name for name, more in zip(tracker.skeleton.joint_names, larger) if more}
@@ -205,7 +207,7 @@ def test_absolute_covariances_are_those_of_increment_and_translation():
     for name in ("pelvis", "left_elbow", "right_knee"):
         i = tracker.skeleton.index(name)
         Y = problem_free(estimate)
-        limit = 1 + np.trace(joints[i] - Y) / LARGEST**2
+        limit = 1 + np.trace(joints[i] - Y) / LARGEST_DEVIATION**2
         expected = FACTOR**2 * ((joints[i] - Y) / limit + Y) + size
         assert np.allclose(found.joints[i], expected, rtol=1e-4, atol=1e-10), name
     assert np.allclose(found.pelvis[3:, 3:], FACTOR**2 * pelvis[3:, 3:], rtol=1e-4)

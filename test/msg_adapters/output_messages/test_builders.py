@@ -144,6 +144,7 @@ def test_the_uncertaintys_cloud(backend):
     builder = joint_uncertainty.UncertaintyCloudBuilder(backend, 2)
     message = builder.fill(STAMP, FRAME, POSITIONS, SYMMETRIC, np.array([0.5, 0.25]))
     cloud = points(message, joint_uncertainty.POINT)
+    assert len(cloud) == 2
     for joint, point in enumerate(cloud.tolist()):
         assert point == (*POSITIONS[joint], joint, (0.5, 0.25)[joint], *UPPER[joint])
 
@@ -151,7 +152,9 @@ def test_the_uncertaintys_cloud(backend):
 def test_ellipsoids(backend):
     builder = joint_uncertainty.UncertaintyMarkersBuilder(backend, 2, "p1/")
     axes = np.array([[0.1, 0.2, 0.3], [0.0, 0.0004, 0.0006]])
-    for i, marker in enumerate(builder.fill(STAMP, FRAME, POSITIONS, QUATERNIONS, axes).markers):
+    markers = builder.fill(STAMP, FRAME, POSITIONS, QUATERNIONS, axes).markers
+    assert len(markers) == 2
+    for i, marker in enumerate(markers):
         check_header(marker.header)
         assert (marker.ns, marker.id, marker.type, marker.action) == ("p1/uncertainty", i, 2, 0)
         assert vector(marker.pose.position) == POSITIONS[i].tolist()

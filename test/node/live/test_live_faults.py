@@ -135,12 +135,25 @@ def test_the_newest_message_of_a_burst_is_used_and_the_others_are_counted(runnin
 
 
 def test_messages_faster_than_the_callback_are_answered_without_delay(running):
+    """Few answers are published after the newest message was sent, whatever the speed of the machine."""
     _, peer = running
-    before, sent = counts(peer), 1000
-    last = send(peer, sent, BURST_STEP_NS)
-    peer.spin_until(lambda: answered(peer, last), deadline_s=2.0, what="the newest message's answer")
+    before, sent, published_ns = counts(peer), 1000, {}
+
+    def keep(message, info):
+        published_ns[stamp_of(message)] = info["source_timestamp"]
+
+    name = topics.JOINT_STATES.replace("~", "tracker")
+    subscription = peer.node.create_subscription(type(peer.got[topics.JOINT_STATES][-1]), name, keep, 2000)
+    others = 0
+    while not published_ns:
+        first, others = send(peer), others + 1
+        peer.spin_until(lambda: answered(peer, first), what="an answer")  # noqa: B023
+    last, end_ns = send(peer, sent, BURST_STEP_NS), time.time_ns()
+    peer.spin_until(lambda: answered(peer, last) and last in published_ns, what="the newest message's answer")
+    assert sum(at > end_ns for at in published_ns.values()) < 0.2 * sent
     new = Counter(increase(peer, before))
-    assert new["accepted"] + new[OVERTAKEN] + new[LOST] == sent
+    assert new["accepted"] + new[OVERTAKEN] + new[LOST] == sent + others
+    peer.node.destroy_subscription(subscription)
 
 
 def test_broken_data_of_a_right_type_is_counted(running):
@@ -191,21 +204,19 @@ def test_a_stopped_subscriber_does_not_block_the_node(running):
     _, peer = running
 
     def probe():
-        last = send(peer)
+        last, started = send(peer), time.monotonic()
         peer.spin_until(lambda: answered(peer, last), what="an answer")
+        peer.got[topics.JOINT_STATES].clear()
+        return time.monotonic() - started
 
     with endpoint("sink", peer.namespace, stdout=subprocess.PIPE) as slow:
         assert slow.stdout.readline() == b"ready\n"
         subscribers = peer.node.count_subscribers
         peer.spin_until(lambda: subscribers(f"{peer.namespace}/tracker/joint_states") == 2, what="the other subscriber")
+        before = np.median([probe() for _ in range(100)])
         with standing_still(slow, probe):
-            waits = []
-            for _ in range(200):
-                started, last = time.monotonic(), send(peer)
-                peer.spin_until(lambda: answered(peer, last), deadline_s=2.0, what="an answer")  # noqa: B023
-                waits.append(time.monotonic() - started)
-                peer.got[topics.JOINT_STATES].clear()
-    assert np.percentile(waits, 90) < 0.1  # a busy machine may delay single messages
+            waits = [probe() for _ in range(200)]
+    assert np.median(waits) < 3 * before + 0.05  # a writer that waits for a subscriber blocks for 0.1 s per topic
 
 
 def test_a_restarted_publisher_is_used_again():
@@ -272,7 +283,7 @@ STAGES = ("", "", "_rclpy_pybind11", "numpy", "proxsuite", "dds.ev")
 def test_signals_during_initialisation_end_the_node():
     """At each stage after the process handles signals; before, it has done nothing."""
     signals = [(TERM,), (INT, INT), (INT,), (TERM, TERM), (INT, TERM), (INT, INT)]
-    end = time.monotonic() + 4 * DEADLINE_S  # six processes start at once, perhaps on a busy machine
+    end = time.monotonic() + 2 * DEADLINE_S  # six processes start at once, perhaps on a busy machine
     with ExitStack() as stack:
         nodes = [stack.enter_context(NodeProcess("/early")) for _ in signals]
         waiting = list(zip(nodes, STAGES, signals))
@@ -328,6 +339,15 @@ def test_a_failing_callback_does_not_end_the_node():
     node.destroy_node()
 
 
+def test_no_node_is_made_after_a_signal():
+    from lassokin_ros.node.executable import _run
+
+    stopped = Future()
+    stopped.set_result(INT)
+    _run([], lambda: pytest.fail("a node was made"), stopped)
+    assert not rclpy.ok()
+
+
 def test_waiting_messages_are_stamped_with_their_time_of_arrival():
     namespace, kind = "/waiting", "std_msgs/msg/Float32MultiArray"
     with node_in_this_process(namespace, keypoints_type=kind) as (_, serve), Peer(namespace, kind) as peer:
@@ -370,7 +390,7 @@ def test_a_node_of_the_same_name_is_reported_after_a_while(monkeypatch):
     monkeypatch.setattr("lassokin_ros.node.node.LEFTOVER_S", 2.0)
     with node_in_this_process("/twins") as (node, _), node_in_this_process("/twins") as (other, _):
         peer_count = partial(node.count_publishers, "/twins/tracker/state")
-        deadline = time.monotonic() + 30.0
+        deadline = time.monotonic() + 120
         while peer_count() < 2 and time.monotonic() < deadline:
             time.sleep(0.01)
         assert node._duplicate_node() == ""

@@ -45,7 +45,7 @@ def test_a_signal_ends_the_node_with_exit_code_0(signals):
     ],
 )
 def test_a_failed_start_is_explained_in_one_line(arguments, word):
-    done = subprocess.run([*TRACKER, *arguments], capture_output=True, text=True, cwd=ROOT, timeout=30)
+    done = subprocess.run([*TRACKER, *arguments], capture_output=True, text=True, cwd=ROOT, timeout=120)
     lines = done.stderr.strip().splitlines()
     assert done.returncode == 2, done.stderr
     assert len(lines) == 1 and lines[0].startswith("tracker: ") and word in lines[0], done.stderr
@@ -55,7 +55,7 @@ def test_a_home_that_cannot_be_written_is_one_line_with_the_remedy():
     """ROS writes its logs there."""
     environment = {k: v for k, v in os.environ.items() if k not in ("ROS_LOG_DIR", "ROS_HOME")}
     environment["HOME"] = "/proc/nowhere"
-    done = subprocess.run(TRACKER, capture_output=True, text=True, cwd=ROOT, timeout=30, env=environment)
+    done = subprocess.run(TRACKER, capture_output=True, text=True, cwd=ROOT, timeout=120, env=environment)
     assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
     assert done.stderr.startswith("tracker: ") and "set ROS_LOG_DIR" in done.stderr
 

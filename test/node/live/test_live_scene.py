@@ -66,18 +66,18 @@ def test_the_state_changes_when_a_person_comes_and_leaves_without_messages():
             peer.send(peer.start_ns + i * 20_000_000, PIXELS[i % 40])
 
         send_until(peer, send, lambda: len(states) > 1 and people, "tracking")
-        peer.spin_until(lambda: len(states) >= 4, what="lost and nobody, in silence")
-        assert said(states) == ["nobody", "tracking", "lost", "nobody"]
+        peer.spin_until(lambda: said(states)[-2:] == ["lost", "nobody"], what="lost and nobody, in silence")
+        heard = said(states)
+        assert heard[:2] == ["nobody", "tracking"]
+        # On a busy machine the node may also be without a frame for lost_after while frames are sent.
+        assert heard[2:-2] == ["lost", "tracking"] * (len(heard) // 2 - 2)
         with Peer(namespace, outputs=False) as late:
             late.listen(topics.STATE_OUTPUT)
             late.spin_until(lambda: late.got[topics.STATE], what="the state for a late subscriber")
             assert said(late.got[topics.STATE]) == ["nobody"]
     lines = [line.partition("]: ")[2] for line in node.said.splitlines()]
-    assert [line for line in lines if line.startswith(("tracking", "lost", "nobody"))] == [
-        "tracking",
-        "lost: no usable frame for lost_after",
-        "nobody is tracked",
-    ]
+    words = {"lost": "lost: no usable frame for lost_after", "nobody": "nobody is tracked", "tracking": "tracking"}
+    assert [line for line in lines if line in words.values()] == [words[state] for state in heard[1:]]
 
 
 def test_people_lists_one_person_as_lost_and_then_not_at_all():

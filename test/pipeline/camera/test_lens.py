@@ -164,8 +164,9 @@ def test_a_camera_matrix_has_focal_lengths_above_0(bad):
 def test_the_numbers_of_coefficients_that_opencv_takes(model, count):
     if count in COUNTS[model]:
         lens = Lens(K, np.full(count, 1e-3), model)
-        pixels = np.array([[340.0, 240.0]])
+        pixels = np.array([[630.0, 85.0]])
         assert np.allclose(lens.distort(lens.normalise(pixels)), pixels, atol=1e-6)
+        assert np.abs(lens.normalise(pixels) - Lens(K).normalise(pixels)).max() > 1e-5  # the coefficients are used
     else:
         with pytest.raises(CameraError, match=f"{model} with {count} distortion coefficients D; expected 4"):
             Lens(K, np.full(count, 1e-3), model)

@@ -53,6 +53,7 @@ def test_messages_of_somebody_who_is_not_listed_are_dropped(bodies):
 
 
 def test_all_share_the_camera_and_the_counts(bodies):
+    assert len(bodies._all) > 1
     for one in bodies._all:
         assert one.camera is bodies.camera and one.counts is bodies.counts
         assert (one.config.max_people, one.config.rep155) == (1, False)

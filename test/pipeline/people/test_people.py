@@ -15,7 +15,6 @@ from lassokin_ros.core.body.kinematics import BodyState, Kinematics  # noqa: E40
 from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
-from lassokin_ros.core.evidence.upright import Upright  # noqa: E402
 from lassokin_ros.core.image.projection import project  # noqa: E402
 from lassokin_ros.core.observation import Status  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
@@ -173,30 +172,38 @@ def test_messages_before_the_first_clock_have_no_age():
     assert pipeline.presence_at(10**18).status is Status.TRACKING
 
 
-def test_new_people_start_with_the_learned_vertical(monkeypatch):
+def test_new_people_start_with_the_learned_vertical():
     """That of present people; in an empty room that of the person tracked for the longest time; none after a reset."""
     pixels = walk(100, -0.8, 3.5, 0.0, 1)[1], walk(100, 0.8, 4.0, 1.0, 2)[1]
-    pipeline, verticals = pipeline_for(person_ids="message", forget_after=0.2), []
-    candidates = Upright.candidates
-
-    def seen(upright):
-        verticals.append([vertical for vertical, _ in candidates(upright)])
-        return candidates(upright)
-
-    monkeypatch.setattr(Upright, "candidates", seen)  # requested once per initialisation
+    pipeline, started = pipeline_for(person_ids="message", forget_after=0.2), []
     there = {1: range(30), 2: range(20, 25), 3: range(60, 80), 4: range(90, 100)}
-    longest = None
     for i in range(100):
         if i == 85:
             pipeline.reset()
         people = {number: pixels[number % 2][i] for number, frames in there.items() if i in frames}
         feed(pipeline, i, list(people.values()), list(people))
+        for number in [number for number, frames in there.items() if i == frames[0]]:  # a first frame teaches nothing
+            vertical = pipeline.people.tracked[f"p{number}"].tracker.learned.vertical
+            started.append((vertical.learned_for, vertical.direction))
         if i == 29:
-            longest = pipeline.people.tracked["p1"].tracker._upright.vertical
-            assert np.any(longest != verticals[1][0])  # it has learned since the second person came
-    assert pipeline.counts["people come"] == 4 and [len(of) for of in verticals] == [3, 1, 1, 3]
-    assert np.array_equal(verticals[2][0], longest)
-    assert np.array_equal(verticals[3][0], verticals[0][0])
+            first = pipeline.people.tracked["p1"].tracker.learned.vertical
+            longest = first.learned_for, first.direction
+    assert pipeline.counts["people come"] == 4 and [seconds > 0 for seconds, _ in started] == [False, True, True, False]
+    assert longest[0] > started[1][0] and np.any(longest[1] != started[1][1])  # learned since the second person came
+    assert started[2][0] == longest[0] and np.array_equal(started[2][1], longest[1])
+    assert np.array_equal(started[3][1], started[0][1])
+
+
+def test_several_people_have_the_answers_of_single_trackers():
+    """Bit by bit: people who came together share nothing but the camera."""
+    pixels = [walk(40, x, 3.5, phase, seed)[1] for seed, (x, phase) in enumerate([(-1.2, 0.0), (0.0, 0.5), (1.2, 1.0)])]
+    together, alone = pipeline_for(), [pipeline_for(max_people=1) for _ in pixels]
+    for i in range(40):
+        found = feed(together, i, [track[i] for track in pixels], [0, 1, 2])
+        for number, (pipeline, track) in enumerate(zip(alone, pixels)):
+            frame = pipeline.process(crowd(BACKEND, stamp(i), [(track[i], np.full(17, 0.9))]), 0)
+            assert np.array_equal(frame.estimate.state.rotations, found[f"p{number}"].estimate.state.rotations), i
+            assert np.array_equal(frame.positions, found[f"p{number}"].positions), i
 
 
 def test_a_duplicate_detection_is_no_second_person():

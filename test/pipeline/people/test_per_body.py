@@ -96,10 +96,10 @@ def test_new_people_start_with_the_vertical_of_present_people(pipeline):
     for i in range(10):
         feed(pipeline, "abc", i)
     pipeline.keep(["abc", "xyz"])
-    one, two = (pipeline._present[person].tracker._upright for person in ("abc", "xyz"))
-    assert len(two.candidates()) == 1 and np.array_equal(two.vertical, one.vertical)
+    one, two = (pipeline._present[person].tracker.learned.vertical for person in ("abc", "xyz"))
+    assert two.learned_for == one.learned_for > 0 and np.array_equal(two.direction, one.direction)
     pipeline.reset()
-    assert len(two.candidates()) == 3
+    assert two.learned_for == 0
 
 
 def test_an_empty_message_is_no_problem_to_report(pipeline):

@@ -10,7 +10,6 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.frame_result import FrameResult
-from lassokin_ros.pipeline.people import multi_person
 from lassokin_ros.pipeline.people.multi_person import MOST_REINITIALISED, MultiPersonTracker
 from lassokin_ros.pipeline.people.people_tracker import PeopleImage
 from lassokin_ros.pipeline.people.presence import Presence
@@ -89,16 +88,6 @@ class Room:
         results = self.tracker.track(index * PERIOD + SECOND, "camera", found, LENS, persistent, forget_after)
         assert all(result.frame_id == "camera" and result.accepted for result in results)
         return [result.person for result in results]
-
-
-@pytest.fixture(autouse=True)
-def one_by_one(monkeypatch):
-    """Track people one after the other instead of in a batch."""
-
-    def track_batch(people, stamp_ns, frame_id, seen, lens):
-        return [one.track(stamp_ns, frame_id, points, lens, name) for (name, one), points in zip(people.items(), seen)]
-
-    monkeypatch.setattr(multi_person.TrackedPerson, "track_batch", staticmethod(track_batch))
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation  # noqa: E402
 
 from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
-from lassokin_ros.core.evidence.upright import vertical_of
+from lassokin_ros.core.learned.vertical import vertical_of
 from lassokin_ros.pipeline.outputs.description.urdf import joint_names  # noqa: E402
 from lassokin_ros.replay.exports.amass import smpl_rotations  # noqa: E402
 from lassokin_ros.replay.exports.errors import ExportError  # noqa: E402

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from lassokin_ros.common.atomic_files import AtomicFiles, files_of_people, refuse_existing
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.calibration.bone_lengths import Calibration
 from lassokin_ros.core.errors import LassokinError, SkeletonError
+from lassokin_ros.core.learned.bone_lengths import Calibration
 from lassokin_ros.core.yaml_files import SUFFIXES
 from lassokin_ros.pipeline.outputs.status.calibration_status import length_changes
 
@@ -45,7 +45,7 @@ def save_all(
     """
     if not calibrations:
         raise SkeletonError("nothing has been calibrated: nobody is there")
-    ready = {person: known for person, known in calibrations.items() if known.moved >= LEAST_MOTION}
+    ready = {person: known for person, known in calibrations.items() if known.kept_motion >= LEAST_MOTION}
     texts = {person: _calibrated_text(known, now_ns) for person, known in (ready or calibrations).items()}
     with AtomicFiles(replace=True, error=SkeletonError) if files is None else nullcontext(files) as whole:
         return [_write(for_person(path, person), text, whole) for person, text in texts.items()]
@@ -53,10 +53,10 @@ def save_all(
 
 def _calibrated_text(calibration: Calibration, now_ns: int) -> str:
     """Return the calibrated skeleton and its comment. Raises SkeletonError if nothing is calibrated."""
-    if calibration.moved < LEAST_MOTION:
+    if calibration.kept_motion < LEAST_MOTION:
         raise SkeletonError(
-            f"nothing has been calibrated: {calibration.moved:.1f} s of motion seen, expected {LEAST_MOTION:g} or "
-            "more; set the parameter calibrate and let the person move"
+            f"nothing has been calibrated: {calibration.kept_motion:.1f} s of motion seen, expected {LEAST_MOTION:g} "
+            "or more; set the parameter calibrate and let the person move"
         )
     skeleton = calibration.skeleton
     state = "the lengths are final" if calibration.frozen else "the lengths were still being learned"
@@ -66,7 +66,7 @@ def _calibrated_text(calibration: Calibration, now_ns: int) -> str:
         (
             f"Calibrated by lassokin_ros, {_date(now_ns)}.",
             f"For a height of {skeleton.height:g} m: use it with the same parameter height.",
-            f"{calibration.moved:g} s of motion counted; {state}.",
+            f"{calibration.kept_motion:g} s of motion counted; {state}.",
             f"Changed from skeleton {_quoted(skeleton.name)}: {', '.join(changes)}.",
         ),
     )

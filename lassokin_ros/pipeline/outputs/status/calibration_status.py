@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from lassokin_ros.core.calibration.bone_lengths import Calibration
-from lassokin_ros.core.calibration.height import HeightEstimator
+from lassokin_ros.core.learned.bone_lengths import Calibration
+from lassokin_ros.core.learned.height import HeightEstimator
 
 
 def length_changes(calibration: Calibration) -> dict[str, float]:
@@ -30,9 +30,9 @@ def calibration_figures(calibration: Calibration, enabled: bool, person: str = "
     title = f"{person} calibration" if person else "calibration"
     state = "final" if calibration.frozen else "learning" if enabled else "off"
     values = {title: state}
-    if calibration.moved > 0:
-        values[f"{title}: motion seen [s]"] = f"{calibration.moved:.2f}"
-        values[f"{title}: largest deviation [%]"] = f"{100 * float(np.max(calibration.spread, initial=0)):.2f}"
+    if calibration.kept_motion > 0:
+        values[f"{title}: motion seen [s]"] = f"{calibration.kept_motion:.2f}"
+        values[f"{title}: largest deviation [%]"] = f"{100 * float(np.max(calibration.deviation, initial=0)):.2f}"
         for name, change in length_changes(calibration).items():
             values[f"{title}: {name} [%]"] = f"{change:+.2f}"
     return values

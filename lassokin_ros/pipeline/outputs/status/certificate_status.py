@@ -40,7 +40,7 @@ def certificate_status(estimate: Estimate, failure_probability: float, name: str
         "theorem 1 literal, condition 2 (> 0) [rad]": literal.condition2,
         "theorem 1 literal, condition 3 (= 0)": literal.condition3,
         "initialised": str(estimate.initialised).lower(),
-        "start's confidence": estimate.confidence,
+        "solved by": solution.method,
         "likely wrong": failure_probability,
     }
     level, message = (OK, "certified") if solution.certified else (WARN, "not certified")

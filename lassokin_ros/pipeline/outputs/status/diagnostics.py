@@ -245,7 +245,8 @@ class Diagnostics:
         if config.height == 0:
             waiting = self._tracked and not any(height.measured for height in pipeline.heights().values())
             return f"height is 0, but no depth is measured: {config.assumed_height:g} m is assumed" if waiting else ""
-        wrong = [tracker.size_check for tracker in pipeline.trackers.values() if tracker.size_check.wrong]
+        checks = [tracker.learned.size_check for tracker in pipeline.trackers.values()]
+        wrong = [check for check in checks if check.wrong]
         if wrong:
             return (
                 f"measured depth does not fit the size of the given body (height {config.height:g} m): set height to "
@@ -294,9 +295,13 @@ class Diagnostics:
         for person, calibration in self._pipeline.calibrations().items():
             if presence.ids is None or person in presence.ids:
                 values |= calibration_figures(calibration, tracker.config.calibrate, person)
+        if tracker.limitations:
+            values["limitations"] = tracker.limitations
+        values |= {f"evidence '{name}'": fault for name, fault in self._pipeline.evidence_faults.items()}
         for person, one in self._pipeline.trackers.items():
-            if one.size_check.ratio != 1.0 and (presence.ids is None or person in presence.ids):
-                values[f"{person} measured size / given size".strip()] = f"{one.size_check.ratio:.2f}"
+            ratio = one.learned.size_check.ratio
+            if ratio != 1.0 and (presence.ids is None or person in presence.ids):
+                values[f"{person} measured size / given size".strip()] = f"{ratio:.2f}"
         for person, height in self._pipeline.heights().items():
             if presence.ids is None or person in presence.ids:
                 values |= height_figures(height, person)

@@ -11,7 +11,7 @@ from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.image.gating import FOCAL_RANGE, visible
 from lassokin_ros.core.lasso.solver import KKT_TOLERANCE
 from lassokin_ros.core.observation import Observation, Rejection
-from lassokin_ros.core.tracker import SMALLEST
+from lassokin_ros.core.tracker import SMALLEST_PX
 
 
 def rejection_text(answer: Estimate, observation: Observation, config: TrackerConfig) -> str:
@@ -36,7 +36,7 @@ def _too_few_landmarks(_: Estimate, observation: Observation, config: TrackerCon
 def _too_small(_: Estimate, observation: Observation, config: TrackerConfig) -> str:
     return (
         "the body that fits best would be smaller than the noise, or behind the camera; expected "
-        f"{SMALLEST * config.noise_px:g} px ({SMALLEST:g} noise_px) or more: check that the keypoints are in px, "
+        f"{SMALLEST_PX * config.noise_px:g} px ({SMALLEST_PX:g} noise_px) or more: check that the keypoints are in px, "
         "and that camera_info is of their camera"
     )
 

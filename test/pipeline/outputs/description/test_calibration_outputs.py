@@ -10,11 +10,10 @@ from description_check import DescribedBody
 
 from lassokin_ros.core.body.proportions import Proportions
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.calibration.bone_lengths import UPDATE, Calibration
 from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.core.evidence.frame_model import FrameModel
-from lassokin_ros.core.evidence.pose_prior import PoseDistribution, PosePrior
-from lassokin_ros.core.evidence.upright import Upright
+from lassokin_ros.core.evidence.pose_prior import PoseDistribution
+from lassokin_ros.core.learned.bone_lengths import UPDATE, Calibration
 from lassokin_ros.pipeline.outputs.description.skeleton_file import save_all, skeleton_text, write_text
 from lassokin_ros.pipeline.outputs.status.calibration_status import calibration_figures
 
@@ -27,10 +26,9 @@ APART = "left and right of the skeleton differ by 9.5 % on average"
 def learned(seconds=5.0, seed=3):
     """A calibration with learned lengths."""
     kinematics = body()
-    prior = PosePrior(PoseDistribution.load(kinematics.skeleton), kinematics)
-    calibration = Calibration(FrameModel(kinematics, prior, Upright()))
+    calibration = Calibration(FrameModel(kinematics, PoseDistribution.load(kinematics.skeleton)))
     calibration.lengths = np.random.default_rng(seed).normal(size=calibration.proportions.count) * 0.05
-    calibration.moved = seconds
+    calibration.kept_motion = seconds
     return calibration
 
 
@@ -127,7 +125,7 @@ def test_diagnostics_contain_the_calibration_figures():
     assert values["p4 calibration"] == "learning" and values["p4 calibration: motion seen [s]"] == "5.00"
     thigh = calibration.lengths[calibration.proportions.names.index("thigh")]
     assert float(values["p4 calibration: thigh [%]"]) == pytest.approx(100 * np.expm1(thigh), abs=0.006)
-    largest = 100 * calibration.spread.max()
+    largest = 100 * calibration.deviation.max()
     assert float(values["p4 calibration: largest deviation [%]"]) == pytest.approx(largest, abs=0.006)
     calibration.frozen = True
     assert calibration_figures(calibration, True)["calibration"] == "final"

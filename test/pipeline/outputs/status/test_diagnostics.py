@@ -178,7 +178,7 @@ def test_a_height_that_contradicts_measured_depth_is_a_warning():
     pipeline.set_camera(camera_info(BACKEND))
     diagnostics = Diagnostics(pipeline, "tracker", 0.0)
     assert messages(diagnostics, pipeline, 20, 0.9, 10**12).level == OK
-    check = pipeline.tracker.size_check
+    check = pipeline.tracker.learned.size_check
     check._ratios.extend([np.array([1.6 / 1.9])] * 50)
     status = messages(diagnostics, pipeline, 20, 0.9, 10**12 + 10**9)
     assert status.level == WARN

@@ -140,9 +140,7 @@ def test_the_line_of_a_certificate(kkt1, level, words):
     problem = Lasso(A, B, np.array([3.0, 0.25, 0, 0, 0]), np.array([1.0, 1.0]))
     certificate = Certificate(kkt1, 2e-9, 3e-9, 4.5, 5e-9, 6e-9, 1)
     solution = LassoSolution(np.array([2.0, 0]), np.zeros(3), problem.alpha, lambda: certificate, "proxqp")
-    found = SimpleNamespace(
-        problem=problem, solution=solution, reprojection_px=1.23456789, initialised=True, confidence=0.5
-    )
+    found = SimpleNamespace(problem=problem, solution=solution, reprojection_px=1.23456789, initialised=True)
     line = certificate_status(found, 0.125, "tracker: p1", "optical")
     assert (line.level, line.name, line.hardware_id) == (level, "tracker: p1: certificate", "optical")
     assert line.message == f"{words} to 1e-06 of alpha"
@@ -162,7 +160,7 @@ def test_the_line_of_a_certificate(kkt1, level, words):
         "theorem 1 literal, condition 2 (> 0) [rad]": "2",
         "theorem 1 literal, condition 3 (= 0)": "0",
         "initialised": "true",
-        "start's confidence": "0.5",
+        "solved by": "proxqp",
         "likely wrong": "0.125",
     }
 

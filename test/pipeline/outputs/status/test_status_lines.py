@@ -30,7 +30,8 @@ def pipeline():
         config=TrackerConfig(),
         skeleton=SimpleNamespace(height=1.75),
         averaged=0.0,
-        size_check=SimpleNamespace(wrong=False, ratio=1.0),
+        limitations="",
+        learned=SimpleNamespace(size_check=SimpleNamespace(wrong=False, ratio=1.0)),
     )
     return SimpleNamespace(
         enabled=True,
@@ -49,6 +50,7 @@ def pipeline():
         mount=None,
         calibrations=dict,
         heights=dict,
+        evidence_faults={},
     )
 
 
@@ -297,10 +299,10 @@ def test_figures_of_several_people(pipeline, diagnostics):
 
 
 def test_calibration_of_people_who_are_there(pipeline, diagnostics):
-    def known(moved):
+    def known(kept_motion):
         proportions = SimpleNamespace(names=("thigh", "neck"))
-        lengths, spread = np.log([1.1, 0.9]), np.array([0.02, 0.05])
-        return SimpleNamespace(frozen=False, moved=moved, proportions=proportions, lengths=lengths, spread=spread)
+        known_now = {"lengths": np.log([1.1, 0.9]), "deviation": np.array([0.02, 0.05]), "kept_motion": kept_motion}
+        return SimpleNamespace(frozen=False, proportions=proportions, **known_now)
 
     pipeline.ids, pipeline.calibrations = ["p1", "p2"], lambda: {"p1": known(2.5), "p2": known(0.0), "p3": known(1.0)}
     values = diagnostics.line(11.0).values

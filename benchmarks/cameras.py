@@ -1,0 +1,247 @@
+"""Accuracy with several cameras, on motion capture seen by simulated cameras with known places.
+
+    python benchmarks/cameras.py [--cameras 2 --angle 90 --phase 0.017 --extrinsics-error 0.03,2 --occluded 0.5 ...]
+
+The tracker keeps the skeleton in a fixed frame with z up. MPJPE / PA / absolute error are in mm, over 12 joints of the
+limbs, with the middle of the hips aligned, after a similarity, and in the fixed frame. The first half second is not
+scored. `dlt` triangulates the same keypoints in each frame: raw, with a causal second-order filter of 6 Hz, and with a
+zero-phase Butterworth filter of 6 Hz, which looks ahead.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Sequence
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from benchmarks.common.report import Record, data_folder, table, write_json  # isort: skip  (threads, before numpy)
+import numpy as np
+from scipy.signal import butter, filtfilt, lfilter
+
+from benchmarks.accuracy import in_parallel
+from benchmarks.accuracy_run.metrics import pa_mpjpe
+from benchmarks.accuracy_run.people import clips_of
+from benchmarks.common import option_types
+from benchmarks.common.refusals import exit_code
+from benchmarks.data.mocap import EVALUATED, SMPL_NAME, clip_height, clip_skeleton, load_clip
+from benchmarks.data.rig import Rig, moved, rig_of
+from benchmarks.data.simulated_camera import Condition
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.observation import Observation
+from lassokin_ros.core.tracker import Tracker
+from training.motion import TEST, VALIDATION
+
+DETECTOR = Condition(1.5, fps=30.0, wander_px=2.5, offset_px=2.5)
+LIMBS = [EVALUATED.index(f"{side}_{joint}") for side in "lr" for joint in "hip knee ankle shoulder elbow wrist".split()]
+HIPS = [LIMBS.index(EVALUATED.index("l_hip")), LIMBS.index(EVALUATED.index("r_hip"))]
+SCORED_FROM = 0.5
+LONGEST = 10.0
+"""s of a clip that are used."""
+SIDES = {"l": "left", "r": "right"}
+METHODS = ("lasso", "dlt", "dlt causal", "dlt offline")
+COLUMNS = {"method": "<", "clips": "d", "mpjpe_mm": ".1f", "pa_mpjpe_mm": ".1f", "abs_mm": ".1f", "accel_error": ".1f",
+           "over_100mm_percent": ".1f", "height_percent": ".1f", "frame_ms_p50": ".2f"}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Job:
+    """What to run on one clip; see the options."""
+
+    file: Path
+    options: argparse.Namespace
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Command line."""
+    options = parser().parse_args(arguments)
+    files = clips_of(VALIDATION if options.validation_people else TEST, options.data or data_folder())
+    if options.clips:
+        files = [file for file in files if file.stem in options.clips]
+    groups = in_parallel(run, [Job(file, options) for file in files], options.jobs)
+    records = [record for group in groups for record in group]
+    print(f"{options.cameras} cameras, {options.angle:g} degrees apart; a detector's errors at {options.fps:g} Hz; "
+          f"{len(files)} clips, medians")  # fmt: skip
+    rows = []
+    for method in METHODS:
+        own = [record for record in records if record["method"] == method]
+        if own:
+            names = [key for key in COLUMNS if key not in ("method", "clips")]
+            figures = {key: _median([record[key] for record in own]) for key in names}
+            rows.append({"method": method, "clips": len(own), **figures})
+    print(table(rows, COLUMNS))
+    write_json(options.json, records)
+    return 0
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line's options."""
+    result = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add = result.add_argument
+    add("--data", type=Path, help="the shared data's folder (default: LASSOKIN_DATA)")
+    add("--cameras", type=option_types.count, default=2, help="number of cameras (2)")
+    add("--angle", type=float, default=90.0, help="between neighbouring cameras, degrees (90)")
+    add("--fps", type=option_types.positive, default=30.0, help="rate of each camera, Hz (30)")
+    add("--phase", type=float, default=0.0, help="s by which each further camera's images are later (0: together)")
+    add("--late", type=float, default=0.0, help="s by which the messages of all but the first camera arrive late (0)")
+    add("--extrinsics-error", type=_error, default=(0.0, 0.0), metavar="M,DEG", help="of each further camera's place")
+    add("--occluded", type=option_types.share, default=0.0, help="share of the time that the second camera sees nobody")
+    add("--swaps", type=option_types.share, default=0.0, help="share of the first camera's frames with exchanged sides")
+    add("--measured-bones", action="store_true", help="give the person's bone lengths (default: the height alone)")
+    add("--unknown-height", action="store_true", help="give not even the height: height 0")
+    add("--set", type=_setting, action="append", default=[], metavar="NAME=VALUE", help="a setting of the tracker")
+    add("--validation-people", action="store_true", help="the people with whom the design was chosen, not the test's")
+    add("--clips", type=option_types.names, help="comma-separated names (default: all of the test people)")
+    add("--seed", type=option_types.seed, default=0)
+    add("--jobs", type=option_types.count, default=os.cpu_count(), help="processes (one per core)")
+    add("--json", type=option_types.output_file, metavar="FILE", help="write the records as a JSON list")
+    return result
+
+
+def _median(values: list[float]) -> float:
+    known = [value for value in values if np.isfinite(value)]
+    return float(np.median(known)) if known else float("nan")
+
+
+def _error(text: str) -> tuple[float, float]:
+    metres, degrees = map(float, text.split(","))
+    return metres, degrees
+
+
+def _setting(text: str) -> tuple[str, Any]:
+    name, _, value = text.partition("=")
+    kind = type(getattr(TrackerConfig(), name))
+    return name, value == "true" if kind is bool else kind(value)
+
+
+def run(job: Job) -> list[Record]:
+    """Track one clip with all methods and score them."""
+    o, clip = job.options, load_clip(job.file)
+    own = clip_skeleton(clip, generic=False)
+    layout = Layout.load("coco17", own)
+    condition = Condition(DETECTOR.noise_px, 0.0, 0.0, o.fps, o.swaps, wander_px=2.5, offset_px=2.5)
+    rig = rig_of(clip, layout, own, condition, o.cameras, np.radians(o.angle), o.seed)
+    count = min(len(rig.truth), int(LONGEST * rig.fps))
+    confidence = rig.confidence
+    if o.occluded and o.cameras > 1:
+        period = int(2.0 * rig.fps)
+        hidden = np.arange(len(rig.truth)) % period >= (1 - o.occluded) * period
+        confidence[1, hidden] = 0
+    given = clip_skeleton(clip, generic=not o.measured_bones)
+    height = 0.0 if o.unknown_height else clip_height(clip)
+    config = TrackerConfig(**{"height": height, "noise_px": 3.0, **dict(o.set)}).checked()
+    random = np.random.default_rng([o.seed, 41, *clip.name.encode()])
+    poses = [pose if n == 0 else moved(pose, o.extrinsics_error[0], np.radians(o.extrinsics_error[1]), random)
+             for n, pose in enumerate(rig.poses)]  # fmt: skip
+    tracker = Tracker(config, None if o.unknown_height else given, up=np.array([0.0, 0.0, 1.0]))
+    joints = [tracker.skeleton.index(SMPL_NAME[EVALUATED[limb]]) for limb in LIMBS]
+    estimates, times = _follow(tracker, rig, poses, count, o)
+    truth = rig.truth[:count][:, LIMBS]
+    base = {"clip": clip.name, "cameras": o.cameras, "angle": o.angle}
+    error = abs(100 * (tracker.learned.lengths.stature / clip_height(clip) - 1))
+    records = [{**base, "method": "lasso", **score(estimates[:, joints], truth, rig.fps), "height_percent": error,
+                "frame_ms_p50": 1000 * float(np.median(times))}]  # fmt: skip
+    if o.cameras > 1 and not o.phase:
+        raw = _filled(triangulated(rig, poses, layout, count))
+        b, a = butter(2, 6 / (rig.fps / 2))
+        smooth = {"dlt": raw, "dlt causal": lfilter(b, a, raw - raw[0], axis=0) + raw[0]}
+        if len(raw) > 3 * max(len(a), len(b)):
+            smooth["dlt offline"] = filtfilt(b, a, raw, axis=0)
+        records += [{**base, "method": name, **score(points, truth, rig.fps), "height_percent": np.nan,
+                     "frame_ms_p50": np.nan} for name, points in smooth.items()]  # fmt: skip
+    return records
+
+
+def _follow(
+    tracker: Tracker, rig: Rig, poses: list[Any], count: int, o: argparse.Namespace
+) -> tuple[np.ndarray, list[float]]:
+    """(f, n, 3) joints at each frame of the first camera, from the estimates up to its stamp; time of each call, s."""
+    import time
+
+    positions, times = np.full((count, tracker.skeleton.joint_count, 3), np.nan), []
+    messages: list[tuple[float, float, list[Observation]]] = []
+    for frame in range(count):
+        stamp = frame / rig.fps
+        if not o.phase and not o.late:
+            seen = [rig.observation(c, frame, poses[c]) for c in range(o.cameras)]
+            messages.append((stamp, stamp, seen))
+            continue
+        for camera in range(o.cameras):
+            own = stamp + camera * o.phase
+            arrival = own + (o.late if camera else 0.0)
+            messages.append((arrival, own, [_between(rig, camera, own, poses[camera])]))
+    for arrival, _, seen in sorted(messages, key=lambda message: message[0]):
+        usable = [one for one in seen if np.count_nonzero(one.confidence) > 0]
+        if not usable:
+            continue
+        begin = time.thread_time()
+        estimate = tracker.track(usable)
+        times.append(time.thread_time() - begin)
+        frame = round(estimate.stamp * rig.fps)
+        if estimate.pose is not None and abs(estimate.stamp * rig.fps - frame) < 0.01 and frame < count:
+            positions[frame] = estimate.pose.positions
+    for frame in range(1, count):
+        if np.isnan(positions[frame, 0, 0]):
+            positions[frame] = positions[frame - 1]
+    return positions, times
+
+
+def _between(rig: Rig, camera: int, stamp: float, pose: Any) -> Observation:
+    """What a camera sees at a stamp between two frames, by linear interpolation."""
+    at = min(stamp * rig.fps, len(rig.truth) - 1)
+    before = int(at)
+    after, share = min(before + 1, len(rig.truth) - 1), at - before
+    points = (1 - share) * rig.points[camera, before] + share * rig.points[camera, after]
+    seen = np.minimum(rig.confidence[camera, before], rig.confidence[camera, after])
+    return Observation(stamp, points, seen, float(rig.focal[camera]), camera=pose)
+
+
+def triangulated(rig: Rig, poses: list[Any], layout: Layout, count: int) -> np.ndarray:
+    """(f, 12, 3) m: direct linear transformation of each frame's keypoints; NaN with fewer than two cameras."""
+    names = [f"{SIDES[EVALUATED[limb][0]]}_{EVALUATED[limb][2:]}" for limb in LIMBS]
+    chosen = [layout.names.index(name) for name in names]
+    P = [np.column_stack([pose.rotation, pose.translation]) for pose in poses]
+    result = np.full((count, len(chosen), 3), np.nan)
+    for frame in range(count):
+        for place, landmark in enumerate(chosen):
+            rows = [u * p[2] - p[k] for c, p in enumerate(P) if rig.confidence[c, frame, landmark] > 0
+                    for k, u in enumerate(rig.points[c, frame, landmark])]  # fmt: skip
+            if len(rows) >= 4:
+                X = np.linalg.svd(np.array(rows))[2][-1]
+                result[frame, place] = X[:3] / X[3]
+    return result
+
+
+def _filled(points: np.ndarray) -> np.ndarray:
+    """Missing values taken from the frame before (or after, at the beginning)."""
+    points = points.copy()
+    for track in points.reshape(len(points), -1).T:
+        known = np.flatnonzero(np.isfinite(track))
+        if len(known):
+            track[:] = track[known[np.maximum(np.searchsorted(known, np.arange(len(track)), side="right") - 1, 0)]]
+    return points
+
+
+def score(points: np.ndarray, truth: np.ndarray, fps: float) -> Record:
+    """Figures of (f, 12, 3) points in the fixed frame."""
+    begin = min(int(SCORED_FROM * fps), len(truth) - 3)
+    points, truth = points[begin:], truth[begin:]
+    relative = (points - points[:, HIPS].mean(1, keepdims=True)) - (truth - truth[:, HIPS].mean(1, keepdims=True))
+    error = 1000 * np.linalg.norm(relative, axis=-1).mean(-1)
+    second = np.diff(points - truth, 2, axis=0) * fps**2
+    return {
+        "mpjpe_mm": float(np.nanmean(error)),
+        "pa_mpjpe_mm": float(np.nanmean(pa_mpjpe(points, truth))),
+        "abs_mm": float(1000 * np.nanmean(np.linalg.norm(points - truth, axis=-1))),
+        "accel_error": float(np.nanmean(np.linalg.norm(second, axis=-1))),
+        "over_100mm_percent": float(100 * np.mean(error > 100)),
+    }
+
+
+if __name__ == "__main__":
+    sys.exit(exit_code(main))

@@ -1,0 +1,87 @@
+"""Several simulated cameras around a clip, and a detector for each: the keypoints of one person from all sides."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from benchmarks.data.mocap import EVALUATED, Clip, landmark_positions
+from benchmarks.data.simulated_camera import Condition, _lasting, _spoil, step_for, swap_sides
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.observation import CameraPose, Observation
+
+Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""(3, 3): from the clip's world (y up) to the fixed frame (z up)."""
+DISTANCE = 3.5
+"""m from the camera to the nearest place of the person."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """A clip seen by several cameras. truth: (f, 14, 3) m in the fixed frame (z up); poses: true place of each camera.
+
+    points: (c, f, l, 2) normalised; confidence: (c, f, l), 0 = missing; focal: (c,) px; frame_of: (f,) index of the
+    clip's frame of each image.
+    """
+
+    clip: Clip
+    fps: float
+    truth: np.ndarray
+    poses: list[CameraPose]
+    points: np.ndarray
+    confidence: np.ndarray
+    focal: np.ndarray
+
+    def observation(self, camera: int, frame: int, pose: CameraPose | None = None) -> Observation:
+        """What a camera sees in a frame. pose: as it is told to the tracker, default the true one."""
+        return Observation(
+            frame / self.fps,
+            self.points[camera, frame],
+            self.confidence[camera, frame],
+            float(self.focal[camera]),
+            camera=pose or self.poses[camera],
+        )
+
+
+def rig_of(
+    clip: Clip, layout: Layout, skeleton: Skeleton, condition: Condition, cameras: int, angle: float, seed: int
+) -> Rig:
+    """Level cameras around the middle of a clip, `angle` rad apart, f 1000-1400 px."""
+    random = np.random.default_rng([seed, 31, *clip.name.encode()])
+    step = step_for(clip.fps, condition.fps)
+    frames = slice(None, None, step)
+    pelvis = clip.position("pelvis")
+    centre = 0.5 * (pelvis.min(0) + pelvis.max(0))
+    distance = DISTANCE + np.linalg.norm((pelvis - centre)[:, [0, 2]], axis=1).max()
+    first, flip = random.uniform(-np.pi, np.pi), np.diag([1.0, -1.0, -1.0])
+    truth = (np.stack([clip.position(name)[frames] for name in EVALUATED], axis=1) - centre) @ Z_UP.T
+    marks = (landmark_positions(clip, layout, skeleton)[frames] - centre) @ Z_UP.T
+    poses, points, confidences, focals = [], [], [], []
+    for camera in range(cameras):
+        pitch = Rotation.from_euler("x", random.uniform(-0.15, 0.15)).as_matrix()
+        R = pitch @ flip @ Rotation.from_euler("y", first + camera * angle).as_matrix() @ Z_UP.T
+        pose = CameraPose(f"camera{camera}", R, np.array([0.0, 0.0, distance]))
+        focal, seen = random.uniform(1000, 1400), pose.into_camera(marks)
+        pixels = seen[..., :2] / seen[..., 2:] * focal
+        pixels = pixels + random.normal(size=pixels.shape) * condition.noise_px
+        pixels += _lasting(pixels.shape, clip.fps / step, condition, random)
+        confidence = np.ones(pixels.shape[:2])
+        _spoil(pixels, confidence, condition, random)
+        if condition.swaps > 0 and camera == 0:
+            swap_sides(pixels, confidence, layout.names, condition.swaps, random)
+        poses.append(pose)
+        points.append(pixels / focal)
+        confidences.append(confidence)
+        focals.append(focal)
+    return Rig(clip, clip.fps / step, truth, poses, np.array(points), np.array(confidences), np.array(focals))
+
+
+def moved(pose: CameraPose, metres: float, radians: float, random: np.random.Generator) -> CameraPose:
+    """A camera's place with an error of this size, in a random direction."""
+    turn = random.normal(size=3)
+    shift = random.normal(size=3)
+    rotation = Rotation.from_rotvec(radians * turn / np.linalg.norm(turn)).as_matrix() @ pose.rotation
+    return CameraPose(pose.name, rotation, pose.translation + metres * shift / np.linalg.norm(shift))

@@ -1,0 +1,123 @@
+"""The roles of joints in a human body: the one table of joint names on which the method depends.
+
+A joint has a role by its name. The roles are those of SMPL's tree. A skeleton may lack some, or have further joints;
+what needs a missing role is then off, and `missing_roles` says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from typing import NamedTuple
+
+SIDES = ("left", "right")
+
+
+def sided(*kinds: str) -> tuple[str, ...]:
+    """Names of joints of both sides, for example left_hip and right_hip for "hip"."""
+    return tuple(f"{side}_{kind}" for side in SIDES for kind in kinds)
+
+
+def without_side(name: str) -> str:
+    """The name without left or right: "hip" for "left_hip"."""
+    return name.removeprefix("left_").removeprefix("right_")
+
+
+class Bone(NamedTuple):
+    """A part of the body between two joints: mass and surface.
+
+    mass: share of the body's mass; centre: position of the part's centre of mass from the first joint to the second
+    (Winter, Biomechanics and motor control of human movement, 2009, table 4.1; for the trunk, which has other joints
+    here, 0.5). radius: of the capsule around the bone / height, None for none.
+    """
+
+    first: str
+    last: str
+    mass: float = 0.0
+    centre: float = 0.0
+    radius: float | None = None
+
+
+def _both_sides(bone: Bone) -> list[Bone]:
+    return [bone._replace(first=f"{side}_{bone.first}", last=f"{side}_{bone.last}") for side in SIDES]
+
+
+BONES = (
+    Bone("neck", "pelvis", 0.497, 0.5),
+    Bone("head", "head", 0.081, 0.0),
+    Bone("pelvis", "spine2", radius=0.060),
+    Bone("spine2", "neck", radius=0.060),
+    Bone("neck", "head", radius=0.036),
+    Bone("left_hip", "right_hip", radius=0.055),
+    Bone("left_shoulder", "right_shoulder", radius=0.038),
+    *_both_sides(Bone("hip", "shoulder", radius=0.048)),
+    *_both_sides(Bone("hip", "knee", 0.100, 0.433, 0.042)),
+    *_both_sides(Bone("knee", "ankle", 0.0465, 0.433, 0.029)),
+    *_both_sides(Bone("ankle", "foot", 0.0145, 0.5, 0.020)),
+    *_both_sides(Bone("shoulder", "elbow", 0.028, 0.436, 0.027)),
+    *_both_sides(Bone("elbow", "wrist", 0.022, 0.682, 0.021)),
+)
+LIMBS = tuple(sided_chain for side in SIDES for sided_chain in (
+    tuple(f"{side}_{joint}" for joint in ("hip", "knee", "ankle")),
+    tuple(f"{side}_{joint}" for joint in ("shoulder", "elbow", "wrist"))))  # fmt: skip
+"""Chains of joints from the trunk outwards. Each joint except the last one rotates the bone to the next joint."""
+LIMB_BONES = tuple(bone for limb in LIMBS for bone in zip(limb, limb[1:]))
+FEET = sided("ankle", "foot")
+
+THICKNESS = {
+    "hip": 0.055, "knee": 0.034, "ankle": 0.021, "foot": 0.018, "neck": 0.036, "head": 0.045, "shoulder": 0.040,
+    "elbow": 0.025, "wrist": 0.016, "hand": 0.010, "pelvis": 0.060, "spine1": 0.060, "spine2": 0.060, "spine3": 0.060,
+}  # fmt: skip
+"""Half of the body's thickness at a joint / height.
+
+Typical values of adults in light clothing: circumference / (2 pi) for limbs and neck, half of the depth for the trunk.
+"""
+
+LENGTHS = {
+    "hip width": (sided("hip"), "x"),
+    "hip drop": (sided("hip"), "yz"),
+    "thigh": (sided("knee"), "xyz"),
+    "shank": (sided("ankle"), "xyz"),
+    "foot": (sided("foot"), "xyz"),
+    "shoulder width": (sided("collar", "shoulder"), "x"),
+    "shoulder height": (sided("collar", "shoulder"), "yz"),
+    "upper arm": (sided("elbow"), "xyz"),
+    "forearm": (sided("wrist"), "xyz"),
+    "hand": (sided("hand"), "xyz"),
+    "trunk": (("spine1", "spine2", "spine3"), "xyz"),
+    "neck": (("neck",), "xyz"),
+    "head": (("head",), "xyz"),
+}
+"""The lengths that calibration learns: name -> (joints, components of their offsets from their parents)."""
+
+STANDING_HEIGHT = {
+    "head_top": 1.0, "nose": 0.93, "left_ear": 0.93, "right_ear": 0.93, "head": 0.9, "neck": 0.85, "left_shoulder":
+    0.82, "right_shoulder": 0.82, "mid_hip": 0.53, "left_hip": 0.53, "right_hip": 0.53, "left_knee": 0.28, "right_knee":
+    0.28, "left_ankle": 0.04, "right_ankle": 0.04,
+}  # fmt: skip
+"""Height of points of a standing person, in heights. Arms are left out, because they point anywhere."""
+
+BALANCE_JOINTS = frozenset(joint for bone in BONES if bone.mass for joint in (bone.first, bone.last))
+NETWORK_JOINTS = frozenset(("head", *sided("hip", "knee", "ankle", "shoulder", "elbow", "wrist")))
+"""Joints without which the depth network cannot be used."""
+PRIOR_JOINTS = frozenset((*sided("hip", "knee", "ankle", "collar", "shoulder", "elbow", "wrist"), "spine1", "spine2",
+                          "spine3", "neck", "head"))  # fmt: skip
+"""Joints with a pose prior learned from motion capture."""
+
+
+def missing_roles(names: Collection[str]) -> str:
+    """What is off for a skeleton with these joints, in one line; empty if nothing is."""
+    uses = (
+        ("depth network", NETWORK_JOINTS),
+        ("balance", BALANCE_JOINTS),
+        ("pose prior of these joints", PRIOR_JOINTS),
+    )
+    missing = {use: sorted(needed - set(names)) for use, needed in uses}
+    off = [use for use, joints in missing.items() if joints]
+    if not off:
+        return ""
+    joints = _unique(joint for joints in missing.values() for joint in joints)
+    return f"the skeleton has no joint {', '.join(joints)}; off: {', '.join(off)}. Name joints as SMPL does to use them"
+
+
+def _unique(items: Iterable[str]) -> list[str]:
+    return list(dict.fromkeys(items))

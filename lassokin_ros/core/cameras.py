@@ -1,0 +1,169 @@
+"""The cameras of a tracker: each has a filter of its keypoints, a depth network, and a place.
+
+The rows of all cameras stand in one lasso. A camera without a new image at the frame's stamp takes part with its
+keypoints predicted to that stamp by their tracks, with the variance that the prediction costs. The rows of a camera
+that has fallen silent fade out, and fade in when it returns, so that the body does not jump.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from lassokin_ros.core.body.kinematics import BodyPose, Kinematics
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.image.depth_gating import depth_of_own_surface
+from lassokin_ros.core.image.frame_data import FrameData, JointDepths
+from lassokin_ros.core.image.measurement import Measurement, MeasurementFilter
+from lassokin_ros.core.learned.depth_noise import DepthNoise
+from lassokin_ros.core.learned.vertical import Vertical
+from lassokin_ros.core.network.depth_estimator import DepthEstimator
+from lassokin_ros.core.observation import HERE, CameraPose, Observation
+
+SILENT_AFTER, GONE_AFTER = 0.15, 0.5
+"""s without an image after which the rows of a camera begin to fade, and after which they have no weight."""
+
+
+class Camera:
+    """One camera of a tracker."""
+
+    def __init__(self, kinematics: Kinematics, network: DepthEstimator | None, depth_noise: DepthNoise) -> None:
+        self._kinematics, self.network, self.depth_noise = kinematics, network, depth_noise
+        self.measurements = MeasurementFilter(kinematics)
+        self.pose = HERE
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the person."""
+        self.measurements.reset()
+        self.depth_noise.reset()
+        if self.network is not None:
+            self.network.reset()
+        self._seen_at, self._presence = -np.inf, 1.0
+
+    def measure(
+        self,
+        observation: Observation,
+        weights: np.ndarray,
+        body: BodyPose | None,
+        model_error: float,
+        config: TrackerConfig,
+    ) -> Measurement:
+        """The keypoints and depths of an image after the filter of their tracks.
+
+        weights: (l,) from `gate_observation`. body: the last pose, in the frame of the skeleton. model_error: m.
+        """
+        depth, self.pose = None, observation.camera
+        if body is not None:
+            seen = _in_camera(body, self.pose)
+            depth = float(seen.positions[0, 2])
+            if observation.depth is not None and observation.depth_of_surface:
+                own = depth_of_own_surface(observation.depth, seen, self._kinematics)
+                observation = replace(observation, depth=own)
+        measurement = self.measurements.filtered(observation, weights, depth, model_error, config)
+        self._count_presence(measurement.stamp)
+        return self.depth_noise.update(measurement, observation.depth_age)
+
+    def view(self, measurement: Measurement, vertical: Vertical, sized: bool) -> FrameData:
+        """The view of an image. sized: whether the person's size is known; measured depths are left out otherwise."""
+        depth, depth_weights = (measurement.depth, measurement.depth_weights) if sized else (None, None)
+        if self.network is not None:
+            if measurement.lost:
+                self.network.reset()
+            if measurement.lost or not measurement.repeated:
+                up, mount = (self._of_camera(v) for v in (vertical.direction, vertical.mount))
+                known = up if vertical.known else None
+                self.network.update(measurement.stamp, measurement.points, measurement.used, known, mount)
+        weights = measurement.weights if self._presence == 1 else self._presence * measurement.weights
+        return FrameData(
+            measurement.points,
+            weights,
+            vertical.direction,
+            depth,
+            depth_weights,
+            self._joint_depths(),
+            camera=self.pose,
+        )
+
+    def predicted_view(self, stamp: float, vertical: Vertical, body: BodyPose | None, model_error: float) -> FrameData:
+        """The view at a stamp, s, without an image."""
+        depth = None if body is None else float(self.pose.into_camera(body.positions[0])[2])
+        points, weights = self.measurements.predicted(stamp, depth, model_error)
+        weights = self._presence_at(stamp) * weights
+        depths = self._joint_depths() if weights.any() else None
+        return FrameData(points, weights, vertical.direction, joint_depths=depths, camera=self.pose)
+
+    def positions(self) -> dict[str, np.ndarray] | None:
+        """See `DepthEstimator.positions`, but in the frame of the skeleton."""
+        found = None if self.network is None else self.network.positions()
+        if found is None or self.pose.is_identity:
+            return found
+        return {name: self.pose.rotation.T @ position for name, position in found.items()}
+
+    def _joint_depths(self) -> JointDepths | None:
+        """The network's estimate, with its direction in the frame of the skeleton."""
+        found = None if self.network is None else self.network.joint_depths
+        if found is None or self.pose.is_identity:
+            return found
+        return replace(found, sight=self.pose.rotation.T @ found.sight)
+
+    def _of_camera(self, direction: np.ndarray) -> np.ndarray:
+        return direction if self.pose.is_identity else self.pose.rotation @ direction
+
+    def _presence_at(self, stamp: float) -> float:
+        """Weight of this camera's rows, 0 to 1, if there is no image up to a stamp, s."""
+        fading = (stamp - self._seen_at - SILENT_AFTER) / (GONE_AFTER - SILENT_AFTER)
+        return self._presence * min(max(1 - fading, 0.0), 1.0)
+
+    def _count_presence(self, stamp: float) -> None:
+        """Note an image: the weight grows as it has faded."""
+        if np.isfinite(self._seen_at):
+            grown = min(stamp - self._seen_at, SILENT_AFTER) / (GONE_AFTER - SILENT_AFTER)
+            self._presence = min(self._presence_at(stamp) + grown, 1.0)
+        self._seen_at = stamp
+
+
+class Cameras:
+    """The cameras of a tracker, in the order in which they were first seen; the first one always exists."""
+
+    def __init__(self, first: Camera) -> None:
+        self._all, self._names = [first], [None]  # type: list[Camera], list[str | None]
+
+    def __iter__(self):  # type: ignore[no-untyped-def]
+        return iter(self._all)
+
+    def __len__(self) -> int:
+        return len(self._all)
+
+    @property
+    def first(self) -> Camera:
+        """The first camera."""
+        return self._all[0]
+
+    def known(self, pose: CameraPose) -> Camera | None:
+        """The camera of this name; None if it is new."""
+        if self._names[0] is None:
+            self._names[0] = pose.name
+        return self._all[self._names.index(pose.name)] if pose.name in self._names else None
+
+    def add(self, name: str, camera: Camera) -> None:
+        """Add a further camera."""
+        self._all.append(camera)
+        self._names.append(name)
+
+    def reset(self) -> None:
+        """Forget the person; the cameras stay."""
+        for camera in self._all:
+            camera.reset()
+
+    def positions(self) -> dict[str, np.ndarray] | None:
+        """The joints' positions by the network of the first camera that has an estimate, in the skeleton's frame."""
+        return next((found for camera in self._all if (found := camera.positions()) is not None), None)
+
+
+def _in_camera(body: BodyPose, camera: CameraPose) -> BodyPose:
+    if camera.is_identity:
+        return body
+    into = camera.into_camera
+    return BodyPose(camera.rotation @ body.orientations, into(body.positions), into(body.landmarks))

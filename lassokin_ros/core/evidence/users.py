@@ -1,0 +1,77 @@
+"""A user's own evidence in the tracker: a fault in it is named once, and the evidence is left out from then on."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lassokin_ros.core.body.proportions import LengthMotion
+from lassokin_ros.core.errors import ConfigurationError
+from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
+from lassokin_ros.core.image.frame_data import FrameData
+
+
+class UsersEvidence(Evidence):
+    """Passes calls to an `Evidence` of the user, and replaces the answers of a faulty one by zeros: no information."""
+
+    def __init__(self, evidence: Evidence) -> None:
+        """Raises ConfigurationError if the evidence has no name, or no valid number of rows."""
+        name, count = getattr(evidence, "name", None), getattr(evidence, "count", None)
+        if not isinstance(name, str) or not name:
+            raise ConfigurationError(f"evidence {type(evidence).__name__} has name {name!r}; expected a text")
+        if not isinstance(count, int) or count < 1:
+            raise ConfigurationError(f"evidence '{name}' has count {count!r}; expected its number of rows, 1 or more")
+        self.name, self.count, self._evidence = name, count, evidence
+        self.fault = ""
+        """What was wrong with the evidence, empty as long as it is used."""
+
+    def present(self, frame: FrameData) -> bool:
+        """See Evidence.present; False after a fault."""
+        if self.fault:
+            return False
+        try:
+            return bool(self._evidence.present(frame))
+        except Exception as error:  # a user's code raises anything
+            self._note(error)
+            return False
+
+    def linearise(self, about: LinearisationPoint, columns: np.ndarray, z: np.ndarray) -> None:
+        """See Evidence.linearise."""
+        columns[...], z[...] = np.nan, np.nan  # what the user's code does not fill is noticed
+        try:
+            self._evidence.linearise(about, columns, z)
+            if not (np.isfinite(columns).all() and np.isfinite(z).all()):
+                raise ValueError("linearise left rows that are not finite")
+        except Exception as error:
+            self._note(error)
+            columns[...], z[...] = 0.0, 0.0
+
+    def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
+        """See Evidence.cost."""
+        shape = states.state.translation.shape[:-1]
+        if self.fault:
+            return np.zeros(shape)
+        try:
+            cost = np.asarray(self._evidence.cost(states, frame), dtype=float)
+            if cost.shape != shape or not np.isfinite(cost).all():
+                raise ValueError(f"cost has shape {cost.shape} or is not finite; expected {shape}")
+            return cost
+        except Exception as error:
+            self._note(error)
+            return np.zeros(shape)
+
+    def length_rows(
+        self, columns: np.ndarray, states: EvaluatedState, frame: FrameData, motion: LengthMotion
+    ) -> np.ndarray | float:
+        """See Evidence.length_rows."""
+        shape = self.count, motion.joints.shape[-1]
+        try:
+            rows = np.broadcast_to(np.asarray(self._evidence.length_rows(columns, states, frame, motion), float), shape)
+            if not np.isfinite(rows).all():
+                raise ValueError("length_rows left rows that are not finite")
+            return rows
+        except Exception as error:
+            self._note(error)
+            return 0.0
+
+    def _note(self, error: Exception) -> None:
+        self.fault = f"evidence '{self.name}' is left out: {type(error).__name__}: {error}"

@@ -1,0 +1,3 @@
+"""What is learned about the person, the detector and the camera: bone lengths, height, mean posture, errors,
+vertical.
+"""

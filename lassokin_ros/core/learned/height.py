@@ -1,0 +1,145 @@
+"""The person's height, measured with depth.
+
+One camera does not observe size: a body twice as tall at twice the distance gives the same keypoints. Measured depths
+remove this ambiguity. In each frame the body's pose is kept fixed. Its scale s and translation t are fitted to the
+keypoints u_i and the depths d_i by robust least squares on equations that are linear in (s, t), with q_i the landmarks
+relative to the pelvis:
+
+    s q_xy + t_xy - u_i (s q_z + t_z) = 0,     s q_z + t_z - d_i = 0.
+
+The logarithms of the frames' scales are averaged over time, together with a prior of people's heights.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lassokin_ros.core.config import TYPICAL_HEIGHT
+from lassokin_ros.core.evidence.evidence import EvaluatedState
+from lassokin_ros.core.image.measurement import Measurement
+
+PEOPLE_DEVIATION = 0.15
+"""Standard deviation of the logarithm of people's heights about that of `TYPICAL_HEIGHT`, children included."""
+FEWEST = 4
+"""Smallest number of measured depths in a frame."""
+FRAME_DEVIATION = 0.04
+"""Standard deviation of the logarithm of one frame's scale, in addition to that of the fit, for the pose's errors."""
+LIMB_DEVIATION = 0.1
+"""Standard deviation of the logarithm of one limb's length as two cameras measure it, with people's proportions."""
+CORRELATED_S = 0.1
+"""s: frames closer than this count as one, because their errors are correlated."""
+TIME_CONSTANT_S = 5.0
+"""s: time constant of the average. The first frames' poses are the least exact."""
+LEAST_DEVIATION = 0.035
+"""Lower limit of the logarithm's standard deviation, because people's proportions differ from those of the skeleton. It
+is the root mean square error over 19 people of motion capture who are not in the tests. Their measured heights are
+3.4 % too high on average, with a standard deviation of 1.3 %. With the skeleton's proportions the error is 2 %."""
+CHANGE = 0.01
+"""Change of the logarithm from which a new height is adopted."""
+PAUSE_S = 0.25
+"""s between two adoptions."""
+ROUNDS = 4
+"""Iterations of the robust fit."""
+LOSS_SCALE = 2.5
+"""Scale of Geman and McClure's loss, in standard deviations. The loss is bounded for errors of both signs. It is
+applied to all three equations of a landmark. `measured_depth` has Cauchy's loss for depths behind the landmark."""
+RANGE = 0.5, 2.3
+"""m: limits of the height. A frame that implies a height outside them is ignored, because its depths are not those of
+the person but, for example, of the wall behind."""
+
+
+class HeightEstimator:
+    """Averages the scales of one person's frames."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the person."""
+        self._information = self._weighted = 0.0
+        self._stamp = self._adopted_at = -np.inf
+
+    def resize(self, ratio: float) -> None:
+        """The estimate does not depend on the size in use."""
+
+    @property
+    def measured(self) -> bool:
+        """True after the first frame with enough depths."""
+        return self._information > 0
+
+    @property
+    def height(self) -> float:
+        """Best estimate of the height, m."""
+        prior = PEOPLE_DEVIATION**-2
+        return float(np.clip(TYPICAL_HEIGHT * np.exp(self._weighted / (self._information + prior)), *RANGE))
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of `height`, m."""
+        return self.height * float(np.hypot(LEAST_DEVIATION, (self._information + PEOPLE_DEVIATION**-2) ** -0.5))
+
+    def update(
+        self, measurement: Measurement, solved: EvaluatedState, height: float, ratios: np.ndarray = np.empty(0)
+    ) -> bool:
+        """Use a tracked frame. Returns True if the estimate should replace the height in use.
+
+        height: m, of the skeleton in use. ratios: of limbs that several cameras measure and those of that skeleton;
+        empty with one camera.
+        """
+        if len(ratios) >= FEWEST:
+            deviation = LIMB_DEVIATION / np.sqrt(len(ratios))
+            self._add(measurement.stamp, float(np.median(np.log(ratios * height / TYPICAL_HEIGHT))), deviation)
+        else:
+            self._learn(measurement, solved, height)
+        stamp = measurement.stamp
+        if not self.measured or stamp - self._adopted_at < PAUSE_S or abs(np.log(self.height / height)) < CHANGE:
+            return False
+        self._adopted_at = stamp
+        return True
+
+    def _learn(self, measurement: Measurement, solved: EvaluatedState, height: float) -> None:
+        if measurement.repeated or measurement.depth is None or measurement.depth_weights is None:
+            return
+        if np.count_nonzero(measurement.depth_weights) < FEWEST:
+            return
+        root = solved.state.translation
+        scale, deviation = fit_scale(measurement, solved.pose.landmarks - root, root)
+        if not RANGE[0] < scale * height < RANGE[1]:
+            return
+        self._add(measurement.stamp, float(np.log(scale * height / TYPICAL_HEIGHT)), deviation)
+
+    def _add(self, stamp: float, log_height: float, deviation: float) -> None:
+        """Average a frame's logarithm of the height / `TYPICAL_HEIGHT`, with the standard deviation of its fit."""
+        elapsed, self._stamp = stamp - self._stamp, stamp
+        fade = np.exp(-min(elapsed, 1e3) / TIME_CONSTANT_S)
+        share = min(elapsed / CORRELATED_S, 1.0)
+        information = share / (FRAME_DEVIATION**2 + deviation**2)
+        self._information = fade * self._information + information
+        self._weighted = fade * self._weighted + information * log_height
+
+
+def fit_scale(measurement: Measurement, body: np.ndarray, root: np.ndarray) -> tuple[float, float]:
+    """Return the scale and its standard deviation. body: (l, 3) m, landmarks relative to the root (3,) m."""
+    assert measurement.depth is not None and measurement.depth_weights is not None
+    u, d = measurement.points, measurement.depth
+    A = np.zeros((len(u), 3, 4))
+    A[:, :2, 0] = body[:, :2] - u * body[:, 2:]
+    A[:, 0, 1] = A[:, 1, 2] = 1.0
+    A[:, :2, 3] = -u
+    A[:, 2, 0], A[:, 2, 3] = body[:, 2], 1.0
+    b = np.zeros((len(u), 3))
+    b[:, 2] = d
+    seen, near = measurement.weights > 0, np.median(d[measurement.depth_weights > 0])
+    image = np.where(seen, measurement.weights, 0.0) / near
+    given = np.column_stack([image, image, measurement.depth_weights])
+    solution = np.array([1.0, *root])
+    solution[0] = near / np.median((body[:, 2] + root[2])[measurement.depth_weights > 0])
+    solution[1:] *= solution[0]
+    H = np.eye(4)
+    for _ in range(ROUNDS):
+        size = np.abs(A @ solution - b) * given
+        weights = given / (1 + (size / LOSS_SCALE) ** 2)
+        rows, right = (A * weights[..., None]).reshape(-1, 4), (b * weights).ravel()
+        H = rows.T @ rows + 1e-9 * np.eye(4)
+        solution = np.linalg.solve(H, rows.T @ right)
+    return float(solution[0]), float(np.sqrt(np.linalg.inv(H)[0, 0]))

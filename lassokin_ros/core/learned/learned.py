@@ -1,0 +1,85 @@
+"""Everything that is learned about the person, the detector and the camera while a person is tracked."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lassokin_ros.core.body.kinematics import BodyState
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.evidence.frame_model import FrameModel
+from lassokin_ros.core.image.frame_data import FrameData
+from lassokin_ros.core.image.measurement import Measurement
+from lassokin_ros.core.increment import Increment
+from lassokin_ros.core.learned.adaptive_mean import AdaptiveMean
+from lassokin_ros.core.learned.bone_lengths import Calibration
+from lassokin_ros.core.learned.depth_noise import DepthNoise
+from lassokin_ros.core.learned.height import HeightEstimator
+from lassokin_ros.core.learned.model_error import ModelError
+from lassokin_ros.core.learned.size_check import SizeCheck
+from lassokin_ros.core.learned.vertical import Vertical
+
+
+class Learned:
+    """The learners of one tracker. Each has `update`, `reset` and `resize`, for a body that is taller by a factor.
+
+    lengths: the bone lengths. height: None if it is given. mean_pose: the person's mean posture. model_error: the
+    keypoints' constant error. vertical: in the camera frame. depth_noise: of measured depth. size_check: of a given
+    height against measured depth.
+    """
+
+    def __init__(self, frame_model: FrameModel, config: TrackerConfig, up: np.ndarray | None = None) -> None:
+        """up: (3,) the vertical if it is given; it is learned otherwise."""
+        skeleton, self._frame_model = frame_model.kinematics.skeleton, frame_model
+        self.lengths, self.mean_pose = Calibration(frame_model), AdaptiveMean(frame_model.prior)
+        self.model_error, self.depth_noise = ModelError(skeleton.height), DepthNoise()
+        self.vertical = Vertical(config.camera_roll, config.camera_pitch, up)
+        self.size_check = SizeCheck(frame_model.kinematics)
+        self.height = HeightEstimator() if config.height == 0 else None
+
+    def reset(self, same_camera: bool = False) -> None:
+        """Forget what was learned. same_camera: keep the vertical."""
+        for learner in (self.lengths, self.mean_pose, self.model_error, self.depth_noise, self.size_check, self.height):
+            if learner is not None:
+                learner.reset()
+        if not same_camera:
+            self.vertical.reset()
+
+    def resize(self, ratio: float) -> None:
+        """Scale what is known to a body that is taller by a factor."""
+        for learner in (self.lengths, self.mean_pose, self.model_error, self.depth_noise, self.size_check, self.height):
+            if learner is not None:
+                learner.resize(ratio)
+
+    def use_body(self, given: Skeleton, measured: bool) -> None:
+        """Use another given body with the same tree. measured: whether its height is to be measured."""
+        self.resize(given.height / self.lengths.proportions.given.height)
+        self.lengths.proportions.use(given)
+        self.height = HeightEstimator() if measured else None
+
+    def update(
+        self,
+        measurement: Measurement,
+        frame: FrameData,
+        start: BodyState,
+        initialised: bool,
+        increment: Increment,
+        solved: BodyState,
+    ) -> bool:
+        """Use a tracked frame for all but lengths and height. Returns True if the prior's mean has changed.
+
+        frame: its views, with the weights of the landmarks that were seen. start: the state about which the frame's
+        lasso was linearised; solved: the state after its increment.
+        """
+        stamp, problem, rows = measurement.stamp, increment.problem, increment.rows
+        if self.height is None:
+            self.size_check.update(measurement)
+        if measurement.repeated:
+            return False
+        if not initialised:
+            self.vertical.update(solved.rotations[0], measurement.since_new_keypoints)
+        weights = np.concatenate([view.weights for view in frame.views])
+        depths = [np.full(len(view.weights), view.camera.into_camera(solved.translation)[2]) for view in frame.views]
+        image = self._frame_model.image_rows(rows)
+        self.model_error.update(stamp, problem, image, increment.solution.omega, weights, np.concatenate(depths))
+        return not initialised and self.mean_pose.update(stamp, start, problem, rows)

@@ -1,0 +1,113 @@
+"""Feeds one person's keypoints to the depth network, and converts its outputs to `JointDepths`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lassokin_ros.core.body.kinematics import Kinematics
+from lassokin_ros.core.body.roles import NETWORK_JOINTS
+from lassokin_ros.core.body.skeleton import Skeleton, has_built_in_proportions
+from lassokin_ros.core.image.frame_data import JointDepths
+from lassokin_ros.core.network.depth_network import (
+    LEAST_SEEN,
+    NAMES,
+    TARGETS,
+    History,
+    Network,
+    Prediction,
+    Scene,
+    canonical_index,
+    lengths_of,
+)
+from lassokin_ros.core.network.image_roll import ImageRoll
+
+
+class DepthEstimator:
+    """Runs the network on the recent keypoints of one person."""
+
+    def __init__(self, network: Network, kinematics: Kinematics) -> None:
+        """The skeleton's lengths are input to the network if they are not the built-in proportions."""
+        self._network, self._kinematics = network, kinematics
+        index = canonical_index(kinematics.layout, kinematics.skeleton)
+        self._index, self._in_layout = np.maximum(index, 0), index >= 0
+        self.use_lengths(kinematics.skeleton, not has_built_in_proportions(kinematics.skeleton))
+        self._history, self._roll = History(), ImageRoll(NAMES)
+        self._mount: np.ndarray | None = None
+        self._level = np.eye(3)
+        self.reset()
+
+    @staticmethod
+    def fits(kinematics: Kinematics) -> bool:
+        """Whether the skeleton has the joints, and the layout enough of the points, that the network uses."""
+        if not set(kinematics.skeleton.joint_names) >= NETWORK_JOINTS:
+            return False
+        return int(np.count_nonzero(canonical_index(kinematics.layout, kinematics.skeleton) >= 0)) >= LEAST_SEEN
+
+    def use_lengths(self, skeleton: Skeleton, known: bool) -> None:
+        """Input a skeleton's bone lengths to the network from the next frame on, or none if they are not known."""
+        self._lengths, self._lengths_known = lengths_of(skeleton), np.array(known)
+
+    def reset(self) -> None:
+        """Forget the past keypoints."""
+        self._history.reset()
+        self._roll.reset()
+        self._prediction: Prediction | None = None
+        self._rotation = np.eye(3)
+        self.joint_depths: JointDepths | None = None
+        """The estimate for the newest frame; None if fewer than `LEAST_SEEN` points are visible in it."""
+
+    def update(
+        self, stamp: float, points: np.ndarray, seen: np.ndarray, up: np.ndarray | None, mount: np.ndarray
+    ) -> None:
+        """Estimate the joints' depths after a frame's keypoints.
+
+        stamp: s, later than the last. points: (l, 2) normalised; seen: (l,) bool. up: (3,) the vertical in the camera
+        frame, None if unknown. mount: (3,) the vertical by the camera's mount. It is used to rotate a rolled image
+        upright, because the network was trained with nearly level cameras. If the body does not point up in that image,
+        it is turned further, see `ImageRoll`, and the vertical is not used.
+        """
+        shown = seen.take(self._index) & self._in_layout
+        if mount is not self._mount:
+            self._mount, self._level = mount, _upright_image(mount)
+        level = self._level
+        levelled = points.take(self._index, axis=0) @ level[:2, :2].T
+        self._history.add(stamp, levelled, shown)
+        self._roll.update(stamp, levelled, shown)
+        self._prediction = self.joint_depths = None
+        if np.count_nonzero(shown) < LEAST_SEEN:
+            return
+        past, known = self._history.sampled()
+        if self._roll.turned:
+            turn = np.eye(3)
+            turn[:2, :2] = self._roll.turn
+            past, level, up = past @ turn[:2, :2].T, turn @ level, None
+        vertical = np.zeros(3) if up is None else level @ up
+        scene = Scene(past, known, vertical, np.array(up is not None), self._lengths, self._lengths_known)
+        prediction = self._prediction = self._network.predict(scene)
+        self._rotation, height = prediction.rotation @ level, self._kinematics.skeleton.height
+        depths = height * prediction.places[:, 2].astype(float)
+        self.joint_depths = JointDepths(self._rotation[2], depths, prediction.whitening.astype(float) / height)
+
+    def positions(self) -> dict[str, np.ndarray] | None:
+        """Position (3,) of each target and the right hip relative to the middle of the hips, m, camera frame.
+
+        None without an estimate for the newest frame.
+        """
+        if self._prediction is None:
+            return None
+        found = self._kinematics.skeleton.height * self._prediction.places.astype(float) @ self._rotation
+        result = dict(zip(TARGETS, found))
+        result["right_hip"] = -result["left_hip"]
+        return result
+
+
+def _upright_image(up: np.ndarray) -> np.ndarray:
+    """(3, 3) rotation about the optical axis after which the vertical (3,) points up in the image, to -y.
+
+    The identity if the camera looks straight up or down.
+    """
+    size = float(np.hypot(up[0], up[1]))
+    if size < 0.1:
+        return np.eye(3)
+    s, c = up[0] / size, -up[1] / size
+    return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -1,0 +1,51 @@
+"""The data of a frame: with larger noise, and how much of it has a measured depth."""
+
+import numpy as np
+import pytest
+
+from lassokin_ros.core.image.frame_data import LEVEL_CAMERA_UP, WITHOUT_DEPTH, FrameData, JointDepths
+
+POINTS, WEIGHTS = np.arange(8.0).reshape(4, 2), np.array([100.0, 200.0, 0.0, 400.0])
+DEPTH, DEPTH_WEIGHTS = np.full(4, 3.0), np.array([50.0, 0.0, 20.0, 10.0])
+
+
+def frame(**more):
+    joint_depths = JointDepths(np.array([0, 0, 1.0]), np.ones(2), np.eye(2))
+    return FrameData(POINTS, WEIGHTS, joint_depths=joint_depths, extra={"imu": 1}, **more)
+
+
+@pytest.mark.parametrize("factor", [1.0, 2.0, 3.9])
+def test_larger_noise_divides_the_weights_of_keypoints_and_depths(factor):
+    given = frame(depth=DEPTH, depth_weights=DEPTH_WEIGHTS)
+    noisy = given.with_larger_noise(factor)
+    assert np.allclose(noisy.weights, WEIGHTS / factor)
+    assert np.allclose(noisy.depth_weights, DEPTH_WEIGHTS / factor)
+    for kept in ("points", "depth", "up", "joint_depths", "extra"):
+        assert getattr(noisy, kept) is getattr(given, kept)
+    assert np.array_equal(given.weights, WEIGHTS) and np.array_equal(given.depth_weights, DEPTH_WEIGHTS)
+
+
+@pytest.mark.parametrize("factor", [WITHOUT_DEPTH, 8.0])
+def test_depth_is_left_out_while_the_noise_is_large(factor):
+    """The image places the body first; otherwise it could settle between an occluder and the person."""
+    noisy = frame(depth=DEPTH, depth_weights=DEPTH_WEIGHTS).with_larger_noise(factor)
+    assert not noisy.depth_weights.any() and np.allclose(noisy.weights, WEIGHTS / factor)
+
+
+def test_a_frame_without_depth_stays_without():
+    noisy = frame().with_larger_noise(2.0)
+    assert noisy.depth is None and noisy.depth_weights is None and np.array_equal(noisy.up, LEVEL_CAMERA_UP)
+
+
+@pytest.mark.parametrize(("measured", "covers"), [(0, False), (1, False), (2, True), (4, True)])
+def test_depth_covers_a_frame_if_half_of_the_landmarks_have_one(measured, covers):
+    weights = np.where(np.arange(4) < measured, 10.0, 0.0)
+    given = frame(depth=DEPTH, depth_weights=weights)
+    assert given.depth_covers is covers and given.prior_weight(0.7) == (0.7 if covers else 1.0)
+    assert not frame().depth_covers and frame().prior_weight(0.7) == 1.0
+
+
+def test_less_certain_joint_depths_have_a_smaller_whitening():
+    given = frame().joint_depths
+    less = given.with_weight(0.5)
+    assert np.array_equal(less.whitening, 0.5 * np.eye(2)) and less.depths is given.depths

@@ -1,0 +1,280 @@
+"""Calibration of proportions: the lengths' Jacobian, recovery of known lengths, and a right skeleton that is kept."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from cases import FACING, body, central_difference, random_body, random_state, relative_error
+
+from lassokin_ros.core.body.kinematics import BodyState
+from lassokin_ros.core.body.proportions import Proportions
+from lassokin_ros.core.body.rotations import exponential
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.body.symmetry import LARGEST_ASYMMETRY, asymmetry, symmetrised
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.evidence.frame_model import FrameModel
+from lassokin_ros.core.evidence.pose_prior import PoseDistribution
+from lassokin_ros.core.image.frame_data import FrameData
+from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.learned import bone_lengths as calibration_module
+from lassokin_ros.core.learned.bone_lengths import Calibration
+from lassokin_ros.core.observation import Observation
+from lassokin_ros.core.schedule import Schedule
+from lassokin_ros.core.tracker import Tracker
+from lassokin_ros.demo.synthetic import motion
+
+FOCAL, RATE = 1000.0, 30.0
+
+
+def wrong_skeleton(spread=0.06, seed=3):
+    """The built-in skeleton with random changes of limbs and trunk, the same left and right, and the true changes."""
+    right = Skeleton.load("anthropometric", 1.75)
+    proportions = Proportions(body())
+    lengths = np.random.default_rng(seed).normal(size=proportions.count) * spread
+    return right.with_offsets(proportions.offsets(lengths)), lengths
+
+
+def observed(true, seconds, noise_px=0.0, seed=0):
+    """The synthetic motion of a body as observations."""
+    random = np.random.default_rng(seed)
+    times = np.arange(round(seconds * RATE)) / RATE
+    truth = true.kinematics.pose(motion(true.skeleton, times))
+    points = project(truth.landmarks)
+    points = points + random.normal(size=points.shape) * noise_px / FOCAL
+    return [Observation(t, p, np.ones(len(p)), FOCAL) for t, p in zip(times, points)]
+
+
+@pytest.mark.parametrize("layout", ["coco17", "body25"])
+def test_motion_by_lengths_is_the_derivative_of_landmarks_and_joints(layout):
+    random = np.random.default_rng(0)
+    kinematics = body(layout)
+    proportions = Proportions(kinematics)
+    for _ in range(5):
+        state = random_state(random, kinematics)
+        lengths = random.normal(size=proportions.count) * 0.1
+        pose = kinematics.pose(state, proportions.offsets(lengths))
+        motion_by_lengths = proportions.motion(pose, lengths)
+        for points, actual in (("landmarks", motion_by_lengths.landmarks), ("positions", motion_by_lengths.joints)):
+            expected = central_difference(
+                lambda d, points=points: getattr(kinematics.pose(state, proportions.offsets(lengths + d)), points),
+                proportions.count,
+            )
+            assert relative_error(actual.reshape(-1, proportions.count), expected) < 1e-8
+
+
+def test_every_tree_has_lengths():
+    random = np.random.default_rng(1)
+    kinematics = random_body(random)
+    proportions = Proportions(kinematics)
+    assert 0 < proportions.count <= kinematics.joint_count
+    longer = proportions.offsets(np.full(proportions.count, np.log(1.1)))
+    ratio = np.linalg.norm(longer, axis=1)[1:] / np.linalg.norm(kinematics.skeleton.offsets, axis=1)[1:]
+    assert np.all(np.isclose(ratio, 1.1) | np.isclose(ratio, 1.0))
+
+
+def test_lengths_are_symmetric_and_include_only_visible_bones():
+    proportions = Proportions(body("coco17"))
+    assert {"thigh", "shank", "upper arm", "forearm", "trunk", "hip width"} <= set(proportions.names)
+    assert not {"hand", "foot"} & set(proportions.names)
+    skeleton = proportions.skeleton(np.random.default_rng(0).normal(size=proportions.count) * 0.1)
+    for joint, name in enumerate(skeleton.joint_names):
+        if name.startswith("left_"):
+            other = skeleton.offsets[skeleton.index("right_" + name.removeprefix("left_"))]
+            assert np.allclose(skeleton.offsets[joint] * [-1, 1, 1], other)
+
+
+def postures(prior, count, seed=0):
+    """Upright people in postures drawn from the prior, facing any side: one camera can learn lengths from them."""
+    random = np.random.default_rng(seed)
+    draws = random.multivariate_normal(np.zeros(prior.mean.size), prior.covariance, count)
+    rotations = exponential(prior.mean + draws.reshape(count, -1, 3))
+    yaw = random.uniform(-np.pi, np.pi, count)
+    rotations[:, 0] = FACING @ exponential(np.stack([0 * yaw, yaw, 0 * yaw], axis=-1))
+    return BodyState(rotations, np.tile([0.0, 0.0, 3.5], (count, 1)))
+
+
+def recovered(right, prior, seed):
+    """(true changes, calibration, its deviation at each update) after exact images of a body with other lengths."""
+    given, changes = wrong_skeleton(seed=seed)
+    kinematics = body()
+    kinematics.set_skeleton(given)
+    calibration = Calibration(FrameModel(kinematics, prior))
+    states = postures(prior, 150, seed)
+    points = project(right.pose(states).landmarks)
+    deviations = []
+    for i, seen in enumerate(points):
+        state = BodyState(states.rotations[i], states.translation[i])
+        if calibration.update(i * 0.14, state, FrameData(seen, np.full(17, FOCAL / 2)), restarted=i == 0):
+            kinematics.set_skeleton(calibration.skeleton)
+            deviations.append(calibration.deviation)
+    return changes, calibration, np.array(deviations)
+
+
+def test_known_lengths_are_recovered():
+    """In every draw the lengths approach the true ones, up to the scale, on average to half of the initial error."""
+    right = body()
+    prior = PoseDistribution.load(right.skeleton)
+    ratios = []
+    for seed in range(8):
+        changes, calibration, _ = recovered(right, prior, seed)
+        limbs = [calibration.proportions.names.index(name) for name in ("thigh", "shank", "upper arm", "forearm")]
+        ratios.append(np.std((changes + calibration.lengths)[limbs]) / np.std(changes[limbs]))
+        assert abs(calibration.proportions.stature_shares @ np.expm1(calibration.lengths)) < 0.03
+        assert calibration.progress > 0.5
+    assert max(ratios) < 1 and np.mean(ratios) < 0.5, ratios
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_lengths_become_more_certain_with_time(seed):
+    """The deviation of the limbs' lengths decreases with the time for which a person was visible."""
+    right = body()
+    _, calibration, deviations = recovered(right, PoseDistribution.load(right.skeleton), seed)
+    limbs = [calibration.proportions.names.index(name) for name in ("thigh", "shank", "upper arm", "forearm")]
+    seen = deviations[4:, limbs].mean(axis=1)
+    assert len(seen) > 8 and np.all(seen[1:] < 1.06 * seen[:-1]) and seen[-1] < 0.7 * seen[0], seen
+
+
+def test_calls_between_two_pieces_of_work_change_nothing(monkeypatch):
+    """Three calls at 100 Hz do what one call every 0.03 s does, in the first of them."""
+    monkeypatch.setattr(calibration_module, "KEEP", Schedule(0.04, 0.05, 0.25))
+    monkeypatch.setattr(calibration_module, "WORK", Schedule(0.02, 0.02, 0.13))
+    kinematics = body()
+    prior = PoseDistribution.load(kinematics.skeleton)
+    states = postures(prior, 14, 0)
+    frames = [FrameData(seen, np.full(17, FOCAL / 2)) for seen in project(kinematics.pose(states).landmarks)]
+    once, often = (Calibration(FrameModel(kinematics, prior)) for _ in range(2))
+    for calibration in (once, often):
+        calibration._kept_at, calibration.kept_motion = -0.06, 1.05  # keep frames at once
+    changes, counts = [], []
+    for i, frame in enumerate(frames):
+        state = BodyState(states.rotations[i], states.translation[i])
+        changes.append(once.update(0.03 * i, state, frame, False))
+        calls = []
+        for j in range(3):
+            calls.append(often.update(0.03 * i + 0.01 * j, state, frame, False))
+            counts.append(len(often._frames))
+        assert any(calls) == changes[-1]
+    kept = np.flatnonzero(np.diff(counts)) + 1
+    assert any(changes) and len(once._frames) == len(often._frames) > 5 and np.all(kept % 3 == 0)
+    assert np.array_equal(once.lengths, often.lengths) and np.array_equal(once.deviation, often.deviation)
+
+
+def test_frames_that_cannot_be_solved_have_no_influence(monkeypatch):
+    monkeypatch.setattr(calibration_module, "lapack", SimpleNamespace(dposv=lambda H, right: (H, right, 1)))
+    kinematics = body()
+    calibration = Calibration(FrameModel(kinematics, PoseDistribution.load(kinematics.skeleton)))
+    state = random_state(np.random.default_rng(0), kinematics)
+    points = project(kinematics.pose(state).landmarks)
+    for i in range(40):
+        calibration.update(0.25 * i, state, FrameData(points, np.full(len(points), 100.0)), restarted=i == 0)
+    assert np.array_equal(calibration.lengths, np.zeros(calibration.proportions.count))
+    assert np.isfinite(calibration.deviation).all()
+
+
+def test_tracking_a_wrong_skeleton_becomes_better():
+    """The image is explained better, and the limbs' lengths are nearer to the true ones, than without calibration."""
+    given, changes = wrong_skeleton(0.08)
+    frames = observed(Tracker(TrackerConfig()), 14.0, 1.0)
+    last = {}
+    for calibrate in (False, True):
+        tracker = Tracker(TrackerConfig(noise_px=1.0, calibrate=calibrate), given)
+        errors = [tracker.track(o).reprojection_px for o in frames]
+        last[calibrate] = np.median(errors[-120:])
+        assert calibrate or np.array_equal(tracker.skeleton.offsets, given.offsets)
+    assert last[True] < 0.9 * last[False]
+    assert np.abs(tracker.learned.lengths.lengths).max() > 0.02 and tracker.learned.lengths.progress > 0.3
+
+
+@pytest.mark.parametrize(("measured", "largest"), [(True, 1e-9), (False, 0.04)])
+def test_a_correct_skeleton_is_kept(measured, largest):
+    """Measured lengths do not change at all. The built-in ones are no measurement, and change a little."""
+    skeleton = Skeleton.load("anthropometric", 1.75)
+    if measured:
+        skeleton, _ = wrong_skeleton(0.03)
+    true = Tracker(TrackerConfig(calibrate=False), skeleton)
+    tracker = Tracker(TrackerConfig(noise_px=2.0, calibrate=True), skeleton)
+    for o in observed(true, 14.0, 2.0):
+        tracker.track(o)
+    assert tracker.learned.lengths.kept_motion > 5
+    assert np.abs(tracker.learned.lengths.lengths).max() < largest
+
+
+def test_calibration_is_deterministic_and_reset_forgets_it():
+    given, _ = wrong_skeleton()
+    frames = observed(Tracker(TrackerConfig()), 6.0, 1.0)
+    tracker = Tracker(TrackerConfig(calibrate=True), given)
+    results = []
+    for _ in range(2):
+        for o in frames:
+            tracker.track(o)
+        results.append(tracker.skeleton.offsets)
+        tracker.reset()
+        assert np.array_equal(tracker.skeleton.offsets, given.offsets)
+        assert np.array_equal(tracker.kinematics.skeleton.offsets, given.offsets)
+    assert not np.array_equal(results[0], given.offsets)
+    assert np.array_equal(results[0], results[1])
+
+
+def uneven(spread, seed=3):
+    """The built-in skeleton with an independent error of every bone, also left and right."""
+    right = Skeleton.load("anthropometric", 1.75)
+    return right.with_bone_scales(np.exp(spread * np.random.default_rng(seed).normal(size=right.joint_count)))
+
+
+def test_asymmetric_lengths_start_at_the_mean_of_both_sides():
+    given = uneven(0.05)
+    assert asymmetry(given) > LARGEST_ASYMMETRY
+    tracker = Tracker(TrackerConfig(calibrate=True), given)
+    assert tracker.averaged == asymmetry(given)
+    lengths, before = (np.linalg.norm(s.offsets, axis=1) for s in (tracker.skeleton, given))
+    pairs = [
+        (left, given.index("right_" + name.removeprefix("left_")))
+        for left, name in enumerate(given.joint_names)
+        if name.startswith("left_")
+    ]
+    assert len(pairs) == 9
+    for left, right in pairs:
+        assert lengths[left] == pytest.approx(lengths[right])
+        assert lengths[left] == pytest.approx(np.sqrt(before[left] * before[right]))
+    middle = [joint for joint in range(given.joint_count) if not any(joint in pair for pair in pairs)]
+    assert np.array_equal(tracker.skeleton.offsets[middle], given.offsets[middle])
+    directions = (
+        s.offsets[1:] / np.linalg.norm(s.offsets[1:], axis=1, keepdims=True) for s in (tracker.skeleton, given)
+    )
+    assert np.allclose(*directions)
+    tracker.track(observed(Tracker(TrackerConfig()), 0.1)[0])
+    tracker.reset()
+    assert asymmetry(tracker.skeleton) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_slightly_asymmetric_and_uncalibrated_lengths_are_kept():
+    measured, guessed = uneven(0.02), uneven(0.05)
+    assert 0 < asymmetry(measured) < LARGEST_ASYMMETRY
+    for calibrate, given in ((True, measured), (False, guessed), (True, Skeleton.load("anthropometric", 1.75))):
+        tracker = Tracker(TrackerConfig(calibrate=calibrate), given)
+        assert tracker.averaged == 0 and np.array_equal(tracker.skeleton.offsets, given.offsets)
+
+
+def test_a_tree_without_sides_is_not_asymmetric():
+    chain = Skeleton(
+        "arm", ("base", "left_elbow"), np.array([-1, 0]), np.array([[0.0] * 3, [0.3, 0, 0]]), ("xyz",) * 2, 1.0
+    )
+    assert asymmetry(chain) == 0 and np.array_equal(symmetrised(chain).offsets, chain.offsets)
+
+
+def test_a_new_size_keeps_the_log_lengths_and_the_images_of_kept_frames():
+    right = body()
+    changes, calibration, _ = recovered(right, PoseDistribution.load(right.skeleton), 0)
+    model, ratio = calibration._frame_model, 1.2
+
+    def images():
+        model.kinematics.set_skeleton(calibration.skeleton)
+        return np.array([project(model.evaluate(frame.state).pose.landmarks) for frame in calibration._frames])
+
+    lengths, deviation, skeleton, before = calibration.lengths, calibration.deviation, calibration.skeleton, images()
+    assert len(before) > 10 and np.abs(lengths).max() > 0.02
+    calibration.resize(ratio)
+    assert np.array_equal(calibration.lengths, lengths) and np.array_equal(calibration.deviation, deviation)
+    assert calibration.skeleton.height == pytest.approx(ratio * skeleton.height)
+    assert np.allclose(calibration.skeleton.offsets, ratio * skeleton.offsets, rtol=1e-12, atol=0)
+    assert np.allclose(images(), before, rtol=0, atol=1e-12)

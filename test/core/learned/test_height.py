@@ -1,0 +1,177 @@
+"""The height measured with depth: one frame's scale, and the average over time with its prior and limits."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from cases import body, random_state
+
+from lassokin_ros.core.config import TYPICAL_HEIGHT
+from lassokin_ros.core.image.measurement import Measurement
+from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.learned.height import (
+    CHANGE,
+    CORRELATED_S,
+    FEWEST,
+    FRAME_DEVIATION,
+    LEAST_DEVIATION,
+    PAUSE_S,
+    PEOPLE_DEVIATION,
+    RANGE,
+    TIME_CONSTANT_S,
+    HeightEstimator,
+    fit_scale,
+)
+
+KINEMATICS = body(height=TYPICAL_HEIGHT)
+DEVIATION = 0.03
+
+
+def person(ratio=1.0, stamp=0.0, seed=0, noise=0.0, measured=17, visible=17, repeated=0.0):
+    """(measurement of a person who is taller by a ratio than the tracked body, that body's solved state).
+
+    Both have the same image. measured, visible: number of landmarks with a depth, and in the image.
+    """
+    random = np.random.default_rng(seed)
+    state = random_state(random, KINEMATICS, 0.3)
+    pose = KINEMATICS.pose(state)
+    points, seen = project(pose.landmarks), np.arange(17) < visible
+    depth = ratio * pose.landmarks[:, 2] + noise * random.normal(size=17)
+    weights = np.where(np.arange(17) < measured, 1 / DEVIATION, 0.0)
+    image = np.where(seen, 500.0, 0.0)
+    measurement = Measurement(stamp, points, seen, 1e3, points, image, 0.0, repeated, 0.03, 0.03, False, depth, weights)
+    return measurement, SimpleNamespace(state=state, pose=pose)
+
+
+def scale_of(measurement, solved):
+    root = solved.state.translation
+    return fit_scale(measurement, solved.pose.landmarks - root, root)
+
+
+def information(measurement, solved):
+    return 1 / (FRAME_DEVIATION**2 + scale_of(measurement, solved)[1] ** 2)
+
+
+@pytest.mark.parametrize("ratio", [0.7, 1.0, 1.25])
+def test_the_scale_of_one_frame_is_that_of_the_depths(ratio):
+    assert scale_of(*person(ratio))[0] == pytest.approx(ratio, rel=1e-6)
+    hidden, _ = person(ratio, visible=12, measured=9), None
+    assert scale_of(*hidden)[0] == pytest.approx(ratio, rel=1e-6)
+
+
+def test_the_scales_deviation_is_that_of_noisy_keypoints_and_depths():
+    errors, random = [], np.random.default_rng(1)
+    for seed in range(300):
+        measurement, solved = person(1.1, seed=seed, noise=DEVIATION)
+        measurement.points += 0.002 * random.normal(size=(17, 2))
+        scale, deviation = scale_of(measurement, solved)
+        errors.append((scale - 1.1) / deviation)
+    errors = np.array(errors)
+    assert abs(errors.mean()) < 0.25 and 0.7 < errors.std() < 1.5
+
+
+def test_depths_on_an_occluder_or_the_wall_hardly_change_the_scale():
+    for shift in (-0.6, 2.0):
+        measurement, solved = person(1.1)
+        measurement.depth[[3, 9]] += shift
+        assert scale_of(measurement, solved)[0] == pytest.approx(1.1, rel=0.01)
+
+
+def test_before_any_depth_the_height_is_that_of_people():
+    estimator = HeightEstimator()
+    assert not estimator.measured and estimator.height == TYPICAL_HEIGHT
+    assert estimator.deviation == pytest.approx(TYPICAL_HEIGHT * np.hypot(LEAST_DEVIATION, PEOPLE_DEVIATION))
+    assert not estimator.update(*person(1.2, measured=0), TYPICAL_HEIGHT) and not estimator.measured
+
+
+def test_one_frame_is_averaged_with_the_prior_of_people():
+    estimator, given = HeightEstimator(), person(1.2)
+    assert estimator.update(*given, TYPICAL_HEIGHT) and estimator.measured
+    weight, prior = information(*given), PEOPLE_DEVIATION**-2
+    expected = TYPICAL_HEIGHT * 1.2 ** (weight / (weight + prior))
+    assert estimator.height == pytest.approx(expected, rel=1e-6)
+    expected_deviation = np.hypot(LEAST_DEVIATION, (weight + prior) ** -0.5)
+    assert estimator.deviation == pytest.approx(estimator.height * expected_deviation)
+
+
+def test_the_height_is_the_skeletons_times_the_scale():
+    """Whatever the height of the skeleton in use."""
+    for in_use in (1.5, 1.9):
+        estimator = HeightEstimator()
+        for number in range(60):
+            estimator.update(*person(1.6 / in_use, 0.2 * number, number), in_use)
+        assert estimator.height == pytest.approx(1.6, rel=0.01)
+
+
+def test_frames_close_in_time_count_in_proportion_to_their_distance():
+    step, estimator = 0.25 * CORRELATED_S, HeightEstimator()
+    given = person(1.2)
+    estimator.update(*given, TYPICAL_HEIGHT)
+    estimator.update(*person(1.2, step), TYPICAL_HEIGHT)
+    once = information(*given)
+    assert estimator._information == pytest.approx(once * (np.exp(-step / TIME_CONSTANT_S) + 0.25))
+    estimator.update(*person(1.2, step + 4 * CORRELATED_S), TYPICAL_HEIGHT)
+    fade = np.exp(-4 * CORRELATED_S / TIME_CONSTANT_S)
+    assert estimator._information == pytest.approx(once * (fade * (np.exp(-step / TIME_CONSTANT_S) + 0.25) + 1))
+
+
+def test_older_frames_fade_with_the_time_constant():
+    """A wrong scale of the first frame has the weight exp(-t / TIME_CONSTANT_S) after t."""
+    estimator, first, second = HeightEstimator(), person(1.3), person(1.0, TIME_CONSTANT_S, 1)
+    estimator.update(*first, TYPICAL_HEIGHT)
+    estimator.update(*second, TYPICAL_HEIGHT)
+    before, after, prior = information(*first) / np.e, information(*second), PEOPLE_DEVIATION**-2
+    expected = before * np.log(1.3) / (before + after + prior)
+    assert np.log(estimator.height / TYPICAL_HEIGHT) == pytest.approx(expected, rel=1e-5)
+
+
+def test_the_height_becomes_more_certain_up_to_the_spread_of_proportions():
+    estimator, deviations = HeightEstimator(), []
+    for number in range(100):
+        estimator.update(*person(1.0, 0.2 * number, number), TYPICAL_HEIGHT)
+        deviations.append(estimator.deviation / estimator.height)
+    assert np.all(np.diff(deviations) < 1e-9) and LEAST_DEVIATION < deviations[-1] < 1.1 * LEAST_DEVIATION
+
+
+@pytest.mark.parametrize("case", [dict(measured=FEWEST - 1), dict(repeated=0.1)])
+def test_frames_without_enough_new_depths_are_not_used(case):
+    estimator = HeightEstimator()
+    assert not estimator.update(*person(1.2, **case), TYPICAL_HEIGHT) and not estimator.measured
+    estimator.update(*person(1.2, measured=FEWEST), TYPICAL_HEIGHT)
+    assert estimator.measured
+
+
+@pytest.mark.parametrize("height", [0.98 * RANGE[0], 1.02 * RANGE[1]])
+def test_a_scale_outside_the_range_of_heights_is_ignored(height):
+    estimator = HeightEstimator()
+    assert not estimator.update(*person(height / TYPICAL_HEIGHT), TYPICAL_HEIGHT) and not estimator.measured
+
+
+@pytest.mark.parametrize("height", [1.02 * RANGE[0], 0.98 * RANGE[1]])
+def test_children_and_tall_people_are_in_the_range(height):
+    estimator = HeightEstimator()
+    for number in range(100):
+        estimator.update(*person(height / TYPICAL_HEIGHT, 0.2 * number, number), TYPICAL_HEIGHT)
+    assert estimator.measured and estimator.height == pytest.approx(height, rel=0.05)
+    assert RANGE[0] <= estimator.height <= RANGE[1]
+
+
+def test_a_new_height_is_adopted_if_it_differs_and_not_too_often():
+    estimator = HeightEstimator()
+    assert estimator.update(*person(1.2), TYPICAL_HEIGHT)
+    assert not estimator.update(*person(1.2, 0.9 * PAUSE_S), TYPICAL_HEIGHT)
+    assert estimator.update(*person(1.2, 1.1 * PAUSE_S), TYPICAL_HEIGHT)
+    in_use = estimator.height * np.exp(0.9 * CHANGE)
+    ratio = estimator.height / in_use
+    assert not estimator.update(*person(ratio, 3 * PAUSE_S), in_use)
+
+
+def test_reset_forgets_the_person_and_another_size_in_use_does_not():
+    estimator = HeightEstimator()
+    estimator.update(*person(1.2), TYPICAL_HEIGHT)
+    before = estimator.height
+    estimator.resize(before / TYPICAL_HEIGHT)
+    assert estimator.height == before
+    estimator.reset()
+    assert not estimator.measured and estimator.height == TYPICAL_HEIGHT
+    assert estimator.update(*person(1.2), TYPICAL_HEIGHT)  # at once, although the stamp is that of the last adoption

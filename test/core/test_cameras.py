@@ -1,0 +1,182 @@
+"""Several cameras in one lasso: the same answers in every frame, better ones with two, and cameras that come and go."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from sequences import CONFIG, FOCAL, RATE
+
+from lassokin_ros.core.body.rotations import exponential
+from lassokin_ros.core.image.frame_data import FrameData
+from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.image.robust_loss import huber_weights
+from lassokin_ros.core.image.triangulation import triangulate
+from lassokin_ros.core.observation import CameraPose, Observation, Rejection
+from lassokin_ros.core.tracker import Tracker
+from lassokin_ros.demo.synthetic import motion
+
+LEVEL_UP = np.array([0.0, -1.0, 0.0])
+SIDE_TURN = Rotation.from_euler("y", 90, degrees=True).as_matrix()
+
+
+def scene(seconds, noise_px=2.0, seed=0):
+    """(true poses, function that gives what a camera sees in a frame): a person before camera "front".
+
+    Camera 'side' looks at the person's place from 90 degrees to the side, from the same distance.
+    """
+    tracker = Tracker(CONFIG)
+    times = np.arange(round(seconds * RATE)) / RATE
+    truth = tracker.kinematics.pose(motion(tracker.skeleton, times))
+    middle = truth.positions[:, 0].mean(0)
+    front = CameraPose("front")
+    side = CameraPose("side", SIDE_TURN, np.array([0.0, 0.0, middle[2]]) - SIDE_TURN @ middle)
+    random = np.random.default_rng(seed)
+    seen = {}
+    for camera in (front, side):
+        points = project(camera.into_camera(truth.landmarks))
+        seen[camera.name] = points + random.normal(size=points.shape) * noise_px / FOCAL
+
+    def observe(camera, frame, stamp=None):
+        points = seen[camera.name][frame]
+        return Observation(times[frame] if stamp is None else stamp, points, np.ones(len(points)), FOCAL, camera=camera)
+
+    return truth, front, side, observe
+
+
+def test_a_camera_pose_maps_points_and_knows_its_centre():
+    camera = CameraPose("c", Rotation.from_euler("xyz", [0.3, -0.8, 0.1]).as_matrix(), np.array([0.2, -0.4, 3.0]))
+    points = np.random.default_rng(0).normal(size=(4, 5, 3))
+    expected = np.einsum("ij,abj->abi", camera.rotation, points) + camera.translation
+    assert np.allclose(camera.into_camera(points), expected, atol=1e-14)
+    assert np.allclose(camera.into_camera(camera.centre), 0.0, atol=1e-14)
+    assert not camera.is_identity and CameraPose("other").is_identity
+
+
+@pytest.mark.parametrize("depth_prior", [True, False])
+def test_the_answer_does_not_depend_on_the_frame_in_which_the_skeleton_is_kept(depth_prior):
+    truth, front, _, observe = scene(1.0)
+    rotation, translation = Rotation.from_euler("zyx", [0.7, -0.5, 0.9]).as_matrix(), np.array([0.4, -1.0, 2.0])
+    placed = CameraPose("front", rotation, translation)
+    config = replace(CONFIG, depth_prior=depth_prior)
+    own, other = Tracker(config, up=LEVEL_UP), Tracker(config, up=rotation.T @ LEVEL_UP)
+    for frame in range(len(truth.positions)):
+        one = own.track(observe(front, frame))
+        two = other.track(replace(observe(front, frame), camera=placed))
+        assert one.accepted and two.accepted and two.certificate.kkt_residual < 1e-6
+        assert np.abs(placed.into_camera(two.pose.positions) - one.pose.positions).max() < 2e-5  # float32
+        assert two.reprojection_px == pytest.approx(one.reprojection_px, rel=1e-3)
+
+
+def test_rows_of_a_second_camera_are_derivatives_of_its_image():
+    truth, front, side, observe = scene(0.1)
+    tracker = Tracker(CONFIG)
+    tracker.frame_model.add_camera()
+    model, state = tracker.frame_model, motion(tracker.skeleton, np.array([0.0]))
+    state = type(state)(state.rotations[0], state.translation[0])
+    count = tracker.kinematics.landmark_count
+    points = project(side.into_camera(tracker.kinematics.pose(state).landmarks)) + 0.001
+    view = FrameData(points, np.full(count, 300.0), camera=side)
+    frame = FrameData(points, np.zeros(count), others=(view,))
+    linearised = model.linearise(model.evaluate(state), frame, huber_weights)
+    own = linearised.rows["image 2"]
+    assert own.stop - own.start == 2 * count and not linearised.columns[:, linearised.rows["image"]].any()
+    random = np.random.default_rng(1)
+    omega, x = np.zeros(3 * tracker.kinematics.joint_count), random.normal(size=3)
+    omega[model.live] = random.normal(size=len(model.live))
+    step = 1e-6
+
+    def image(sign):
+        moved = state.retract(sign * step * omega, sign * step * x)
+        return project(side.into_camera(tracker.kinematics.pose(moved).landmarks)).ravel() * 300.0
+
+    numeric = (image(1) - image(-1)) / (2 * step)
+    analytic = linearised.columns[:, own].T @ np.append(omega[model.live], x)
+    assert np.allclose(analytic, numeric, rtol=1e-5, atol=1e-4)
+
+
+def test_two_cameras_observe_depth():
+    truth, front, side, observe = scene(2.0)
+    errors = {}
+    for name, cameras in (("one", [front]), ("two", [front, side])):
+        tracker, own = Tracker(CONFIG), []
+        for frame in range(len(truth.positions)):
+            estimate = tracker.track([observe(camera, frame) for camera in cameras])
+            assert estimate.accepted and estimate.certificate.kkt_residual < 1e-6
+            assert estimate.cameras == len(cameras)
+            own.append(np.linalg.norm(estimate.pose.positions - truth.positions[frame], axis=-1).mean())
+        errors[name] = np.median(own)
+    assert errors["two"] < 0.03 and errors["two"] < 0.5 * errors["one"]
+
+
+def test_images_in_turn_are_a_lasso_each_and_the_other_camera_is_predicted():
+    truth, front, side, observe = scene(2.0)
+    tracker, errors = Tracker(CONFIG), []
+    for frame in range(len(truth.positions)):
+        for camera, later in ((front, 0.0), (side, 0.004)):
+            stamp = frame / RATE + later
+            estimate = tracker.track(observe(camera, frame, stamp))
+            assert estimate.accepted and estimate.stamp == stamp
+            if frame:
+                assert estimate.cameras == 2
+        errors.append(np.linalg.norm(estimate.pose.positions - truth.positions[frame], axis=-1).mean())
+    assert np.median(errors) < 0.03
+
+
+def test_a_camera_that_falls_silent_and_returns_does_not_make_the_body_jump():
+    truth, front, side, observe = scene(4.0, noise_px=1.0)
+    tracker, places = Tracker(CONFIG), []
+    for frame in range(len(truth.positions)):
+        silent = 40 <= frame < 80
+        estimate = tracker.track([observe(front, frame)] if silent else [observe(front, frame), observe(side, frame)])
+        places.append(estimate.state.translation - truth.positions[frame, 0])
+    jumps = np.linalg.norm(np.diff(places[5:], axis=0), axis=-1)
+    assert jumps.max() < 0.02
+    assert np.linalg.norm(places[-1]) < 0.03
+
+
+def test_a_late_message_only_updates_its_track():
+    truth, front, side, observe = scene(1.0)
+    tracker = Tracker(CONFIG)
+    for frame in range(5):
+        tracker.track([observe(front, frame), observe(side, frame)])
+    tracker.track(observe(front, 6))
+    before = tracker.state
+    late = tracker.track(observe(side, 5))
+    assert late.rejection is Rejection.LATE and tracker.state is before
+    assert tracker.track([observe(front, 7), observe(side, 7)]).accepted
+
+
+def test_bad_observations_of_one_camera_do_not_stop_the_others():
+    truth, front, side, observe = scene(1.0)
+    tracker = Tracker(CONFIG)
+    for frame in range(3):
+        assert tracker.track([observe(front, frame), observe(side, frame)]).accepted
+    nothing = replace(observe(side, 3), points=np.full((17, 2), np.nan), confidence=np.zeros(17))
+    assert tracker.track([observe(front, 3), nothing]).accepted
+    wrong = replace(observe(side, 4), points=np.zeros((5, 2)), confidence=np.zeros(5))
+    assert tracker.track([wrong, observe(front, 4)]).accepted
+    assert tracker.track([wrong]).rejection is Rejection.WRONG_SHAPE
+    assert tracker.track([]).rejection is Rejection.TOO_FEW_LANDMARKS
+    assert tracker.track([observe(front, 5), observe(front, 5)]).accepted  # the same camera twice: the first counts
+
+
+def test_two_cameras_measure_an_unknown_height():
+    truth, front, side, observe = scene(3.0)  # a person of 1.75 m
+    tracker = Tracker(replace(CONFIG, height=0.0))
+    for frame in range(len(truth.positions)):
+        estimate = tracker.track([observe(front, frame), observe(side, frame)])
+    assert tracker.learned.height.measured
+    assert tracker.learned.lengths.stature == pytest.approx(1.75, rel=0.03)
+    assert np.linalg.norm(estimate.pose.positions - truth.positions[-1], axis=-1).mean() < 0.04
+
+
+def test_triangulation_is_exact_and_needs_two_views():
+    random = np.random.default_rng(3)
+    points = random.normal(size=(6, 3)) + [0, 0, 4.0]
+    cameras = [CameraPose(str(k), exponential(0.3 * random.normal(size=3)), random.normal(size=3)) for k in range(3)]
+    weights = np.full((3, 6), 100.0)
+    weights[1:, 0], weights[:, 1] = 0.0, 0.0
+    one, *others = (FrameData(project(c.into_camera(points)), w, camera=c) for c, w in zip(cameras, weights))
+    found = triangulate(replace(one, others=tuple(others)))
+    assert np.isnan(found[:2]).all() and np.allclose(found[2:], points[2:], atol=1e-9)

@@ -1,0 +1,93 @@
+"""What the node passes to the core and reports of it: solves, own evidence, limitations, files that are gone."""
+
+import time
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from cases import copied_body  # noqa: E402
+from live import BACKEND, node_in_this_process  # noqa: E402
+from messages import camera_info, cloud, pixels_of_motion  # noqa: E402
+from own_evidence import Faulty, Floor  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
+from solves import counted_solves  # noqa: E402
+
+START_NS, PERIOD_NS, FRAMES = 10**18, 33_333_333, 40
+PIXELS = pixels_of_motion(FRAMES, 30.0)
+ANKLES = [7, 8]
+
+
+def feed(node, first=0, count=FRAMES):
+    """Give the node camera_info and frames, as its subscriptions do."""
+    node._inputs.camera_info.take(camera_info(BACKEND))
+    before = node._pipeline.counts["accepted"]
+    for i in range(first, first + count):
+        node.work_on(cloud(BACKEND, START_NS + i * PERIOD_NS, PIXELS[i % FRAMES]))
+    assert node._pipeline.counts["accepted"] == before + count, node._pipeline.counts
+
+
+def ankles(node):
+    """Mean of both ankles after some frames, m below the camera's axis."""
+    feed(node)
+    tracker = node._pipeline.tracker
+    return tracker.kinematics.pose(tracker.state).positions[ANKLES, 1].mean()
+
+
+def values(node):
+    """The values of the node's diagnostics."""
+    return node._diagnostics.line(time.monotonic()).values
+
+
+def test_proxqp_solves_every_lasso_of_the_node_once(monkeypatch):
+    counts = counted_solves(monkeypatch)
+    with node_in_this_process("/solving") as (node, _):
+        feed(node)
+    assert counts["lassos"] >= FRAMES and counts["nontrivial"] > 0.9 * FRAMES
+    assert counts["qp"] == counts["nontrivial"] == counts["by proxqp"], counts
+
+
+def test_own_evidence_is_used_and_a_faulty_one_is_named_once(capfd):
+    fault = "evidence 'faulty' is left out: ZeroDivisionError: no floor here"
+    with node_in_this_process("/no_floor") as (node, _):
+        without = ankles(node)
+    with node_in_this_process("/floor", [Floor(ANKLES, without - 0.1), Faulty()]) as (node, _):
+        assert ankles(node) < without - 0.05
+        assert values(node)["evidence 'faulty'"] == fault and "evidence 'floor'" not in values(node)
+    said = capfd.readouterr().err
+    assert said.count(fault) == 1, said
+
+
+def test_limitations_of_a_skeleton_are_reported(tmp_path, capfd):
+    files = copied_body(tmp_path)
+    skeleton = Path(files["skeleton"])
+    skeleton.write_text(skeleton.read_text().replace("left_foot", "left_toes"))
+    with node_in_this_process("/renamed", **files) as (node, _):
+        feed(node)
+        assert "left_foot" in values(node)["limitations"] and "balance" in values(node)["limitations"]
+    said = capfd.readouterr().err
+    assert said.count("the skeleton has no joint left_foot; off: balance") == 1, said
+    with node_in_this_process("/as_shipped") as (node, _):
+        assert "limitations" not in values(node)
+
+
+def test_files_that_are_gone_do_not_matter_to_a_running_node(tmp_path):
+    files = copied_body(tmp_path)
+    with node_in_this_process("/gone", **files) as (node, _):
+        feed(node, count=5)
+        for path in files.values():
+            Path(path).unlink()
+        (result,) = node.set_parameters([Parameter("height", value=1.6)])
+        assert result.successful, result.reason
+        assert node._pipeline.tracker.skeleton.height == 1.6
+        feed(node, 5, 5)
+        (result,) = node.set_parameters([Parameter("height", value=3.0)])
+        assert not result.successful and "height" in result.reason
+        (result,) = node.set_parameters([Parameter("noise_px", value=-1.0)])
+        assert not result.successful and "noise_px" in result.reason
+        assert node.get_parameter("height").value == node._pipeline.tracker.skeleton.height == 1.6
+        feed(node, 10, 5)
+        (result,) = node.set_parameters([Parameter("height", value=0.0)])
+        assert result.successful and node._pipeline.tracker.learned.height is not None
+        feed(node, 15, 5)
