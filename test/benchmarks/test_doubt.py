@@ -1,10 +1,10 @@
-"""benchmarks/doubt.py prints a line for each camera, and totals."""
+"""benchmarks/accuracy_run/doubt.py prints a line for each camera, and totals."""
 
 import numpy as np
 import pytest
 
+from benchmarks.accuracy_run.doubt import main, totals
 from benchmarks.common.report import data_folder
-from benchmarks.doubt import main, totals
 
 
 def test_totals_count_frames_and_recordings():

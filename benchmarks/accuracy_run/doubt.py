@@ -1,7 +1,7 @@
 """How well the report's marks tell a wrong pose, on recordings with a 3D reference; and what two passes change.
 
-    python benchmarks/doubt.py ../shared/data/detections/*.npz               # as a live camera
-    python benchmarks/doubt.py --two-pass ../shared/data/detections/*.npz    # as `track` and `replay --two-pass`
+    python benchmarks/accuracy_run/doubt.py ../shared/data/detections/*.npz             # as a live camera
+    python benchmarks/accuracy_run/doubt.py --two-pass ../shared/data/detections/*.npz  # as `track` does
 
 One line per camera: mean joint error relative to the hips, median second difference of the wrists from frame to frame
 relative to the pelvis, share of the frames over 150 mm, share of the marked frames, and whether the page says a doubt.
@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import numpy as np  # noqa: E402
 
