@@ -5,9 +5,10 @@
 Every method gets the same keypoints and initialises by itself. Its inputs are what a user could measure: the person's
 bone lengths (with --generic-skeleton only the height), and the detector's noise in px.
 
---initialisation measures first frames only, --gap a period without landmarks, --detections FILE real detector output.
+--initialisation measures first frames only, --gap a period without landmarks, --detections FILE|DIR real detector
+output, with one table by person, --videos FILE|DIR the keypoints of videos without a reference.
 --uncertainty and --failure-probability compare the tracker's own figures of its error with the error. --realistic
---test-people gives the figures that a user can expect.
+--test-people gives the figures that a user can expect; --validation-people those with which a design is chosen.
 
 Clips that the shipped prior or network was trained with are left out. With --all-clips and --clips they are run, marked
 with *, and not part of the summary. With --leave-one-out every clip counts: each is run with a prior that was learned
@@ -28,17 +29,20 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.accuracy_run import failure_probability
 from benchmarks.accuracy_run.experiment import METHODS, Job, run
 from benchmarks.accuracy_run.leave_one_out import under_its_prior
-from benchmarks.accuracy_run.options import apply_presets, depth_sensor, parser, unheeded
-from benchmarks.accuracy_run.people import seen_by_network, test_clips
+from benchmarks.accuracy_run.options import depth_sensor, parsed, unheeded
+from benchmarks.accuracy_run.people import person_of, seen_by_network, test_clips, validation_clips
 from benchmarks.accuracy_run.special import initialise_frames, run_gap
 from benchmarks.accuracy_run.table import detections_head, given_settings, head, report
 from benchmarks.accuracy_run.uncertainty import COLUMNS as UNCERTAINTY
 from benchmarks.accuracy_run.uncertainty import binned, uncertainty_of
+from benchmarks.accuracy_run.videos import VideoJob, run_video, video_files, video_table
 from benchmarks.common.refusals import exit_code
 from benchmarks.common.report import Record, data_folder, table, write_json
 from benchmarks.data.detections import detection_jobs, run_detections
+from benchmarks.data.recordings import recording_files
 from benchmarks.data.simulated_camera import Condition, rate_of
 from benchmarks.learn_prior import SEEN
+from benchmarks.methods.baselines import FOLLOWERS
 from lassokin_ros.core.errors import LassokinError
 
 T = TypeVar("T")
@@ -46,8 +50,9 @@ T = TypeVar("T")
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Command line."""
-    options = parser(__doc__).parse_args(arguments)
-    apply_presets(options)
+    options = parsed(__doc__, arguments)
+    if options.videos:
+        return _of_videos(options)
     records = measure(options)
     if not options.detections:
         print(_other_rates(options), end="")
@@ -69,6 +74,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
+def _of_videos(options: argparse.Namespace) -> int:
+    """Track keypoints without a reference, and print what can be said of them."""
+    _check_methods(options)
+    if unknown := sorted(set(options.methods) - set(FOLLOWERS)):
+        raise SystemExit(f"no {', '.join(unknown)} for --videos; expected some of: {', '.join(FOLLOWERS)}")
+    settings = given_settings(options)
+    jobs = [VideoJob(file, method, settings) for file in video_files(options.videos) for method in options.methods]
+    records = in_parallel(run_video, jobs, options.jobs)
+    print(video_table(records))
+    write_json(options.json, records)
+    return 0
+
+
 def measure(options: argparse.Namespace) -> list[Record]:
     """The records of what the options ask for."""
     _check_methods(options)
@@ -79,7 +97,8 @@ def measure(options: argparse.Namespace) -> list[Record]:
             raise SystemExit("--gap and --initialisation are for clips, not for --detections")
         own = options.uncertainty or options.failure_probability
         methods = ["lasso"] if own else options.methods
-        recordings = detection_jobs(options.detections, methods, options.measured_bones, given_settings(options))
+        files = recording_files(options.detections)
+        recordings = detection_jobs(files, methods, options.measured_bones, given_settings(options))
         if options.uncertainty:
             return _of_recordings(binned(in_parallel(uncertainty_of, recordings, options.jobs)))
         if options.failure_probability:
@@ -91,7 +110,8 @@ def measure(options: argparse.Namespace) -> list[Record]:
     o = options
     condition = Condition(
         o.noise_px, o.missing, o.outliers, o.fps, o.swaps, o.duplicates, o.camera_roll, o.camera_pitch, o.lying,
-        o.wander_px, o.offset_px, depth_sensor(o), tuple(o.hidden),
+        o.wander_px, o.offset_px, depth_sensor(o), tuple(o.hidden), o.landmark_mm,
+        o.peoples_proportions,
     )  # fmt: skip
     methods = ["lasso"] if o.uncertainty or o.failure_probability else o.methods
     jobs = [
@@ -144,6 +164,8 @@ def clip_files(options: argparse.Namespace) -> list[Path]:
     """The clips to run. Raises SystemExit with the reason if there are none."""
     if options.test_people:
         return test_clips(options.data or data_folder())
+    if options.validation_people:
+        return validation_clips(options.data or data_folder())
     folder = options.data or data_folder() / "mocap"
     files = sorted(folder.glob("*.npz"))
     if not files:
@@ -167,9 +189,12 @@ def _other_rates(options: argparse.Namespace) -> str:
 
 
 def _marked(options: argparse.Namespace, records: list[Record]) -> list[Record]:
-    """Mark each record whose prior was learned from its clip."""
+    """The records with their person; those whose prior was learned from their clip are marked."""
     files = {file.stem: file for file in clip_files(options)}
-    return [{**record, "training": _training(options, files[record["clip"]])} for record in records]
+    return [
+        {**record, "person": person_of(file), "training": _training(options, file)}
+        for record, file in ((record, files[record["clip"]]) for record in records)
+    ]
 
 
 def _training(options: argparse.Namespace, file: Path) -> bool:

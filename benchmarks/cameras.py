@@ -25,7 +25,7 @@ from scipy.signal import butter, filtfilt, lfilter
 
 from benchmarks.accuracy import in_parallel
 from benchmarks.accuracy_run.metrics import pa_mpjpe
-from benchmarks.accuracy_run.people import clips_of
+from benchmarks.accuracy_run.people import test_clips, validation_clips
 from benchmarks.common import option_types
 from benchmarks.common.refusals import exit_code
 from benchmarks.data.mocap import EVALUATED, SMPL_NAME, clip_height, clip_skeleton, load_clip
@@ -35,7 +35,6 @@ from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
-from training.motion import TEST, VALIDATION
 
 DETECTOR = Condition(1.5, fps=30.0, wander_px=2.5, offset_px=2.5)
 LIMBS = [EVALUATED.index(f"{side}_{joint}") for side in "lr" for joint in "hip knee ankle shoulder elbow wrist".split()]
@@ -60,7 +59,7 @@ class Job:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Command line."""
     options = parser().parse_args(arguments)
-    files = clips_of(VALIDATION if options.validation_people else TEST, options.data or data_folder())
+    files = (validation_clips if options.validation_people else test_clips)(options.data or data_folder())
     if options.clips:
         files = [file for file in files if file.stem in options.clips]
     groups = in_parallel(run, [Job(file, options) for file in files], options.jobs)

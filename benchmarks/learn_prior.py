@@ -32,8 +32,10 @@ TRAINING = (
 ).split()
 SAME_TAKE = ("02_01", "exp_walking_1")
 """Two files of one recording in two collections: their joints rotate alike in each frame, to 0.1 rad in all."""
-SEEN = (*TRAINING, *(clip for clip in SAME_TAKE if clip not in TRAINING))
-"""The clips that the shipped prior was learned from: the training clips, and the other file of a take among them."""
+ON_OWN_BONES = "zc_13_29"
+"""The take 13_29 with the person's own bone lengths, in another folder."""
+SEEN = (*TRAINING, *(clip for clip in (*SAME_TAKE, ON_OWN_BONES) if clip not in TRAINING))
+"""The clips that the shipped prior was learned from: the training clips, and other files of takes among them."""
 FLOOR = 0.03  # rad: smallest spread, also for a degree of freedom that does not move in the capture
 COLLAR_FLOOR = 0.05  # rad: the shoulders of the capture do not shrug, those of people do
 SHRINKAGE = 0.10  # added to the diagonal, as a share: 21 clips are too few for all correlations

@@ -2,7 +2,7 @@
 
 The public interface is what `__all__` lists; every other name in this package is internal and may change.
 
-    from lassokin_ros import Lens, Observation, Tracker, TrackerConfig
+    from lassokin_ros import Lens, Tracker, TrackerConfig, observation_from_pixels
 
 The names are imported on first use, so that commands can set thread limits before numpy is imported.
 """
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from lassokin_ros.core.observation import CameraPose, Observation, Rejection, Status
     from lassokin_ros.core.tracker import Tracker
     from lassokin_ros.pipeline.camera.lens import Lens
+    from lassokin_ros.pipeline.from_pixels import observation_from_pixels
 
 __all__ = [
     "CameraPose",
@@ -30,6 +31,7 @@ __all__ = [
     "Status",
     "Tracker",
     "TrackerConfig",
+    "observation_from_pixels",
 ]
 
 _MODULES = {
@@ -43,6 +45,7 @@ _MODULES = {
     "Status": "lassokin_ros.core.observation",
     "Tracker": "lassokin_ros.core.tracker",
     "TrackerConfig": "lassokin_ros.core.config",
+    "observation_from_pixels": "lassokin_ros.pipeline.from_pixels",
 }
 
 

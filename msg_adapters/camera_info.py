@@ -21,17 +21,19 @@ OPENCV_COUNTS = {5: "plumb_bob", 8: "rational_polynomial", 12: "rational_polynom
 """Number of coefficients -> model in OpenCV's order. These numbers identify the model, whatever its name."""
 OTHER_FAMILIES = ("omni", "unified", "ucm", "sphere", "fov", "inverse", "fisheye", "equi", "kannala")
 """Parts of the names of models that do not have OpenCV's order of coefficients."""
-SMALLEST_FOCAL = 0.1
-"""A focal length below this fraction of the image size is impossible: a field of view above 157 degrees."""
+SMALLEST_FOCAL, LARGEST_FOCAL = 0.3, 10.0
+"""Limits of the focal length in longer sides of the image: a field of view of 118 degrees, and of 6 degrees."""
+SMALLEST_FISHEYE = 0.1
+"""The lower limit of an equidistant lens, which has a field of view of up to 220 degrees."""
 SMALLEST_FOCAL_PX = 10.0
 """px: the same if the image size is unknown."""
-FARTHEST_CENTRE = 1.0
-"""A principal point farther from the image centre than this fraction of the image size is impossible."""
+OTHER_SIZES = {0.25: "a quarter of", 1 / 3: "a third of", 0.5: "half", 2 / 3: "two thirds of", 1.5: "1.5 times"}
+"""Size for which K may be, as a factor of the image's size -> in words. Larger ones put the principal point outside."""
+SAME_FACTOR = 0.05
+"""Largest relative difference of both coordinates of the principal point from such a factor."""
 UNUSUAL_CENTRE, UNUSUAL_ASPECT = 0.15, 0.1
 """Distance of the principal point from the image centre, as a fraction of the size, and |fx / fy - 1|, from which on
 camera_info is suspicious."""
-UNUSUAL_FOCAL = 20.0
-"""Focal length in sides of the image from which K is probably in another unit than px."""
 MOST_COEFFICIENTS = 32
 LONGEST_NAME = 64
 """Characters of the name of the distortion model that are used."""
@@ -68,7 +70,7 @@ def decode_camera_info(message: Any) -> Intrinsics:
     """Return the intrinsics of a CameraInfo message.
 
     Raises AdapterError with reason `camera_uncalibrated` (K is 0 or cannot belong to the image size),
-    `camera_not_finite`, `camera_matrix` (no positive focal length, skew) or `camera_distortion` (unknown model, wrong
+    `camera_not_finite`, `camera_matrix` (no positive focal length, skew), or `camera_distortion` (unknown model, wrong
     number of coefficients).
     """
     K, R, P = (np.array(values, dtype=float) for values in (message.k, message.r, message.p))
@@ -89,7 +91,7 @@ def decode_camera_info(message: Any) -> Intrinsics:
     frame_id = frame_name(message.header)
     K, P = K.reshape(3, 3), P.reshape(3, 4)
     K[2] = 0, 0, 1
-    warning = _check_size(K, message)
+    warning = _check_size(K, message, model == "equidistant")
     width, height = _apply_window(message, K, P)
     if min(K[0, 0], K[1, 1]) < 1 or np.abs(K).max() >= LARGEST:
         raise AdapterError("camera_matrix", f"after binning and region of interest K is {K.tolist()}; expected px")
@@ -128,7 +130,7 @@ def _without_surplus_zeros(model: str, D: np.ndarray) -> np.ndarray:
     return D[: max(fitting)] if fitting else D
 
 
-def _check_size(K: np.ndarray, message: Any) -> str:
+def _check_size(K: np.ndarray, message: Any, fisheye: bool) -> str:
     """Return why K (3, 3) px is unlikely for the full image size, in words. Raises AdapterError if it is impossible."""
     size = np.array([message.width, message.height], dtype=float)
     focal, centre = K[[0, 1], [0, 1]], K[:2, 2]
@@ -137,21 +139,36 @@ def _check_size(K: np.ndarray, message: Any) -> str:
         f"{message.width} x {message.height} px"
     )
     known = size.min() > 0
-    if focal.min() < (max(SMALLEST_FOCAL * size.max(), SMALLEST_FOCAL_PX) if known else SMALLEST_FOCAL_PX):
-        raise AdapterError("camera_uncalibrated", f"camera_info has {numbers}: no camera has so short a focal length")
-    aspect = focal[0] / focal[1]
+    smallest = SMALLEST_FISHEYE if fisheye else SMALLEST_FOCAL
+    if focal.min() < (max(smallest * size.max(), SMALLEST_FOCAL_PX) if known else SMALLEST_FOCAL_PX):
+        raise _impossible(numbers, "no camera has so short a focal length; K must be in px of this image")
     if not known:
         return ""
-    away = np.abs(centre / size - 0.5)
-    if away.max() > FARTHEST_CENTRE:
-        raise AdapterError("camera_uncalibrated", f"camera_info has {numbers}: the principal point is far outside")
-    if away.max() > UNUSUAL_CENTRE:
+    if focal.max() > LARGEST_FOCAL * size.max():
+        raise _impossible(numbers, "a field of view below 6 degrees; K must be in px of this image")
+    if (centre <= 0).any() or (centre >= size).any():
+        raise _impossible(numbers, "the principal point is outside of the image")
+    if words := _other_size(centre / (0.5 * size)):
+        raise _impossible(numbers, f"K is that of an image of {words} the size, or of the binned image")
+    aspect = focal[0] / focal[1]
+    if np.abs(centre / size - 0.5).max() > UNUSUAL_CENTRE:
         return f"camera_info has {numbers}, which may be those of another resolution, or of the binned image"
-    if focal.max() > UNUSUAL_FOCAL * size.max():
-        return f"camera_info has {numbers}: a field of view below 3 degrees; K must be in px"
     if abs(aspect - 1) > UNUSUAL_ASPECT or abs(1 / aspect - 1) > UNUSUAL_ASPECT:
         return f"camera_info has {numbers}: fx and fy differ, as if pixels were not square"
     return ""
+
+
+def _impossible(numbers: str, why: str) -> AdapterError:
+    return AdapterError("camera_uncalibrated", f"camera_info has {numbers}: {why}")
+
+
+def _other_size(ratios: np.ndarray) -> str:
+    """Return the size that K is for, in words; empty if that is none of OTHER_SIZES.
+
+    ratios: (2,) principal point, relative to the centre of the image.
+    """
+    near = (words for factor, words in OTHER_SIZES.items() if (np.abs(ratios / factor - 1) <= SAME_FACTOR).all())
+    return next(near, "")
 
 
 def _apply_window(message: Any, K: np.ndarray, P: np.ndarray) -> tuple[int, int]:

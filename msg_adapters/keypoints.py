@@ -19,6 +19,14 @@ LARGEST_PIXEL = 1e6
 LARGEST_CONFIDENCE = 2.0
 """Scores from heat maps exceed 1 slightly and are limited to 1. A larger score is invalid or has another unit, such as
 percent."""
+MOST_INVALID, FEW_INVALID = 3, 0.25
+"""Number of scores above LARGEST_CONFIDENCE, and share of the scores of a message, up to which they are single invalid
+ones: a body of which few points are visible has few high percentages."""
+USUAL_CONFIDENCE, FEWEST_LOGITS = 1.2, 2
+"""Scores of which most are larger, or as many as this larger and as many negative, have another unit: logits, which the
+sigmoid converts."""
+NOT_FOUND = -1.0
+"""Score of a point that was not found, in some detectors."""
 
 
 LONGEST_FRAME_ID = 256
@@ -42,6 +50,8 @@ class Keypoints:
     depth: (k,) m along the optical axis, NaN = not measured; None if the message has no depth.
     depth_of_surface: True if `depth` was measured on the body's surface, False if it is that of the landmark inside.
     depth_age: s by which `depth` is older than the image of the keypoints.
+    landmarks: number of landmarks of the detector's layout, None if the message does not tell.
+    depth_note: why depths in the message are not used, in words; empty if they are, or if there are none.
     """
 
     stamp_ns: int | None
@@ -54,6 +64,15 @@ class Keypoints:
     depth: np.ndarray | None = None
     depth_of_surface: bool = True
     depth_age: float = 0.0
+    landmarks: int | None = None
+    depth_note: str = ""
+
+    @cached_property
+    def unscored(self) -> int:
+        """Number of points with a position, but with a confidence of 0 or NaN."""
+        with np.errstate(invalid="ignore"):
+            placed = (np.abs(self.xy) <= LARGEST_PIXEL).all(axis=1) & (self.xy != 0).any(axis=1)
+            return int(np.count_nonzero(placed & ~(np.abs(self.confidence) > 0)))
 
     def as_landmarks(self, count: int, person: int | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return points (count, 2) px, NaN = missing, and confidence (count,), 0 = missing.
@@ -62,8 +81,8 @@ class Keypoints:
         above LARGEST_CONFIDENCE, or the position is exactly (0, 0). Detectors write (0, 0) for points that they did not
         find; Ultralytics' YOLO keeps their confidence.
         person: use the points of this person only. Raises AdapterError if a point has an id outside of the layout
-        (wrong layout), if an id is repeated (two people in one message without `person`), or if most confidences are
-        above LARGEST_CONFIDENCE (another unit).
+        (wrong layout), if an id is repeated (two people in one message without `person`), or if the confidences have
+        another unit, see `_check_unit`.
         """
         return self._placed(self.ids, self._present_of(person), count, count)
 
@@ -128,24 +147,45 @@ class Keypoints:
         return chosen
 
     def _with_valid_scores(self, chosen: np.ndarray) -> np.ndarray:
-        """Remove points with a confidence above LARGEST_CONFIDENCE. Raises AdapterError if these are most points."""
+        """Remove points with a confidence above LARGEST_CONFIDENCE. Raises AdapterError if the unit is another one."""
         scores = self.confidence.take(chosen)
-        if len(scores) == 0 or scores.max() <= LARGEST_CONFIDENCE:
+        if len(scores) == 0 or scores.max() <= 1.0:
             return chosen
-        wrong = scores > LARGEST_CONFIDENCE
-        if 2 * np.count_nonzero(wrong) > len(scores):
-            raise AdapterError(
-                "confidence_range",
-                f"{np.count_nonzero(wrong)} of {len(scores)} confidences are above {LARGEST_CONFIDENCE:g}, up to "
-                f"{scores.max():g}; expected 0 to 1. Rescale them in the detector: divide percentages by 100, other "
-                "scores by the largest score of the model",
-            )
-        return chosen[~wrong]
+        self._check_unit(scores)
+        return chosen[scores <= LARGEST_CONFIDENCE]
+
+    def _check_unit(self, scores: np.ndarray) -> None:
+        """Raise AdapterError if confidences are no fractions of 1: percentages, logits or sums.
+
+        scores: those of the present points, above 0. The negative ones of other points are compared too: logits are
+        negative for points that are not visible.
+        """
+        large, most = np.count_nonzero(scores > LARGEST_CONFIDENCE), len(scores)
+        if 2 * large > most or large > max(MOST_INVALID, FEW_INVALID * most):
+            self._refuse_scores(large, most, LARGEST_CONFIDENCE, scores)
+        with np.errstate(invalid="ignore"):
+            negative = np.count_nonzero((self.confidence < 0) & (self.confidence != NOT_FOUND))
+        high = np.count_nonzero(scores > USUAL_CONFIDENCE)
+        if 2 * high > most or min(high, negative) >= FEWEST_LOGITS:
+            self._refuse_scores(high, most, USUAL_CONFIDENCE, scores)
+
+    @staticmethod
+    def _refuse_scores(count: Any, of: int, limit: float, scores: np.ndarray) -> None:
+        raise AdapterError(
+            "confidence_range",
+            f"{count} of {of} confidences are above {limit:g}, up to {scores.max():g}; expected 0 to 1. Rescale them "
+            "in the detector: divide percentages by 100, convert logits with the sigmoid 1 / (1 + exp(-x)), and divide "
+            "other scores by the largest score of the model",
+        )
 
 
 def frame_name(header: Any) -> str:
-    """Return the frame_id of a header. Raises AdapterError if it is too long or not printable."""
+    """Return the frame_id of a header without a leading slash, which tf2 has not.
+
+    Raises AdapterError if it is too long or not printable.
+    """
     name: str = header.frame_id
+    name = name.lstrip("/")
     if len(name) > LONGEST_FRAME_ID or not name.isprintable():
         raise AdapterError(
             "bad_frame_id",
@@ -159,8 +199,14 @@ def header_stamp(header: object) -> int | None:
     """Return the stamp of a header in ns, None for a stamp of 0. Raises AdapterError for an invalid time."""
     stamp = header.stamp  # type: ignore[attr-defined]
     seconds, nanoseconds = int(stamp.sec), int(stamp.nanosec)
-    if seconds < 0 or nanoseconds >= 1_000_000_000:
+    if seconds < 0:
         raise AdapterError("bad_stamp", f"the stamp is {seconds} s and {nanoseconds} ns; expected a time after 1970")
+    if nanoseconds >= 1_000_000_000:
+        raise AdapterError(
+            "bad_stamp",
+            f"the stamp is {seconds} s and {nanoseconds} ns; expected nanosec below 1000000000: for a time t in ns, "
+            "sec is t // 10**9 and nanosec is t % 10**9",
+        )
     return seconds * 1_000_000_000 + nanoseconds or None
 
 

@@ -8,11 +8,14 @@ from typing import Any, Mapping
 
 import numpy as np
 
+from benchmarks.accuracy_run import anatomy
 from benchmarks.accuracy_run.metrics import acceleration_error, flipped_frames, joint_errors, mpjpe, pa_mpjpe
+from benchmarks.accuracy_run.people import person_of
 from benchmarks.accuracy_run.runs import Follower, Track, follow
 from benchmarks.common.report import Record
 from benchmarks.data.mocap import EVALUATED, SMPL_NAME, Clip, clip_height, clip_skeleton, load_clip
 from benchmarks.data.simulated_camera import Condition, View, view_of
+from benchmarks.data.strangers import with_peoples_proportions
 from benchmarks.methods.baselines import FOLLOWERS
 from benchmarks.methods.smplify import fit_clip
 from lassokin_ros.core.body.landmarks import Layout
@@ -86,7 +89,9 @@ class Scene:
 
 def scene_of(job: Job) -> Scene:
     """Load the clip and render the view of the job, always with the clip's own body."""
-    clip = load_clip(job.file)
+    clip, person = load_clip(job.file), person_of(job.file) or job.file.stem
+    if job.condition.proportions:
+        clip = with_peoples_proportions(clip, person, job.seed)
     own = clip_skeleton(clip, generic=False)
     given = clip_skeleton(clip, generic=job.generic_skeleton)
     if job.bone_error > 0:
@@ -95,7 +100,7 @@ def scene_of(job: Job) -> Scene:
     config = TrackerConfig(**{"height": clip_height(clip), "landmarks": job.landmarks, **settings}).checked()
     if config.height == 0:
         given = Skeleton.load(config.skeleton, config.assumed_height)
-    view = view_of(clip, Layout.load(job.landmarks, own), own, job.condition, job.view, job.seed)
+    view = view_of(clip, Layout.load(job.landmarks, own), own, job.condition, job.view, job.seed, person)
     return Scene(clip, view, given, config)
 
 
@@ -132,6 +137,8 @@ def described(job: Job, scene: Scene) -> Record:
         "duplicates": job.condition.duplicates,
         "wander_px": job.condition.wander_px,
         "offset_px": job.condition.offset_px,
+        "landmark_mm": job.condition.landmark_mm,
+        "proportions": "people's" if job.condition.proportions else "the capture's",
         "depth_sensor": None if job.condition.depth is None else asdict(job.condition.depth),
         "landmarks": job.landmarks,
         "method": job.method,
@@ -157,7 +164,7 @@ def score(track: Track, scene: Scene, score_from: float = 0.0) -> Record:
     if len(estimate) == 0:
         return {
             "frames": 0,
-            **dict.fromkeys(FIGURES, float("nan")),
+            **dict.fromkeys((*FIGURES, *anatomy.FIGURES), float("nan")),
             "rejected": int(track.rejected.sum()),
             "ends_lost": begin < len(view.truth),
         }
@@ -183,6 +190,7 @@ def score(track: Track, scene: Scene, score_from: float = 0.0) -> Record:
         "ends_lost": bool(track.rejected[-1]),
         "before_first": first,
         "joints_mm": joint_errors(estimate, truth, own_root, true_root, EVALUATED),
+        **anatomy.body_figures(estimate, truth, EVALUATED, np.arange(len(truth)) / view.fps),
     }
 
 

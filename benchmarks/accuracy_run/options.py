@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,10 +28,13 @@ def parser(description: str | None = None) -> argparse.ArgumentParser:
     result = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     add, switch = result.add_argument, argparse.BooleanOptionalAction
     add("--data", type=Path, help="folder of clips (default: mocap/ in LASSOKIN_DATA or ../shared/data)")
-    add("--detections", type=Path, nargs="+", metavar="FILE", help="real detector output (npz) instead of clips")
+    add("--detections", type=Path, nargs="+", metavar="FILE|DIR", help="real detector output (npz) instead of clips")
+    add("--videos", type=Path, nargs="+", metavar="FILE|DIR", help="keypoints of videos, without any reference (npz)")
     add("--noise-px", type=size, default=2.0, help="Gaussian noise of a keypoint, px (2)")
     add("--wander-px", type=size, default=0.0, help="standard deviation of errors that last 0.1 s, px (0)")
     add("--offset-px", type=size, default=0.0, help="standard deviation of constant errors, px (0)")
+    add("--landmark-mm", type=size, default=0.0, help="deviation of landmarks' places on the body over people, mm (0)")
+    add("--peoples-proportions", action=switch, default=False, help="bodies drawn from people's, not the capture's own")
     add("--depth-noise", type=size, metavar="M", help="measured depth of each keypoint: Gaussian noise, m")
     add("--depth-bias", type=size, metavar="M", help="constant error of each landmark's depth, standard deviation, m")
     add("--depth-noise-z2", type=size, metavar="PER_M", help="depth noise that grows with the square of the depth, 1/m")
@@ -54,7 +58,9 @@ def parser(description: str | None = None) -> argparse.ArgumentParser:
     add("--clips", type=names, help="comma-separated names (default: all but the training clips)")
     add("--all-clips", action="store_true", help="run the training clips too")
     add("--exclude-training", action=switch, default=None, help="default: on, unless another option names the clips")
-    add("--test-people", action="store_true", help="clips of people in no training set (--data: shared data)")
+    people = result.add_mutually_exclusive_group()
+    for name, meaning in (("test", "in no training set"), ("validation", "with which the design is chosen")):
+        people.add_argument(f"--{name}-people", action="store_true", help=f"people {meaning} (--data: shared data)")
     add("--realistic", action="store_true", help="the usual case: a detector's errors, only the height given")
     add("--leave-one-out", action="store_true", help="all clips, each with a prior learned from the folder's others")
     add("--generic-skeleton", action="store_true", help="give only the person's height")
@@ -76,16 +82,23 @@ def parser(description: str | None = None) -> argparse.ArgumentParser:
     return result
 
 
-REALISTIC = {"noise_px": 1.5, "wander_px": 2.5, "offset_px": 2.5, "tracker_noise_px": 3.0, "generic_skeleton": True}
-"""Values of --realistic: errors like those measured on real detectors, and only the height given."""
+REALISTIC = {
+    "noise_px": 1.5, "wander_px": 2.5, "offset_px": 2.5, "tracker_noise_px": 3.0, "generic_skeleton": True,
+    "landmark_mm": 15.0, "peoples_proportions": True,
+}  # fmt: skip
+"""Values of --realistic: errors like those measured on real detectors, bodies like people's, only the height given."""
 
 
-def apply_presets(options: argparse.Namespace) -> None:
-    """Set the values of --realistic in place."""
+def parsed(description: str | None, arguments: Sequence[str] | None) -> argparse.Namespace:
+    """The options. --realistic changes defaults, so that another option still counts."""
+    own = parser(description)
+    options = own.parse_args(arguments)
     if options.realistic:
-        vars(options).update(REALISTIC)
+        own.set_defaults(**REALISTIC)
+        options = own.parse_args(arguments)
     if options.unknown_height:
         options.generic_skeleton = True
+    return options
 
 
 def depth_sensor(options: argparse.Namespace) -> DepthSensor | DepthCamera | None:

@@ -1,4 +1,4 @@
-"""The people whose motion the shipped network was trained with; they are no test people."""
+"""The people of the clips: those the shipped network was trained with, those of the validation, those of the test."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ from collections.abc import Collection
 from functools import cache
 from pathlib import Path
 
+from benchmarks.learn_prior import SEEN
 from lassokin_ros.core.network.depth_network import load_weights
-from training.motion import LEFT_OUT_CLIPS, LEFT_OUT_KINDS, TEST, sources
+from training.motion import LEFT_OUT_CLIPS, LEFT_OUT_KINDS, TEST, VALIDATION, sources
 
 
 @cache
@@ -28,13 +29,25 @@ def seen_by_network(file: Path) -> bool:
     return _people(file.resolve().parent.parent).get(file.stem) in _network_people()
 
 
+def person_of(file: Path) -> str:
+    """The person of a clip; empty for a folder without `clips.json`."""
+    return _people(file.resolve().parent.parent).get(file.stem, "")
+
+
 def test_clips(folder: Path) -> list[Path]:
     """The clips of the test people. No take of them was used to train the network or the pose prior."""
-    return clips_of(TEST, folder)
+    return _clips_of(folder, TEST)
 
 
-def clips_of(people: Collection[str], folder: Path) -> list[Path]:
-    """The usable clips of some people."""
+def validation_clips(folder: Path) -> list[Path]:
+    """The clips of the people of the validation set, with which the design is chosen.
+
+    The network was trained without these people. Takes that the pose prior was learned from are left out.
+    """
+    return [file for file in _clips_of(folder, VALIDATION) if file.stem not in SEEN]
+
+
+def _clips_of(folder: Path, people: Collection[str]) -> list[Path]:
     return [
         source.file
         for source in sources(folder)

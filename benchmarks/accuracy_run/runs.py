@@ -8,6 +8,7 @@ from typing import Protocol, Sequence
 
 import numpy as np
 
+from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.tracker import Tracker
@@ -27,7 +28,7 @@ class Track:
 
     positions: (f, n, 3) m joint centres; landmarks: (f, l, 3) m; reprojection_px: (f,), NaN where rejected; rejected:
     (f,) bool; frame_ms: (f,); init_ms: time of the frame that gave the first estimate. height_m: as measured at the
-    end, NaN if it was given.
+    end, NaN if it was given. skeleton: of the tracker at the end, None for methods that have none of their own.
     """
 
     positions: np.ndarray
@@ -37,6 +38,7 @@ class Track:
     frame_ms: np.ndarray
     init_ms: float
     height_m: float = float("nan")
+    skeleton: Skeleton | None = None
 
     @property
     def first(self) -> int:
@@ -74,7 +76,10 @@ def follow(follower: Follower, observations: Sequence[Observation], joints: int,
         take(follower.flush())
     estimator = follower.learned.height if isinstance(follower, Tracker) else None
     height = np.nan if estimator is None or not estimator.measured else estimator.height
-    return Track(held(positions), held(points), reprojection, rejected, frame_ms, float(init_ms), float(height))
+    learned = follower.skeleton if isinstance(follower, Tracker) else None
+    return Track(
+        held(positions), held(points), reprojection, rejected, frame_ms, float(init_ms), float(height), learned
+    )
 
 
 def held(values: np.ndarray) -> np.ndarray:

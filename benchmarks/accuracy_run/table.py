@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any, Sequence
+from typing import Any, Mapping, Sequence
 
 import numpy as np
 
+from benchmarks.accuracy_run import anatomy
 from benchmarks.accuracy_run.options import depth_sensor
 from benchmarks.common.report import Record, summarise, table
 from benchmarks.data.depth_images import SIZE, DepthCamera
+from benchmarks.data.recordings import counts_apart, recording_files, recording_group
 from benchmarks.data.simulated_camera import WANDERS
 from benchmarks.learn_prior import SEEN, TRAINING
 
@@ -26,6 +28,11 @@ COLUMNS = {
     "frame_ms_p50": ".2f",
     "frame_ms_p99": ".2f",
 }
+_POSITIONS = ("mpjpe_mm", "pa_mpjpe_mm", "root_mm", "over_100mm_percent")
+BY_PERSON = {key: COLUMNS[key] for key in _POSITIONS} | anatomy.COLUMNS
+"""Columns of the tables by person."""
+LEARNED = {"lengths_given": ".3f", "lengths_learned": ".3f"}
+"""Root mean square of seven log-lengths about the person's own, at the same size: at the start and at the end."""
 HEIGHT = {"height_percent": ".1f"}
 """Error of the measured height, of the clip's."""
 GAP = {"before_mm": ".1f", "gap_end_mm": ".1f", "after_mm": ".1f", "after_no_gap_mm": ".1f", "rise_mm": ".1f"}
@@ -50,11 +57,14 @@ def report(options: argparse.Namespace, records: Sequence[Record]) -> None:
     if not records:
         print("nothing to measure: no clip is long enough")
         return
-    by = ("clip", "method") if options.detections else ("method",)
+    if options.detections:
+        print(recordings_table(records))
+        print(f"\n{joint_table(records)}" if options.joints else "", end="")
+        return
     columns = GAP if options.gap else COLUMNS | (HEIGHT if options.unknown_height else {})
     if not options.initialisation:
         shown = [{**r, "clip": r["clip"] + (" *" if r.get("training") else "")} for r in records]
-        seed = {"seed": "d"} if options.seeds > 1 and not options.detections else {}
+        seed = {"seed": "d"} if options.seeds > 1 else {}
         lead = {"clip": "<", "view": "d"} | seed | {"method": "<"} | ({} if options.gap else {"frames": "d"})
         print(table(shown, lead | columns))
     for title, group in (("", counted), ("training clips, not to be reported:", training)):
@@ -63,11 +73,63 @@ def report(options: argparse.Namespace, records: Sequence[Record]) -> None:
         print(f"\n{title}".rstrip())
         if options.initialisation:
             print(table(initialisation_rows(group), {"method": "<", "frames": "d", "found": "d", **INITIALISATION}))
-        else:
-            lead = dict.fromkeys((*by, "statistic"), "<") | {"runs": "d"}
-            print(table(summarise(group, by, list(columns)), lead | columns))
-            if options.joints and not options.gap:
-                print(f"\n{joint_table(group)}")
+            continue
+        lead = {"method": "<", "statistic": "<", "runs": "d"}
+        print(table(summarise(group, ["method"], list(columns)), lead | columns))
+        if not options.gap:
+            print(f"\n{table(summarise(group, ['method'], anatomy.FIGURES), lead | anatomy.COLUMNS)}")
+        if options.test_people or options.validation_people:
+            print(f"\n{person_table(group, GAP if options.gap else BY_PERSON)}")
+        if options.joints and not options.gap:
+            print(f"\n{joint_table(group)}")
+
+
+def recordings_table(records: Sequence[Record]) -> str:
+    """Real recordings in one table, by person: each camera, then the mean of each group (`recording_group`)."""
+    columns = BY_PERSON | LEARNED | {key: COLUMNS[key] for key in ("accel_error", "reprojection_px", "flips_percent")}
+    rows: list[Record] = []
+    for method in dict.fromkeys(r["method"] for r in records):
+        runs = [r for r in records if r["method"] == method]
+        people = list(dict.fromkeys(r["person"] for r in runs))
+        rows += [r for person in people for r in runs if r["person"] == person]
+        means = [row for person in people for row in _group_means([r for r in runs if r["person"] == person], columns)]
+        rows += means
+        counted = [row for row in means if not counts_apart(row["person"])]
+        apart = [row for row in means if counts_apart(row["person"])]
+        for group in filter(None, (counted, apart)):
+            of = len({row["person"] for row in group})
+            row = {"person": "mean", "clip": f"{len(group)} groups of {of} people", "view": "all", "method": method}
+            rows.append({**mean_of(group, columns), **row})
+    return table(rows, {"person": "<", "clip": "<", "view": "d", "method": "<", "frames": "d"} | columns)
+
+
+def _group_means(records: Sequence[Record], columns: Mapping[str, str]) -> list[Record]:
+    """The mean over the cameras and recordings of each group of one person."""
+    rows = []
+    for name in dict.fromkeys(recording_group(r["clip"]) for r in records):
+        group = [r for r in records if recording_group(r["clip"]) == name]
+        described = {key: group[0][key] for key in ("person", "method")}
+        rows.append({**mean_of(group, columns), **described, "clip": name, "view": "mean"})
+    return rows
+
+
+def mean_of(records: Sequence[Record], columns: Mapping[str, str]) -> Record:
+    """The mean of each figure over records, NaN left out, and the sum of their frames."""
+    values = {key: np.array([r[key] for r in records], dtype=float) for key in columns}
+    known = {key: float(np.nanmean(v)) if np.isfinite(v).any() else float("nan") for key, v in values.items()}
+    return {**known, "frames": sum(r.get("frames", 0) for r in records)}
+
+
+def person_table(records: Sequence[Record], columns: Mapping[str, str]) -> str:
+    """The mean over each person's runs, by method, and the mean over the people, which many short clips do not sway."""
+    rows = []
+    for method in dict.fromkeys(r["method"] for r in records):
+        runs = [r for r in records if r["method"] == method]
+        people = [r for r in summarise(runs, ["person"], list(columns)) if r["statistic"] == "mean"]
+        mean = mean_of(people, columns)
+        rows += [{**row, "method": method} for row in people]
+        rows.append({"method": method, "person": "mean of people", "runs": len(runs), **mean})
+    return table(rows, {"method": "<", "person": "<", "runs": "d"} | columns)
 
 
 def joint_table(records: Sequence[Record]) -> str:
@@ -107,6 +169,10 @@ def head(options: argparse.Namespace) -> str:
             f"Beside the noise keypoints are off by {options.wander_px:g} px for {WANDERS:g} s on end, and by "
             f"{options.offset_px:g} px all the time (standard deviations)."
         )
+    if options.landmark_mm:
+        lines.append(f"Hips and shoulders lie {options.landmark_mm:g} mm elsewhere on each body, others in proportion.")
+    if options.peoples_proportions:
+        lines.append("Bodies have people's proportions, as recorded, in place of the capture's.")
     sensor = depth_sensor(options)
     if isinstance(sensor, DepthCamera):
         lines.append(
@@ -140,7 +206,7 @@ def detections_head(options: argparse.Namespace) -> str:
     height = "the height at which the built-in proportions give the reference's limbs and trunk their length"
     given = height + (", and the reference's bones" if options.measured_bones else " alone")
     return (
-        f"Real detections: {', '.join(f.name for f in options.detections)}; one camera at a time.\n"
+        f"Real detections: {', '.join(f.name for f in recording_files(options.detections))}; one camera at a time.\n"
         f"Given: {given}. Settings {given_settings(options) or 'default'}. Automatic initialisation.\n"
         "Limb joints against the multi-camera 3D reference, aligned at the middle of the hips (no hips in view: of the "
         "shoulders).\nThe reference is the detector's own points triangulated; 2-4 cm of bias are its own.\n"

@@ -16,10 +16,13 @@ from zlib import error as DamagedArchive
 
 import numpy as np
 
+from benchmarks.accuracy_run import anatomy
 from benchmarks.accuracy_run.experiment import FIGURES
 from benchmarks.accuracy_run.metrics import acceleration_error, flipped_frames, joint_errors, mpjpe, pa_mpjpe
 from benchmarks.accuracy_run.runs import Track, follow
 from benchmarks.common.report import Record
+from benchmarks.data.body_lengths import landmark_lengths, rms_difference, skeleton_lengths
+from benchmarks.data.recordings import recorded_person
 from benchmarks.methods.baselines import FOLLOWERS
 from benchmarks.methods.mediapipe_world import world_track
 from benchmarks.methods.smplify import fit_clip
@@ -58,7 +61,7 @@ class Recording:
     """One camera's keypoints of one person.
 
     points: (f, l, 2) normalised; confidence: (f, l); reference: (f, l, 3) m in the camera frame, NaN = unknown;
-    focal: px; world: (f, l, 3) m, the detector's own 3D, None without.
+    focal: px; stamps: (f,) s; world: (f, l, 3) m, the detector's own 3D, None without.
     """
 
     name: str
@@ -68,14 +71,15 @@ class Recording:
     points: np.ndarray
     confidence: np.ndarray
     reference: np.ndarray
+    stamps: np.ndarray
     world: np.ndarray | None = None
 
     @property
     def observations(self) -> list[Observation]:
         """All frames, in order."""
         return [
-            Observation(frame / self.fps, points, self.confidence[frame], self.focal)
-            for frame, points in enumerate(self.points)
+            Observation(float(stamp), points, confidence, self.focal)
+            for stamp, points, confidence in zip(self.stamps, self.points, self.confidence)
         ]
 
 
@@ -112,7 +116,7 @@ def _cameras(file: Path) -> int:
 
 def _fault(arrays: Mapping[str, np.ndarray]) -> str:
     """The fault of a file's arrays, in words; empty if there is none."""
-    layout, count = _layout(arrays["keypoint_names"])
+    layout, count = layout_of(arrays["keypoint_names"])
     if not layout:
         return f"has keypoint_names that no layout of {', '.join(built_in_layouts())} begins with"
     for name in ("kp2d", "ref_cam", "K", "dist", "fps"):
@@ -135,7 +139,7 @@ def _fault(arrays: Mapping[str, np.ndarray]) -> str:
     return "has no reference" if not np.isfinite(arrays["ref_cam"]).any() else ""
 
 
-def _layout(names: np.ndarray) -> tuple[str, int]:
+def layout_of(names: np.ndarray) -> tuple[str, int]:
     """The built-in layout that agrees with most of the keypoints' names, and its number of points; "" if none does.
 
     Detectors write LHip, l_hip or left_hip. They agree on the points at joints (`JOINTS`), but not on those of the
@@ -160,7 +164,7 @@ def _plain(name: str) -> str:
 def load_recording(file: Path, camera: int) -> Recording:
     """Read one camera of a file, with lens distortion removed."""
     data = np.load(file)
-    layout, count = _layout(data["keypoint_names"])
+    layout, count = layout_of(data["keypoint_names"])
     keypoints = data["kp2d"][camera, :, :count].astype(float)
     confidence = np.where(np.isfinite(keypoints).all(-1), keypoints[..., 2], 0.0)
     reference = data["ref_cam"][camera, :, :count].astype(float)
@@ -171,7 +175,18 @@ def load_recording(file: Path, camera: int) -> Recording:
     points = np.where(confidence[..., None] > 0, points, np.nan)
     world = data["world"][camera, :, :count].astype(float) if "world" in data else None
     focal = float(K[0, 0] + K[1, 1]) / 2
-    return Recording(file.stem, layout, float(data["fps"]), focal, points, confidence, reference, world)
+    fps, stamps = float(data["fps"]), _stamps(data, camera, len(points))
+    return Recording(file.stem, layout, fps, focal, points, confidence, reference, stamps, world)
+
+
+def _stamps(data: Mapping[str, np.ndarray], camera: int, frames: int) -> np.ndarray:
+    """(f,) s: the camera's own, those of all cameras, or by the frame rate. A frame without image gets a stamp too."""
+    regular = np.arange(frames) / float(data["fps"])
+    if "stamps" not in data:
+        return regular
+    stamps = data["stamps"] if data["stamps"].ndim == 1 else data["stamps"][camera]
+    known = np.isfinite(stamps)
+    return np.asarray(regular + np.interp(regular, regular[known], (stamps - regular)[known]))
 
 
 def undistorted(pixels: np.ndarray, K: np.ndarray, distortion: np.ndarray) -> np.ndarray:
@@ -256,10 +271,18 @@ def run_detections(job: DetectionJob) -> Record:
         "fps": recording.fps,
         "landmarks": recording.layout,
         "method": job.method,
+        "person": recorded_person(recording.name),
         "height_m": config.height,
         "skeleton": "reference bones" if job.measured_bones else "height",
         **score(track, recording, layout),
+        **_lengths(track, skeleton, landmark_lengths(recording.reference, layout)),
     }
+
+
+def _lengths(track: Track, given: Skeleton, own: np.ndarray) -> Record:
+    """How far the log-lengths given and those learned are from the person's own (7,) m, root mean square."""
+    learned = float("nan") if track.skeleton is None else rms_difference(skeleton_lengths(track.skeleton), own)
+    return {"lengths_given": rms_difference(skeleton_lengths(given), own), "lengths_learned": learned}
 
 
 def _followed(method: str, recording: Recording, config: TrackerConfig, skeleton: Skeleton, layout: Layout) -> Track:
@@ -285,7 +308,7 @@ def score(track: Track, recording: Recording, layout: Layout) -> Record:
     truth, estimate = known[:, index], track.landmarks[:, index]
     own_root, true_root = track.landmarks[:, root].mean(1), known[:, root].mean(1)
     if not scored.any():  # nobody was found, or only in frames without a reference
-        none = {**dict.fromkeys(FIGURES, float("nan")), "rejected": int(track.rejected.sum())}
+        none = {**dict.fromkeys((*FIGURES, *anatomy.FIGURES), float("nan")), "rejected": int(track.rejected.sum())}
         return {"frames": 0, **none, "ends_lost": bool(track.rejected[-1])}
     error = mpjpe(estimate[scored], truth[scored], own_root[scored], true_root[scored])
     flips = flipped_frames(estimate[scored], truth[scored], list(JOINTS))
@@ -307,6 +330,7 @@ def score(track: Track, recording: Recording, layout: Layout) -> Record:
         "rejected": int(track.rejected.sum()),
         "ends_lost": bool(track.rejected[-1]),
         "joints_mm": joint_errors(estimate[scored], truth[scored], own_root[scored], true_root[scored], list(JOINTS)),
+        **anatomy.body_figures(estimate, truth, list(JOINTS), recording.stamps),
     }
 
 

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.data.depth_images import DepthCamera
 from benchmarks.data.depth_sensor import DepthSensor
 from benchmarks.data.mocap import EVALUATED, Clip, clip_fps, clip_height, landmark_positions
+from benchmarks.data.strangers import displaced, displacements
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.core.body.skeleton import Skeleton
 
@@ -53,7 +54,8 @@ class Condition:
     than the camera. fps: frame rate, Hz. camera_roll, camera_pitch: rad, the camera's mount, as the tracker's settings.
     lying: the person lies on a side drawn by the seed, and moves as if standing. depth: sensor that measures the depth
     of each landmark, camera whose depth images are sampled at the keypoints, or None. hidden: landmarks that are never
-    detected.
+    detected. landmark_mm: standard deviation over people of the places of hips and shoulders on the body, mm, and of
+    other landmarks in proportion; proportions: lengths drawn from people's in place of the capture's (`strangers`).
     """
 
     noise_px: float = 2.0
@@ -69,6 +71,8 @@ class Condition:
     offset_px: float = 0.0
     depth: DepthSensor | DepthCamera | None = None
     hidden: tuple[str, ...] = ()
+    landmark_mm: float = 0.0
+    proportions: bool = False
 
 
 def step_for(clip_fps: float, fps: float) -> int:
@@ -82,8 +86,13 @@ def rate_of(file: Path, fps: float) -> float:
     return own / step_for(own, fps)
 
 
-def view_of(clip: Clip, layout: Layout, skeleton: Skeleton, condition: Condition, view: int, seed: int) -> View:
-    """One view: a camera that faces the middle of the clip, at 3-4 m, f 1000-1400 px, drawn by seed and view."""
+def view_of(
+    clip: Clip, layout: Layout, skeleton: Skeleton, condition: Condition, view: int, seed: int, person: str = ""
+) -> View:
+    """One view: a camera that faces the middle of the clip, at 3-4 m, f 1000-1400 px, drawn by seed and view.
+
+    person: the landmarks' places on the body are the same in all clips of a person.
+    """
     random = np.random.default_rng([seed, view, *clip.name.encode()])
     step = step_for(clip.fps, condition.fps)
     centre = 0.5 * (clip.position("pelvis").min(0) + clip.position("pelvis").max(0))
@@ -105,7 +114,11 @@ def view_of(clip: Clip, layout: Layout, skeleton: Skeleton, condition: Condition
     frames = slice(None, None, step)
     truth = to_camera(np.stack([clip.position(name)[frames] for name in EVALUATED], axis=1))
     root = to_camera(clip.position("pelvis")[frames])
-    points = to_camera(landmark_positions(clip, layout, skeleton)[frames])
+    landmarks = landmark_positions(clip, layout, skeleton)
+    if condition.landmark_mm > 0:
+        off = displacements(layout, person, condition.landmark_mm / 1000, clip_height(clip), seed)
+        landmarks = displaced(landmarks, clip, layout, skeleton, off)
+    points = to_camera(landmarks[frames])
     centre_px = np.array([640.0, 360.0])
     exact = points[..., :2] / points[..., 2:] * focal + centre_px
     pixels = exact + random.normal(size=exact.shape) * condition.noise_px

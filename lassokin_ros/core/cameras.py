@@ -49,10 +49,12 @@ class Camera:
         body: BodyPose | None,
         model_error: float,
         config: TrackerConfig,
+        alone: bool,
     ) -> Measurement:
         """The keypoints and depths of an image after the filter of their tracks.
 
-        weights: (l,) from `gate_observation`. body: the last pose, in the frame of the skeleton. model_error: m.
+        weights: (l,) from `gate_observation`. body: the last pose, in the frame of the skeleton. model_error: m. alone:
+        whether no other camera has followed the person in the meantime; the rows then have full weight at once.
         """
         depth, self.pose = None, observation.camera
         if body is not None:
@@ -62,7 +64,7 @@ class Camera:
                 own = depth_of_own_surface(observation.depth, seen, self._kinematics)
                 observation = replace(observation, depth=own)
         measurement = self.measurements.filtered(observation, weights, depth, model_error, config)
-        self._count_presence(measurement.stamp)
+        self._count_presence(measurement.stamp, alone)
         return self.depth_noise.update(measurement, observation.depth_age)
 
     def view(self, measurement: Measurement, vertical: Vertical, sized: bool) -> FrameData:
@@ -116,9 +118,15 @@ class Camera:
         fading = (stamp - self._seen_at - SILENT_AFTER) / (GONE_AFTER - SILENT_AFTER)
         return self._presence * min(max(1 - fading, 0.0), 1.0)
 
-    def _count_presence(self, stamp: float) -> None:
+    def seen_at(self, stamp: float) -> bool:
+        """Whether the camera has followed the person up to a stamp, s."""
+        return bool(stamp - self._seen_at < GONE_AFTER)
+
+    def _count_presence(self, stamp: float, alone: bool) -> None:
         """Note an image: the weight grows as it has faded."""
-        if np.isfinite(self._seen_at):
+        if alone:
+            self._presence = 1.0
+        elif np.isfinite(self._seen_at):
             grown = min(stamp - self._seen_at, SILENT_AFTER) / (GONE_AFTER - SILENT_AFTER)
             self._presence = min(self._presence_at(stamp) + grown, 1.0)
         self._seen_at = stamp

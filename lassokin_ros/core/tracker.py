@@ -257,7 +257,9 @@ class Tracker:
                 continue
             body = None if self._solved is None else self._solved.pose
             error = self.learned.model_error.deviation
-            measurement = camera.measure(observation, weights, body, error, self.config)
+            others = (other for other in self._cameras if other is not camera)
+            alone = body is None or not any(other.seen_at(observation.stamp) for other in others)
+            measurement = camera.measure(observation, weights, body, error, self.config, alone)
             if len(self._cameras) > 1 and observation.stamp <= self._newest:  # a later image has been used
                 camera.measurements.mark_used(measurement)
                 first = first or Rejection.LATE

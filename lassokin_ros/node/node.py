@@ -45,6 +45,8 @@ LEFTOVER_S = 25.0
 UNUSED_MESSAGES = 60
 """Number of messages whose keypoints are all below `min_confidence`. If there are as many before the first result, the
 log reports it."""
+KEY_LENGTH = 20
+"""Characters of a warning that identify it; numbers may follow."""
 CHECK_PERIOD_S = 0.25
 """s: period of the check for people and cameras that have left. A departure is noticed within twice this time."""
 
@@ -245,6 +247,8 @@ class TrackerNode(Node):
             self._keypoints.check(now, self._diagnostics.keypoints_received)
         line = self._diagnostics.line(now, presence, "; ".join(filter(None, concerns)))
         self._diagnostics_out.publish(self._status.fill(self.get_clock().now().nanoseconds, "", [line]))
+        for words in self._diagnostics.inputs:
+            self._warning.log(words[:KEY_LENGTH], words)
 
     def _duplicate_node(self) -> str:
         """Return that another node publishes the same topics; empty if there is none."""

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.pipeline.depth_sampling import sample_depth
+from lassokin_ros.pipeline.input_checks.repeats import FROZEN_S, same_image
 from msg_adapters.compressed_depth import CompressedDepth, decode_compressed_depth
 from msg_adapters.depth_image import DepthImage, decode_depth_image
 from msg_adapters.errors import AdapterError
@@ -30,10 +31,10 @@ REGISTERED_NAMES = ("aligned_depth_to_color", "depth_registered", "depth_to_rgb"
 
 RECEIVED, MATCHED, UNMATCHED = "depth: received", "depth: matched", "depth: no image of the keypoints' time"
 REFUSED, NOT_REGISTERED = "depth: refused", "depth: not registered"
-EARLIER = "depth: matched, the image before"
-COUNTS = (RECEIVED, MATCHED, EARLIER, UNMATCHED, REFUSED, NOT_REGISTERED)
-"""Keys of the counts: depth images received and refused; keypoint messages with and without a depth image. Those with
-the image of the period before are part of MATCHED."""
+EARLIER, REPEATED = "depth: matched, the image before", "depth: repeated"
+COUNTS = (RECEIVED, REPEATED, MATCHED, EARLIER, UNMATCHED, REFUSED, NOT_REGISTERED)
+"""Keys of the counts: depth images received, repeated and refused; keypoint messages with and without a depth image.
+Those with the image of the period before are part of MATCHED."""
 
 
 class DepthImages:
@@ -49,6 +50,7 @@ class DepthImages:
         self._registered = registered or any(name in topic for name in REGISTERED_NAMES)
         self._images: deque[DepthImage | CompressedDepth] = deque(maxlen=KEPT)
         self._period_ns = LONGEST_PERIOD_NS
+        self._newest: tuple[int, np.ndarray] | None = None  # stamp, ns, and content of the last image, repeated or not
         self._refused = False  # `fault` is that of a refused image
         self.fault = ""
         """Why depth images are not used, in words; empty if they are."""
@@ -58,12 +60,18 @@ class DepthImages:
     def reset(self) -> None:
         """Forget the images, because time or camera have changed."""
         self._images.clear()
-        self._period_ns = LONGEST_PERIOD_NS
+        self._period_ns, self._newest = LONGEST_PERIOD_NS, None
 
     @property
     def newest_ns(self) -> int | None:
         """Stamp of the newest image, ns; None before the first one."""
-        return self._images[-1].stamp_ns if self._images else None
+        return None if self._newest is None else self._newest[0]
+
+    @property
+    def frozen(self) -> bool:
+        """True if the same image has been received for more than FROZEN_S."""
+        first = self._images[-1].stamp_ns if self._images else None
+        return self._newest is not None and first is not None and self._newest[0] - first > FROZEN_S * 1e9
 
     @property
     def tolerance_ns(self) -> int:
@@ -90,10 +98,21 @@ class DepthImages:
                 return None
             if step <= 0:
                 self.reset()  # a bag loop, or a seek
-            else:
-                self._period_ns = min(step, 2 * self._period_ns, LONGEST_PERIOD_NS)
-        self._images.append(image)
+        self._keep(image, image.stamp_ns)
         return None
+
+    def _keep(self, image: DepthImage | CompressedDepth, stamp_ns: int) -> None:
+        """Keep an image. A repeated one is no new measurement: it keeps the stamp of its first occurrence."""
+        content = image.values if isinstance(image, DepthImage) else np.frombuffer(image.data, np.uint8)
+        before, self._newest = self._newest, (stamp_ns, content)
+        if before is not None and same_image(content, before[1]):
+            self._counts[REPEATED] += 1
+            return
+        if self._images:
+            first_ns = self._images[-1].stamp_ns
+            assert first_ns is not None
+            self._period_ns = min(stamp_ns - first_ns, 2 * self._period_ns, LONGEST_PERIOD_NS)
+        self._images.append(image)
 
     def may_receive(self, stamp_ns: int | None) -> bool:
         """Return True if the depth image of keypoints with this stamp may still come."""
@@ -164,7 +183,7 @@ class DepthImages:
         if abs((width / height) / (size[0] / size[1]) - 1) > LARGEST_ASPECT_ERROR:
             return (
                 f"the depth image has {width} x {height} px, the colour image {size[0]} x {size[1]}, "
-                f"a different shape: {advice}"
+                f"a different shape: {advice}, and check that camera_info is of the same camera"
             )
         if not image.frame_id or not any(frames) or image.frame_id in frames:
             return ""

@@ -38,7 +38,7 @@ class FrameResult:
     lens: the lens of the image. None if the message was refused before tracking.
     skeleton: the skeleton with the lengths used for this result. None if the message was refused before tracking.
     earlier: s since the result before, and its joint positions (n, 3) m; see `joint_velocities`. None after
-    initialisation.
+    initialisation, and for a step of the stamps below 1 ms.
     velocity: (3,) m/s, velocity of the pelvis, averaged over 0.2 s. None if rejected.
     measure: computes the joint uncertainty, see `uncertainty`.
     observe: computes which joints are observed, see `observed`.

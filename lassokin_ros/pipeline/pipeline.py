@@ -25,13 +25,17 @@ from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE, Camera,
 from lassokin_ros.pipeline.depth_images import DepthImages
 from lassokin_ros.pipeline.detections import detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
+from lassokin_ros.pipeline.input_checks.landmark_ids import LandmarkIds
+from lassokin_ros.pipeline.input_checks.messages import LEADING_SLASH, check_layout, has_leading_slash
+from lassokin_ros.pipeline.input_checks.own_depth import OwnDepth
+from lassokin_ros.pipeline.input_checks.stamp_rate import StampRate
 from lassokin_ros.pipeline.outputs.description.urdf import check_names
 from lassokin_ros.pipeline.people.matching import is_trackable
 from lassokin_ros.pipeline.people.people_tracker import PeopleImage, PeopleTracker
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.people.single_person import SinglePersonTracker
 from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
-from lassokin_ros.pipeline.placeholders import PLACEHOLDERS, refuse_fractions, without_placeholders
+from lassokin_ros.pipeline.placeholders import PLACEHOLDERS, checked_positions
 from lassokin_ros.pipeline.settings import MESSAGE, NodeSettings
 from lassokin_ros.pipeline.stamps import StampWatch
 from lassokin_ros.skeleton_readers.load import load_skeleton, naming_help
@@ -45,6 +49,8 @@ UNUSED = "keypoints below min_confidence"
 """Key of the count of messages with keypoints, none of which reaches `min_confidence`."""
 DEPTH_IN_MESSAGE = "depth: in the message"
 """Key of the count of keypoint messages with depths of their own."""
+UNSCORED = "keypoints without confidence"
+"""Key of the count of messages with the positions of a body, all with a confidence of 0 or NaN."""
 
 
 class Pipeline:
@@ -83,6 +89,12 @@ class Pipeline:
         self.mount = CameraMount(self.config.camera_mount_frame) if self.config.camera_mount_frame else None
         """The camera's mount from TF, None if the setting `camera_mount_frame` names no frame."""
         self._stamps = StampWatch()
+        self.stamp_rate = StampRate()
+        """The rates of the stamps and of the arrivals."""
+        self.own_depth = OwnDepth()
+        """What is unusual about depths in the keypoint messages."""
+        self.landmark_ids = LandmarkIds(self.tracker.layout.names)
+        """Which landmarks have appeared."""
         self._camera_frame: str | None = None  # frame of the camera that took the last image
         self._latest: tuple[int, int] | None = None  # stamp and arrival, ns, of the last message not refused as a whole
         self.image: tuple[int, str] | None = None
@@ -221,8 +233,12 @@ class Pipeline:
             self._count_nobody_and_outside(keypoints, view)
             if keypoints.stamp_ns is None:
                 self.counts["unstamped"] += 1
+            else:
+                self.stamp_rate.add(keypoints.stamp_ns, arrival_ns)
             stamped = keypoints.stamp_ns is not None
             stamp_ns = keypoints.stamp_ns or self._stamps.estimate(arrival_ns)
+            keypoints = self.own_depth.checked(keypoints, stamp_ns)
+            self.landmark_ids.add(keypoints)
             if keypoints.depth is not None:
                 self.counts[DEPTH_IN_MESSAGE] += bool(np.count_nonzero(keypoints.depth > 0) >= FEWEST)
             elif self.depth is not None:
@@ -252,12 +268,14 @@ class Pipeline:
         view = self.camera.at(keypoints.stamp_ns, keypoints.frame_id)
         if view is not present:
             keypoints = self._adapter.decode(message, view.size)
+        if has_leading_slash(message):
+            self.counts[LEADING_SLASH] += 1
+        check_layout(keypoints, self.tracker.layout, self.tracker.config.landmarks)
         return keypoints, view
 
     def _remove_placeholders(self, keypoints: Keypoints, view: View) -> Keypoints:
         """Remove placeholder coordinates, and count the message. Raises AdapterError for fractions of the image."""
-        refuse_fractions(keypoints, view.size)
-        kept = without_placeholders(keypoints, view.size)
+        kept = checked_positions(keypoints, view.size)
         if kept is not keypoints:
             self.counts[PLACEHOLDERS] += 1
         return kept
@@ -269,6 +287,8 @@ class Pipeline:
             self.counts[NOBODY] += 1
             self.unused_confidence = float(keypoints.confidence.compress(keypoints.present).max(initial=0.0))
             self.counts[UNUSED] += self.unused_confidence > 0
+            if self.unused_confidence == 0 and keypoints.unscored >= self.tracker.config.min_landmarks:
+                self.counts[UNSCORED] += 1
         if view.has_outside(keypoints.xy.compress(confident, axis=0)):
             self.counts[OUTSIDE_IMAGE] += 1
 

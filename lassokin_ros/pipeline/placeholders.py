@@ -1,7 +1,8 @@
 """Remove coordinates that stand in place of a measurement.
 
 Detectors write such placeholders for keypoints that they did not find, often with a confidence above 0: the border of
-the image (clamped coordinates), (-1, -1), the centre of the image, or one position for several keypoints.
+the image (clamped coordinates), (-1, -1), the centre of the image, one position for several keypoints, or one x or y
+for several keypoints (see `shared_coordinates`).
 
 A clamped point is at the border or beyond. It is treated as missing. Its use as a bound on one side would hardly
 improve the pose, see docs/faults.md.
@@ -14,6 +15,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from lassokin_ros.pipeline.input_checks.shared_coordinates import is_shared
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
 
@@ -35,6 +37,15 @@ LEAST_FRACTION = 0.01
 """Of the side's length: smallest extent of such keypoints. A few placeholders can be less than a pixel apart, too."""
 SMALLEST_PX = 50.0
 """px: in a person smaller than this, eyes and nose can have the same rounded position."""
+
+
+def checked_positions(keypoints: Keypoints, size: tuple[int, int]) -> Keypoints:
+    """Return the keypoints without placeholders. Raises AdapterError for fractions of the image in place of px.
+
+    size: (width, height) px of the image; 0 = unknown.
+    """
+    refuse_fractions(keypoints, size)
+    return without_placeholders(keypoints, size)
 
 
 def refuse_fractions(keypoints: Keypoints, size: tuple[int, int]) -> None:
@@ -64,7 +75,7 @@ def without_placeholders(keypoints: Keypoints, size: tuple[int, int]) -> Keypoin
     if _is_free(keypoints.xy.compress(present, axis=0), size):
         return keypoints
     with np.errstate(invalid="ignore"):
-        wrong = _sentinel(keypoints.xy, size) | _at_fixed_place(keypoints.xy, size) | _repeated(keypoints, present)
+        wrong = _sentinel(keypoints.xy, size) | _at_fixed_place(keypoints.xy, size) | _alike(keypoints, present, size)
         wrong &= present
     if np.count_nonzero(wrong) == 0:
         return keypoints
@@ -83,7 +94,7 @@ def _is_free(xy: np.ndarray, size: tuple[int, int]) -> bool:
     x, y = xy.T.tolist()  # the sets and minima of so few numbers take half the time of numpy's
     inside = near_x < min(x) and max(x) < far_x and near_y < min(y) and max(y) < far_y
     different = set(x)
-    if not inside or len(x) - len(different) >= REPEATED - 1:
+    if not inside or len(x) - len(different) >= REPEATED - 1 or len(y) - len(set(y)) >= REPEATED - 1:
         return False
     return different.isdisjoint(centres_x) and centres_y.isdisjoint(y)
 
@@ -127,18 +138,21 @@ def _at_fixed_place(xy: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     return result
 
 
-def _repeated(keypoints: Keypoints, present: np.ndarray) -> np.ndarray:
-    """(k,) bool: at least REPEATED keypoints of one person have the same position."""
+def _alike(keypoints: Keypoints, present: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """(k,) bool: keypoints of one person at the same position, or with the same x or y, as others."""
     result = np.zeros(len(present), dtype=bool)
     rows = np.flatnonzero(present)
-    x = np.sort(keypoints.xy[rows, 0])
-    if np.count_nonzero(x[1:] == x[:-1]) < REPEATED - 1:
-        return result
     people = np.zeros(len(present)) if keypoints.persons is None else keypoints.persons
     for person in np.unique(people[rows]):
         own = rows[people[rows] == person]
-        if np.ptp(keypoints.xy[own], axis=0).max() < SMALLEST_PX:
-            continue
-        _, index, counts = np.unique(keypoints.xy[own], axis=0, return_inverse=True, return_counts=True)
-        result[own] = counts[index.reshape(-1)] >= REPEATED
+        xy = keypoints.xy[own]
+        if np.ptp(xy, axis=0).max() >= SMALLEST_PX:
+            result[own] = _repeated(xy) | is_shared(xy, size)
     return result
+
+
+def _repeated(xy: np.ndarray) -> np.ndarray:
+    """(k,) bool: at least REPEATED of the points (k, 2) have this position."""
+    _, index, counts = np.unique(xy, axis=0, return_inverse=True, return_counts=True)
+    repeated: np.ndarray = counts[index.reshape(-1)] >= REPEATED
+    return repeated

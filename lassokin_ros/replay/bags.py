@@ -14,7 +14,15 @@ from typing import Any
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.yaml_files import load_mapping, read_text
 from lassokin_ros.replay.errors import BagError as BagError
-from lassokin_ros.replay.recording_files import METADATA, DataFile, clear_errors, open_files
+from lassokin_ros.replay.mcap_schemas import CDR, encoding_of
+from lassokin_ros.replay.recording_files import (
+    METADATA,
+    DataFile,
+    advice_on_folder,
+    clear_errors,
+    open_files,
+    refuse_other_files,
+)
 from msg_adapters.detectors.definitions import DEFINITIONS, OLDER
 
 STORAGES = ("sqlite3", "mcap")
@@ -33,14 +41,16 @@ PART_SUFFIX = ".part"
 
 @dataclass(frozen=True)
 class RecordedTopic:
-    """A topic of a recording: name, message type and number of messages."""
+    """A topic of a recording: name, message type, number of messages, and their encoding."""
 
     name: str
     message_type: str
     count: int
+    encoding: str = CDR
 
     def __str__(self) -> str:
-        return f"{self.name} ({self.message_type}, {self.count} messages)"
+        encoding = "" if self.encoding == CDR else f" in {self.encoding}"
+        return f"{self.name} ({self.message_type}, {self.count} messages{encoding})"
 
 
 def typestore() -> Any:
@@ -61,10 +71,11 @@ class BagReader:
         self.types = typestore()
         self._older: Any = None  # types of older releases of detectors' packages
         self._undefined: set[str] = set()  # message types that the recording does not define
+        refuse_other_files(path)
         if not path.exists():
             raise BagError(f"there is no recording '{path}'; expected a rosbag2 folder, or a .mcap or .db3 file")
         if path.is_dir() and not (path / METADATA).is_file():
-            raise BagError(f"'{path}' is not a rosbag2 recording: it has no {METADATA}")
+            raise BagError(f"'{path}' is not a rosbag2 recording: it has no {METADATA}{advice_on_folder(path)}")
         with ExitStack() as stack:
             self._files, self._metadata = open_files(path, stack)
             self._stack = stack.pop_all()
@@ -84,11 +95,11 @@ class BagReader:
     @property
     def topics(self) -> list[RecordedTopic]:
         """The topics of the recording, sorted by name."""
-        counts: dict[tuple[str, str], int] = {}
+        counts: dict[tuple[str, str, str], int] = {}
         for connection in self._connections():
-            key = connection.topic, connection.msgtype
+            key = connection.topic, connection.msgtype, encoding_of(connection)
             counts[key] = counts.get(key, 0) + connection.msgcount
-        return [RecordedTopic(*key, count) for key, count in sorted(counts.items())]
+        return [RecordedTopic(name, kind, count, form) for (name, kind, form), count in sorted(counts.items())]
 
     def find(
         self, message_type: str, name: str | None, usual_name: str, option: str, instead: str = ""
@@ -105,8 +116,10 @@ class BagReader:
                 raise BagError(f"{self.path} has no topic '{name}'; {self._listing()}")
             if topic.message_type != message_type:
                 raise BagError(f"topic '{name}' of {self.path} holds {topic.message_type}; expected {message_type}")
+            self._check_encoding(topic)
             return topic
         candidates = [t for t in self.topics if t.message_type == message_type]
+        candidates = [t for t in candidates if t.encoding == CDR] or candidates
         if len(candidates) > 1:
             candidates = [t for t in candidates if t.name.split("/")[-1] == usual_name] or candidates
         if not candidates:
@@ -117,7 +130,15 @@ class BagReader:
         if len(candidates) > 1:
             listed = ", ".join(t.name for t in candidates)
             raise BagError(f"{self.path} has several topics for {usual_name}: {listed}; choose one with {option}")
+        self._check_encoding(candidates[0])
         return candidates[0]
+
+    def _check_encoding(self, topic: RecordedTopic) -> None:
+        if topic.encoding != CDR:
+            raise BagError(
+                f"topic '{topic.name}' of {self.path} has messages in {topic.encoding}; expected {CDR}, the encoding "
+                "of ROS 2: record it from ROS 2, or convert it"
+            )
 
     def _listing(self) -> str:
         return f"its topics are: {', '.join(map(str, self.topics)) or 'none'}"
@@ -128,7 +149,7 @@ class BagReader:
         Raises BagError where the recording breaks off, and at the end if messages are missing.
         """
         for connection in self._connections():
-            if any(topic.name == connection.topic for topic in topics):
+            if any((topic.name, topic.encoding) == (connection.topic, encoding_of(connection)) for topic in topics):
                 self._register(connection)
         for group in _grouped(self._items(topics)):
             read = [(item.topic, time_ns, self._message(data, item.msgtype)) for item, time_ns, data in group]
@@ -153,11 +174,11 @@ class BagReader:
         return (connection for file in self._files for connection in file.reader.connections)
 
     def _items(self, topics: Sequence[RecordedTopic]) -> Iterator[Any]:
-        names = {topic.name for topic in topics}
+        names = {(topic.name, topic.encoding) for topic in topics}
         if self._metadata is not None:
-            self._metadata.check_topics(self.path, self._files, sorted(names))
+            self._metadata.check_topics(self.path, self._files, sorted({topic.name for topic in topics}))
         for file in self._files:
-            chosen = [connection for connection in file.reader.connections if connection.topic in names]
+            chosen = [item for item in file.reader.connections if (item.topic, encoding_of(item)) in names]
             yield from _items_of(file, chosen)
 
     def _register(self, connection: Any) -> None:

@@ -23,6 +23,7 @@ from lassokin_ros.pipeline.outputs.naming import Naming
 from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, images_of
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
 from lassokin_ros.pipeline.outputs.status.presence_state import TRACKING, PresenceState
+from lassokin_ros.pipeline.outputs.status.warning_log import WarningLog
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
@@ -34,6 +35,8 @@ from msg_adapters.output_messages.builders import DiagnosticArrayBuilder, String
 from msg_adapters.output_messages.people import DEFINITIONS
 
 DIAGNOSTICS_PERIOD_NS = 1_000_000_000
+LAST_PERIOD_NS = 700_000_000
+"""ns: if less than this is missing to the last period of the diagnostics, its warnings are collected, too."""
 RECORDED = {topic.name for topic in (*topics.FRAME_OUTPUTS, topics.ROI_OUTPUT, topics.TF_OUTPUT)}
 """Topics of an accepted frame that are written."""
 DEPTH_WAIT_NS = 100_000_000
@@ -71,6 +74,8 @@ class OfflineTracker:
         With `smoothing_lag` they are called when the frames leave the smoother."""
         self.first_rejection: tuple[str, str] | None = None
         """Key and sentence of the reason of the first rejection, also of a camera_info."""
+        self.warnings = WarningLog()
+        """The warnings of /diagnostics."""
         self.initialisations = 0
         self._reinitialised = 0
         self._backend = RosbagsBackend(types)
@@ -170,6 +175,9 @@ class OfflineTracker:
         """Flush the frames that `smoothing_lag` still holds at the end of the recording; see `keypoints`."""
         while self._held:
             yield from self._track(*self._held.popleft())
+        if self._diagnostics is not None and self._next_diagnostics_ns - self.newest_ns < LAST_PERIOD_NS:
+            self._diagnostics.line(self.newest_ns * 1e-9)
+            self.warnings.add(self._diagnostics.concerns)
         frames = self.pipeline.flush()
         if frames:
             self._notify(frames, self.newest_ns, float("nan"))
@@ -224,6 +232,7 @@ class OfflineTracker:
         if time_ns >= self._next_diagnostics_ns:
             self._next_diagnostics_ns = time_ns + DIAGNOSTICS_PERIOD_NS
             line = self._diagnostics.line(time_ns * 1e-9)
+            self.warnings.add(self._diagnostics.concerns)
             message = self._status.fill(time_ns, "", [line])
             name = topics.full_name(topics.DIAGNOSTICS, NODE_NAME)
             yield name, topics.DIAGNOSTICS_OUTPUT.message_type, message

@@ -48,8 +48,8 @@ def _add_inputs(result: argparse.ArgumentParser) -> None:
         "--camera-info",
         type=Path,
         metavar="FILE",
-        help="calibration file that replaces camera_info of the recording: ost.yaml of ROS, YAML of OpenCV, or a "
-        "camchain of Kalibr (camchain.yaml:cam1 for one of several cameras)",
+        help="calibration file that replaces camera_info of the recording: ost.yaml of ROS, YAML of OpenCV, a "
+        "camchain of Kalibr, or TOML of Pose2Sim, Anipose or caliscope (camchain.yaml:cam1 for one of several cameras)",
     )
 
 

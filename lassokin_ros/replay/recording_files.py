@@ -17,6 +17,7 @@ from typing import Any
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.yaml_files import load_mapping, read_text
 from lassokin_ros.replay.errors import BagError
+from lassokin_ros.replay.mcap_schemas import any_schema
 from lassokin_ros.replay.sqlite_journal import merged
 
 METADATA = "metadata.yaml"
@@ -24,6 +25,22 @@ SUFFIXES = (".mcap", ".db3")
 PART = re.compile(r"(?P<stem>.*)_(?P<number>\d{1,5})(?P<suffix>\.(mcap|db3)(\.zstd)?)")
 """Name of a file of a split recording. Longer numbers are dates or times."""
 MCAP_MAGIC = b"\x89MCAP0\r\n"
+_VIDEO = ("a video", "track it with: lassokin track {path}")
+_IMAGE = ("an image", "track the folder of images with: lassokin track {path.parent}")
+_ARRAYS = (
+    "a file of keypoints, not a recording of messages",
+    "write it as a recording with write_keypoint_recording (docs/README.md), or track it in Python",
+)
+_ARCHIVE = ("an archive", "unpack it, and give the recording that it contains")
+OTHER_FILES = {
+    ".bag": ("a recording of ROS 1", "convert it with: rosbags-convert --src {path} --dst {path.stem}"),
+    **dict.fromkeys((".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv"), _VIDEO),
+    **dict.fromkeys((".jpg", ".jpeg", ".png"), _IMAGE),
+    **dict.fromkeys((".json", ".csv", ".npy", ".npz", ".h5", ".hdf5", ".pkl", ".trc", ".c3d"), _ARRAYS),
+    **dict.fromkeys((".yaml", ".yml"), ("a text file", "give the folder of the recording: {path.parent}")),
+    **dict.fromkeys((".zip", ".gz", ".tgz", ".tar", ".7z", ".xz"), _ARCHIVE),
+}
+"""Suffix -> what such a file is, and what to do with it."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +94,26 @@ def read_metadata(folder: Path) -> Metadata | None:
     except (BagError, KeyError, TypeError, ValueError, AttributeError):
         return None
     return Metadata(files, mode != "none", topics, counts)
+
+
+def refuse_other_files(path: Path) -> None:
+    """Raise BagError for a file that is no recording of ROS 2, with what it is and what to do."""
+    if path.is_file() and path.suffix.lower() in OTHER_FILES:
+        what, remedy = OTHER_FILES[path.suffix.lower()]
+        raise BagError(
+            f"'{path}' is {what}; expected a rosbag2 folder, or a .mcap or .db3 file: {remedy.format(path=path)}"
+        )
+
+
+def advice_on_folder(folder: Path) -> str:
+    """Return what to do with a folder of images, or of other files that are not read; empty if it has none."""
+    suffixes = Counter(file.suffix.lower() for file in folder.iterdir())
+    found = [suffix for suffix, _ in suffixes.most_common() if suffix in OTHER_FILES]
+    if not found:
+        return ""
+    if OTHER_FILES[found[0]] is _IMAGE:
+        return f"; it has images: track them with: lassokin track {folder}"
+    return f"; it has {found[0]} files, and each is {OTHER_FILES[found[0]][0]}"
 
 
 def open_files(path: Path, stack: ExitStack) -> tuple[list[DataFile], Metadata | None]:
@@ -134,7 +171,7 @@ def _open(path: Path, stack: ExitStack) -> DataFile:
             f"was cut; write what it holds to another file with: mcap recover {path} -o recovered.mcap"
         )
     source = merged(path, stack) if path.suffix == ".db3" and path.is_file() else path
-    with clear_errors(path):
+    with clear_errors(path), any_schema():
         reader = Reader(source)
         reader.open()
     stack.callback(reader.close)

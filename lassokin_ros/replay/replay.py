@@ -65,7 +65,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
     with BagReader(options.bag) as bag, TemporaryDirectory(prefix="lassokin_") as folder:
         keypoints_type = full_type_name(node_config.keypoints_type)
         keypoints = bag.find(keypoints_type, options.keypoints_topic, topics.KEYPOINTS, "--keypoints-topic")
-        camera = camera_source(bag, options, node_config.rectified)
+        camera = camera_source(bag, options, node_config.rectified, keypoints)
         others = _other_topics(bag, node_config)
         read = [keypoints, *camera.recorded, *others]
         given = None
@@ -237,6 +237,7 @@ def _summary(
             lines["depth images"] += f"; {remark}"
     for person, height in tracker.pipeline.heights().items():
         lines[f"height of {person}" if person else "height"] = height_in_words(height)
+    lines |= {f"warned {number}": words for number, words in enumerate(tracker.warnings.lines, 1)}
     if counts[LINK_AS_FRAME]:
         lines["base frame"] = "frame_id is the name of a link of the body; robot_description has another base"
     lines.update(written)

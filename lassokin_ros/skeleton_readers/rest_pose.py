@@ -21,11 +21,14 @@ UNITS = {1.0: "m", 0.01: "cm", 0.001: "mm", 0.0254: "inches", 0.3048: "feet", 0.
 """Metres -> unit."""
 METRIC = ("m", "cm", "mm")
 """The usual units, for which nothing is logged."""
-NEAR = 1.55
-"""A size counts as near if it differs from that of a person of `height` by at most this factor.
-
-It is less than the square root of 2.54, the ratio of inch and centimetre, so that only one of both can be near.
-"""
+NEAR = 1.12
+"""A unit is that of a file if the person has the size of one of `height`, up to this factor. Programs also have units
+of their own, and a unit of 0.8 cm is none of 1 cm."""
+NEAR_UNNAMED = 1.55
+"""The same for a tree with unknown joints, whose size is known roughly. It is less than the square root of 2.54, the
+ratio of inch and centimetre, so that only one of both can be near."""
+SHORTEST, TALLEST = 0.8, 2.3
+"""m: range of the height of a person."""
 PLAUSIBLE = (0.6, 2.4)
 """m: range of the longest side of a tree with unknown joints."""
 LOG = logging.getLogger(__name__)
@@ -103,8 +106,9 @@ def _is_below(tree: RestTree, joint: int, top: int) -> bool:
 def in_metres(tree: RestTree, height: float, source: str) -> RestTree:
     """Convert a tree of a file without a unit to metres: the unit that brings it nearest to `height`, m.
 
-    If no unit brings it near (CMU's BVH files have their own unit), a tree with our names is scaled to `height`. Both
-    are logged, except m, cm and mm. Raises SkeletonError for a tree with other names that is no person in any unit.
+    If no unit brings it near (CMU's BVH files have their own unit), a tree with our names is scaled to `height`. This
+    is logged, and units other than m, cm and mm. Raises SkeletonError for a tree with other names that is no person in
+    any unit.
     """
     ankles_and_head = {"left_ankle", "right_ankle", "head"} <= set(tree.names)
     if ankles_and_head:
@@ -118,7 +122,7 @@ def in_metres(tree: RestTree, height: float, source: str) -> RestTree:
     if not size > 0:
         raise SkeletonError(f"{source}: the skeleton has no size; expected a person")
     unit = min(UNITS, key=lambda unit: abs(np.log(unit * size / expected)))
-    if abs(np.log(unit * size / expected)) > np.log(NEAR):
+    if abs(np.log(unit * size / expected)) > np.log(NEAR if ankles_and_head else NEAR_UNNAMED):
         unit = _far_from_height(ankles_and_head, size, expected, height, source)
     elif UNITS[unit] not in METRIC:
         LOG.warning("%s: lengths are read in %s, which is nearest to height %.2f m", source, UNITS[unit], height)
@@ -130,10 +134,11 @@ def _far_from_height(named: bool, size: float, expected: float, height: float, s
     if named:
         LOG.warning(
             "%s: the skeleton is %g units from ankles to head; no unit makes a person of %.2f m of it, so it is scaled "
-            "to that height",
+            "to that height; %s",
             source,
             size,
             height,
+            _height_in_units(size / expected * height),
         )
         return expected / size
     for unit, name in UNITS.items():
@@ -141,4 +146,14 @@ def _far_from_height(named: bool, size: float, expected: float, height: float, s
             return unit
     raise SkeletonError(
         f"{source}: the skeleton is {size:g} units large, which is no person in {', '.join(UNITS.values())}"
+    )
+
+
+def _height_in_units(units: float) -> str:
+    """Return the advice for a skeleton of so many units that is not scaled: the heights that keep its lengths."""
+    heights = [(unit * units, name) for unit, name in UNITS.items() if SHORTEST <= unit * units <= TALLEST]
+    if not heights:
+        return "set height to that of the person"
+    return "to keep its lengths, set height to " + " or ".join(
+        f"{height:.2f} (if they are in {name})" for height, name in heights
     )

@@ -28,4 +28,5 @@ class HriSkeleton2DAdapter:
         values = np.array([(p.x, p.y, p.c) for p in points], dtype=float).reshape(-1, 3)
         xy = values[:, :2] * image_size
         xy[(values[:, :2] == -1).all(axis=1)] = np.nan  # not found
-        return Keypoints(stamp, frame_name(message.header), np.arange(len(values)), xy, values[:, 2])
+        count = len(values)
+        return Keypoints(stamp, frame_name(message.header), np.arange(count), xy, values[:, 2], landmarks=count)

@@ -16,12 +16,15 @@ def gather(
     ids: Sequence[str],
     depths: Sequence[Sequence[float]] | None = None,
     depth_of_surface: bool = True,
+    depth_note: str = "",
+    layout_size: int | None = None,
 ) -> Keypoints:
     """Return the keypoints of people, each a list of (landmark, x px, y px, confidence).
 
     ids: the tracker's id of each person. If an id is no integer >= 0 or is repeated, the detector has no tracker. The
     people are then numbered in the order of the message, and the numbers are not persistent.
-    depths: m, of each point of each person, NaN = not measured; None if the message has no depth.
+    depths: m, of each point of each person, NaN = not measured; None if the message has no depth. depth_note,
+    layout_size: as in Keypoints, there `landmarks`.
     """
     numbers = [int(text) if text.isascii() and text.isdigit() and len(text) < 19 else -1 for text in ids]
     persistent = len(set(numbers)) == len(numbers) and min(numbers, default=0) >= 0
@@ -35,4 +38,16 @@ def gather(
     depth = None if depths is None else np.array([depth for person in depths for depth in person], dtype=float)
     if depth is not None and not np.isfinite(depth).any():
         depth = None
-    return Keypoints(stamp_ns, frame_id, landmarks, xy, confidence, persons, persistent, depth, depth_of_surface)
+    return Keypoints(
+        stamp_ns,
+        frame_id,
+        landmarks,
+        xy,
+        confidence,
+        persons,
+        persistent,
+        depth,
+        depth_of_surface,
+        landmarks=layout_size,
+        depth_note=depth_note,
+    )

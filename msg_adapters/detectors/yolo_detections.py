@@ -29,14 +29,26 @@ class YoloDetectionsAdapter:
             raise AdapterError("unknown_id", "a keypoint has an id below 1; expected COCO's index plus 1")
         frame_id = frame_name(message.header)
         depths = [_depths(d, frame_id) for d in seen]
-        return gather(stamp, frame_id, people, [d.id for d in seen], depths if any(depths) else None)
+        note = next(filter(None, (_depth_note(d, frame_id) for d in seen)), "")
+        return gather(stamp, frame_id, people, [d.id for d in seen], depths if any(depths) else None, depth_note=note)
 
 
 def _depths(detection: Any, frame_id: str) -> list[float]:
     """Return the depth of each keypoint of a detection, m, NaN = not measured."""
     measured = getattr(detection, "keypoints3d", None)
-    if measured is None or not frame_id or measured.frame_id != frame_id:
+    if measured is None or not frame_id or measured.frame_id.lstrip("/") != frame_id:
         return [float("nan")] * len(detection.keypoints.data)
     check_count(len(measured.data))
     by_id = {p.id: float(p.point.z) for p in measured.data}
     return [by_id.get(p.id, float("nan")) for p in detection.keypoints.data]
+
+
+def _depth_note(detection: Any, frame_id: str) -> str:
+    """Return why the measured points of a detection are not used; empty if they are, or if there are none."""
+    measured = getattr(detection, "keypoints3d", None)
+    if measured is None or not len(measured.data) or (frame_id and measured.frame_id.lstrip("/") == frame_id):
+        return ""
+    return (
+        f"keypoints3d are in the frame {ascii(measured.frame_id[:40])}, the image in {ascii(frame_id[:40])}: their "
+        "depth is not used; set target_frame of yolo_ros to the optical frame of the image"
+    )

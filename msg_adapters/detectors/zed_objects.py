@@ -41,7 +41,9 @@ class ZedObjectsAdapter:
         people = [[point[:4] for point in person] for person in found]
         depths = [[point[4] for point in person] for person in found]
         ids = [str(body.label_id) if body.tracking_available else "" for body in bodies]
-        return gather(stamp, "", people, ids, depths, depth_of_surface=False)
+        sizes = {_count(body) for body in bodies}
+        size = sizes.pop() if len(sizes) == 1 else None
+        return gather(stamp, "", people, ids, depths, depth_of_surface=False, layout_size=size)
 
 
 def _count(body: Any) -> int:

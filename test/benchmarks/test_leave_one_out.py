@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from benchmarks.accuracy import clip_files, main, parser
+from benchmarks.accuracy import clip_files, main
 from benchmarks.accuracy_run.experiment import Job
 from benchmarks.accuracy_run.leave_one_out import prior_in_force, prior_without, under_its_prior
+from benchmarks.accuracy_run.options import parser
 from benchmarks.common.report import data_folder
 from benchmarks.data.mocap import load_clips
 from benchmarks.learn_prior import SAME_TAKE, SEEN, TRAINING, learn, mapping, rotation_vectors, write

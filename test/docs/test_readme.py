@@ -54,7 +54,7 @@ def test_the_detectors_message_is_read_back():
 def test_the_tests_named_in_the_faults_page_exist():
     """Every row of docs/faults.md names an existing test file, and an existing test if it names one."""
     page = (Path(__file__).parents[2] / "docs" / "faults.md").read_text(encoding="utf-8")
-    rows = [line for line in page.splitlines() if line.startswith("|")][2:]
+    rows = [line for line in page.splitlines() if line.startswith("|") and not line.startswith(("| fault |", "|---"))]
     assert len(rows) >= 15
     for row in rows:
         named = re.findall(r"`((?:\w+/)*test_\w+\.py)(?:::(test_\w+))?`", row.split("|")[3])

@@ -242,6 +242,8 @@ CALIBRATIONS = (
     "%YAML:1.0\n---\ncameraMatrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n"
     "   data: [600., 0., 320., 0., 600., 240., 0., 0., 1.]\ndistCoeffs: !!opencv-matrix\n   rows: 4\n   cols: 1\n"
     "   dt: d\n   data: [ 0.1, 0.01, 0., 0. ]\nfisheye_model: 1\nimageSize: [ 640, 480 ]\n",
+    "[cam_1]\nname = 'cam_1'\nsize = [640, 480]\nmatrix = [[600.0, 0.0, 320.0], [0.0, 600.0, 240.0], [0.0, 0.0, 1.0]]\n"
+    "distortions = [-0.1, 0.06, 0.001, -0.001]\nfisheye = false\n",
     "cam0:\n  camera_model: pinhole\n  distortion_coeffs: [0.1, 0.01, 0, 0]\n  distortion_model: radtan\n"
     "  intrinsics: [600, 600, 320, 240]\n  resolution: [640, 480]\n",
 )
@@ -268,7 +270,7 @@ def data_file(storage):
 
 def use_recording(path):
     with BagReader(path) as bag:
-        for _ in bag.messages(bag.topics):
+        for _ in bag.messages([topic for topic in bag.topics if topic.encoding == "cdr"]):
             pass
 
 
@@ -308,6 +310,12 @@ def database_and_log():
     return result
 
 
+def mcap_files():
+    """A good file, and the same with a schema of another encoding."""
+    good = data_file("mcap").read_bytes()
+    return [good, good.replace(b"ros2msg", b"ros1msg"), good.replace(b"\x03\0\0\0cdr", b"\x03\0\0\0cbo")]
+
+
 MESSAGES = {
     **{f"message {name.split('/')[-1]}": keypoints_target(name) for name in ADAPTERS},
     "message CameraInfo": message_target("sensor_msgs/msg/CameraInfo", cameras, use_camera),
@@ -331,7 +339,7 @@ FILES = {
 }
 BAGS = {
     "bag sqlite3": file_target("a.db3", lambda: [data_file("sqlite3").read_bytes()], use_recording),
-    "bag mcap": file_target("a.mcap", lambda: [data_file("mcap").read_bytes()], use_recording),
+    "bag mcap": file_target("a.mcap", mcap_files, use_recording),
     "bag metadata": file_target(
         "m.yaml", lambda: [(recording("sqlite3") / "metadata.yaml").read_bytes()], use_metadata
     ),

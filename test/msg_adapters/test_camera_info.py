@@ -38,7 +38,7 @@ def test_a_usual_camera_is_not_suspicious():
         ({"cx": 640 * 0.66}, "another resolution"),
         ({"cx": 640 * 0.34}, "another resolution"),
         ({"cy": 480 * 0.66}, "another resolution"),
-        ({"cy": 480 * 1.49}, "another resolution"),
+        ({"cy": 480 * 0.99}, "another resolution"),
         ({"fx": 600 * 1.09}, ""),
         ({"fx": 600 * 1.12}, "fx and fy differ"),
         ({"fy": 600 * 1.12}, "fx and fy differ"),
@@ -55,10 +55,15 @@ def test_an_unlikely_camera_is_suspicious(fields, text):
 @pytest.mark.parametrize(
     ("fields", "text"),
     [
-        ({"cx": 640 * 1.51}, "principal point is far outside"),
-        ({"cy": -480 * 0.51}, "principal point is far outside"),
-        ({"fx": 63.0}, "so short a focal length"),
-        ({"fy": 63.0}, "so short a focal length"),
+        ({"cx": 640 * 1.01}, "principal point is outside"),
+        ({"cy": -480 * 0.01}, "principal point is outside"),
+        ({"fx": 640 * 0.29}, "so short a focal length"),
+        ({"fy": 640 * 0.29}, "so short a focal length"),
+        ({"fx": 640 * 10.1}, "a field of view below 6 degrees"),
+        ({"fy": 640 * 10.1}, "a field of view below 6 degrees"),
+        ({"cx": 160 * 1.04, "cy": 120 * 0.96}, "half the size"),
+        ({"cx": 80, "cy": 60}, "a quarter of the size"),
+        ({"cx": 107, "cy": 80}, "a third of the size"),
         ({"fx": 9.0, "width": 0, "height": 0}, "so short a focal length"),
         ({"fx": 9.0, "fy": 9.0, "cx": 10, "cy": 10, "width": 20, "height": 20}, "so short a focal length"),
     ],
@@ -68,7 +73,12 @@ def test_an_impossible_camera_is_uncalibrated(fields, text):
 
 
 def test_the_shortest_accepted_focal_lengths():
-    assert decoded(fx=65.0, fy=65.0).K[0, 0] == 65  # 0.1 of the image's width
+    assert decoded(fx=193.0, fy=193.0).K[0, 0] == 193  # 0.3 of the image's width
+    assert decoded(fx=6390.0, fy=6390.0).K[0, 0] == 6390
+    fisheye = {"distortion_model": "equidistant", "d": np.zeros(4)}
+    assert decoded(fx=65.0, fy=65.0, **fisheye).K[0, 0] == 65
+    assert "so short" in refused("camera_uncalibrated", fx=63.0, fy=63.0, **fisheye)
+    assert decoded(cx=160 * 1.06, cy=120).warning and decoded(cx=160, cy=240).warning  # one side alone may be unusual
     assert decoded(fx=11.0, fy=11.0, width=0, height=0).K[0, 0] == 11
     assert decoded(fx=11.0, fy=11.0, cx=10, cy=10, width=20, height=20).K[0, 0] == 11
 

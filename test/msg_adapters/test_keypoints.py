@@ -64,7 +64,44 @@ def test_scores_up_to_2_are_limited_to_1_and_larger_ones_remove_the_point():
     assert half.tolist() == [0.5, 0, 0, 1]
     most = keypoints(range(4), confidence=[0.5, 2.1, 90, 3.0])
     text = refused(lambda: most.as_landmarks(4), "confidence_range")
-    assert "3 of 4 confidences are above 2, up to 90; expected 0 to 1" in text
+    assert "3 of 4 confidences are above 2, up to 90; expected 0 to 1" in text and "sigmoid" in text
+
+
+def scores_of(confidence):
+    return keypoints(range(len(confidence)), confidence=confidence).as_landmarks(len(confidence))[1]
+
+
+def test_a_few_high_percentages_of_a_body_that_is_hardly_visible_are_refused():
+    """Three of them are single invalid scores; the others would count as confident in percent, too."""
+    for visible, read in ((3, True), (5, False)):
+        percent = [90.0] * visible + [0.9] * (17 - visible)
+        if read:
+            assert scores_of(percent).tolist() == [0.0] * visible + [0.9] * (17 - visible)
+        else:
+            assert f"{visible} of 17" in refused(lambda: scores_of(percent), "confidence_range")  # noqa: B023
+
+
+@pytest.mark.parametrize("mean", [1.2, 1.5, 3.0])
+def test_logits_are_refused_and_the_sigmoid_is_named(mean):
+    """Points that are not visible have negative ones."""
+    for seed in range(20):
+        logits = np.random.default_rng(seed).normal(mean, 0.4, 17)
+        logits[:6] = -2.0 + 0.1 * np.arange(6)
+        assert "1 / (1 + exp(-x))" in refused(lambda: scores_of(logits), "confidence_range")  # noqa: B023
+
+
+def test_scores_of_heat_maps_exceed_1_a_little_and_minus_one_is_not_found():
+    assert scores_of([1.15] * 10 + [0.9] * 7).tolist() == [1.0] * 10 + [0.9] * 7
+    assert scores_of([-1.0] * 12 + [1.3] + [0.9] * 4).tolist() == [0.0] * 12 + [1.0] + [0.9] * 4
+
+
+def test_a_leading_slash_is_no_part_of_a_frame_name():
+    assert frame_name(header(frame_id="/camera/optical")) == "camera/optical" and frame_name(header(frame_id="/")) == ""
+
+
+def test_points_with_a_position_and_no_score_are_counted():
+    found = keypoints(range(5), xy=[[5, 5], [6, 6], [0, 0], [np.nan, 1], [9, 9]], confidence=[0, np.nan, 0, 0, 0.5])
+    assert found.unscored == 2 and keypoints(range(3)).unscored == 0
 
 
 def test_ids_outside_the_layout_and_repeated_ones_are_refused():
@@ -129,8 +166,11 @@ def test_stamps_are_accepted_up_to_their_limits():
     assert header_stamp(header(2, 3)) == 2_000_000_003
     assert header_stamp(header(0, 999_999_999)) == 999_999_999
     assert header_stamp(header(0, 0)) is None
-    for bad in (header(-1, 5), header(1, 1_000_000_000)):
-        assert "expected a time after 1970" in refused(lambda: header_stamp(bad), "bad_stamp")
+    for bad, words in (
+        (header(-1, 5), "expected a time after 1970"),
+        (header(1, 1_000_000_000), "expected nanosec below 1000000000: for a time t in ns, sec is t // 10**9"),
+    ):
+        assert words in refused(lambda: header_stamp(bad), "bad_stamp")
         assert stamp_of(SimpleNamespace(header=bad)) is None
     assert stamp_of(SimpleNamespace(header=header(2, 3))) == 2_000_000_003
     assert stamp_of(SimpleNamespace()) is None

@@ -74,7 +74,7 @@ def test_without_an_image_size_there_is_no_centre_and_no_far_border():
 def test_three_at_one_place_are_placeholders():
     assert removed([(50, 60)] * 2) == [False] * 2
     assert removed([(50, 60)] * 3) == [True] * 3
-    assert removed([(50, 60), (50, 61), (50, 62), (50, 63)]) == [False] * 4
+    assert removed([(50, 60), (50, 61), (50, 62), (51, 60)]) == [False] * 4
     assert removed([(50, 60), (70, 80)] * 3) == [True] * 6
     assert removed([(50, 60)] * 3, confidence=[0.5, 0.5, 0]) == [False] * 3
 
@@ -89,7 +89,57 @@ def test_places_are_counted_per_person():
 
 @pytest.mark.parametrize(("extent", "gone"), [(49.0, False), (50.0, True)])
 def test_tiny_people_may_have_points_at_one_place(extent, gone):
-    points = [(50, 60)] * 3 + [(50, 60 + extent)]
+    points = [(50, 60)] * 3 + [(51, 60 + extent)]
     assert removed(points, persons=[1, 1, 2, 2, 2, 2]) == [gone] * 3 + [False]
-    points = [(50, 60)] * 3 + [(50 + extent, 60)]
+    points = [(50, 60)] * 3 + [(50 + extent, 61)]
     assert removed(points, persons=[1, 1, 2, 2, 2, 2]) == [gone] * 3 + [False]
+
+
+def person(count=12, seed=0, rounded=1e-3):
+    """Positions of an ordinary person, rounded to a step in px."""
+    random = np.random.default_rng(seed)
+    return np.round(random.uniform([150, 80], [350, 430], (count, 2)) / rounded) * rounded
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("value", [-10.0, 123.0, 123.4, 5000.0])
+def test_several_points_with_one_coordinate_in_common_are_placeholders(axis, value):
+    points = person()
+    points[3:7, axis] = value
+    assert removed(points) == [False] * 3 + [True] * 4 + [False] * 5
+    points = person()
+    points[:, axis] = value
+    assert removed(points, size=(1000, 1000)) == [True] * 12
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_two_points_may_have_a_coordinate_in_common(axis):
+    points = person()
+    points[3:5, axis] = 123.4
+    assert removed(points) == [False] * 12
+
+
+@pytest.mark.parametrize("step", [1.0, 3.5])
+def test_a_detector_that_rounds_may_place_three_points_below_each_other(step):
+    """Whole pixels, or cells of a heat map: some coordinates agree by chance, and none of them is removed."""
+    for seed in range(200):
+        points = person(17, seed, step)
+        points[:, 0] = np.clip(points[:, 0], 200, 240)  # seen from the side
+        points[:, 0] = np.round((points[:, 0]) / step) * step
+        if max(np.unique(points[:, 0], return_counts=True)[1]) < 8:
+            assert removed(points) == [False] * 17
+
+
+def test_rounded_points_with_one_coordinate_outside_or_of_most_points_are_placeholders():
+    points = person(12, 1, 1.0)
+    points[:3, 1] = -10.0
+    assert removed(points) == [True] * 3 + [False] * 9
+    points = person(12, 1, 1.0)
+    points[:8, 1] = 100.0
+    assert removed(points) == [True] * 8 + [False] * 4
+
+
+def test_a_coordinate_is_shared_within_one_person_only():
+    points = person(12)
+    points[3:7, 1] = 99.5
+    assert removed(points, persons=[9, 9, *range(12)]) == [False] * 12

@@ -67,6 +67,8 @@ PLACES = {
     "minus one of normalised coordinates": lambda xy: np.full_like(xy, -1.0) * [WIDTH, HEIGHT],
     "centre": lambda xy: np.full_like(xy, 0.5) * [WIDTH, HEIGHT],
     "one position": lambda xy: np.full_like(xy, 123.0),
+    "one y outside": to_y(-10.0),
+    "one x inside": to_x(123.0),
 }
 
 
@@ -107,7 +109,8 @@ def test_a_placeholder_is_a_missing_point(name):
 def test_ordinary_points_are_no_placeholders():
     _, pipeline = track()
     assert pipeline.counts[PLACEHOLDERS] == 0
-    for change in (to_x(WIDTH + 7.5), to_x(7.5), to_y(HEIGHT - 6.0), lambda xy: xy[[0, 0, 2]]):
+    apart = np.array([0.0, 0.3, 0.7])
+    for change in (to_x(WIDTH + 7.5 + apart), to_x(7.5 + apart), to_y(HEIGHT - 6.0 - apart), lambda xy: xy[[0, 0, 2]]):
         _, pipeline = track(change)
         assert pipeline.counts[PLACEHOLDERS] == 0
 

@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
 
-from recordings import contents, read, synthetic_pixels, write_messages, write_recording  # noqa: E402
+from recordings import contents, read, synthetic_pixels, webcam_info, write_messages, write_recording  # noqa: E402
 
 from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.core.errors import CameraError  # noqa: E402
@@ -121,7 +121,9 @@ def test_a_recording_without_camera_info_is_tracked_with_a_file(folder, tmp_path
 
 
 def test_the_file_replaces_camera_info_of_the_recording(folder, tmp_path, capsys):
-    (tmp_path / "twice.yaml").write_text(FILES["ost.yaml"].replace(listed(K), listed(np.diag([2, 2, 1]) @ K)))
+    (tmp_path / "twice.yaml").write_text(
+        FILES["ost.yaml"].replace(listed(K), listed(K * [[2, 1, 1], [1, 2, 1], [1, 1, 1]]))
+    )
     arguments = [str(folder / "walk"), "-o", str(tmp_path / "out"), "--camera-info", str(tmp_path / "twice.yaml")]
     page = ["--report", str(tmp_path / "page.html")]
     assert main([*arguments, *page]) == 0
@@ -175,3 +177,33 @@ def test_a_bad_file_is_one_line_that_names_it(folder, tmp_path, capsys, name):
     said = capsys.readouterr().err
     assert said.count("\n") == 1 and name in said and expected in said, said
     assert contents(tmp_path) == before
+
+
+def late_recording(path, at, frames=FRAMES, frame_id="camera_optical_frame"):
+    """A recording in which camera_info comes once, after `at` keypoint messages."""
+    make = RosbagsBackend(typestore())
+    messages = []
+    for i, (stamp_ns, *seen) in enumerate(zip(*synthetic_pixels(frames))):
+        time_ns = int(stamp_ns)
+        cloud = point_cloud(make, time_ns, frame_id, *seen)
+        messages.append(("/keypoints", "sensor_msgs/msg/PointCloud2", time_ns, cloud))
+        if i == at - 1:
+            messages.append(("/camera_info", "sensor_msgs/msg/CameraInfo", time_ns + 1, webcam_info(time_ns + 1)))
+    return write_messages(path, messages)
+
+
+@pytest.mark.parametrize("at", [1, FRAMES])
+def test_camera_info_at_the_end_of_a_recording_is_used_from_the_beginning(tmp_path, capsys, at):
+    path = late_recording(tmp_path / "late", at)
+    assert main([str(path), "-o", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr().out
+    assert f"{FRAMES} in, {FRAMES} out" in said and "\nrejected        none\n" in said
+    assert f"its first message is also used for the {(at - 1) / 30:.1f} s of keypoints before it" in said
+
+
+def test_replay_prints_the_warnings_of_a_recording(tmp_path, capsys):
+    path = late_recording(tmp_path / "walk", 1, 70, "color_optical")
+    assert main([str(path), "-o", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr().out
+    assert "\nwarned 1        camera_info is of another camera: its frame_id is 'camera_optical_frame', that" in said
+    assert "(for 2 s)\n" in said and "warned 2" not in said

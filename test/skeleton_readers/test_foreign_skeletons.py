@@ -122,7 +122,7 @@ INCHES, FEET, DECIMETRES = 1 / 0.0254, 1 / 0.3048, 10.0
 
 
 @pytest.mark.parametrize("scale, said", [(INCHES, "inches"), (FEET, "feet"), (DECIMETRES, "dm")])
-@pytest.mark.parametrize("height", [1.3, 1.8, 2.1])
+@pytest.mark.parametrize("height", [1.65, 1.8, 2.0])
 def test_the_unit_nearest_to_the_height_is_used_and_logged(tmp_path, caplog, scale, said, height):
     skeleton = load_skeleton(written(tmp_path, bvh(tables()["mixamo"], scale)), height)
     check_places(skeleton)
@@ -130,17 +130,29 @@ def test_the_unit_nearest_to_the_height_is_used_and_logged(tmp_path, caplog, sca
 
 
 @pytest.mark.parametrize("scale", [1.0, 100.0, 1000.0])
-@pytest.mark.parametrize("height", [1.3, 1.8, 2.1])
+@pytest.mark.parametrize("height", [1.65, 1.8, 2.0])
 def test_metric_lengths_are_kept_without_a_warning(tmp_path, caplog, scale, height):
     check_places(load_skeleton(written(tmp_path, bvh(tables()["mixamo"], scale)), height))
     assert caplog.text == ""
 
 
-@pytest.mark.parametrize("scale", [0.35, 17.7, 2.0, 1e-4, 1e5])
+@pytest.mark.parametrize("scale", [0.35, 17.7, 2.0, 1e-4, 1e5, 1 / 0.082, 1 / 0.018, 1 / 0.0125, 1 / 0.008, 1 / 0.8])
 def test_a_body_in_an_unknown_unit_is_scaled_to_the_height(tmp_path, caplog, scale):
     caplog.set_level(logging.WARNING)
     check_places(load_skeleton(written(tmp_path, bvh(tables()["mixamo"], scale)), HEIGHT))
     assert "no unit makes a person of 1.80 m of it, so it is scaled to that height" in caplog.text
+
+
+@pytest.mark.parametrize("height, scaled", [(1.61, False), (1.60, True), (2.01, False), (2.03, True)])
+def test_a_body_of_another_size_than_the_height_is_scaled_with_the_height_that_keeps_it(
+    tmp_path, caplog, height, scaled
+):
+    """More than 12 % from `height`, in centimetres, too: the unit may be another one."""
+    skeleton = load_skeleton(written(tmp_path, bvh(tables()["mixamo"], 100.0)), height)
+    length = np.linalg.norm(skeleton.offsets[skeleton.index("left_knee")])
+    whole = np.linalg.norm(OURS.offsets[OURS.index("left_knee")])
+    assert length / whole == pytest.approx(height / HEIGHT if scaled else 1.0, abs=0.01)
+    assert ("to keep its lengths, set height to 1.80 (if they are in cm)" in caplog.text) is scaled
 
 
 @pytest.mark.parametrize(

@@ -149,7 +149,7 @@ def test_a_written_bvh_is_read_back_as_the_same_skeleton(tmp_path):
     path = tmp_path / "body.bvh"
     for skeleton in (BUILT_IN, with_joint(BUILT_IN, fingers)):
         path.write_text(hierarchy(skeleton) + "MOTION\nFrames: 0\nFrame Time: 0.1\n")
-        for height in (1.5, 1.8):
+        for height in (1.7, 1.8):
             same(load_skeleton(str(path), height), skeleton)
 
 
@@ -203,7 +203,7 @@ def test_the_bvh_of_another_program_is_read(tmp_path, program, scale, turn, pref
     same(load_skeleton(str(path), 1.8), BUILT_IN, 1e-6)
     if scale == 17.7:
         return
-    same(load_skeleton(str(path), 1.2), BUILT_IN, 1e-6)
+    same(load_skeleton(str(path), 1.7), BUILT_IN, 1e-6)
 
 
 def test_a_byte_order_mark_is_skipped(tmp_path):
@@ -258,7 +258,7 @@ def test_the_urdf_of_another_program_is_read(tmp_path):
         )
     path = tmp_path / "human.urdf"
     path.write_text("".join([*text, "</robot>"]))
-    same(load_skeleton(str(path), 1.2), BUILT_IN, 1e-6)
+    same(load_skeleton(str(path), 1.7), BUILT_IN, 1e-6)
 
 
 LINK = '<joint name="{0}" type="fixed"><parent link="{1}"/><child link="{2}"/>{3}</joint>'

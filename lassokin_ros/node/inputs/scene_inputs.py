@@ -14,6 +14,7 @@ from rclpy.clock import ROSClock
 from rclpy.node import Node
 
 from lassokin_ros.node.inputs.camera_info_input import CameraInfoInput
+from lassokin_ros.node.inputs.camera_publishers import CameraPublishers
 from lassokin_ros.node.inputs.depth_input import DepthInput
 from lassokin_ros.node.inputs.latched_camera_info import LatchedCameraInfo
 from lassokin_ros.node.inputs.missing_input import MissingInput
@@ -52,6 +53,7 @@ class SceneInputs:
             on_error=partial(on_error, "a camera_info message"),
         )
         self._latched_camera_info = LatchedCameraInfo(node, self.camera_info.take)
+        self._camera_publishers = CameraPublishers(node)
         self._depth = None
         if pipeline.depth is not None:
             self._depth = DepthInput(node, pipeline.config.depth, pipeline.depth, pipeline.counts, time.monotonic())
@@ -88,6 +90,7 @@ class SceneInputs:
         else:
             self._missing_clock.restart(now)
         self._latched_camera_info.check(now, self._diagnostics.camera_received)
+        faults.append(self._camera_publishers.check(now, self._pipeline.camera.is_shared))
         self._missing_camera.check(now, self._diagnostics.camera_received)
         if self._depth is not None:
             self._depth.check(now)
@@ -99,4 +102,4 @@ class SceneInputs:
         reason = self._pipeline.set_camera(message)
         if reason is not None:
             self._camera_warning.log(reason, f"camera_info refused: {self._pipeline.camera_fault}")
-        return reason is None
+        return reason is None and not self._pipeline.camera.is_shared

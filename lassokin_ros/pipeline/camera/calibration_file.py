@@ -1,4 +1,4 @@
-"""Camera calibration files: ost.yaml of ROS, OpenCV's FileStorage YAML or JSON, camchain of Kalibr."""
+"""Camera calibration files: ost.yaml of ROS, OpenCV's FileStorage YAML or JSON, camchain of Kalibr, TOML of Anipose."""
 
 from __future__ import annotations
 
@@ -11,18 +11,17 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.core.errors import CameraError
-from lassokin_ros.core.yaml_files import load_mapping, read_text
+from lassokin_ros.pipeline.camera.calibration_text import FORMS, values_in
 from lassokin_ros.pipeline.camera.lens import Lens
 from msg_adapters.backends import Backend
 from msg_adapters.camera_info import decode_camera_info
 from msg_adapters.errors import AdapterError
 from msg_adapters.inputs import camera_info
 
-FORMS = "expected ost.yaml of ROS, YAML of OpenCV's FileStorage, or a camchain of Kalibr"
 KALIBR_MODELS = {"radtan": "plumb_bob", "equidistant": "equidistant", "none": "plumb_bob"}
 """distortion_model of Kalibr -> distortion_model of ROS."""
-MATRIX = ("cameramatrix", "k", "intrinsicmatrix", "intrinsicsmatrix", "mtx")
-COEFFICIENTS = ("distortioncoefficients", "distcoeffs", "distortioncoeffs", "d", "dist")
+MATRIX = ("cameramatrix", "k", "intrinsicmatrix", "intrinsicsmatrix", "mtx", "matrix")
+COEFFICIENTS = ("distortioncoefficients", "distcoeffs", "distortioncoeffs", "d", "dist", "distortions")
 WIDTH, HEIGHT = ("imagewidth", "width"), ("imageheight", "height")
 SIZE = ("imagesize", "resolution", "size")
 PROJECTION = ("projectionmatrix", "p")
@@ -82,7 +81,7 @@ def read_calibration(path: Path) -> Calibration:
     Raises CameraError.
     """
     file, chosen = split_camera(path)
-    cameras = _cameras(load_mapping(_plain_yaml(read_text(file, CameraError), file), str(file), CameraError))
+    cameras = _cameras(values_in(file))
     if not chosen and len(cameras) == 1:
         (chosen,) = cameras
     names = ", ".join(cameras)
@@ -112,19 +111,17 @@ def split_camera(path: Path) -> tuple[Path, str]:
     return (path.with_name(name), chosen) if colon and name and not path.exists() else (path, "")
 
 
-def _plain_yaml(text: str, file: Path) -> str:
-    """Return the text without syntax that only OpenCV's reader has. Raises CameraError for XML and INI."""
-    if re.search(r"\A\s*<|^\[image\]", text, re.MULTILINE):
-        raise CameraError(f"'{file}' is XML or INI; {FORMS}")
-    text = re.sub(r"\A\s*%YAML:.*\n", "", text)
-    return re.sub(r"!!opencv-[\w-]+", "", text).rstrip().removesuffix("\n---")
-
-
 def _cameras(data: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
     """Return {name: values} of the cameras in a file."""
     kalibr = {name: data[name] for name in data if re.fullmatch(r"cam\d+", str(name)) and isinstance(data[name], dict)}
     if kalibr:
         return kalibr
+    tables = data["cameras"] if isinstance(data.get("cameras"), dict) else data
+    anipose: dict[str, Mapping[str, Any]] = {
+        str(name): table for name, table in tables.items() if isinstance(table, dict) and "matrix" in table
+    }
+    if anipose:  # and Pose2Sim and caliscope
+        return anipose
     stereo = [number for number in "12" if f"M{number}" in data]
     if stereo:  # OpenCV's stereo_calib
         return {f"M{n}": {"k": data[f"M{n}"], "d": data.get(f"D{n}"), **_sizes(data)} for n in stereo}

@@ -25,8 +25,9 @@ FEW = 0.1
 """Fraction of the keypoints of an image that may lie farther outside."""
 MOST_CAMERAS = 8
 """Number of cameras on one topic that are remembered."""
-RECENT, ALTERNATIONS = 20, 3
-"""Several cameras share the topic if, among this many messages, the camera changes at least this often."""
+RECENT, ALTERNATIONS, STEADY = 20, 3, 150
+"""Several cameras share the topic if the camera changes at least ALTERNATIONS times among the last RECENT changes.
+After STEADY messages of one camera the changes are forgotten."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +69,8 @@ class Camera:
         self._newest: tuple[View | None, View | None] = None, None  # now, before
         self._by_frame: dict[str, tuple[View, View | None]] = {}
         self._keys: dict[str, tuple[Any, ...]] = {}
-        self._recent: deque[str] = deque(maxlen=RECENT)
+        self._recent: deque[tuple[str, tuple[Any, ...]]] = deque(maxlen=RECENT)  # frame_id and content at each change
+        self._steady = 0  # messages since the last change
         self._frame = ""  # of the last keypoints
         self.fault = ""
         """Why the last camera_info was refused, in words; empty if it was accepted."""
@@ -83,14 +85,37 @@ class Camera:
         """Why the camera_info in use may be wrong, in words; empty if nothing indicates that."""
         if (view := self.view) is None:
             return ""
-        recent = list(self._recent)
-        if sum(a != b for a, b in zip(recent, recent[1:])) >= ALTERNATIONS:
-            names = ", ".join(f"'{name[:40]}'" for name in sorted(set(recent))[:MOST_CAMERAS])
+        if self._frames_alternate:
+            names = ", ".join(f"'{name[:40]}'" for name in sorted({frame for frame, _ in self._recent})[:MOST_CAMERAS])
             return (
                 f"camera_info of several cameras on one topic ({names}); used is '{view.intrinsics.frame_id[:40]}'; "
                 "expected one camera, or keypoints with the frame_id of their camera"
             )
+        frame = view.intrinsics.frame_id
+        if self._alternates(frame):
+            used = f"fx = {view.intrinsics.K[0, 0]:g} px and {view.size[0]} x {view.size[1]} px"
+            return (
+                f"camera_info of two cameras with the frame_id '{frame[:40]}' on one topic; used is the first one, "
+                f"with {used}; expected one publisher"
+            )
         return view.intrinsics.warning
+
+    @property
+    def is_shared(self) -> bool:
+        """True if several cameras share the topic."""
+        view = self.view
+        return self._frames_alternate or (view is not None and self._alternates(view.intrinsics.frame_id))
+
+    @property
+    def _frames_alternate(self) -> bool:
+        frames = [frame for frame, _ in self._recent]
+        return sum(a != b for a, b in zip(frames, frames[1:])) >= ALTERNATIONS
+
+    def _alternates(self, frame: str) -> bool:
+        """Return True if camera_info of this frame_id changes again and again to a content that it had before."""
+        contents = [content for name, content in self._recent if name == frame]
+        changed = [now for before, now in zip(contents, contents[1:]) if now != before]
+        return len(changed) - len(set(changed)) >= ALTERNATIONS - 1
 
     def update(self, message: Any) -> bool:
         """Apply a CameraInfo message. Return True if the present camera changes to another frame_id.
@@ -98,19 +123,32 @@ class Camera:
         Raises AdapterError if the message is refused; the last good camera then stays.
         """
         before = self.view
-        frame, key = message.header.frame_id, _key(message)
+        frame, key = message.header.frame_id.lstrip("/"), _key(message)
+        shared = frame in self._by_frame and self._alternates(frame)
+        self._note_change(frame, key)
         if key == self._keys.get(frame):
             self.fault = ""
+            view = self._by_frame[frame][0]
+        elif shared:  # another camera's: the first one stays
             view = self._by_frame[frame][0]
         else:
             view = self._decode(message)
             self._remember(frame, key, view)
-        self._recent.append(frame)
         newest = self._newest[0]
         if newest is None or newest.intrinsics is not view.intrinsics:
             self._newest = replace(view, stamp_ns=_stamp_ns(message)), newest
         now = self.view
         return before is not None and now is not None and before.intrinsics.frame_id != now.intrinsics.frame_id
+
+    def _note_change(self, frame: str, content: tuple[Any, ...]) -> None:
+        """Record the camera of a message if it is another one than that of the message before."""
+        if not self._recent or self._recent[-1] != (frame, content):
+            self._recent.append((frame, content))
+            self._steady = 0
+            return
+        self._steady += 1
+        if self._steady == STEADY:
+            self._recent = deque([(frame, content)], maxlen=RECENT)
 
     def _decode(self, message: Any) -> View:
         try:

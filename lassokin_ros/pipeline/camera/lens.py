@@ -22,10 +22,12 @@ class Lens:
     """Camera matrix and distortion of one camera: pixels to the normalised coordinates of equation (7).
 
     K: (3, 3) px. D: coefficients in OpenCV's order. model: "plumb_bob", "rational_polynomial", "equidistant", or "" for
-    no distortion. Raises CameraError.
+    no distortion. size: (width, height) px of the image, 0 if unknown. Raises CameraError.
     """
 
-    def __init__(self, K: np.ndarray, D: np.ndarray | None = None, model: str = "") -> None:
+    def __init__(
+        self, K: np.ndarray, D: np.ndarray | None = None, model: str = "", size: tuple[int, int] = (0, 0)
+    ) -> None:
         self.K = np.array(K, dtype=float)
         self.D = np.zeros(0) if D is None else np.array(D, dtype=float)
         self.model = model
@@ -34,7 +36,7 @@ class Lens:
         _check_distortion(model, self.D)
         self._focal_lengths = self.K[[0, 1], [0, 1]]
         self._centre = self.K[:2, 2]
-        self.size = (0, 0)
+        self.size = int(size[0]), int(size[1])
         """(width, height) px of the image, 0 if unknown."""
         self._distortion = make_distortion(model, self.D) if model else None
 

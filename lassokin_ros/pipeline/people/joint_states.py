@@ -10,6 +10,9 @@ import numpy as np
 from lassokin_ros.core.body.joint_angles import JointAngleReader
 from lassokin_ros.core.body.kinematics import BodyState
 
+SHORTEST_NS = 1_000_000
+"""ns: velocities are differences over stamps. Over a shorter step, as stamps in another unit have, there are none."""
+
 
 class Moment(NamedTuple):
     """The published state of one frame. stamp_ns: ns; begins: the state was initialised in this frame."""
@@ -30,7 +33,8 @@ class JointStates:
     def read(self, moment: Moment, before: Moment | None) -> tuple[np.ndarray, np.ndarray]:
         """Return positions (3 + 3 n,) in m and rad, and velocities as differences over stamps.
 
-        before: the frame before, None for the first one. Velocities are 0 after initialisation.
+        before: the frame before, None for the first one. Velocities are 0 after initialisation, and over a step below
+        SHORTEST_NS.
         """
         if moment.begins or before is None:
             positions = self._positions(moment)
@@ -38,8 +42,10 @@ class JointStates:
         if self._last[0] is not before:
             self._positions(before)
         earlier = self._last[1]
-        positions = self._positions(moment)
-        return positions, (positions - earlier) / ((moment.stamp_ns - before.stamp_ns) * 1e-9)
+        positions, step_ns = self._positions(moment), moment.stamp_ns - before.stamp_ns
+        if step_ns < SHORTEST_NS:
+            return positions, np.zeros_like(positions)
+        return positions, (positions - earlier) / (step_ns * 1e-9)
 
     def _positions(self, moment: Moment) -> np.ndarray:
         if moment.begins:

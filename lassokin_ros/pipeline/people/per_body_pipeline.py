@@ -92,6 +92,11 @@ class PerBodyPipeline(Pipeline):
         frames = pipeline.frames(message, arrival_ns)
         self.nobody_in_view, self.unused_confidence = pipeline.nobody_in_view, pipeline.unused_confidence
         self.answered = self.answered or pipeline.answered
+        self.stamp_rate, self.own_depth, self.landmark_ids = (
+            pipeline.stamp_rate,
+            pipeline.own_depth,
+            pipeline.landmark_ids,
+        )
         return [replace(frame, person=person) for frame in frames]
 
     def reset(self) -> None:

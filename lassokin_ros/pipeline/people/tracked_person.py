@@ -19,11 +19,15 @@ from lassokin_ros.core.record import record
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.frame_result import FrameResult
-from lassokin_ros.pipeline.outputs.status.rejection_text import rejection_text
-from lassokin_ros.pipeline.people.joint_states import JointStates, Moment
+from lassokin_ros.pipeline.input_checks.repeats import Repeats
+from lassokin_ros.pipeline.outputs.status.rejection_text import frozen_text, rejection_text
+from lassokin_ros.pipeline.people.joint_states import SHORTEST_NS, JointStates, Moment
 
 VELOCITY_MEMORY_S = 0.2
 """s: averaging time of the velocity used for prediction."""
+
+FROZEN = "frozen"
+"""Rejection of keypoints that have been repeated for longer than `lost_after`."""
 
 LONGEST_PREDICTION_S = 0.5
 """s: a person out of sight is predicted to move with constant velocity for this long, then to stand still."""
@@ -57,10 +61,15 @@ class TrackedPerson:
         unusable.
         """
         self.tracker = Tracker(config, skeleton, evidence)
+        self._repeats = Repeats()
         self.reset()
 
     def reset(self, same_camera: bool = False) -> None:
-        """Forget the person. With same_camera, keep the direction of gravity in the camera frame."""
+        """Forget the person. With same_camera, keep the direction of gravity in the camera frame, and the last points:
+        a person who left because the points were frozen does not come again with them.
+        """
+        if not same_camera:
+            self._repeats = Repeats()
         self.tracker.reset(same_camera)
         self._joint_states = JointStates(self.tracker.skeleton.axes)  # results of before keep theirs
         self.status = Status.SEARCHING
@@ -92,9 +101,10 @@ class TrackedPerson:
             lens=lens,
             skeleton=self.tracker.skeleton,  # calibration changes the lengths for the next frame only
         )
+        frozen_s = self._frozen_s(stamp_ns, seen)
         observation = Observation(
             seconds,
-            seen.points,
+            np.full_like(seen.points, np.nan) if frozen_s else seen.points,
             seen.confidence,
             lens.focal,
             depth=seen.depth,
@@ -106,13 +116,23 @@ class TrackedPerson:
         if estimate.rejection is not None:
             if self.seen_ns is None:
                 self._origin_ns = None  # time starts at the first accepted frame
-            detail = rejection_text(estimate, observation, self.tracker.config)
-            return [*self._due(self.tracker.published, stamp_ns), frame(estimate, estimate.rejection.value, detail)]
+            reason, detail = estimate.rejection.value, rejection_text(estimate, observation, self.tracker.config)
+            if frozen_s:
+                self.status = Status.SEARCHING if self.seen_ns is None else Status.LOST
+                reason, detail = FROZEN, frozen_text(frozen_s, self.tracker.config)
+            return [*self._due(self.tracker.published, stamp_ns), frame(estimate, reason, detail)]
         self._update_motion(stamp_ns, estimate)
         tracker, velocity = self.tracker, self._velocity.copy()
         made = partial(frame, velocity=velocity, measure=tracker.uncertainty, observe=tracker.observed)
         self._waiting.append((stamp_ns, estimate.stamp, made))
         return self._due(self.tracker.published, stamp_ns)
+
+    def _frozen_s(self, stamp_ns: int, seen: Detection) -> float:
+        """Return s for which the keypoints have been the same, if it is more than `lost_after`; else 0."""
+        if not np.isfinite(seen.points).any():
+            return 0.0
+        repeated = self._repeats.age(stamp_ns, seen.points)
+        return repeated if repeated > self.tracker.config.lost_after else 0.0
 
     def mark_absent(self, stamp_ns: int, lens: Lens) -> list[FrameResult]:
         """Record that the person is not in the image of this stamp. Returns held results that are due now."""
@@ -135,7 +155,8 @@ class TrackedPerson:
             moment, before, earlier = Moment(stamp_ns, estimate.state, estimate.initialised), None, None
             if self._last is not None and not estimate.initialised:
                 before, places = self._last
-                earlier = (stamp_ns - before.stamp_ns) * 1e-9, places
+                if stamp_ns - before.stamp_ns >= SHORTEST_NS:
+                    earlier = (stamp_ns - before.stamp_ns) * 1e-9, places
             self._last = moment, estimate.pose.positions
             states = partial(self._joint_states.read, moment, before)
             frames.append(frame(estimate, joint_states=states, earlier=earlier, held_s=(now_ns - stamp_ns) * 1e-9))

@@ -259,7 +259,9 @@ def _place(facts: Facts) -> Iterator[Finding]:
 def _upside_down(facts: Facts) -> Iterator[Finding]:
     if video_findings.heads_below(facts):
         yield Finding(
-            PROBLEM, "The shoulders are below the ankles in most images: check whether the image is upside down."
+            PROBLEM,
+            "The shoulders are below the ankles in most images: check whether the image is upside down, or y is "
+            "counted from the bottom.",
         )
 
 

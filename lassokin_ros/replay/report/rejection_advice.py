@@ -28,11 +28,19 @@ REASONS: dict[str, tuple[str, str]] = {
         "the stamps do not increase: check that the detector copies the stamp of each image, that no second detector "
         "uses the topic, and that messages come in order",
     ),
-    "late": (
-        "image of another camera was used already",
-        "the images of several cameras must come in the order of their stamps; check the delay of this camera",
+    "stamp_jump": (
+        "stamp jump",
+        "a single jump is ignored; two in a row reset the tracker to the new time. If every message jumps, check the "
+        "unit of header.stamp",
     ),
-    "stamp_jump": ("stamp jump", "a single jump is ignored; two in a row reset the tracker to the new time"),
+    "frozen": (
+        "keypoints repeated for longer than lost_after",
+        "the camera's image does not change, or the detector repeats its last result with new stamps",
+    ),
+    "other_layout": (
+        "bodies with another number of keypoints",
+        "`landmarks` is not the layout of your detector (ZED: body_format)",
+    ),
     "bad_stamp": ("invalid stamp", "the detector fills header.stamp with a value that is not a time"),
     "bad_frame_id": ("invalid frame_id", "check header.frame_id of the keypoints"),
     "no_camera_info": (
@@ -40,7 +48,10 @@ REASONS: dict[str, tuple[str, str]] = {
         "camera_info must come before the keypoints; record it from the start, or replay with `--camera-info FILE`",
     ),
     "camera_unusable": ("unusable lens", "check camera_info: distortion_model, D, K, or P if `rectified` is set"),
-    "camera_uncalibrated": ("camera not calibrated", "camera_info has K[0] = 0: calibrate the camera"),
+    "camera_uncalibrated": (
+        "camera not calibrated",
+        "camera_info has K[0] = 0, or a K that cannot be of this image: calibrate the camera at this image size",
+    ),
     "camera_matrix": ("invalid camera matrix", "check K of camera_info"),
     "camera_distortion": ("unknown distortion model", "check D and distortion_model of camera_info"),
     "camera_not_finite": ("camera_info not finite", "check K and D of camera_info"),
@@ -54,7 +65,10 @@ REASONS: dict[str, tuple[str, str]] = {
     ),
     "unknown_id": ("keypoint id outside the layout", "`landmarks` is not the layout of your detector"),
     "repeated_id": ("repeated keypoint id", "several people in one message need the field `person`"),
-    "confidence_range": ("most confidences above 2", "confidence must be between 0 and 1, not in percent"),
+    "confidence_range": (
+        "confidences in another unit",
+        "confidence must be between 0 and 1: divide percentages by 100, convert logits with the sigmoid",
+    ),
     "wrong_fields": ("missing fields", "the PointCloud2 needs the fields x, y, confidence and id"),
     "wrong_datatype": (
         "wrong field type",

@@ -234,17 +234,19 @@ def test_diagnostics_while_tracking_are_complete(running):
     assert stamp_of(message) > 1e18  # the time of the wall clock
 
 
-def test_frozen_keypoints_get_outputs_and_are_reported(running):
+def test_frozen_keypoints_get_outputs_for_lost_after_and_are_reported(running):
     feed(running, 2)
     count, last = values_of(running.next_diagnostics())["duplicated [messages]"], running.frames_sent - 1
-    for _ in range(5):
+    for i in range(5):
         running.frames_sent += 18  # 0.3 s
         outputs = len(running.got[topics.JOINT_STATES])
         running.send(running.start_ns + running.frames_sent * 16_666_667, PIXELS[last % len(PIXELS)])
-        running.spin_until(lambda: len(running.got[topics.JOINT_STATES]) > outputs, what="an answer")  # noqa: B023
+        if i < 3:  # up to 0.9 s
+            running.spin_until(lambda: len(running.got[topics.JOINT_STATES]) > outputs, what="an answer")  # noqa: B023
     status = running.next_diagnostics(lambda s: "frozen" in s.message)
     assert status.level == WARN and "the same ones for more than 1 s" in status.message
-    assert int(values_of(status)["duplicated [messages]"]) == int(count) + 5
+    values = values_of(running.next_diagnostics(lambda s: "rejected: frozen [messages]" in values_of(s)))
+    assert int(values["duplicated [messages]"]) == int(count) + 3 and values["state"] == "lost"
     running.frames_sent += 1
     feed(running)
     running.next_diagnostics(lambda s: s.message == "tracking")

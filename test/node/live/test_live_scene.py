@@ -125,7 +125,7 @@ def test_people_lists_several_people_and_then_nobody():
 
             def send(i, persons):
                 shifts = {4: -120.0, 9: 120.0}
-                xy = [(PIXELS[0] + [shifts[p], 0.0], np.full(17, 0.9)) for p in persons]
+                xy = [(PIXELS[i % 40] + [shifts[p], 0.0], np.full(17, 0.9)) for p in persons]
                 nonlocal stamp
                 stamp += 100_000_000
                 peer.keypoints.publish(crowd(BACKEND, stamp, xy, persons))

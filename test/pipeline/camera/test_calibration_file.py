@@ -1,5 +1,7 @@
 """Calibration files of ROS, OpenCV and Kalibr: the values that are read, and the errors for other files."""
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -65,6 +67,66 @@ def test_the_projection_of_the_rectified_image_is_read(read):
 def test_a_camchain_of_kalibr_is_read(read, more, model, D):
     found = read(f"cam0: {{{KALIBR}, {more}}}\n")
     assert np.array_equal(found.K, K) and (found.model, found.D.tolist(), found.size) == (model, D, (640, 480))
+
+
+ANIPOSE = """
+[cam_{name}]
+name = "cam_{name}"
+size = [ 640.0, 480.0]
+matrix = [ [ 600.0, 0.0, 320.0], [ 0.0, 610.0, 240.0], [ 0.0, 0.0, 1.0]]
+distortions = [ 0.1, 0.2, 0.01, 0.02]
+rotation = [ 1.2, 0.1, 0.4]
+translation = [ 0.0, 0.5, 3.0]
+fisheye = {fisheye}
+"""
+METADATA = "\n[metadata]\nadjusted = false\nerror = 0.0\n"
+CALISCOPE = ANIPOSE.replace("[cam_{name}]", "[cameras.{name}]").format(name=3, fisheye="false")
+
+
+@pytest.mark.skipif(sys.version_info < (3, 11), reason="the standard library reads TOML from Python 3.11 on")
+@pytest.mark.parametrize("suffix", [".toml", ".txt"])
+def test_toml_of_pose2sim_and_caliscope_is_read(tmp_path, suffix):
+    file = tmp_path / f"Calib{suffix}"
+    for text, model in (
+        (ANIPOSE.format(name=1, fisheye="false") + METADATA, "plumb_bob"),
+        (ANIPOSE.format(name=1, fisheye="true"), "equidistant"),
+        (CALISCOPE, "plumb_bob"),
+        (f"K = {K}\nD = {D5[:4]}\nsize = [640, 480]\n".replace("0.3", "0.3"), "plumb_bob"),
+    ):
+        file.write_text(text)
+        found = read_calibration(file)
+        assert np.array_equal(found.K, K) and (found.model, found.size) == (model, (640, 480))
+        assert found.D.tolist() == D5[:4]
+
+
+@pytest.mark.skipif(sys.version_info < (3, 11), reason="the standard library reads TOML from Python 3.11 on")
+def test_one_of_several_cameras_of_a_toml_file_must_be_selected(tmp_path):
+    file = tmp_path / "Calib.toml"
+    file.write_text("".join(ANIPOSE.format(name=n, fisheye="false") for n in (1, 2)).replace("600.0", "700.0", 1))
+    with pytest.raises(CameraError, match="has several cameras: cam_1, cam_2; choose one"):
+        read_calibration(file)
+    assert read_calibration(tmp_path / "Calib.toml:cam_1").K[0, 0] == 700
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("camera.pkl", b"\x80\x04K\x01.", "holds arrays of a program, which are not read; expected ost.yaml of ROS"),
+        ("calibration.npz", b"PK\x03\x04", "write K and D as YAML, such as 'K: [[900, 0, 640]"),
+        ("camera.bin", b"\xff\xfe\x00", "is no UTF-8 text: "),
+        ("camera.py", b"D = np.array([0.1, 0.2])\n", "is neither YAML nor TOML"),
+        ("camera.toml", b"[cam_1\n", "is neither YAML nor TOML"),
+        ("camera.toml", b"a = " + b"[" * 100_000, "is neither YAML nor TOML"),
+        ("camera.txt", b"fx 900 fy 900\n", "expected a mapping at the top level; expected ost.yaml"),
+        ("camera.toml", b"[cam_1]\nmatrix = [[1, 2], [3, 4]]\ndistortions = []\n", "a list has 4 values in place of 9"),
+    ],
+)
+def test_other_files_name_the_accepted_forms(tmp_path, name, content, words):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(CameraError) as error:
+        read_calibration(tmp_path / name)
+    text = str(error.value)
+    assert words in text and name in text and "TOML of Pose2Sim, Anipose or caliscope" in text and "\n" not in text
 
 
 @pytest.mark.parametrize("more", ["camera_model: omni", "distortion_model: fov"])

@@ -8,6 +8,8 @@ pytest.importorskip("rosbags", reason="rosbags makes the messages")
 from messages import FRAME, camera_info, cloud, pixels_of_motion, rosbags_backend  # noqa: E402
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
+from lassokin_ros.pipeline.camera.camera_selection import STEADY  # noqa: E402
+from lassokin_ros.pipeline.input_checks.messages import LEADING_SLASH  # noqa: E402
 from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
@@ -23,17 +25,85 @@ def pipeline():
 @pytest.mark.parametrize(
     "fx, fy, cx, cy, text",
     [
-        (1200, 1200, 640, 480, "another resolution"),
-        (300, 300, 160, 120, "binned image"),
+        (1200, 1200, 520, 300, "another resolution"),
+        (300, 300, 200, 150, "binned image"),
         (600, 400, 320, 240, "fx and fy differ"),
         (400, 600, 320, 240, "fx and fy differ"),
-        (20000, 20000, 320, 240, "K must be in px"),
     ],
 )
 def test_an_unlikely_matrix_is_a_warning_with_numbers(pipeline, fx, fy, cx, cy, text):
     assert pipeline.set_camera(camera_info(BACKEND, k=np.array([fx, 0, cx, 0, fy, cy, 0, 0, 1.0]))) is None
     assert text in pipeline.camera.warning and f"fx = {fx}" in pipeline.camera.warning
     assert "640 x 480" in pipeline.camera.warning
+
+
+@pytest.mark.parametrize(
+    "fx, fy, cx, cy, size, text",
+    [
+        (460, 460, 320, 180, (1280, 720), "K is that of an image of half the size"),
+        (465, 455, 328, 176, (1280, 720), "K is that of an image of half the size"),
+        (614, 614, 427, 240, (1280, 720), "two thirds of"),
+        (1380, 1380, 960, 540, (1280, 720), "1.5 times"),
+        (920, 920, 1280, 720, (1280, 720), "the principal point is outside of the image"),
+        (920, 920, -5, 360, (1280, 720), "the principal point is outside of the image"),
+        (920, 920, 0, 0, (1280, 720), "the principal point is outside of the image"),
+        (380, 380, 640, 360, (1280, 720), "no camera has so short a focal length"),
+        (0.72, 1.28, 0.5, 0.5, (1280, 720), "no camera has so short a focal length"),
+        (13000, 13000, 640, 360, (1280, 720), "a field of view below 6 degrees"),
+    ],
+)
+def test_a_matrix_that_is_certainly_wrong_is_refused_with_numbers(pipeline, fx, fy, cx, cy, size, text):
+    message = camera_info(BACKEND, k=np.array([fx, 0, cx, 0, fy, cy, 0, 0, 1.0]), width=size[0], height=size[1])
+    assert pipeline.set_camera(message) == "camera_uncalibrated"
+    assert text in pipeline.camera_fault and f"fx = {fx:g}" in pipeline.camera_fault
+    assert not pipeline.has_camera
+
+
+def test_a_fisheye_has_a_short_focal_length(pipeline):
+    fisheye = {"distortion_model": "equidistant", "d": np.zeros(4), "width": 1280, "height": 720}
+    assert (
+        pipeline.set_camera(camera_info(BACKEND, k=np.array([250, 0, 640, 0, 250, 360, 0, 0, 1.0]), **fisheye)) is None
+    )
+
+
+def test_two_cameras_with_one_frame_are_named_and_the_first_one_stays(pipeline):
+    """They alternate: without this, so would the person's distance."""
+    depths = []
+    for i, xy in enumerate(PIXELS):
+        pipeline.set_camera(camera_info(BACKEND))
+        if i % 2:
+            pipeline.set_camera(camera_info(BACKEND, 400.0))
+        frame = pipeline.process(cloud(BACKEND, 10**9 + i * 33_333_333, xy), 0)
+        depths.append(frame.estimate.state.translation[2])
+    assert np.ptp(depths[10:]) < 0.3 and pipeline.camera.is_shared
+    assert "camera_info of two cameras with the frame_id" in pipeline.camera.warning
+    assert "used is the first one, with fx = 600 px" in pipeline.camera.warning
+    for _ in range(STEADY + 2):  # the first one ends
+        pipeline.set_camera(camera_info(BACKEND, 400.0))
+    assert not pipeline.camera.is_shared and pipeline.camera.warning == ""
+    assert pipeline.camera.view.intrinsics.K[0, 0] == 400.0
+
+
+def test_a_second_camera_that_publishes_seldom_is_noticed(pipeline):
+    for i in range(150):
+        pipeline.set_camera(camera_info(BACKEND, 400.0 if i % 30 == 29 else 600.0))
+    assert "camera_info of two cameras with the frame_id" in pipeline.camera.warning
+    assert pipeline.camera.view.intrinsics.K[0, 0] == 600.0
+
+
+def test_a_zoom_is_no_second_camera(pipeline):
+    for step in range(40):
+        assert pipeline.set_camera(camera_info(BACKEND, 600.0 + 5.0 * step)) is None
+        assert pipeline.camera.warning == "" and pipeline.camera.view.intrinsics.K[0, 0] == 600.0 + 5.0 * step
+
+
+def test_a_leading_slash_makes_no_other_camera(pipeline):
+    pipeline.set_camera(camera_info(BACKEND, frame_id=f"/{FRAME}"))
+    pipeline.set_camera(camera_info(BACKEND, 900.0, "other"))
+    frame = pipeline.process(cloud(BACKEND, 10**9, PIXELS[0]), 0)
+    assert frame.accepted and frame.frame_id == FRAME and frame.lens.K[0, 0] == 600.0
+    frame = pipeline.process(cloud(BACKEND, 2 * 10**9, PIXELS[1], frame_id=f"/{FRAME}"), 0)
+    assert frame.accepted and frame.frame_id == FRAME and pipeline.counts[LEADING_SLASH] == 1
 
 
 def test_a_usual_matrix_is_no_warning(pipeline):

@@ -7,7 +7,7 @@ pytest.importorskip("rosbags", reason="rosbags makes the messages")
 
 from messages import camera_info, rosbags_backend  # noqa: E402
 
-from lassokin_ros.pipeline.camera.camera_selection import ALTERNATIONS, MOST_CAMERAS, Camera  # noqa: E402
+from lassokin_ros.pipeline.camera.camera_selection import ALTERNATIONS, MOST_CAMERAS, STEADY, Camera  # noqa: E402
 from msg_adapters.errors import AdapterError  # noqa: E402
 from msg_adapters.output_messages.builders import set_header  # noqa: E402
 
@@ -133,13 +133,13 @@ def test_several_cameras_on_a_topic_are_detected_by_their_alternation(camera):
         assert camera.warning == ""
     camera.update(info("ab"[ALTERNATIONS % 2]))
     assert "several cameras on one topic ('a', 'b'); used is " in camera.warning
-    for _ in range(20):
+    for _ in range(STEADY + 1):
         camera.update(info("a"))
-    assert camera.warning == ""  # of the last twenty none changes
+    assert camera.warning == ""  # one camera is left
 
 
 def test_a_suspicious_matrix_is_reported(camera):
-    camera.update(info(focal=600.0, width=1280, height=960))
+    camera.update(info(focal=600.0, width=900, height=700))
     assert "another resolution" in camera.warning
 
 

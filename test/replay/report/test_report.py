@@ -58,10 +58,11 @@ def unpacked(packed):
     return np.where(counts == data.MISSING, np.nan, counts * packed["step"])
 
 
-def recording(path, spoil=None, times=None, late=0):
+def recording(path, spoil=None, times=None, late=0, uncalibrated=False):
     """Messages with keypoints of the synthetic motion, changed by spoil(stamps, pixels, confidence).
 
-    times: of recording. late: number of messages before the first camera_info.
+    times: of recording. late: number of messages before the first camera_info. uncalibrated: one without K precedes
+    all.
     """
     stamps, pixels, confidence = synthetic_pixels(FRAMES)
     times = stamps.copy() if times is None else times(stamps.copy())
@@ -73,7 +74,12 @@ def recording(path, spoil=None, times=None, late=0):
         for t, s, p, c in zip(times, stamps, pixels, confidence)
     ]
     camera = ("/camera_info", "sensor_msgs/msg/CameraInfo", int(times[late]), webcam_info(frame_id="lens"))
-    return write_messages(path, [*clouds[:late], camera, *clouds[late:]])
+    before = []
+    if uncalibrated:
+        info = webcam_info(frame_id="lens")
+        info.k = np.zeros(9)
+        before = [("/camera_info", "sensor_msgs/msg/CameraInfo", int(times[0]), info)]
+    return write_messages(path, [*before, *clouds[:late], camera, *clouds[late:]])
 
 
 @pytest.fixture(scope="module")
@@ -219,7 +225,7 @@ CASES = {
         ("note", "1 short gap, 0.2 s in total, the longest 0.2 s; tracking continued"),
     ),
     "no camera": (
-        {"late": 10},
+        {"late": 10, "uncalibrated": True},
         (
             "problem",
             "10 frames rejected: no camera_info received: camera_info must come before the keypoints; record it from",

@@ -31,9 +31,13 @@ def text(random):
 
 
 def stamp(message, random, now_ns):
-    """Zero, from the past, a little or very early, no time at all."""
-    kind = random.integers(7)
-    if kind == 6:
+    """Zero, from the past, a little or very early, in another unit, no time at all."""
+    kind = random.integers(10)
+    if kind >= 7:
+        seconds, rest = divmod(now_ns, 10**9)
+        other = (seconds * 10**9 + rest // 1000, now_ns // 1000, now_ns // 10**6)[kind - 7]
+        set_header(message.header, other, message.header.frame_id)
+    elif kind == 6:
         message.header.stamp.sec = -int(random.integers(1, 2**31))
     elif kind == 5:
         message.header.stamp.nanosec = int(random.integers(10**9, 2**32))
@@ -44,6 +48,14 @@ def stamp(message, random, now_ns):
 
 def frame_id(message, random, now_ns):
     message.header.frame_id = text(random)
+
+
+PLACES = [-10.0, -1.0, 0.5, 100.0, 123.4, 5000.0]
+
+
+def one_coordinate(xy, random):
+    """Give some of the points (k, 2) the same x or y, in place."""
+    xy[some(random, len(xy)), random.integers(2)] = PLACES[random.integers(len(PLACES))]
 
 
 def some(random, count):
@@ -74,6 +86,14 @@ def cloud_values(message, random, now_ns):
     for name in random.permutation(["x", "y", "confidence"])[: random.integers(1, 4)]:
         places = some(random, len(points))
         points[name][places] = [odd(random) for _ in places]
+    store(message, points)
+
+
+def cloud_coordinate(message, random, now_ns):
+    points = cloud_array(message)
+    xy = np.column_stack([points["x"], points["y"]])
+    one_coordinate(xy, random)
+    points["x"], points["y"] = xy.T
     store(message, points)
 
 
@@ -165,6 +185,12 @@ def polygon_values(message, random, now_ns):
         setattr(message.polygon.points[place], "xyz"[random.integers(3)], odd(random))
 
 
+def polygon_coordinate(message, random, now_ns):
+    axis, value = "xy"[random.integers(2)], PLACES[random.integers(len(PLACES))]
+    for place in some(random, len(message.polygon.points)):
+        setattr(message.polygon.points[place], axis, value)
+
+
 def polygon_length(message, random, now_ns):
     points = message.polygon.points
     message.polygon.points = (points * 600)[: [0, 1, 3, 16, 18, 4097, 10_000][random.integers(7)]]
@@ -174,6 +200,13 @@ def array_values(message, random, now_ns):
     data = np.array(message.data)
     places = some(random, len(data))
     data[places] = [odd(random) for _ in places]
+    message.data = data
+
+
+def array_coordinate(message, random, now_ns):
+    data = np.array(message.data)
+    rows = data[: len(data) // 3 * 3].reshape(-1, 3)
+    one_coordinate(rows[:, :2], random)
     message.data = data
 
 
@@ -204,6 +237,13 @@ def yolo_values(message, random, now_ns):
                 point.score = odd(random)
             else:
                 setattr(point.point, "xy"[kind - 2], [odd(random), 1e300][random.integers(2)])
+
+
+def yolo_coordinate(message, random, now_ns):
+    axis, value = "xy"[random.integers(2)], PLACES[random.integers(len(PLACES))]
+    for detection in message.detections:
+        for place in some(random, len(detection.keypoints.data)):
+            setattr(detection.keypoints.data[place].point, axis, value)
 
 
 def yolo_lists(message, random, now_ns):
@@ -308,6 +348,7 @@ HEADER = {"stamp": stamp, "frame_id": frame_id}
 WAYS = {
     "sensor_msgs/msg/PointCloud2": {
         "values": cloud_values,
+        "one coordinate": cloud_coordinate,
         "ids": cloud_ids,
         "length": cloud_length,
         "sizes": cloud_sizes,
@@ -317,11 +358,22 @@ WAYS = {
         "depth": cloud_depth,
         **HEADER,
     },
-    "geometry_msgs/msg/PolygonStamped": {"values": polygon_values, "length": polygon_length, **HEADER},
-    "std_msgs/msg/Float32MultiArray": {"values": array_values, "length": array_length, "offset": array_offset},
+    "geometry_msgs/msg/PolygonStamped": {
+        "values": polygon_values,
+        "one coordinate": polygon_coordinate,
+        "length": polygon_length,
+        **HEADER,
+    },
+    "std_msgs/msg/Float32MultiArray": {
+        "values": array_values,
+        "one coordinate": array_coordinate,
+        "length": array_length,
+        "offset": array_offset,
+    },
     "hri_msgs/msg/Skeleton2D": {"values": hri_values, **HEADER},
     "yolo_msgs/msg/DetectionArray": {
         "values": yolo_values,
+        "one coordinate": yolo_coordinate,
         "lists": yolo_lists,
         "ids": yolo_ids,
         "depth": yolo_depth,

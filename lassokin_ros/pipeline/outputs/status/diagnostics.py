@@ -13,10 +13,15 @@ from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
 from lassokin_ros.pipeline.depth_images import COUNTS as DEPTH_COUNTS
 from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
+from lassokin_ros.pipeline.input_checks.body_direction import BodyDirection
+from lassokin_ros.pipeline.input_checks.messages import LEADING_SLASH
+from lassokin_ros.pipeline.input_checks.repeats import FROZEN_S
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.outputs.status.calibration_status import calibration_figures, height_figures
+from lassokin_ros.pipeline.outputs.status.input_concerns import input_concerns
 from lassokin_ros.pipeline.people.presence import Presence
-from lassokin_ros.pipeline.pipeline import DEPTH_IN_MESSAGE, NOBODY, UNUSED, Pipeline
+from lassokin_ros.pipeline.people.tracked_person import FROZEN
+from lassokin_ros.pipeline.pipeline import DEPTH_IN_MESSAGE, NOBODY, UNSCORED, UNUSED, Pipeline
 from lassokin_ros.pipeline.placeholders import PLACEHOLDERS
 from lassokin_ros.pipeline.settings import MESSAGE
 from msg_adapters.output_messages.builders import ERROR, OK, WARN, StatusLine
@@ -32,8 +37,6 @@ NEAR_LIMIT = 0.5
 NEAR_LIMIT_ADVICE = "confidences nearly reach min_confidence: lower it if somebody is in view"
 UNUSED_SHARE = 0.02
 """Share of the messages that may be overtaken or lost without a warning."""
-FROZEN_S = 1.0
-"""s: repeated keypoints for a longer time are a warning."""
 TURNOVER = 2
 """Number of people that may come, and leave, in one period. More are a sign of a detector that numbers people anew in
 each image."""
@@ -62,6 +65,11 @@ class Diagnostics:
         self._newest: list[FrameResult] = []
         self._nobody = False
         self._repeated_s = 0.0
+        self._direction = BodyDirection()
+        self.concerns: list[str] = []
+        """Reasons for a warning in the last period, in words, without the messages that were not used."""
+        self.inputs: list[str] = []
+        """Those of them that concern inputs which are not what they seem."""
 
     def _begin(self, now: float) -> None:
         self._since = now
@@ -119,6 +127,8 @@ class Diagnostics:
         period = max(now - self._since, 1e-3)
         recent = Counter(self._pipeline.counts)
         recent.subtract(self._counts)
+        tracking = presence.status is Status.TRACKING
+        self._direction.update(self._newest if tracking else (), self._pipeline.camera_angles[0], now)
         level, message = self._level_and_text(now, recent, presence.status, concern)
         values = self._figures(now, period, recent, presence)
         self._begin(now)
@@ -126,6 +136,7 @@ class Diagnostics:
 
     def _level_and_text(self, now: float, recent: Counter[str], status: Status, concern: str) -> tuple[int, str]:
         pipeline = self._pipeline
+        self.concerns, self.inputs = [], []
         if not pipeline.enabled:
             return OK, "disabled by ~/set_enabled"
         if pipeline.camera_fault:
@@ -133,28 +144,36 @@ class Diagnostics:
             return ERROR, f"camera_info refused: {pipeline.camera_fault}{kept}"
         if waiting := self._waiting_for(now):
             return WARN, "; ".join(filter(None, [waiting, concern]))
-        if self._repeated_s > FROZEN_S:
+        refused = recent[f"rejected: {FROZEN}"] + recent[f"rejected: {FROZEN} (a person)"]
+        if self._repeated_s > FROZEN_S or (refused and status is not Status.TRACKING):
             return WARN, (
                 f"keypoints are frozen: the same ones for more than {FROZEN_S:g} s; check that "
                 "the camera's image changes and reaches the detector"
             )
         warning = "" if pipeline.camera.view is None else pipeline.camera.warning
+        self.inputs = list(input_concerns(pipeline, recent))
+        unused, direction = _unused(recent), self._direction.words(now)
         possible = (
             warning,
-            _unused(recent),
+            unused,
             self._outside_advice(recent),
             self._fit_advice(),
             self._turnover_advice(recent),
             self._depth_concern(recent),
             self._height_concern(),
             self._clock_advice(),
+            *self.inputs,
+            direction if self._direction.is_down else "",
             concern,
         )
         concerns = [words for words in possible if words]
+        self.concerns = [words for words in concerns if words != unused]
         if recent["received"]:
             self._nobody = recent[NOBODY] == recent["received"]
         nobody = self._nobody and status is not Status.TRACKING
         level = OK if (nobody or status is Status.TRACKING) and not concerns else WARN
+        if direction and direction not in concerns:
+            concerns.append(direction)  # a person who lies is no fault
         return level, "; ".join([self._nobody_text() if nobody else status.value, *concerns])
 
     def _waiting_for(self, now: float) -> str:
@@ -189,7 +208,7 @@ class Diagnostics:
         width, height = view.size
         return (
             f"keypoints lie outside the image of {width} x {height} px of camera_info: check that they are "
-            "pixels of the raw image at full resolution"
+            "pixels of the raw image at full resolution, and that camera_info is of their camera"
         )
 
     def _fit_advice(self) -> str:
@@ -227,6 +246,8 @@ class Diagnostics:
             return f"no depth images on {pipeline.config.depth}: tracking without measured depth"
         if pipeline.depth.fault:
             return pipeline.depth.fault
+        if pipeline.depth.frozen:
+            return ""  # see input_concerns
         if recent[UNMATCHED] > recent[MATCHED]:
             return (
                 "most keypoint messages had no depth image of their time: check that both have the stamp of the "
@@ -250,7 +271,7 @@ class Diagnostics:
         if wrong:
             return (
                 f"measured depth does not fit the size of the given body (height {config.height:g} m): set height to "
-                "that of the person, or to 0 to measure it"
+                "that of the person, or to 0 to measure it, and check that camera_info is of the keypoints' camera"
             )
         return ""
 
@@ -284,7 +305,7 @@ class Diagnostics:
             values["camera roll, pitch from TF [rad]"] = "{:.3f}, {:.3f}".format(*angles)
         if self._pipeline.depth is not None:
             values |= {f"{key} [messages]": str(counts[key]) for key in DEPTH_COUNTS}
-        listed = (OUTSIDE_IMAGE, PLACEHOLDERS, NOBODY, UNUSED, DEPTH_IN_MESSAGE)
+        listed = (OUTSIDE_IMAGE, PLACEHOLDERS, NOBODY, UNUSED, UNSCORED, DEPTH_IN_MESSAGE, LEADING_SLASH)
         for key in sorted(key for key in counts if key.startswith("rejected: ") or key in listed):
             values[f"{key} [messages]"] = str(counts[key])
         if self._unused_confidence:

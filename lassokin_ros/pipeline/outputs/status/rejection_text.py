@@ -20,6 +20,14 @@ def rejection_text(answer: Estimate, observation: Observation, config: TrackerCo
     return _WORDS[answer.rejection](answer, observation, config)
 
 
+def frozen_text(seconds: float, config: TrackerConfig) -> str:
+    """One line about keypoints that have been the same for this time, s."""
+    return (
+        f"the same keypoints for {seconds:.1f} s, with new stamps; expected new ones within lost_after "
+        f"{config.lost_after:g} s: check that the camera's image changes and reaches the detector"
+    )
+
+
 def _too_few_landmarks(_: Estimate, observation: Observation, config: TrackerConfig) -> str:
     seen = visible(observation, config)
     count, expected = np.count_nonzero(seen), f"expected {config.min_landmarks} or more (min_landmarks)"

@@ -47,6 +47,11 @@ def pipeline():
         nobody_in_view=False,
         unused_confidence=0.0,
         depth=None,
+        image=None,
+        stamp_rate=SimpleNamespace(warning=""),
+        own_depth=SimpleNamespace(warning=""),
+        landmark_ids=SimpleNamespace(warning=""),
+        camera_angles=(0.0, 0.0),
         mount=None,
         calibrations=dict,
         heights=dict,
@@ -65,6 +70,7 @@ def diagnostics(pipeline):
 def frame(stamp_ns=SECOND, reprojection_px=2.0, depth=3.5, repeated=0.0, deviation=0.05, held_s=0.0, measured=False):
     state = SimpleNamespace(translation=np.array([0, 0, depth]))
     estimate = SimpleNamespace(reprojection_px=reprojection_px, state=state, repeated=repeated, depth_measured=measured)
+    estimate.pose = None
     uncertainty = SimpleNamespace(deviation=np.array([0.01, deviation]))
     return FrameResult(
         stamp_ns,
@@ -205,7 +211,7 @@ def test_people_may_come_and_leave_where_no_number_of_a_message_counts(pipeline,
 
 
 def test_depth(pipeline, diagnostics):
-    pipeline.depth, pipeline.config = SimpleNamespace(fault=""), NodeSettings(depth="/depth")
+    pipeline.depth, pipeline.config = SimpleNamespace(fault="", frozen=False), NodeSettings(depth="/depth")
     assert said(diagnostics) == (WARN, "tracking; no depth images on /depth: tracking without measured depth")
     pipeline.counts.update({RECEIVED: 1, MATCHED: 5, UNMATCHED: 5})
     assert said(diagnostics) == (OK, "tracking")
@@ -218,7 +224,7 @@ def test_depth(pipeline, diagnostics):
 
 @pytest.mark.parametrize("used", [0, 1, 2, 10])
 def test_depth_images_without_depth_at_the_person(pipeline, diagnostics, used):
-    pipeline.depth = SimpleNamespace(fault="")
+    pipeline.depth = SimpleNamespace(fault="", frozen=False)
     for i in range(10):
         diagnostics.count_message([frame(measured=i < used)], SECOND, 10.5, 0.001)
     pipeline.counts.update({RECEIVED: 10, MATCHED: 10})
@@ -290,7 +296,7 @@ def test_figures_of_a_period(pipeline, diagnostics):
 def test_figures_of_several_people(pipeline, diagnostics):
     pipeline.ids = ["p1", "p2", "p3"]
     pipeline.counts.update({"people come": 3, "people left": 1, "people beyond max_people": 2})
-    pipeline.depth = SimpleNamespace(fault="")
+    pipeline.depth = SimpleNamespace(fault="", frozen=False)
     values = diagnostics.line(11.0, Presence(Status.TRACKING, ["p1"])).values
     assert (values["people"], values["people come"], values["people left"]) == ("p1", "3", "3")
     assert values["people beyond max_people"] == "2" and values[f"{RECEIVED} [messages]"] == "0"

@@ -1,0 +1,38 @@
+"""Several publishers of camera_info: their cameras may differ."""
+
+from __future__ import annotations
+
+from rclpy.node import Node
+
+from lassokin_ros.pipeline.outputs import topics
+
+LEFTOVER_S = 25.0
+"""s: the graph contains the publishers of a killed process for up to 20 s."""
+LISTED = 4
+"""Largest number of publishers in a message."""
+
+
+class CameraPublishers:
+    """Watches the publishers of the node's topic camera_info. Call `check` periodically."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._topic = node.resolve_topic_name(topics.CAMERA_INFO)
+        self._since: float | None = None
+
+    def check(self, now: float, differ: bool) -> str:
+        """Return that there are several publishers, with their names; empty for one.
+
+        now: s, steady clock. differ: whether their messages are known to differ. If they are not, a publisher may be
+        that of a process that has ended, and the sentence comes after LEFTOVER_S.
+        """
+        found = self._node.get_publishers_info_by_topic(self._topic)
+        if len(found) < 2:
+            self._since = None
+            return ""
+        self._since = now if self._since is None else self._since
+        if not differ and now - self._since < LEFTOVER_S:
+            return ""
+        names = sorted(f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in found)
+        listed = ", ".join(names[:LISTED]) + (", ..." if len(names) > LISTED else "")
+        return f"{self._topic} has {len(found)} publishers: {listed}; expected that of the keypoints' camera alone"

@@ -1,0 +1,55 @@
+"""Warnings about inputs that are not what they seem, see `pipeline/input_checks`."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+
+from lassokin_ros.pipeline.input_checks.repeats import FROZEN_S
+from lassokin_ros.pipeline.pipeline import UNSCORED, Pipeline
+
+
+def input_concerns(pipeline: Pipeline, recent: Counter[str]) -> Iterator[str]:
+    """Yield what is unusual about the inputs of a period, in words; recent: counts of the period."""
+    yield from filter(
+        None,
+        (
+            pipeline.stamp_rate.warning,
+            _other_camera(pipeline),
+            _unscored(recent),
+            _frozen_depth(pipeline),
+            pipeline.own_depth.warning,
+            pipeline.landmark_ids.warning,
+        ),
+    )
+
+
+def _other_camera(pipeline: Pipeline) -> str:
+    """Return that camera_info and keypoints have different frame_ids."""
+    if pipeline.image is None or (view := pipeline.camera.view) is None:
+        return ""
+    frame, camera = pipeline.image[1], view.intrinsics.frame_id
+    if not frame or not camera or frame == camera:
+        return ""
+    return (
+        f"camera_info is of another camera: its frame_id is '{camera[:40]}', that of the keypoints '{frame[:40]}'; "
+        "remap camera_info to the camera of the detector, or give both the frame_id of its optical frame"
+    )
+
+
+def _unscored(recent: Counter[str]) -> str:
+    if not recent[UNSCORED] or recent[UNSCORED] < recent["received"]:
+        return ""
+    return (
+        "the keypoints have positions, but all confidences are 0 or NaN: fill them in the detector (0 to 1; 1 if it "
+        "has none)"
+    )
+
+
+def _frozen_depth(pipeline: Pipeline) -> str:
+    if pipeline.depth is None or not pipeline.depth.frozen:
+        return ""
+    return (
+        f"the depth images on {pipeline.config.depth} are frozen: the same one for more than {FROZEN_S:g} s, with new "
+        "stamps, so they are not used; check the depth camera"
+    )
