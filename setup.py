@@ -12,13 +12,15 @@ MANIFEST = ElementTree.parse(Path(__file__).parent / "package.xml").getroot()
 
 ROS = ["ros-jazzy-rclpy[fastrtps]>=7.1.6", "ros-jazzy-common-interfaces>=5.3.6"]
 REPLAY = ["rosbags>=0.11"]
-VIDEO = ["opencv-python-headless>=4.6", *REPLAY]
+VIDEO = ["opencv-python-headless>=4.6", "av>=12", *REPLAY]  # PyAV encodes H.264, which browsers play
 CLUSTER = ["distributed>=2024.8", *REPLAY]
 MEDIAPIPE = ["mediapipe>=0.10.14,<0.10.22", *VIDEO]  # later releases do not contain the weights of MediaPipe Pose
 ONNX = ["onnxruntime>=1.17", *VIDEO]
 VIEW = [
     "rerun-sdk>=0.23.1",
-    "pyarrow<25; python_version < '3.13'",  # later ones need numpy 2 without saying so, and mediapipe needs numpy 1
+    # mediapipe, which has no wheels for later Pythons, needs numpy 1; the newest Rerun would bring numpy 2
+    "numpy<2; python_version < '3.13'",
+    "pyarrow<25; python_version < '3.13'",  # later ones need numpy 2 without saying so
     *VIDEO,
 ]
 REPORT = ["plotly>=6.0", *REPLAY]

@@ -26,7 +26,10 @@ CALIBRATIONS = Path.home() / ".ros" / "camera_info"
 """Where camera_calibration stores its result, and the drivers find it."""
 FRAME = "camera_optical_frame"
 ARGUMENTS = {
-    "source": ("0", "number of a webcam, a video file, or a folder of images (the last two by OpenCV)"),
+    "source": (
+        "0",
+        "number or device of a webcam, a video file, a folder of images, or an address (all but the number by OpenCV)",
+    ),
     "driver": (
         "",
         f"{', '.join(DRIVERS)} or {OWN}; empty: a driver that is installed if the camera is calibrated, else {OWN}",

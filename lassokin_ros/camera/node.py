@@ -37,7 +37,7 @@ CAMERA_INFO_WAIT_S = 5.0
 LAST_READ_S = 1.0
 """s: how long the end of the node waits for the last image."""
 PARAMETERS: dict[str, tuple[Any, str]] = {
-    "source": ("0", "number of a webcam, a video file, or a folder of images"),
+    "source": ("0", "number or device of a webcam, a video file, a folder of images, or an address (rtsp://, http://)"),
     "fov": (0.0, "field of view along the longer side of the image, degrees; 0: a default is assumed, with a warning"),
     "calibration": ("", "calibration file of ROS (ost.yaml), OpenCV or Kalibr, scaled to the image; empty: none"),
     "longest_side": (1280, "longer side of the published images, px; larger images are scaled down, smaller ones kept"),

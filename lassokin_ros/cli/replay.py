@@ -21,6 +21,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     The code is 0 on success, 2 for input that cannot be used (with one line on stderr), and 130 after an interrupt.
     """
     options = parser().parse_args(arguments)
+    if options.height is not None:
+        options.p.append(f"height:={options.height}")
     # The matrices are small: more BLAS threads cost more time than they save. numpy is not imported yet.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     try:

@@ -15,8 +15,8 @@ class Progress:
     """Count up to a total and show the progress."""
 
     def __init__(self, total: int, unit: str, stream: TextIO | None = None, plain_lines: int = 0) -> None:
-        """plain_lines: total number of lines to write if the stream is not a terminal."""
-        self._total, self._unit = max(total, 1), unit
+        """total: 0 = unknown. plain_lines: total number of lines to write if the stream is not a terminal."""
+        self._known, self._total, self._unit = total > 0, max(total, 1), unit
         self._plain_lines = plain_lines
         self._stream: TextIO = stream or sys.stderr or StringIO()  # sys.stderr is None if it was closed
         self._shown = self._stream.isatty()
@@ -28,7 +28,7 @@ class Progress:
         """Add to the count. note: a few words after the bar."""
         self._count += count
         now = time.monotonic()
-        if self._shown and (now >= self._next or self._count == self._total):
+        if self._shown and (now >= self._next or (self._known and self._count == self._total)):
             self._next = now + PERIOD_S
             self._draw(now, note)
         elif not self._shown and self._plain_lines:
@@ -38,13 +38,16 @@ class Progress:
                 self._stream.flush()
 
     def _draw(self, now: float, note: str) -> None:
+        text = self._bar(now - self._started) if self._known else f"{self._count} {self._unit}"
+        self._stream.write(f"\r{text} {note}"[:110] + "\x1b[K")
+        self._stream.flush()
+
+    def _bar(self, seconds: float) -> str:
+        """Return the bar, the count, and the time left as soon as a hundredth is done."""
         share = min(self._count / self._total, 1.0)
         bar = "#" * round(share * WIDTH)
-        seconds = now - self._started
-        left = seconds / share - seconds if share > 0.01 else float("nan")
-        text = f"\r[{bar:.<{WIDTH}}] {self._count}/{self._total} {self._unit}, {left:.0f} s left {note}"
-        self._stream.write(text[:110] + "\x1b[K")
-        self._stream.flush()
+        left = f", {seconds / share - seconds:.0f} s left" if share > 0.01 else ""
+        return f"[{bar:.<{WIDTH}}] {self._count}/{self._total} {self._unit}{left}"
 
     def close(self) -> None:
         """Clear the line."""

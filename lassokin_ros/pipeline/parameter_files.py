@@ -19,13 +19,15 @@ IGNORED = ("use_sim_time", "qos_overrides", "start_type_description_service")
 """Parameters that every node has. They have no effect without ROS."""
 
 
-def offline_settings(files: Sequence[Path], assignments: Sequence[str]) -> tuple[TrackerConfig, NodeSettings]:
+def offline_settings(
+    files: Sequence[Path], assignments: Sequence[str], defaults: Mapping[str, Any] | None = None
+) -> tuple[TrackerConfig, NodeSettings]:
     """Return the settings from parameter files and assignments "name:=value". Later values override earlier ones.
 
-    Raises ConfigurationError for an unreadable or malformed file, an unknown parameter, and a value of the wrong type
-    or out of range.
+    defaults: values by name that replace those of the settings' fields. Raises ConfigurationError for an unreadable or
+    malformed file, an unknown parameter, and a value of the wrong type or out of range.
     """
-    values: dict[str, Any] = {}
+    values: dict[str, Any] = dict(defaults or {})
     for file in files:
         values.update(_from_file(file))
     for assignment in assignments:

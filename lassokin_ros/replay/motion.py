@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from lassokin_ros.common.array_spool import ArraySpool, Record
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.replay.analysis.doubts import PeopleDoubts
+from lassokin_ros.replay.analysis.floor import floor_height
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +31,11 @@ class Motion:
     angles: (f, n, 3) about x, y and z of each joint, as published on `joint_states`.
     landmarks: (f, l, 3); detected: (f, l, 2) px of the raw image, NaN = missing.
     reprojection_px, relative_gap: (f,); support_size: (f,) int; initialised: (f,) bool.
+    deviations: (f, n) m, see `JointUncertainty`; observed: (f, n) bool, the joints that keypoints show.
+    likely_wrong: (f,) bool, see `FrameDoubt`.
     level: (3, 3) rotation from the camera frame to the frame of a level camera at the same place.
+    floor: m above the camera, the floor under the feet in the level frame, the same for all people; 0, the camera's
+    height, if the feet are seen in few frames.
     """
 
     person: str
@@ -47,7 +53,11 @@ class Motion:
     relative_gap: np.ndarray
     support_size: np.ndarray
     initialised: np.ndarray
+    deviations: np.ndarray
+    observed: np.ndarray
+    likely_wrong: np.ndarray
     level: np.ndarray
+    floor: float = 0.0
 
     @property
     def frame_count(self) -> int:
@@ -64,7 +74,7 @@ class _Rows:
     skeleton: Skeleton | None = None
     records: list[Record] = field(default_factory=list)
 
-    def add(self, frame: FrameResult) -> None:
+    def add(self, frame: FrameResult, likely_wrong: bool) -> None:
         estimate = frame.estimate
         assert estimate is not None and estimate.state is not None and estimate.pose is not None
         assert estimate.certificate is not None and frame.positions is not None
@@ -82,24 +92,33 @@ class _Rows:
             "relative_gap": estimate.certificate.relative_gap,
             "support_size": estimate.certificate.support_size,
             "initialised": estimate.initialised,
+            "deviations": frame.uncertainty.deviation,
+            "observed": frame.observed,
+            "likely_wrong": likely_wrong,
         }
         self.records.append(self.spool.append({name: np.asarray(value) for name, value in row.items()}))
 
 
 class MotionRecorder:
-    """Collect the accepted frames of each person in a temporary file: 4 kB per frame, 0.4 GB for an hour at 30 Hz."""
+    """Collect the accepted frames of each person in a temporary file: 4 kB per frame, 0.5 GB for an hour at 30 Hz."""
 
-    def __init__(self, landmark_names: Sequence[str], level: Callable[[], np.ndarray]) -> None:
-        """landmark_names: l names. level: returns (3, 3), see `Motion`, after the last frame."""
-        self._landmark_names, self._level = tuple(landmark_names), level
+    def __init__(self, landmark_names: Sequence[str], level: Callable[[], np.ndarray], origin_ns: int = 0) -> None:
+        """landmark_names: l names. level: returns (3, 3), see `Motion`, after the last frame.
+
+        origin_ns: stamp that becomes 0.
+        """
+        self._landmark_names, self._level, self._origin_ns = tuple(landmark_names), level, origin_ns
         self._spool = ArraySpool()
+        self._doubts = PeopleDoubts(self._landmark_names)
         self._people: dict[str, _Rows] = {}
 
     def add(self, frames: Sequence[FrameResult], time_ns: int = 0, seconds: float = 0.0) -> None:
         """Add the frames of one keypoint message, see `OfflineTracker.listeners`. Rejected frames add no row."""
         for frame in frames:
             if frame.accepted and frame.estimate is not None:
-                self._people.setdefault(frame.person, _Rows(self._spool)).add(frame)
+                self._people.setdefault(frame.person, _Rows(self._spool)).add(
+                    frame, self._doubts.of(frame).likely_wrong
+                )
 
     def motions(self) -> list[Motion]:
         """Return one motion per person, in order of first appearance; empty if nobody was tracked."""
@@ -107,6 +126,14 @@ class MotionRecorder:
         for person, rows in self._people.items():
             assert rows.skeleton is not None
             columns = self._spool.columns(rows.records)
+            columns["stamps_ns"] = columns["stamps_ns"] - self._origin_ns
             names, level = self._landmark_names, self._level()
-            motions.append(Motion(person, rows.frame_id, rows.skeleton, names, **columns, level=level))
-        return motions
+            motions.append(Motion(person, rows.frame_id, rows.skeleton, names, **columns, level=level, floor=0.0))
+        floor = np.array([_floor(motion) for motion in motions])
+        common = float(np.median(floor[np.isfinite(floor)])) if np.isfinite(floor).any() else 0.0
+        return [replace(motion, floor=common) for motion in motions]
+
+
+def _floor(motion: Motion) -> float:
+    names, height = motion.skeleton.joint_names, motion.skeleton.height
+    return floor_height(motion.positions, motion.observed, names, height, motion.level)

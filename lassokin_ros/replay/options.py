@@ -38,6 +38,7 @@ def _add_inputs(result: argparse.ArgumentParser) -> None:
         "--params-file", type=Path, action="append", default=[], metavar="YAML", help="ROS parameter file"
     )
     result.add_argument("-p", action="append", default=[], metavar="name:=value", help="set a parameter of the tracker")
+    result.add_argument("--height", type=float, metavar="M", help="height of the person, m (same as -p height:=...)")
     result.add_argument("--keypoints-topic", metavar="TOPIC", help="needed if the recording has several")
     result.add_argument("--camera-info-topic", metavar="TOPIC", help="needed if the recording has several")
     result.add_argument(
@@ -63,7 +64,7 @@ def _add_outputs(result: argparse.ArgumentParser) -> None:
     result.add_argument(
         "--two-pass",
         action="store_true",
-        help="learn the person's lengths over the whole recording, then track with them",
+        help="learn the person's lengths over the whole recording, then track with them and smooth with later frames",
     )
     result.add_argument("--storage", choices=STORAGES, help="storage of the output (default: that of the input)")
     result.add_argument(

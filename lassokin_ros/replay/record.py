@@ -18,6 +18,7 @@ from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.core.yaml_files import load_mapping, read_text
 from lassokin_ros.pipeline.camera.calibration_file import split_camera
 from lassokin_ros.pipeline.parameter_files import offline_settings
+from lassokin_ros.replay.first_pass import WHOLE_FILE
 from lassokin_ros.replay.sqlite_journal import journals_of
 from lassokin_ros.skeleton_readers.naming import names_file
 
@@ -70,7 +71,7 @@ def origin_of(options: argparse.Namespace) -> Origin:
 
     Files are identified by their content: a parameter file and the same values on the command line are equal.
     """
-    configs = offline_settings(options.params_file, options.p)
+    configs = offline_settings(options.params_file, options.p, WHOLE_FILE if options.two_pass else {})
     settings: dict[str, Any] = {name: value for config in configs for name, value in asdict(config).items()}
     for name in ("skeleton", "landmarks"):
         path = Path(settings[name])

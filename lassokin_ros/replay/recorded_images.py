@@ -64,4 +64,4 @@ def recorded_images(
     message_type = compressed if recorded.get(options.image_topic.strip("/")) == compressed else raw
     topic = bag.find(message_type, options.image_topic, "image_raw", OPTION)
     wanted = {stamp_of(message) for _, _, message in bag.messages([keypoints]) if message is not None}
-    return [RecordedImages(topic, wanted, report.add_image)]
+    return [RecordedImages(topic, wanted, report.images.add)]

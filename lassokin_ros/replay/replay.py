@@ -14,6 +14,7 @@ import numpy as np
 
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.progress import Progress
+from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.learned.vertical import level_from_camera
@@ -26,7 +27,7 @@ from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.bags import BagReader, BagWriter, RecordedTopic
 from lassokin_ros.replay.camera_source import camera_source
 from lassokin_ros.replay.exports.exports import Exports, is_inside_name
-from lassokin_ros.replay.first_pass import Inputs, check_two_passes, learn_lengths
+from lassokin_ros.replay.first_pass import WHOLE_FILE, Inputs, check_two_passes, learn_lengths
 from lassokin_ros.replay.motion import MotionRecorder
 from lassokin_ros.replay.offline_tracker import LINK_AS_FRAME, OfflineTracker
 from lassokin_ros.replay.output_paths import OutputError, check_output_paths
@@ -58,7 +59,8 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
     """
     options.output = options.output or Path(f"{options.bag.resolve().stem}_tracked")
     check_output_paths([options])
-    tracker_config, node_config = offline_settings(options.params_file, options.p)
+    defaults = WHOLE_FILE if options.two_pass else {}
+    tracker_config, node_config = offline_settings(options.params_file, options.p, defaults)
     _check_learning(options, tracker_config, node_config)
     with BagReader(options.bag) as bag, TemporaryDirectory(prefix="lassokin_") as folder:
         keypoints_type = full_type_name(node_config.keypoints_type)
@@ -66,12 +68,14 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
         camera = camera_source(bag, options, node_config.rectified, keypoints)
         others = _other_topics(bag, node_config)
         read = [keypoints, *camera.recorded, *others]
+        given = None
         if options.two_pass:
             first = OfflineTracker(tracker_config, node_config, bag.types, only_track=True)
+            given = first.pipeline.tracker.skeleton
             inputs, messages = _inputs(first, keypoints, camera, others), camera.messages(bag, read)
             tracker_config = learn_lengths(messages, inputs, first, tracker_config, Path(folder))
         tracker = OfflineTracker(tracker_config, node_config, bag.types, serialised=True)
-        report = _report(options, tracker)
+        report = _report(options, tracker, given)
         exports = _exports(options, tracker)
         images = recorded_images(bag, options, report, keypoints)
         inputs = {**_inputs(tracker, keypoints, camera, others), **{shown.topic.name: shown.take for shown in images}}
@@ -93,7 +97,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
     title = f"{options.bag} -> {output} ({storage})"
     summary = _summary(title, (str(keypoints), camera.title), tracker, seconds, written)
     if report is not None:
-        summary = "\n".join([summary, *(f"{'problem':<15} {problem}" for problem in report.problems)])
+        summary = "\n".join([summary, *report.summary_lines])
     frame_ms = 1e3 * float(np.median(tracker.frame_seconds or [np.nan]))
     return Replayed(summary, figures, frame_ms, _warning(figures, tracker))
 
@@ -160,13 +164,16 @@ def _files(
     return lines
 
 
-def _report(options: argparse.Namespace, tracker: OfflineTracker) -> Report | None:
-    """Return the collector of the report, None without --report. Raises a LassokinError for an unusable path."""
+def _report(options: argparse.Namespace, tracker: OfflineTracker, given: Skeleton | None) -> Report | None:
+    """Return the collector of the report, None without --report. Raises a LassokinError for an unusable path.
+
+    given: the skeleton before the first of two passes, if there are two.
+    """
     if options.report is None:
         return None
     from lassokin_ros.replay.report.report import Report
 
-    report = Report(options.report, tracker.pipeline, options.force)
+    report = Report(options.report, tracker.pipeline, options.force, given)
     tracker.listeners.append(report.add)
     return report
 

@@ -52,7 +52,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the options."""
     result = argparse.ArgumentParser(prog=PROGRAM, description="Track a person in a video, without ROS.")
-    result.add_argument("source", metavar="VIDEO|0|IMAGES", help="video file, number of a webcam, or folder of images")
+    result.add_argument(
+        "source",
+        metavar="VIDEO|0|IMAGES",
+        help="video file, folder of images, number or device of a webcam, or address of a stream (rtsp://, http://)",
+    )
     result.add_argument("--height", type=float, help="height of the person, m (same as -p height:=...)")
     result.add_argument("--fov", type=float, metavar="DEG", help="field of view along the longer side of the image")
     result.add_argument(
@@ -74,6 +78,11 @@ def parser() -> argparse.ArgumentParser:
         const=WINDOW,
         metavar="RRD",
         help="show all in the viewer Rerun, or record it for it",
+    )
+    result.add_argument(
+        "--causal",
+        action="store_true",
+        help="track a file as a camera's images: in one pass, without smoothing by later frames",
     )
     result.add_argument("--force", action="store_true", help="replace outputs that exist")
     return result

@@ -1,37 +1,57 @@
-"""The output video: the image with keypoints and reprojected skeleton, beside the rotating skeleton in 3D."""
+"""The output video: the image with keypoints and reprojected skeleton, beside the body in 3D from the side."""
 
 from __future__ import annotations
 
 import os
+from collections import deque
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from lassokin_ros.common.atomic_files import refuse_existing
-from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.core.doubt.spans import AROUND_S
 from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.replay.analysis.capsules import side_of
+from lassokin_ros.replay.analysis.doubts import FrameDoubt, PeopleDoubts
+from lassokin_ros.video.body_view import BACKGROUND, COLOURS, NAME, BodyView
+from lassokin_ros.video.encoder import VideoError, open_encoder
 
 HEIGHT = 720
 """px, at most."""
-TURN_DEG_S = 30.0
-METRES = 2.4
-"""Height of the 3D view, m."""
-KEYPOINT, BACKGROUND = (60, 220, 60), 24
-SIDES = {"left": (255, 160, 60), "right": (40, 120, 255)}
-MIDDLE = (210, 210, 210)
-"""Colours, BGR; of the bones by side."""
+KEYPOINT, TEXT, WRONG = (60, 220, 60), (235, 235, 235), (0, 159, 230)
+"""Colours, BGR."""
+BAR = 0.05
+"""Height of the line of text, as a share of the image's height."""
 
 
-class VideoError(LassokinError):
-    """The output video cannot be written."""
+@dataclass
+class _Waiting:
+    """A picture that waits for the doubts of later frames. target: number of images after it. state: its text."""
+
+    seconds: float
+    target: int
+    picture: np.ndarray
+    state: str
+    doubt: FrameDoubt | None
 
 
 class OutputVideo:
     """Writes one video. The file has its name only after `finish`."""
 
-    def __init__(self, path: Path, size: tuple[int, int], fps: float, replace: bool) -> None:
-        """size: (width, height) px of the images. Raises VideoError."""
+    def __init__(
+        self,
+        path: Path,
+        size: tuple[int, int],
+        fps: float,
+        replace: bool,
+        landmarks: tuple[str, ...],
+        level: np.ndarray,
+    ) -> None:
+        """size: (width, height) px of the images. landmarks: names in layout order. level: see `BodyView`.
+
+        Raises VideoError.
+        """
         import cv2
 
         refuse_existing(path, replace, VideoError)
@@ -40,59 +60,110 @@ class OutputVideo:
         self._cv2, self._path, self._fps = cv2, path, fps
         self._scale = min(1.0, HEIGHT / size[1])
         self._size = max(round(size[0] * self._scale), 2), max(round(size[1] * self._scale), 2)
-        even = (self._size[0] + self._size[1]) // 2 * 2, self._size[1] // 2 * 2
-        self._even = even
+        self._bar = max(round(BAR * self._size[1]), 12)
+        self._even = (self._size[0] + self._size[1]) // 2 * 2, (self._size[1] + self._bar) // 2 * 2
+        self._view = BodyView(cv2, self._size[1], level)
+        self._doubts = PeopleDoubts(landmarks)
+        self._waiting: deque[_Waiting] = deque()
+        self._wrong_until = -np.inf
         self._part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
-        self._writer = cv2.VideoWriter(str(self._part), cv2.VideoWriter.fourcc(*"mp4v"), fps, even)
-        if not self._writer.isOpened():
-            raise VideoError(f"'{path}' cannot be written by OpenCV")
+        self._encoder = open_encoder(self._part, self._even, fps)
         self._written = 0
 
-    def add(self, seconds: float, rgb: np.ndarray, frames: list[FrameResult]) -> None:
-        """Add an image with its results. It is repeated or left out to keep the frame rate constant."""
-        target = round(seconds * self._fps) + 1
-        if target <= self._written:
-            return
-        picture = self._picture(seconds, rgb, frames)
-        while self._written < target:
-            self._writer.write(picture)
-            self._written += 1
+    @property
+    def browsers_play(self) -> bool:
+        """Whether browsers play the file."""
+        return self._encoder.browsers_play
 
-    def _picture(self, seconds: float, rgb: np.ndarray, frames: list[FrameResult]) -> np.ndarray:
+    def add(self, seconds: float, rgb: np.ndarray, frames: list[FrameResult]) -> None:
+        """Add an image with its results. It is repeated or left out to keep the frame rate constant.
+
+        Raises VideoError.
+        """
+        shown = next((frame for frame in frames if frame.accepted), None)
+        doubts = [self._doubts.of(frame) for frame in frames if frame.accepted]
+        doubt = next((doubt for doubt in doubts if doubt.likely_wrong), None)
+        state = (
+            "nobody tracked" if shown is None else "tracked" if len(doubts) == 1 else f"{len(doubts)} people tracked"
+        )
+        target = round(seconds * self._fps) + 1
+        picture = self._picture(seconds, rgb, frames, shown)
+        self._waiting.append(_Waiting(seconds, target, picture, state, doubt))
+        self._write_until(seconds - AROUND_S)
+
+    def _write_until(self, seconds: float) -> None:
+        """Write the pictures up to a time; those that follow show what is likely wrong."""
+        while self._waiting and self._waiting[0].seconds <= seconds:
+            waiting = self._waiting.popleft()
+            near = [waiting, *(later for later in self._waiting if later.seconds <= waiting.seconds + AROUND_S)]
+            if waiting.doubt is not None and waiting.doubt.doubt.likely_wrong:
+                self._wrong_until = waiting.seconds + AROUND_S
+            wrong = waiting.doubt is not None or waiting.seconds <= self._wrong_until
+            wrong = wrong or any(one.doubt is not None and one.doubt.doubt.likely_wrong for one in near)
+            self._label(waiting, wrong)
+            while self._written < waiting.target:
+                self._write(waiting.picture)
+
+    def _write(self, picture: np.ndarray) -> None:
+        try:
+            self._encoder.write(picture)
+        except OSError as error:
+            raise VideoError(f"'{self._path}' cannot be written: {error.strerror or error}") from None
+        self._written += 1
+
+    def _picture(
+        self, seconds: float, rgb: np.ndarray, frames: list[FrameResult], shown: FrameResult | None
+    ) -> np.ndarray:
+        """Return both halves above an empty line for the text."""
         cv2 = self._cv2
-        left = cv2.resize(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), self._size)
-        right = np.full((self._size[1], self._size[1], 3), BACKGROUND, np.uint8)
+        left = cv2.cvtColor(cv2.resize(rgb, self._size), cv2.COLOR_RGB2BGR)
         for frame in frames:
-            if frame.accepted and frame.estimate is not None and frame.estimate.pose is not None and frame.skeleton:
-                joints = frame.estimate.pose.positions
-                self._bones(left, frame.in_image(joints) * self._scale, frame.skeleton)
-                self._bones(right, self._turned(joints, seconds), frame.skeleton)
+            if frame.accepted:
+                self._skeleton(left, frame)
             if frame.detected is not None:
                 for x, y in frame.detected[np.isfinite(frame.detected).all(axis=1)] * self._scale:
                     cv2.circle(left, (round(x), round(y)), 3, KEYPOINT, -1, cv2.LINE_AA)
-        picture: np.ndarray = np.hstack([left, right])[: self._even[1], : self._even[0]]
+        halves = np.hstack([left, self._view.draw(seconds, shown)])
+        bar = np.full((self._bar + 1, halves.shape[1], 3), BACKGROUND, np.uint8)
+        picture: np.ndarray = np.vstack([halves, bar])[: self._even[1], : self._even[0]]
         return np.ascontiguousarray(picture)
 
-    def _turned(self, joints: np.ndarray, seconds: float) -> np.ndarray:
-        """Rotate joints (n, 3) about the vertical axis through their centre; px of the 3D view."""
-        angle = np.radians(TURN_DEG_S * seconds)
-        centred = joints - (joints.min(axis=0) + joints.max(axis=0)) / 2
-        x = np.cos(angle) * centred[:, 0] + np.sin(angle) * centred[:, 2]
-        side = self._size[1]
-        return np.stack([x, centred[:, 1]], axis=1) * side / METRES + side / 2
-
-    def _bones(self, image: np.ndarray, points: np.ndarray, skeleton: Skeleton) -> None:
-        limit = 4 * max(image.shape)
-        for joint, parent in enumerate(skeleton.parents):
+    def _skeleton(self, image: np.ndarray, frame: FrameResult) -> None:
+        """Draw the projected bones; those that no keypoint shows are thin."""
+        assert frame.estimate is not None and frame.estimate.pose is not None and frame.skeleton is not None
+        points = frame.in_image(frame.estimate.pose.positions) * self._scale
+        limit, names, observed = 4 * max(image.shape), frame.skeleton.joint_names, frame.observed
+        for joint, parent in enumerate(frame.skeleton.parents):
             ends = points[[parent, joint]]
             if parent >= 0 and (np.abs(ends) < limit).all():  # False for NaN
                 first, second = ends.astype(int).tolist()
-                colour = SIDES.get(skeleton.joint_names[joint].split("_")[0], MIDDLE)
-                self._cv2.line(image, first, second, colour, 2, self._cv2.LINE_AA)
+                colour, seen = COLOURS[side_of(names[parent], names[joint])], observed[[parent, joint]].any()
+                self._cv2.line(image, first, second, colour, 2 if seen else 1, self._cv2.LINE_AA)
+
+    def _label(self, waiting: _Waiting, wrong: bool) -> None:
+        """Write time and state below the picture, and the side of the view; mark a picture that is likely wrong."""
+        picture, (width, height) = waiting.picture, self._size
+        if wrong:
+            self._cv2.rectangle(picture, (0, height), (picture.shape[1], picture.shape[0]), WRONG, -1)
+            self._cv2.rectangle(picture, (1, 1), (width - 2, height - 2), WRONG, 3)
+        state = f"{waiting.state}; likely wrong" if wrong else waiting.state
+        colour = (0, 0, 0) if wrong else TEXT
+        self._text(picture, f"{waiting.seconds:.2f} s   {state}", (8, height), colour)
+        self._text(picture, NAME, (width + 8, 0), TEXT)
+
+    def _text(self, picture: np.ndarray, text: str, at: tuple[int, int], colour: tuple[int, int, int]) -> None:
+        """Write a text in the line at the bottom. at: px of the line's upper left corner."""
+        size = self._bar / 36
+        baseline = at[0], at[1] + round(0.7 * self._bar)
+        self._cv2.putText(picture, text, baseline, self._cv2.FONT_HERSHEY_SIMPLEX, size, colour, 1, self._cv2.LINE_AA)
 
     def finish(self) -> None:
         """Close the file and give it its name. Raises VideoError."""
-        self._writer.release()
+        self._write_until(np.inf)
+        try:
+            self._encoder.close()
+        except OSError as error:
+            raise VideoError(f"'{self._path}' cannot be written: {error.strerror or error}") from None
         if not self._is_complete():
             raise VideoError(f"'{self._path}' cannot be written completely; is there room for it on the disk?")
         try:
@@ -112,5 +183,8 @@ class OutputVideo:
 
     def discard(self) -> None:
         """Remove what was written, unless `finish` has run."""
-        self._writer.release()
+        try:
+            self._encoder.close()
+        except OSError:
+            pass  # the disk is full; the file is removed
         self._part.unlink(missing_ok=True)

@@ -1,12 +1,15 @@
-"""Sources of images: a video file, a webcam, or a folder of images."""
+"""Sources of images: a video file, a webcam, a network stream, or a folder of images."""
 
 from __future__ import annotations
 
+import re
+import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import numpy as np
 
@@ -18,6 +21,11 @@ BLACK, NOISE = 32, 0.02
 """Grey value of a black bar's pixels at most (codecs have noise), and the share of pixels that may be brighter."""
 LEAST_BAR, UNEVEN_BAR = 0.02, 0.01
 """Least width of a bar, and the largest difference of the two, as shares of the image."""
+
+STREAMS = ("rtsp", "rtsps", "rtmp", "http", "https", "udp", "tcp")
+"""Schemes of addresses that OpenCV's FFmpeg opens."""
+OPEN_TIMEOUT_MS, READ_TIMEOUT_MS = 10_000, 10_000
+DEVICES = Path("/dev")
 
 
 class SourceError(LassokinError):
@@ -38,6 +46,7 @@ class Source:
 
     content: (width, height) px between black bars, see `content_size`.
     live: True for a camera, whose images show the moment at which they are read.
+    `count` may be an estimate from duration and nominal rate, as in Matroska files with a variable rate.
     """
 
     name: str
@@ -48,12 +57,25 @@ class Source:
     images: Iterator[Image]
     live: bool = False
 
+    @property
+    def seconds(self) -> float:
+        """The announced duration, s; 0 = unknown."""
+        return self.count / self.fps
+
 
 def open_source(name: str, fps: float | None = None) -> Source:
-    """Open a video file, a webcam ("0") or a folder of images. fps: of a folder, Hz. Raises SourceError."""
+    """Open a video file, a webcam, a network stream or a folder of images. Raises SourceError.
+
+    name: a path, the number of a webcam ("0"), its device ("/dev/video0", "/dev/v4l/by-id/..."), or an address
+    ("rtsp://...", "http://..."). fps: of a folder, Hz.
+    """
     if name.isdecimal():
-        return _webcam(int(name))
+        return _webcam(int(name), f"camera {name}")
+    if urlsplit(name).scheme.lower() in STREAMS and "://" in name:
+        return _stream(name)
     path = Path(name)
+    if DEVICES in path.parents:
+        return _webcam(_device_number(path), str(path))
     if path.is_dir():
         return _folder(path, fps or ASSUMED_FPS)
     if not path.is_file():
@@ -127,13 +149,75 @@ def _frames(cv2: Any, capture: Any, image: np.ndarray, rate: float) -> Iterator[
         capture.release()
 
 
-def _webcam(number: int) -> Source:
+def _device_number(path: Path) -> int:
+    """Return the number of a video device; by-id and by-path names are links to /dev/videoN."""
+    found = re.fullmatch(r"video(\d+)", path.resolve().name)
+    if not path.exists() or found is None:
+        known = sorted(DEVICES.glob("video*"), key=lambda device: natural_key(device.name))
+        listed = ", ".join(map(str, known)) or "none"
+        raise SourceError(f"'{path}' is no camera; those of this machine: {listed}")
+    return int(found.group(1))
+
+
+def _stream(address: str) -> Source:
+    """Open an address: a live stream, or a file on a server, which has a number of images."""
+    cv2, name = _opencv(), _without_password(address)
+    timeouts = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, OPEN_TIMEOUT_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, READ_TIMEOUT_MS]
+    capture: Any = cv2.VideoCapture(address, cv2.CAP_FFMPEG, timeouts)
+    first: Any
+    good, first = capture.read() if capture.isOpened() else (False, None)
+    if not good:
+        capture.release()
+        raise SourceError(f"'{name}' gives no images: check the address, the password and that the camera is on")
+    rate, count = _rate(cv2, capture), int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+    if count > 0:
+        return Source(name, *_sizes(first), rate, count, _frames(cv2, capture, first, rate))
+    return Source(name, *_sizes(first), rate, 0, _newest_images(cv2, capture, name), live=True)
+
+
+def _without_password(address: str) -> str:
+    parts = urlsplit(address)
+    return parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl()
+
+
+def _newest_images(cv2: Any, capture: Any, name: str) -> Iterator[Image]:
+    """Yield the newest image of a stream. A thread reads all, since unread images would wait and grow old."""
+    arrived, ended = threading.Condition(), threading.Event()
+    newest: list[tuple[float, np.ndarray]] = []
+
+    def read() -> None:
+        while not ended.is_set():
+            good, image = capture.read()
+            with arrived:
+                if not good:
+                    ended.set()
+                else:
+                    newest[:] = [(time.monotonic(), image)]
+                arrived.notify()
+        capture.release()
+
+    threading.Thread(target=read, daemon=True).start()
+    began = None
+    try:
+        while True:
+            with arrived:
+                arrived.wait_for(lambda: newest or ended.is_set())
+                if not newest:
+                    raise SourceError(f"'{name}' gives no more images")
+                moment, image = newest.pop()
+            began = moment if began is None else began
+            yield Image(moment - began, cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
+    finally:
+        ended.set()
+
+
+def _webcam(number: int, name: str) -> Source:
     cv2 = _opencv()
     capture: Any = cv2.VideoCapture(number)
     first: Any
     good, first = capture.read() if capture.isOpened() else (False, None)
     if not good:
-        raise SourceError(f"camera {number} cannot be opened: it does not exist, or another program uses it")
+        raise SourceError(f"{name} cannot be opened: it does not exist, or another program uses it")
 
     def images() -> Iterator[Image]:
         image, began = first, time.monotonic()
@@ -142,16 +226,23 @@ def _webcam(number: int) -> Source:
                 yield Image(time.monotonic() - began, cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
                 good, image = capture.read()
                 if not good:
-                    raise SourceError(f"camera {number} gives no more images")
+                    raise SourceError(f"{name} gives no more images")
         finally:
             capture.release()
 
-    return Source(f"camera {number}", *_sizes(first), _rate(cv2, capture), 0, images(), live=True)
+    return Source(name, *_sizes(first), _rate(cv2, capture), 0, images(), live=True)
+
+
+def natural_key(name: str) -> list[tuple[str, int, str]]:
+    """Return a sort key in which the numbers in a name count as numbers: 2.png is before 10.png."""
+    parts = re.findall(r"(\D*)(\d*)", name.lower())
+    return [(text, int(digits or -1), digits) for text, digits in parts]
 
 
 def _folder(path: Path, fps: float) -> Source:
     cv2 = _opencv()
-    files = sorted(file for file in path.iterdir() if file.suffix.lower() in IMAGES)
+    images_in = [file for file in path.iterdir() if file.suffix.lower() in IMAGES]
+    files = sorted(images_in, key=lambda file: natural_key(file.name))
     if not files:
         raise SourceError(f"the folder '{path}' has no images; expected {', '.join(IMAGES)}")
     first = cv2.imread(str(files[0]))

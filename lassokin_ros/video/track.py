@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 import signal
 import time
-from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -17,29 +17,24 @@ import numpy as np
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.common.summary_output import print_note
-from lassokin_ros.core.learned.vertical import level_from_camera
+from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.detector.backend import Detector, make_detector
-from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.parameter_files import offline_settings
-from lassokin_ros.pipeline.settings import OPTICAL_FRAME
+from lassokin_ros.pipeline.settings import OPTICAL_FRAME, NodeSettings
 from lassokin_ros.replay.bags import typestore
-from lassokin_ros.replay.exports.exports import Exports
-from lassokin_ros.replay.motion import MotionRecorder
+from lassokin_ros.replay.first_pass import WHOLE_FILE, learn_lengths
 from lassokin_ros.replay.offline_tracker import OfflineTracker
 from lassokin_ros.replay.output_paths import OutputError
-from lassokin_ros.replay.report.report import Report
 from lassokin_ros.video import PROGRAM
-from lassokin_ros.video.camera import DEFAULT_FOV, Calibration, assumed_fov_warning, choose_camera
-from lassokin_ros.video.live_view import LiveView
-from lassokin_ros.video.output_video import OutputVideo
-from lassokin_ros.video.sources import Image, Source, SourceError, open_source
+from lassokin_ros.video.camera import Calibration, assumed_fov_warning, choose_camera
+from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
+from lassokin_ros.video.sources import Source, SourceError, open_source
+from lassokin_ros.video.track_outputs import TrackOutputs
 from msg_adapters.backends import RosbagsBackend
-from msg_adapters.inputs import point_cloud
 
-FIRST_STAMP_NS = 1_000_000_000
-"""ns: a stamp of zero means no stamp."""
-COMPLETE = 0.9
-"""Share of the announced images from which a file counts as complete. Some formats give only an estimate."""
+Configs = tuple[TrackerConfig, NodeSettings]
+CAMERA, KEYPOINTS = "camera_info", "keypoints"
+"""Names of the messages in the first pass."""
 
 
 @dataclass(frozen=True)
@@ -58,144 +53,142 @@ def track(options: argparse.Namespace) -> Tracked:
     """Track a source and write the requested files. Raises a LassokinError."""
     source = open_source(options.source, options.fps)  # before the detector, which takes seconds to load
     detector = make_detector(options.detector)
-    height = [] if options.height is None else [f"height:={options.height}"]
-    layout = f"landmarks:={detector.landmarks}"
-    configs = offline_settings(options.params_file, [layout, *options.p, *height])
-    if configs[1].camera_mount_frame:
-        _note("camera_mount_frame is not used, since a video has no TF; set camera_pitch and camera_roll")
+    configs = _settings(options, source, detector)
     types = typestore()
-    tracker = OfflineTracker(*configs, types)
-    report = None if options.report is None else Report(options.report, tracker.pipeline, options.force)
-    exports = _exports(options, tracker)
-    if report is not None:
-        tracker.listeners.append(report.add)
-    backend = RosbagsBackend(types)
+    first = OfflineTracker(*configs, types, only_track=True)
     with ExitStack() as stack, AtomicFiles(options.force, OutputError) as files:
         stack.callback(detector.close)
         camera = _camera(options, source)
-        info = camera.message(backend, FIRST_STAMP_NS, OPTICAL_FRAME)
-        for _ in tracker.camera_info(info, FIRST_STAMP_NS):
-            pass
-        video = None
-        if options.video is not None:
-            video = OutputVideo(options.video, source.size, source.fps, options.force)
-            stack.callback(video.discard)
-        view = _view(options, source, camera)
-        if view is not None:
-            stack.callback(view.discard)
-        run = Run(source, detector, tracker, backend, report, video, view)
-        complete = run.all_images()
-        if report is not None:
-            report.write(files, source.name, (f"of {detector_name(options)}", camera_name(options)))
-        if exports is not None:
-            exports.write(Path(), files)
-        if video is not None:
-            video.finish()
-        if view is not None:
-            view.finish()
-    return Tracked(run.summary(options), complete, run.fault)
+        outputs = TrackOutputs(options, source, camera, first, stack)
+        run = Run(source, detector, types, camera, outputs)
+        tracker = run.live(first) if _is_live(options, source) else run.whole_file(first, configs, options)
+        written = outputs.write(files)
+        files.check()
+    return Tracked(run.summary(tracker, options, written), run.complete, run.detections.fault)
+
+
+def _is_live(options: argparse.Namespace, source: Source) -> bool:
+    """Whether each image is tracked as it comes: later ones are not known, or must not be used."""
+    return source.live or bool(options.causal)
+
+
+def _settings(options: argparse.Namespace, source: Source, detector: Detector) -> Configs:
+    height = [] if options.height is None else [f"height:={options.height}"]
+    layout = f"landmarks:={detector.landmarks}"
+    defaults = {} if _is_live(options, source) else WHOLE_FILE
+    configs = offline_settings(options.params_file, [layout, *options.p, *height], defaults)
+    if configs[1].camera_mount_frame:
+        _note("camera_mount_frame is not used, since a video has no TF; set camera_pitch and camera_roll")
+    return configs
 
 
 class Run:
-    """One run over a source. Images wait in a queue until the tracker has returned their frames."""
+    """One run over a source."""
 
     def __init__(
-        self,
-        source: Source,
-        detector: Detector,
-        tracker: OfflineTracker,
-        backend: Any,
-        report: Report | None,
-        video: OutputVideo | None,
-        view: LiveView | None,
+        self, source: Source, detector: Detector, types: Any, camera: Calibration, outputs: TrackOutputs
     ) -> None:
-        self._source, self._detector, self._tracker, self._backend = source, detector, tracker, backend
-        self._report, self._video, self._view = report, video, view
-        self._waiting: deque[tuple[int, Image]] = deque()
-        self.detect_seconds: list[float] = []
-        self.fault = ""
-        if video is not None:
-            tracker.listeners.append(self._draw)
-        if view is not None:
-            tracker.listeners.append(self._show)
+        """types: the typestore of rosbags."""
+        backend = RosbagsBackend(types)
+        self._source, self._types, self._outputs = source, types, outputs
+        self._info = camera.message(backend, FIRST_STAMP_NS, OPTICAL_FRAME)
+        self.detections = Detections(source, detector, backend, keep=not source.live)
+        self._started = time.monotonic()
 
-    def all_images(self) -> bool:
-        """Track all images until the end or until SIGINT or SIGTERM; return True at the end of the source."""
+    @property
+    def complete(self) -> bool:
+        """Whether the source was read to its end, or a camera was stopped."""
+        return not self.detections.interrupted or self._source.count == 0
+
+    def live(self, tracker: OfflineTracker) -> OfflineTracker:
+        """Track each image as it comes, until the end or until SIGINT or SIGTERM."""
+        self._outputs.follow(tracker)
+        _drop(tracker.camera_info(self._info, FIRST_STAMP_NS))
         progress = Progress(self._source.count, "images")
-        started = time.monotonic()
         with _stop_flag() as stopped:
-            try:
-                for image in self._source.images:
-                    if stopped:
-                        break
-                    self._one(image)
-                    progress.advance(note=self._tracker.pipeline.status.value)
-            except SourceError as error:
-                if not self.detect_seconds:
-                    raise
-                self.fault = str(error)
-            finally:
-                progress.close()
-            for _ in self._tracker.finish():
-                pass
-        read, count = len(self.detect_seconds), self._source.count
-        if not stopped and not self.fault and read < COMPLETE * count:
-            _note(f"{self._source.name} announces {count} images, {read} could be read; it may be damaged")
-        self.seconds = time.monotonic() - started
-        return not stopped or self._source.count == 0
+            for image, message in self.detections.images(stopped, progress):
+                self._outputs.add_report_image(image)
+                self._outputs.add_image(image)
+                _drop(tracker.keypoints(message, stamp_of(image.seconds)))
+                progress.advance(note=tracker.pipeline.status.value)
+            _drop(tracker.finish())
+        return tracker
 
-    def _one(self, image: Image) -> None:
-        stamp_ns = FIRST_STAMP_NS + round(image.seconds * 1e9)
-        began = time.monotonic()
-        found = self._detector.detect(image.rgb, image.seconds)
-        self.detect_seconds.append(time.monotonic() - began)
-        message = point_cloud(self._backend, stamp_ns, OPTICAL_FRAME, found.pixels, found.confidence)
-        if self._report is not None:
-            self._report.add_image(stamp_ns, lambda: image.rgb)
-        if self._video is not None:
-            self._waiting.append((stamp_ns, image))
-        if self._view is not None:
-            self._view.add_image(image)
-        for _ in self._tracker.keypoints(message, stamp_ns):
-            pass
+    def whole_file(self, first: OfflineTracker, configs: Configs, options: argparse.Namespace) -> OfflineTracker:
+        """Detect all images, learn the person's lengths from them, and track them anew with these lengths."""
+        tracker, node = configs
+        inputs = {CAMERA: first.camera_info, KEYPOINTS: first.keypoints}
+        with TemporaryDirectory(prefix="lassokin_") as folder, _stop_flag() as stopped:
+            messages = self._first_messages(first, stopped)
+            if tracker.calibrate and not node.several_people and tracker.height > 0:
+                tracker = learn_lengths(messages, inputs, first, tracker, Path(folder))
+            else:
+                _drop(messages)
+            second = OfflineTracker(tracker, node, self._types, only_track=True)
+        self._outputs.follow(second)
+        self._track_again(second, options)
+        return second
 
-    def _draw(self, frames: Sequence[FrameResult], time_ns: int, _seconds: float) -> None:
-        assert self._video is not None
-        stamp_ns = frames[0].stamp_ns if frames else time_ns
-        while self._waiting and self._waiting[0][0] <= stamp_ns:
-            own_ns, image = self._waiting.popleft()
-            self._video.add(image.seconds, image.rgb, list(frames) if own_ns == stamp_ns else [])
+    def _first_messages(self, tracker: OfflineTracker, stopped: list[int]) -> Iterator[tuple[str, int, Any]]:
+        """Yield (name, time in ns, message) for the first pass."""
+        yield CAMERA, FIRST_STAMP_NS, self._info
+        progress = Progress(self._source.count, "images")
+        for image, message in self.detections.images(stopped, progress):
+            self._outputs.add_report_image(image)
+            yield KEYPOINTS, stamp_of(image.seconds), message
+            progress.advance(note=tracker.pipeline.status.value)
 
-    def _show(self, frames: Sequence[FrameResult], time_ns: int, _seconds: float) -> None:
-        assert self._view is not None
-        self._view.add(((frames[0].stamp_ns if frames else time_ns) - FIRST_STAMP_NS) * 1e-9, frames)
+    def _track_again(self, tracker: OfflineTracker, options: argparse.Namespace) -> None:
+        """Track the kept keypoints; the images are read again if an output shows them."""
+        _drop(tracker.camera_info(self._info, FIRST_STAMP_NS))
+        images = open_source(options.source, options.fps).images if self._outputs.needs_images else iter(())
+        progress = Progress(len(self.detections.detect_seconds), "frames")
+        for seconds, message in self.detections.messages():
+            if self._outputs.needs_images:
+                self._outputs.add_image(_next_image(images, self._source.name))
+            _drop(tracker.keypoints(message, stamp_of(seconds)))
+            progress.advance(note="second pass")
+        _drop(tracker.finish())
+        progress.close()
 
-    def summary(self, options: argparse.Namespace) -> str:
+    def summary(self, tracker: OfflineTracker, options: argparse.Namespace, written: list[Path]) -> str:
         """Return the summary of the run, one fact per line."""
-        counts, error = self._tracker.pipeline.counts, self._tracker.reprojection_px
-        times = self._tracker.frame_seconds or [np.nan]
+        counts, error = tracker.pipeline.counts, tracker.reprojection_px
+        times, detect_times = tracker.frame_seconds or [np.nan], self.detections.detect_seconds or [np.nan]
         lines = {
             "images": f"{counts['received']} in, {counts['accepted']} tracked",
+            "height": _height_line(tracker.pipeline.tracker.config, options),
             "reprojection": f"{np.median(error):.2f} px median" if error else "nothing was tracked",
-            "detector": f"{1e3 * float(np.median(self.detect_seconds or [np.nan])):.1f} ms median",
+            "detector": f"{1e3 * float(np.median(detect_times)):.1f} ms median",
             "tracker": f"{1e3 * float(np.median(times)):.2f} ms median",
-            "total": f"{self.seconds:.1f} s",
+            "total": f"{time.monotonic() - self._started:.1f} s",
         }
-        files = [options.report, *options.export, options.video, options.view]
-        lines["written"] = ", ".join(str(file) for file in files if file is not None and file.name) or "nothing"
-        return "\n".join([self._source.name, *(f"{name:<15} {text}" for name, text in lines.items())])
+        if not _is_live(options, self._source):
+            lines["passes"] = "two, smoothed with later frames (--causal tracks as a camera's images)"
+        lines["written"] = ", ".join(map(str, written)) or "nothing"
+        facts = [f"{name:<15} {text}" for name, text in lines.items()]
+        return "\n".join([self._source.name, *facts, *self._outputs.doubts])
 
 
-def detector_name(options: argparse.Namespace) -> str:
-    """Return the detector for the report's title line."""
-    return Path(options.detector).name
+def _next_image(images: Iterator[Any], name: str) -> Any:
+    image = next(images, None)
+    if image is None:
+        raise SourceError(f"{name} has fewer images when it is read again")
+    return image
 
 
-def camera_name(options: argparse.Namespace) -> str:
-    """Return the camera for the report's title line."""
-    if options.camera_info is not None:
-        return f"of {options.camera_info.name}"
-    return f"with a field of view of {DEFAULT_FOV if options.fov is None else options.fov:g} degrees"
+def _height_line(config: TrackerConfig, options: argparse.Namespace) -> str:
+    """Return the height. Without one, sizes and distances are those of a person of the default height."""
+    given = options.height is not None or options.params_file or any(p.startswith("height:=") for p in options.p)
+    if given:
+        return config.height_text
+    return f"{TrackerConfig().height:g} m is assumed; sizes and distances scale with it, set --height"
+
+
+def _drop(messages: Iterator[Any]) -> None:
+    """Run a generator of messages that nobody reads."""
+    for _ in messages:
+        pass
 
 
 @contextmanager
@@ -214,23 +207,6 @@ def _stop_flag() -> Iterator[list[int]]:
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)
-
-
-def _view(options: argparse.Namespace, source: Source, camera: Calibration) -> LiveView | None:
-    if options.view is None:
-        return None
-    path = options.view if options.view.name else None
-    return LiveView(path, source.name, camera, source.size, options.force)
-
-
-def _exports(options: argparse.Namespace, tracker: OfflineTracker) -> Exports | None:
-    if not options.export:
-        return None
-    pipeline = tracker.pipeline
-    recorder = MotionRecorder(pipeline.tracker.layout.names, lambda: level_from_camera(*pipeline.camera_angles))
-    exports = Exports(options.export, recorder, tracker.pipeline.config.several_people, options.force)
-    tracker.listeners.append(recorder.add)
-    return exports
 
 
 def _camera(options: argparse.Namespace, source: Source) -> Calibration:

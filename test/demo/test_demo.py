@@ -45,7 +45,7 @@ def test_the_command_keeps_its_limits_and_writes_its_files(tmp_path):
     assert sorted(os.listdir(tmp_path / "out")) == ["keypoints", "report.html", "skeleton.svg", "tracked"]
     assert "report.html" in done.stdout
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert f"{frames} ({1:.1%})" in page and "No problem found" in page
+    assert f"{frames} ({1:.1%})" in page and "nothing suggests a wrong pose" in page
     picture = ElementTree.parse(tmp_path / "out" / "skeleton.svg").getroot()
     plots = [group for group in picture if group.tag.endswith("}g")]
     assert len(plots) == 3 * 6 + 2

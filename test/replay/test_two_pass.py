@@ -69,7 +69,7 @@ def test_contradictory_settings_are_refused(recording, tmp_path, capsys, setting
 def test_a_recording_too_short_for_calibration_is_tracked(tmp_path):
     bag = write_recording(tmp_path / "short", 20)
     assert (
-        main([str(bag), "-o", str(tmp_path / "one")])
+        main([str(bag), "-o", str(tmp_path / "one"), "-p", "smoothing:=0.05", "-p", "smoothing_lag:=0.1"])
         == main([str(bag), "-o", str(tmp_path / "two"), "--two-pass"])
         == 0
     )

@@ -1,12 +1,17 @@
-"""Videos made by the test: rotation metadata, variable frame rate, portrait, black bars, a camera that disconnects."""
+"""Videos made by the test: rotation metadata, variable frame rate, portrait, black bars; cameras, streams, folders."""
 
 import struct
+import threading
+import time
+from functools import partial
+from http.server import BaseHTTPRequestHandler, SimpleHTTPRequestHandler, ThreadingHTTPServer
 
 import numpy as np
 import pytest
 
+from lassokin_ros.video import sources
 from lassokin_ros.video.camera import choose_camera
-from lassokin_ros.video.sources import SourceError, content_size, open_source
+from lassokin_ros.video.sources import SourceError, content_size, natural_key, open_source
 
 cv2 = pytest.importorskip("cv2")
 
@@ -149,3 +154,99 @@ def test_a_disconnected_camera_is_one_line(monkeypatch):
     assert [next(source.images).rgb.shape for _ in range(3)] == [(4, 6, 3)] * 3
     with pytest.raises(SourceError, match="^camera 0 gives no more images$"):
         next(source.images)
+
+
+def test_numbers_in_names_are_in_natural_order(tmp_path):
+    for number in range(12):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), np.full((8, 8, 3), 20 * number, np.uint8))
+    shown = [int(image.rgb[0, 0, 0]) // 20 for image in open_source(str(tmp_path)).images]
+    assert shown == list(range(12))
+    names = ["b2", "B10", "a", "frame_9_2", "frame_10_1", "09", "9", "10", ""]
+    assert sorted(names, key=natural_key) == ["", "09", "9", "10", "a", "b2", "B10", "frame_9_2", "frame_10_1"]
+
+
+def test_a_device_is_opened_by_its_number(tmp_path, monkeypatch):
+    opened = []
+
+    class Device(Camera):
+        def __init__(self, number):
+            opened.append(number)
+            super().__init__(number)
+
+    monkeypatch.setattr(cv2, "VideoCapture", Device)
+    monkeypatch.setattr(sources, "DEVICES", tmp_path)
+    (tmp_path / "v4l" / "by-id").mkdir(parents=True)
+    (tmp_path / "video7").touch()
+    link = tmp_path / "v4l" / "by-id" / "usb-webcam-index0"
+    link.symlink_to("../../video7")
+    for name in (tmp_path / "video7", link):
+        source = open_source(str(name))
+        assert source.live and source.name == str(name) and len([next(source.images) for _ in range(3)]) == 3
+    assert opened == [7, 7]
+    for name in (tmp_path / "video8", tmp_path / "v4l"):
+        with pytest.raises(SourceError, match=f"is no camera; those of this machine: {tmp_path}/video7$"):
+            open_source(str(name))
+
+
+@pytest.fixture
+def serve():
+    """Serve with a handler; the address of the server."""
+    servers = []
+
+    def start(handler):
+        server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        servers.append(server)
+        return f"http://127.0.0.1:{server.server_port}"
+
+    yield start
+    for server in servers:
+        server.shutdown()
+        server.server_close()
+
+
+class Silent(SimpleHTTPRequestHandler):
+    def log_message(self, *_):
+        pass
+
+
+class MotionJpeg(BaseHTTPRequestHandler):
+    """What phones and network cameras send: 40 JPEG images at 100 Hz, each with its number as grey value."""
+
+    def do_GET(self):  # noqa: N802
+        self.send_response(200)
+        self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
+        self.end_headers()
+        for number in range(40):
+            jpeg = cv2.imencode(".jpg", np.full((96, 160, 3), 6 * number, np.uint8))[1].tobytes()
+            head = b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n" % len(jpeg)
+            self.wfile.write(head + jpeg + b"\r\n")
+            time.sleep(0.01)
+
+    def log_message(self, *_):
+        pass
+
+
+def test_a_file_on_a_server_is_a_file(tmp_path, serve):
+    record(tmp_path / "walk.mp4", corner())
+    source = open_source(f"{serve(partial(Silent, directory=str(tmp_path)))}/walk.mp4")
+    assert not source.live and source.count == FRAMES
+    assert np.allclose([image.seconds for image in source.images], np.arange(FRAMES) / FPS, atol=2e-3)
+
+
+def test_a_stream_gives_the_newest_image_and_its_end_is_one_line(serve):
+    address = serve(MotionJpeg)
+    source = open_source(address.replace("//", "//user:secret@"))
+    assert source.live and source.name == address and source.size == (160, 96)
+    stamps, greys = [], []
+    with pytest.raises(SourceError, match="gives no more images$"):
+        for image in source.images:
+            stamps.append(image.seconds)
+            greys.append(int(image.rgb[0, 0, 0]))
+            time.sleep(0.05)  # slower than the stream: images in between are left out
+    assert stamps == sorted(stamps) and greys == sorted(greys) and len(greys) < 30
+
+
+def test_an_address_without_a_camera_is_one_line():
+    with pytest.raises(SourceError, match="^'rtsp://127.0.0.1:9/cam' gives no images: check the address"):
+        open_source("rtsp://admin:secret@127.0.0.1:9/cam")

@@ -16,7 +16,7 @@ from lassokin_ros.detector.backend import Detected
 from lassokin_ros.video import track as track_module
 from lassokin_ros.video.camera import from_file, from_fov
 from lassokin_ros.video.command import main
-from lassokin_ros.video.sources import open_source
+from lassokin_ros.video.sources import Image, Source, open_source
 
 cv2 = pytest.importorskip("cv2")
 
@@ -209,3 +209,96 @@ def test_a_full_stderr_and_a_home_that_cannot_be_written_stop_no_work(images, tm
     code = main([str(images), "--export", str(tmp_path / "motion.csv")])
     monkeypatch.undo()
     assert code == 0 and (tmp_path / "motion.csv").is_file()
+
+
+class Walking(Standing):
+    """A person who sways; nobody is found in the images from 1 s to 2.5 s."""
+
+    def __init__(self):
+        self.count = 0
+
+    def detect(self, image, seconds):
+        self.count += 1
+        if 1.0 <= seconds < 2.5:
+            return Detected(np.full((17, 2), np.nan), np.zeros(17))
+        noise = np.random.default_rng(round(1000 * seconds)).normal(size=(17, 2))
+        return Detected(STANDING + (160 + 10 * np.sin(3 * seconds), 120) + noise, np.full(17, 0.9))
+
+
+@pytest.fixture
+def long_video(tmp_path):
+    file = tmp_path / "walk.avi"
+    writer = cv2.VideoWriter(str(file), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (320, 240))
+    for number in range(120):
+        writer.write(np.full((240, 320, 3), number, np.uint8))
+    writer.release()
+    return file
+
+
+def positions(file):
+    with np.load(file) as data:
+        return data["stamp_ns"], data["joint_positions"]
+
+
+def test_a_file_is_smoothed_with_later_frames_and_detected_once(long_video, tmp_path, monkeypatch, capsys):
+    detector = Walking()
+    monkeypatch.setattr(track_module, "make_detector", lambda name: detector)
+    for name, options in (("whole", []), ("causal", ["--causal"])):
+        files = ["--export", str(tmp_path / f"{name}.npz"), "--video", str(tmp_path / f"{name}.mp4")]
+        assert main([str(long_video), "--fov", "60", *files, *options]) == 0
+        assert ("passes          two, smoothed" in capsys.readouterr().out) == (name == "whole")
+    assert detector.count == 2 * 120
+    (stamps, whole), (causal_stamps, causal) = positions(tmp_path / "whole.npz"), positions(tmp_path / "causal.npz")
+    assert stamps[0] == 0 and np.array_equal(stamps, causal_stamps)
+    shake = [np.abs(np.diff(joints[:25, 20:22], n=2, axis=0)).mean() for joints in (whole, causal)]  # wrists
+    assert shake[0] < 0.7 * shake[1]
+    assert [open_source(str(tmp_path / f"{name}.mp4")).count for name in ("whole", "causal")] == [120, 120]
+
+
+def test_the_users_settings_replace_those_for_files(long_video, tmp_path, monkeypatch):
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Walking())
+    plain = ["-p", "smoothing:=0.02", "-p", "smoothing_lag:=0.0", "-p", "calibrate:=false"]
+    for name, options in (("whole", plain), ("causal", ["--causal", *plain])):
+        files = ["--export", str(tmp_path / f"{name}.npz")]
+        assert main([str(long_video), "--fov", "60", *files, *options]) == 0
+    assert np.array_equal(positions(tmp_path / "whole.npz")[1], positions(tmp_path / "causal.npz")[1])
+
+
+def test_findings_of_a_video_give_no_advice_about_ros(long_video, tmp_path, monkeypatch, capsys):
+    pytest.importorskip("plotly", reason="the report needs plotly")
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Walking())
+    page = tmp_path / "page.html"
+    assert main([str(long_video), "--report", str(page)]) == 0
+    found = re.search(r'<ul id="findings">(.*?)</ul>', page.read_text(encoding="utf-8"), re.DOTALL).group(1)
+    assert '<li class="note">Nobody was in view from 1.0 to 2.5 s.</li>' in found and "problem" not in found
+    assert '<li class="note">The person is taken to be 1.75 m tall.' in found
+    for word in ("message", "camera_info", "topic", "landmarks", "noise_px", "certified"):
+        assert word not in found, word
+    assert "height          1.75 m is assumed" in capsys.readouterr().out
+
+
+def test_only_files_that_exist_are_said_to_be_written(images, tmp_path, monkeypatch, capsys):
+    class Nobody(Standing):
+        def detect(self, image, seconds):
+            return Detected(np.full((17, 2), np.nan), np.zeros(17))
+
+    for people, detector in ((1, Nobody()), (3, Standing())):
+        monkeypatch.setattr(track_module, "make_detector", lambda name, detector=detector: detector)
+        files = ["--export", str(tmp_path / f"{people}.bvh"), "--export", str(tmp_path / f"{people}.csv")]
+        assert main([str(images), "--fov", "60", "-p", f"max_people:={people}", *files]) == 0
+        (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("written ")]
+        names = [] if people == 1 else line.partition(" ")[2].strip().split(", ")
+        assert sorted(map(str, tmp_path.glob(f"{people}*.*"))) == sorted(names)
+        assert names or line.endswith(" nothing")
+
+
+def test_an_estimated_number_of_images_is_no_damage(monkeypatch, capsys):
+    """A Matroska file of a variable rate announces its duration times its nominal rate."""
+    rgb = np.zeros((240, 320, 3), np.uint8)
+    for last, damaged in ((1.65, False), (0.8, True)):
+        frames = [Image(float(seconds), rgb) for seconds in np.linspace(0, last, 30)]
+        source = Source("phone.mkv", (320, 240), (320, 240), 30.0, 51, iter(frames))
+        monkeypatch.setattr(track_module, "open_source", lambda *_, source=source: source)
+        monkeypatch.setattr(track_module, "make_detector", lambda name: Standing())
+        assert main(["phone.mkv", "--fov", "60"]) == 0
+        assert ("may be damaged" in capsys.readouterr().err) == damaged

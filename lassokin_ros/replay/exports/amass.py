@@ -5,8 +5,8 @@ pose_body, pose_hand, pose_jaw, pose_eye, trans, betas, num_betas, gender, mocap
 surface_model_type. Present loaders read one or the other.
 
 World frame: metres, z up, x to the right of the camera, y along its viewing direction, corrected for the camera's roll
-and pitch; the camera is at the origin. The rest pose of SMPL is also that of this package: T-pose, y up, x to the
-person's left, z to the front.
+and pitch; the floor under the feet is at z = 0, below the camera. The rest pose of SMPL is also that of this package:
+T-pose, y up, x to the person's left, z to the front.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def write_amass(motion: Motion, file: BinaryIO) -> None:
         root_orient=poses[:, : BODY.start],
         pose_body=poses[:, BODY],
         **not_tracked,
-        trans=track.translations @ world.T,
+        trans=track.translations @ world.T - [0.0, 0.0, motion.floor],
         betas=np.zeros(BETAS),
         num_betas=np.array(BETAS),
         gender=np.array("neutral"),

@@ -1,8 +1,9 @@
 """Export BVH, the format of Blender, MotionBuilder and most animation tools.
 
 Units are metres. y points up, x to the right of the camera, z towards the camera: the optical frame, corrected for the
-camera's roll and pitch and rotated by pi about x. The rest pose is a T-pose with the pelvis at the origin. The pelvis
-has position channels; every joint has three rotation channels, in the order of its angles in `joint_states`.
+camera's roll and pitch and rotated by pi about x. The floor under the feet is at y = 0, below the camera. The rest
+pose is a T-pose with the pelvis at the origin. The pelvis has position channels; every joint has three rotation
+channels, in the order of its angles in `joint_states`.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ def write_bvh(motion: Motion, file: BinaryIO) -> None:
     """Write one person. Raises ExportError for stamps that cannot be resampled (see sampling)."""
     track, skeleton = uniform(motion), motion.skeleton
     world = WORLD_FROM_LEVEL @ motion.level
-    places = track.translations @ world.T
+    places = track.translations @ world.T - [0.0, motion.floor, 0.0]
     head = f"{hierarchy(skeleton)}MOTION\nFrames: {len(places)}\nFrame Time: {track.period:.9f}\n"
     file.write(head.encode())
     order, joints = channel_order(skeleton)

@@ -9,6 +9,7 @@ from typing import BinaryIO
 
 import numpy as np
 
+from lassokin_ros.replay.exports.named_angles import named_angles
 from lassokin_ros.replay.motion import Motion
 
 SECOND = 1_000_000_000  # ns
@@ -16,11 +17,23 @@ BLOCK = 1000
 """Frames of which the values are in memory at once."""
 
 
-def header(joint_names: Sequence[str]) -> list[str]:
-    """Return the column names: stamp, person, joint positions, joint angles, reprojection error."""
+def header(joint_names: Sequence[str], named: Sequence[str]) -> list[str]:
+    """Return the column names: stamp, person, joint positions and angles, reprojection error, deviations, doubt, and
+    the named angles.
+    """
     positions = [f"{joint} position {axis} [m]" for joint in joint_names for axis in "xyz"]
     angles = [f"{joint} angle {axis} [rad]" for joint in joint_names for axis in "xyz"]
-    return ["stamp [s]", "person", *positions, *angles, "reprojection [px]"]
+    deviations = [f"{joint} deviation [m]" for joint in joint_names]
+    return [
+        "stamp [s]",
+        "person",
+        *positions,
+        *angles,
+        "reprojection [px]",
+        *deviations,
+        "likely wrong",
+        *(f"{name} [deg]" for name in named),
+    ]
 
 
 def write_csv(motions: Sequence[Motion], file: BinaryIO) -> None:
@@ -31,19 +44,24 @@ def write_csv(motions: Sequence[Motion], file: BinaryIO) -> None:
     """
     text = io.TextIOWrapper(file, encoding="utf-8", newline="")
     rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(header(motions[0].skeleton.joint_names))
+    rows.writerow(header(motions[0].skeleton.joint_names, list(named_angles(motions[0]))))
     for motion in motions:
+        named = np.stack(list(named_angles(motion).values()) or [np.zeros(motion.frame_count)], axis=1)
         for begin in range(0, motion.frame_count, BLOCK):
-            rows.writerows(_block(motion, slice(begin, begin + BLOCK)))
+            part = slice(begin, begin + BLOCK)
+            rows.writerows(_block(motion, part, named[part]))
     text.flush()
     text.detach()  # leave the file open for the caller
 
 
-def _block(motion: Motion, part: slice) -> Iterator[list[str]]:
-    """Yield the rows of some frames."""
+def _block(motion: Motion, part: slice, named: np.ndarray) -> Iterator[list[str]]:
+    """Yield the rows of some frames. named: (frames, angles) degrees."""
     positions, angles = motion.positions[part], motion.angles[part]
     count = len(positions)
-    figures = [positions.reshape(count, -1), angles.reshape(count, -1), motion.reprojection_px[part, None]]
-    for stamp, row in zip(motion.stamps_ns[part].tolist(), np.concatenate(figures, 1).tolist()):
+    flat = positions.reshape(count, -1), angles.reshape(count, -1)
+    figures = np.concatenate([*flat, motion.reprojection_px[part, None], motion.deviations[part]], axis=1)
+    columns = motion.stamps_ns[part], figures, motion.likely_wrong[part], named
+    for stamp, row, wrong, degrees in zip(*(column.tolist() for column in columns)):
         time = f"{stamp // SECOND}.{stamp % SECOND:09d}"
-        yield [time, motion.person, *(f"{value:.6f}" for value in row)]
+        values = [f"{value:.6f}" for value in row], [str(int(wrong))], [f"{value:.2f}" for value in degrees]
+        yield [time, motion.person, *values[0], *values[1], *values[2]]

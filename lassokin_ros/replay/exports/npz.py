@@ -35,6 +35,10 @@ def write_npz(motions: Sequence[Motion], file: BinaryIO) -> None:
         "relative_duality_gap": rows("relative_gap"),  # (r,)
         "support_size": rows("support_size"),  # (r,)
         "initialised": rows("initialised"),  # (r,) bool
+        "joint_deviations": rows("deviations"),  # (r, n)
+        "joint_observed": rows("observed"),  # (r, n) bool
+        "likely_wrong": rows("likely_wrong"),  # (r,) bool
+        "floor": np.array(first.floor),  # m above the camera, in a level frame
         "people": np.array([motion.person for motion in motions]),  # (p,)
         "rest_offsets": np.array([motion.skeleton.offsets for motion in motions]),  # (p, n, 3), the last frame's
         "joint_names": np.array(skeleton.joint_names),  # (n,)

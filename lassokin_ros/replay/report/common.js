@@ -10,7 +10,8 @@ const FONT = { family: "system-ui, 'Segoe UI', Roboto, Arial, 'Liberation Sans',
 const QUIET = { scrollZoom: true, displaylogo: false, responsive: true, displayModeBar: false };
 const HOME = { ...QUIET, displayModeBar: true, modeBarButtons: [["resetCameraDefault3d"]] };
 const TURN_PER_SECOND = 0.5;                             // rad
-const OUTLYING_M = 0.3, OUTLYING_PX = 100;              // a few outlier frames must not shrink the view
+const OUTLYING_M = 1, OUTLYING_PX = 100;                // a few outlier frames must not shrink the view
+const WRONG = "#e69f00";
 const SAME_TIME = 0.002, PHOTO_OPACITY = 0.8;            // s; paler than the lines on it
 const CURSOR_EVERY = 80;                                 // ms: moving the cursor line in all plots is slower than moving the skeleton
 
@@ -47,7 +48,7 @@ function unpack(packed) {
   return { at: (frame, row, column = 0) => values[(frame * rows + row) * width + column], count: packed.shape[0] };
 }
 for (const person of data.people) {
-  for (const name of ["positions", "angles", "bends", "deviations", "outline", "detected", "reprojected"]) {
+  for (const name of ["positions", "angles", "bends", "deviations", "observed", "outline", "detected", "reprojected"]) {
     person[name] = unpack(person[name]);
   }
 }

@@ -10,9 +10,12 @@ import numpy as np
 
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.learned.vertical import level_from_camera
 from lassokin_ros.pipeline.settings import NodeSettings
+from lassokin_ros.replay.analysis.floor import floor_height
 from lassokin_ros.replay.report.absences import Span, spans_of, usual_period
 from lassokin_ros.replay.report.log import PersonRow, ReplayLog
+from lassokin_ros.replay.report.wrong_spans import WrongSpan, wrong_spans
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +24,7 @@ class Facts:
 
     title: name of the recording. topics: keypoint topic and camera_info topic. counts: counters of the pipeline.
     landmarks: names in layout order. skeleton: the skeleton before calibration. image_size: (width, height) px, None
-    without camera_info.
+    without camera_info. own_keypoints: True if this program detected the keypoints in images, False for recorded ones.
     """
 
     title: str
@@ -33,6 +36,7 @@ class Facts:
     skeleton: Skeleton
     landmarks: tuple[str, ...]
     image_size: tuple[int, int] | None
+    own_keypoints: bool = False
 
     @cached_property
     def people(self) -> list[str]:
@@ -62,6 +66,26 @@ class Facts:
         }
 
     @cached_property
+    def wrong(self) -> dict[str, list[WrongSpan]]:
+        """The spans of each person in which the pose is likely wrong."""
+        return {person: wrong_spans(self.accepted(person)) for person in self.people}
+
+    @cached_property
+    def level(self) -> np.ndarray:
+        """(3, 3) rotation from the camera frame to that of a level camera, by the camera's configured mount."""
+        return level_from_camera(self.tracker.camera_roll, self.tracker.camera_pitch)
+
+    @property
+    def wrong_share(self) -> float:
+        """Share of the skeletons that lie in these spans."""
+        marked = sum(
+            any(span.contains(row.time) for span in self.wrong[person])
+            for person in self.people
+            for row in self.accepted(person)
+        )
+        return marked / max(len(self.tracks), 1)
+
+    @cached_property
     def times(self) -> np.ndarray:
         """(m,) s: time of each message."""
         return np.array([message.time for message in self.log.messages])
@@ -87,6 +111,15 @@ class Facts:
     def initialisations(self) -> int:
         """Number of initialisations."""
         return sum(row.initialised for row in self.tracks)
+
+
+def floor_of(facts: Facts, person: str) -> float:
+    """Return the floor's height above the camera, m, in a level frame; NaN if the feet are seen in few frames."""
+    rows = [row for row in facts.accepted(person) if row.positions is not None and row.observed is not None]
+    if not rows:
+        return float("nan")
+    positions, observed = np.array([row.positions for row in rows]), np.array([row.observed for row in rows])
+    return floor_height(positions, observed, facts.skeleton.joint_names, facts.skeleton.height, facts.level)
 
 
 def landmark_errors(rows: list[PersonRow], count: int) -> tuple[np.ndarray, np.ndarray]:

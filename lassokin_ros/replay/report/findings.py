@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
+from lassokin_ros.replay.report import doubt_findings, video_findings
 from lassokin_ros.replay.report.absences import NO_MESSAGE, NOBODY, Span
 from lassokin_ros.replay.report.facts import Facts, landmark_errors
+from lassokin_ros.replay.report.finding import DOUBT, GOOD, MOST_LISTED, NOTE, PROBLEM, Finding, times_listed
 from lassokin_ros.replay.report.rejection_advice import advice_for, reason_text
 
-PROBLEM, NOTE, GOOD = "problem", "note", "good"
-
-MOST_SPANS = 6
-"""Maximum number of lost spans that are listed individually."""
 FEW = 0.02
 """Share of the messages below which rejections are a note instead of a problem."""
 SELDOM_HARMFUL = ("too_few_landmarks", "stamp_jump")
@@ -30,29 +27,27 @@ SELDOM = 0.5
 """Share of frames below which a landmark is reported as rarely detected."""
 NEAREST_M, FARTHEST_M = 0.6, 25.0
 LONG_DELAY_S = 1.0
-BONE_CHANGE = 0.02
-UNCERTAIN_MM = 60.0
-"""Mean stated deviation from which it is reported."""
-HIDDEN_MM = 250.0
-"""Stated deviation of a joint from which it is reported."""
-
-
-@dataclass(frozen=True)
-class Finding:
-    """A sentence with its level: PROBLEM, NOTE or GOOD."""
-
-    level: str
-    text: str
 
 
 def findings(facts: Facts) -> list[Finding]:
-    """Return the findings, problems first; a GOOD finding replaces the problems if there are none."""
-    found = [finding for rule in RULES for finding in rule(facts)]
-    problems = [finding for finding in found if finding.level == PROBLEM]
-    if not problems:
-        share = len(facts.tracks) and facts.counts.get("accepted", 0) / max(facts.counts.get("received", 0), 1)
-        problems = [Finding(GOOD, f"No problem found: {share:.1%} of the frames were tracked and certified.")]
-    return problems + [finding for finding in found if finding.level == NOTE]
+    """Return the findings: problems, doubts, notes; a GOOD finding replaces problems and doubts if there are none."""
+    rules = VIDEO_RULES if facts.own_keypoints else RULES
+    found = [finding for rule in rules for finding in rule(facts)]
+    serious = [finding for level in (PROBLEM, DOUBT) for finding in found if finding.level == level]
+    notes = [finding for finding in found if finding.level == NOTE]
+    return [*(serious or [_good(facts)]), *notes]
+
+
+def _good(facts: Facts) -> Finding:
+    """Return the finding of a recording without problems and doubts. It does not say that the pose is right."""
+    share = len(facts.tracks) and facts.counts.get("accepted", 0) / max(facts.counts.get("received", 0), 1)
+    hidden = doubt_findings.hidden_limbs(facts)
+    besides = f" The {_joined(list(hidden))} cannot be judged: hardly seen." if hidden else ""
+    return Finding(GOOD, f"{share:.1%} of the frames were tracked, and nothing suggests a wrong pose.{besides}")
+
+
+def _joined(names: list[str]) -> str:
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
 
 def _nothing_tracked(facts: Facts) -> Iterator[Finding]:
@@ -92,11 +87,11 @@ def _lost(facts: Facts) -> Iterator[Finding]:
             continue
         lost = [span for span in facts.spans[person] if span.lost]
         level = NOTE if person else PROBLEM  # several people may enter and leave
-        for span in lost[:MOST_SPANS]:
+        for span in lost[:MOST_LISTED]:
             yield Finding(level, _lost_sentence(span, person))
-        if len(lost) > MOST_SPANS:
-            seconds = sum(span.seconds for span in lost[MOST_SPANS:])
-            yield Finding(level, f"{len(lost) - MOST_SPANS} more such spans, {seconds:.1f} s in total.")
+        if len(lost) > MOST_LISTED:
+            seconds = sum(span.seconds for span in lost[MOST_LISTED:])
+            yield Finding(level, f"{len(lost) - MOST_LISTED} more such spans, {seconds:.1f} s in total.")
 
 
 def _lost_sentence(span: Span, person: str) -> str:
@@ -190,12 +185,31 @@ def _stamps(facts: Facts) -> Iterator[Finding]:
 
 def _outside(facts: Facts) -> Iterator[Finding]:
     outside, received = facts.counts.get(OUTSIDE_IMAGE, 0), facts.counts.get("received", 0)
-    if outside > FEW * max(received, 1):
+    if outside <= FEW * max(received, 1):
+        return
+    if _mostly_inside(facts):
+        yield Finding(
+            NOTE,
+            f"In {outside} of {received} messages the person is partly outside of the image. If the whole person was "
+            "in view, the keypoints are no pixels of the raw image at full resolution.",
+        )
+    else:
         yield Finding(
             PROBLEM,
             f"In {outside} of {received} messages keypoints lie outside the image of camera_info: check that they are "
             "pixels of the raw image at full resolution.",
         )
+
+
+def _mostly_inside(facts: Facts) -> bool:
+    """Return whether more than half of the keypoints of the usual message are in the image."""
+    seen = [row.detected for person in facts.people for row in facts.rows(person) if row.detected is not None]
+    if not seen or facts.image_size is None:
+        return False
+    points = np.array(seen)
+    inside = ((points >= 0) & (points <= facts.image_size)).all(axis=-1).sum(axis=1)
+    known = np.isfinite(points[..., 0]).sum(axis=1)
+    return bool(np.median(inside / np.maximum(known, 1)) > 0.5)
 
 
 def _rate(facts: Facts) -> Iterator[Finding]:
@@ -221,16 +235,15 @@ def _reinitialised(facts: Facts) -> Iterator[Finding]:
         times = [row.time for row in facts.accepted(person) if row.initialised]
         if len(times) > 1:
             who = person or "The person"
-            listed = ", ".join(f"{time:.1f}" for time in times[1 : 1 + MOST_SPANS])
-            more = " ..." if len(times) > 1 + MOST_SPANS else ""
             yield Finding(
                 NOTE,
-                f"{who} was re-initialised {_times(len(times) - 1)}, at {listed} s{more}; the skeleton may jump there.",
+                f"{who} was re-initialised {_times(len(times) - 1)}, at {times_listed(times[1:])}; the skeleton may "
+                "jump there.",
             )
 
 
 def _times(count: int) -> str:
-    return "once" if count == 1 else f"{count} times"
+    return {1: "once", 2: "twice"}.get(count, f"{count} times")
 
 
 def _place(facts: Facts) -> Iterator[Finding]:
@@ -244,13 +257,7 @@ def _place(facts: Facts) -> Iterator[Finding]:
 
 
 def _upside_down(facts: Facts) -> Iterator[Finding]:
-    groups = [[i for i, name in enumerate(facts.landmarks) if part in name] for part in ("shoulder", "ankle")]
-    seen = [row.detected for person in facts.people for row in facts.rows(person) if row.detected is not None]
-    if not seen or not all(groups):
-        return
-    heights = [np.array(seen)[:, group, 1].mean(axis=1) for group in groups]
-    both = np.isfinite(heights[0]) & np.isfinite(heights[1])
-    if both.any() and np.mean(heights[0][both] > heights[1][both]) > 0.5:
+    if video_findings.heads_below(facts):
         yield Finding(
             PROBLEM,
             "The shoulders are below the ankles in most images: check whether the image is upside down, or y is "
@@ -264,43 +271,8 @@ def _people(facts: Facts) -> Iterator[Finding]:
         yield Finding(NOTE, f"{beyond} messages contain more people than max_people {facts.node.max_people}.")
 
 
-def _bones(facts: Facts) -> Iterator[Finding]:
-    for person in facts.people:
-        lengths = [row.lengths for row in facts.accepted(person) if row.lengths is not None]
-        if not lengths:
-            continue
-        given = np.linalg.norm(facts.skeleton.offsets, axis=-1)
-        change = np.where(given > 1e-6, lengths[-1] / np.maximum(given, 1e-6) - 1, 0.0)
-        worst = int(np.argmax(np.abs(change)))
-        if abs(change[worst]) > BONE_CHANGE:
-            who = f"{person}: " if person else ""
-            yield Finding(
-                NOTE,
-                f"{who}calibration changed the bone lengths, most the bone to {facts.skeleton.joint_names[worst]}: "
-                f"{1e3 * given[worst]:.0f} mm at the start, {1e3 * lengths[-1][worst]:.0f} mm at the end.",
-            )
-
-
-def _uncertain(facts: Facts) -> Iterator[Finding]:
-    """Report how far off the joints may be: 'The joints are off by about 80 mm ...'."""
-    rows = [row.deviations for row in facts.tracks if row.deviations is not None]
-    if not rows:
-        return
-    deviations = 1e3 * np.median(rows, axis=0)
-    mean = float(deviations[1:].mean())
-    if mean > UNCERTAIN_MM:
-        yield Finding(
-            NOTE,
-            f"The joints are off by about {mean:.0f} mm relative to the pelvis, mostly in depth (mean of the stated "
-            "deviations): measured depth or the person's bone lengths make them more exact.",
-        )
-    hidden = np.flatnonzero(deviations > HIDDEN_MM)
-    if len(hidden):
-        listed = ", ".join(f"{facts.skeleton.joint_names[i]} {deviations[i]:.0f} mm" for i in hidden)
-        yield Finding(NOTE, f"Joints that the keypoints hardly show, with their deviations: {listed}.")
-
-
-RULES: tuple[Callable[[Facts], Iterator[Finding]], ...] = (
+Rule = Callable[[Facts], Iterator[Finding]]
+RULES: tuple[Rule, ...] = (
     _nothing_tracked,
     _refused,
     _lost,
@@ -310,11 +282,35 @@ RULES: tuple[Callable[[Facts], Iterator[Finding]], ...] = (
     _landmarks,
     _place,
     _upside_down,
+    doubt_findings.likely_wrong,
+    doubt_findings.bent_knees,
+    doubt_findings.unseen_limbs,
     _gaps,
     _reinitialised,
     _rate,
     _repeated,
     _people,
-    _bones,
-    _uncertain,
+    doubt_findings.bones,
+    doubt_findings.uncertain,
 )
+"""For recorded keypoints."""
+VIDEO_RULES: tuple[Rule, ...] = (
+    video_findings.nothing_tracked,
+    video_findings.reprojection,
+    video_findings.place,
+    video_findings.upside_down,
+    video_findings.absences,
+    video_findings.height,
+    doubt_findings.likely_wrong,
+    doubt_findings.bent_knees,
+    doubt_findings.unseen_limbs,
+    video_findings.outside,
+    _gaps,
+    _reinitialised,
+    _rate,
+    _repeated,
+    _people,
+    doubt_findings.bones,
+    doubt_findings.uncertain,
+)
+"""For a video whose keypoints this program detected."""

@@ -11,6 +11,7 @@ from lassokin_ros.common.array_spool import ArraySpool, Record
 from lassokin_ros.core.body.rotations import logarithm
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.replay.analysis.doubts import FrameDoubt, PeopleDoubts
 
 STAMP_REASONS = ("old_stamp", "stamp_jump", "bad_stamp")
 LONGEST_AHEAD_S = 10.0
@@ -45,7 +46,8 @@ class PersonRow:
     time: s. rejection: key of the reason. detected: (l, 2) px, None without keypoints. reprojected: (l, 2) px.
     outline: (n, 2) px, joints in the image. positions: (n, 3) m, camera frame. angles: (n, 3) deg, as in
     `joint_states`. bends: (n,) deg, rotation angle of each joint. lengths: (n,) m, length of the bone that ends at each
-    joint. deviations: (n,) m, see `JointUncertainty`.
+    joint. deviations: (n,) m, see `JointUncertainty`. observed: (n,) bool, see `ObservedJoints`. doubt: None for a
+    rejected frame.
     """
 
     time: float
@@ -57,6 +59,7 @@ class PersonRow:
     kkt: float = np.nan
     support: float = np.nan
     initialised: bool = False
+    doubt: FrameDoubt | None = None
 
     detected = _stored("detected")
     reprojected = _stored("reprojected")
@@ -66,6 +69,7 @@ class PersonRow:
     bends = _stored("bends")
     lengths = _stored("lengths")
     deviations = _stored("deviations")
+    observed = _stored("observed")
 
     @property
     def mean_deviation_mm(self) -> float:
@@ -92,10 +96,11 @@ class Jump:
 class ReplayLog:
     """The log. It grows by about 0.4 kB per message and person, and a temporary file by 4 kB.
 
-    people: rows by person id, "" in single-person mode. details: explanation of the first rejected message, by reason.
-    late: s, the largest delay of a frame behind later messages (`smoothing_lag`).
+    doubts: follows the people. people: rows by person id, "" in single-person mode. details: explanation of the first
+    rejected message, by reason. late: s, the largest delay of a frame behind later messages (`smoothing_lag`).
     """
 
+    doubts: PeopleDoubts
     messages: list[MessageRow] = field(default_factory=list)
     people: dict[str, list[PersonRow]] = field(default_factory=dict)
     details: dict[str, str] = field(default_factory=dict)
@@ -116,7 +121,11 @@ class ReplayLog:
             if frame.rejection is not None:
                 self.details.setdefault(frame.rejection, frame.detail)
             if frame.detected is not None or frame.accepted:
-                self.people.setdefault(frame.person, []).append(person_row(frame, time, self._spool))
+                self.people.setdefault(frame.person, []).append(self._row(frame, time))
+
+    def _row(self, frame: FrameResult, time: float) -> PersonRow:
+        doubt = self.doubts.of(frame) if frame.accepted else None
+        return person_row(frame, time, self._spool, doubt)
 
     def in_order(self) -> None:
         """Sort the rows by time; with `smoothing_lag` they may arrive out of order."""
@@ -146,7 +155,7 @@ class ReplayLog:
         return time + step
 
 
-def person_row(frame: FrameResult, time: float, spool: ArraySpool) -> PersonRow:
+def person_row(frame: FrameResult, time: float, spool: ArraySpool, doubt: FrameDoubt | None) -> PersonRow:
     """Return the row of a frame; its arrays go to `spool`."""
     estimate = frame.estimate
     detected = {} if frame.detected is None else {"detected": frame.detected}
@@ -162,10 +171,11 @@ def person_row(frame: FrameResult, time: float, spool: ArraySpool) -> PersonRow:
         "angles": np.degrees(frame.positions[3:]).reshape(-1, 3),
         "bends": np.degrees(np.linalg.norm(logarithm(estimate.state.rotations), axis=-1)),
         "deviations": frame.uncertainty.deviation,
+        "observed": frame.observed,
     }
     if frame.skeleton is not None:
         arrays["lengths"] = np.linalg.norm(frame.skeleton.offsets, axis=-1)
-    figures = estimate.reprojection_px, *_certificate(estimate), estimate.initialised
+    figures = estimate.reprojection_px, *_certificate(estimate), estimate.initialised, doubt
     return PersonRow(time, None, spool, spool.append(arrays), *figures)
 
 

@@ -10,6 +10,11 @@ function showTime() {
   element("time").textContent = `${now().toFixed(2)} s of ${data.duration.toFixed(2)} s` + (refused ? `, rejected: ${refused}` : "");
   element("slider").value = frame;
   const absent = Number.isNaN(place[0](frame, 0));
+  const doubt = absent ? undefined : me.wrong.find(([start, end]) => start <= now() && now() <= end);
+  for (const note of document.querySelectorAll(".doubtful")) {
+    note.hidden = !doubt;
+    note.textContent = doubt ? `likely wrong: ${doubt[2]}` : "";
+  }
   for (const note of document.querySelectorAll(".absent")) {
     note.hidden = !absent || !me.time.length;
     note.textContent = `no skeleton at this time${refused ? `: ${refused}` : ""}`;
@@ -63,9 +68,27 @@ async function choosePerson(index, time) {
   me = data.people[index];
   frame = nearest(time);
   element("slider").max = Math.max(me.time.length - 1, 0);
+  showMarks();
   showTime();
   await Promise.all([drawSpace(), drawImage(), drawSeries(), drawLandmarks()]);
   document.body.dataset.frame = String(frame);
+}
+
+function showMarks() {                                  // spans on the slider, whose thumb keeps half its width to both ends
+  const last = Math.max(me.time.length - 1, 1), marks = [];
+  const add = (kind, start, end, text) => {
+    const inside = me.time.map((t, i) => (start <= t && t <= end ? i : -1)).filter((i) => i >= 0);
+    if (!inside.length) return;
+    const mark = document.createElement("i");
+    mark.className = kind;
+    mark.title = text;
+    mark.style.left = `${(100 * inside[0]) / last}%`;
+    mark.style.width = `max(3px, ${(100 * (inside[inside.length - 1] - inside[0])) / last}%)`;
+    marks.push(mark);
+  };
+  me.spans.forEach(([start, end, lost]) => add(lost ? "lost" : "gap", start, end, "no skeleton"));
+  me.wrong.forEach(([start, end, why]) => add("wrong", start, end, `likely wrong: ${why}`));
+  element("marks").replaceChildren(...marks);
 }
 
 function fill(select, names) {

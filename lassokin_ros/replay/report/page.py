@@ -18,7 +18,7 @@ from lassokin_ros.replay.report.facts import Facts
 from lassokin_ros.replay.report.findings import Finding
 from lassokin_ros.replay.report.page_json import page_data, timing_data
 
-SCRIPTS = ("common", "space", "image", "series", "page")
+SCRIPTS = ("common", "body", "space", "image", "series", "page")
 """The scripts are concatenated in this order, into one function."""
 
 FIRST_DATE_NS = 946_684_800_000_000_000

@@ -12,7 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from lassokin_ros.replay.report.facts import Facts, landmark_errors
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.body.surface import HEAD
+from lassokin_ros.replay.analysis.capsules import capsules
+from lassokin_ros.replay.report.facts import Facts, floor_of, landmark_errors
 from lassokin_ros.replay.report.log import PersonRow
 from lassokin_ros.replay.report.rejection_advice import reason_text
 
@@ -54,12 +57,14 @@ def person_data(facts: Facts, person: str, stride: int) -> dict[str, Any]:
     border = max(FARTHEST_PX, *(facts.image_size or (0, 0)))
     return {
         "name": person,
+        "floor": _number(floor_of(facts, person)),
         "stride": stride,
         "time": [round(row.time, 4) for row in shown],
         "refused": [None if row.rejection is None else reason_text(row.rejection) for row in shown],
         "positions": column("positions", nowhere["j3"], MM, FARTHEST_M),
         "angles": column("angles", nowhere["j3"], TENTH, np.inf),
         "bends": column("bends", np.full(joints, np.nan), TENTH, np.inf),
+        "observed": column("observed", np.full(joints, np.nan), 1.0, np.inf),
         "deviations": column("deviations", np.full(joints, np.nan), MM, FARTHEST_M),
         "outline": column("outline", nowhere["j2"], TENTH, border),
         "detected": column("detected", nowhere["l2"], TENTH, border),
@@ -74,6 +79,7 @@ def person_data(facts: Facts, person: str, stride: int) -> dict[str, Any]:
         "refusals": [[round(row.time, 3), reason_text(row.rejection)] for row in rows if row.rejection is not None][
             :POINTS
         ],
+        "wrong": [[round(s.start, 3), round(s.end, 3), ", ".join(s.reasons)] for s in facts.wrong.get(person, [])],
         "spans": [[round(s.start, 3), round(s.end, 3), s.lost] for s in facts.spans.get(person, [])],
         "landmarks": {"error": _numbers(error, 2), "seen": _numbers(100 * seen, 1)},
     }
@@ -82,7 +88,7 @@ def person_data(facts: Facts, person: str, stride: int) -> dict[str, Any]:
 def bytes_of(facts: Facts, person: str) -> int:
     """Return the size of a person's skeletons, image points and angles without thinning, bytes."""
     joints, landmarks = facts.skeleton.joint_count, len(facts.landmarks)
-    return len(facts.rows(person)) * 2 * (joints * (3 + 3 + 1 + 1 + 2) + landmarks * 4)
+    return len(facts.rows(person)) * 2 * (joints * (3 + 3 + 1 + 1 + 1 + 2) + landmarks * 4)
 
 
 def page_data(facts: Facts) -> dict[str, Any]:
@@ -95,11 +101,22 @@ def page_data(facts: Facts) -> dict[str, Any]:
         "parents": [int(parent) for parent in skeleton.parents],
         "landmarks": list(facts.landmarks),
         "image": facts.image_size,
+        "level": np.round(facts.level, 6).tolist(),
+        "capsules": [(a, b, round(radius, 4), side) for a, b, radius, side in capsules(skeleton)],
+        "skull": _skull(skeleton),
         "live": 3 * skeleton.joint_count,
         "duration": round(facts.duration, 3),
         "people": [person_data(facts, person, stride) for person in facts.people],
         "rate": {"time": _numbers(edges, 3), "in": _numbers(rate, 2), "out": _numbers(out, 2)},
     }
+
+
+def _skull(skeleton: Skeleton) -> tuple[int, int, float] | None:
+    """Return (neck, head, radius in m), None for a skeleton without them."""
+    names = skeleton.joint_names
+    if not {"neck", "head"} <= set(names):
+        return None
+    return names.index("neck"), names.index("head"), round(HEAD[1] * skeleton.height, 4)
 
 
 def timing_data(facts: Facts) -> dict[str, Any]:
@@ -122,6 +139,10 @@ def worst(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 def _series(rows: Sequence[PersonRow], name: str) -> dict[str, Any]:
     time, value = worst(np.array([row.time for row in rows]), np.array([getattr(row, name) for row in rows]))
     return {"time": _numbers(time, 3), "value": [None if v is None else float(f"{v:.4g}") for v in _numbers(value)]}
+
+
+def _number(value: float) -> float | None:
+    return round(value, 4) if np.isfinite(value) else None
 
 
 def _numbers(values: np.ndarray, digits: int | None = None) -> list[float | None]:

@@ -28,6 +28,10 @@ REASONS: dict[str, tuple[str, str]] = {
         "the stamps do not increase: check that the detector copies the stamp of each image, that no second detector "
         "uses the topic, and that messages come in order",
     ),
+    "late": (
+        "image of another camera was used already",
+        "the images of several cameras must come in the order of their stamps; check the delay of this camera",
+    ),
     "stamp_jump": (
         "stamp jump",
         "a single jump is ignored; two in a row reset the tracker to the new time. If every message jumps, check the "

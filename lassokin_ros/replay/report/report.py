@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from lassokin_ros.common.atomic_files import AtomicFiles
+from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.replay.analysis.doubts import PeopleDoubts
 from lassokin_ros.replay.report.facts import Facts
-from lassokin_ros.replay.report.findings import PROBLEM, findings
+from lassokin_ros.replay.report.findings import DOUBT, PROBLEM, findings
 from lassokin_ros.replay.report.images import ReportImages
 from lassokin_ros.replay.report.log import ReplayLog
 from lassokin_ros.replay.report.page import check_report, page
@@ -20,29 +20,36 @@ from lassokin_ros.replay.report.page import check_report, page
 class Report:
     """The report of one replay."""
 
-    def __init__(self, path: Path, pipeline: Pipeline, replace: bool = False) -> None:
-        """Raises ReportError if the page cannot be written to `path`. replace: an existing file may be replaced."""
+    def __init__(self, path: Path, pipeline: Pipeline, replace: bool = False, given: Skeleton | None = None) -> None:
+        """Raises ReportError if the page cannot be written to `path`. replace: an existing file may be replaced.
+
+        given: the skeleton before the first of two passes; None: that of the pipeline.
+        """
         check_report(path, replace)
         self._path, self._pipeline = path, pipeline
-        self._skeleton = pipeline.tracker.skeleton  # before calibration
-        self._log = ReplayLog(late=pipeline.tracker.config.smoothing_lag)
-        self._images = ReportImages()
+        self._skeleton = given or pipeline.tracker.skeleton  # before calibration
+        self._log = ReplayLog(PeopleDoubts(pipeline.tracker.layout.names), late=pipeline.tracker.config.smoothing_lag)
+        self.images = ReportImages()
+        """The images, each added with the stamp of its keypoint message."""
         self.problems: list[str] = []
-        """The sentences of the problems on the page, after `write`."""
+        self.doubts: list[str] = []
+        """The sentences of the problems and of the doubts on the page, after `write`."""
+
+    @property
+    def summary_lines(self) -> list[str]:
+        """The problems and doubts as lines for the terminal."""
+        lines = {"problem": self.problems, "doubt": self.doubts}
+        return [f"{level:<15} {text}" for level, texts in lines.items() for text in texts]
 
     def add(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
         """Add the frames of one keypoint message, see `OfflineTracker.listeners`."""
         self._log.add(frames, time_ns, seconds)
 
-    def add_image(self, stamp_ns: int, read: Callable[[], np.ndarray]) -> None:
-        """Add the image of the keypoint message with the same stamp, see `ReportImages.add`."""
-        self._images.add(stamp_ns, read)
-
-    def write(self, files: AtomicFiles, title: str, topics: tuple[str, str]) -> None:
+    def write(self, files: AtomicFiles, title: str, topics: tuple[str, str], own_keypoints: bool = False) -> None:
         """Write the page as part of `files`.
 
-        title: name of the recording. topics: keypoint topic and camera_info topic, or what else they come from. Raises
-        ReportError, and the error of `files`.
+        title: name of the recording. topics: keypoint topic and camera_info topic, or what else they come from.
+        own_keypoints: see `Facts`. Raises ReportError, and the error of `files`.
         """
         title = title.encode(errors="backslashreplace").decode()  # file names may hold bytes that are not UTF-8
         pipeline = self._pipeline
@@ -52,8 +59,10 @@ class Report:
         tracker = pipeline.tracker
         names = tracker.layout.names
         counts = dict(pipeline.counts)
-        facts = Facts(title, topics, self._log, counts, tracker.config, pipeline.config, self._skeleton, names, size)
-        images = self._images.data({message.stamp_ns: message.time for message in self._log.messages})
+        configs = tracker.config, pipeline.config
+        facts = Facts(title, topics, self._log, counts, *configs, self._skeleton, names, size, own_keypoints)
+        images = self.images.data({message.stamp_ns: message.time for message in self._log.messages})
         found = findings(facts)
         self.problems = [finding.text for finding in found if finding.level == PROBLEM]
+        self.doubts = [finding.text for finding in found if finding.level == DOUBT]
         files.write_text(self._path, page(facts, found, images))

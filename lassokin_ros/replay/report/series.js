@@ -76,9 +76,11 @@ function seriesLayout() {
   });
   const shade = me.spans.map(([start, end, lost]) => ({ type: "rect", xref: "x", yref: "paper", x0: start, x1: end, y0: 0, y1: 1,
     layer: "below", line: { width: 0 }, fillcolor: lost ? "rgba(204,121,167,.32)" : "rgba(204,121,167,.14)" }));
+  const wrong = me.wrong.map(([start, end]) => ({ type: "rect", xref: "x", yref: "paper", x0: start, x1: end, y0: 0, y1: 1,
+    layer: "below", line: { width: 0 }, fillcolor: "rgba(230,159,0,.28)" }));
   const cursor = { type: "line", xref: "x", yref: "paper", x0: now(), x1: now(), y0: 0, y1: 1, line: { color: CURSOR, width: 1, dash: "dot" } };
   return { ...layout, xaxis: { title: { text: "time, s" }, range: [0, Math.max(data.duration, 0.1)], anchor: `y${ROWS.length}`, gridcolor: LINE,
-    zeroline: false, ticks: "outside", hoverformat: ".2f" }, shapes: [cursor, ...shade], hovermode: "x", hoverdistance: 40,
+    zeroline: false, ticks: "outside", hoverformat: ".2f" }, shapes: [cursor, ...shade, ...wrong], hovermode: "x", hoverdistance: 40,
     legend: { orientation: "h", x: 1, xanchor: "right", y: layout.yaxis2.domain[1], yanchor: "bottom", font: { size: 11 }, bgcolor: "rgba(0,0,0,0)" }, font: FONT, dragmode: "zoom",
     margin: { l: 86, r: 14, t: 10, b: 42 }, height: 960, paper_bgcolor: "#fff", plot_bgcolor: "#fff", uirevision: "series" };
 }

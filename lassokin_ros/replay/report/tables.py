@@ -44,8 +44,9 @@ def figures(facts: Facts) -> str:
     spans = [span for person in facts.people for span in facts.spans[person]]
     lost = [span.seconds for span in spans if span.lost]
     short = [span.seconds for span in spans if not span.lost]
+    inputs = "Images" if facts.own_keypoints else "Keypoint messages"
     rows = [
-        ("Keypoint messages", f"{received} in {facts.duration:.1f} s, {facts.rate:.1f} Hz"),
+        (inputs, f"{received} in {facts.duration:.1f} s, {facts.rate:.1f} Hz"),
         ("With a skeleton", f"{accepted}" + (f" ({accepted / received:.1%})" if received else "")),
         ("Rejected", f"{received - accepted}"),
     ]
@@ -149,7 +150,7 @@ def landmarks(facts: Facts) -> str:
         (name, f"{share:.0%}", f"{pixels:.1f}" if np.isfinite(pixels) else "-")
         for name, share, pixels in zip(facts.landmarks, seen, error)
     ]
-    return table("Landmarks", ("", "detected", "median error [px]"), rows, (1, 2))
+    return table("Landmarks", ("landmark", "detected", "median error [px]"), rows, (1, 2))
 
 
 def bone_lengths(facts: Facts) -> str:

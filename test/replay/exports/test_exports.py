@@ -74,7 +74,9 @@ def test_csv_contains_the_positions_and_angles_of_the_bag(tracked, published):
             joint, _, axis = name.rpartition("_")
             assert abs(float(row[f"{joint} angle {axis} [rad]"]) - angle) < 1e-6
         assert 0 < float(row["reprojection [px]"]) < 30
-    assert len(rows[0]) == 2 + 2 * 72 + 1
+        assert 0 < float(row["left_wrist deviation [m]"]) < 0.6 and row["likely wrong"] in ("0", "1")
+        assert 0 <= float(row["left_knee flexion [deg]"]) < 120
+    assert len(rows[0]) == 2 + 2 * 72 + 1 + 24 + 1 + 13
 
 
 def test_every_array_of_the_npz_is_in_the_documentation(tracked):
@@ -110,12 +112,28 @@ def forward(rotations, offsets, parents, root):
     return np.stack(places, axis=1)
 
 
+def floor_of(folder):
+    """m above the camera."""
+    with np.load(folder / "motion.npz", allow_pickle=False) as file:
+        return float(file["floor"])
+
+
+def test_the_exported_person_stands_on_the_floor(tracked):
+    feet = [f"{side}_{joint}" for side in ("left", "right") for joint in ("ankle", "foot")]
+    found, _ = bvh_positions(tracked / "motion.bvh")
+    lowest = np.min([found[name][:, 1] for name in feet], axis=0)
+    assert -0.03 < np.median(lowest) < 0.1 and -2.0 < floor_of(tracked) < -0.5
+    with np.load(tracked / "motion.npz", allow_pickle=False) as file:
+        assert file["joint_observed"][:, 4].all() and file["joint_deviations"].shape == (FRAMES, 24)
+        assert not file["likely_wrong"].any()
+
+
 def test_bvh_is_the_same_motion_in_another_library(tracked, published):
     positions, _ = published
     found, frame_time = bvh_positions(tracked / "motion.bvh")
     assert frame_time == pytest.approx(1 / 30, abs=1e-6) and set(found) == set(SKELETON.joint_names)
     for joint, places in enumerate(positions.transpose(1, 0, 2)):
-        to_y_up = places * [1, -1, -1]
+        to_y_up = places * [1, -1, -1] - [0, floor_of(tracked), 0]
         assert np.abs(found[SKELETON.joint_names[joint]] - to_y_up).max() < 1e-4  # 0.1 mm
 
 
@@ -134,7 +152,7 @@ def test_amass_poses_are_the_same_motion(tracked, published):
     assert data["mocap_framerate"] == pytest.approx(30, abs=1e-3) and str(data["gender"]) == "neutral"
     rotations = Rotation.from_rotvec(data["poses"].reshape(-1, 3)).as_matrix().reshape(FRAMES, 24, 3, 3)
     found = forward(rotations, SKELETON.offsets, SKELETON.parents, data["trans"])
-    expected = np.stack([positions[..., 0], positions[..., 2], -positions[..., 1]], axis=-1)
+    expected = np.stack([positions[..., 0], positions[..., 2], -positions[..., 1] - floor_of(tracked)], axis=-1)
     assert np.abs(found - expected).max() < 1e-6
     assert found[:, 15, 2].min() > found[:, 7, 2].max() + 1  # the head is above the ankle
 
@@ -153,7 +171,8 @@ def test_amass_has_the_keys_of_both_generations(tracked):
 
 def test_the_world_of_a_mounted_camera_is_level(recording, tmp_path):
     """With a camera configured as looking down, a standing person is vertical in the files."""
-    options = ["-p", "camera_pitch:=0.4", "-p", "camera_roll:=0.3", "--export", ".amass.npz", "--export", ".bvh"]
+    options = ["-p", "camera_pitch:=0.4", "-p", "camera_roll:=0.3"]
+    options += ["--export", ".amass.npz", "--export", ".bvh", "--export", ".npz"]
     assert main([str(recording), "--output", str(tmp_path / "out"), *options]) == 0
     joints = read(tmp_path / "out", "/tracker/joints")
     places = np.array([[m.poses[0].position.x, m.poses[0].position.y, m.poses[0].position.z] for _, m in joints])
@@ -162,6 +181,8 @@ def test_the_world_of_a_mounted_camera_is_level(recording, tmp_path):
         amass = file["trans"]
     motion = (tmp_path / "out" / "motion.bvh").read_text(encoding="utf-8").splitlines()[-FRAMES:]
     bvh = np.array([[float(word) for word in line.split()[:3]] for line in motion])
+    amass[:, 2] += floor_of(tmp_path / "out")
+    bvh[:, 1] += floor_of(tmp_path / "out")
     for found, axis, exact in ((amass, 2, 1e-6), (bvh, 1, 1e-5)):
         assert np.abs(found[:, axis] - places @ up).max() < exact
         assert np.abs(np.linalg.norm(found, axis=1) - np.linalg.norm(places, axis=1)).max() < exact
@@ -201,7 +222,8 @@ def some_motion(stamps_s, turn_rate=2.0, speed=1.0):
     places = np.outer(times * speed, [1.0, 0.0, 0.0])
     stamps = 10**18 + np.round(times * 1e9).astype(np.int64)
     rest = (rotations, places, np.zeros((count, 1, 3)), np.zeros((count, 0, 3)), np.zeros((count, 0, 2)))
-    figures = (nothing, nothing, nothing, nothing > 0, np.eye(3))
+    doubts = (np.zeros((count, 1)), np.ones((count, 1), dtype=bool), nothing > 0)
+    figures = (nothing, nothing, nothing, nothing > 0, *doubts, np.eye(3))
     return Motion("", "camera", skeleton, (), stamps, places[:, None], *rest, *figures)
 
 
@@ -348,7 +370,7 @@ def test_several_people_are_in_one_table_or_in_separate_files(two_people, tmp_pa
         positions = file["joint_positions"]
     for person, own in (("p4", positions[:20]), ("p9", positions[20:])):
         found, _ = bvh_positions(output / f"motion_{person}.bvh")
-        assert np.abs(found["head"] - own[:, 15] * [1, -1, -1]).max() < 1e-4
+        assert np.abs(found["head"] - (own[:, 15] * [1, -1, -1] - [0, floor_of(output), 0])).max() < 1e-4
         assert (output / f"motion_{person}.amass.npz").is_file()
     assert sorted(os.listdir(tmp_path)) == ["out", "walk_p4.bvh", "walk_p9.bvh"]
     assert main([*arguments[:2], str(tmp_path / "b"), *arguments[3:], "--export", str(tmp_path / "walk.bvh")]) == 2
@@ -377,7 +399,7 @@ def test_a_calibrated_skeletons_last_lengths_are_exported(recording, tmp_path):
     with np.load(output / "motion.npz") as file:
         last, offsets = file["joint_positions"][-1], file["rest_offsets"][0]
     found, _ = bvh_positions(output / "motion.bvh")
-    assert np.abs(found["head"][-1] - last[15] * [1, -1, -1]).max() < 1e-4
+    assert np.abs(found["head"][-1] - (last[15] * [1, -1, -1] - [0, floor_of(output), 0])).max() < 1e-4
     bones = last[1:] - last[SKELETON.parents[1:]]
     assert np.allclose(np.linalg.norm(bones, axis=1), np.linalg.norm(offsets[1:], axis=1))
 

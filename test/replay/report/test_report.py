@@ -91,9 +91,9 @@ def clean(tmp_path_factory):
 def test_a_clean_recording_has_no_warnings(clean):
     _, page = clean
     good, lengths, doubt = said(page)
-    assert good == ("good", "No problem found: 100.0% of the frames were tracked and certified.")
+    assert good == ("good", "100.0% of the frames were tracked, and nothing suggests a wrong pose.")
     stated = re.match(r"The joints are off by about (\d+) mm relative to the pelvis, mostly in depth", doubt[1])
-    assert lengths[0] == "note" and lengths[1].startswith("calibration changed the bone lengths")
+    assert lengths[0] == "note" and lengths[1].startswith("Calibration changed the bone lengths")
     assert doubt[0] == "note" and 60 < int(stated.group(1)) < 120
     assert figure(page, "Keypoint messages") == f"{FRAMES} in 2.5 s, 30.0 Hz"
     assert figure(page, "With a skeleton") == f"{FRAMES} (100.0%)" and figure(page, "Initialised") == "once"
@@ -187,12 +187,25 @@ def of_a_larger_image(stamps, pixels, confidence):
     pixels *= 3
 
 
+def legs_below_the_image(stamps, pixels, confidence):
+    pixels[:, 13:17, 1] += 400
+
+
 def half_seen(stamps, pixels, confidence):
     confidence[::3, 3] = confidence[1::3, 3] = 0
 
 
 def without_legs(stamps, pixels, confidence):
     confidence[:, 13:17] = 0
+
+
+def exchanged(stamps, pixels, confidence):
+    other = np.array([0, 2, 1, 4, 3, 6, 5, 8, 7, 10, 9, 12, 11, 14, 13, 16, 15])
+    pixels[30:60], confidence[30:60] = pixels[30:60][:, other], confidence[30:60][:, other]
+
+
+def another_person(stamps, pixels, confidence):
+    pixels[40:] += (260, 30)
 
 
 def repeated(stamps, pixels, confidence):
@@ -249,6 +262,13 @@ CASES = {
         {"spoil": of_a_larger_image},
         ("problem", f"In {FRAMES} of {FRAMES} messages keypoints lie outside the image of camera_info: check that"),
     ),
+    "partly outside": (
+        {"spoil": legs_below_the_image},
+        (
+            "note",
+            f"In {FRAMES} of {FRAMES} messages the person is partly outside of the image. If the whole person was",
+        ),
+    ),
     "seldom": ({"spoil": half_seen}, ("note", "Landmarks detected in fewer than half of the frames: left_ear 33%.")),
     "slow": (
         {"times": lambda s: s, "spoil": lambda s, p, c: s.__iadd__((s - s[0]) * 4)},
@@ -257,6 +277,18 @@ CASES = {
     "hidden": (
         {"spoil": without_legs},
         ("note", r"Joints that the keypoints hardly show, with their deviations: left_ankle \d\d\d mm, right_ankle "),
+    ),
+    "exchanged": (
+        {"spoil": exchanged},
+        ("doubt", "The pose is likely wrong from 0.7 to"),
+    ),
+    "another person": (
+        {"spoil": another_person},
+        ("doubt", r"The pose is likely wrong from 1.1 to \d.\d s: the detector continues with another person"),
+    ),
+    "without legs": (
+        {"spoil": without_legs},
+        ("note", "Hardly seen: left leg (in 0% of the frames), right leg (in 0%"),
     ),
     "repeated": ({"spoil": repeated}, ("note", f"{FRAMES // 2} of {FRAMES} messages repeat the previous keypoints")),
     "late": (
@@ -286,6 +318,28 @@ def test_errors_are_reported(case, tmp_path):
     assert not any(level == "good" for level, _ in sentences) or expected[0][0] == "note"
     time = drawn(page)["people"][0]["time"]
     assert time == sorted(time) and drawn(page)["duration"] <= 12.6  # one wrong stamp does not stretch the axis
+
+
+def test_doubts_have_spans_for_the_slider_and_the_plots(tmp_path, capsys):
+    page = report(recording(tmp_path / "bag", exchanged))
+    (person,) = drawn(page)["people"]
+    spans = [(start, end) for start, end, why in person["wrong"] if "the detector exchanges left and right" in why]
+    assert spans and all(any(start <= time <= end for start, end in spans) for time in (1.0, 2.0))
+    doubts = [text for level, text in said(page) if level == "doubt"]
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("doubt ")]
+    assert [line.partition(" ")[2].strip() for line in lines] == doubts and doubts
+
+
+def test_the_good_line_names_what_it_does_not_judge(tmp_path):
+    (good,) = [text for level, text in said(report(recording(tmp_path / "bag", without_legs))) if level == "good"]
+    assert good.endswith("nothing suggests a wrong pose. The left leg and right leg cannot be judged: hardly seen.")
+
+
+def test_the_floor_is_under_the_feet(clean):
+    (person,) = drawn(clean[1])["people"]
+    names, places = drawn(clean[1])["joints"], unpacked(person["positions"])
+    lowest = -places[:, [names.index("left_foot"), names.index("right_foot")], 1].max(axis=1)
+    assert -0.12 < person["floor"] - np.median(lowest) < 0.02
 
 
 def test_every_reason_has_a_description():
@@ -330,7 +384,7 @@ def test_the_page_of_a_minute_is_small():
     from lassokin_ros.replay.report.page import _plotly
 
     joints, landmarks = 24, 33
-    skeletons = 1800 * 2 * (joints * 10 + landmarks * 4)
+    skeletons = 1800 * 2 * (joints * 11 + landmarks * 4)
     assert min(skeletons, data.BUDGET) * 4 / 3 + len(_plotly()) < 7_000_000
 
 

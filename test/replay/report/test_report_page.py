@@ -20,6 +20,7 @@ from msg_adapters.backends import RosbagsBackend  # noqa: E402
 FRAMES, LOST = 90, (30, 66)
 LEFT, RIGHT = (0x00, 0x72, 0xB2), (0xD5, 0x5E, 0x00)
 PLOTS = ("space", "image", "series", "landmarks")
+JOINTS = 6  # the trace of the joints in the 3D plot, after the body's meshes
 
 
 def spoil(stamps, pixels, confidence):
@@ -91,8 +92,8 @@ def test_the_person_is_upright_and_faces_the_viewer(page):
     left, right = where(pixels, LEFT), where(pixels, RIGHT)
     assert len(left) > 300 and len(right) > 300
     assert left[:, 1].mean() > right[:, 1].mean() + 20  # the left side of a person who faces the camera is on the right
-    joints = shown(page, "space", 3)
-    names = page.value("document.getElementById('space').data[3].text")
+    joints = shown(page, "space", JOINTS)
+    names = page.value("document.getElementById('space').data[6].text")
     place = {name: joints[i] for i, name in enumerate(names)}
     assert place["head"][2] > place["pelvis"][2] + 0.4 > place["left_ankle"][2] + 0.8
     scene = page.value(
@@ -110,7 +111,7 @@ def test_the_slider_shows_the_published_skeleton_and_image(page, report):
     for frame in (12, 80):
         go(page, frame)
         places = np.array([[p.position.x, p.position.z, -p.position.y] for p in published[frame].poses])
-        assert np.abs(shown(page, "space", 3) - places).max() < 0.001
+        assert np.abs(shown(page, "space", JOINTS) - places).max() < 0.001
         seen = confidence[frame] > 0
         assert np.abs(shown(page, "image", 4)[seen] - pixels[frame, seen]).max() < 0.06
         body = places[:, [0, 2, 1]] * [1, -1, 1]
@@ -123,7 +124,7 @@ def test_the_slider_shows_the_published_skeleton_and_image(page, report):
 
 def test_a_lost_span_is_shaded_and_explained(page):
     go(page, 50)
-    assert np.isnan(shown(page, "space", 3)).all()
+    assert np.isnan(shown(page, "space", JOINTS)).all()
     assert page.page.inner_text(".absent >> nth=0") == "no skeleton at this time: too few landmarks"
     assert not len(where(picture(page, "#space"), LEFT))
     spans = page.value("document.getElementById('series').layout.shapes.slice(1).map((s) => [s.x0, s.x1])")
@@ -159,7 +160,7 @@ def test_views_rotate_and_angles_are_selected(chromium, report):
     after = page.value(eye)
     assert np.isclose(np.hypot(*after[:2]), np.hypot(*before[:2])) and after[2] == before[2]
     page.page.check("#follow")
-    assert np.abs(shown(page, "space", 3)[0, :2]).max() < 1e-6  # the pelvis
+    assert np.abs(shown(page, "space", JOINTS)[0, :2]).max() < 1e-6  # the pelvis
     page.page.select_option("#view", "image")
     low, high = page.value("document.getElementById('image')._fullLayout.xaxis.range")
     assert low <= 0 and high >= WEBCAM.size[0]
@@ -188,6 +189,49 @@ def test_several_people_can_be_selected(chromium, tmp_path):
     page.reach("document.getElementById('image').data[4].x.some((x) => x !== null && x < 500)", "the other person")
     assert np.allclose(np.nanmedian(shown(page, "image", 4) - first, axis=0), [-600, 0], atol=0.2)
     assert page.errors == []
+    page.page.close()
+
+
+def test_doubtful_spans_are_coloured_and_explained(chromium, tmp_path):
+    def exchanged(stamps, pixels, confidence):
+        other = np.array([0, 2, 1, 4, 3, 6, 5, 8, 7, 10, 9, 12, 11, 14, 13, 16, 15])
+        pixels[30:60] = pixels[30:60][:, other]
+
+    bag = write_recording(tmp_path / "bag", FRAMES, spoil=exchanged)
+    assert main([str(bag), "--output", str(tmp_path / "out"), "--report", str(tmp_path / "page.html")]) == 0
+    page = Page(chromium, tmp_path / "page.html", "#t=1.0")
+    assert page.value("document.querySelectorAll('#findings .good').length") == 0
+    assert page.page.inner_text(".doubtful >> nth=0").startswith("likely wrong: the detector exchanges left and right")
+    mark = page.page.locator("#marks .wrong").first.bounding_box()
+    thumb = page.page.locator("#slider").bounding_box()
+    assert mark["x"] - 8 <= thumb["x"] + thumb["width"] * 30 / FRAMES <= mark["x"] + mark["width"] + 8
+    shapes = page.value(
+        "document.getElementById('series').layout.shapes.slice(1).map((s) => [s.x0, s.x1, s.fillcolor])"
+    )
+    assert any(start <= 1.0 <= end and "230,159,0" in colour for start, end, colour in shapes)
+    go(page, 5)
+    assert not page.page.is_visible(".doubtful >> nth=0") and page.errors == []
+    page.page.close()
+
+
+def test_limbs_without_keypoints_are_faint(chromium, tmp_path):
+    def without_legs(stamps, pixels, confidence):
+        confidence[:, 13:17] = 0
+
+    bag = write_recording(tmp_path / "bag", 10, spoil=without_legs)
+    assert main([str(bag), "--output", str(tmp_path / "out"), "--report", str(tmp_path / "page.html")]) == 0
+    page = Page(chromium, tmp_path / "page.html")
+    meshes = page.value("document.getElementById('space').data.slice(0, 6).map((t) => [t.x.length, t.opacity])")
+    (left, solid), (faint_left, faint) = meshes[0], meshes[3]
+    assert faint < 0.5 < solid and left > 0  # the arm
+    assert faint_left == 1.5 * left  # thigh, shank and foot; the arm has two capsules
+    page.page.close()
+
+
+def test_the_page_fits_a_phone(chromium, report):
+    page = Page(chromium, report / "page.html")
+    page.page.set_viewport_size({"width": 390, "height": 800})
+    page.reach("document.documentElement.scrollWidth <= 390", "a page of 390 px")
     page.page.close()
 
 

@@ -16,7 +16,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 ROOT = Path(__file__).resolve().parents[3]
-PARTS = ("mediapipe", "onnx", "view", "mediapipe,onnx,view")
+PARTS = ("mediapipe", "onnx", "view", "mediapipe,onnx,view", "mediapipe+view")
+"""Extras of one call of pip; after a plus those of a further call."""
 USE = """if True:
     import cv2, numpy
     image = numpy.random.default_rng(0).integers(0, 255, (48, 64, 3), dtype=numpy.uint8)
@@ -42,7 +43,7 @@ def check(extras: str, folder: Path, video: Path, model: Path | None) -> tuple[s
     """Install extras in an environment in the folder and use them. Return the problem, if any, and what was printed."""
     venv.create(folder / "venv", with_pip=True)
     python = str(folder / "venv" / "bin" / "python")
-    for wanted in ("replay,report", extras):
+    for wanted in ("replay,report", *extras.split("+")):
         done = _run([python, "-m", "pip", "install", "--disable-pip-version-check", f"{ROOT}[{wanted}]"], folder)
         errors = [line for line in done.stderr.splitlines() if line.startswith("ERROR")]
         if done.returncode or errors:

@@ -1,0 +1,144 @@
+"""How well the report's marks tell a wrong pose, on recordings with a 3D reference; and what two passes change.
+
+    python benchmarks/accuracy_run/doubt.py ../shared/data/detections/*.npz             # as a live camera
+    python benchmarks/accuracy_run/doubt.py --two-pass ../shared/data/detections/*.npz  # as `track` does
+
+One line per camera: mean joint error relative to the hips, median second difference of the wrists from frame to frame
+relative to the pelvis, share of the frames over 150 mm, share of the marked frames, and whether the page says a doubt.
+A recording is bad if more than 5 % of its frames are over 150 mm. Only the height is given.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+import numpy as np  # noqa: E402
+
+from benchmarks.common.report import Record, table  # noqa: E402
+from benchmarks.data.detections import JOINTS, DetectionJob, Recording, detection_jobs, prepared  # noqa: E402
+from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
+from lassokin_ros.core.doubt.monitor import DoubtMonitor, Signs  # noqa: E402
+from lassokin_ros.core.doubt.recent import Recent  # noqa: E402
+from lassokin_ros.core.estimate import Estimate  # noqa: E402
+from lassokin_ros.core.tracker import Tracker  # noqa: E402
+from lassokin_ros.replay.analysis.doubts import FAILURE_S, FrameDoubt  # noqa: E402
+from lassokin_ros.replay.first_pass import WHOLE_FILE  # noqa: E402
+from lassokin_ros.replay.report.doubt_findings import MOST_MARKED  # noqa: E402
+from lassokin_ros.replay.report.wrong_spans import wrong_spans  # noqa: E402
+
+GOOD_MM, WRONG_MM, BAD_SHARE = 60.0, 150.0, 0.05
+COLUMNS = {"recording": "<42", "frames": "5d", "mpjpe_mm": "6.1f", "wrist_shake_mm": "6.1f", "over_150": "6.1%"}
+COLUMNS |= {"marked": "6.1%", "says": "<6"}
+
+
+@dataclass(frozen=True)
+class Row:
+    """A tracked frame, as `wrong_spans` reads it. error: mm. wrists: (2, 3) m, relative to the pelvis."""
+
+    time: float
+    doubt: FrameDoubt
+    error: float
+    wrists: np.ndarray
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the table and the totals."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", maxsplit=1)[0])
+    parser.add_argument("files", type=Path, nargs="+", metavar="FILE")
+    parser.add_argument("--two-pass", action="store_true", help="learn the lengths first, smooth with later frames")
+    options = parser.parse_args(arguments)
+    settings = WHOLE_FILE if options.two_pass else {}
+    jobs = detection_jobs(options.files, ["lasso"], False, settings)
+    records = [record(job, options.two_pass) for job in jobs]
+    print(table(records, COLUMNS))
+    print("\n".join(totals(records)))
+
+
+def record(job: DetectionJob, two_pass: bool) -> Record:
+    """Track one camera and mark its frames."""
+    recording, config, skeleton = prepared(job)
+    if two_pass:
+        first = Tracker(replace(config, smoothing_lag=0.0), skeleton)
+        for observation in recording.observations:
+            first.track(observation)
+        skeleton = first.skeleton
+    rows = _rows(Tracker(config, skeleton), recording)
+    times, error = np.array([row.time for row in rows]), np.array([row.error for row in rows])
+    spans = wrong_spans(rows)  # type: ignore[arg-type]
+    marked = np.array([any(span.contains(time) for span in spans) for time in times], dtype=bool)
+    doubt = any(span.certain_sign for span in spans) or marked.mean() > MOST_MARKED
+    shake = np.linalg.norm(np.diff([row.wrists for row in rows], n=2, axis=0), axis=-1)
+    return {
+        "recording": f"{recording.name}:{job.camera}",
+        "frames": len(rows),
+        "mpjpe_mm": float(np.nanmean(error)),
+        "wrist_shake_mm": 1000 * float(np.median(shake)),
+        "over_150": float(np.mean(error[np.isfinite(error)] > WRONG_MM)),
+        "marked": float(marked.mean()),
+        "says": "doubt" if doubt else "",
+        "error": error,
+        "marks": marked,
+    }
+
+
+def _rows(tracker: Tracker, recording: Recording) -> list[Row]:
+    """Track a recording, and follow its doubts."""
+    monitor, failures = DoubtMonitor(tracker.layout.names, tracker.skeleton.joint_names), Recent[float](FAILURE_S)
+    frame_of = {observation.stamp: frame for frame, observation in enumerate(recording.observations)}
+    rows = []
+
+    def take(estimates: Sequence[Estimate]) -> None:
+        for estimate in estimates:
+            if estimate.pose is None or estimate.visible is None:
+                continue
+            frame, joints = frame_of[estimate.stamp], estimate.pose.positions
+            pixels = np.where(estimate.visible[:, None], recording.points[frame] * recording.focal, np.nan)
+            height_px = tracker.skeleton.height * recording.focal / joints[0, 2]
+            cost, share = estimate.cost / max(estimate.measurements, 1), estimate.reprojection_px / height_px
+            failures.add(estimate.stamp, tracker.uncertainty(estimate).failure_probability)
+            doubt = monitor.update(Signs(estimate.stamp, pixels, joints, share, cost))
+            wrists = joints[[tracker.skeleton.index(f"{side}_wrist") for side in ("left", "right")]] - joints[0]
+            error = _error(estimate.pose.landmarks, recording.reference[frame], tracker.layout)
+            rows.append(Row(estimate.stamp, FrameDoubt(doubt, float(np.mean(failures.values))), error, wrists))
+
+    for observation in recording.observations:
+        tracker.track(observation)
+        take(tracker.published)
+    take(tracker.flush())
+    return rows
+
+
+def _error(found: np.ndarray, truth: np.ndarray, layout: Layout) -> float:
+    """Return the mean error of the joints that the reference has, mm, relative to the hips or the shoulders; or NaN."""
+    pairs = [[layout.index(f"{side}_{part}") for side in ("left", "right")] for part in ("hip", "shoulder")]
+    root = next((pair for pair in pairs if np.isfinite(truth[pair]).all()), None)
+    if root is None:
+        return float("nan")
+    index = [layout.index(name) for name in JOINTS.values()]
+    off = (found[index] - found[root].mean(axis=0)) - (truth[index] - truth[root].mean(axis=0))
+    return 1000 * float(np.nanmean(np.linalg.norm(off, axis=-1)))
+
+
+def totals(records: Sequence[Record]) -> list[str]:
+    """Return the lines below the table."""
+    error, marks = (np.concatenate([one[key] for one in records]) for key in ("error", "marks"))
+    bad = [one for one in records if one["over_150"] > BAD_SHARE]
+    good = [one for one in records if one["over_150"] <= BAD_SHARE]
+    means = [float(np.mean([one[key] for one in records])) for key in ("mpjpe_mm", "wrist_shake_mm")]
+    return [
+        f"mean of the recordings: {means[0]:.1f} mm, wrists {means[1]:.1f} mm",
+        f"frames over {WRONG_MM:.0f} mm that are marked: {marks[error > WRONG_MM].mean():.0%}",
+        f"frames under {GOOD_MM:.0f} mm that are not marked: {1 - marks[error < GOOD_MM].mean():.1%}",
+        f"bad recordings without a doubt: {sum(not one['says'] for one in bad)} of {len(bad)}",
+        f"good recordings with a doubt: {sum(bool(one['says']) for one in good)} of {len(good)}",
+    ]
+
+
+if __name__ == "__main__":
+    main()

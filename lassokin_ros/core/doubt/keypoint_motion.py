@@ -1,0 +1,72 @@
+"""How far the keypoints moved since the last frame: each to its own place, and each to the other side's place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+PAIRS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+"""Landmarks that exist on both sides."""
+LONGEST_S = 0.3
+"""s: after a longer pause two frames are not compared."""
+
+
+def partners(names: Sequence[str]) -> np.ndarray:
+    """Return (l,) the index of each landmark's counterpart on the other side, its own without one."""
+    index = {name: i for i, name in enumerate(names)}
+    swap = {"left": "right", "right": "left"}
+    return np.array(
+        [index.get("_".join(swap.get(part, part) for part in name.split("_")), i) for i, name in enumerate(names)]
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class KeypointMotion:
+    """The motion between two frames, in trunk lengths of the image (middle of the shoulders to middle of the hips).
+
+    step: s. straight, crossed: (l,) distance of each keypoint from its own and from its counterpart's last place, NaN
+    if one of them is missing.
+    """
+
+    step: float
+    straight: np.ndarray
+    crossed: np.ndarray
+
+
+class MotionMeter:
+    """Measures the motion from frame to frame."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        """names: l landmarks in layout order."""
+        self._partner = partners(names)
+        trunk = [f"{side}_{part}" for part in ("shoulder", "hip") for side in ("left", "right")]
+        self._trunk = [list(names).index(name) for name in trunk] if set(trunk) <= set(names) else []
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the last frame."""
+        self._last: tuple[float, np.ndarray] | None = None
+        self._size = np.nan
+
+    def update(self, stamp: float, points: np.ndarray) -> KeypointMotion | None:
+        """Return the motion since the last frame, None without one of the last `LONGEST_S` or without a trunk.
+
+        stamp: s. points: (l, 2) in any unit of the image, NaN = missing.
+        """
+        last, size, self._last = self._last, self._size, (stamp, points.copy())
+        present = self._trunk_length(points)
+        self._size = size if np.isnan(present) else present
+        scale = np.fmax(size, present)
+        if last is None or not 0 < stamp - last[0] <= LONGEST_S or not scale > 0:
+            return None
+        straight = np.linalg.norm(points - last[1], axis=-1) / scale
+        crossed = np.linalg.norm(points - last[1][self._partner], axis=-1) / scale
+        return KeypointMotion(stamp - last[0], straight, crossed)
+
+    def _trunk_length(self, points: np.ndarray) -> float:
+        if not self._trunk:
+            return np.nan
+        corners = points[self._trunk]
+        return float(np.linalg.norm(corners[:2].mean(axis=0) - corners[2:].mean(axis=0)))

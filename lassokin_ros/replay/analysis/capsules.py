@@ -1,0 +1,26 @@
+"""The body as capsules between joints, for the report and the output video."""
+
+from __future__ import annotations
+
+from lassokin_ros.core.body.roles import BONES
+from lassokin_ros.core.body.skeleton import Skeleton
+
+Capsule = tuple[int, int, float, str]
+"""Joints at both ends, radius in m, and "left", "right" or "middle"."""
+
+
+def capsules(skeleton: Skeleton) -> list[Capsule]:
+    """Return the capsules of a skeleton. Those whose joints it lacks are left out."""
+    names, height = skeleton.joint_names, skeleton.height
+    return [
+        (names.index(bone.first), names.index(bone.last), bone.radius * height, side_of(bone.first, bone.last))
+        for bone in BONES
+        if bone.radius and {bone.first, bone.last} <= set(names)
+    ]
+
+
+def side_of(a: str, b: str) -> str:
+    """Return "left" or "right" for a limb between two joints, "middle" for the trunk."""
+    side = a.split("_")[0]
+    trunk = a.endswith("_hip") and b.endswith("_shoulder")
+    return side if side in ("left", "right") and side == b.split("_")[0] and not trunk else "middle"

@@ -1,0 +1,88 @@
+"""Angles in degrees as people name them: flexion and abduction of the limbs, and the lean of the trunk.
+
+They are computed from joint positions, so they do not depend on the axes of a skeleton's joints. In a T-pose all angles
+are 0 but the abduction of the shoulders (90).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from lassokin_ros.replay.motion import Motion
+
+SIDES = {"left": 1.0, "right": -1.0}
+
+
+def named_angles(motion: Motion) -> dict[str, np.ndarray]:
+    """Return (f,) degrees by name, such as "left_knee flexion"; NaN in degenerate poses.
+
+    Angles whose joints the skeleton lacks are left out.
+    """
+    names = motion.skeleton.joint_names
+    place = {name: motion.positions[:, index] for index, name in enumerate(names)}
+    down = motion.level[1]
+    angles: dict[str, np.ndarray] = {}
+    for side, sign in SIDES.items():
+        rules: dict[str, Callable[[], np.ndarray]] = {
+            f"{side}_knee flexion": partial(_bend, place, f"{side}_hip", f"{side}_knee", f"{side}_ankle"),
+            f"{side}_elbow flexion": partial(_bend, place, f"{side}_shoulder", f"{side}_elbow", f"{side}_wrist"),
+            f"{side}_hip flexion": partial(_forward, place, f"{side}_hip", f"{side}_knee"),
+            f"{side}_hip abduction": partial(_sideways, place, f"{side}_hip", f"{side}_knee", sign),
+            f"{side}_shoulder flexion": partial(_forward, place, f"{side}_shoulder", f"{side}_elbow"),
+            f"{side}_shoulder abduction": partial(_sideways, place, f"{side}_shoulder", f"{side}_elbow", sign),
+        }
+        angles |= _known(rules)
+    return angles | _known({"trunk lean": lambda: _between(place["neck"] - place["pelvis"], -down)})
+
+
+def _known(rules: dict[str, Callable[[], np.ndarray]]) -> dict[str, np.ndarray]:
+    found = {}
+    for name, rule in rules.items():
+        try:
+            found[name] = rule()
+        except KeyError:  # a joint that the skeleton lacks
+            continue
+    return found
+
+
+def _bend(place: dict[str, np.ndarray], above: str, joint: str, below: str) -> np.ndarray:
+    """Return the angle by which a limb is bent at a joint; 0 if it is straight."""
+    return _between(place[joint] - place[above], place[below] - place[joint])
+
+
+def _forward(place: dict[str, np.ndarray], joint: str, end: str) -> np.ndarray:
+    """Return the angle of a limb in the trunk's sagittal plane; 0 hanging along the trunk, positive to the front."""
+    limb, (_, up, front) = place[end] - place[joint], _trunk(place)
+    return np.degrees(np.arctan2(_dot(limb, front), -_dot(limb, up)))
+
+
+def _sideways(place: dict[str, np.ndarray], joint: str, end: str, sign: float) -> np.ndarray:
+    """Return the angle of a limb away from the trunk's sagittal plane; positive outwards, 90 pointing sideways."""
+    limb, (left, _, _) = place[end] - place[joint], _trunk(place)
+    return np.degrees(np.arcsin(np.clip(sign * _dot(limb, left) / np.linalg.norm(limb, axis=-1), -1.0, 1.0)))
+
+
+def _trunk(place: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the unit vectors (f, 3) to the person's left, along the trunk, and to the front."""
+    hips = 0.5 * (place["left_hip"] + place["right_hip"])
+    up = _unit(0.5 * (place["left_shoulder"] + place["right_shoulder"]) - hips)
+    across = place["left_hip"] - place["right_hip"] + place["left_shoulder"] - place["right_shoulder"]
+    left = _unit(across - _dot(across, up)[:, None] * up)
+    return left, up, np.cross(left, up)
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.asarray((a * b).sum(axis=-1))
+
+
+def _between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the angle between vectors (f, 3), degrees."""
+    return np.degrees(np.arccos(np.clip(_dot(_unit(a), _unit(np.broadcast_to(b, a.shape))), -1.0, 1.0)))

@@ -1,0 +1,87 @@
+"""The keypoints of a source's images: each image is detected once and its keypoints are kept."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from lassokin_ros.common.progress import Progress
+from lassokin_ros.common.summary_output import print_note
+from lassokin_ros.detector.backend import Detected, Detector
+from lassokin_ros.pipeline.settings import OPTICAL_FRAME
+from lassokin_ros.video import PROGRAM
+from lassokin_ros.video.sources import Image, Source, SourceError
+from msg_adapters.inputs import point_cloud
+
+FIRST_STAMP_NS = 1_000_000_000
+"""ns: stamp of an image at 0 s. A stamp of zero means no stamp."""
+COMPLETE = 0.9
+"""Share of the announced images or of the announced duration from which a file counts as complete."""
+
+
+def stamp_of(seconds: float) -> int:
+    """Return the stamp of an image, ns. seconds: its time in the source."""
+    return FIRST_STAMP_NS + round(seconds * 1e9)
+
+
+class Detections:
+    """The images of a source with their keypoints.
+
+    fault: why the source ended early, in words; empty if it did not. detect_seconds: time of the detector for each
+    image, s. interrupted: the images ended because of a signal.
+    """
+
+    def __init__(self, source: Source, detector: Detector, backend: Any, keep: bool) -> None:
+        """keep: whether the keypoints are kept for `messages`."""
+        self._source, self._detector, self._backend, self._keep = source, detector, backend, keep
+        self._found: list[tuple[float, Detected]] = []
+        self._last = 0.0
+        self.detect_seconds: list[float] = []
+        self.fault = ""
+        self.interrupted = False
+
+    def images(self, stopped: Sequence[int], progress: Progress) -> Iterator[tuple[Image, Any]]:
+        """Yield each image and its keypoint message. stopped: not empty after a signal. Raises SourceError.
+
+        An error after the first image is kept in `fault`.
+        """
+        try:
+            for image in self._source.images:
+                if stopped:
+                    break
+                yield image, self._message(image.seconds, self._detect(image))
+        except SourceError as error:
+            if not self.detect_seconds:
+                raise
+            self.fault = str(error)
+        finally:
+            progress.close()
+        self.interrupted = bool(stopped)
+        self._check_end()
+
+    def messages(self) -> Iterator[tuple[float, Any]]:
+        """Yield time in s and keypoint message of each image that was detected."""
+        for seconds, found in self._found:
+            yield seconds, self._message(seconds, found)
+
+    def _detect(self, image: Image) -> Detected:
+        began = time.monotonic()
+        found = self._detector.detect(image.rgb, image.seconds)
+        self.detect_seconds.append(time.monotonic() - began)
+        self._last = image.seconds
+        if self._keep:
+            self._found.append((image.seconds, found))
+        return found
+
+    def _message(self, seconds: float, found: Detected) -> Any:
+        return point_cloud(self._backend, stamp_of(seconds), OPTICAL_FRAME, found.pixels, found.confidence)
+
+    def _check_end(self) -> None:
+        """Print a note if the file ended early. The number of images may be an estimate, and so may the duration."""
+        read, source = len(self.detect_seconds), self._source
+        early = read < COMPLETE * source.count and self._last < COMPLETE * source.seconds
+        if early and not self.fault and not self.interrupted:
+            print_note(
+                f"{PROGRAM}: {source.name} announces {source.count} images, {read} could be read; it may be damaged"
+            )

@@ -1,0 +1,145 @@
+"""The files of `lassokin track`: report, exports, video and recording of the viewer."""
+
+from __future__ import annotations
+
+import argparse
+from collections import deque
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+from lassokin_ros.common.atomic_files import AtomicFiles
+from lassokin_ros.common.summary_output import print_note
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.learned.vertical import level_from_camera
+from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.replay.exports.exports import Exports
+from lassokin_ros.replay.motion import MotionRecorder
+from lassokin_ros.replay.offline_tracker import OfflineTracker
+from lassokin_ros.replay.report.images import ReportImages
+from lassokin_ros.replay.report.page import check_report
+from lassokin_ros.replay.report.report import Report
+from lassokin_ros.video import PROGRAM
+from lassokin_ros.video.camera import DEFAULT_FOV, Calibration
+from lassokin_ros.video.detections import FIRST_STAMP_NS, stamp_of
+from lassokin_ros.video.live_view import LiveView
+from lassokin_ros.video.output_video import OutputVideo
+from lassokin_ros.video.sources import Image, Source
+
+WITHOUT_H264 = (
+    "the video is MPEG-4 part 2, since there is no encoder for H.264: players show it, browsers do not; "
+    "install one with: pip install av"
+)
+
+
+class TrackOutputs:
+    """Everything that a run writes or shows. Images wait in a queue until the tracker has returned their frames."""
+
+    def __init__(
+        self,
+        options: argparse.Namespace,
+        source: Source,
+        camera: Calibration,
+        tracker: OfflineTracker,
+        stack: ExitStack,
+    ) -> None:
+        """Open the outputs before anything is tracked. tracker: of the first pass. stack: removes what is not finished.
+
+        Raises a LassokinError for a path that cannot be written.
+        """
+        self._options, self._source = options, source
+        self._waiting: deque[tuple[int, Image]] = deque()
+        self._given: Skeleton = tracker.pipeline.tracker.skeleton
+        self._report_images = ReportImages() if options.report is not None else None
+        self._report: Report | None = None
+        if options.report is not None:
+            check_report(options.report, options.force)
+        pipeline = tracker.pipeline
+        self._level = level_from_camera(*pipeline.camera_angles)
+        names = pipeline.tracker.layout.names
+        self._motion = MotionRecorder(names, lambda: self._level, FIRST_STAMP_NS)
+        several = pipeline.config.several_people
+        self._exports = Exports(options.export, self._motion, several, options.force) if options.export else None
+        self._video = self._view = None
+        if options.video is not None:
+            self._video = OutputVideo(options.video, source.size, source.fps, options.force, names, self._level)
+            stack.callback(self._video.discard)
+            if not self._video.browsers_play:
+                print_note(f"{PROGRAM}: {WITHOUT_H264}")
+        if options.view is not None:
+            path = options.view if options.view.name else None
+            self._view = LiveView(path, source.name, camera, source.size, options.force)
+            stack.callback(self._view.discard)
+
+    @property
+    def needs_images(self) -> bool:
+        """Whether `add_image` must be called in the pass that `follow` follows."""
+        return self._video is not None or self._view is not None
+
+    def add_report_image(self, image: Image) -> None:
+        """Keep an image for the report."""
+        if self._report_images is not None:
+            self._report_images.add(stamp_of(image.seconds), lambda: image.rgb)
+
+    def follow(self, tracker: OfflineTracker) -> None:
+        """Take the results of a tracker from now on."""
+        if self._options.report is not None and self._report_images is not None:
+            self._report = Report(self._options.report, tracker.pipeline, self._options.force, self._given)
+            self._report.images = self._report_images
+            tracker.listeners.append(self._report.add)
+        if self._exports is not None:
+            tracker.listeners.append(self._motion.add)
+        if self._video is not None:
+            tracker.listeners.append(self._draw)
+        if self._view is not None:
+            tracker.listeners.append(self._show)
+
+    def add_image(self, image: Image) -> None:
+        """Add an image before its keypoints are tracked."""
+        if self._video is not None:
+            self._waiting.append((stamp_of(image.seconds), image))
+        if self._view is not None:
+            self._view.add_image(image)
+
+    def _draw(self, frames: Sequence[FrameResult], time_ns: int, _seconds: float) -> None:
+        assert self._video is not None
+        stamp_ns = frames[0].stamp_ns if frames else time_ns
+        while self._waiting and self._waiting[0][0] <= stamp_ns:
+            own_ns, image = self._waiting.popleft()
+            self._video.add(image.seconds, image.rgb, list(frames) if own_ns == stamp_ns else [])
+
+    def _show(self, frames: Sequence[FrameResult], time_ns: int, _seconds: float) -> None:
+        assert self._view is not None
+        self._view.add(((frames[0].stamp_ns if frames else time_ns) - FIRST_STAMP_NS) * 1e-9, frames)
+
+    def write(self, files: AtomicFiles) -> list[Path]:
+        """Write the files as part of `files` and return the paths of those that exist then."""
+        written = []
+        if self._report is not None:
+            topics = f"of {Path(self._options.detector).name}", camera_name(self._options)
+            self._report.write(files, self._source.name, topics, own_keypoints=True)
+            written.append(self._options.report)
+        if self._exports is not None:
+            written += self._exports.write(Path(), files)
+        if self._video is not None:
+            while self._waiting:  # images after the last result
+                image = self._waiting.popleft()[1]
+                self._video.add(image.seconds, image.rgb, [])
+            self._video.finish()
+            written.append(self._options.video)
+        if self._view is not None:
+            self._view.finish()
+            written += [self._options.view] if self._options.view.name else []
+        return written
+
+    @property
+    def doubts(self) -> list[str]:
+        """Lines of the summary with the problems and doubts of the report."""
+        return [] if self._report is None else self._report.summary_lines
+
+
+def camera_name(options: argparse.Namespace) -> str:
+    """Return the camera for the report's title line."""
+    if options.camera_info is not None:
+        return f"of {options.camera_info.name}"
+    return f"with a field of view of {DEFAULT_FOV if options.fov is None else options.fov:g} degrees"

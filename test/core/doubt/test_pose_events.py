@@ -1,0 +1,126 @@
+"""Events of the pose: turns, reversals, jumps, costs; and the model of the two figures."""
+
+import math
+
+import numpy as np
+import pytest
+
+from lassokin_ros.core.doubt.facing import CORNERS, FastTurn, LastingReversal, facing
+from lassokin_ros.core.doubt.failure_model import MARKED, FailureModel
+from lassokin_ros.core.doubt.monitor import DoubtMonitor, Event, Signs
+from lassokin_ros.core.doubt.pelvis_jump import PelvisJump
+from lassokin_ros.core.doubt.poor_fit import ReprojectionRun, is_costly
+from lassokin_ros.core.doubt.spans import marked_spans
+
+JOINTS = ("pelvis", *CORNERS)
+REST = np.array([[0, 0, 0], [0.1, 0, 0], [-0.1, 0, 0], [0.2, 0.5, 0], [-0.2, 0.5, 0]])
+FPS = 30.0
+
+
+def body(degrees, depth=3.0):
+    """(5, 3) m: joints of a person turned about the vertical; the camera's y axis points down."""
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    turned = REST @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]).T
+    return turned * (1, -1, -1) + (0, 0, depth)
+
+
+def reversals(angles):
+    """Whether each frame is doubted, for the facing's angles in degrees."""
+    turn, reversal, found = FastTurn(), LastingReversal(), []
+    for frame, angle in enumerate(angles):
+        front = facing(body(angle), JOINTS)
+        found.append(reversal.update(frame / FPS, front, turn.update(frame / FPS, front)))
+    return found
+
+
+def test_the_facing_is_the_persons_front():
+    assert np.allclose(facing(body(0), JOINTS), (0, 0, -1))  # towards the camera
+    assert np.allclose(facing(body(90), JOINTS) @ facing(body(0), JOINTS), 0, atol=1e-12)
+
+
+def test_a_reversal_is_doubted_until_the_next():
+    found = reversals([0.0] * 10 + [180.0] * 30 + [0.0] * 20)
+    assert found == [False] * 10 + [True] * 30 + [False] * 20
+
+
+def test_a_reversal_that_takes_some_frames_is_one():
+    found = reversals([0.0] * 10 + [60.0, 120.0, 180.0] + [180.0] * 20)
+    assert not any(found[:11]) and all(found[12:])
+
+
+def test_a_turn_there_and_back_is_no_reversal():
+    found = reversals([0.0] * 10 + [150.0] * 3 + [0.0] * 20)
+    assert all(found[10:13]) and not any(found[13:])
+
+
+def test_people_turn_slower():
+    assert not any(reversals(np.linspace(0, 360, 30)))  # a full turn in a second
+
+
+def test_a_jump_of_the_pelvis_is_reported_once():
+    jump = PelvisJump()
+    depths = [3.0] * 5 + [4.0] * 5
+    assert [jump.update(frame / FPS, depth) for frame, depth in enumerate(depths)] == [None] * 5 + [3.0] + [None] * 4
+
+
+def test_running_is_no_jump():
+    jump = PelvisJump()
+    assert not any(jump.update(frame / FPS, 4.0 - 5.0 / FPS * frame) for frame in range(12))  # 5 m/s towards the camera
+
+
+@pytest.mark.parametrize("fps", [10.0, 30.0, 60.0])
+def test_a_large_reprojection_error_must_last(fps):
+    run = ReprojectionRun()
+    frames = round(0.5 * fps)
+    lasting = [run.update(frame / fps, 0.06) for frame in range(frames)]
+    assert lasting[-1] and not lasting[0]
+    assert not run.update(frames / fps, 0.04) and not run.update((frames + 1) / fps, 0.06)
+
+
+def test_costs():
+    assert is_costly(10.1, math.nan) and is_costly(1.0, 121.0)
+    assert not is_costly(9.9, 119.0) and not is_costly(math.nan, math.nan)
+
+
+def test_the_model_is_at_its_offset_for_mean_figures_and_rises_with_both():
+    def probability(prior, distance):
+        return FailureModel().update(0.0, prior, distance)
+
+    assert math.isclose(probability(math.exp(1.895), math.exp(-2.806)), 1 / (1 + math.exp(2.83)))
+    assert probability(6.0, 0.3) > probability(6.0, 0.05) and probability(30.0, 0.3) > probability(6.0, 0.3) > MARKED
+    assert math.isnan(probability(6.0, math.nan)) and 0 < probability(0.0, 0.0) < MARKED
+
+
+def test_the_model_keeps_the_largest_distance_for_a_second():
+    model = FailureModel()
+    first = [model.update(frame / 10, 6.0, 0.5 if frame == 3 else 0.05) for frame in range(20)]
+    assert first[3] == max(first) and first[12] > MARKED > first[15]
+
+
+def signs(frame, **other):
+    keypoints = np.array([[10, 0], [-10, 0], [20, -50], [-20, -50]], float)
+    return Signs(frame / FPS, keypoints, other.pop("positions", body(0)), **other)
+
+
+def test_the_monitor_reports_events_with_their_frame():
+    monitor = DoubtMonitor(CORNERS, JOINTS)
+    assert not any(monitor.update(signs(frame)).likely_wrong for frame in range(5))
+    turned = monitor.update(signs(5, positions=body(180, depth=4.0), cost=11.0))
+    assert set(turned.events) == {Event.FAST_TURN, Event.PELVIS_JUMP, Event.POOR_FIT} and turned.reversed
+    assert monitor.update(signs(6, positions=body(180, depth=4.0))).likely_wrong
+
+
+@pytest.mark.parametrize("later", [5 + 1.5 * FPS, -3])
+def test_a_long_pause_or_a_stamp_that_goes_back_forgets_everything(later):
+    monitor = DoubtMonitor(CORNERS, JOINTS)
+    for frame in range(5):
+        monitor.update(signs(frame))
+    assert monitor.update(signs(5, positions=body(180))).reversed
+    assert not monitor.update(signs(later, positions=body(0, depth=9.0))).likely_wrong
+
+
+def test_spans_around_marks_are_joined():
+    stamps = [frame / 10 for frame in range(40)]
+    marked = [frame in (0, 10, 14, 30) for frame in range(40)]
+    assert np.allclose(marked_spans(stamps, marked), [(0.0, 0.25), (0.75, 1.65), (2.75, 3.25)])
+    assert marked_spans(stamps, [False] * 40) == [] and marked_spans([], []) == []

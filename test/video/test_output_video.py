@@ -1,0 +1,103 @@
+"""The output video: it plays in browsers, and its pictures say time, state and doubt."""
+
+import builtins
+
+import numpy as np
+import pytest
+
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.video.body_view import BACKGROUND, COLOURS, BodyView
+from lassokin_ros.video.encoder import open_encoder
+from lassokin_ros.video.sources import open_source
+
+cv2 = pytest.importorskip("cv2")
+SIZE = 96, 64
+
+
+def write(path, count=5, fps=30.0):
+    encoder = open_encoder(path, SIZE, fps)
+    for number in range(count):
+        encoder.write(np.full((SIZE[1], SIZE[0], 3), 40 * number, np.uint8))
+    encoder.close()
+    return encoder
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".avi"])
+def test_the_codec_is_h264(suffix, tmp_path):
+    av = pytest.importorskip("av", reason="PyAV encodes H.264")
+    path = tmp_path / f"out{suffix}"
+    assert write(path).browsers_play
+    with av.open(str(path)) as container:
+        (stream,) = container.streams.video
+        assert stream.codec_context.name == "h264" and stream.codec_context.pix_fmt == "yuv420p"
+    if suffix == ".mp4":
+        data = path.read_bytes()
+        assert data.index(b"moov") < data.index(b"mdat")  # a browser can start before it has the whole file
+
+
+@pytest.mark.parametrize("fps", [25.0, 30000 / 1001, 60.0])
+def test_the_frame_rate_is_kept(fps, tmp_path):
+    pytest.importorskip("av", reason="PyAV encodes H.264")
+    write(tmp_path / "out.mp4", 8, fps)
+    source = open_source(str(tmp_path / "out.mp4"))
+    assert np.isclose(source.fps, fps, rtol=1e-4) and source.count == 8
+    assert np.allclose([image.seconds for image in source.images], np.arange(8) / fps, atol=2e-3)
+
+
+def test_without_pyav_opencv_writes_the_video(tmp_path, monkeypatch):
+    plain = builtins.__import__
+
+    def without_av(name, *arguments):
+        if name == "av":
+            raise ImportError(name)
+        return plain(name, *arguments)
+
+    monkeypatch.setattr(builtins, "__import__", without_av)
+    encoder = write(tmp_path / "out.mp4")
+    assert open_source(str(tmp_path / "out.mp4")).count == 5 and isinstance(encoder.browsers_play, bool)
+
+
+class Frame:
+    """What BodyView reads of a FrameResult: a standing person."""
+
+    def __init__(self, depth=3.0, observed=True, deviation=0.02):
+        self.skeleton = skeleton = Skeleton.load("anthropometric", 1.75)
+        pose = type("Pose", (), {"positions": skeleton.rest_positions * (1, -1, -1) + (0, 0, depth)})
+        self.estimate = type("Estimate", (), {"pose": pose})
+        self.observed = np.full(skeleton.joint_count, observed)
+        self.uncertainty = type("Uncertainty", (), {"deviation": np.full(skeleton.joint_count, deviation)})
+
+
+def coloured(image, colour):
+    return np.argwhere(np.abs(image.astype(int) - colour).max(axis=-1) < 12)
+
+
+def view():
+    return BodyView(cv2, 360, np.eye(3))
+
+
+def test_the_body_stands_on_the_floor():
+    image = view().draw(0.0, Frame())
+    left, right = coloured(image, COLOURS["left"]), coloured(image, COLOURS["right"])
+    assert len(left) > 300 and len(right) > 300
+    lowest = max(left[:, 0].max(), right[:, 0].max())
+    assert 0.8 * 360 < lowest < 0.95 * 360 and min(left[:, 0].min(), right[:, 0].min()) > 0.1 * 360
+
+
+def test_limbs_without_keypoints_are_faint_and_uncertain_ones_wide():
+    assert not len(coloured(view().draw(0.0, Frame(observed=False)), COLOURS["left"]))
+    drawn = [(view().draw(0.0, Frame(deviation=d)) != BACKGROUND).any(axis=-1).sum() for d in (0.01, 0.1)]
+    assert drawn[1] > 1.2 * drawn[0]
+
+
+def test_the_path_stays_on_the_floor_while_the_view_follows():
+    body = view()
+    first = body.draw(0.0, Frame(depth=3.0))
+    later = [body.draw(step / 10, Frame(depth=3.0 + step / 20)) for step in range(1, 11)][-1]
+    assert abs(len(coloured(later, COLOURS["left"])) - len(coloured(first, COLOURS["left"]))) < 60
+    trail = (150, 140, 130)
+    assert len(coloured(later, trail)) > 20 > len(coloured(first, trail))
+
+
+def test_nobody_is_an_empty_view():
+    assert (view().draw(0.0, None) == BACKGROUND).all()
