@@ -44,7 +44,7 @@ LEFTOVER_S = 25.0
 UNUSED_MESSAGES = 60
 """Number of messages whose keypoints are all below `min_confidence`. If there are as many before the first result, the
 log reports it."""
-CHECK_PERIOD_S = 0.25
+CHECK_PERIOD_S = 0.1
 """s: period of the check for people and cameras that have left. A departure is noticed within twice this time."""
 
 
@@ -220,7 +220,15 @@ class TrackerNode(Node):
         ids = self._pipeline.presence_at(self._as_of_ns).ids
         if self._people is not None and ids is not None:
             self._people.keep(ids)
+        self._pipeline.detector_connected = self._inputs_connected()
         self._scene.check(self._as_of_ns)
+        self._scene.repeat(self._as_of_ns)
+
+    def _inputs_connected(self) -> bool:
+        """Return True if a detector publishes keypoints, or with one topic per body, the list of bodies."""
+        if self._keypoints is not None:
+            return self._keypoints.publishers > 0
+        return self._bodies is not None and self._bodies.publishers > 0
 
     def _publish_diagnostics(self) -> None:
         if self._bodies is not None:

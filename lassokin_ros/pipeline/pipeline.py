@@ -79,6 +79,9 @@ class Pipeline:
         """The camera's mount from TF, None if the setting `camera_mount_frame` names no frame."""
         self._stamps = StampWatch()
         self._camera_frame: str | None = None  # frame of the camera that took the last image
+        self.detector_connected = True
+        """False if nobody publishes keypoints. Set by the node; a recording has no such knowledge."""
+        self._refused = False  # the last message was refused as a whole
         self._latest: tuple[int, int] | None = None  # stamp and arrival, ns, of the last message not refused as a whole
         self.image: tuple[int, str] | None = None
         """Stamp (ns) and frame_id of the last message that was not refused as a whole."""
@@ -119,7 +122,38 @@ class Pipeline:
         stamp_ns, arrival_ns = self._latest or (0, 0)
         if arrival_ns == 0:  # no message yet, or the message arrived before the simulated clock started
             return Presence(self.status, self.ids)
-        return self.people.presence_at(stamp_ns + max(now_ns - arrival_ns, 0), self.config.forget_after)
+        stamp_ns += max(now_ns - arrival_ns, 0)
+        return self.people.presence_at(stamp_ns, self.config.forget_after, self.config.stale_after)
+
+    @property
+    def reported_lost_after(self) -> float:
+        """Time without a result after which a person is reported as lost, s."""
+        return min(self.config.stale_after, self.tracker.config.lost_after)
+
+    def is_informed_at(self, now_ns: int) -> bool:
+        """Return True if it is known whether somebody is in view, at a time in ns of the arrival clock.
+
+        It is known from a usable message of the last `stale_after`, also from one that shows nobody. With
+        `silent_when_empty` it is known from silence, too, while a detector is connected.
+        """
+        if not (self.enabled and self.has_camera) or self._refused:
+            return False
+        if self.config.silent_when_empty:
+            return self.detector_connected
+        if self._latest is None:
+            return False
+        arrival_ns = self._latest[1]
+        return arrival_ns == 0 or now_ns - arrival_ns <= self.config.stale_after * 1e9
+
+    def image_at(self, now_ns: int) -> tuple[int, str]:
+        """Return stamp (ns) and frame_id for an output at a time in ns of the arrival clock, if no message arrives.
+
+        The stamp advances with the clock, and keeps the delay of the last message.
+        """
+        if self._latest is None or self.image is None:
+            return now_ns, "" if self.camera.view is None else self.camera.view.intrinsics.frame_id
+        stamp_ns, arrival_ns = self._latest
+        return stamp_ns + (max(now_ns - arrival_ns, 0) if arrival_ns else 0), self.image[1]
 
     @property
     def trackers(self) -> dict[str, Tracker]:
@@ -226,7 +260,9 @@ class Pipeline:
             self._follow_mount(image)
             frames = self.people.update(image, self.config.forget_after)
         except AdapterError as error:
+            self._refused = True
             return [FrameResult(stamp_ns, frame_id, None, error.reason, str(error))]
+        self._refused = False
         self._latest, self.image = (stamp_ns, arrival_ns), (stamp_ns, frame_id)
         if all(frame.accepted for frame in frames):
             self._stamps.seen(stamp_ns, self.people.tracked_at(stamp_ns))

@@ -72,6 +72,20 @@ class NodeSettings:
         "what identifies people over time: the message's person numbers if they persist, or the node's own matching",
         choices=(MESSAGE, NODE),
     )
+    stale_after: float = setting(
+        0.4,
+        "a person without a result for this long is reported as lost, and so is the state without keypoints; the "
+        "tracker keeps the person until lost_after",
+        "s",
+        0.05,
+        3600.0,
+        live=True,
+    )
+    silent_when_empty: bool = setting(
+        False,
+        "the detector sends nothing while nobody is in view: silence is reported as nobody; otherwise as lost",
+        live=True,
+    )
     forget_after: float = setting(3.0, "a person who is not seen for this long has left", "s", 0.1, 3600.0, live=True)
     rep155: bool = setting(
         False, "several people's topics and frames as in REP-155: /humans/bodies/<id>/, the list as hri_msgs/IdsList"

@@ -21,6 +21,7 @@ from lassokin_ros.pipeline.outputs.description.skeleton_file import save_all
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages, id_list
 from lassokin_ros.pipeline.outputs.naming import Naming
 from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, images_of
+from lassokin_ros.pipeline.outputs.skeletons_message import SkeletonsMessage
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
 from lassokin_ros.pipeline.outputs.status.presence_state import TRACKING, PresenceState
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
@@ -269,6 +270,8 @@ class SceneMessages:
                 add_type(types, name, definition)
         self._people = PeopleMessages(backend, self._type, serialised)
         self._name = topics.full_name(topics.PEOPLE, NODE_NAME)
+        self._skeletons = SkeletonsMessage(backend, pipeline.tracker.skeleton.joint_count, serialised)
+        self._skeletons_name = topics.full_name(topics.SKELETONS, NODE_NAME)
         self._state, self._text = PresenceState(), StringBuilder(backend)
 
     def state(self) -> tuple[str, str, Any]:
@@ -282,16 +285,20 @@ class SceneMessages:
         config = pipeline.tracker.config
         for image, people in images_of(frames, pipeline.image, config.smoothing_lag > 0):
             self._people.update(people, pipeline.ids)
-            message = self._people.build(image, config.lost_after, pipeline.config.forget_after)
+            message = self._people.build(image, pipeline.reported_lost_after, pipeline.config.forget_after)
             yield self._name, self._type, message
+            skeletons = self._skeletons.build(image, people)
+            yield self._skeletons_name, topics.SKELETONS_OUTPUT.message_type, skeletons
         tracked = config.smoothing_lag == 0 and any(frame.accepted for frame in frames)
         if self._state.value != TRACKING or not tracked:
             yield from self.check(time_ns)
 
     def check(self, time_ns: int) -> Iterator[tuple[str, str, Any]]:
         """Yield the state if it has changed. time_ns: recording time of the present message."""
-        limits = self._pipeline.tracker.config.lost_after, self._pipeline.config.forget_after
-        if self._state.update(self._pipeline.presence_at(time_ns), time_ns, *limits):
+        pipeline = self._pipeline
+        limits = pipeline.reported_lost_after, pipeline.config.forget_after
+        informed = pipeline.is_informed_at(time_ns)
+        if self._state.update(pipeline.presence_at(time_ns), time_ns, *limits, informed):
             yield self.state()
 
 

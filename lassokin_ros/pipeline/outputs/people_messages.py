@@ -70,13 +70,18 @@ def images_of(frames: Sequence[FrameResult], newest: Image | None, held: bool) -
     return sorted(images.items(), key=lambda item: item[0][0])
 
 
+def id_of(frame: FrameResult) -> str:
+    """Return the id of a frame's person in the messages about all people."""
+    return frame.person or SINGLE_PERSON
+
+
 def person_report(frame: FrameResult, tracked: bool) -> PersonReport:
     """Return the report on the person of an accepted frame."""
     estimate = frame.estimate
     assert estimate is not None and estimate.pose is not None and frame.velocity is not None
     positions = estimate.pose.positions
     return PersonReport(
-        id=frame.person or SINGLE_PERSON,
+        id=id_of(frame),
         tracked=tracked,
         confidence=confidence(frame) if tracked else 0.0,
         position=positions[0],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import dataclass
 from typing import Sequence
@@ -15,7 +16,7 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.people.assignment import assign
 from lassokin_ros.pipeline.people.matching import NEAR, distance, distances, is_trackable, match_radius
 from lassokin_ros.pipeline.people.people_tracker import PeopleImage
-from lassokin_ros.pipeline.people.presence import Presence, best
+from lassokin_ros.pipeline.people.presence import Presence, best, reported_status
 from lassokin_ros.pipeline.people.tracked_person import Detection, TrackedPerson
 
 CONFIRMING_MESSAGES = 3
@@ -69,10 +70,10 @@ class MultiPersonTracker:
         """The best status among the people."""
         return best(person.status for person in self._present.values())
 
-    def presence_at(self, stamp_ns: int, forget_after: float) -> Presence:
+    def presence_at(self, stamp_ns: int, forget_after: float, stale_after: float = math.inf) -> Presence:
         """See PeopleTracker.presence_at."""
         there = {key: person for key, person in self.tracked.items() if person.unseen_s(stamp_ns) <= forget_after}
-        return Presence(best(person.status_at(stamp_ns) for person in there.values()), list(there))
+        return Presence(best(reported_status(one, stamp_ns, stale_after) for one in there.values()), list(there))
 
     def tracked_at(self, stamp_ns: int) -> bool:
         """See PeopleTracker.tracked_at."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Protocol
 
 from lassokin_ros.core.observation import Status
@@ -46,8 +47,11 @@ class PeopleTracker(Protocol):
         """Tracking status. With several people, the best status among them."""
         ...
 
-    def presence_at(self, stamp_ns: int, forget_after: float) -> Presence:
-        """Return the presence at a time, in ns, up to which no message has arrived. The state does not change."""
+    def presence_at(self, stamp_ns: int, forget_after: float, stale_after: float = math.inf) -> Presence:
+        """Return the presence at a time, in ns, up to which no message has arrived. The state does not change.
+
+        forget_after, stale_after: s, see NodeSettings.
+        """
         ...
 
     def tracked_at(self, stamp_ns: int) -> bool:

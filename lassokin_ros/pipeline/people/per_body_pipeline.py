@@ -53,6 +53,17 @@ class PerBodyPipeline(Pipeline):
         """As Pipeline.presence_at. The detector's list alone decides who is present."""
         return Presence(best(p.presence_at(now_ns).status for p in self._present.values()), self.ids)
 
+    def is_informed_at(self, now_ns: int) -> bool:
+        """As Pipeline.is_informed_at. The detector's list says who is there; each listed body must have keypoints."""
+        if not (self.enabled and self.has_camera and self.detector_connected):
+            return False
+        return all(pipeline.is_informed_at(now_ns) for pipeline in self._present.values())
+
+    def image_at(self, now_ns: int) -> tuple[int, str]:
+        """As Pipeline.image_at, of the newest message of all bodies."""
+        images = [pipeline.image_at(now_ns) for pipeline in self._present.values() if pipeline.image is not None]
+        return max(images, default=super().image_at(now_ns))
+
     @property
     def trackers(self) -> dict[str, Tracker]:
         """The tracker of each person by id."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -13,7 +14,7 @@ from lassokin_ros.pipeline.detections import MOST_PEOPLE, detection, detections_
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.people.matching import distances, is_trackable, match_radius
 from lassokin_ros.pipeline.people.people_tracker import PeopleImage
-from lassokin_ros.pipeline.people.presence import Presence
+from lassokin_ros.pipeline.people.presence import Presence, reported_status
 from lassokin_ros.pipeline.people.tracked_person import Detection, TrackedPerson
 from msg_adapters.keypoints import Keypoints
 
@@ -48,9 +49,9 @@ class SinglePersonTracker:
         """See PeopleTracker.status."""
         return self._person.status
 
-    def presence_at(self, stamp_ns: int, forget_after: float) -> Presence:
+    def presence_at(self, stamp_ns: int, forget_after: float, stale_after: float = math.inf) -> Presence:
         """See PeopleTracker.presence_at."""
-        return Presence(self._person.status_at(stamp_ns))
+        return Presence(reported_status(self._person, stamp_ns, stale_after))
 
     def tracked_at(self, stamp_ns: int) -> bool:
         """See PeopleTracker.tracked_at."""
