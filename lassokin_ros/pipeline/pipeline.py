@@ -69,7 +69,7 @@ class Pipeline:
         """True after the first accepted result for a person."""
         self.unused_confidence = 0.0
         """Largest confidence in the last message without a confident keypoint; 0 if that had no keypoint."""
-        self.people = _people_tracker(self._trackable, self.counts, self.config.several_people)
+        self.people = _people_tracker(self._trackable, self.counts, self.config)
         self._adapter = keypoint_adapter(self.config.keypoints_type)
         self.camera = Camera(self.config.rectified)
         depth, registered = self.config.depth, self.config.depth_registered
@@ -109,6 +109,11 @@ class Pipeline:
         return self.people.ids
 
     @property
+    def locked(self) -> str | None:
+        """Id of the locked person; None if nobody is locked."""
+        return self.people.locked
+
+    @property
     def status(self) -> Status:
         """Tracking status. With several people, the best status among them."""
         return self.people.status
@@ -134,9 +139,10 @@ class Pipeline:
         """Return True if it is known whether somebody is in view, at a time in ns of the arrival clock.
 
         It is known from a usable message of the last `stale_after`, also from one that shows nobody. With
-        `silent_when_empty` it is known from silence, too, while a detector is connected.
+        `silent_when_empty` it is known from silence, too, while a detector is connected. If a person is locked, nobody
+        else counts.
         """
-        if not (self.enabled and self.has_camera) or self._refused:
+        if not (self.enabled and self.has_camera) or self._refused or self.locked is not None:
             return False
         if self.config.silent_when_empty:
             return self.detector_connected
@@ -196,6 +202,7 @@ class Pipeline:
         for tracked in self._trackable:
             tracked.tracker.tune(tracker_config, skeleton)
         self.config = node_config.checked()
+        self.people.tune(self.config.follow, self.config.lock)
         if skeleton is not None:
             self.reset()
 
@@ -340,10 +347,10 @@ class Pipeline:
         return len(persons) == 0 or bool(persons.min() >= 0)
 
 
-def _people_tracker(people: Sequence[TrackedPerson], counts: Counter[str], several: bool) -> PeopleTracker:
+def _people_tracker(people: Sequence[TrackedPerson], counts: Counter[str], config: NodeSettings) -> PeopleTracker:
     """Return the tracker for one person or several. MultiPersonTracker is imported on demand, see assignment.py."""
-    if not several:
-        return SinglePersonTracker(people[0])
+    if not config.several_people:
+        return SinglePersonTracker(people[0], config.follow, config.lock)
     from lassokin_ros.pipeline.people.multi_person import MultiPersonTracker
 
-    return MultiPersonTracker(people, counts)
+    return MultiPersonTracker(people, counts, config.follow, config.lock)

@@ -8,6 +8,7 @@ from pathlib import Path
 from lassokin_ros.core.config import OFF, check_setting, setting
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.yaml_files import SUFFIXES
+from lassokin_ros.pipeline.people.choice import CONFIDENT, RULES, number_named
 from msg_adapters.detectors.registry import ADAPTERS, full_type_name
 from msg_adapters.output_messages.people import BUILDERS
 
@@ -71,6 +72,18 @@ class NodeSettings:
         MESSAGE,
         "what identifies people over time: the message's person numbers if they persist, or the node's own matching",
         choices=(MESSAGE, NODE),
+    )
+    follow: str = setting(
+        CONFIDENT,
+        f"who is followed, or locked by ~/lock: the rule {', '.join(RULES)}, or the number of a person from the "
+        "detector, such as p7",
+        live=True,
+    )
+    lock: bool = setting(
+        False,
+        "the first person who is tracked stays the only one until ~/lock is called with false; otherwise another "
+        "person is followed, under a new id, forget_after after the first one has left",
+        live=True,
     )
     stale_after: float = setting(
         0.4,
@@ -152,6 +165,10 @@ class NodeSettings:
         if any(character.isspace() for character in self.camera_mount_frame):
             raise ConfigurationError(
                 f"camera_mount_frame is '{self.camera_mount_frame}'; expected the name of a TF frame, or nothing"
+            )
+        if self.follow not in RULES and number_named(self.follow) is None:
+            raise ConfigurationError(
+                f"follow is '{self.follow}'; expected {', '.join(RULES)}, or the number of a person, such as p7"
             )
         if self.publish_tf == ALL and self.state_publisher:
             raise ConfigurationError(

@@ -72,7 +72,7 @@ def images_of(frames: Sequence[FrameResult], newest: Image | None, held: bool) -
 
 def id_of(frame: FrameResult) -> str:
     """Return the id of a frame's person in the messages about all people."""
-    return frame.person or SINGLE_PERSON
+    return frame.label or frame.person or SINGLE_PERSON
 
 
 def person_report(frame: FrameResult, tracked: bool) -> PersonReport:
@@ -89,6 +89,8 @@ def person_report(frame: FrameResult, tracked: bool) -> PersonReport:
         velocity=frame.velocity,
         covariance=frame.uncertainty.absolute.pelvis,
         joints=positions,
+        detector_id=frame.detector_id,
+        guessed=frame.guessed,
     )
 
 

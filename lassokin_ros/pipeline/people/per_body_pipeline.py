@@ -53,6 +53,11 @@ class PerBodyPipeline(Pipeline):
         """As Pipeline.presence_at. The detector's list alone decides who is present."""
         return Presence(best(p.presence_at(now_ns).status for p in self._present.values()), self.ids)
 
+    @property
+    def locked(self) -> str | None:
+        """None: with one topic per body the detector decides who is who, and nobody is locked."""
+        return None
+
     def is_informed_at(self, now_ns: int) -> bool:
         """As Pipeline.is_informed_at. The detector's list says who is there; each listed body must have keypoints."""
         if not (self.enabled and self.has_camera and self.detector_connected):

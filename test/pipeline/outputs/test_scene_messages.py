@@ -117,7 +117,7 @@ def test_the_joints_of_all_people_of_an_image_are_one_message(frames):
     frame, at = frames[-1], (frames[-1].stamp_ns, FRAME)
     assert builder.build(at, []).width == 0
     refused = FrameResult(at[0], FRAME, rejection="few", person="p3")
-    message = builder.build(at, [replace(frame, person="p7"), refused, replace(frame, person="p2")])
+    message = builder.build(at, [replace(frame, label="p7"), refused, replace(frame, label="p2")])
     points = np.frombuffer(message.data.tobytes(), SKELETONS_POINT)
     assert points["person"].tolist() == [7] * 24 + [2] * 24 and points["index"].tolist() == [*range(24)] * 2
     alone = dict(FrameMessages(BACKEND, frame.skeleton).build(frame))[topics.SKELETON]
