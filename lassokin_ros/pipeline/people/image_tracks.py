@@ -11,12 +11,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from lassokin_ros.pipeline.people.choice import GUESS_AFTER_S
 from lassokin_ros.pipeline.people.matching import NEAR, distance, distances, match_radius
 from lassokin_ros.pipeline.people.tracked_person import Detection
 
 RIVAL = 0.7
 """The followed person gets a detection that a bystander's track explains, too, if its cost is below this share of the
-bystander's cost."""
+bystander's cost; after an absence of GUESS_AFTER_S not at all."""
+FARTHEST_FOLLOWED = 0.5
+"""Largest cost of a detection that is the followed person's. Bystanders' tracks explain detections farther away."""
 SIZE_WEIGHT = 0.5
 """Weight of the logarithm of the ratio of sizes, in the cost of a pair; the rest is the distance of `matching`."""
 SAME_BODY = 0.5 * NEAR
@@ -138,14 +141,15 @@ class ImageTracks:
             return []
         points = [t.predicted(stamp_ns) if t is not followed or expected is None else expected for t in tracks]
         costs = pair_costs(np.stack(points), detections)
-        limits = np.array([match_radius(track.unseen_s(stamp_ns)) for track in tracks])
+        limits = np.array([_reach(track, stamp_ns, track is followed) for track in tracks])
         pairs = dict(_pairs(costs, limits))
         row = next((i for i, track in enumerate(tracks) if track is followed), None)
         if row is not None and row in pairs:
             column = pairs[row]
             rivals = [i for i in range(len(tracks)) if i not in pairs and costs[i, column] <= limits[i]]
             rival = min(rivals, key=lambda i: float(costs[i, column]), default=None)
-            if rival is not None and costs[row, column] > RIVAL * costs[rival, column]:
+            share = RIVAL if tracks[row].unseen_s(stamp_ns) <= GUESS_AFTER_S else 0.0
+            if rival is not None and costs[row, column] > share * costs[rival, column]:
                 pairs[rival] = pairs.pop(row)
         return [(tracks[i], detections[j]) for i, j in pairs.items()]
 
@@ -155,6 +159,12 @@ class ImageTracks:
             others = [track.detection for track in self.seen_at(stamp_ns)]
             if all(distance(other.points, detection, 0.0) > SAME_BODY for other in others):
                 self._tracks.append(ImageTrack(detection, detection.points.copy(), stamp_ns))
+
+
+def _reach(track: ImageTrack, stamp_ns: int, followed: bool) -> float:
+    """Return the largest cost of a detection that belongs to a track."""
+    radius = match_radius(track.unseen_s(stamp_ns))
+    return min(radius, FARTHEST_FOLLOWED) if followed else radius
 
 
 def _pairs(costs: np.ndarray, limits: np.ndarray) -> list[tuple[int, int]]:
