@@ -1,51 +1,52 @@
-"""Publish the right wrist in base_link, through TF.
-
-It needs tf2_ros and tf2_geometry_msgs, which package.xml does not require:
-sudo apt install ros-jazzy-tf2-ros-py ros-jazzy-tf2-geometry-msgs
+"""Publish the right wrist in base_link, as soon as TF has the transform of its image. Needs tf2_ros, tf2_geometry_msgs.
 
 python3 examples/wrist_in_base.py
 """
 
+from collections import deque
+from contextlib import suppress
+
 import rclpy
-import tf2_geometry_msgs  # noqa: F401  (registers PointStamped with tf2)
+import tf2_geometry_msgs  # noqa: F401  (teaches tf2 to transform points)
 from geometry_msgs.msg import PointStamped, PoseArray
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
+from rclpy.time import Time
 from tf2_ros import Buffer, TransformException, TransformListener
 
 from lassokin_ros import joints
 
 
 class WristInBase(Node):
-    """Transforms each wrist; warns if TF is missing; silent while nobody is tracked."""
+    """Keeps each wrist for at most 0.5 s. Waiting inside a callback would stop the messages of TF, too."""
 
     def __init__(self):
         super().__init__("wrist_in_base")
-        self.buffer = Buffer()
+        self.buffer, self.waiting = Buffer(), deque()
         self.listener = TransformListener(self.buffer, self)
         self.publisher = self.create_publisher(PointStamped, "right_wrist", 10)
         self.create_subscription(PoseArray, "/tracker/joints", self.on_joints, 10)
+        self.create_timer(0.02, self.on_timer)
 
     def on_joints(self, message):
-        """Transform the wrist from the optical frame to base_link."""
-        point = PointStamped(header=message.header, point=message.poses[joints.RIGHT_WRIST].position)
-        try:
-            point = self.buffer.transform(point, "base_link")
-        except TransformException as error:
-            return self.get_logger().warn(str(error), throttle_duration_sec=5.0)
-        self.publisher.publish(point)
+        """Keep the wrist."""
+        self.waiting.append(PointStamped(header=message.header, point=message.poses[joints.RIGHT_WRIST].position))
+
+    def on_timer(self):
+        """Publish the wrists whose transform has come, in their order, and drop those that are too old."""
+        while self.waiting:
+            try:
+                point = self.buffer.transform(self.waiting[0], "base_link")
+            except TransformException as error:
+                if (self.get_clock().now() - Time.from_msg(self.waiting[0].header.stamp)).nanoseconds < 5e8:
+                    return
+                self.get_logger().warn(str(error), throttle_duration_sec=5.0)
+            else:
+                self.publisher.publish(point)
+            self.waiting.popleft()
 
 
-def main():
-    """Run until interrupted."""
-    rclpy.init()
-    try:
-        rclpy.spin(WristInBase())
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    finally:
-        rclpy.try_shutdown()
-
-
-if __name__ == "__main__":
-    main()
+rclpy.init()
+with suppress(KeyboardInterrupt, ExternalShutdownException):
+    rclpy.spin(WristInBase())
+rclpy.try_shutdown()

@@ -23,6 +23,7 @@ JOINT_STATES = "~/joint_states"
 TRANSLATION = "~/translation"
 POSE = "~/pose"
 SKELETON = "~/skeleton"
+LIMBS = "~/limbs"
 PEOPLE = "~/people"
 SKELETONS = "~/skeletons"
 STATE = "~/state"
@@ -65,6 +66,7 @@ FRAME_OUTPUTS = (
     OutputTopic(JOINT_UNCERTAINTY, "sensor_msgs/msg/PointCloud2"),
     OutputTopic(POSE, "geometry_msgs/msg/PoseWithCovarianceStamped"),
     OutputTopic(SKELETON, "sensor_msgs/msg/PointCloud2"),
+    OutputTopic(LIMBS, "sensor_msgs/msg/PointCloud2"),
 )
 """One message per accepted frame."""
 
