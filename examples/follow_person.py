@@ -5,13 +5,11 @@ python3 examples/follow_person.py
 """
 
 import math
-from contextlib import suppress
 
-import rclpy
 from geometry_msgs.msg import Twist
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
+from lassokin_ros.node.executable import run
 from lassokin_ros.watch import PeopleWatch
 
 
@@ -35,7 +33,5 @@ class FollowPerson(Node):
         self.publisher.publish(command)
 
 
-rclpy.init()
-with suppress(KeyboardInterrupt, ExternalShutdownException):
-    rclpy.spin(FollowPerson())
-rclpy.try_shutdown()
+if __name__ == "__main__":
+    run(FollowPerson)

@@ -4,13 +4,12 @@ python3 examples/hand_over.py
 """
 
 import numpy as np
-import rclpy
 from geometry_msgs.msg import Point, PointStamped
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 
 from lassokin_ros import joints
+from lassokin_ros.node.executable import run
 
 ACROSS, ALONG = 0.1, 0.3  # m
 
@@ -33,16 +32,5 @@ class HandOver(Node):
             self.publisher.publish(PointStamped(header=message.header, point=place))
 
 
-def main():
-    """Run until interrupted."""
-    rclpy.init()
-    try:
-        rclpy.spin(HandOver())
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    finally:
-        rclpy.try_shutdown()
-
-
 if __name__ == "__main__":
-    main()
+    run(HandOver)

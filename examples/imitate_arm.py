@@ -3,15 +3,12 @@
 python3 examples/imitate_arm.py    # arm_target: x front, y left, z up, m, with covariance; silent while in doubt
 """
 
-from contextlib import suppress
-
-import rclpy
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 
 from lassokin_ros import joints
+from lassokin_ros.node.executable import run
 from lassokin_ros.watch import PeopleWatch, covariance, points, position
 
 SCALE, LARGEST_DEVIATION = 0.8, 0.2  # robot's arm / person's arm; m
@@ -40,7 +37,5 @@ class ImitateArm(Node):
         self.publisher.publish(target)
 
 
-rclpy.init()
-with suppress(KeyboardInterrupt, ExternalShutdownException):
-    rclpy.spin(ImitateArm())
-rclpy.try_shutdown()
+if __name__ == "__main__":
+    run(ImitateArm)

@@ -3,12 +3,11 @@
 python3 examples/raised_hand.py
 """
 
-import rclpy
 from geometry_msgs.msg import PoseArray
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
 from lassokin_ros import joints
+from lassokin_ros.node.executable import run
 
 
 class RaisedHand(Node):
@@ -28,16 +27,5 @@ class RaisedHand(Node):
         self.raised = raised
 
 
-def main():
-    """Run until interrupted."""
-    rclpy.init()
-    try:
-        rclpy.spin(RaisedHand())
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    finally:
-        rclpy.try_shutdown()
-
-
 if __name__ == "__main__":
-    main()
+    run(RaisedHand)

@@ -3,14 +3,11 @@
 python3 examples/safety_zone.py    # no safety function in the sense of a standard; the camera must see the whole zone
 """
 
-from contextlib import suppress
-
 import numpy as np
-import rclpy
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from std_msgs.msg import String
 
+from lassokin_ros.node.executable import run
 from lassokin_ros.watch import PeopleWatch, covariance, position
 
 RADIUS, REACH, SIGMAS = 2.0, 0.9, 2.0  # m, m from the pelvis to a stretched hand, standard deviations
@@ -40,7 +37,5 @@ class SafetyZone(Node):
         return "unknown" if lost else "safe"
 
 
-rclpy.init()
-with suppress(KeyboardInterrupt, ExternalShutdownException):
-    rclpy.spin(SafetyZone())
-rclpy.try_shutdown()
+if __name__ == "__main__":
+    run(SafetyZone)

@@ -3,16 +3,13 @@
 python3 examples/two_cameras.py    # trackers /left/tracker and /right/tracker; TF has both cameras
 """
 
-from contextlib import suppress
-
 import numpy as np
-import rclpy
 from geometry_msgs.msg import Point, PointStamped
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.time import Time
 from tf2_ros import Buffer, TransformException, TransformListener
 
+from lassokin_ros.node.executable import run
 from lassokin_ros.watch import PeopleWatch, transformed
 
 
@@ -45,7 +42,5 @@ class TwoCameras(Node):
             self.publisher.publish(message)
 
 
-rclpy.init()
-with suppress(KeyboardInterrupt, ExternalShutdownException):
-    rclpy.spin(TwoCameras())
-rclpy.try_shutdown()
+if __name__ == "__main__":
+    run(TwoCameras)

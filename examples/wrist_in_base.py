@@ -4,17 +4,15 @@ python3 examples/wrist_in_base.py
 """
 
 from collections import deque
-from contextlib import suppress
 
-import rclpy
 import tf2_geometry_msgs  # noqa: F401  (teaches tf2 to transform points)
 from geometry_msgs.msg import PointStamped, PoseArray
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.time import Time
 from tf2_ros import Buffer, TransformException, TransformListener
 
 from lassokin_ros import joints
+from lassokin_ros.node.executable import run
 
 
 class WristInBase(Node):
@@ -46,7 +44,5 @@ class WristInBase(Node):
             self.waiting.popleft()
 
 
-rclpy.init()
-with suppress(KeyboardInterrupt, ExternalShutdownException):
-    rclpy.spin(WristInBase())
-rclpy.try_shutdown()
+if __name__ == "__main__":
+    run(WristInBase)

@@ -36,27 +36,43 @@ def run_node(
     # The matrices are small. More BLAS threads would be slower, and would take cores from the robot.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     try:
-        import rclpy
-        from rclpy.signals import SignalHandlerOptions
         from rclpy.utilities import remove_ros_args
 
         make_node = load()
     except ImportError as error:
         return _print_error(parser.prog, missing_package(error))
     argv = list(sys.argv if arguments is None else [parser.prog, *arguments])
-    node = None
     try:
         parser.parse_args(remove_ros_args(argv)[1:])
+        _run(argv, make_node, stopped)
+    except Exception as error:
+        return _print_error(parser.prog, first_sentence(error))
+    return 0
+
+
+def run(make_node: Callable[[], Any]) -> None:
+    """Run the node that `make_node` returns until SIGINT or SIGTERM. This is for scripts, such as those of `examples/`.
+
+    A signal at any moment ends the script with exit code 0: a callback that is running is finished first. With rclpy's
+    own handler, a callback that publishes at that moment raises RCLError.
+    """
+    _run(sys.argv, make_node, await_signal())
+
+
+def _run(argv: list[str], make_node: Callable[[], Any], stopped: Future[int]) -> None:
+    """Run a node in the global context until `stopped` is done."""
+    import rclpy
+    from rclpy.signals import SignalHandlerOptions
+
+    node = None
+    try:
         rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
         node = make_node()
         spin(node, stopped)
-    except Exception as error:
-        return _print_error(parser.prog, first_sentence(error))
     finally:
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
-    return 0
 
 
 def spin(node: Any, stopped: Future[int]) -> None:

@@ -62,17 +62,26 @@ def robot():
 
 
 @contextmanager
-def example(name):
-    """The process of an example; it must end at SIGINT with exit code 0."""
-    command = [sys.executable, f"examples/{name}.py"]
-    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+def script(*command):
+    """The process of a Python script, killed if it has not ended."""
+    process = subprocess.Popen(
+        [sys.executable, *command], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
     try:
         yield process
-        process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=10) == 0
     finally:
         process.kill()
         process.communicate()
+
+
+@contextmanager
+def example(name, robot, act=lambda: None):
+    """The process of an example; at SIGINT, while `act` is repeated, it must end with exit code 0."""
+    with script(f"examples/{name}.py") as process:
+        yield process
+        process.send_signal(signal.SIGINT)
+        robot.spin_until(lambda: process.poll() is not None, "the end", act)
+        assert process.returncode == 0, process.stdout.read()
 
 
 def joints(frame_id="camera", **places):
@@ -90,7 +99,7 @@ def test_follow_person_stops_without_a_person_and_drives_to_one(robot):
     tracker = robot.node.create_publisher(PointStamped, "/tracker/translation", 10)
     person = PointStamped()
     person.point.x, person.point.z = -0.5, 3.5
-    with example("follow_person"):
+    with example("follow_person", robot):
         robot.spin_until(lambda: robot.got, "a command")
         assert (robot.got[-1].linear.x, robot.got[-1].angular.z) == (0.0, 0.0)
         robot.spin_until(lambda: robot.got[-1].linear.x > 0, "motion", lambda: tracker.publish(person))
@@ -103,15 +112,14 @@ def test_follow_person_stops_without_a_person_and_drives_to_one(robot):
 def test_a_raised_hand_is_logged_once(robot):
     tracker = robot.node.create_publisher(PoseArray, "/tracker/joints", 10)
     up, lines = joints(joint_15=(0.0, -0.6, 3.0), joint_20=(0.2, -0.9, 3.0)), []
-    with example("raised_hand") as process:
+    with example("raised_hand", robot) as process:
         reader = threading.Thread(target=lambda: [lines.append(line) for line in process.stdout])
         reader.start()
         robot.spin_until(lambda: lines, "the line", lambda: tracker.publish(up))  # the first ones may be lost
         for _ in range(3):
             tracker.publish(up)
         robot.spin_until(lambda: tracker.wait_for_all_acked(), "the acknowledgement")
-        process.send_signal(signal.SIGINT)
-        reader.join(DEADLINE_S)
+    reader.join(DEADLINE_S)
     assert sum("left hand raised" in line for line in lines) == 1
 
 
@@ -127,15 +135,46 @@ def test_a_hand_is_published_while_it_is_visible_and_certain(robot):
         doubt = np.tile(deviation**2 * np.eye(3), (24, 1, 1))
         return cloud.fill(stamp_s * 10**9, "camera", places, np.zeros((24, 3)), doubt, np.full(24, seen))
 
-    with example("hand_over"):
-        robot.spin_until(lambda: tracker.get_subscription_count(), "the example")
-        for stamp_s, seen, deviation in ((1, False, 0.05), (2, True, 0.2), (3, True, 0.05)):
-            tracker.publish(message(stamp_s, seen, deviation))
-        robot.spin_until(lambda: robot.got, "a hand", lambda: tracker.publish(message(3, True, 0.05)))
-        tracker.publish(message(4, True, 0.05))  # after this one nothing is left to publish at SIGINT
+    def send(stamp_s=3, seen=True, deviation=0.05):
+        tracker.publish(message(stamp_s, seen, deviation))
+
+    with example("hand_over", robot, send):  # it is publishing at SIGINT
+        robot.spin_until(lambda: robot.got, "a hand", send)
+        send(1, seen=False)
+        send(2, deviation=0.2)
+        send(4)
         robot.spin_until(lambda: robot.got[-1].header.stamp.sec == 4, "the last hand")
     assert {point.header.stamp.sec for point in robot.got} == {3, 4}
     assert {(point.header.frame_id, point.point.x) for point in robot.got} == {("camera", 22.0)}
+
+
+SIGNALLED = """
+import os, signal, time
+from rclpy.node import Node
+from std_msgs.msg import String
+from lassokin_ros.node.executable import run
+
+class Signalled(Node):
+    def __init__(self):
+        super().__init__("signalled")
+        self.publisher = self.create_publisher(String, "text", 10)
+        self.create_timer(0.01, self.on_timer)
+
+    def on_timer(self):
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.2)
+        self.publisher.publish(String())
+        print("published")
+
+run(Signalled)
+"""
+
+
+def test_a_signal_does_not_interrupt_a_callback():
+    """With rclpy's own handler the context would end at once, and the callback could not publish."""
+    with script("-c", SIGNALLED) as process:
+        said = process.communicate(timeout=2 * DEADLINE_S)[0]
+    assert (process.returncode, said) == (0, "published\n")
 
 
 @pytest.mark.skipif(
@@ -149,7 +188,7 @@ def test_the_wrist_is_published_in_base_link(robot):
     tracker = robot.node.create_publisher(PoseArray, "/tracker/joints", 10)
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     tf = robot.node.create_publisher(TFMessage, "/tf_static", latched)
-    with example("wrist_in_base"):
+    with example("wrist_in_base", robot):
         robot.spin_until(lambda: tracker.get_subscription_count(), "the example")
         tracker.publish(joints(joint_21=(0.1, 0.2, 3.0)))  # without TF: a warning, no point
         mount = TransformStamped(child_frame_id="camera")

@@ -60,6 +60,13 @@ class PeerOfTwo:
         self.listen(topics.MARKERS, topics.FRAME_OUTPUTS[3])
         self.listen(topics.TRACKED_OUTPUT.name, topics.TRACKED_OUTPUT)
 
+    def complete(self):
+        """True if each topic has a message, and the markers, of which each person has a message, are of both."""
+        return all(self.got.values()) and {"p4/joints", "p9/joints"} <= self.namespaces()
+
+    def namespaces(self):
+        return {marker.ns for message in self.got["tracker/markers"] for marker in message.markers}
+
     def listen(self, name, topic):
         name = name.replace("~", "tracker")
         durability = DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE
@@ -89,7 +96,7 @@ def test_each_of_several_people_has_a_set_of_topics():
     settings = [f"-p {item}" for item in ("max_people:=3", "forget_after:=300.0")]
     with NodeProcess(namespace, *" ".join(settings).split()) as node, Peer(namespace, outputs=False) as peer:
         them = PeerOfTwo(peer)
-        them.send_until(lambda: all(them.got.values()), "every topic of both people")
+        them.send_until(them.complete, "every topic of both people")
         joints = {p: them.got[f"tracker/bodies/{p}/joints"][-1] for p in ("p4", "p9")}
         assert {m.header.frame_id for m in joints.values()} == {FRAME}
         assert joints["p4"].poses[0].position.x < -0.3 < 0.3 < joints["p9"].poses[0].position.x
@@ -100,8 +107,7 @@ def test_each_of_several_people_has_a_set_of_topics():
             assert description == urdf(SKELETON, FRAME, f"several/tracker/{person}/")
             certificate = them.got[f"tracker/bodies/{person}/certificate"][-1].status[0]
             assert certificate.name.startswith(f"several/tracker: {person}: certificate")
-        namespaces = {m.ns for message in them.got["tracker/markers"] for m in message.markers}
-        assert namespaces == {"p4/bones", "p4/joints", "p9/bones", "p9/joints"}
+        assert them.namespaces() == {"p4/bones", "p4/joints", "p9/bones", "p9/joints"}
         peer.spin_until(lambda: them.lists()[-1] == "p4,p9", what=f"the list of both {them.lists()}")
         status = peer.next_diagnostics()
         assert values_of(status)["people"] == "p4, p9"
@@ -166,7 +172,7 @@ def test_people_leave_when_the_detector_is_silent():
     settings = [f"-p {item}" for item in ("max_people:=3", "forget_after:=1.0", "lost_after:=0.5")]
     with NodeProcess(namespace, *" ".join(settings).split()) as node, Peer(namespace, outputs=False) as peer:
         them = PeerOfTwo(peer)
-        them.send_until(lambda: all(them.got.values()) and them.lists()[-1] == "p4,p9", "every topic of both people")
+        them.send_until(lambda: them.complete() and them.lists()[-1] == "p4,p9", "every topic of both people")
         peer.spin_until(lambda: them.lists()[-1] == "", what="the empty list, without a message")
         for person in ("p4", "p9"):
             gone = f"{namespace}/tracker/bodies/{person}/joint_states"
