@@ -9,7 +9,7 @@ import tf2_geometry_msgs  # noqa: F401  (teaches tf2 to transform points)
 from geometry_msgs.msg import PointStamped, PoseArray
 from rclpy.node import Node
 from rclpy.time import Time
-from tf2_ros import Buffer, TransformException, TransformListener
+from tf2_ros import Buffer, TransformListener
 
 from lassokin_ros import joints
 from lassokin_ros.node.executable import run
@@ -33,14 +33,13 @@ class WristInBase(Node):
     def on_timer(self):
         """Publish the wrists whose transform has come, in their order, and drop those that are too old."""
         while self.waiting:
-            try:
-                point = self.buffer.transform(self.waiting[0], "base_link")
-            except TransformException as error:
-                if (self.get_clock().now() - Time.from_msg(self.waiting[0].header.stamp)).nanoseconds < 5e8:
-                    return
-                self.get_logger().warn(str(error), throttle_duration_sec=5.0)
+            wrist = self.waiting[0]
+            if (self.get_clock().now() - Time.from_msg(wrist.header.stamp)).nanoseconds > 5e8:
+                self.get_logger().warn("dropped: no TF, or late keypoints", throttle_duration_sec=5.0)
+            elif self.buffer.can_transform("base_link", wrist.header.frame_id, wrist.header.stamp):
+                self.publisher.publish(self.buffer.transform(wrist, "base_link"))
             else:
-                self.publisher.publish(point)
+                return
             self.waiting.popleft()
 
 

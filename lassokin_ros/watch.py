@@ -95,7 +95,8 @@ class PeopleWatch:
     def everybody(self) -> np.ndarray:
         """Return all people of the newest message, also those who are lost, the nearest one first; none if not fresh.
 
-        The fields are x, y, z (m), vx, vy, vz (m/s), xx to zz (m^2), confidence, person, tracked, detector_id, guessed.
+        The fields are x, y, z (m), vx, vy, vz (m/s), xx to zz (m^2), confidence, age (s), person, tracked, detector_id,
+        guessed.
         """
         if self._people is None or not self.known:
             return np.zeros(0, dtype=[("x", "<f4"), ("tracked", "<i4")])
@@ -103,6 +104,9 @@ class PeopleWatch:
         return people[np.argsort(people["x"] ** 2 + people["y"] ** 2 + people["z"] ** 2)]
 
     def tracked(self) -> np.ndarray:
-        """Return the people who are tracked now, the nearest one first; none if the newest message is not fresh."""
+        """Return the people whose last frame is fresh, the nearest one first; none if the newest message is not."""
         people = self.everybody()
-        return people[people["tracked"] == 1]
+        if self._people is None or len(people) == 0:
+            return people
+        fresh = self.age(self._people.header) + people["age"] <= self._stale_s
+        return people[(people["tracked"] == 1) & fresh]
