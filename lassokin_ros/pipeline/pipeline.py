@@ -21,6 +21,7 @@ from lassokin_ros.core.observation import Status
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.camera.camera_mount import CameraMount
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE, Camera, View
+from lassokin_ros.pipeline.depth_check import MISFIT, DepthCheck
 from lassokin_ros.pipeline.depth_images import DepthImages
 from lassokin_ros.pipeline.detections import detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
@@ -75,6 +76,8 @@ class Pipeline:
         depth, registered = self.config.depth, self.config.depth_registered
         self.depth = DepthImages(self.counts, depth, registered) if depth else None
         """The depth images, None if the setting `depth` names no topic."""
+        self.depth_check = DepthCheck()
+        """Whether the depth images show the tracked people."""
         self.mount = CameraMount(self.config.camera_mount_frame) if self.config.camera_mount_frame else None
         """The camera's mount from TF, None if the setting `camera_mount_frame` names no frame."""
         self._stamps = StampWatch()
@@ -179,6 +182,7 @@ class Pipeline:
         """Forget all people, the stamps and the depth images. The camera and the counts stay."""
         if self.depth is not None:
             self.depth.reset()
+        self.depth_check.reset()
         self.forget_people()
 
     def forget_people(self) -> None:
@@ -247,6 +251,7 @@ class Pipeline:
 
     def _frames(self, message: Any, arrival_ns: int) -> list[FrameResult]:
         stamp_ns, frame_id, self.nobody_in_view = arrival_ns, "", False
+        sampled: Keypoints | None = None
         try:
             keypoints, view = self._decode(message)
             frame_id = keypoints.frame_id or view.intrinsics.frame_id
@@ -259,13 +264,17 @@ class Pipeline:
             if keypoints.depth is not None:
                 self.counts[DEPTH_IN_MESSAGE] += bool(np.count_nonzero(keypoints.depth > 0) >= FEWEST)
             elif self.depth is not None:
-                keypoints = self.depth.with_depth(keypoints, stamp_ns, view.size, view.intrinsics.frame_id)
+                sampled = self.depth.with_depth(keypoints, stamp_ns, view.size, view.intrinsics.frame_id)
+                self.counts[MISFIT] += bool(self.depth_check.fault)
+                keypoints = keypoints if self.depth_check.fault else sampled
             image = PeopleImage(keypoints, stamp_ns, frame_id, view.lens, self._has_persistent_numbers(keypoints))
             if self._is_back_in_time(image, arrival_ns, stamped):
                 self._jump_back(image)
             self._switch_camera(view.intrinsics.frame_id)
             self._follow_mount(image)
             frames = self.people.update(image, self.config.forget_after)
+            if sampled is not None and self.tracker.config.smoothing_lag == 0:
+                self.depth_check.update(sampled, frames)
         except AdapterError as error:
             self._refused = True
             return [FrameResult(stamp_ns, frame_id, None, error.reason, str(error))]

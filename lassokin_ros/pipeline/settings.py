@@ -36,6 +36,14 @@ class NodeSettings:
     depth_registered: bool = setting(
         False, "depth images are registered to the colour image even if their frame_id differs from its frame_id"
     )
+    depth_wait: float = setting(
+        0.005,
+        "longest time for which a keypoint message waits for the depth image of its time; more for a pipeline that "
+        "registers or compresses slowly, at the cost of latency",
+        "s",
+        0.001,
+        1.0,
+    )
     rectified: bool = setting(
         False, "keypoints are pixels of the rectified image: camera_info's P is used in place of K and D"
     )

@@ -38,7 +38,7 @@ DIAGNOSTICS_PERIOD_NS = 1_000_000_000
 RECORDED = {topic.name for topic in (*topics.FRAME_OUTPUTS, topics.ROI_OUTPUT, topics.TF_OUTPUT)}
 """Topics of an accepted frame that are written."""
 DEPTH_WAIT_NS = 100_000_000
-"""ns of recording time for which a keypoint message waits for its depth image."""
+"""ns of recording time for which a keypoint message waits for its depth image; `depth_wait` if that is longer."""
 UNREADABLE = "not_deserialised"
 LINK_AS_FRAME = "frame_id is a link's name"
 """Key of the count of frames whose frame_id robot_description cannot use as its base."""
@@ -141,9 +141,10 @@ class OfflineTracker:
 
     def _track_held(self, now_ns: int) -> Iterator[tuple[str, str, Any]]:
         """Track the keypoint messages whose depth image was received or is not expected any more."""
+        wait_ns = max(DEPTH_WAIT_NS, round(1e9 * self.pipeline.config.depth_wait))
         while self._held:
             message, time_ns = self._held[0]
-            depth, late = self.pipeline.depth, now_ns - time_ns >= DEPTH_WAIT_NS
+            depth, late = self.pipeline.depth, now_ns - time_ns >= wait_ns
             if depth is not None and message is not None and not late and depth.may_receive(stamp_of(message)):
                 return
             self._held.popleft()

@@ -54,7 +54,7 @@ class SceneInputs:
         self._latched_camera_info = LatchedCameraInfo(node, self.camera_info.take)
         self._depth = None
         if pipeline.depth is not None:
-            self._depth = DepthInput(node, pipeline.config.depth, pipeline.depth, pipeline.counts, time.monotonic())
+            self._depth = DepthInput(node, pipeline.config, pipeline.depth, pipeline.counts, time.monotonic())
         self._transforms = None if pipeline.mount is None else TransformInput(node, pipeline.mount)
         self._missing_clock = MissingInput(node, topics.CLOCK, topics.CLOCK_TYPE, (), time.monotonic())
         self._missing_camera = MissingInput(node, topics.CAMERA_INFO, topics.CAMERA_INFO_TYPE, (), time.monotonic())

@@ -34,7 +34,7 @@ class PerBodyPipeline(Pipeline):
         self._idle = [Pipeline(tracker_config, self.config) for _ in range(node_config.max_people)]
         for pipeline in self._idle:
             pipeline.camera, pipeline.counts, pipeline.depth = self.camera, self.counts, self.depth
-            pipeline.mount = self.mount
+            pipeline.mount, pipeline.depth_check = self.mount, self.depth_check
         self._all = tuple(self._idle)
         self._present: dict[str, Pipeline] = {}
         self.config = node_config.checked()

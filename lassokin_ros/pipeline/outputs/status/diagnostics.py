@@ -10,6 +10,7 @@ import numpy as np
 
 from lassokin_ros.core.observation import Rejection, Status
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
+from lassokin_ros.pipeline.depth_check import MISFIT
 from lassokin_ros.pipeline.depth_images import COUNTS as DEPTH_COUNTS
 from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
@@ -258,8 +259,8 @@ class Diagnostics:
             return ""
         if not recent[RECEIVED]:
             return f"no depth images on {pipeline.config.depth}: tracking without measured depth"
-        if pipeline.depth.fault:
-            return pipeline.depth.fault
+        if fault := pipeline.depth.fault or pipeline.depth_check.fault:
+            return fault
         if recent[UNMATCHED] > recent[MATCHED]:
             return (
                 "most keypoint messages had no depth image of their time: check that both have the stamp of the "
@@ -317,7 +318,7 @@ class Diagnostics:
             values["camera roll, pitch from TF [rad]"] = "{:.3f}, {:.3f}".format(*angles)
         if self._pipeline.depth is not None:
             values |= {f"{key} [messages]": str(counts[key]) for key in DEPTH_COUNTS}
-        listed = (OUTSIDE_IMAGE, PLACEHOLDERS, NOBODY, UNUSED, DEPTH_IN_MESSAGE)
+        listed = (MISFIT, OUTSIDE_IMAGE, PLACEHOLDERS, NOBODY, UNUSED, DEPTH_IN_MESSAGE)
         for key in sorted(key for key in counts if key.startswith("rejected: ") or key in listed):
             values[f"{key} [messages]"] = str(counts[key])
         if self._unused_confidence:

@@ -49,6 +49,7 @@ def pipeline():
         nobody_in_view=False,
         unused_confidence=0.0,
         depth=None,
+        depth_check=SimpleNamespace(fault=""),
         mount=None,
         calibrations=dict,
         heights=dict,
