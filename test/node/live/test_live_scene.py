@@ -121,8 +121,8 @@ def test_people_and_state_are_repeated_in_a_silence():
         assert max(np.diff(arrivals[before - 1 :])) < 0.5 and len(newest) > 6
         assert [entry for entry, _ in groupby(entry for _, entry in newest if entry != [1])] == [[0], []]
         assert np.all(np.diff([stamp for stamp, _ in newest]) >= 0) and newest[-1][0] - newest[0][0] > 10**9
-        lost_at = next(at for at, (_, entry) in zip(arrivals[before:], newest) if entry == [0])
-        assert lost_at - silent_at < 0.7
+        first, lost = newest[0][0], next(stamp for stamp, entry in newest if entry == [0])
+        assert (lost - first) * 1e-9 < 1.0  # 0.4 to 0.7 s on a free machine
         node.process.kill()
         node.process.wait()
         spin_for(peer, 0.2)  # what was sent before
@@ -144,12 +144,14 @@ def test_the_joints_of_everybody_come_with_the_image_that_has_them():
 
         send_until(peer, send, lambda: len(skeletons) > 3 and len(people) > 3, "joints")
         by_stamp = {stamp_of(message): points_of(message) for message in people}
+        assert max(message.width for message in skeletons) == 48
         for message in skeletons:
             points = np.frombuffer(bytes(message.data), SKELETONS_POINT)
             assert [field.name for field in message.fields] == list(SKELETONS_POINT.names)
-            assert points["person"].tolist() == [4] * 24 + [9] * 24
-            assert points["index"].tolist() == 2 * list(range(24))
-            if stamp_of(message) in by_stamp:
+            together = points["person"].tolist() == [4] * 24 + [9] * 24
+            assert together or points["person"].tolist() in ([4] * 24, [9] * 24)  # after a jump of the motion
+            assert points["index"].tolist() == len(points) // 24 * list(range(24))
+            if stamp_of(message) in by_stamp and together:
                 there = by_stamp[stamp_of(message)]
                 assert np.allclose(points["x"][[0, 24]], there["x"]) and np.allclose(points["zz"][[0, 24]], there["zz"])
     assert "Traceback" not in node.said
@@ -210,9 +212,15 @@ def test_people_lists_several_people_and_then_nobody():
 
             stamp = peer.start_ns
             both = partial(send, persons=(4, 9))
-            send_until(peer, both, lambda: people and len(points_of(people[-1])) == 2, "two people")
-            points = points_of(people[-1])
-            assert points["person"].tolist() == [4, 9] and points["tracked"].tolist() == [1, 1]
+            found = []
+
+            def two_tracked():
+                found[:] = [points for points in map(points_of, people) if points["tracked"].tolist() == [1, 1]]
+                return found
+
+            send_until(peer, both, two_tracked, "two people")
+            points = found[-1]
+            assert points["person"].tolist() == [4, 9]
             assert points["x"][0] < points["x"][1]
             one = partial(send, persons=(9,))
             send_until(peer, one, lambda: points_of(people[-1])["person"].tolist() == [9], "one person")
