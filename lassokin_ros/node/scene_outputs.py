@@ -63,9 +63,12 @@ class SceneOutputs:
             self._node.get_logger().info(LOG_MESSAGES[self._state.value])
 
     def repeat(self, now_ns: int) -> None:
-        """Publish ~/people and ~/state again if the last ones are older than REPEAT_S. now_ns: as for `check`."""
+        """Publish ~/people and ~/state again if the last ones are older than REPEAT_S.
+
+        now_ns: as for `check`; without a clock (0) there is no stamp for ~/people.
+        """
         due = time.monotonic() - REPEAT_S
-        if self._people_at <= due and subscribers(self._people_out) > 0:
+        if now_ns > 0 and self._people_at <= due and subscribers(self._people_out) > 0:
             self._publish_people(self._pipeline.image_at(now_ns))
         if self._state_at <= due and subscribers(self._state_out) > 0:
             self._publish_state()
