@@ -1,37 +1,35 @@
-"""Follow a person at 1.5 m: a Twist on cmd_vel from the tracker's translation; zero while nobody is tracked.
+"""Follow a person at 1.5 m: a Twist on cmd_vel, zero at once if the person is lost or anything is late.
 
+ros2 run lassokin_ros tracker --ros-args -p lock:=true ...    # never another person
 python3 examples/follow_person.py
 """
 
 import math
 
-from geometry_msgs.msg import PointStamped, Twist
+from geometry_msgs.msg import Twist
 from rclpy.node import Node
 
 from lassokin_ros.node.executable import run
+from lassokin_ros.watch import PeopleWatch
 
 
 class FollowPerson(Node):
-    """Turns to the person and keeps a distance of 1.5 m."""
+    """Drives at most 0.5 m/s and 1 rad/s, and speeds up by at most 0.5 m/s^2."""
 
     def __init__(self):
         super().__init__("follow_person")
-        self.seen = None
+        self.people, self.speed = PeopleWatch(self), 0.0
         self.publisher = self.create_publisher(Twist, "cmd_vel", 10)
-        self.create_subscription(PointStamped, "/tracker/translation", self.on_translation, 10)
-        self.create_timer(0.1, self.on_timer)
-
-    def on_translation(self, message):
-        """Keep the position; the optical frame has x to the right and z forward."""
-        self.seen = self.get_clock().now()
-        self.forward, self.left = message.point.z, -message.point.x
+        self.create_timer(0.05, self.on_timer)
 
     def on_timer(self):
-        """Publish a command, at most 0.5 m/s; zero if the last position is older than half a second."""
+        """Drive to a person who is tracked now. A person found again by a guess may be somebody else."""
         command = Twist()
-        if self.seen and (self.get_clock().now() - self.seen).nanoseconds < 5e8:
-            command.linear.x = min(0.5 * max(self.forward - 1.5, 0.0), 0.5)
-            command.angular.z = 1.0 * math.atan2(self.left, self.forward)
+        for person in [one for one in self.people.tracked() if not one["guessed"]][:1]:
+            wanted = min(0.5 * max(float(person["z"]) - 1.5, 0.0), 0.5)
+            command.linear.x = min(wanted, self.speed + 0.5 * 0.05)
+            command.angular.z = max(min(math.atan2(-person["x"], person["z"]), 1.0), -1.0)
+        self.speed = command.linear.x
         self.publisher.publish(command)
 
 

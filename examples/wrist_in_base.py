@@ -1,38 +1,46 @@
-"""Publish the right wrist in base_link, through TF.
-
-It needs tf2_ros and tf2_geometry_msgs, which package.xml does not require:
-sudo apt install ros-jazzy-tf2-ros-py ros-jazzy-tf2-geometry-msgs
+"""Publish the right wrist in base_link, as soon as TF has the transform of its image. Needs tf2_ros, tf2_geometry_msgs.
 
 python3 examples/wrist_in_base.py
 """
 
-import tf2_geometry_msgs  # noqa: F401  (registers PointStamped with tf2)
+from collections import deque
+
+import tf2_geometry_msgs  # noqa: F401  (teaches tf2 to transform points)
 from geometry_msgs.msg import PointStamped, PoseArray
 from rclpy.node import Node
-from tf2_ros import Buffer, TransformException, TransformListener
+from rclpy.time import Time
+from tf2_ros import Buffer, TransformListener
 
 from lassokin_ros import joints
 from lassokin_ros.node.executable import run
 
 
 class WristInBase(Node):
-    """Transforms each wrist; warns if TF is missing; silent while nobody is tracked."""
+    """Keeps each wrist for at most 0.5 s. Waiting inside a callback would stop the messages of TF, too."""
 
     def __init__(self):
         super().__init__("wrist_in_base")
-        self.buffer = Buffer()
+        self.buffer, self.waiting = Buffer(), deque()
         self.listener = TransformListener(self.buffer, self)
         self.publisher = self.create_publisher(PointStamped, "right_wrist", 10)
         self.create_subscription(PoseArray, "/tracker/joints", self.on_joints, 10)
+        self.create_timer(0.02, self.on_timer)
 
     def on_joints(self, message):
-        """Transform the wrist from the optical frame to base_link."""
-        point = PointStamped(header=message.header, point=message.poses[joints.RIGHT_WRIST].position)
-        try:
-            point = self.buffer.transform(point, "base_link")
-        except TransformException as error:
-            return self.get_logger().warn(str(error), throttle_duration_sec=5.0)
-        self.publisher.publish(point)
+        """Keep the wrist."""
+        self.waiting.append(PointStamped(header=message.header, point=message.poses[joints.RIGHT_WRIST].position))
+
+    def on_timer(self):
+        """Publish the wrists whose transform has come, in their order, and drop those that are too old."""
+        while self.waiting:
+            wrist = self.waiting[0]
+            if (self.get_clock().now() - Time.from_msg(wrist.header.stamp)).nanoseconds > 5e8:
+                self.get_logger().warn("dropped: no TF, or late keypoints", throttle_duration_sec=5.0)
+            elif self.buffer.can_transform("base_link", wrist.header.frame_id, wrist.header.stamp):
+                self.publisher.publish(self.buffer.transform(wrist, "base_link"))
+            else:
+                return
+            self.waiting.popleft()
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
+from launch.actions import DeclareLaunchArgument, ExecuteProcess, LogInfo, OpaqueFunction
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
@@ -70,7 +70,6 @@ def generate_launch_description() -> LaunchDescription:
 def _start(context: LaunchContext) -> list:
     """Check every argument, then return what is started."""
     configurations = context.launch_configurations
-    _refuse_misspelt(configurations)
     given = {name: str(configurations[name]).strip() for name in ARGUMENTS}
     simulated = _boolean("use_sim_time", given["use_sim_time"]) if given["use_sim_time"] else bool(given["bag"])
     show_rviz, frames = _boolean("rviz", given["rviz"]), _boolean("frames", given["frames"])
@@ -91,25 +90,27 @@ def _start(context: LaunchContext) -> list:
         overrides["state_publisher"] = STATE_PUBLISHER
     common: dict[str, Any] = {"namespace": given["namespace"]} if given["namespace"] else {}
     sim_time = {"use_sim_time": simulated}
-    actions = [_tracker(given, params, [sim_time, overrides], common)]
+    actions = [*_misspelt(configurations), _tracker(given, params, [sim_time, overrides], common)]
     if frames:
         node = f"{given['namespace'].strip('/')}/{NODE}".lstrip("/")
         actions.append(_state_publisher(urdf_from_settings(tracker, settings, node), sim_time, common))
     if show_rviz:
-        actions.append(_rviz(given["camera"].rstrip("/"), given["frame"], sim_time, common))
+        config = CONFIG / ("lassokin_people.rviz" if settings.several_people else "lassokin.rviz")
+        actions.append(_rviz(config, given["camera"].rstrip("/"), given["frame"], sim_time, common))
     return [*actions, *_bag(given["bag"])]
 
 
-def _refuse_misspelt(configurations: Mapping[str, Any]) -> None:
-    """Raise RuntimeError for an undeclared argument that resembles a declared one.
+def _misspelt(configurations: Mapping[str, Any]) -> list[LogInfo]:
+    """Warn of each undeclared argument that resembles a declared one.
 
-    Other names are ignored: they may belong to a launch file that includes this one.
+    It is no error: a launch file that includes this one may declare the argument for another.
     """
+    warnings = []
     for name in configurations:
         if name not in ARGUMENTS and (close := get_close_matches(name, ARGUMENTS, 1, cutoff=0.8)):
-            raise RuntimeError(
-                f"there is no argument '{name}'; did you mean '{close[0]}'? Arguments: {', '.join(ARGUMENTS)}"
-            )
+            words = f"tracker.launch.py has no argument '{name}', which is ignored here; did you mean '{close[0]}'?"
+            warnings.append(LogInfo(msg=words))
+    return warnings
 
 
 def _boolean(name: str, text: str) -> bool:
@@ -153,13 +154,13 @@ def _state_publisher(description: str, sim_time: dict, common: Mapping[str, Any]
     )
 
 
-def _rviz(camera: str, frame: str, sim_time: dict, common: Mapping[str, Any]) -> Node:
+def _rviz(config: Path, camera: str, frame: str, sim_time: dict, common: Mapping[str, Any]) -> Node:
     """RViz with the camera image. RViz derives the name of camera_info from that of the image; both are remapped."""
     fixed_frame = ["-f", frame] if frame else []
     return Node(
         package="rviz2",
         executable="rviz2",
-        arguments=["-d", str(CONFIG / "lassokin.rviz"), *fixed_frame],
+        arguments=["-d", str(config), *fixed_frame],
         parameters=[sim_time],
         remappings=[(name, f"{camera}/{name}") for name in ("image_raw", "camera_info")] if camera else [],
         **common,

@@ -8,7 +8,10 @@ from typing import Any
 from lassokin_ros.core.errors import ConfigurationError
 from msg_adapters.detectors.registry import full_type_name
 
-SOURCES = {"yolo_msgs": "build it from github.com/mgonzs13/yolo_ros"}
+SOURCES = {
+    "yolo_msgs": "build it from github.com/mgonzs13/yolo_ros",
+    "people_msgs": "build it from github.com/wg-perception/people",
+}
 """How to install packages of messages that apt does not have."""
 
 

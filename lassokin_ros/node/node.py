@@ -47,7 +47,7 @@ UNUSED_MESSAGES = 60
 log reports it."""
 KEY_LENGTH = 20
 """Characters of a warning that identify it; numbers may follow."""
-CHECK_PERIOD_S = 0.25
+CHECK_PERIOD_S = 0.1
 """s: period of the check for people and cameras that have left. A departure is noticed within twice this time."""
 
 
@@ -129,6 +129,7 @@ class TrackerNode(Node):
             self._keypoints = KeypointInput(self, config, counts, self._inputs.poll, self._on_keypoints)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/set_enabled", self._on_set_enabled)
+        self.create_service(SetBool, "~/lock", self._on_lock)
         self.create_service(Trigger, "~/save_skeleton", self._on_save_skeleton)
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # diagnostics continue while simulated time is paused
         self._as_of_ns = self._checked_ns = 0
@@ -184,7 +185,7 @@ class TrackerNode(Node):
         outputs: list[Callable[[], None]] = []
         if self._people is not None and self._pipeline.ids is not None:
             if not frames or accepted:  # a rejected message does not change the list of people
-                outputs = [partial(self._people.publish, accepted, self._pipeline.ids)]
+                outputs = [partial(self._people.publish, accepted, self._pipeline.ids, self._pipeline.locked)]
         elif self._person is not None:
             outputs = [partial(self._person.publish, frame) for frame in accepted]
         for publish in outputs:
@@ -232,7 +233,15 @@ class TrackerNode(Node):
         ids = self._pipeline.presence_at(self._as_of_ns).ids
         if self._people is not None and ids is not None:
             self._people.keep(ids)
+        self._pipeline.detector_connected = self._inputs_connected()
         self._scene.check(self._as_of_ns)
+        self._scene.repeat(self._as_of_ns)
+
+    def _inputs_connected(self) -> bool:
+        """Return True if a detector publishes keypoints, or with one topic per body, the list of bodies."""
+        if self._keypoints is not None:
+            return self._keypoints.publishers > 0
+        return self._bodies is not None and self._bodies.publishers > 0
 
     def _publish_diagnostics(self) -> None:
         if self._bodies is not None:
@@ -281,6 +290,19 @@ class TrackerNode(Node):
             self.get_logger().info("enabled" if request.data else "disabled")
         response.success = True
         response.message = ("enabled" if request.data else "disabled") + ("" if changed else " already")
+        return response
+
+    def _on_lock(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        """Lock the person whom the parameter `follow` names, or release the lock."""
+        try:
+            if request.data:
+                response.success, response.message = True, f"locked: {self._pipeline.people.lock()}"
+            else:
+                self._pipeline.people.release()
+                response.success, response.message = True, "nobody is locked"
+            self.get_logger().info(response.message)
+        except LassokinError as error:
+            response.success, response.message = False, str(error)
         return response
 
     def _on_save_skeleton(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import Any, Callable
 
@@ -64,15 +65,22 @@ def publish(publisher: Publisher, message: Any) -> None:
 class PersonOutputs:
     """The publishers of one person."""
 
-    def __init__(self, node: Node, skeleton: Skeleton, config: NodeSettings, title: str, person: str = "") -> None:
-        """title: name of the node. person: id, empty if one person is followed. Raises SkeletonError for base_frame."""
+    def __init__(
+        self, node: Node, skeleton: Skeleton, config: NodeSettings, title: str, person: str = "", without: str = ""
+    ) -> None:
+        """title: name of the node. person: id, empty if one person is followed. without: a topic that is left out.
+
+        Raises SkeletonError for base_frame.
+        """
         backend = RclpyBackend()
         self._node = node
         naming = Naming.of_person(config, title, person)
         self._description = RobotDescription(backend, skeleton, config.base_frame, naming)
         name = partial(topics.of_person, person=person, rep155=config.rep155)
         self._out = {
-            t.name: advertise(node, t, name(t.name), not person) for t in topics.person_outputs(config.detects_bodies)
+            t.name: advertise(node, t, name(t.name), not person)
+            for t in topics.person_outputs(config.detects_bodies)
+            if t.name != without
         }
         if config.publish_tf != OFF:
             self._out[topics.TF] = advertise(node, topics.TF_OUTPUT, overridable=not person)
@@ -127,7 +135,8 @@ class PeopleOutputs:
         """Raises ConfigurationError if the package of a required message type is not installed."""
         if config.publish_tf != OFF:
             message_class(topics.TF_OUTPUT.message_type)  # raises now, not when the first person appears
-        self._of = partial(PersonOutputs, node, skeleton, config, title)
+        self._of = partial(PersonOutputs, node, skeleton, replace(config, state_publisher=""), title)
+        self._locked: PersonOutputs | None = None
         self._people: dict[str, PersonOutputs] = {}
         self._ids: list[str] = []
         self._node, backend = node, RclpyBackend()
@@ -139,9 +148,10 @@ class PeopleOutputs:
         self._markers = advertise(node, everybody)
         self._publish_list()
 
-    def publish(self, frames: list[FrameResult], ids: list[str]) -> None:
+    def publish(self, frames: list[FrameResult], ids: list[str], locked: str | None = None) -> None:
         """Publish the frames of all people. ids: ids of all present people, also those without a frame.
 
+        locked: id of the person whose frames are also published on the topics of one person; None for nobody.
         Raises SkeletonError like `PersonOutputs.publish`, after the topics of all people have been published.
         """
         copy_markers = self._markers.publish if subscribers(self._markers) else None
@@ -151,11 +161,19 @@ class PeopleOutputs:
                 if frame.person not in self._people:
                     self._people[frame.person] = self._of(frame.person)
                 self._people[frame.person].publish(frame, copy_markers)
+                if frame.person == locked:
+                    self._of_locked().publish(frame)
             except SkeletonError as error:
                 fault = error
         self.keep(ids)
         if fault is not None:
             raise fault
+
+    def _of_locked(self) -> PersonOutputs:
+        """Return the publishers of the locked person, on the topics of one person. ~/markers is everybody's."""
+        if self._locked is None:
+            self._locked = self._of("", topics.MARKERS)
+        return self._locked
 
     def keep(self, ids: list[str]) -> None:
         """Destroy the publishers of people who have left, and publish the list of ids if it has changed."""

@@ -1,7 +1,8 @@
-"""Outputs about all people together: ~/people and ~/state."""
+"""Outputs about all people together: ~/people, ~/skeletons and ~/state."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 
 from rclpy.node import Node
@@ -9,19 +10,22 @@ from rclpy.node import Node
 from lassokin_ros.node.person_outputs import advertise, publish, subscribers
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, images_of
+from lassokin_ros.pipeline.outputs.people_messages import Image, PeopleMessages, images_of
+from lassokin_ros.pipeline.outputs.skeletons_message import SkeletonsMessage
 from lassokin_ros.pipeline.outputs.status.presence_state import LOST, NOBODY, TRACKING, PresenceState
 from lassokin_ros.pipeline.pipeline import Pipeline
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.detectors.registry import full_type_name
 from msg_adapters.output_messages.builders import StringBuilder
 
-LOG_MESSAGES = {TRACKING: "tracking", LOST: "lost: no usable frame for lost_after", NOBODY: "nobody is tracked"}
+LOG_MESSAGES = {TRACKING: "tracking", LOST: "lost: no usable frame for stale_after", NOBODY: "nobody is tracked"}
 """Log messages about a new state."""
+REPEAT_S = 0.2
+"""s: ~/people and ~/state are repeated after this time, so that their absence shows that the node has stopped."""
 
 
 class SceneOutputs:
-    """Publishes the people of each image, and the state of tracking when it changes."""
+    """Publishes the people of each image, their joints, and the state of tracking when it changes."""
 
     def __init__(self, node: Node, pipeline: Pipeline) -> None:
         """Raises ConfigurationError if the package of the type of ~/people is not installed."""
@@ -30,7 +34,10 @@ class SceneOutputs:
         self._people_out = advertise(node, topics.people_output(message_type))
         self._state_out = advertise(node, topics.STATE_OUTPUT)
         self._people = PeopleMessages(backend, message_type, serialised=True)
+        self._skeletons_out = advertise(node, topics.SKELETONS_OUTPUT)
+        self._skeletons = SkeletonsMessage(backend, pipeline.tracker.skeleton.joint_count, serialised=True)
         self._state, self._text = PresenceState(), StringBuilder(backend)
+        self._people_at = self._state_at = 0.0  # s of the steady clock
         self._publish_state()
 
     def publish(self, frames: Sequence[FrameResult], arrival_ns: int) -> None:
@@ -41,23 +48,41 @@ class SceneOutputs:
         for image, people in images_of(frames, newest, config.smoothing_lag > 0):
             self._people.update(people, pipeline.ids)
             if wanted:
-                message = self._people.build(image, config.lost_after, pipeline.config.forget_after)
-                publish(self._people_out, message)
+                self._publish_people(image)
+            if subscribers(self._skeletons_out) > 0:
+                publish(self._skeletons_out, self._skeletons.build(image, people))
         if self._state.value != TRACKING or not any(frame.accepted for frame in frames):
             self.check(arrival_ns)
 
     def check(self, now_ns: int) -> None:
         """Publish the state if it has changed. now_ns: ns, a time up to which all messages were processed."""
         pipeline = self._pipeline
-        limits = pipeline.tracker.config.lost_after, pipeline.config.forget_after
-        if self._state.update(pipeline.presence_at(now_ns), now_ns, *limits):
+        limits = pipeline.reported_lost_after, pipeline.config.forget_after
+        if self._state.update(pipeline.presence_at(now_ns), now_ns, *limits, pipeline.is_informed_at(now_ns)):
             self._publish_state()
             self._node.get_logger().info(LOG_MESSAGES[self._state.value])
+
+    def repeat(self, now_ns: int) -> None:
+        """Publish ~/people and ~/state again if the last ones are older than REPEAT_S.
+
+        now_ns: as for `check`; without a clock (0) there is no stamp for ~/people.
+        """
+        due = time.monotonic() - REPEAT_S
+        if now_ns > 0 and self._people_at <= due and subscribers(self._people_out) > 0:
+            self._publish_people(self._pipeline.image_at(now_ns))
+        if self._state_at <= due and subscribers(self._state_out) > 0:
+            self._publish_state()
 
     def forget(self) -> None:
         """Forget all people: the pipeline was reset."""
         self._people.forget()
         self.check(0)
 
+    def _publish_people(self, image: Image) -> None:
+        limits = self._pipeline.reported_lost_after, self._pipeline.config.forget_after
+        publish(self._people_out, self._people.build(image, *limits))
+        self._people_at = time.monotonic()
+
     def _publish_state(self) -> None:
+        self._state_at = time.monotonic()
         self._state_out.publish(self._text.fill(self._state.value))

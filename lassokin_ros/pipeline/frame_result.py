@@ -43,6 +43,9 @@ class FrameResult:
     measure: computes the joint uncertainty, see `uncertainty`.
     observe: computes which joints are observed, see `observed`.
     joint_states: computes `positions` and `velocities`.
+    label: the id in the messages about all people, if it is not `person`.
+    detector_id: the person's number from the detector; -1 if it has none that lasts.
+    guessed: True if the person was found again by place after an absence, and may be somebody else.
     held_s: s, by stamps, how long the result waited for later messages (`smoothing_lag`).
     """
 
@@ -61,6 +64,9 @@ class FrameResult:
     measure: Callable[[Estimate], JointUncertainty] | None = None
     observe: Callable[[Estimate], np.ndarray] | None = None
     joint_states: Callable[[], tuple[np.ndarray, np.ndarray]] | None = None
+    label: str = ""
+    detector_id: int = -1
+    guessed: bool = False
     held_s: float = 0.0
 
     @property

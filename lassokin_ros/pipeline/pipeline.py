@@ -22,6 +22,7 @@ from lassokin_ros.core.observation import Status
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.camera.camera_mount import CameraMount
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE, Camera, View
+from lassokin_ros.pipeline.depth_check import MISFIT, DepthCheck
 from lassokin_ros.pipeline.depth_images import DepthImages
 from lassokin_ros.pipeline.detections import detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
@@ -80,12 +81,14 @@ class Pipeline:
         """True after the first accepted result for a person."""
         self.unused_confidence = 0.0
         """Largest confidence in the last message without a confident keypoint; 0 if that had no keypoint."""
-        self.people = _people_tracker(self._trackable, self.counts, self.config.several_people)
+        self.people = _people_tracker(self._trackable, self.counts, self.config)
         self._adapter = keypoint_adapter(self.config.keypoints_type)
         self.camera = Camera(self.config.rectified)
         depth, registered = self.config.depth, self.config.depth_registered
         self.depth = DepthImages(self.counts, depth, registered) if depth else None
         """The depth images, None if the setting `depth` names no topic."""
+        self.depth_check = DepthCheck()
+        """Whether the depth images show the tracked people."""
         self.mount = CameraMount(self.config.camera_mount_frame) if self.config.camera_mount_frame else None
         """The camera's mount from TF, None if the setting `camera_mount_frame` names no frame."""
         self._stamps = StampWatch()
@@ -96,6 +99,9 @@ class Pipeline:
         self.landmark_ids = LandmarkIds(self.tracker.layout.names)
         """Which landmarks have appeared."""
         self._camera_frame: str | None = None  # frame of the camera that took the last image
+        self.detector_connected = True
+        """False if nobody publishes keypoints. Set by the node; a recording has no such knowledge."""
+        self._refused = False  # the last message was refused as a whole
         self._latest: tuple[int, int] | None = None  # stamp and arrival, ns, of the last message not refused as a whole
         self.image: tuple[int, str] | None = None
         """Stamp (ns) and frame_id of the last message that was not refused as a whole."""
@@ -123,6 +129,11 @@ class Pipeline:
         return self.people.ids
 
     @property
+    def locked(self) -> str | None:
+        """Id of the locked person; None if nobody is locked."""
+        return self.people.locked
+
+    @property
     def status(self) -> Status:
         """Tracking status. With several people, the best status among them."""
         return self.people.status
@@ -136,7 +147,39 @@ class Pipeline:
         stamp_ns, arrival_ns = self._latest or (0, 0)
         if arrival_ns == 0:  # no message yet, or the message arrived before the simulated clock started
             return Presence(self.status, self.ids)
-        return self.people.presence_at(stamp_ns + max(now_ns - arrival_ns, 0), self.config.forget_after)
+        stamp_ns += max(now_ns - arrival_ns, 0)
+        return self.people.presence_at(stamp_ns, self.config.forget_after, self.config.stale_after)
+
+    @property
+    def reported_lost_after(self) -> float:
+        """Time without a result after which a person is reported as lost, s."""
+        return min(self.config.stale_after, self.tracker.config.lost_after)
+
+    def is_informed_at(self, now_ns: int) -> bool:
+        """Return True if it is known whether somebody is in view, at a time in ns of the arrival clock.
+
+        It is known from a usable message of the last `stale_after`, also from one that shows nobody. With
+        `silent_when_empty` it is known from silence, too, while a detector is connected. If a person is locked, nobody
+        else counts.
+        """
+        if not (self.enabled and self.has_camera) or self._refused or self.locked is not None:
+            return False
+        if self.config.silent_when_empty:
+            return self.detector_connected
+        if self._latest is None:
+            return False
+        arrival_ns = self._latest[1]
+        return arrival_ns == 0 or now_ns - arrival_ns <= self.config.stale_after * 1e9
+
+    def image_at(self, now_ns: int) -> tuple[int, str]:
+        """Return stamp (ns) and frame_id for an output at a time in ns of the arrival clock, if no message arrives.
+
+        The stamp advances with the clock, and keeps the delay of the last message.
+        """
+        if self._latest is None or self.image is None:
+            return now_ns, "" if self.camera.view is None else self.camera.view.intrinsics.frame_id
+        stamp_ns, arrival_ns = self._latest
+        return stamp_ns + (max(now_ns - arrival_ns, 0) if arrival_ns else 0), self.image[1]
 
     @property
     def trackers(self) -> dict[str, Tracker]:
@@ -161,6 +204,7 @@ class Pipeline:
         """Forget all people, the stamps and the depth images. The camera and the counts stay."""
         if self.depth is not None:
             self.depth.reset()
+        self.depth_check.reset()
         self.forget_people()
 
     def forget_people(self) -> None:
@@ -182,6 +226,7 @@ class Pipeline:
         for tracked in self._trackable:
             tracked.tracker.tune(tracker_config)
         self.config = config
+        self.people.tune(self.config.follow, self.config.lock)
         if resized:
             self.reset()
 
@@ -226,6 +271,7 @@ class Pipeline:
 
     def _frames(self, message: Any, arrival_ns: int) -> list[FrameResult]:
         stamp_ns, frame_id, self.nobody_in_view = arrival_ns, "", False
+        sampled: Keypoints | None = None
         try:
             keypoints, view = self._decode(message)
             frame_id = keypoints.frame_id or view.intrinsics.frame_id
@@ -242,15 +288,21 @@ class Pipeline:
             if keypoints.depth is not None:
                 self.counts[DEPTH_IN_MESSAGE] += bool(np.count_nonzero(keypoints.depth > 0) >= FEWEST)
             elif self.depth is not None:
-                keypoints = self.depth.with_depth(keypoints, stamp_ns, view.size, view.intrinsics.frame_id)
+                sampled = self.depth.with_depth(keypoints, stamp_ns, view.size, view.intrinsics.frame_id)
+                self.counts[MISFIT] += bool(self.depth_check.fault)
+                keypoints = keypoints if self.depth_check.fault else sampled
             image = PeopleImage(keypoints, stamp_ns, frame_id, view.lens, self._has_persistent_numbers(keypoints))
             if self._is_back_in_time(image, arrival_ns, stamped):
                 self._jump_back(image)
             self._switch_camera(view.intrinsics.frame_id)
             self._follow_mount(image)
             frames = self.people.update(image, self.config.forget_after)
+            if sampled is not None and self.tracker.config.smoothing_lag == 0:
+                self.depth_check.update(sampled, frames)
         except AdapterError as error:
+            self._refused = True
             return [FrameResult(stamp_ns, frame_id, None, error.reason, str(error))]
+        self._refused = False
         self._latest, self.image = (stamp_ns, arrival_ns), (stamp_ns, frame_id)
         if all(frame.accepted for frame in frames):
             self._stamps.seen(stamp_ns, self.people.tracked_at(stamp_ns))
@@ -332,10 +384,10 @@ class Pipeline:
         return len(persons) == 0 or bool(persons.min() >= 0)
 
 
-def _people_tracker(people: Sequence[TrackedPerson], counts: Counter[str], several: bool) -> PeopleTracker:
+def _people_tracker(people: Sequence[TrackedPerson], counts: Counter[str], config: NodeSettings) -> PeopleTracker:
     """Return the tracker for one person or several. MultiPersonTracker is imported on demand, see assignment.py."""
-    if not several:
-        return SinglePersonTracker(people[0])
+    if not config.several_people:
+        return SinglePersonTracker(people[0], config.follow, config.lock)
     from lassokin_ros.pipeline.people.multi_person import MultiPersonTracker
 
-    return MultiPersonTracker(people, counts)
+    return MultiPersonTracker(people, counts, config.follow, config.lock)

@@ -8,6 +8,7 @@ from pathlib import Path
 from lassokin_ros.core.config import OFF, check_setting, setting
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.yaml_files import SUFFIXES
+from lassokin_ros.pipeline.people.choice import CONFIDENT, RULES, number_named
 from msg_adapters.detectors.registry import ADAPTERS, full_type_name
 from msg_adapters.output_messages.people import BUILDERS
 
@@ -34,6 +35,14 @@ class NodeSettings:
     )
     depth_registered: bool = setting(
         False, "depth images are registered to the colour image even if their frame_id differs from its frame_id"
+    )
+    depth_wait: float = setting(
+        0.005,
+        "longest time for which a keypoint message waits for the depth image of its time; more for a pipeline that "
+        "registers or compresses slowly, at the cost of latency",
+        "s",
+        0.001,
+        1.0,
     )
     rectified: bool = setting(
         False, "keypoints are pixels of the rectified image: camera_info's P is used in place of K and D"
@@ -71,6 +80,32 @@ class NodeSettings:
         MESSAGE,
         "what identifies people over time: the message's person numbers if they persist, or the node's own matching",
         choices=(MESSAGE, NODE),
+    )
+    follow: str = setting(
+        CONFIDENT,
+        f"who is followed, or locked by ~/lock: the rule {', '.join(RULES)}, or the number of a person from the "
+        "detector, such as p7",
+        live=True,
+    )
+    lock: bool = setting(
+        False,
+        "the first person who is tracked stays the only one until ~/lock is called with false; otherwise another "
+        "person is followed, under a new id, forget_after after the first one has left",
+        live=True,
+    )
+    stale_after: float = setting(
+        0.4,
+        "a person without a result for this long is reported as lost, and so is the state without keypoints; the "
+        "tracker keeps the person until lost_after",
+        "s",
+        0.05,
+        3600.0,
+        live=True,
+    )
+    silent_when_empty: bool = setting(
+        False,
+        "the detector sends nothing while nobody is in view: silence is reported as nobody; otherwise as lost",
+        live=True,
     )
     forget_after: float = setting(3.0, "a person who is not seen for this long has left", "s", 0.1, 3600.0, live=True)
     rep155: bool = setting(
@@ -138,6 +173,10 @@ class NodeSettings:
         if any(character.isspace() for character in self.camera_mount_frame):
             raise ConfigurationError(
                 f"camera_mount_frame is '{self.camera_mount_frame}'; expected the name of a TF frame, or nothing"
+            )
+        if self.follow not in RULES and number_named(self.follow) is None:
+            raise ConfigurationError(
+                f"follow is '{self.follow}'; expected {', '.join(RULES)}, or the number of a person, such as p7"
             )
         if self.publish_tf == ALL and self.state_publisher:
             raise ConfigurationError(

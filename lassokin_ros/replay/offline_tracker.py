@@ -21,6 +21,7 @@ from lassokin_ros.pipeline.outputs.description.skeleton_file import save_all
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages, id_list
 from lassokin_ros.pipeline.outputs.naming import Naming
 from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, images_of
+from lassokin_ros.pipeline.outputs.skeletons_message import SkeletonsMessage
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
 from lassokin_ros.pipeline.outputs.status.presence_state import TRACKING, PresenceState
 from lassokin_ros.pipeline.outputs.status.warning_log import WarningLog
@@ -40,7 +41,7 @@ LAST_PERIOD_NS = 700_000_000
 RECORDED = {topic.name for topic in (*topics.FRAME_OUTPUTS, topics.ROI_OUTPUT, topics.TF_OUTPUT)}
 """Topics of an accepted frame that are written."""
 DEPTH_WAIT_NS = 100_000_000
-"""ns of recording time for which a keypoint message waits for its depth image."""
+"""ns of recording time for which a keypoint message waits for its depth image; `depth_wait` if that is longer."""
 UNREADABLE = "not_deserialised"
 LINK_AS_FRAME = "frame_id is a link's name"
 """Key of the count of frames whose frame_id robot_description cannot use as its base."""
@@ -145,9 +146,10 @@ class OfflineTracker:
 
     def _track_held(self, now_ns: int) -> Iterator[tuple[str, str, Any]]:
         """Track the keypoint messages whose depth image was received or is not expected any more."""
+        wait_ns = max(DEPTH_WAIT_NS, round(1e9 * self.pipeline.config.depth_wait))
         while self._held:
             message, time_ns = self._held[0]
-            depth, late = self.pipeline.depth, now_ns - time_ns >= DEPTH_WAIT_NS
+            depth, late = self.pipeline.depth, now_ns - time_ns >= wait_ns
             if depth is not None and message is not None and not late and depth.may_receive(stamp_of(message)):
                 return
             self._held.popleft()
@@ -278,6 +280,8 @@ class SceneMessages:
                 add_type(types, name, definition)
         self._people = PeopleMessages(backend, self._type, serialised)
         self._name = topics.full_name(topics.PEOPLE, NODE_NAME)
+        self._skeletons = SkeletonsMessage(backend, pipeline.tracker.skeleton.joint_count, serialised)
+        self._skeletons_name = topics.full_name(topics.SKELETONS, NODE_NAME)
         self._state, self._text = PresenceState(), StringBuilder(backend)
 
     def state(self) -> tuple[str, str, Any]:
@@ -291,16 +295,20 @@ class SceneMessages:
         config = pipeline.tracker.config
         for image, people in images_of(frames, pipeline.image, config.smoothing_lag > 0):
             self._people.update(people, pipeline.ids)
-            message = self._people.build(image, config.lost_after, pipeline.config.forget_after)
+            message = self._people.build(image, pipeline.reported_lost_after, pipeline.config.forget_after)
             yield self._name, self._type, message
+            skeletons = self._skeletons.build(image, people)
+            yield self._skeletons_name, topics.SKELETONS_OUTPUT.message_type, skeletons
         tracked = config.smoothing_lag == 0 and any(frame.accepted for frame in frames)
         if self._state.value != TRACKING or not tracked:
             yield from self.check(time_ns)
 
     def check(self, time_ns: int) -> Iterator[tuple[str, str, Any]]:
         """Yield the state if it has changed. time_ns: recording time of the present message."""
-        limits = self._pipeline.tracker.config.lost_after, self._pipeline.config.forget_after
-        if self._state.update(self._pipeline.presence_at(time_ns), time_ns, *limits):
+        pipeline = self._pipeline
+        limits = pipeline.reported_lost_after, pipeline.config.forget_after
+        informed = pipeline.is_informed_at(time_ns)
+        if self._state.update(pipeline.presence_at(time_ns), time_ns, *limits, informed):
             yield self.state()
 
 

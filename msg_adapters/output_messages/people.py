@@ -26,7 +26,8 @@ DETECTIONS_TYPE, PEOPLE_TYPE = "vision_msgs/msg/Detection3DArray", "people_msgs/
 CLASS_ID = "person"
 TRACKING, LOST = "tracking", "lost"
 POINT = np.dtype(
-    [*((name, "<f4") for name in (*MOTION, *COVARIANCE)), ("confidence", "<f4"), ("person", "<i4"), ("tracked", "<i4")]
+    [(name, "<f4") for name in (*MOTION, *COVARIANCE, "confidence", "age")]
+    + [(name, "<i4") for name in ("person", "tracked", "detector_id", "guessed")]
 )
 DEFINITIONS: Mapping[str, str] = {
     "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score",
@@ -61,6 +62,9 @@ class PersonReport:
     velocity: (3,) m/s, of the pelvis.
     covariance: (6, 6), of position (m) and rotation about the axes of the frame (rad).
     joints: (n, 3) m, positions.
+    age: s by which the last frame with the person is older than the message.
+    detector_id: the person's number from the detector; -1 if it has none that lasts.
+    guessed: True if the person was found again by place after an absence, and may be somebody else.
     """
 
     id: str
@@ -71,6 +75,9 @@ class PersonReport:
     velocity: np.ndarray
     covariance: np.ndarray
     joints: np.ndarray
+    age: float = 0.0
+    detector_id: int = -1
+    guessed: bool = False
 
     @property
     def number(self) -> int:
@@ -131,7 +138,10 @@ class DetectionsBuilder:
 
 
 class PeopleMsgsBuilder:
-    """people_msgs/People. reliability: the confidence. Tags: state, and xx to zz of the position's covariance."""
+    """people_msgs/People. reliability: the confidence.
+
+    Tags: state, xx to zz of the position's covariance, age, detector_id, and guessed (0 or 1).
+    """
 
     def __init__(self, backend: Backend) -> None:
         self._backend = backend
@@ -150,8 +160,9 @@ class PeopleMsgsBuilder:
         place.x, place.y, place.z = person.position.tolist()
         velocity.x, velocity.y, velocity.z = person.velocity.tolist()
         variances = person.covariance[:3, :3].reshape(9)[UPPER]
-        message.tagnames = ["state", *COVARIANCE]
-        message.tags = [person.state, *(f"{variance:.6g}" for variance in variances.tolist())]
+        message.tagnames = ["state", *COVARIANCE, "age", "detector_id", "guessed"]
+        tags = [person.state, *(f"{variance:.6g}" for variance in variances.tolist())]
+        message.tags = [*tags, f"{person.age:.3f}", str(person.detector_id), str(int(person.guessed))]
         return message
 
 
@@ -159,7 +170,7 @@ class PeopleCloudBuilder:
     """sensor_msgs/PointCloud2, one point per person.
 
     x, y, z in m, vx, vy, vz in m/s, xx, xy, xz, yy, yz, zz in m^2: pelvis; confidence; person: `PersonReport.number`;
-    tracked: 1, or 0 for a person who is lost.
+    tracked: 1, or 0 for a person who is lost. age, detector_id, guessed: as in PersonReport.
     """
 
     def __init__(self, backend: Backend, serialised: bool = False) -> None:
@@ -174,9 +185,11 @@ class PeopleCloudBuilder:
         for row, person in zip(values, people):
             row[:3], row[3:6] = person.position, person.velocity
             row[6:12] = person.covariance[:3, :3].take(UPPER)
-            row[12] = person.confidence
+            row[12:14] = person.confidence, person.age
         points["person"] = [person.number for person in people]
         points["tracked"] = [person.tracked for person in people]
+        points["detector_id"] = [person.detector_id for person in people]
+        points["guessed"] = [person.guessed for person in people]
         fill = self._fill if len(people) > 0 else self._cloud.fill
         return fill(stamp_ns, frame_id, points)
 

@@ -1,15 +1,24 @@
-"""All joints of one person as sensor_msgs/PointCloud2: position, velocity, covariance, and whether it is observed."""
+"""All joints of one person, or of everybody, as sensor_msgs/PointCloud2.
+
+Each joint has a position, a velocity, a covariance, and whether it is observed.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from msg_adapters.backends import Backend
-from msg_adapters.output_messages.clouds import Cloud
+from msg_adapters.output_messages.clouds import Cloud, CloudBuilder
 from msg_adapters.output_messages.joint_uncertainty import COVARIANCE, UPPER
+from msg_adapters.output_messages.serialised_messages import SerialisedMessage
 
 MOTION = ("x", "y", "z", "vx", "vy", "vz")
 POINT = np.dtype([*((name, "<f4") for name in (*MOTION, *COVARIANCE)), ("index", "<i4"), ("observed", "<i4")])
+SKELETONS_POINT = np.dtype([*POINT.descr, ("person", "<i4")])
 
 
 class SkeletonCloudBuilder(Cloud):
@@ -35,3 +44,46 @@ class SkeletonCloudBuilder(Cloud):
         self._values[:, 6:12] = covariance.reshape(-1, 9).take(UPPER, axis=1)
         self._points["observed"] = observed
         return self._points.view(np.uint8)
+
+
+@dataclass(frozen=True, eq=False)
+class JointsReport:
+    """The joints of one person.
+
+    Attributes
+    ----------
+    person: number of the person, see `people.number_of`.
+    positions: (n, 3) m; velocities: (n, 3) m/s; covariance: (n, 3, 3) m^2; observed: (n,) bool.
+    """
+
+    person: int
+    positions: np.ndarray
+    velocities: np.ndarray
+    covariance: np.ndarray
+    observed: np.ndarray
+
+
+class SkeletonsCloudBuilder:
+    """One point per joint and person, all joints of a person in a row: the fields of SkeletonCloudBuilder and person.
+
+    person: number of the person, as in ~/people.
+    """
+
+    def __init__(self, backend: Backend, count: int, serialised: bool = False) -> None:
+        """count: number of joints. serialised: return serialised messages where there are people."""
+        self._count = count
+        self._cloud = CloudBuilder(backend, SKELETONS_POINT)
+        self._fill = SerialisedMessage(self._cloud, backend).fill if serialised else self._cloud.fill
+
+    def fill(self, stamp_ns: int, frame_id: str, people: Sequence[JointsReport]) -> Any:
+        """Return the message. Without people it is empty."""
+        points = np.zeros((len(people), self._count), SKELETONS_POINT)
+        values = points.view("<f4").reshape(len(people), self._count, SKELETONS_POINT.itemsize // 4)
+        for row, person in zip(values, people):
+            row[:, :3], row[:, 3:6] = person.positions, person.velocities
+            row[:, 6:12] = person.covariance.reshape(-1, 9).take(UPPER, axis=1)
+        for row, person in zip(points, people):
+            row["person"], row["observed"] = person.person, person.observed
+        points["index"] = np.arange(self._count)
+        fill = self._fill if len(people) > 0 else self._cloud.fill
+        return fill(stamp_ns, frame_id, points.reshape(-1))

@@ -13,6 +13,7 @@ from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.tracker import Tracker
+from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.description.urdf import urdf
 from lassokin_ros.pipeline.outputs.description.urdf_from_parameters import urdf_from_settings
 from lassokin_ros.pipeline.parameter_files import offline_settings
@@ -61,7 +62,7 @@ def launch_file(monkeypatch):
     """The launch file as a module, with recording replacements if launch is not installed (it is not on PyPI)."""
     for name, members in {
         "launch": ("LaunchContext", "LaunchDescription"),
-        "launch.actions": ("DeclareLaunchArgument", "ExecuteProcess", "OpaqueFunction"),
+        "launch.actions": ("DeclareLaunchArgument", "ExecuteProcess", "LogInfo", "OpaqueFunction"),
         "launch_ros": (),
         "launch_ros.actions": ("Node",),
         "launch_ros.parameter_descriptions": ("ParameterValue",),
@@ -168,8 +169,6 @@ def test_launch_reads_every_boolean_in_the_same_way(launch_file, text, value):
         ({"frames": "never"}, "frames:=never"),
         ({"use_sim_time": "2"}, "use_sim_time:=2"),
         ({"log_level": "loud"}, "log_level:=loud; expected one of: debug"),
-        ({"heigth": "1.8"}, "no argument 'heigth'; did you mean 'height'"),
-        ({"keypoint": "/a"}, "did you mean 'keypoints'"),
         ({"height": "9"}, "0 to 2.6 m"),
         ({"params": "nothing"}, "nothing.yaml"),
     ],
@@ -179,5 +178,25 @@ def test_launch_refuses_bad_arguments_before_anything_starts(launch_file, given,
         start(launch_file, **given)
 
 
+@pytest.mark.parametrize(("name", "close"), [("heigth", "height"), ("keypoint", "keypoints"), ("camera1", "camera")])
+def test_an_argument_that_resembles_another_one_is_a_warning(launch_file, name, close):
+    """It may be misspelt, or declared by an including launch file for another one."""
+    started = start(launch_file, **{name: "1.8"})
+    assert f"no argument '{name}'" in started["bag"].msg and f"did you mean '{close}'" in started["bag"].msg
+    assert "lassokin_ros" in started
+
+
 def test_launch_ignores_arguments_of_an_including_launch_file(launch_file):
-    assert start(launch_file, robot_name="arm", world="office")
+    assert set(start(launch_file, robot_name="arm", world="office")) == {"lassokin_ros", "robot_state_publisher"}
+
+
+def test_rviz_of_several_people_has_the_topics_of_everybody(launch_file):
+    """A topic of one person would have no publisher."""
+    shown = start(launch_file, rviz="1", max_people="3")["rviz2"].arguments[1]
+    displays = yaml.safe_load(Path(shown).read_text(encoding="utf-8"))["Visualization Manager"]["Displays"]
+    found = {display["Topic"]["Value"] for display in displays if "Topic" in display}
+    assert found == {"image_raw", "tracker/markers", "tracker/people", "tracker/skeletons"}
+    layout = (CONFIG / "foxglove_people.json").read_text(encoding="utf-8")
+    one = {topic.name for topic in topics.PERSON_OUTPUTS} - {topics.MARKERS}
+    assert not [name for name in one if re.search(f'"/tracker/{name.removeprefix("~/")}[".]', layout)]
+    assert '"/tracker/people"' in layout and '"/tracker/skeletons"' in layout

@@ -43,7 +43,6 @@ def test_booleans_select_the_started_nodes(text, rviz):
         ({"rviz": "maybe"}, "rviz:=maybe; expected one of"),
         ({"frames": "never"}, "frames:=never"),
         ({"use_sim_time": "2"}, "use_sim_time:=2"),
-        ({"heigth": "1.8"}, "did you mean 'height'"),
         ({"height": "9"}, "0 to 2.6 m"),
     ],
 )

@@ -39,7 +39,8 @@ def webcam(monkeypatch, tmp_path):
         "ament_index_python.packages": {"PackageNotFoundError": NotFound, "get_package_share_directory": share},
         "launch": {"LaunchContext": Recorded, "LaunchDescription": Recorded},
         "launch.actions": dict.fromkeys(
-            ("DeclareLaunchArgument", "ExecuteProcess", "IncludeLaunchDescription", "OpaqueFunction"), Recorded
+            ("DeclareLaunchArgument", "ExecuteProcess", "IncludeLaunchDescription", "LogInfo", "OpaqueFunction"),
+            Recorded,
         ),
         "launch.launch_description_sources": {"PythonLaunchDescriptionSource": Recorded},
         "launch_ros": {},
@@ -102,7 +103,7 @@ def test_the_tracker_gets_the_detectors_layout(webcam):
     tracker_launch = load("tracker")
     for given, layout in [({}, "mediapipe33"), ({"detector": "rtmpose.onnx"}, "coco17"), ({"landmarks": "h36m17"}, "")]:
         _, _, arguments = start(webcam[0], height="1.6", **given)
-        # tracker.launch.py refuses misspelt names and starts the tracker.
+        # tracker.launch.py warns of misspelt names and starts the tracker.
         *declared, function = tracker_launch.generate_launch_description().args[0]
         defaults = {argument.args[0]: argument.default_value for argument in declared}
         actions = function.function(SimpleNamespace(launch_configurations={**defaults, **arguments}))

@@ -15,7 +15,7 @@ from live import BACKEND, NO_HANDLERS, ROOT, TRACKER, NodeProcess, Peer, stamp_o
 from messages import FRAME, camera_info, crowd, pixels_of_motion, rosbags_backend  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from recordings import read, write_messages  # noqa: E402
-from std_srvs.srv import Trigger  # noqa: E402
+from std_srvs.srv import SetBool, Trigger  # noqa: E402
 
 from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
@@ -120,6 +120,31 @@ def test_each_of_several_people_has_a_set_of_topics():
         with Peer(namespace, outputs=False) as late:
             again = PeerOfTwo(late)
             late.spin_until(lambda: again.lists() == ["p4,p9"], what="the latched list")
+    assert "Traceback" not in node.said
+
+
+def test_the_locked_person_has_the_topics_of_one_person_too():
+    namespace = "/locked"
+    with NodeProcess(namespace, "-p", "max_people:=3", "-p", "follow:=p9") as node:
+        with Peer(namespace, outputs=False) as peer:
+            them = PeerOfTwo(peer)
+            for topic in (topics.FRAME_OUTPUTS[2], topics.DESCRIPTION_OUTPUT):
+                them.listen(topic.name, topic)
+            refused = peer.call(SetBool, "lock", SetBool.Request(data=True))
+            assert not refused.success and "shows nobody" in refused.message
+            them.send_until(lambda: them.got["tracker/bodies/p9/joints"], "both people")
+            assert not them.got["tracker/joints"]
+            answer = peer.call(SetBool, "lock", SetBool.Request(data=True))
+            assert (answer.success, answer.message) == (True, "locked: p9")
+            one, of_p9 = them.got["tracker/joints"], them.got["tracker/bodies/p9/joints"]
+            them.send_until(lambda: len(one) > 3 and them.got["tracker/robot_description"], "the locked person")
+            by_stamp = {stamp_of(message): message.poses for message in of_p9}
+            assert all(by_stamp[stamp_of(message)] == message.poses for message in one if stamp_of(message) in by_stamp)
+            peer.listen(topics.STATE_OUTPUT)
+            states = peer.got[topics.STATE]
+            them.send_until(lambda: [m.data for m in states[-1:]] == ["lost"], "lost, beside p4", (4,), step=6)
+            assert peer.call(SetBool, "lock", SetBool.Request(data=False)).success
+            them.send_until(lambda: states[-1].data == "tracking", "tracking of anybody", (4,))
     assert "Traceback" not in node.said
 
 
@@ -231,7 +256,13 @@ def test_replay_writes_each_persons_topics(recording, tmp_path, rep155):
             assert found.pop(f"{folder}/{person}/{topic.name.removeprefix('~/')}") == frames
         assert found.pop(f"{folder}/{person}/{description}") == described
         assert found.pop(f"{folder}/{person}/roi", 0) == frames * rep155
-    assert found == {f"{folder}/tracked": 2, "/tf": 40, "/tracker/people": 30, "/tracker/state": 2}
+    assert found == {
+        f"{folder}/tracked": 2,
+        "/tf": 40,
+        "/tracker/people": 30,
+        "/tracker/skeletons": 30,
+        "/tracker/state": 2,
+    }
     frames = {m.transforms[0].child_frame_id for _, m in read(tmp_path / "out", "/tf")}
     assert frames == {"body_p4", "body_p9"} if rep155 else {"tracker/p4/body", "tracker/p9/body"}
     lists = [m.ids if rep155 else m.data.split(",") for _, m in read(tmp_path / "out", f"{folder}/tracked")]

@@ -61,6 +61,7 @@ def test_the_policy_allows_exactly_the_outputs_of_topics_py():
     others = [
         topics.DIAGNOSTICS,
         topics.PEOPLE,
+        topics.SKELETONS,
         topics.STATE,
         topics.TF,
         topics.TRACKED_OUTPUT.name,

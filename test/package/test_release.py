@@ -17,7 +17,7 @@ from installation.pip_only import PIP_ONLY
 
 ROOT = Path(__file__).resolve().parents[2]
 MANIFEST = ElementTree.parse(ROOT / "package.xml").getroot()
-ON_REQUEST = {"hri_msgs", "yolo_msgs", "zed_msgs", "vision_msgs", "people_msgs"}
+ON_REQUEST = {"hri_msgs", "yolo_msgs", "zed_msgs", "vision_msgs", "people_msgs", "rviz2"}
 """Packages of message types that a parameter must request. The node names a missing one."""
 APT = {"numpy": "python3-numpy", "cv2": "python3-opencv", "scipy": "python3-scipy", "yaml": "python3-yaml"}
 PIP = {"av", "distributed", "mediapipe", "onnxruntime", "plotly", "proxsuite", "qpsolvers", "rerun", "rosbags"}
@@ -50,7 +50,7 @@ def test_every_used_ros_package_is_a_dependency():
         used |= set(re.findall(r'package="(\w+)"', text))
     used -= {"lassokin_ros", *ON_REQUEST}
     assert used <= keys("exec_depend"), used - keys("exec_depend")
-    assert {"sensor_msgs", "tf2_msgs", "std_srvs", "rviz2"} <= used
+    assert {"sensor_msgs", "tf2_msgs", "std_srvs", "robot_state_publisher"} <= used
 
 
 def imports_of(path):

@@ -22,7 +22,7 @@ from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
 BACKEND = rosbags_backend()
 PIXELS = pixels_of_motion(12, 30.0)
-START_NS, PERIOD_NS = 10**12, 33_333_333
+START_NS, PERIOD_NS, SECOND = 10**12, 33_333_333, 10**9
 
 
 @pytest.fixture
@@ -147,12 +147,32 @@ def test_reset_forgets_the_depth_images():
 
 def test_presence_goes_on_with_the_clock_of_arrivals(pipeline):
     assert pipeline.presence_at(10**15).status is Status.SEARCHING
-    lost_after_ns = round(pipeline.tracker.config.lost_after * 1e9)
+    lost_after_ns = round(pipeline.reported_lost_after * 1e9)
+    assert pipeline.reported_lost_after == pipeline.config.stale_after < pipeline.tracker.config.lost_after
     pipeline.frames(message(0), 7 * 10**9)
     for after_ns, status in ((-(10**9), "tracking"), (lost_after_ns, "tracking"), (lost_after_ns + 10**6, "lost")):
         presence = pipeline.presence_at(7 * 10**9 + after_ns)
         assert (presence.status.value, presence.ids) == (status, None)
     assert pipeline.status is Status.TRACKING
+
+
+def test_silence_informs_only_if_it_is_set(pipeline):
+    """Whether it is known that nobody is in view: by the last usable message, or by the silence of a live detector."""
+    quiet = replace(pipeline.config, silent_when_empty=True)
+    assert not pipeline.is_informed_at(SECOND) and pipeline.image_at(9) == (9, FRAME)
+    pipeline.frames(message(0), 7 * SECOND)
+    assert pipeline.is_informed_at(7 * SECOND + SECOND // 3) and not pipeline.is_informed_at(8 * SECOND)
+    assert pipeline.image_at(8 * SECOND) == (START_NS + SECOND, FRAME)
+    pipeline.tune(pipeline.tracker.config, quiet)
+    assert pipeline.is_informed_at(8 * SECOND)
+    pipeline.detector_connected = False
+    assert not pipeline.is_informed_at(8 * SECOND)
+    pipeline.detector_connected = True
+    assert pipeline.frames(message(0), 9 * SECOND)[0].rejection == "old_stamp"
+    assert not pipeline.is_informed_at(9 * SECOND)  # the last message was refused
+    pipeline.enabled = False
+    assert not pipeline.is_informed_at(9 * SECOND)
+    assert not Pipeline(TrackerConfig(), quiet).is_informed_at(1)  # without a camera every message is refused
 
 
 def test_another_height_resets_and_other_settings_do_not(pipeline):

@@ -60,8 +60,9 @@ def test_each_frame_has_one_message_of_every_output_with_its_stamp(recording, re
     assert counts.pop("/tracker/robot_description") == ("std_msgs/msg/String", 1)
     assert counts.pop("/diagnostics") == ("diagnostic_msgs/msg/DiagnosticArray", FRAMES // int(RATE) - 1)
     assert counts.pop("/tracker/state") == ("std_msgs/msg/String", 2)
-    assert [message.data for _, message in read(replayed, "/tracker/state")] == ["nobody", "tracking"]
-    topics = {**FRAME_TOPICS, "/tracker/people": "sensor_msgs/msg/PointCloud2"}
+    assert [message.data for _, message in read(replayed, "/tracker/state")] == ["lost", "tracking"]
+    cloud = "sensor_msgs/msg/PointCloud2"
+    topics = {**FRAME_TOPICS, "/tracker/people": cloud, "/tracker/skeletons": cloud}
     assert counts == {name: (kind, FRAMES) for name, kind in topics.items()}
     inputs = [(time_ns, stamp(message.header)) for time_ns, message in read(recording, "/keypoints")]
     for topic in topics:

@@ -1,7 +1,7 @@
 """Depth images, and the keypoint messages that wait a moment for them.
 
 A depth image is large and often arrives a few milliseconds after the small keypoint message of the same time. The
-keypoint message then waits, at most WAIT_S. After that the depth image of the period before is used (see
+keypoint message then waits, at most `depth_wait`. After that the depth image of the period before is used (see
 `DepthImages`). If most images are later than that, messages no longer wait.
 """
 
@@ -24,11 +24,10 @@ from lassokin_ros.node.message_types import message_class
 from lassokin_ros.node.qos import overrides
 from lassokin_ros.pipeline.depth_images import RECEIVED, DepthImages
 from lassokin_ros.pipeline.outputs.topics import depth_type
+from lassokin_ros.pipeline.settings import NodeSettings
 
 DEPTH = 5
 """Depth images in the middleware's queue."""
-WAIT_S = 0.005
-"""s: longest time for which a keypoint message waits for its depth image. A longer wait gains no accuracy."""
 SILENT_S = 0.5
 """s without a depth image after which keypoint messages do not wait."""
 MOST_FAILED_WAITS = 10
@@ -39,8 +38,9 @@ did not come in time, and falls by 1, down to 0, for one whose image did."""
 class DepthInput:
     """The node's subscription to depth images; `hold` the processing of each keypoint message."""
 
-    def __init__(self, node: Node, topic: str, images: DepthImages, counts: Any, now: float) -> None:
-        """topic: of the depth images; counts: the Counter of `images`; now: s, steady clock."""
+    def __init__(self, node: Node, config: NodeSettings, images: DepthImages, counts: Any, now: float) -> None:
+        """config: of the node; counts: the Counter of `images`; now: s, steady clock."""
+        topic = config.depth
         self._node, self._images, self._counts = node, images, counts
         self._warning = LogThrottle(node.get_logger().warning, time.monotonic)
         self._waiting: deque[tuple[int | None, Callable[[], None]]] = deque()
@@ -49,7 +49,8 @@ class DepthInput:
         self._topic, self._overrides = topic, overrides(node, topic, "subscription")
         self._noted = ""
         self._subscription = self._subscribe(ReliabilityPolicy.BEST_EFFORT)
-        self._timer = node.create_timer(WAIT_S, self._on_timeout, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = node.create_timer(config.depth_wait, self._on_timeout, clock=steady)
         self._timer.cancel()
 
     def _subscribe(self, reliability: ReliabilityPolicy) -> Subscription:

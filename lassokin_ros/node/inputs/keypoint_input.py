@@ -47,6 +47,11 @@ class KeypointInput:
         kind = full_type_name(config.keypoints_type)
         self._missing = MissingInput(node, topics.KEYPOINTS, kind, ADAPTERS, time.monotonic())
 
+    @property
+    def publishers(self) -> int:
+        """Number of publishers of keypoints."""
+        return int(self._subscription.get_publisher_count())
+
     def check(self, now: float, received: bool) -> None:
         """Log missing keypoints; now: s, steady clock. received: whether any were received. Call it periodically."""
         self._missing.check(now, received)

@@ -42,7 +42,13 @@ class Rep155Inputs:
         self._subscriptions: dict[str, Subscription] = {}
         self._listed = False
         tracked = topics.REP155_TRACKED_OUTPUT
-        node.create_subscription(message_class(tracked.message_type), tracked.name, self._on_list, LIST_DEPTH)
+        kind = message_class(tracked.message_type)
+        self._list = node.create_subscription(kind, tracked.name, self._on_list, LIST_DEPTH)
+
+    @property
+    def publishers(self) -> int:
+        """Number of publishers of the list, or before the first list of the bodies that were found."""
+        return int(self._list.get_publisher_count()) if self._listed else len(self._subscriptions)
 
     def find_bodies(self) -> None:
         """Find bodies by their topics until a list is received. Call this periodically."""

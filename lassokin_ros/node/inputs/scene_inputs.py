@@ -56,7 +56,7 @@ class SceneInputs:
         self._camera_publishers = CameraPublishers(node)
         self._depth = None
         if pipeline.depth is not None:
-            self._depth = DepthInput(node, pipeline.config.depth, pipeline.depth, pipeline.counts, time.monotonic())
+            self._depth = DepthInput(node, pipeline.config, pipeline.depth, pipeline.counts, time.monotonic())
         self._transforms = None if pipeline.mount is None else TransformInput(node, pipeline.mount)
         self._missing_clock = MissingInput(node, topics.CLOCK, topics.CLOCK_TYPE, (), time.monotonic())
         self._missing_camera = MissingInput(node, topics.CAMERA_INFO, topics.CAMERA_INFO_TYPE, (), time.monotonic())

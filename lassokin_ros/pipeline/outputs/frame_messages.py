@@ -14,6 +14,7 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.body_frames import BodyFrames
 from lassokin_ros.pipeline.outputs.description.urdf import joint_names
+from lassokin_ros.pipeline.outputs.limbs import Limbs
 from lassokin_ros.pipeline.outputs.rep155 import MappedJoints
 from lassokin_ros.pipeline.outputs.status.certificate_status import certificate_status
 from lassokin_ros.pipeline.settings import OFF, NodeSettings
@@ -31,6 +32,7 @@ from msg_adapters.output_messages.builders import (
 )
 from msg_adapters.output_messages.image_markers import ImageMarkerBuilder, KeypointMarkerBuilder
 from msg_adapters.output_messages.joint_uncertainty import UncertaintyCloudBuilder, UncertaintyMarkersBuilder
+from msg_adapters.output_messages.limb_cloud import LimbCloudBuilder
 from msg_adapters.output_messages.markers import SkeletonMarkersBuilder
 from msg_adapters.output_messages.serialised_messages import SerialisedMessage
 from msg_adapters.output_messages.serialised_status import SerialisedStatus
@@ -130,6 +132,8 @@ class FrameMessages:
         cloud = self._fill(UncertaintyCloudBuilder(backend, count))
         pose = self._fill(PoseWithCovarianceBuilder(backend))
         joints = self._fill(SkeletonCloudBuilder(backend, count))
+        limbs = Limbs(skeleton)
+        ends = self._fill(LimbCloudBuilder(backend, limbs.ends, limbs.roots))
         ellipsoids = self._fill(UncertaintyMarkersBuilder(backend, count, prefix))
         self._builders |= {
             topics.JOINT_UNCERTAINTY: lambda t, f, frame, e: cloud(
@@ -141,6 +145,7 @@ class FrameMessages:
             topics.SKELETON: lambda t, f, frame, e: joints(
                 t, f, e.pose.positions, frame.joint_velocities, frame.uncertainty.absolute.joints, frame.observed
             ),
+            topics.LIMBS: lambda t, f, frame, _: ends(t, f, *limbs.read(frame)),
             topics.UNCERTAINTY_MARKERS: lambda t, f, frame, e: ellipsoids(
                 t, f, e.pose.positions, *principal_axes(frame.uncertainty.covariance)
             ),

@@ -50,7 +50,7 @@ class PeopleMessages:
         for frame in self._newest.values():
             age_s = (stamp_ns - frame.stamp_ns) * 1e-9
             if 0 <= age_s <= max(forget_after, lost_after) and frame.frame_id == frame_id:
-                people.append(person_report(frame, age_s <= lost_after))
+                people.append(person_report(frame, age_s <= lost_after, age_s))
         return self._builder.fill(stamp_ns, frame_id, people)
 
 
@@ -70,13 +70,18 @@ def images_of(frames: Sequence[FrameResult], newest: Image | None, held: bool) -
     return sorted(images.items(), key=lambda item: item[0][0])
 
 
-def person_report(frame: FrameResult, tracked: bool) -> PersonReport:
-    """Return the report on the person of an accepted frame."""
+def id_of(frame: FrameResult) -> str:
+    """Return the id of a frame's person in the messages about all people."""
+    return frame.label or frame.person or SINGLE_PERSON
+
+
+def person_report(frame: FrameResult, tracked: bool, age_s: float = 0.0) -> PersonReport:
+    """Return the report on the person of an accepted frame, which is `age_s` older than the message."""
     estimate = frame.estimate
     assert estimate is not None and estimate.pose is not None and frame.velocity is not None
     positions = estimate.pose.positions
     return PersonReport(
-        id=frame.person or SINGLE_PERSON,
+        id=id_of(frame),
         tracked=tracked,
         confidence=confidence(frame) if tracked else 0.0,
         position=positions[0],
@@ -84,6 +89,9 @@ def person_report(frame: FrameResult, tracked: bool) -> PersonReport:
         velocity=frame.velocity,
         covariance=frame.uncertainty.absolute.pelvis,
         joints=positions,
+        age=age_s,
+        detector_id=frame.detector_id,
+        guessed=frame.guessed,
     )
 
 

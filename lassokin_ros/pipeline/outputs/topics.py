@@ -23,7 +23,9 @@ JOINT_STATES = "~/joint_states"
 TRANSLATION = "~/translation"
 POSE = "~/pose"
 SKELETON = "~/skeleton"
+LIMBS = "~/limbs"
 PEOPLE = "~/people"
+SKELETONS = "~/skeletons"
 STATE = "~/state"
 JOINTS = "~/joints"
 ROBOT_DESCRIPTION = "~/robot_description"
@@ -64,6 +66,7 @@ FRAME_OUTPUTS = (
     OutputTopic(JOINT_UNCERTAINTY, "sensor_msgs/msg/PointCloud2"),
     OutputTopic(POSE, "geometry_msgs/msg/PoseWithCovarianceStamped"),
     OutputTopic(SKELETON, "sensor_msgs/msg/PointCloud2"),
+    OutputTopic(LIMBS, "sensor_msgs/msg/PointCloud2"),
 )
 """One message per accepted frame."""
 
@@ -84,6 +87,9 @@ DIAGNOSTICS_OUTPUT = OutputTopic(DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArr
 STATE_OUTPUT = OutputTopic(STATE, "std_msgs/msg/String", latched=True)
 OTHER_OUTPUTS = (DESCRIPTION_OUTPUT, DIAGNOSTICS_OUTPUT, STATE_OUTPUT)
 """robot_description when the base frame or the lengths change; diagnostics at 1 Hz; state when it changes."""
+
+SKELETONS_OUTPUT = OutputTopic(SKELETONS, "sensor_msgs/msg/PointCloud2")
+"""The joints of all people in one image."""
 
 TF_OUTPUT = OutputTopic(TF, "tf2_msgs/msg/TFMessage")
 """Published if the parameter publish_tf is set."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from typing import Sequence
 
 import numpy as np
@@ -13,9 +15,17 @@ from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.detections import detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.people.assignment import assign
+from lassokin_ros.pipeline.people.choice import (
+    CONFIDENT,
+    GUESS_AFTER_S,
+    SCORES,
+    NoPersonError,
+    nobody_to_lock,
+    number_named,
+)
 from lassokin_ros.pipeline.people.matching import NEAR, distance, distances, is_trackable, match_radius
 from lassokin_ros.pipeline.people.people_tracker import PeopleImage
-from lassokin_ros.pipeline.people.presence import Presence, best
+from lassokin_ros.pipeline.people.presence import Presence, best, reported_status
 from lassokin_ros.pipeline.people.tracked_person import Detection, TrackedPerson
 
 CONFIRMING_MESSAGES = 3
@@ -45,8 +55,18 @@ class Candidate:
 class MultiPersonTracker:
     """Implements PeopleTracker for several people. The trackers are created at the start and reused."""
 
-    def __init__(self, people: Sequence[TrackedPerson], counts: Counter[str]) -> None:
-        """counts: receives the numbers of people who come and leave, and the rejections of single people."""
+    def __init__(
+        self, people: Sequence[TrackedPerson], counts: Counter[str], follow: str = CONFIDENT, lock: bool = False
+    ) -> None:
+        """counts: receives the numbers of people who come and leave, and the rejections of single people.
+
+        follow, lock: see NodeSettings.
+        """
+        self._follow, self._lock_first, self._lock_next = follow, lock, lock
+        self._locked: int | None = None
+        self._guessed: set[int] = set()
+        self._newest: dict[int, Detection] = {}  # the detections of the newest image, by person
+        self._newest_ns = 0
         self._idle = list(people)
         self._counts = counts
         self._present: dict[int, TrackedPerson] = {}
@@ -69,10 +89,41 @@ class MultiPersonTracker:
         """The best status among the people."""
         return best(person.status for person in self._present.values())
 
-    def presence_at(self, stamp_ns: int, forget_after: float) -> Presence:
+    @property
+    def locked(self) -> str | None:
+        """See PeopleTracker.locked."""
+        return None if self._locked is None else name(self._locked)
+
+    def tune(self, follow: str, lock: bool) -> None:
+        """See PeopleTracker.tune."""
+        if lock != self._lock_first:
+            self._lock_next = lock
+        self._follow, self._lock_first = follow, lock
+
+    def lock(self) -> str:
+        """See PeopleTracker.lock."""
+        there = {n: seen for n, seen in self._newest.items() if self._present[n].seen_ns == self._newest_ns}
+        number = number_named(self._follow)
+        if number is None and there:
+            number = max(there, key=lambda n: SCORES[self._follow](there[n]))
+        if number is None or number not in there:
+            raise NoPersonError(nobody_to_lock(self._follow, len(there)))
+        self._locked, self._lock_next = number, False
+        self._guessed.discard(number)
+        return name(number)
+
+    def release(self) -> None:
+        """See PeopleTracker.release."""
+        self._locked, self._lock_next = None, False
+
+    def presence_at(self, stamp_ns: int, forget_after: float, stale_after: float = math.inf) -> Presence:
         """See PeopleTracker.presence_at."""
         there = {key: person for key, person in self.tracked.items() if person.unseen_s(stamp_ns) <= forget_after}
-        return Presence(best(person.status_at(stamp_ns) for person in there.values()), list(there))
+        if self._locked is not None:
+            locked = there.get(name(self._locked))
+            status = Status.LOST if locked is None else reported_status(locked, stamp_ns, stale_after)
+            return Presence(status, list(there))
+        return Presence(best(reported_status(one, stamp_ns, stale_after) for one in there.values()), list(there))
 
     def tracked_at(self, stamp_ns: int) -> bool:
         """See PeopleTracker.tracked_at."""
@@ -89,11 +140,21 @@ class MultiPersonTracker:
         for person in self._idle:
             person.reset()
         self._candidates.clear()
+        self._locked, self._lock_next = None, self._lock_first
 
     def update(self, image: PeopleImage, forget_after: float) -> list[FrameResult]:
         """Track the people of one image; see PeopleTracker.update. Returns accepted results only."""
         detections = detections_by_person(image.keypoints, self._count, image.lens)
-        return self.track(image.stamp_ns, image.frame_id, detections, image.lens, image.persistent, forget_after)
+        results = self.track(image.stamp_ns, image.frame_id, detections, image.lens, image.persistent, forget_after)
+        if self._lock_next:
+            with suppress(NoPersonError):  # wait for the next image
+                self.lock()
+        return [self._identified(result, image.persistent) for result in results]
+
+    def _identified(self, result: FrameResult, persistent: bool) -> FrameResult:
+        number = number_named(result.person)
+        assert number is not None
+        return replace(result, detector_id=number if persistent else -1, guessed=number in self._guessed)
 
     def track(
         self,
@@ -118,6 +179,7 @@ class MultiPersonTracker:
                     self._add(number, stamp_ns, pairs)
         else:
             pairs = self._match(stamp_ns, detections)
+        self._newest, self._newest_ns = {n: seen for n, seen in pairs.items() if n in self._present}, stamp_ns
         return self._track(stamp_ns, frame_id, pairs, lens)
 
     def _track(self, stamp_ns: int, frame_id: str, pairs: dict[int, Detection], lens: Lens) -> list[FrameResult]:
@@ -158,6 +220,7 @@ class MultiPersonTracker:
         costs = self._distances(stamp_ns, usable)
         matched = assign(costs, limits)
         pairs = {numbers[row]: usable[column] for row, column in matched}
+        self._guessed |= {n for n in pairs if GUESS_AFTER_S < self._present[n].unseen_s(stamp_ns) < math.inf}
         known, taken = [row for row, _ in matched], {column for _, column in matched}
         strangers = [d for i, d in enumerate(usable) if i not in taken and np.all(costs[known, i] > SAME_BODY)]
         for stranger in self._confirmed(_without_duplicates(strangers)):
@@ -201,7 +264,8 @@ class MultiPersonTracker:
         The new tracker adopts the direction of gravity from the others.
         """
         if not self._idle:
-            away = [(person.unseen_s(stamp_ns), n) for n, person in self._present.items() if n not in pairs]
+            kept = {*pairs, self._locked}
+            away = [(person.unseen_s(stamp_ns), n) for n, person in self._present.items() if n not in kept]
             if not away or max(away)[0] < REPLACEABLE_AFTER_S:
                 self._counts["people beyond max_people"] += 1
                 return False
@@ -218,6 +282,8 @@ class MultiPersonTracker:
         person = self._present.pop(number)
         person.reset(same_camera=True)
         self._idle.append(person)
+        self._guessed.discard(number)
+        self._newest.pop(number, None)
         self._counts["people left"] += 1
 
 

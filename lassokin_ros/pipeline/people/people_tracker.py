@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Protocol
 
 from lassokin_ros.core.observation import Status
@@ -46,8 +47,16 @@ class PeopleTracker(Protocol):
         """Tracking status. With several people, the best status among them."""
         ...
 
-    def presence_at(self, stamp_ns: int, forget_after: float) -> Presence:
-        """Return the presence at a time, in ns, up to which no message has arrived. The state does not change."""
+    @property
+    def locked(self) -> str | None:
+        """Id of the locked person; None if nobody is locked."""
+        ...
+
+    def presence_at(self, stamp_ns: int, forget_after: float, stale_after: float = math.inf) -> Presence:
+        """Return the presence at a time, in ns, up to which no message has arrived. The state does not change.
+
+        forget_after, stale_after: s, see NodeSettings.
+        """
         ...
 
     def tracked_at(self, stamp_ns: int) -> bool:
@@ -64,4 +73,19 @@ class PeopleTracker(Protocol):
 
     def reset(self) -> None:
         """Forget all people."""
+        ...
+
+    def tune(self, follow: str, lock: bool) -> None:
+        """Apply settings that can change while running; see NodeSettings."""
+        ...
+
+    def lock(self) -> str:
+        """Lock the person whom the setting `follow` names in the newest image, and return the id.
+
+        Raises NoPersonError if there is nobody.
+        """
+        ...
+
+    def release(self) -> None:
+        """Lock nobody."""
         ...

@@ -37,7 +37,7 @@ class PerBodyPipeline(Pipeline):
         self._idle = [Pipeline(tracker_config, self.config, evidence) for _ in range(node_config.max_people)]
         for pipeline in self._idle:
             pipeline.camera, pipeline.counts, pipeline.depth = self.camera, self.counts, self.depth
-            pipeline.mount = self.mount
+            pipeline.mount, pipeline.depth_check = self.mount, self.depth_check
         self._all = tuple(self._idle)
         self._present: dict[str, Pipeline] = {}
         self.config = node_config.checked()
@@ -55,6 +55,22 @@ class PerBodyPipeline(Pipeline):
     def presence_at(self, now_ns: int) -> Presence:
         """As Pipeline.presence_at. The detector's list alone decides who is present."""
         return Presence(best(p.presence_at(now_ns).status for p in self._present.values()), self.ids)
+
+    @property
+    def locked(self) -> str | None:
+        """None: with one topic per body the detector decides who is who, and nobody is locked."""
+        return None
+
+    def is_informed_at(self, now_ns: int) -> bool:
+        """As Pipeline.is_informed_at. The detector's list says who is there; each listed body must have keypoints."""
+        if not (self.enabled and self.has_camera and self.detector_connected):
+            return False
+        return all(pipeline.is_informed_at(now_ns) for pipeline in self._present.values())
+
+    def image_at(self, now_ns: int) -> tuple[int, str]:
+        """As Pipeline.image_at, of the newest message of all bodies."""
+        images = [pipeline.image_at(now_ns) for pipeline in self._present.values() if pipeline.image is not None]
+        return max(images, default=super().image_at(now_ns))
 
     @property
     def trackers(self) -> dict[str, Tracker]:

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from lassokin_ros.core.observation import Status
+
+if TYPE_CHECKING:
+    from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
 
 
 @dataclass(frozen=True)
@@ -17,6 +21,16 @@ class Presence:
 
     status: Status
     ids: list[str] | None = None
+
+
+def reported_status(person: TrackedPerson, stamp_ns: int, stale_after: float) -> Status:
+    """Return the status of a person for the outputs: LOST `stale_after` s after the last accepted frame.
+
+    The tracker itself keeps the person until `lost_after`.
+    """
+    status = person.status_at(stamp_ns)
+    stale = status is Status.TRACKING and person.unseen_s(stamp_ns) > stale_after
+    return Status.LOST if stale else status
 
 
 def best(statuses: Iterable[Status]) -> Status:

@@ -22,7 +22,7 @@ def floor_height(
     person. level: (3, 3) rotation from the camera frame to that of a level camera.
     """
     feet = [i for i, name in enumerate(names) if name.endswith(FEET)]
-    seen = observed[:, feet].any(axis=1) if feet else np.zeros(len(observed), dtype=bool)
+    seen: np.ndarray = np.any(observed[:, feet], axis=1) if feet else np.zeros(len(observed), dtype=bool)
     if not len(seen) or seen.mean() < 0.5:
         return float("nan")
     lowest = -(positions[seen][:, feet] @ level[1]).max(axis=1)

@@ -59,7 +59,8 @@ def spans_of(rows: Sequence[PersonRow], messages: Sequence[MessageRow], lost_aft
     for index, (start, end) in enumerate(zip(edges, edges[1:])):
         if end - start > limit or (not seen and whole):
             at_start = whole and index == 0
-            inside = slice((bisect_left if at_start else bisect_right)(times, start), bisect_right(times, end))
+            until = bisect_right if index + 1 == len(edges) - 1 and whole else bisect_left  # `end` has a skeleton
+            inside = slice((bisect_left if at_start else bisect_right)(times, start), until(times, end))
             reasons = _reasons(messages[inside])
             spans.append(Span(start, end, end - start > lost_after, at_start, reasons))
     return spans

@@ -10,7 +10,8 @@ REASONS: dict[str, tuple[str, str]] = {
     ),
     "person_absent": (
         "tracked person absent, other people present",
-        "a tracked person is replaced only after being lost for `lost_after`; set `max_people` to track several people",
+        "another person is followed `forget_after` after the first one has left, under a new id, and not at all if "
+        "`lock` is set; set `max_people` to track several people",
     ),
     "not_certified": (
         "no certified solution",

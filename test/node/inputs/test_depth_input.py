@@ -14,6 +14,7 @@ from live import BACKEND, Peer  # noqa: E402
 from lassokin_ros.node.inputs import depth_input  # noqa: E402
 from lassokin_ros.node.inputs.depth_input import MOST_FAILED_WAITS, DepthInput  # noqa: E402
 from lassokin_ros.pipeline.depth_images import DepthImages  # noqa: E402
+from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
 START_NS, PERIOD_NS = 10**12, 33_333_333
 
@@ -23,7 +24,7 @@ class Camera:
 
     def __init__(self, node):
         counts = Counter()
-        self.input = DepthInput(node, "aligned", DepthImages(counts), counts, time.monotonic())
+        self.input = DepthInput(node, NodeSettings(depth="aligned"), DepthImages(counts), counts, time.monotonic())
         self.number = 0
         self.image()
         self.image()  # from now on the period is known

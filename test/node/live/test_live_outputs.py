@@ -52,7 +52,7 @@ def test_each_frame_has_exactly_one_of_each_output(reliable):
 def check_contents(got):
     """All outputs of a frame are consistent."""
     for message in zip(*(got[topic.name] for topic in topics.FRAME_OUTPUTS)):
-        state, point, poses, markers, certificate, cloud, pose, skeleton = message
+        state, point, poses, markers, certificate, cloud, pose, skeleton, limbs = message
         assert state.name == joint_names(SKELETON)
         assert len(state.position) == len(state.velocity) == 75 and len(state.effort) == 0
         assert np.isfinite(state.position).all() and np.isfinite(state.velocity).all()
@@ -65,7 +65,7 @@ def check_contents(got):
         bones, balls = markers.markers
         assert np.array_equal([[p.x, p.y, p.z] for p in balls.points], places)
         assert len(bones.points) == 46
-        assert cloud.width == 24
+        assert cloud.width == 24 and limbs.width == 12
         check_covariances(places, pose, skeleton)
         values = values_of(certificate)
         assert values["certified"] == "true"

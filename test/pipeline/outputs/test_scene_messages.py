@@ -1,5 +1,6 @@
 """Messages about all people, the state of tracking, TF of the joints, and labels, without middleware."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,11 +12,13 @@ from scipy.spatial.transform import Rotation
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.observation import Status
+from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
 from lassokin_ros.pipeline.outputs.naming import Naming
 from lassokin_ros.pipeline.outputs.people_messages import PeopleMessages, images_of
 from lassokin_ros.pipeline.outputs.rep155 import LINKS
+from lassokin_ros.pipeline.outputs.skeletons_message import SkeletonsMessage
 from lassokin_ros.pipeline.outputs.status.presence_state import PresenceState
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.people.presence import Presence
@@ -24,6 +27,8 @@ from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.offline_tracker import add_type
 from msg_adapters.backends import RosbagsBackend
 from msg_adapters.output_messages.people import BUILDERS, CLOUD_TYPE, DEFINITIONS, DETECTIONS_TYPE, PEOPLE_TYPE, POINT
+from msg_adapters.output_messages.skeleton_cloud import POINT as SKELETON_POINT
+from msg_adapters.output_messages.skeleton_cloud import SKELETONS_POINT
 
 pytest.importorskip("rosbags")
 START_NS, SECOND = 5_000_000_000, 1_000_000_000
@@ -105,6 +110,20 @@ def test_people_who_left_or_are_of_another_camera_are_left_out(frames):
     assert messages.build((at, FRAME), 1.0, 3.0).width == 1
     messages.update([], ["p2"])
     assert messages.build((at, FRAME), 1.0, 3.0).width == 0
+
+
+def test_the_joints_of_all_people_of_an_image_are_one_message(frames):
+    builder = SkeletonsMessage(BACKEND, 24)
+    frame, at = frames[-1], (frames[-1].stamp_ns, FRAME)
+    assert builder.build(at, []).width == 0
+    refused = FrameResult(at[0], FRAME, rejection="few", person="p3")
+    message = builder.build(at, [replace(frame, label="p7"), refused, replace(frame, label="p2")])
+    points = np.frombuffer(message.data.tobytes(), SKELETONS_POINT)
+    assert points["person"].tolist() == [7] * 24 + [2] * 24 and points["index"].tolist() == [*range(24)] * 2
+    alone = dict(FrameMessages(BACKEND, frame.skeleton).build(frame))[topics.SKELETON]
+    expected = np.frombuffer(alone.data.tobytes(), SKELETON_POINT)
+    for part in points[:24], points[24:]:
+        assert all(np.array_equal(part[name], expected[name]) for name in SKELETON_POINT.names)
 
 
 def test_the_scene_contains_the_people_of_each_image():

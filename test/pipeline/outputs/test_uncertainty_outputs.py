@@ -94,10 +94,11 @@ def test_uncertainty_is_computed_once_and_only_on_request(tracked):
         topics.POSE,
         topics.SKELETON,
         topics.CERTIFICATE,
+        topics.LIMBS,
     )
     others = {topic.name for topic in topics.PERSON_OUTPUTS} - set(uncertain)
     assert len(list(messages.build(frame, others))) == 6 and not asked
-    assert len(list(messages.build(frame, uncertain))) == 5 and len(asked) == 1
+    assert len(list(messages.build(frame, uncertain))) == 6 and len(asked) == 1
 
 
 def test_a_rejected_frame_has_no_uncertainty(tracked):
@@ -113,7 +114,7 @@ def test_the_running_node_publishes_both_and_reports_the_largest():
     from live import NodeProcess, Peer, stamp_of, values_of
 
     namespace, pixels = "/uncertain", pixels_of_motion(5)
-    with NodeProcess(namespace) as node, Peer(namespace) as peer:
+    with NodeProcess(namespace, "-p", "stale_after:=30.0", "-p", "lost_after:=30.0") as node, Peer(namespace) as peer:
         shown = peer.got.setdefault(topics.UNCERTAINTY_MARKERS, [])
         peer.listen(topics.UNCERTAINTY_MARKERS_OUTPUT)
         peer.start(pixels[0])

@@ -339,14 +339,14 @@ def test_the_tracked_person_is_kept_if_the_order_of_people_changes():
 
 @pytest.mark.parametrize("lasting", [True, False], ids=["message", "node"])
 def test_after_a_silence_the_first_message_is_used_for_any_person(lasting):
-    """A detector that restarts numbers people anew, and they have moved."""
+    """A detector that restarts numbers people anew, and they have moved. The silence is longer than forget_after."""
     before, after = walk(10, -0.8, 3.5, 0.0, 1)[1], walk(10, 3.2, 6.0, 0.0, 2)[1]
-    pipeline = pipeline_for(max_people=1, person_ids="message" if lasting else "node")
+    pipeline = pipeline_for(max_people=1, person_ids="message" if lasting else "node", forget_after=1.2)
     for i in range(10):
         assert feed(pipeline, i, [before[i]], [4])
     for i in range(5):
         (frame,) = feed(pipeline, 55 + i, [after[i]], [7]).values()
-        assert frame.estimate.initialised is (i == 0) and abs(frame.positions[2] - 6.0) < 1.0
+        assert frame.label == "p2" and frame.estimate.initialised is (i == 0) and abs(frame.positions[2] - 6.0) < 1.0
 
 
 def test_the_tracked_person_is_kept_over_a_silence():

@@ -10,6 +10,7 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.pipeline.people.choice import NoPersonError
 from lassokin_ros.pipeline.people.multi_person import MOST_REINITIALISED, MultiPersonTracker
 from lassokin_ros.pipeline.people.people_tracker import PeopleImage
 from lassokin_ros.pipeline.people.presence import Presence
@@ -245,6 +246,31 @@ def test_people_outside_the_image_are_marked_absent(room):
     assert room.people[2].absences == 1 and room.people[1].absences == 0
 
 
+def test_one_of_several_people_is_locked(room):
+    with pytest.raises(NoPersonError, match="shows nobody"):
+        room.tracker.lock()
+    room.tracker.tune("p9", False)
+    room.see(0, (0, 0), (5, 0), numbers=[7, 9])
+    assert room.tracker.lock() == "p9" == room.tracker.locked
+    room.see(5, (0, 0), numbers=[7])
+    assert room.tracker.presence_at(SECOND + 5 * PERIOD, 3.0, 0.4) == Presence(Status.LOST, ["p7", "p9"])
+    room.see(31, (0, 0), numbers=[7])
+    assert room.tracker.presence_at(SECOND + 31 * PERIOD, 3.0, 0.4) == Presence(Status.LOST, ["p7"])
+    room.see(32, (0, 0), (5, 0), numbers=[7, 9])
+    assert room.tracker.presence_at(SECOND + 32 * PERIOD, 3.0, 0.4) == Presence(Status.TRACKING, ["p7", "p9"])
+    room.tracker.release()
+    assert room.tracker.locked is None
+
+
+def test_a_locked_person_keeps_the_tracker_while_others_come():
+    room = Room(2)
+    room.tracker.tune("p1", False)
+    room.see(0, (0, 0), (5, 0), numbers=[1, 2])
+    room.tracker.lock()
+    assert room.see(20, (9, 0), (14, 0), numbers=[3, 4]) == ["p3"]
+    assert room.tracker.ids == ["p1", "p3"]
+
+
 # One of several people -----------------------------------------------------------------------------------------------
 
 
@@ -264,7 +290,8 @@ class Followed:
         keypoints = Keypoints(1, "", ids, xy, scores, numbers)
         image = PeopleImage(keypoints, SECOND + index * PERIOD, "camera", LENS, persistent)
         (result,) = self.tracker.update(image, 3.0)
-        self.detail = result.detail
+        self.detail, self.label = result.detail, result.label
+        self.detector_id, self.guessed = result.detector_id, result.guessed
         return round(float(result.points[0, 0]), 6) if result.accepted else result.rejection
 
 
@@ -290,7 +317,8 @@ def test_a_person_whose_number_is_gone_is_searched_among_new_numbers(followed):
     assert followed.see(0, (4, 0.0, 0.9), (5, 0.2, 0.5)) == 0.0
     assert followed.see(1, (5, 0.0, 0.9)) == "person_absent"  # a bystander, though at the place
     assert (
-        "person 4 is not among the 1 in the message; another person is followed after lost_after 1 s" in followed.detail
+        "person 4 is not among the 1 in the message; another person is followed after forget_after 3 s"
+        in followed.detail
     )
     assert followed.see(2, (5, 0.2, 0.9), (6, 0.05, 0.9)) == 0.05  # a new number at the place
     assert followed.see(3, (6, 3.0, 0.9)) == 3.0  # and from then on theirs
@@ -305,10 +333,63 @@ def test_without_persistent_numbers_the_nearest_person_is_tracked(followed):
 
 
 @pytest.mark.parametrize("persistent", [True, False])
-def test_any_person_may_be_tracked_after_a_silence(followed, persistent):
-    assert followed.see(0, (4, 0.0, 0.9), persistent=persistent) == 0.0
-    assert followed.see(10, (7, 5.0, 0.9), persistent=persistent) == "person_absent"
-    assert followed.see(11, (7, 5.0, 0.9), persistent=persistent) == 5.0  # more than lost_after
+def test_another_person_is_followed_under_a_new_id_after_forget_after(followed, persistent):
+    assert followed.see(0, (4, 0.0, 0.9), persistent=persistent) == 0.0 and followed.label == "p1"
+    for index in (10, 11, 30):
+        assert followed.see(index, (7, 5.0, 0.9), persistent=persistent) == "person_absent"
+    assert followed.see(31, (7, 5.0, 0.9), persistent=persistent) == 5.0  # more than forget_after
+    assert (followed.label, followed.detector_id) == ("p2", 7 if persistent else -1)
+    assert followed.person.resets == [True]  # what was learned of the first person is not used for the second
+
+
+@pytest.mark.parametrize("persistent", [True, False])
+def test_a_locked_person_is_never_replaced(followed, persistent):
+    followed.tracker.tune("confident", True)
+    assert followed.see(0, (4, 0.0, 0.9), persistent=persistent) == 0.0 and followed.tracker.locked == "p1"
+    for index in (1, 31, 600):
+        assert followed.see(index, (7, 5.0, 0.9), persistent=persistent) == "person_absent"
+    assert "the person is locked" in followed.detail
+    if persistent:
+        assert followed.see(601, (4, 9.0, 0.9), (7, 5.0, 0.9)) == 9.0 and followed.label == "p1"
+    followed.tracker.release()
+    assert followed.tracker.locked is None
+    assert followed.see(700, (7, 5.0, 0.9), persistent=persistent) == 5.0 and followed.label == "p2"
+
+
+def test_the_rule_names_the_person_to_lock(followed):
+    people = (4, 0.2, 0.9), (5, 3.0, 0.5), (6, -2.0, 0.4)
+    with pytest.raises(NoPersonError, match="shows nobody"):
+        followed.tracker.lock()
+    assert followed.see(0, *people) == 0.2
+    assert followed.tracker.lock() == "p1" == followed.tracker.locked  # who is followed
+    followed.tracker.tune("p5", False)
+    assert followed.tracker.lock() == "p2"
+    assert followed.see(1, *people) == 3.0 and (followed.label, followed.detector_id) == ("p2", 5)
+    followed.tracker.tune("p8", False)
+    with pytest.raises(NoPersonError, match="follow is 'p8', and"):
+        followed.tracker.lock()
+    assert followed.tracker.locked == "p2"
+    followed.tracker.tune("centre", False)
+    assert followed.tracker.lock() == "p3" and followed.see(2, *people) == 0.2
+    followed.tracker.reset()
+    assert followed.tracker.locked is None
+
+
+def test_a_person_found_by_place_after_an_absence_is_a_guess(followed):
+    assert followed.see(0, (0, 0.0, 0.9), persistent=False) == 0.0 and not followed.guessed
+    assert followed.see(5, (0, 0.05, 0.9), persistent=False) == 0.05 and not followed.guessed  # 0.5 s
+    assert followed.see(15, (0, 0.1, 0.9), persistent=False) == 0.1 and followed.guessed
+    assert followed.see(16, (0, 0.1, 0.9), persistent=False) == 0.1 and followed.guessed, "it stays one"
+    assert followed.tracker.lock() == "p1"
+    assert followed.see(17, (0, 0.1, 0.9), persistent=False) == 0.1 and not followed.guessed, "confirmed by the user"
+
+
+def test_the_place_of_a_bystander_is_no_place_of_the_person(followed):
+    """A detection that a bystander explains as well is the bystander's."""
+    for index in range(3):
+        assert followed.see(index, (0, 0.3, 0.9), (1, 0.0, 0.5), persistent=False) == 0.3
+    assert followed.see(3, (0, 0.15, 0.9), persistent=False) == "person_absent"  # half-way between both
+    assert followed.see(4, (0, 0.15, 0.5), (1, 0.32, 0.9), persistent=False) == 0.32
 
 
 def test_people_with_low_or_missing_scores_do_not_count(followed):

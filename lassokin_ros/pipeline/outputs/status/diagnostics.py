@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Sequence
 
 import numpy as np
 
 from lassokin_ros.core.observation import Rejection, Status
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
+from lassokin_ros.pipeline.depth_check import MISFIT
 from lassokin_ros.pipeline.depth_images import COUNTS as DEPTH_COUNTS
 from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
@@ -30,6 +31,11 @@ SILENCE_S = 2.0
 """s: a longer period without keypoints is a warning."""
 PAST_S = 3600.0
 """s: stamps further in the past are considered those of another clock."""
+LATE_S, LATEST_S = 0.5, 60.0
+"""s: keypoints older than the first when they arrive are a warning; older than the second, they are probably of
+a recording."""
+PERIODS = 5
+"""Number of the newest messages that give the period of the keypoints."""
 FUTURE_S = 1.0
 """s: stamps further in the future are considered those of another clock."""
 NEAR_LIMIT = 0.5
@@ -58,6 +64,7 @@ class Diagnostics:
         self._since = now
         self._keypoints_at: float | None = None
         self._camera_at: float | None = None
+        self._periods: deque[float] = deque(maxlen=PERIODS)
         self._counts: Counter[str] = Counter()
         self._begin(now)
         self._hardware_id = ""
@@ -100,6 +107,8 @@ class Diagnostics:
         frames: its results, none if nobody was there. arrival_ns: ns, of the clock that stamps messages; callback_s: s,
         from the message's arrival in the callback to the last output.
         """
+        if self._keypoints_at is not None:
+            self._periods.append(now - self._keypoints_at)
         self._keypoints_at = now
         self._repeated_s = repeated_s(frames)
         self._times_ms.append(1e3 * callback_s)
@@ -164,6 +173,8 @@ class Diagnostics:
             self._clock_advice(),
             *self.inputs,
             direction if self._direction.is_down else "",
+            self._stale_advice(),
+            self._identity_advice(),
             concern,
         )
         concerns = [words for words in possible if words]
@@ -194,12 +205,35 @@ class Diagnostics:
         delay = float(np.median(self._delays)) if self._delays else 0.0
         if delay < -FUTURE_S:
             return f"stamps lie {-delay:.3g} s in the future: synchronise the clocks of the machines"
+        if LATE_S < delay < LATEST_S:
+            return (
+                f"keypoints are {delay:.2g} s old when they arrive: the detector queues images or is too slow; let it "
+                "drop old images"
+            )
         if delay < PAST_S:
             return ""
         return (
             "stamps lie hours in the past: synchronise the clocks of the machines, or play a recording with "
             "`ros2 bag play --clock` and set use_sim_time"
         )
+
+    def _stale_advice(self) -> str:
+        """Return advice if people are reported as lost between two messages; else empty."""
+        if len(self._periods) < PERIODS:
+            return ""
+        limit, period = self._pipeline.reported_lost_after, float(np.median(self._periods))
+        if period <= limit:
+            return ""
+        return (
+            f"keypoints come every {period:.2g} s, and stale_after is {limit:g} s: people are reported as lost in "
+            "between; set it to two or three periods"
+        )
+
+    def _identity_advice(self) -> str:
+        """Return that the followed person may be somebody else; else empty."""
+        if any(frame.guessed for frame in self._newest) and self._pipeline.ids is None:
+            return "the followed person was found again by place only, and may be somebody else; ~/lock confirms it"
+        return ""
 
     def _outside_advice(self, recent: Counter[str]) -> str:
         """Return advice if most keypoints of the period were outside the image; else empty."""
@@ -244,8 +278,8 @@ class Diagnostics:
             return ""
         if not recent[RECEIVED]:
             return f"no depth images on {pipeline.config.depth}: tracking without measured depth"
-        if pipeline.depth.fault:
-            return pipeline.depth.fault
+        if fault := pipeline.depth.fault or pipeline.depth_check.fault:
+            return fault
         if pipeline.depth.frozen:
             return ""  # see input_concerns
         if recent[UNMATCHED] > recent[MATCHED]:
@@ -296,6 +330,7 @@ class Diagnostics:
         for key in ("received", "accepted", "duplicated", "unstamped", "ignored while disabled", OVERTAKEN, LOST):
             values[f"{key} [messages]"] = str(counts[key])
         values["resets"] = str(counts["resets"])
+        values["locked"] = self._pipeline.locked or "nobody"
         if presence.ids is not None:
             values["people"] = ", ".join(presence.ids) or "nobody"
             gone = len(set(self._pipeline.ids or ()) - set(presence.ids))  # in a silence: the next message counts them
@@ -305,7 +340,7 @@ class Diagnostics:
             values["camera roll, pitch from TF [rad]"] = "{:.3f}, {:.3f}".format(*angles)
         if self._pipeline.depth is not None:
             values |= {f"{key} [messages]": str(counts[key]) for key in DEPTH_COUNTS}
-        listed = (OUTSIDE_IMAGE, PLACEHOLDERS, NOBODY, UNUSED, UNSCORED, DEPTH_IN_MESSAGE, LEADING_SLASH)
+        listed = (MISFIT, OUTSIDE_IMAGE, PLACEHOLDERS, NOBODY, UNUSED, UNSCORED, DEPTH_IN_MESSAGE, LEADING_SLASH)
         for key in sorted(key for key in counts if key.startswith("rejected: ") or key in listed):
             values[f"{key} [messages]"] = str(counts[key])
         if self._unused_confidence:

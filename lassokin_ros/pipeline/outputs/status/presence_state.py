@@ -11,18 +11,25 @@ TRACKING, LOST, NOBODY = "tracking", "lost", "nobody"
 class PresenceState:
     """Derives the state from the presence of people, and detects its changes.
 
-    tracking: somebody was tracked less than `lost_after` ago. lost: nobody was, but the last frame of a person is less
-    than `forget_after` ago. nobody: otherwise.
+    tracking: somebody was tracked less than `lost_after` ago. nobody: the images of the last `stale_after` show nobody.
+    lost: otherwise, that is, the last frame of a person is less than `forget_after` ago, or no usable keypoints arrive,
+    so that somebody may be there.
     """
 
     def __init__(self) -> None:
-        self.value = NOBODY
+        self.value = LOST
         """The present state."""
-        self._lost_ns = 0
+        self._lost_ns: int | None = None
 
-    def update(self, presence: Presence, now_ns: int, lost_after: float, forget_after: float) -> bool:
-        """Return True if the state has changed. now_ns: ns of the clock of arrivals; lost_after, forget_after: s."""
-        before, self.value = self.value, self._state(presence, now_ns, forget_after - lost_after)
+    def update(
+        self, presence: Presence, now_ns: int, lost_after: float, forget_after: float, informed: bool = True
+    ) -> bool:
+        """Return True if the state has changed. now_ns: ns of the clock of arrivals; lost_after, forget_after: s.
+
+        informed: see `Pipeline.is_informed_at`.
+        """
+        before, state = self.value, self._state(presence, now_ns, forget_after - lost_after)
+        self.value = LOST if state == NOBODY and not informed else state
         return self.value != before
 
     def _state(self, presence: Presence, now_ns: int, patience_s: float) -> str:
@@ -34,5 +41,7 @@ class PresenceState:
             return LOST
         if self.value == TRACKING:
             self._lost_ns = now_ns
-        remembered = self.value != NOBODY and (now_ns - self._lost_ns) * 1e-9 < patience_s
+        remembered = self._lost_ns is not None and (now_ns - self._lost_ns) * 1e-9 < patience_s
+        if not remembered:
+            self._lost_ns = None
         return LOST if remembered else NOBODY

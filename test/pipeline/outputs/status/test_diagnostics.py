@@ -109,7 +109,15 @@ def test_stamps_hours_in_the_past_are_a_warning_with_advice():
     diagnostics = Diagnostics(pipeline, "tracker", 0.0)
     status = messages(diagnostics, pipeline, 20, 0.9, 10**12, late_ns=7200 * 10**9)
     assert status.level == WARN and "hours in the past" in status.message and "use_sim_time" in status.message
-    assert messages(diagnostics, pipeline, 20, 0.9, 10**12 + 2 * 10**9, late_ns=10**9).message == "tracking"
+    assert messages(diagnostics, pipeline, 20, 0.9, 10**12 + 2 * 10**9, late_ns=10**8).message == "tracking"
+
+
+@pytest.mark.parametrize(("late_s", "level"), [(0.49, OK), (0.51, WARN), (1.5, WARN), (61, OK)])
+def test_keypoints_that_are_late_are_a_warning(late_s, level):
+    pipeline = Pipeline(TrackerConfig(), NodeSettings())
+    pipeline.set_camera(camera_info(BACKEND))
+    status = messages(Diagnostics(pipeline, "tracker", 0.0), pipeline, 20, 0.9, 10**12, late_ns=round(late_s * 1e9))
+    assert status.level == level and ("s old when they arrive" in status.message) is (level == WARN)
 
 
 def test_a_few_overtaken_messages_are_no_warning_and_texts_have_no_counts():

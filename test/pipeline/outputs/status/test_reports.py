@@ -173,4 +173,23 @@ def test_a_lost_person_is_remembered_until_forgotten(after_s, expected):
     state.update(Presence(Status.LOST), 5 * SECOND + round(after_s * SECOND), 1.0, 3.0)
     assert state.value == expected
     fresh = PresenceState()
-    assert not fresh.update(Presence(Status.LOST), 0, 1.0, 3.0) and fresh.value == "nobody"
+    assert fresh.update(Presence(Status.LOST), 0, 1.0, 3.0) and fresh.value == "nobody"
+
+
+def test_nobody_is_said_only_if_it_is_known():
+    state = PresenceState()
+    assert state.value == "lost"
+    for status, informed, expected in (
+        (Status.SEARCHING, False, "lost"),
+        (Status.SEARCHING, True, "nobody"),
+        (Status.SEARCHING, False, "lost"),
+        (Status.TRACKING, False, "tracking"),
+        (Status.LOST, False, "lost"),
+    ):
+        before = state.value
+        assert state.update(Presence(status), 0, 1.0, 3.0, informed) == (before != expected)
+        assert state.value == expected
+    state.update(Presence(Status.LOST), 5 * SECOND, 1.0, 3.0, False)  # forgotten, and no images
+    assert state.value == "lost"
+    state.update(Presence(Status.LOST), 6 * SECOND, 1.0, 3.0, True)
+    assert state.value == "nobody"

@@ -1,6 +1,7 @@
 """Every sentence and figure of the status, from a pipeline that stands still: each threshold by itself."""
 
 from collections import Counter
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -42,6 +43,8 @@ def pipeline():
         status=Status.TRACKING,
         ids=None,
         config=NodeSettings(),
+        reported_lost_after=0.4,
+        locked=None,
         tracker=tracker,
         trackers={"": tracker},
         nobody_in_view=False,
@@ -52,6 +55,7 @@ def pipeline():
         own_depth=SimpleNamespace(warning=""),
         landmark_ids=SimpleNamespace(warning=""),
         camera_angles=(0.0, 0.0),
+        depth_check=SimpleNamespace(fault=""),
         mount=None,
         calibrations=dict,
         heights=dict,
@@ -281,6 +285,7 @@ def test_figures_of_a_period(pipeline, diagnostics):
         f"{OVERTAKEN} [messages]": "7",
         f"{LOST} [messages]": "8",
         "resets": "4",
+        "locked": "nobody",
         f"{PLACEHOLDERS} [messages]": "9",
         "rejected: x [messages]": "1",
         "skeleton: left/right difference, averaged [%]": "9.5",
@@ -322,3 +327,19 @@ def test_calibration_of_people_who_are_there(pipeline, diagnostics):
         "p1 calibration: neck [%]": "-10.00",
         "p2 calibration": state,
     }
+
+
+def test_a_period_above_stale_after_is_a_warning(diagnostics, pipeline):
+    for i in range(1, 7):
+        diagnostics.count_message([frame()], SECOND, 10.0 + 0.5 * i, 0.001)
+    level, message = said(diagnostics, 13.1)
+    assert level == WARN and "keypoints come every 0.5 s, and stale_after is 0.4 s" in message
+    for i in range(6):
+        diagnostics.count_message([frame()], SECOND, 13.2 + 0.1 * i, 0.001)
+    assert said(diagnostics, 13.8) == (OK, "tracking")
+
+
+def test_a_guessed_identity_is_a_warning(diagnostics, pipeline):
+    diagnostics.count_message([replace(frame(), guessed=True)], SECOND, 10.5, 0.001)
+    level, message = said(diagnostics)
+    assert level == WARN and "found again by place only" in message

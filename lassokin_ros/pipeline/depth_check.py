@@ -1,0 +1,77 @@
+"""Whether depth images show the tracked person: noticed from the residuals of the depths at the keypoints.
+
+An image of another camera, of another time, or one that is not registered to the colour image has the background, or
+something else, where the keypoints are. Its depths would move the skeleton by centimetres. They are left out until
+they fit the person again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lassokin_ros.pipeline.frame_result import FrameResult
+from msg_adapters.keypoints import Keypoints
+
+APART_M = 0.3
+"""m: a depth that differs by more from the tracked body is not of the body. Without depth, the body's own error is
+0.1 to 0.2 m."""
+WRONG, RIGHT = 0.5, 0.4
+"""Shares of keypoints whose depth is behind the body: above the first the images are left out, below the second they
+are used again. It is 0.25 with good images (points at the edges of the body), 0.65 or more with wrong ones. A table
+that hides the legs is in front of the body."""
+MEMORY = 30
+"""Number of frames over which the share is averaged."""
+LEAST = 15
+"""Number of frames before the images are judged."""
+LEAST_POINTS = 6
+"""Least number of a person's keypoints with a measured depth."""
+MISFIT = "depth: left out, does not show the person"
+"""Key of the count of keypoint messages whose depth image is left out."""
+
+
+class DepthCheck:
+    """Compares the depths at the keypoints with the tracked bodies. `fault` says why depth is left out."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the images: the camera or the time has changed."""
+        self._share, self._frames = 0.0, 0
+        self.fault = ""
+        """Why depth images are left out, in words; empty if they are used."""
+
+    def update(self, sampled: Keypoints, frames: Sequence[FrameResult]) -> None:
+        """Judge the depths at the keypoints of one image. frames: its results."""
+        behind = [share for frame in frames if (share := share_behind(sampled, frame)) is not None]
+        if not behind:
+            return
+        self._frames += 1
+        weight = 1.0 / min(self._frames, MEMORY)
+        self._share += weight * (float(np.mean(behind)) - self._share)
+        if self._frames >= LEAST and self._share > WRONG:
+            self.fault = (
+                f"the depth images do not show the person ({100 * self._share:.0f} % of the keypoints are measured more"
+                f" than {APART_M:g} m behind the body): depth is not used; check that they are registered to the "
+                "colour image, of the same camera, and of the same time"
+            )
+        elif self._share < RIGHT:
+            self.fault = ""
+
+
+def share_behind(sampled: Keypoints, frame: FrameResult) -> float | None:
+    """Return the share of a person's measured keypoints that are behind the body; None with too few of them."""
+    estimate = frame.estimate
+    if sampled.depth is None or not frame.accepted or estimate is None or estimate.pose is None:
+        return None
+    if frame.detected is None:
+        return None
+    known = (sampled.ids >= 0) & (sampled.ids < len(frame.detected))
+    ids = np.where(known, sampled.ids, 0)
+    own = known & np.isfinite(sampled.depth) & (sampled.xy == frame.detected[ids]).all(axis=1)
+    if np.count_nonzero(own) < LEAST_POINTS:
+        return None
+    expected = estimate.pose.landmarks[ids[own], 2]
+    return float(np.mean(sampled.depth[own] - expected > APART_M))

@@ -1,0 +1,64 @@
+"""Which person is followed: the rules of the parameter `follow`, and the errors of the service ~/lock."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lassokin_ros.core.errors import LassokinError
+
+if TYPE_CHECKING:
+    from lassokin_ros.pipeline.people.tracked_person import Detection
+
+CONFIDENT, NEAREST, CENTRE = "confident", "nearest", "centre"
+RULES = (CONFIDENT, NEAREST, CENTRE)
+GUESS_AFTER_S = 0.5
+"""s: a person who is found by place after a longer absence may be somebody else, see FrameResult.guessed."""
+ID = re.compile(r"p?(\d{1,9})")
+"""One person: the number of the detector; with several people, the number of the id in ~/people."""
+
+
+class NoPersonError(LassokinError, LookupError):
+    """Nobody can be locked."""
+
+
+def number_named(follow: str) -> int | None:
+    """Return the person number if `follow` is an id, None if it is a rule."""
+    found = ID.fullmatch(follow)
+    return int(found[1]) if found else None
+
+
+def nobody_to_lock(follow: str, candidates: int) -> str:
+    """Return why nobody was locked. candidates: number of people in the newest image who can be tracked."""
+    if candidates == 0:
+        return "nobody was locked: the newest image shows nobody who can be tracked"
+    return f"nobody was locked: follow is '{follow}', and the detector's newest image has no person of this number"
+
+
+def _confidence(detection: Detection) -> float:
+    counted = np.isfinite(detection.confidence) & np.isfinite(detection.points).all(axis=1)
+    return float(np.where(counted, detection.confidence, 0.0).clip(max=1.0).sum())
+
+
+def _size(detection: Detection) -> float:
+    """Return the diagonal of the points in the image; with measured depth, the inverse of their median depth."""
+    if detection.depth is not None and np.isfinite(detection.depth).any():
+        return 1e3 / float(np.nanmedian(detection.depth))
+    seen = detection.points[np.isfinite(detection.points).all(axis=1)]
+    return float(np.linalg.norm(seen.max(axis=0) - seen.min(axis=0))) if len(seen) else 0.0
+
+
+def _nearness_to_centre(detection: Detection) -> float:
+    seen = detection.points[np.isfinite(detection.points).all(axis=1)]
+    return -float(np.linalg.norm(seen.mean(axis=0))) if len(seen) else -np.inf
+
+
+SCORES: Mapping[str, Callable[[Detection], float]] = {
+    CONFIDENT: _confidence,
+    NEAREST: _size,
+    CENTRE: _nearness_to_centre,
+}
+"""Score of a detection by rule; the person with the highest one is followed."""

@@ -1,0 +1,256 @@
+"""The examples of docs/robots.md with the real tracker: late TF, old keypoints, a dead detector, a killed tracker."""
+
+import ast
+import importlib.util
+import os
+import subprocess
+import sys
+import time
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip("rclpy")
+
+from geometry_msgs.msg import PointStamped, PoseArray, PoseWithCovarianceStamped, TransformStamped, Twist  # noqa: E402
+from live import BACKEND, NO_HANDLERS, NodeProcess  # noqa: E402
+from messages import FRAME, camera_info, cloud, pixels_of_motion  # noqa: E402
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from sensor_msgs.msg import CameraInfo, PointCloud2  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
+
+ROOT = Path(__file__).resolve().parents[2]
+LATE_TF = ROOT / "test" / "support" / "late_tf"
+DEADLINE_S, STOP_S = 40.0, 0.6
+PIXELS = pixels_of_motion(40, 20.0)
+NOWHERE = np.full((17, 2), np.nan)
+MOST_LINES = {"follow_person": 25, "safety_zone": 35, "imitate_arm": 35, "wrist_in_base": 40, "two_cameras": 40}
+
+
+def drives(command):
+    return command.linear.x != 0 or command.angular.z != 0
+
+
+SCENES = {
+    "follow_person": (Twist, "cmd_vel", drives),
+    "imitate_arm": (PoseWithCovarianceStamped, "arm_target", bool),
+    "safety_zone": (String, "zone", lambda message: message.data == "safe"),
+    "wrist_in_base": (PointStamped, "right_wrist", bool),
+    "two_cameras": (PointStamped, "person", bool),
+}
+"""Message type, topic, and whether a message makes the robot do something."""
+
+
+class Robot:
+    """Camera, detector and TF of a robot, and the outputs of an example by the time of their publication."""
+
+    def __init__(self, trackers=("/",)):
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, signal_handler_options=NO_HANDLERS)
+        self.node = rclpy.create_node("robot", context=self.context)
+        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor.add_node(self.node)
+        create = self.node.create_publisher
+        self._keypoints = [create(PointCloud2, f"{space.rstrip('/')}/keypoints", 10) for space in trackers]
+        self._cameras = [create(CameraInfo, f"{space.rstrip('/')}/camera_info", 10) for space in trackers]
+        self._tf = create(TransformStamped, "/late_tf", 10)
+        self.tf_late_s, self.keypoints_late_s, self.pixels = 0.1, 0.0, PIXELS
+        self.detects, self.sent, self.fresh_ns = True, 0, 0
+        self.published = []
+        self.node.create_timer(0.05, self._detect)
+        self.node.create_timer(0.02, self._send_tf)
+
+    def listen(self, message_type, topic):
+        def take(message, info):
+            self.published.append((info["source_timestamp"], message))
+
+        self.node.create_subscription(message_type, topic, take, 100)
+
+    def _detect(self):
+        if not self.detects:
+            return
+        self.fresh_ns = time.time_ns()
+        stamp_ns = self.fresh_ns - round(1e9 * self.keypoints_late_s)
+        for camera, keypoints in zip(self._cameras, self._keypoints):
+            if self.sent % 20 == 0:
+                camera.publish(camera_info(BACKEND))
+            keypoints.publish(cloud(BACKEND, stamp_ns, self.pixels[self.sent % len(self.pixels)]))
+        self.sent += 1
+
+    def _send_tf(self):
+        self._tf.publish(transform(time.time_ns() - round(1e9 * self.tf_late_s)))
+
+    def spin_until(self, condition, what):
+        end = time.monotonic() + DEADLINE_S
+        while not condition():
+            assert time.monotonic() < end, f"{what} did not come"
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def spin_for(self, seconds):
+        end = time.monotonic() + seconds
+        self.spin_until(lambda: time.monotonic() > end, "the time")
+
+    def close(self):
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+
+def transform(stamp_ns):
+    """base_link to the camera, which looks forward from 1 m."""
+    message = TransformStamped(child_frame_id=FRAME)
+    message.header.frame_id = "base_link"
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 10**9)
+    message.transform.translation.z = 1.0
+    turn = message.transform.rotation
+    turn.x, turn.y, turn.z, turn.w = -0.5, 0.5, -0.5, 0.5
+    return message
+
+
+@contextmanager
+def running(name, robot):
+    """The process of an example, ended by SIGKILL."""
+    environment = dict(os.environ)
+    if importlib.util.find_spec("tf2_ros") is None:
+        path = [str(LATE_TF), str(ROOT), environment.get("PYTHONPATH", "")]
+        environment["PYTHONPATH"] = os.pathsep.join(filter(None, path))
+    command = [sys.executable, f"examples/{name}.py"]
+    process = subprocess.Popen(
+        command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
+    try:
+        yield process
+        assert process.poll() is None
+    finally:
+        process.kill()
+        said = process.communicate()[0]
+    assert "Traceback" not in said, said
+
+
+@pytest.fixture
+def robot(request):
+    spaces = ("/left", "/right") if request.node.callspec.params.get("name") == "two_cameras" else ("/",)
+    result = Robot(spaces)
+    result.spaces = spaces
+    yield result
+    result.close()
+
+
+@contextmanager
+def trackers(robot):
+    """A tracker for each camera."""
+    nodes = [NodeProcess(space) for space in robot.spaces]
+    try:
+        yield nodes
+    finally:
+        for node in nodes:
+            with suppress(ProcessLookupError):
+                node.process.kill()
+            node.process.communicate()
+
+
+def acts(robot, active):
+    """Publication times, ns, of the messages that make the robot do something."""
+    return [time_ns for time_ns, message in robot.published if active(message)]
+
+
+def lines_of_code(path):
+    """Lines that are neither empty, nor a comment, nor part of a docstring."""
+    text = path.read_text(encoding="utf-8")
+    documented = set()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)) and ast.get_docstring(node) is not None:
+            documented |= set(range(node.body[0].lineno, node.body[0].end_lineno + 1))
+    lines = enumerate(text.splitlines(), 1)
+    return sum(bool(line.strip()) and line.strip()[0] != "#" and i not in documented for i, line in lines)
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / "examples").glob("*.py")))
+def test_an_example_is_short(name):
+    assert lines_of_code(ROOT / "examples" / f"{name}.py") <= MOST_LINES.get(name, 40)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_robot_stops(robot, name):
+    """In time when the detector dies and when the tracker is killed; and it never moves by old keypoints."""
+    message_type, topic, active = SCENES[name]
+    robot.listen(message_type, topic)
+    if name == "safety_zone":
+        robot.pixels = [NOWHERE]
+    with running(name, robot):
+        robot.spin_for(1.0)
+        assert not acts(robot, active)  # without a tracker
+        with trackers(robot) as nodes:
+            robot.spin_until(lambda: len(acts(robot, active)) > 10, "a first action")
+            robot.detects = False  # the detector is dead
+            robot.spin_for(2.0)
+            assert (max(acts(robot, active)) - robot.fresh_ns) * 1e-9 < STOP_S
+            robot.published.clear()
+            robot.detects = True
+            robot.spin_until(lambda: len(acts(robot, active)) > 5, "an action with the detector back")
+            for node in nodes:
+                node.process.kill()
+            killed_ns = time.time_ns()
+            robot.spin_for(2.0)
+            assert (max(acts(robot, active)) - killed_ns) * 1e-9 < STOP_S
+        robot.published.clear()
+        robot.keypoints_late_s = 1.5
+        with trackers(robot) as nodes:
+            answers = []
+            robot.node.create_subscription(
+                PointCloud2, f"{robot.spaces[0].rstrip('/')}/tracker/people", answers.append, 10
+            )
+            robot.spin_until(lambda: sum(m.width for m in answers) > 20 or name == "safety_zone", "old people")
+            robot.spin_for(3.0)
+            assert not acts(robot, active)
+
+
+@pytest.mark.parametrize("name", ["safety_zone"])
+def test_a_zone_with_a_person_is_occupied_and_then_unknown(robot, name):
+    """The synthetic person is nearer than the zone's radius, the reach and the doubt together."""
+    robot.listen(String, "zone")
+    near = PIXELS.mean(axis=1, keepdims=True) + 1.5 * (PIXELS - PIXELS.mean(axis=1, keepdims=True))
+    robot.pixels = near
+    with running(name, robot), trackers(robot):
+        robot.spin_until(lambda: acts(robot, lambda m: m.data == "occupied"), "a person in the zone")
+        robot.published.clear()
+        robot.pixels = [NOWHERE]  # the person is lost, and may be anywhere
+        robot.spin_until(lambda: acts(robot, lambda m: m.data == "safe"), "an empty zone")
+        words = [message.data for _, message in robot.published]
+        assert words.count("unknown") > 10 and "safe" not in words[: words.index("unknown")]
+
+
+@pytest.mark.parametrize("name", ["wrist_in_base"])
+@pytest.mark.parametrize("late_s", [0.0, 0.06, 0.1])
+def test_every_wrist_is_published_while_tf_is_late(robot, name, late_s):
+    robot.listen(PointStamped, "right_wrist")
+    tracker = robot.node.create_publisher(PoseArray, "/tracker/joints", 200)
+    robot.tf_late_s, robot.detects = late_s, False
+    stamps = []
+
+    def send():
+        from geometry_msgs.msg import Pose
+
+        message = PoseArray(poses=[Pose() for _ in range(24)])
+        message.header.frame_id = FRAME
+        stamps.append(time.time_ns())
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamps[-1], 10**9)
+        message.poses[21].position.z = 3.0
+        tracker.publish(message)
+
+    with running(name, robot):
+        robot.spin_until(lambda: tracker.get_subscription_count() and robot._tf.get_subscription_count(), "the example")
+        robot.spin_for(0.3)
+        send()
+        robot.spin_until(lambda: robot.published, "a first wrist")
+        robot.published.clear()
+        stamps.clear()
+        timer = robot.node.create_timer(1 / 60, send)
+        robot.spin_until(lambda: len(stamps) >= 160, "160 images")
+        timer.cancel()
+        robot.spin_for(1.0)
+    got = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for _, m in robot.published]
+    assert got == stamps
+    assert all(message.point.x == pytest.approx(3.0) for _, message in robot.published)

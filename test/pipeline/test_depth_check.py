@@ -1,0 +1,89 @@
+"""Depth images that do not show the person are noticed from the residuals, named, and left out."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags", reason="rosbags makes the messages")
+
+from depth_camera import depth_message, render  # noqa: E402
+from messages import FOCAL, HEIGHT, WIDTH, camera_info, cloud, rosbags_backend  # noqa: E402
+
+from lassokin_ros.core.body.kinematics import BodyState, Kinematics  # noqa: E402
+from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
+from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
+from lassokin_ros.core.config import TrackerConfig  # noqa: E402
+from lassokin_ros.core.image.projection import project  # noqa: E402
+from lassokin_ros.demo.synthetic import motion  # noqa: E402
+from lassokin_ros.pipeline.depth_check import MISFIT  # noqa: E402
+from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
+from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
+
+BACKEND = rosbags_backend()
+FRAMES, START_NS = 60, 10**12
+SKELETON = Skeleton.load("anthropometric", 1.75)
+TIMES = np.arange(FRAMES) / 30
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """Keypoints (f, 17, 2) px and depth images (f, h, w) m of a person who walks at 0.5 m/s."""
+    kinematics = Kinematics(SKELETON, Layout.load("coco17", SKELETON))
+    state = motion(SKELETON, TIMES)
+    places = state.translation.copy()
+    places[:, 0], places[:, 2] = 0.5 * TIMES - 0.5, 3.2
+    pose = kinematics.pose(BodyState(state.rotations, places))
+    noise = np.random.default_rng(0).normal(size=(FRAMES, 17, 2))
+    pixels = project(pose.landmarks) * FOCAL + [WIDTH / 2, HEIGHT / 2] + noise
+    return pixels, [render(SKELETON, positions) for positions in pose.positions], pose.positions
+
+
+def play(pipeline, pixels, images, start=0):
+    """Process all images; return the fault after each message."""
+    faults = []
+    for i in range(FRAMES):
+        stamp_ns = START_NS + round((start + TIMES[i]) * 1e9)
+        pipeline.depth.add(depth_message(BACKEND, stamp_ns, images[i]), stamp_ns)
+        assert pipeline.process(cloud(BACKEND, stamp_ns, pixels[i]), stamp_ns).accepted
+        faults.append(pipeline.depth_check.fault)
+    return faults
+
+
+def wide(image):
+    """As from a lens with a wider view, that is, not registered."""
+    rows = np.clip((np.arange(HEIGHT) - HEIGHT // 2) * 5 // 4 + HEIGHT // 2, 0, HEIGHT - 1)
+    columns = np.clip((np.arange(WIDTH) - WIDTH // 2) * 5 // 4 + WIDTH // 2, 0, WIDTH - 1)
+    return image[rows][:, columns]
+
+
+LIES = {
+    "not registered": lambda images: [wide(image) for image in images],
+    "beside the colour camera": lambda images: [np.roll(image, 40, axis=1) for image in images],
+    "0.5 s older": lambda images: [images[max(i - 15, 0)] for i in range(FRAMES)],
+    "of another camera": lambda images: [images[0][:, ::-1] for _ in range(FRAMES)],
+}
+
+
+def pipeline_with_depth():
+    pipeline = Pipeline(TrackerConfig(), NodeSettings(depth="aligned_depth_to_color"))
+    assert pipeline.set_camera(camera_info(BACKEND)) is None
+    return pipeline
+
+
+@pytest.mark.parametrize("lie", LIES)
+def test_depth_that_does_not_show_the_person_is_left_out_until_it_does(scene, lie):
+    pixels, images, _ = scene
+    pipeline = pipeline_with_depth()
+    faults = play(pipeline, pixels, LIES[lie](images))
+    assert "registered to the colour image, of the same camera, and of the same time" in faults[-1]
+    assert not faults[5] and pipeline.counts[MISFIT] > 10
+    assert not pipeline.process(cloud(BACKEND, START_NS + 21 * 10**8, pixels[-1]), 0).estimate.depth_measured
+    faults = play(pipeline, pixels, images, start=3)
+    assert not faults[-1]
+
+
+def test_good_depth_and_hidden_legs_are_used(scene):
+    pixels, images, _ = scene
+    table = [np.where(np.arange(HEIGHT)[:, None] > 300, 1.5, image) for image in images]
+    for shown in (images, table):
+        pipeline = pipeline_with_depth()
+        assert not any(play(pipeline, pixels, shown)) and pipeline.counts[MISFIT] == 0

@@ -1,0 +1,1 @@
+"""Empty: the Buffer beside it transforms points without registration."""
