@@ -121,7 +121,10 @@ def test_the_live_node_publishes_the_same_late_frames_as_the_pipeline():
 
     namespace, pipeline = "/lagging", pipeline_for(0.05)
     expected = [f for i, xy in enumerate(PIXELS[:20]) for f in pipeline.frames(cloud(BACKEND, stamp(i), xy), 0)]
-    with NodeProcess(namespace, "-p", "smoothing_lag:=0.05"), Peer(namespace, outputs=False) as peer:
+    with (
+        NodeProcess(namespace, "-p", "smoothing_lag:=0.05", "-p", "stale_after:=30.0"),
+        Peer(namespace, outputs=False) as peer,
+    ):
         joints = peer.got[topics.JOINT_STATES]
         peer.listen(next(t for t in topics.FRAME_OUTPUTS if t.name == topics.JOINT_STATES))
 
