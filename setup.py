@@ -94,7 +94,8 @@ setup(
     packages=find_packages(include=["lassokin_ros", "lassokin_ros.*", "msg_adapters", "msg_adapters.*"]),
     package_data={
         "lassokin_ros.core.body": ["skeletons/*.yaml", "layouts/*.yaml"],
-        "lassokin_ros.core.evidence": ["priors/*.yaml", "*.npz"],
+        "lassokin_ros.core.evidence": ["priors/*.yaml"],
+        "lassokin_ros.core.network": ["*.npz"],
         "lassokin_ros.skeleton_readers": ["names.yaml"],
         "lassokin_ros.replay.report": ["page.html", "page.css", "*.js"],
     },

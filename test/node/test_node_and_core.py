@@ -8,11 +8,11 @@ import pytest
 pytest.importorskip("rclpy")
 
 from cases import copied_body  # noqa: E402
+from faults.own_evidence import Faulty, Floor  # noqa: E402
+from faults.solves import counted_solves  # noqa: E402
 from live import BACKEND, node_in_this_process  # noqa: E402
 from messages import camera_info, cloud, pixels_of_motion  # noqa: E402
-from own_evidence import Faulty, Floor  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
-from solves import counted_solves  # noqa: E402
 
 START_NS, PERIOD_NS, FRAMES = 10**18, 33_333_333, 40
 PIXELS = pixels_of_motion(FRAMES, 30.0)

@@ -59,7 +59,7 @@ LIES = {
     "not registered": lambda images: [wide(image) for image in images],
     "beside the colour camera": lambda images: [np.roll(image, 40, axis=1) for image in images],
     "0.5 s older": lambda images: [images[max(i - 15, 0)] for i in range(FRAMES)],
-    "of another camera": lambda images: [images[0][:, ::-1] for _ in range(FRAMES)],
+    "of another camera": lambda images: [image[:, ::-1] for image in images],
 }
 
 

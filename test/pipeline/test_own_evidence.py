@@ -5,8 +5,8 @@ import pytest
 
 pytest.importorskip("rosbags", reason="rosbags makes the messages")
 
+from faults.own_evidence import Faulty, Floor  # noqa: E402
 from messages import camera_info, cloud, crowd, pixels_of_motion, rosbags_backend  # noqa: E402
-from own_evidence import Faulty, Floor  # noqa: E402
 
 from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.errors import ConfigurationError  # noqa: E402

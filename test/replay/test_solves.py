@@ -4,8 +4,8 @@ import pytest
 
 pytest.importorskip("rosbags", reason="rosbags reads and writes recordings")
 
+from faults.solves import counted_solves  # noqa: E402
 from recordings import write_recording  # noqa: E402
-from solves import counted_solves  # noqa: E402
 
 from lassokin_ros.cli.replay import main  # noqa: E402
 

@@ -60,14 +60,14 @@ def other_shape(self, about, columns, z):
 
 
 FAULTS = {
-    "present raises": dict(present=raises),
-    "linearise raises": dict(linearise=raises),
-    "not filled": dict(linearise=not_filled),
-    "not finite": dict(linearise=not_finite),
-    "other shape": dict(linearise=other_shape),
-    "cost raises": dict(cost=raises),
-    "cost of another shape": dict(cost=lambda *given: np.zeros(5)),
-    "cost is not finite": dict(cost=lambda *given: np.array(np.nan)),
+    "present raises": {"present": raises},
+    "linearise raises": {"linearise": raises},
+    "not filled": {"linearise": not_filled},
+    "not finite": {"linearise": not_finite},
+    "other shape": {"linearise": other_shape},
+    "cost raises": {"cost": raises},
+    "cost of another shape": {"cost": lambda *given: np.zeros(5)},
+    "cost is not finite": {"cost": lambda *given: np.array(np.nan)},
 }
 
 

@@ -133,7 +133,7 @@ def test_the_height_becomes_more_certain_up_to_the_spread_of_proportions():
     assert np.all(np.diff(deviations) < 1e-9) and LEAST_DEVIATION < deviations[-1] < 1.1 * LEAST_DEVIATION
 
 
-@pytest.mark.parametrize("case", [dict(measured=FEWEST - 1), dict(repeated=0.1)])
+@pytest.mark.parametrize("case", [{"measured": FEWEST - 1}, {"repeated": 0.1}])
 def test_frames_without_enough_new_depths_are_not_used(case):
     estimator = HeightEstimator()
     assert not estimator.update(*person(1.2, **case), TYPICAL_HEIGHT) and not estimator.measured

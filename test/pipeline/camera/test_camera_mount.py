@@ -161,7 +161,8 @@ def lean_error(nods, settings):
     kinematics = Kinematics(SKELETON, Layout.load("coco17", SKELETON))
     stamps = SECOND + np.arange(len(nods)) * 66_000_000
     pose = kinematics.pose(motion(SKELETON, stamps * 1e-9))
-    pipeline, errors = Pipeline(TrackerConfig(), settings), []
+    without_network = TrackerConfig(depth_prior=False)  # with it, the mount matters less
+    pipeline, errors = Pipeline(without_network, settings), []
     pipeline.set_camera(camera_info(BACKEND))
     for i, (pitch, stamp) in enumerate(zip(nods, stamps.tolist())):
         level = level_from_camera(0.0, pitch)
@@ -176,7 +177,7 @@ def lean_error(nods, settings):
 def test_a_person_before_a_nodding_head_stays_upright():
     nods = 0.4 * np.sin(2 * np.pi * np.arange(45) / 45)
     with_tf, without = (lean_error(nods, NodeSettings(camera_mount_frame=base)) for base in (BASE, ""))
-    assert with_tf < 5.0 and with_tf < 0.6 * without
+    assert with_tf < 4.0 and with_tf < 0.6 * without
 
 
 def test_without_tf_the_parameters_are_used():

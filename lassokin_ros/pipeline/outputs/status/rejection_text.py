@@ -57,6 +57,13 @@ def _not_certified(answer: Estimate, observation: Observation, config: TrackerCo
     )
 
 
+def _late(_: Estimate, observation: Observation, config: TrackerConfig) -> str:
+    return (
+        f"the image of {observation.stamp:.3f} s is not newer than the last one used, of another camera; expected images "
+        "in the order of their stamps: it only updated the tracks of its keypoints"
+    )
+
+
 def _old_stamp(_: Estimate, observation: Observation, config: TrackerConfig) -> str:
     return "the stamp is not newer than the last one; expected a newer one: check for two detectors on one topic"
 
@@ -85,6 +92,7 @@ _WORDS: dict[Rejection, Callable[[Estimate, Observation, TrackerConfig], str]] =
     Rejection.TOO_SMALL: _too_small,
     Rejection.NOT_CERTIFIED: _not_certified,
     Rejection.OLD_STAMP: _old_stamp,
+    Rejection.LATE: _late,
     Rejection.NOT_FINITE: _not_finite,
     Rejection.WRONG_SHAPE: _wrong_shape,
 }

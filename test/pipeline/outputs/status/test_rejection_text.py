@@ -7,7 +7,7 @@ import pytest
 from sequences import CONFIG, frame
 
 from lassokin_ros.core.lasso import solver
-from lassokin_ros.core.observation import Rejection
+from lassokin_ros.core.observation import CameraPose, Rejection
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.outputs.status.rejection_text import rejection_text
 
@@ -35,6 +35,7 @@ def spoilt(rejection, used):
         ),
         Rejection.NOT_CERTIFIED: (later, "the optimum was not proved, its KKT residual is "),
         Rejection.OLD_STAMP: (used, "the stamp is not newer than the last one; expected a newer one"),
+        Rejection.LATE: (replace(used, camera=CameraPose("other")), "is not newer than the last one used, of another"),
         Rejection.NOT_FINITE: (replace(later, focal=np.inf), "the focal length inf px; expected finite numbers"),
         Rejection.WRONG_SHAPE: (replace(later, points=later.points[:5]), "points (5, 2), confidence (17,); "),
     }[rejection]
