@@ -22,6 +22,7 @@ from benchmarks.common.option_types import output_file
 from benchmarks.common.refusals import exit_code
 from benchmarks.common.report import Record, data_folder, table, write_json
 from benchmarks.data.detections import DetectionJob, Recording, prepared, run_detections, score
+from lassokin_ros.common.progress import Progress
 from lassokin_ros.core.body.landmarks import Layout
 from lassokin_ros.detector.backend import make_detector
 from lassokin_ros.pipeline.camera.calibration_file import Calibration
@@ -30,8 +31,8 @@ from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.settings import OPTICAL_FRAME
 from lassokin_ros.replay.bags import typestore
 from lassokin_ros.replay.offline_tracker import OfflineTracker
+from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
 from lassokin_ros.video.sources import open_source
-from lassokin_ros.video.track import FIRST_STAMP_NS, Run
 from msg_adapters.backends import RosbagsBackend
 
 PAIRS = {
@@ -124,7 +125,9 @@ def run_chain(video: Path, detector_name: str, camera: Calibration, height: floa
     for _ in tracker.camera_info(info, FIRST_STAMP_NS):
         pass
     try:
-        Run(source, detector, tracker, backend, None, None, None).all_images()
+        for image, message in Detections(source, detector, backend, keep=False).images([], Progress(0, "images")):
+            for _ in tracker.keypoints(message, stamp_of(image.seconds)):
+                pass
     finally:
         detector.close()
     return _chain(results, recording, tracker)

@@ -35,7 +35,9 @@ from benchmarks.data.mocap import Clip, load_clip
 from benchmarks.data.recordings import recorded_person, recording_files
 from lassokin_ros.core.body.kinematics import Kinematics
 from lassokin_ros.core.body.landmarks import Layout
-from lassokin_ros.core.body.proportions import PAIRS, Proportions
+from lassokin_ros.core.body.proportions import Proportions
+from lassokin_ros.core.body.roles import LENGTHS as BODY_LENGTHS
+from lassokin_ros.core.body.roles import without_side
 from lassokin_ros.core.body.skeleton import Skeleton
 from training.motion import LEFT_OUT_CLIPS, TEST, VALIDATION, sources
 
@@ -269,7 +271,8 @@ def part_lengths(skeleton: Skeleton) -> dict[str, float]:
     """Length, m, of each part of `Proportions`, of one side if there are two; widths are of both."""
     proportions = Proportions(Kinematics(skeleton, Layout.load("smpl24", skeleton)))
     total = {name: np.linalg.norm(part, axis=1).sum() for name, part in zip(proportions.names, proportions.parts)}
-    halved = {name for name in PAIRS if not name.endswith("width")}
+    paired = {name for name, (joints, _) in BODY_LENGTHS.items() if without_side(joints[0]) != joints[0]}
+    halved = {name for name in paired if not name.endswith("width")}
     return {name: float(length / (2 if name in halved else 1)) for name, length in total.items()}
 
 

@@ -91,7 +91,7 @@ class Tracker:
         self.config = (config or TrackerConfig()).checked()
         self.given_skeleton = skeleton or Skeleton.load(self.config.skeleton, self.config.assumed_height)
         """The body before anything is learned, at the configured height."""
-        body, self.averaged = symmetric_skeleton(self.given_skeleton, self.config.calibrate)
+        body, _ = symmetric_skeleton(self.given_skeleton, self.config.calibrate)
         self.kinematics = Kinematics(body, Layout.load(self.config.landmarks, body))
         prior = PoseDistribution.load(body)
         self.frame_model = FrameModel(self.kinematics, prior, evidence)
@@ -107,8 +107,8 @@ class Tracker:
         self._other_pose = OtherPose(self._initialiser, self.frame_model, propose)
         self._reinitialisation = Reinitialisation()
         self._output_filter, self._lag = OutputFilter(self.kinematics.joint_count), FixedLag(self.kinematics)
-        self._observed = ObservedJoints(body, self.layout.joints)
-        self._uncertainty = UncertaintyModel(self.frame_model, prior, self.learned.lengths.proportions, self._observed)
+        observed = ObservedJoints(body, self.layout.joints)
+        self._uncertainty = UncertaintyModel(self.frame_model, prior, self.learned.lengths.proportions, observed)
         self.reset()
 
     def _depth_estimator(self) -> DepthEstimator | None:
@@ -126,7 +126,6 @@ class Tracker:
         self._replaced = False  # whether the next frame starts from another state than the last one solved
         self._status, self._stuck_frames, self._cost = Status.SEARCHING, 0, float("nan")
         self._cameras.reset()
-        self._newest = -np.inf  # s: stamp of the last frame that was used
         self._increments.reset()
         self._reinitialisation.reset()
         self._output_filter.reset()
@@ -139,6 +138,16 @@ class Tracker:
         """Estimates that became due with the last observation, in order: that observation's own, or with
         `smoothing_lag` earlier ones, smoothed, each with the stamp of its own frame."""
         self._adopt_lengths()
+
+    @property
+    def averaged(self) -> float:
+        """Difference of left and right of the given skeleton if calibration starts with their mean, else 0."""
+        return symmetric_skeleton(self.given_skeleton, self.config.calibrate)[1]
+
+    @property
+    def _newest(self) -> float:
+        """s: stamp of the last frame that was used, -inf before the first."""
+        return max(camera.measurements.newest for camera in self._cameras)
 
     @property
     def _network(self) -> DepthEstimator | None:
@@ -191,7 +200,7 @@ class Tracker:
         if config.height != before.height:
             self.reset()
             self.given_skeleton = given
-            self.learned.use_body(symmetric_skeleton(given, self.averaged > 0)[0], config.height == 0)
+            self.learned.use_body(symmetric_skeleton(given, config.calibrate)[0], config.height == 0)
             self._adopt_lengths()
         if (config.camera_roll, config.camera_pitch) != (before.camera_roll, before.camera_pitch):
             self.learned.vertical.set_mount(config.camera_roll, config.camera_pitch)
@@ -222,7 +231,8 @@ class Tracker:
         smoothed = self._smooth(solved, increment, measurement, frame, initialised)
         better = self._better_state(solved, frame, measurement, initialised)
         estimate = self._estimate(measured, measurement, frame, initialised, increment, solved, smoothed)
-        self._mark_used(measured, measurement)
+        for camera, one in measured.items():
+            camera.measurements.mark_used(one)
         self._publish(estimate, measured)
         self._solved, self._replaced = better or solved, better is not None
         self._learn(measured, measurement, frame, start, initialised, increment, solved)
@@ -242,7 +252,7 @@ class Tracker:
         """Return (n,) bool, the joints that keypoints observe. Raises ValueError for a rejected estimate."""
         if estimate.visible is None:
             raise ValueError("this frame was rejected; only an accepted estimate has observed joints")
-        return self._observed.from_visible(estimate.visible)
+        return self._uncertainty.observed.from_visible(estimate.visible)
 
     def _measure(self, observations: Sequence[Observation]) -> tuple[dict[Camera, Measurement], Rejection | None]:
         """The measurements of the cameras whose observations can be used; the reason to reject if there are none."""
@@ -312,12 +322,6 @@ class Tracker:
             for camera in self._cameras
         )
         return replace(main, extra=observation.extra, others=tuple(others))
-
-    def _mark_used(self, measured: dict[Camera, Measurement], together: Measurement) -> None:
-        """Note that the state was updated with these measurements."""
-        for camera, measurement in measured.items():
-            camera.measurements.mark_used(measurement)
-        self._newest = together.stamp
 
     def _start(self, measurement: Measurement, frame: FrameData) -> tuple[EvaluatedState, bool]:
         """The state about which the frame is linearised, and whether it is a first one, fitted to this frame alone."""

@@ -146,7 +146,7 @@ def test_a_damaged_or_missing_log_is_refused(killed, tmp_path, capsys):
     assert "walk_0.db3-wal' cannot be merged" in refusal(folder / "walk_0.db3", tmp_path, capsys)
     log.unlink()
     said = refusal(folder, tmp_path, capsys)  # without metadata.yaml the loss is not visible
-    assert f"only {FRAMES - LATE} of its {FRAMES} messages of /camera_info can be read from walk_0.db3" in said
+    assert f"only {FRAMES - LATE} of its {FRAMES} messages of /keypoints can be read from walk_0.db3" in said
 
 
 def test_a_half_written_transaction_is_rolled_back(tmp_path):
@@ -227,7 +227,7 @@ def test_fewer_messages_than_metadata_counts_are_refused(recording, tmp_path, ca
 
     edit(folder, more)
     said = refusal(folder, tmp_path, capsys)
-    assert f"only {FRAMES} of its {FRAMES + 30} messages of /camera_info can be read from walk_0{suffix}" in said
+    assert f"only {FRAMES} of its {FRAMES + 30} messages of /keypoints can be read from walk_0{suffix}" in said
 
 
 def less(info):

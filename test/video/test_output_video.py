@@ -17,7 +17,7 @@ SIZE = 96, 64
 def write(path, count=5, fps=30.0):
     encoder = open_encoder(path, SIZE, fps)
     for number in range(count):
-        encoder.write(np.full((SIZE[1], SIZE[0], 3), 40 * number, np.uint8))
+        encoder.write(np.full((SIZE[1], SIZE[0], 3), 40 * number % 256, np.uint8))
     encoder.close()
     return encoder
 

@@ -132,7 +132,7 @@ class UncertaintyModel:
         self._jacobian = PositionJacobian(kinematics, np.concatenate([live, dead]), deviation)
         #: Columns of the root's rotation. The root comes first and every landmark moves with it.
         self._turns = np.eye(len(live), 3)
-        self._proportions, self._observed, self._learned_depth = proportions, observed, frame_model.learned_depth
+        self._proportions, self.observed, self._learned_depth = proportions, observed, frame_model.learned_depth
         self._image_rows = frame_model.image_rows
 
     def evaluate(self, estimate: Estimate) -> JointUncertainty:
@@ -147,7 +147,7 @@ class UncertaintyModel:
             estimate.pose,
             problem,
             self._factor(estimate)
-            * np.where(self._observed.below_last_keypoint(estimate.visible), FACTOR_BELOW_LAST_KEYPOINT, 1.0),
+            * np.where(self.observed.below_last_keypoint(estimate.visible), FACTOR_BELOW_LAST_KEYPOINT, 1.0),
             estimate.length_deviation,
             0.0 if estimate.depth_measured or estimate.cameras > 1 else SCALE_DEVIATION,
             share,

@@ -14,7 +14,7 @@ def test_the_state_is_lost_in_silence_and_the_next_frame_is_tracked():
     namespace = "/silent"
     with NodeProcess(namespace, "-p", "lost_after:=0.5"), Peer(namespace) as peer:
         peer.start(PIXELS[0])
-        peer.frames_sent = 0
+        peer.frames_sent = 1  # others than those of the start, which would soon count as frozen
         feed(peer, 3)
         peer.next_diagnostics(lambda s: values_of(s)["state"] == "lost" and s.level == WARN)
         feed(peer, 1)

@@ -59,8 +59,8 @@ def _not_certified(answer: Estimate, observation: Observation, config: TrackerCo
 
 def _late(_: Estimate, observation: Observation, config: TrackerConfig) -> str:
     return (
-        f"the image of {observation.stamp:.3f} s is not newer than the last one used, of another camera; expected images "
-        "in the order of their stamps: it only updated the tracks of its keypoints"
+        f"the image of {observation.stamp:.3f} s is not newer than the last one used, of another camera; expected "
+        "images in the order of their stamps: it only updated the tracks of its keypoints"
     )
 
 
