@@ -355,11 +355,21 @@ class Tracker:
         """A state from one frame: from the network's pose if that explains the frame, else from all start poses."""
         start = None if self._network_pose is None else self._network_pose.state()
         if start is None:
-            return self._initialiser.fit(frame)
+            return self._fit_with_verticals(frame)
         near = self._initialiser.fit_near(start, frame)
         if near.cost <= GOOD_FIT * np.count_nonzero(frame.weights):
             return near
         return min(self._initialiser.fit(frame), near, key=lambda fit: fit.cost)
+
+    def _fit_with_verticals(self, frame: FrameData) -> Fit:
+        """The best state from all start poses and all verticals that the camera's mount allows. Keeps that vertical."""
+        vertical = self.learned.vertical
+        fits = []
+        for up, cost in vertical.candidates():
+            fit = self._initialiser.fit(replace(frame, up=up))
+            fits.append((fit.cost + cost, up, fit))
+        _, vertical.direction, best = min(fits, key=lambda entry: entry[0])
+        return best
 
     def _solve(self, start: EvaluatedState, initialised: bool, frame: FrameData, measurement: Measurement) -> Increment:
         """The increment from the start state, by the frame's lasso."""

@@ -84,7 +84,7 @@ def test_a_fit_that_is_not_far_better_changes_nothing(monkeypatch):
             monkeypatch.setattr("lassokin_ros.core.tracker.COST_SHARE", 0.0)
         a, b = plain.track(observation), fitted.track(observation)
         assert np.allclose(a.state.rotations, b.state.rotations, rtol=0, atol=1e-9)
-    assert len(attempts) == 1 + 15
+    assert len(attempts) == 3 + 15  # three verticals at first
 
 
 def test_repeated_keypoints_do_not_cause_reinitialisation(monkeypatch):

@@ -198,3 +198,28 @@ def test_a_mount_set_at_runtime_is_used_at_once_and_after_a_reset():
     vertical.update(leaning(10), 1.0)
     tracker.reset()
     assert np.array_equal(vertical.direction, vertical_of(0.0, 0.5))
+
+
+def test_the_verticals_of_a_first_fit_are_those_of_pitched_cameras_until_one_is_known():
+    vertical = Vertical()
+    (level, free), *tilted = vertical.candidates()
+    assert np.array_equal(level, vertical.mount) and free == 0.0
+    for (up, cost), degrees in zip(tilted, (26, 26), strict=True):
+        assert apart(up, level) == pytest.approx(degrees, abs=1) and abs(up[0]) < 1e-12 and cost > 0
+    assert np.linalg.norm([up for up, _ in vertical.candidates()], axis=1) == pytest.approx(1)
+    assert len(Vertical(roll=HALF, pitch=0.0).candidates()) == 1  # a known mount
+    assert len(Vertical(given=np.array([0.0, 0.0, 1.0])).candidates()) == 1
+    vertical.update(leaning(20), 1 / 30)
+    ((up, _),) = vertical.candidates()
+    assert np.array_equal(up, vertical.direction)
+
+
+@pytest.mark.parametrize("pitch", [-0.45, 0.0])
+def test_without_the_network_a_first_fit_tells_a_level_camera_from_one_that_looks_up(pitch):
+    tracker = Tracker(WITHOUT_NETWORK)
+    turn, state = exponential(np.array([pitch, 0.0, 0.0])), motion(tracker.skeleton, np.zeros(1))
+    rotations = state.rotations[0].copy()
+    rotations[0] = turn @ rotations[0]
+    seen = tracker.kinematics.pose(BodyState(rotations, np.array([0.0, 0.0, 3.5])))
+    tracker.track(Observation(0.0, project(seen.landmarks), np.ones(17), FOCAL))
+    assert apart(tracker.learned.vertical.direction, turn @ np.array([0.0, -1.0, 0.0])) < 8
