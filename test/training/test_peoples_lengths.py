@@ -149,3 +149,12 @@ def test_the_file_of_the_proposal_follows_from_the_data(tmp_path):
     assert main(["--data", str(DATA), "--output", str(file)]) == 0
     kept = Path(__file__).resolve().parents[2] / "training" / "people.yaml"
     assert file.read_bytes() == kept.read_bytes()
+
+
+def test_the_built_in_body_has_the_lengths_of_the_proposal():
+    data = yaml.safe_load(
+        (Path(__file__).resolve().parents[2] / "training" / "people.yaml").read_text(encoding="utf-8")
+    )
+    proposed = np.array([data["mean"][data["names"].index(name)] for name in LENGTHS])
+    logs = about_published(skeleton_lengths(Skeleton.load("anthropometric", 1.0)))
+    assert np.abs(logs - about_published(np.array(PUBLISHED) * np.exp(proposed))).max() < 0.008
