@@ -3,7 +3,6 @@
     python -m training.people --data DIR --output FILE     # writes the proposal (YAML)
     python -m training.people --data DIR --check FILE      # compares it with the recordings that may only be measured
     python -m training.people --data DIR --body FILE       # gives these lengths to a skeleton file, the built-in one
-    python -m training.people --data DIR --prior FILE      # writes the prior of the lengths about that skeleton
 
 DIR holds `mocap`, `corpus` and `detections`. Seven lengths are compared, as log-lengths about the published proportions
 (`PUBLISHED`), at the size at which legs and trunk together are as long. They come from three sources:
@@ -236,22 +235,6 @@ def row(values: np.ndarray, form: str = ".3f") -> str:
     return "[" + ", ".join(f"{value:{form}}" for value in values) + "]"
 
 
-PRIOR_HEADER = """\
-# Log-lengths of people (0 = the built-in proportions of the same height): mean, and covariance, lower triangle by rows.
-# The names are those of lassokin_ros/core/body/proportions.py. Written by training/people.py; do not edit.
-"""
-
-
-def write_prior(file: Path, recorded: Sequence[Person], captured: Sequence[Person]) -> None:
-    """Write the prior of the lengths about a built-in skeleton that has the proposed mean."""
-    _, covariance = for_the_model(np.zeros(len(LENGTHS)), people_covariance([*recorded, *captured]))
-    names = model_names()
-    text = PRIOR_HEADER + provenance(recorded, captured)
-    text += f"names: [{', '.join(names)}]\nmean: {row(np.zeros(len(names)))}\ncovariance:\n"
-    text += "".join(f"  - {row(line[: i + 1], '.5f')}\n" for i, line in enumerate(covariance))
-    file.write_text(text, encoding="utf-8")
-
-
 def with_lengths(skeleton: Skeleton, mean: np.ndarray) -> Skeleton:
     """The skeleton with seven log-lengths (7,) about the published ones, and its distance from ankle to head."""
     proportions = Proportions(Kinematics(skeleton, Layout.load("smpl24", skeleton)))
@@ -321,7 +304,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     action = parser.add_mutually_exclusive_group(required=True)
     action.add_argument("--output", type=Path, metavar="FILE", help="YAML file to write")
     action.add_argument("--body", type=Path, metavar="FILE", help="YAML file of a skeleton to change")
-    action.add_argument("--prior", type=Path, metavar="FILE", help="YAML file of the lengths' prior to write")
     action.add_argument("--check", type=Path, metavar="FILE", help="YAML file to compare with the recordings")
     options = parser.parse_args(arguments)
     people = recorded_people(options.data / "detections")
@@ -332,11 +314,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     captured = captured_people(options.data)
     if options.output:
         write(options.output, recorded, captured)
-    elif options.prior:
-        write_prior(options.prior, recorded, captured)
     else:
         write_body(options.body, mean_person(recorded, captured))
-    file = options.output or options.prior or options.body
+    file = options.output or options.body
     print(f"{len(recorded)} recorded and {len(captured)} captured people -> {file}")
     return 0
 

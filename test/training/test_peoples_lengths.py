@@ -10,6 +10,7 @@ import yaml
 from benchmarks.common.report import data_folder
 from benchmarks.data.body_lengths import LENGTHS, rms_difference, skeleton_lengths
 from lassokin_ros.core.body.skeleton import Skeleton
+from training.lengths import main as write_lengths
 from training.people import (
     MEASURED_ONLY,
     PERMITTED,
@@ -31,6 +32,7 @@ DATA = data_folder()
 needs_data = pytest.mark.skipif(
     not (DATA / "corpus").is_dir() or not (DATA / "detections").is_dir(), reason=f"no data in {DATA}: set LASSOKIN_DATA"
 )
+PROPOSAL = Path(__file__).resolve().parents[2] / "training" / "people.yaml"
 HIPS = LENGTHS.index("hip width")
 
 
@@ -134,9 +136,11 @@ def test_a_skeleton_file_gets_the_lengths_and_keeps_its_stature(tmp_path):
 
 
 @needs_data
-def test_the_prior_is_about_the_proposed_body(tmp_path):
+def test_the_shipped_prior_is_that_of_these_people(tmp_path):
     file = tmp_path / "lengths.yaml"
-    assert main(["--data", str(DATA), "--prior", str(file)]) == 0
+    assert write_lengths(["--data", str(DATA), "--output", str(file)]) == 0
+    shipped = resources.files("lassokin_ros.core.evidence") / "priors" / "lengths.yaml"
+    assert file.read_bytes() == shipped.read_bytes()
     data = yaml.safe_load(file.read_text(encoding="utf-8"))
     assert not any(data["mean"]) and tuple(data["names"]) == model_names()
     lower = np.array([row + [0.0] * (len(data["names"]) - len(row)) for row in data["covariance"]])
@@ -147,8 +151,7 @@ def test_the_prior_is_about_the_proposed_body(tmp_path):
 def test_the_file_of_the_proposal_follows_from_the_data(tmp_path):
     file = tmp_path / "people.yaml"
     assert main(["--data", str(DATA), "--output", str(file)]) == 0
-    kept = Path(__file__).resolve().parents[2] / "training" / "people.yaml"
-    assert file.read_bytes() == kept.read_bytes()
+    assert file.read_bytes() == PROPOSAL.read_bytes()
 
 
 def test_the_built_in_body_has_the_lengths_of_the_proposal():
