@@ -23,7 +23,7 @@ MEASURED, GUESSED, ANOTHER = 0.003, 0.05, 0.12
 another person. A measured skeleton thus stays unchanged until the images clearly contradict it."""
 ODDS = (0.3, 0.6, 0.1)
 """Prior probability of each case. Treating a guess as measured costs more than the opposite error."""
-BUILT_IN_ODDS = (0.5, 0.1, 0.4)
+BUILT_IN_ODDS = (0.3, 0.1, 0.4, 0.2)
 """Prior probability that a person has the built-in proportions, others, or those of people of the motion capture."""
 
 
@@ -41,9 +41,9 @@ class LengthModel:
 
 
 @cache
-def _population() -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
+def _population(file="priors/lengths.yaml") -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
     """(names, mean (k,), covariance (k, k)) of people's log-lengths about the built-in proportions."""
-    data = shipped_mapping("lassokin_ros.core.evidence", "priors/lengths.yaml")
+    data = shipped_mapping("lassokin_ros.core.evidence", file)
     rows = data["covariance"]
     lower = np.array([row + [0.0] * (len(rows) - len(row)) for row in rows])
     return tuple(data["names"]), np.array(data["mean"]), lower + np.tril(lower, -1).T
@@ -59,14 +59,16 @@ def length_models(proportions: Proportions) -> list[LengthModel]:
     if not has_built_in_proportions(proportions.given):
         guessed = [about_given(spread, odds) for spread, odds in zip((GUESSED, ANOTHER), ODDS[1:])]
         return [about_given(MEASURED, ODDS[0], measured=True), *guessed]
-    names, mean, covariance = _population()
-    index = [names.index(name) if name in names else -1 for name in proportions.names]
-    known = np.flatnonzero(np.array(index) >= 0)
-    chosen = [index[i] for i in known]
-    own_mean, own = np.zeros(count), np.eye(count) * GUESSED**2
-    own_mean[known], own[np.ix_(known, known)] = mean[chosen], covariance[np.ix_(chosen, chosen)]
     built_in = [about_given(spread, odds) for spread, odds in zip((GUESSED, ANOTHER), BUILT_IN_ODDS)]
-    return [*built_in, LengthModel(own_mean, np.linalg.inv(own), BUILT_IN_ODDS[-1])]
+    for file, odds in (("priors/lengths.yaml", BUILT_IN_ODDS[2]), ("priors/cmu_lengths.yaml", BUILT_IN_ODDS[3])):
+        names, mean, covariance = _population(file)
+        index = [names.index(name) if name in names else -1 for name in proportions.names]
+        known = np.flatnonzero(np.array(index) >= 0)
+        chosen = [index[i] for i in known]
+        own_mean, own = np.zeros(count), np.eye(count) * GUESSED**2
+        own_mean[known], own[np.ix_(known, known)] = mean[chosen], covariance[np.ix_(chosen, chosen)]
+        built_in.append(LengthModel(own_mean, np.linalg.inv(own), odds))
+    return built_in
 
 
 @dataclass(frozen=True, eq=False)
