@@ -1,6 +1,6 @@
 """Learn how people's lengths go together, and write it with its provenance.
 
-    python -m training.lengths --data DIR --output lassokin_ros/core/evidence/priors/lengths.yaml
+    python -m training.lengths --data DIR --output lassokin_ros/core/evidence/priors/capture_lengths.yaml
 
 DIR holds `mocap` and `corpus`, see training/motion.py. The lengths are those of the people of the CMU database, one
 sample per person, as log-lengths about the built-in proportions of the same height.

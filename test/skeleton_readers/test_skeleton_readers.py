@@ -306,7 +306,7 @@ BAD_BVH = {
         "has the joint names of mixamo, but not Right",
     ),
     "no hips": (
-        renamed_bvh("mixamo").replace("0.091800000 -0.099", "0.0 -0.099").replace("-0.0 ", "0 "),
+        renamed_bvh("mixamo").replace("0.109800000 -0.106", "0.0 -0.106").replace("-0.0 ", "0 "),
         "on one spot",
     ),
 }
