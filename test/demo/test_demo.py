@@ -18,6 +18,7 @@ pytest.importorskip("rosbags", reason="the demo needs rosbags")
 from recordings import FRAME_TOPICS, read  # noqa: E402
 
 from lassokin_ros.demo.demo import RATE, main, run, show, slow_line, table  # noqa: E402
+from lassokin_ros.demo.live_playback import LiveNode  # noqa: E402
 from lassokin_ros.demo.result import LIMITS  # noqa: E402
 from lassokin_ros.replay.bags import BagReader  # noqa: E402
 
@@ -120,7 +121,21 @@ def test_the_exit_code_depends_on_the_skeleton_and_not_on_the_machine(kept, wron
 def test_a_node_that_falls_behind_is_slow_and_right(tmp_path, monkeypatch):
     """With a short queue the node skips frames for newer ones; each missing one is counted."""
     monkeypatch.setattr("lassokin_ros.demo.demo.QUEUE_DEPTH", 1)
-    slow = run(tmp_path, 8, rate=40.0)
+    play = LiveNode.play
+
+    def play_to_a_node_that_stops(self, recording, rate, on_frame):
+        sent = []
+
+        def stop_and_continue():
+            sent.append(None)
+            if len(sent) in (100, 130):
+                self._process.send_signal(signal.SIGSTOP if len(sent) == 100 else signal.SIGCONT)
+            on_frame()
+
+        play(self, recording, rate, on_frame=stop_and_continue)
+
+    monkeypatch.setattr(LiveNode, "play", play_to_a_node_that_stops)
+    slow = run(tmp_path, 8, rate=4.0)
     assert slow.exceeded_limits() == [] and "frames out" in slow.exceeded_speed_limits()
     assert slow.frames_in == len(slow.times) + slow.overtaken and "overtaken" in slow_line(slow)
 

@@ -10,6 +10,7 @@ import yaml
 from benchmarks.common.report import data_folder
 from benchmarks.data.body_lengths import LENGTHS, rms_difference, skeleton_lengths
 from lassokin_ros.core.body.skeleton import Skeleton
+from training.lengths import main as write_captured_lengths
 from training.people import (
     MEASURED_ONLY,
     PERMITTED,
@@ -137,6 +138,8 @@ def test_a_skeleton_file_gets_the_lengths_and_keeps_its_stature(tmp_path):
 def test_the_prior_is_about_the_proposed_body(tmp_path):
     file = tmp_path / "lengths.yaml"
     assert main(["--data", str(DATA), "--prior", str(file)]) == 0
+    shipped = resources.files("lassokin_ros.core.evidence") / "priors" / "people_lengths.yaml"
+    assert file.read_bytes() == shipped.read_bytes()
     data = yaml.safe_load(file.read_text(encoding="utf-8"))
     assert not any(data["mean"]) and tuple(data["names"]) == model_names()
     lower = np.array([row + [0.0] * (len(data["names"]) - len(row)) for row in data["covariance"]])
@@ -149,3 +152,21 @@ def test_the_file_of_the_proposal_follows_from_the_data(tmp_path):
     assert main(["--data", str(DATA), "--output", str(file)]) == 0
     kept = Path(__file__).resolve().parents[2] / "training" / "people.yaml"
     assert file.read_bytes() == kept.read_bytes()
+
+
+@needs_data
+def test_the_shipped_prior_of_captured_people_follows_from_the_data(tmp_path, monkeypatch):
+    file = tmp_path / "lengths.yaml"
+    monkeypatch.setattr("sys.argv", ["lengths", "--data", str(DATA), "--output", str(file)])
+    assert write_captured_lengths() == 0
+    shipped = resources.files("lassokin_ros.core.evidence") / "priors" / "capture_lengths.yaml"
+    assert file.read_bytes() == shipped.read_bytes()
+
+
+def test_the_built_in_body_has_the_lengths_of_the_proposal():
+    data = yaml.safe_load(
+        (Path(__file__).resolve().parents[2] / "training" / "people.yaml").read_text(encoding="utf-8")
+    )
+    proposed = np.array([data["mean"][data["names"].index(name)] for name in LENGTHS])
+    logs = about_published(skeleton_lengths(Skeleton.load("anthropometric", 1.0)))
+    assert np.abs(logs - about_published(np.array(PUBLISHED) * np.exp(proposed))).max() < 0.008

@@ -45,8 +45,10 @@ def test_only_given_lengths_can_be_measured():
 @pytest.mark.parametrize("layout", ["coco17", "body25", "mediapipe33", "smpl24"])
 def test_the_population_is_about_the_built_in_body_and_differs_most_in_widths(layout):
     proportions = proportions_of(Skeleton.load("anthropometric", 1.75), layout)
-    model = length_models(proportions)[-1]
-    assert np.linalg.eigvalsh(model.precision).min() > 0 and not model.mean.any()
+    *_, model, captured = length_models(proportions)
+    assert min(np.linalg.eigvalsh(case.precision).min() for case in (model, captured)) > 0 and not model.mean.any()
+    mean = dict(zip(proportions.names, captured.mean))
+    assert mean["forearm"] < -0.2 and all(mean[name] == 0 for name in ("foot", "hand") if name in mean)
     spread = dict(zip(proportions.names, np.sqrt(np.diag(np.linalg.inv(model.precision)))))
     assert spread["hip width"] > 0.1 > spread["shoulder width"] > spread["thigh"] > 0.03
 
@@ -88,12 +90,12 @@ def test_the_deviation_of_given_lengths_is_that_of_a_guess():
     assert np.all(initial_deviation(models) == GUESSED)
 
 
-def test_an_exact_measurement_decides_for_the_population():
+def test_an_exact_measurement_decides_for_a_population():
     proportions = Proportions(body())
     models = length_models(proportions)
     exact = 1e6 * np.eye(proportions.count)
     wide = np.where(np.array(proportions.names) == "hip width", 0.3, 0.0)
-    found = posterior(models, exact, exact @ wide, np.zeros_like(exact))
-    assert found.odds[-1] > 0.99
+    for case, lengths in ((2, wide), (3, models[3].mean)):
+        assert posterior(models, exact, exact @ lengths, np.zeros_like(exact)).odds[case] > 0.99
     found = posterior(models, exact, 0 * wide, np.zeros_like(exact))
     assert found.odds[0] > 0.5 and found.odds[1] < 0.01
