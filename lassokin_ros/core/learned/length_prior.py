@@ -26,7 +26,7 @@ ODDS = (0.3, 0.6, 0.1)
 """Prior probability of each case. Treating a guess as measured costs more than the opposite error."""
 BUILT_IN_ODDS = (0.3, 0.1, 0.4, 0.2)
 """Prior probability that a person has the built-in proportions, others, or those of one of the `POPULATIONS`. Without
-the last, the keypoints of motion capture's own joints give 70 instead of 65 mm on the test people."""
+the last, validation people whose keypoints are the capture's own joints have a PA error of 46.4 instead of 44.0 mm."""
 POPULATIONS = ("priors/people_lengths.yaml", "priors/capture_lengths.yaml")
 """Files of people's lengths: as detectors see them, and between the joints of motion capture."""
 
