@@ -18,6 +18,9 @@ SHORTEST = 0.3
 PI = round(math.pi, 4)
 """rad: pi rounded up, for readable ranges."""
 
+KINDS: Mapping[type, str] = {tuple: "a list of names"}
+"""What a setting of a type is, in words, where the name of the type does not say it."""
+
 
 def setting(
     default: Any,
@@ -147,8 +150,10 @@ def without_bool(value: Any, metadata: Mapping[str, Any]) -> Any:
 def check_setting(name: str, value: Any, metadata: Mapping[str, Any], kind: type) -> None:
     """Raise ConfigurationError if a value has the wrong type or is out of range."""
     right_kind = isinstance(value, (int, float)) if kind is float else isinstance(value, kind)
+    if kind is tuple:  # of names; YAML and ROS give lists
+        right_kind = isinstance(value, (list, tuple)) and all(isinstance(name, str) for name in value)
     if not right_kind or (isinstance(value, bool) and kind is not bool):
-        raise ConfigurationError(f"{name} is {value!r}; expected a value of type {kind.__name__}")
+        raise ConfigurationError(f"{name} is {value!r}; expected {KINDS.get(kind, f'a value of type {kind.__name__}')}")
     if metadata["choices"] and value not in metadata["choices"]:
         raise ConfigurationError(f"{name} is {value!r}; expected one of: {', '.join(metadata['choices'])}")
     low, high = metadata["low"], metadata["high"]

@@ -27,6 +27,7 @@ from lassokin_ros.node.parameters import LiveParameters, Settings, changes_of, d
 from lassokin_ros.node.person_outputs import PeopleOutputs, PersonOutputs, advertise
 from lassokin_ros.node.qos import sensor_data
 from lassokin_ros.node.scene_outputs import SceneOutputs
+from lassokin_ros.pipeline.camera_images import UNUSED
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.description.skeleton_file import save_all
@@ -34,7 +35,7 @@ from lassokin_ros.pipeline.outputs.status.calibration_status import averaged_sid
 from lassokin_ros.pipeline.outputs.status.diagnostics import NEAR_LIMIT, NEAR_LIMIT_ADVICE, Diagnostics
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.pipeline.people.per_body_pipeline import PerBodyPipeline
-from lassokin_ros.pipeline.pipeline import UNUSED, Pipeline
+from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.output_messages.builders import DiagnosticArrayBuilder

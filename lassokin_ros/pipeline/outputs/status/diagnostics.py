@@ -10,6 +10,7 @@ import numpy as np
 
 from lassokin_ros.core.observation import Rejection, Status
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
+from lassokin_ros.pipeline.camera_images import DEPTH_IN_MESSAGE, NOBODY, UNSCORED, UNUSED
 from lassokin_ros.pipeline.depth_check import MISFIT
 from lassokin_ros.pipeline.depth_images import COUNTS as DEPTH_COUNTS
 from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED
@@ -22,7 +23,7 @@ from lassokin_ros.pipeline.outputs.status.calibration_status import calibration_
 from lassokin_ros.pipeline.outputs.status.input_concerns import input_concerns
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.people.tracked_person import FROZEN
-from lassokin_ros.pipeline.pipeline import DEPTH_IN_MESSAGE, NOBODY, UNSCORED, UNUSED, Pipeline
+from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.placeholders import PLACEHOLDERS
 from lassokin_ros.pipeline.settings import MESSAGE
 from msg_adapters.output_messages.builders import ERROR, OK, WARN, StatusLine
@@ -370,7 +371,7 @@ def _misfit(frame: FrameResult) -> float:
     """
     estimate = frame.estimate
     assert estimate is not None and estimate.state is not None and frame.lens is not None and frame.skeleton is not None
-    depth = float(estimate.state.translation[2])
+    depth = float(frame.camera.into_camera(estimate.state.translation)[2])
     return estimate.reprojection_px / frame.lens.focal * depth / frame.skeleton.height
 
 
