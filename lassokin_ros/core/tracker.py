@@ -454,6 +454,7 @@ class Tracker:
             length_deviation=self.learned.lengths.deviation,
             joint_depths=frame.joint_depths,
             cameras=sum(bool(view.weights.any()) for view in frame.views),
+            centre=frame.camera.centre,
         )
 
     def _learn(

@@ -68,6 +68,8 @@ class CameraImages:
         """True if the last message had no confident keypoint."""
         self.unused_confidence = 0.0
         """Largest confidence in the last message without a confident keypoint; 0 if that had no keypoint."""
+        self.received, self.arrival_ns = 0, 0
+        """Number of messages, and the arrival of the last one, ns."""
         self.stamp_ns, self.frame_id = 0, ""
         """Of the last message, as far as they are known: ns, and the frame_id, or that of its camera_info."""
         self.sampled: Keypoints | None = None
@@ -80,6 +82,7 @@ class CameraImages:
         arrival_ns: ns, the stamp of a message that has none. Raises AdapterError if the message cannot be used.
         """
         self.nobody_in_view, self.sampled = False, None
+        self.received, self.arrival_ns = self.received + 1, arrival_ns
         self.stamp_ns, self.frame_id = arrival_ns, ""
         keypoints, view = self._decode(message)
         self.frame_id = keypoints.frame_id or view.intrinsics.frame_id

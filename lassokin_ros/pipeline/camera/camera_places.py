@@ -17,16 +17,23 @@ LEVEL = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 class CameraPlaces:
     """The poses of the cameras in one frame."""
 
+    subject, meanwhile = "the cameras' poses", "images of the camera are rejected"
+    """What TF gives, and what is done without it."""
+
     def __init__(self, fixed_frame: str, names: tuple[str, ...], given: Mapping[str, CameraPose] | None = None) -> None:
         """fixed_frame: name of the frame; empty for the optical frame of the first camera. names: of the cameras.
 
-        given: poses by name, in place of those from TF.
+        given: poses by name in a common frame, in place of those from TF. It is the fixed frame, if that has a name.
         """
         self._first, self._given = names[0], given
         self.base = fixed_frame.lstrip("/")
         """Name of the frame. Without a fixed frame it is that of the first camera, empty before its first image."""
         self._fixed = bool(self.base)
+        if given is not None and not self._fixed:
+            self._given = {name: _relative(given[name], given[names[0]]) for name in names}
         self.transforms = Transforms()
+        self.known = False
+        """True if TF has given a pose."""
         self.faults: dict[str, str] = {}
         """Why the last image of a camera could not be placed, in words, by name."""
 
@@ -53,8 +60,20 @@ class CameraPlaces:
             self.faults[name] = f"no pose of {f'camera {name!r}' if name else 'the camera'} in {where}: {error}"
             raise AdapterError("no_transform", self.faults[name]) from None
         self.faults.pop(name, None)
+        self.known = True
         return CameraPose(name, rotation.T, -rotation.T @ centre)
 
-    def reset(self) -> None:
-        """Forget the moving frames, after a jump of the clock."""
-        self.transforms.clear()
+    @property
+    def fault(self) -> str:
+        """Why the last images of cameras could not be placed, in words; empty if they could."""
+        return "; ".join(self.faults.values())
+
+    def in_words(self) -> str:
+        """Return where the poses come from."""
+        return f"follow TF in the frame '{self.base}'"
+
+
+def _relative(pose: CameraPose, first: CameraPose) -> CameraPose:
+    """Return a pose in the optical frame of another camera."""
+    rotation = pose.rotation @ first.rotation.T
+    return CameraPose(pose.name, rotation, pose.translation - rotation @ first.translation)

@@ -8,7 +8,6 @@ from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.detections import MOST_PEOPLE, detection, detections_by_person
 from lassokin_ros.pipeline.people.assignment import assign
-from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.people.matching import distance, distances, is_trackable, match_radius
 from lassokin_ros.pipeline.people.multi_person import SAME_BODY, _without_duplicates, name
 from lassokin_ros.pipeline.people.presence import best
