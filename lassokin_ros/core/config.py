@@ -13,6 +13,7 @@ from lassokin_ros.core.errors import ConfigurationError
 
 TYPICAL_HEIGHT = 1.70
 """m: assumed height of a person whose height is to be measured."""
+GIVEN, CHECK, LEARN = "given", "check", "learn"
 SHORTEST = 0.3
 """m: least height."""
 PI = round(math.pi, 4)
@@ -52,6 +53,12 @@ class TrackerConfig:
     skeleton: str = setting("anthropometric", "built-in skeleton, or path of a YAML, SMPL npz, BVH or URDF file")
     landmarks: str = setting("coco17", "landmark layout of the detector, or path of a YAML file")
     depth_prior: bool = setting(True, "use the joint depths that the shipped network estimates from the keypoints")
+    extrinsics: str = setting(
+        CHECK,
+        "poses of several cameras: as given; checked against the person they see; or corrected by what is learned from "
+        "the person",
+        choices=(GIVEN, CHECK, LEARN),
+    )
     solver: str = setting("proxqp", "QP solver for the lasso's dual: proxqp, or any solver of qpsolvers")
     camera_roll: float = setting(
         0.0,

@@ -225,8 +225,8 @@ class UncertaintyModel:
 
         live: (n, 3, live) and relative: (n, 3, 3), their part and the whole of the covariances relative to the pelvis,
         relative = live live^T plus a part that is independent of the pelvis. lower: Cholesky factor of the information.
-        share: see `covariance`. factor, added: as in `_sized`. sight: (3,) m, standard deviation of the distance from the
-        camera, along the line of sight.
+        share: see `covariance`. factor, added: as in `_sized`. sight: (3,) m, standard deviation of the distance from
+        the camera, along the line of sight.
         """
         Y = problem.reduced.Y
         columns = np.empty((self._live_count, 6))

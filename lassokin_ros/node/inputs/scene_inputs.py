@@ -37,7 +37,7 @@ class SceneInputs:
 
         Raises ConfigurationError if the package of a required message type is not installed.
         """
-        self._node, self._on_error = node, on_error
+        self._node, self._pipeline, self._on_error = node, pipeline, on_error
         self.simulated_time = SimulatedTime(node)
         self._cameras = {
             name: CameraInputs(node, pipeline, images, diagnostics, on_error)
@@ -81,5 +81,6 @@ class SceneInputs:
             self._missing_clock.restart(now)
         faults += [camera.check(now) for camera in self._cameras.values()]
         if self._transforms is not None:
-            faults.append(self._transforms.check(now))
+            fault = self._transforms.check(now)
+            faults.append("" if self._pipeline.places else fault)  # /diagnostics has it for each camera
         return "; ".join(filter(None, faults))
