@@ -70,13 +70,9 @@ class CameraStatus:
             if wrong := extrinsics.wrong.get(name):
                 yield wrong
             elif (moved := extrinsics.moved(name)) is not None:
-                done = (
-                    "this is corrected" if self._pipeline.tracker.config.extrinsics == LEARN else "it is not corrected"
-                )
-                yield (
-                    f"camera '{name}' is turned by {math.degrees(moved[0]):.1f} degrees and shifted by {moved[1]:.2f} m "
-                    f"from its given pose, by the person in view; {done} (see extrinsics)"
-                )
+                done = "" if self._pipeline.tracker.config.extrinsics == LEARN else "not "
+                off = f"{math.degrees(moved[0]):.1f} degrees and {moved[1]:.2f} m off its given pose"
+                yield f"camera '{name}' is {off}, as the person shows; this is {done}corrected (see extrinsics)"
 
     @property
     def fault(self) -> str:

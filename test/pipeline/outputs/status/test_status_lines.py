@@ -47,6 +47,7 @@ def pipeline():
         locked=None,
         tracker=tracker,
         trackers={"": tracker},
+        places=None,
         nobody_in_view=False,
         unused_confidence=0.0,
         depth=None,
