@@ -74,7 +74,12 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument("-p", action="append", default=[], metavar="name:=value", help="a parameter of the tracker")
     result.add_argument("--report", type=Path, metavar="HTML", help="write a page with plots and the skeleton in 3D")
     result.add_argument(
-        "--export", type=Path, action="append", default=[], metavar="FILE", help=".csv, .npz, .bvh or .amass.npz"
+        "--export",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE",
+        help=".csv, .npz, .bvh, .amass.npz, .trc or .c3d",
     )
     result.add_argument("--video", type=Path, metavar="MP4", help="write the images with the skeleton as a video")
     result.add_argument(
