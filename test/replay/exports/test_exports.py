@@ -5,6 +5,7 @@ import os
 import sys
 from dataclasses import replace
 from importlib.util import find_spec
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.core.learned.vertical import vertical_of
 from lassokin_ros.pipeline.outputs.description.urdf import joint_names  # noqa: E402
-from lassokin_ros.replay.exports.amass import smpl_rotations  # noqa: E402
+from lassokin_ros.replay.exports.amass import smpl_rotations, write_amass  # noqa: E402
 from lassokin_ros.replay.exports.errors import ExportError  # noqa: E402
 from lassokin_ros.replay.exports.markers import markers_of  # noqa: E402
 from lassokin_ros.replay.exports.sampling import uniform  # noqa: E402
@@ -79,7 +80,9 @@ def test_csv_contains_the_positions_and_angles_of_the_bag(tracked, published):
         assert 0 < float(row["reprojection [px]"]) < 30
         assert 0 < float(row["left_wrist deviation [m]"]) < 0.6 and row["likely wrong"] in ("0", "1")
         assert 0 <= float(row["left_knee flexion [deg]"]) < 120
-    assert len(rows[0]) == 2 + 2 * 72 + 1 + 24 + 1 + 13
+    assert len(rows[0]) == 2 + 2 * 72 + 1 + 24 + 1 + 13 + 24
+    shown = {joint: {row[f"{joint} angles observed"] for row in rows} for joint in SKELETON.joint_names}
+    assert shown["left_knee"] == {"1"} == shown["right_elbow"] and shown["left_hand"] == {"0"} == shown["left_foot"]
 
 
 def test_every_array_of_the_npz_is_in_the_documentation(tracked):
@@ -191,6 +194,28 @@ def test_the_world_of_a_mounted_camera_is_level(recording, tmp_path):
         assert np.abs(np.linalg.norm(found, axis=1) - np.linalg.norm(places, axis=1)).max() < exact
     sight = np.array([-np.sin(0.3) * np.sin(0.4), -np.cos(0.3) * np.sin(0.4), np.cos(0.4)])  # level, straight on
     assert np.abs(amass[:, 1] - places @ sight).max() < 1e-6 and np.abs(-bvh[:, 2] - places @ sight).max() < 1e-5
+
+
+def test_loaders_that_take_every_nth_frame_get_30_hz_or_more():
+    """n = rate // 30 of PHC and human2humanoid must not be 0."""
+    for rate, expected in ((15.0, 30.0), (25.0, 30.0), (29.97, 30.0), (30.0, 30.0), (60.0, 60.0)):
+        motion = some_motion(np.arange(41) / rate)
+        file = BytesIO()
+        write_amass(motion, file)
+        file.seek(0)
+        with np.load(file) as data:
+            assert data["mocap_framerate"] // 30 >= 1 and abs(data["mocap_framerate"] - expected) < 1e-6
+            seconds = (len(data["trans"]) - 1) / data["mocap_framerate"]
+            assert abs(seconds - 40 / rate) < 1 / 30 and data["angles_observed"].shape == (len(data["trans"]), 24)
+            at = np.arange(len(data["trans"])) / data["mocap_framerate"]
+            assert np.abs(data["trans"][:, 0] - at).max() < 2e-3
+
+
+def test_all_joints_of_a_bvh_have_one_order(tracked):
+    """Loaders of LAFAN1 and Holden's take the first order for all joints."""
+    text = (tracked / "motion.bvh").read_text(encoding="utf-8")
+    orders = {" ".join(line.split()[-3:]) for line in text.splitlines() if "CHANNELS" in line}
+    assert orders == {"Zrotation Yrotation Xrotation"}
 
 
 def test_amass_handles_a_skeleton_with_other_joints():
