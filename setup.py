@@ -13,6 +13,7 @@ MANIFEST = ElementTree.parse(Path(__file__).parent / "package.xml").getroot()
 ROS = ["ros-jazzy-rclpy[fastrtps]>=7.1.6", "ros-jazzy-common-interfaces>=5.3.6"]
 REPLAY = ["rosbags>=0.11"]
 VIDEO = ["opencv-python-headless>=4.6", "av>=12", *REPLAY]  # PyAV encodes H.264, which browsers play
+C3D = ["ezc3d>=1.5"]
 CLUSTER = ["distributed>=2024.8", *REPLAY]
 MEDIAPIPE = ["mediapipe>=0.10.14,<0.10.22", *VIDEO]  # later releases do not contain the weights of MediaPipe Pose
 ONNX = ["onnxruntime>=1.17", *VIDEO]
@@ -57,6 +58,7 @@ TEST = [
     *DEMO,
     *VIDEO,
     *CLUSTER,
+    *C3D,
 ]
 MUTANTS = ["cosmic-ray>=8.7,<9", *TEST]
 
@@ -116,6 +118,7 @@ setup(
         "view": VIEW,
         "mediapipe": MEDIAPIPE,
         "onnx": ONNX,
+        "c3d": C3D,
         "cluster": CLUSTER,
         "demo": DEMO,
         "test": TEST,

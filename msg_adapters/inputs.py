@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from msg_adapters.output_messages.builders import set_header
 from msg_adapters.output_messages.clouds import CloudBuilder
 
 POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("confidence", "<f4"), ("id", "<i4")])
+POINT_OF_PERSON = np.dtype([*POINT.descr, ("person", "<i4")])
 
 
 def point_cloud(backend: Backend, stamp_ns: int, frame_id: str, pixels: np.ndarray, confidence: np.ndarray) -> Any:
@@ -23,6 +25,23 @@ def point_cloud(backend: Backend, stamp_ns: int, frame_id: str, pixels: np.ndarr
     points["x"], points["y"] = pixels[ids].T
     points["confidence"], points["id"] = confidence[ids], ids
     return CloudBuilder(backend, POINT).fill(stamp_ns, frame_id, points)
+
+
+def people_cloud(
+    backend: Backend, stamp_ns: int, frame_id: str, people: Sequence[tuple[int, np.ndarray, np.ndarray]]
+) -> Any:
+    """Return everybody's keypoints of one image, as `point_cloud`, with the field `person`.
+
+    people: number, pixels and confidence of each person. Numbers below 0 are valid in this message only.
+    """
+    parts = [np.empty(0, POINT_OF_PERSON)]
+    for number, pixels, confidence in people:
+        ids = np.flatnonzero(confidence > 0)
+        points = np.empty(len(ids), POINT_OF_PERSON)
+        points["x"], points["y"] = pixels[ids].T
+        points["confidence"], points["id"], points["person"] = confidence[ids], ids, number
+        parts.append(points)
+    return CloudBuilder(backend, POINT_OF_PERSON).fill(stamp_ns, frame_id, np.concatenate(parts))
 
 
 def camera_info(

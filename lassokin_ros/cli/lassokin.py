@@ -6,6 +6,7 @@ lassokin tracker --ros-args ...   the ROS 2 node
 lassokin detector --ros-args ...  the ROS 2 node that turns images into keypoints
 lassokin camera --ros-args ...    the ROS 2 node that publishes a webcam or a video file
 lassokin viewer --ros-args ...    the ROS 2 node that shows the tracker's topics in the viewer Rerun
+lassokin measure gait|squat NPZ   cadence, stride, speed, knees; depth and angles of squats
 lassokin --version                the version of the package
 """
 
@@ -25,6 +26,7 @@ COMMANDS = {
     "detector": ("lassokin_ros.detector.command", "main"),
     "camera": ("lassokin_ros.camera.command", "main"),
     "viewer": ("lassokin_ros.viewer.command", "main"),
+    "measure": ("lassokin_ros.measure.command", "main"),
 }
 """Module and function of each sub-command. A module is imported when its sub-command is used."""
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lassokin_ros.common.svg import Axes, document, text
 from lassokin_ros.core.image.projection import project
-from lassokin_ros.demo.svg import Axes, document, text
 from lassokin_ros.demo.synthetic import WEBCAM
 
 if TYPE_CHECKING:

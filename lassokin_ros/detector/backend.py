@@ -24,13 +24,18 @@ class Detected:
 
 
 class Detector(Protocol):
-    """A 2D pose detector for one person."""
+    """A 2D pose detector."""
 
     landmarks: str
     """Name of the landmark layout."""
+    several: bool
+    """Whether it can find more than one person in an image."""
 
-    def detect(self, image: np.ndarray, seconds: float) -> Detected:
-        """Return the keypoints in an image (height, width, 3), uint8, RGB. seconds: the image's time, s."""
+    def detect(self, image: np.ndarray, seconds: float) -> list[Detected]:
+        """Return the people in an image, the surest first.
+
+        image: (height, width, 3), uint8, RGB. seconds: the image's time, s.
+        """
         ...
 
     def close(self) -> None:
@@ -49,8 +54,3 @@ def make_detector(name: str) -> Detector:
 
         return OnnxPose(Path(name))
     raise DetectorError(f"detector '{name}'; expected mediapipe, or the path of a .onnx file")
-
-
-def nobody(count: int) -> Detected:
-    """Return the result for an image without a person. count: number of landmarks of the layout."""
-    return Detected(np.full((count, 2), np.nan), np.zeros(count))

@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from lassokin_ros.detector.backend import Detected, DetectorError, nobody
+from lassokin_ros.detector.backend import Detected, DetectorError
 
-LANDMARKS = 33
 NEEDED = "pip install 'mediapipe>=0.10.14,<0.10.22'"
 
 
@@ -20,6 +19,7 @@ class MediaPipePose:
     """MediaPipe Pose with tracking between images. The images must come in the order of time."""
 
     landmarks = "mediapipe33"
+    several = False
 
     def __init__(self) -> None:
         """Raises DetectorError."""
@@ -28,16 +28,16 @@ class MediaPipePose:
             self._pose = _pose()
             self._pose.process(np.zeros((64, 64, 3), np.uint8))  # returns when the models are loaded
 
-    def detect(self, image: np.ndarray, seconds: float) -> Detected:
+    def detect(self, image: np.ndarray, seconds: float) -> list[Detected]:
         """See Detector.detect."""
         with nullcontext() if self._loaded else _quiet_stderr():
             found = self._pose.process(np.ascontiguousarray(image)).pose_landmarks
         if found is None:
-            return nobody(LANDMARKS)
+            return []
         self._loaded = True
         height, width = image.shape[:2]
         points = np.array([(p.x, p.y, p.visibility) for p in found.landmark])
-        return Detected(points[:, :2] * (width, height), np.clip(points[:, 2], 0.0, 1.0))
+        return [Detected(points[:, :2] * (width, height), np.clip(points[:, 2], 0.0, 1.0))]
 
     def close(self) -> None:
         """See Detector.close."""

@@ -15,12 +15,12 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Image, PointCloud2
 
 from lassokin_ros.detector.backend import make_detector
+from lassokin_ros.detector.keypoint_message import keypoint_message
 from lassokin_ros.node.log_throttle import LogThrottle
 from lassokin_ros.node.qos import sensor_data
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.errors import AdapterError
 from msg_adapters.image import decode_image
-from msg_adapters.inputs import point_cloud
 
 PERIOD_S = 1.0
 
@@ -61,7 +61,7 @@ class DetectorNode(Node):
         try:
             found = self._detector.detect(decode_image(message), stamp_ns * 1e-9)
             frame_id = message.header.frame_id
-            cloud = point_cloud(self._backend, stamp_ns, frame_id, found.pixels, found.confidence)
+            cloud = keypoint_message(self._backend, stamp_ns, frame_id, found, self._detector.several)
             self._keypoints.publish(cloud)
         except AdapterError as error:
             self._reject(error.reason, str(error))
@@ -69,7 +69,7 @@ class DetectorNode(Node):
             if self.context.ok():
                 self._reject("internal_error", f"an image was dropped: {type(error).__name__}: {error}")
         else:
-            self._counts["detected" if (found.confidence > 0).any() else "nobody"] += 1
+            self._counts["detected" if found else "nobody"] += 1
             self._busy_s += time.monotonic() - started
 
     def _reject(self, reason: str, text: str) -> None:

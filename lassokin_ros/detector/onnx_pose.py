@@ -1,4 +1,4 @@
-"""Pose models in ONNX files, run by onnxruntime: MoveNet, RTMPose (SimCC) and YOLO-pose."""
+"""Pose models in ONNX files, run by onnxruntime, see pose_models.py."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lassokin_ros.detector.backend import Detected, DetectorError, nobody
+from lassokin_ros.detector.backend import Detected, DetectorError
 from lassokin_ros.detector.person_region import WHOLE, region_around
 from lassokin_ros.detector.pose_models import EXPECTED, LAYOUTS, recognise
 
@@ -42,22 +42,20 @@ class OnnxPose:
             raise DetectorError(
                 f"'{path}' is no pose model that is known: its outputs are {given}; expected {EXPECTED}"
             )
-        self._kind, self._count = found
-        self.landmarks = LAYOUTS[self._count]
+        self._kind, count = found
+        self.landmarks, self.several = LAYOUTS[count], self._kind.several
         self._region = WHOLE
 
-    def detect(self, image: np.ndarray, seconds: float) -> Detected:
+    def detect(self, image: np.ndarray, seconds: float) -> list[Detected]:
         """See Detector.detect."""
-        part = image[self._region] if self._kind.follows else image
-        boxed, scale, shift = letterbox(part, self._size, self._kind.border)
-        points = self._kind.decode(self._run(self._kind.prepare(boxed)), self._size)
-        if points is None:
-            return nobody(self._count)
-        rows, columns = self._region if self._kind.follows else WHOLE
-        pixels = (points[:, :2] - shift) / scale + (columns.start or 0, rows.start or 0)
-        confidence = np.clip(np.nan_to_num(points[:, 2].astype(float)), 0.0, 1.0)
-        self._region = region_around(np.column_stack([pixels, confidence]), image.shape)
-        return Detected(pixels, confidence)
+        region = self._region
+        boxed, scale, shift = letterbox(image[region], self._size, self._kind.border)
+        people = self._kind.decode(self._run(self._kind.prepare(boxed)), self._size).astype(float)
+        people[..., :2] = (people[..., :2] - shift) / scale + [part.start or 0 for part in region[::-1]]
+        people[..., 2] = np.clip(np.nan_to_num(people[..., 2]), 0.0, 1.0)
+        if not self._kind.several:
+            self._region = region_around(people[0], image.shape)
+        return [Detected(person[:, :2], person[:, 2]) for person in people]
 
     def close(self) -> None:
         """See Detector.close."""

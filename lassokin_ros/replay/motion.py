@@ -13,6 +13,8 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.replay.analysis.doubts import PeopleDoubts
 from lassokin_ros.replay.analysis.floor import floor_height
 
+FACE = "head"
+
 
 @dataclass(frozen=True, eq=False)
 class Motion:
@@ -58,6 +60,22 @@ class Motion:
     likely_wrong: np.ndarray
     level: np.ndarray
     floor: float = 0.0
+
+    @property
+    def angles_observed(self) -> np.ndarray:
+        """(f, n) bool: keypoints show which way a joint turns; otherwise the pose prior alone gives its angles.
+
+        A joint turns its children, so one of them must be observed. Of the joints without children, the head alone
+        carries keypoints beside its centre.
+        """
+        skeleton, result = self.skeleton, np.zeros_like(self.observed)
+        for child, parent in enumerate(skeleton.parents):
+            if parent >= 0:
+                result[:, parent] |= self.observed[:, child]
+        if FACE in skeleton.joint_names:
+            head = skeleton.index(FACE)
+            result[:, head] |= self.observed[:, head]
+        return result
 
     @property
     def frame_count(self) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,11 +23,18 @@ def read(path: Path, height: float) -> Skeleton:
     other names keeps its tree, which must have our axes and pose.
     """
     source = str(path)
-    tree = parse_hierarchy(read_text(path, SkeletonError), source)
+    tree = _with_our_orders(parse_hierarchy(read_text(path, SkeletonError), source))
     named = in_our_names(tree, source)
     if named is None:
         return to_skeleton(in_metres(tree, height, source), height, source, path.stem)
     return to_skeleton(in_our_pose(in_metres(named, height, source), source), height, source, path.stem)
+
+
+def _with_our_orders(tree: RestTree) -> RestTree:
+    """Return the tree with our orders of rotations at joints with our names; those of a file are the file format's."""
+    ours = Skeleton.load("anthropometric", 1.0)
+    known = dict(zip(ours.joint_names, ours.axes))
+    return replace(tree, axes=tuple(known.get(name.split(":")[-1], axes) for name, axes in zip(tree.names, tree.axes)))
 
 
 def parse_hierarchy(text: str, source: str) -> RestTree:

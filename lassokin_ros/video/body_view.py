@@ -109,7 +109,7 @@ class BodyView:
             width = 2 * (radius + min(float(deviation[b]), WIDEST_HALO_M))
             self._limb(image, joints[[a, b]], middle, blended(COLOURS[side], HALO), width)
         for a, b, radius, side in limbs:
-            seen = side == "middle" or (observed[a] and (observed[b] or names[b].endswith("_foot")))
+            seen = side == "middle" or (observed[a] and (observed[b] or names[b].endswith(("_foot", "_hand"))))
             self._limb(image, joints[[a, b]], middle, blended(COLOURS[side], 1.0 if seen else FAINT), 2 * radius)
         if {"head", "neck"} <= set(names):
             self._draw_head(image, joints[names.index("neck")], joints[names.index("head")], middle, HEAD[1] * height)

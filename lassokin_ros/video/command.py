@@ -63,12 +63,23 @@ def parser() -> argparse.ArgumentParser:
         "--camera-info", type=Path, metavar="YAML", help="calibration file of ROS (ost.yaml), OpenCV or Kalibr"
     )
     result.add_argument("--detector", default="mediapipe", metavar="NAME", help="mediapipe (default), or a .onnx file")
+    result.add_argument(
+        "--person",
+        metavar="WHO",
+        help="with a detector that finds several people: largest (default for files), nearest, all, or a number of the "
+        "list that is printed, 1 for the largest",
+    )
     result.add_argument("--fps", type=float, help="frame rate of a folder of images, Hz (default: 30)")
     result.add_argument("--params-file", type=Path, action="append", default=[], metavar="YAML")
     result.add_argument("-p", action="append", default=[], metavar="name:=value", help="a parameter of the tracker")
     result.add_argument("--report", type=Path, metavar="HTML", help="write a page with plots and the skeleton in 3D")
     result.add_argument(
-        "--export", type=Path, action="append", default=[], metavar="FILE", help=".csv, .npz, .bvh or .amass.npz"
+        "--export",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE",
+        help=".csv, .npz, .bvh, .amass.npz, .trc or .c3d",
     )
     result.add_argument("--video", type=Path, metavar="MP4", help="write the images with the skeleton as a video")
     result.add_argument(

@@ -9,10 +9,12 @@ from typing import Any
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.common.summary_output import print_note
 from lassokin_ros.detector.backend import Detected, Detector
+from lassokin_ros.detector.keypoint_message import keypoint_message
 from lassokin_ros.pipeline.settings import OPTICAL_FRAME
 from lassokin_ros.video import PROGRAM
+from lassokin_ros.video.people import Found, Seen
 from lassokin_ros.video.sources import Image, Source, SourceError
-from msg_adapters.inputs import point_cloud
+from msg_adapters.inputs import people_cloud
 
 FIRST_STAMP_NS = 1_000_000_000
 """ns: stamp of an image at 0 s. A stamp of zero means no stamp."""
@@ -28,14 +30,14 @@ def stamp_of(seconds: float) -> int:
 class Detections:
     """The images of a source with their keypoints.
 
-    fault: why the source ended early, in words; empty if it did not. detect_seconds: time of the detector for each
-    image, s. interrupted: the images ended because of a signal.
+    found: the people in each image, if they are kept. fault: why the source ended early, in words; empty if it did not.
+    detect_seconds: time of the detector for each image, s. interrupted: the images ended because of a signal.
     """
 
     def __init__(self, source: Source, detector: Detector, backend: Any, keep: bool) -> None:
-        """keep: whether the keypoints are kept for `messages`."""
+        """keep: whether the keypoints are kept in `found`."""
         self._source, self._detector, self._backend, self._keep = source, detector, backend, keep
-        self._found: list[tuple[float, Detected]] = []
+        self.found: list[Found] = []
         self._last = 0.0
         self.detect_seconds: list[float] = []
         self.fault = ""
@@ -50,7 +52,7 @@ class Detections:
             for image in self._source.images:
                 if stopped:
                     break
-                yield image, self._message(image.seconds, self._detect(image))
+                yield image, self._message(image.seconds, self._detect(image), self._detector.several)
         except SourceError as error:
             if not self.detect_seconds:
                 raise
@@ -60,22 +62,36 @@ class Detections:
         self.interrupted = bool(stopped)
         self._check_end()
 
-    def messages(self) -> Iterator[tuple[float, Any]]:
-        """Yield time in s and keypoint message of each image that was detected."""
-        for seconds, found in self._found:
-            yield seconds, self._message(seconds, found)
+    def of_all(self) -> Iterator[tuple[float, Any]]:
+        """Yield time in s and keypoint message of each kept image, with the one person whom the detector finds."""
+        for seconds, found in self.found:
+            yield seconds, self._message(seconds, found, False)
 
-    def _detect(self, image: Image) -> Detected:
+    def of_people(self, people: Sequence[tuple[int, Seen]], numbered: bool) -> Iterator[tuple[float, Any]]:
+        """Yield time in s and keypoint message of each kept image, with some people only.
+
+        people: number and images of each person. numbered: the numbers are in the messages; False for one person.
+        """
+        shown = [(number, dict(zip(seen.seconds.tolist(), seen.detected))) for number, seen in people]
+        for seconds, _ in self.found:
+            present = [(number, of[seconds]) for number, of in shown if seconds in of]
+            if numbered:
+                rows = [(number, person.pixels, person.confidence) for number, person in present]
+                yield seconds, people_cloud(self._backend, stamp_of(seconds), OPTICAL_FRAME, rows)
+            else:
+                yield seconds, self._message(seconds, [person for _, person in present], False)
+
+    def _detect(self, image: Image) -> list[Detected]:
         began = time.monotonic()
         found = self._detector.detect(image.rgb, image.seconds)
         self.detect_seconds.append(time.monotonic() - began)
         self._last = image.seconds
         if self._keep:
-            self._found.append((image.seconds, found))
+            self.found.append((image.seconds, found))
         return found
 
-    def _message(self, seconds: float, found: Detected) -> Any:
-        return point_cloud(self._backend, stamp_of(seconds), OPTICAL_FRAME, found.pixels, found.confidence)
+    def _message(self, seconds: float, found: Sequence[Detected], several: bool) -> Any:
+        return keypoint_message(self._backend, stamp_of(seconds), OPTICAL_FRAME, found, several)
 
     def _check_end(self) -> None:
         """Print a note if the file ended early. The number of images may be an estimate, and so may the duration."""

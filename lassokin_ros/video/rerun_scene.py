@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from lassokin_ros.common.atomic_files import refuse_existing
-from lassokin_ros.core.body.rotations import logarithm
+from lassokin_ros.core.body.rotations import logarithm, to_quaternion
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import LassokinError
 from lassokin_ros.pipeline.outputs.frame_messages import principal_axes
+from lassokin_ros.replay.analysis.capsules import capsules
 
 CAMERA, IMAGE, BODY = "camera", "camera/image", "body"
 ANGLES, ERRORS = "angles", "errors"
@@ -28,8 +29,6 @@ COLOURS = {"left": (0, 114, 178), "right": (213, 94, 0), "middle": (77, 77, 77)}
 KEYPOINT, ELLIPSOID = (0, 158, 115), (86, 180, 233)
 POINT_SIZE, LINE_SIZE, THIN_SIZE = -3.0, -1.5, -0.5
 """Radii; for Rerun a negative number is in points of the screen, independent of the zoom."""
-BONE_M = 0.006
-"""m: radius of a bone, less than the usual uncertainty of a joint."""
 LONGEST_SIDE = 960
 """px: of the logged images."""
 JPEG_QUALITY = 80
@@ -88,13 +87,26 @@ class RerunScene:
         self._log(f"{IMAGE}/keypoints{place}", self._rerun.Points2D(points, colors=KEYPOINT, radii=POINT_SIZE))
 
     def add_skeleton(self, place: str, skeleton: Skeleton, joints: np.ndarray, outline: np.ndarray | None) -> None:
-        """Log the bones between joints (n, 3) m. outline: the joints in the image (n, 2) px, None without a camera."""
+        """Log the body at joints (n, 3) m. outline: the joints in the image (n, 2) px, None without a camera."""
         bones = np.array([(parent, joint) for joint, parent in enumerate(skeleton.parents) if parent >= 0])
         colours = [COLOURS[_side(skeleton.joint_names[joint])] for _, joint in bones]
         if outline is not None:
             lines = self._rerun.LineStrips2D(outline[bones] * (self._scale or 1.0), colors=colours, radii=LINE_SIZE)
             self._log(f"{IMAGE}/skeleton{place}", lines)
-        self._log(f"{BODY}/skeleton{place}", self._rerun.LineStrips3D(joints[bones], colors=colours, radii=BONE_M))
+        self._log(f"{BODY}/skeleton{place}", self._capsules(skeleton, joints))
+
+    def _capsules(self, skeleton: Skeleton, joints: np.ndarray) -> Any:
+        """Return the body as capsules. Rerun's capsule lies along z from its translation."""
+        first, last, radii, sides = zip(*capsules(skeleton))
+        axes = joints[list(last)] - joints[list(first)]
+        lengths = np.linalg.norm(axes, axis=1)
+        return self._rerun.Capsules3D(
+            lengths=lengths,
+            radii=np.array(radii),
+            translations=joints[list(first)],
+            quaternions=to_quaternion(turns_of_z(axes / np.maximum(lengths, 1e-9)[:, None])),
+            colors=[COLOURS[side] for side in sides],
+        )
 
     def add_uncertainty(self, place: str, joints: np.ndarray, covariance: np.ndarray, deviation: np.ndarray) -> None:
         """Log an ellipsoid about each joint. joints: (n, 3) m, covariance: (n, 3, 3) m^2, deviation: (n,) m."""
@@ -182,6 +194,14 @@ class RerunScene:
 
     def _log(self, path: str, what: Any, static: bool = False) -> None:
         self._stream.log(path, what, static=static)
+
+
+def turns_of_z(directions: np.ndarray) -> np.ndarray:
+    """Return rotations (k, 3, 3) that turn z to unit vectors (k, 3)."""
+    aside = np.where(np.abs(directions[:, :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    across = np.cross(aside, directions)
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    return np.stack([across, np.cross(directions, across), directions], axis=2)
 
 
 def _side(name: str) -> str:

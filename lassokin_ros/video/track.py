@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,11 +28,23 @@ from lassokin_ros.replay.output_paths import OutputError
 from lassokin_ros.video import PROGRAM
 from lassokin_ros.video.camera import Calibration, assumed_fov_warning, choose_camera
 from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
+from lassokin_ros.video.people import (
+    ALL,
+    LARGEST,
+    NEAREST,
+    PersonError,
+    Seen,
+    choose,
+    people_in,
+    settings_for,
+)
 from lassokin_ros.video.sources import Source, SourceError, open_source
 from lassokin_ros.video.track_outputs import TrackOutputs
 from msg_adapters.backends import RosbagsBackend
 
 Configs = tuple[TrackerConfig, NodeSettings]
+Messages = Iterator[tuple[float, Any]]
+"""Time in s and keypoint message of each image."""
 CAMERA, KEYPOINTS = "camera_info", "keypoints"
 """Names of the messages in the first pass."""
 
@@ -75,8 +87,14 @@ def _is_live(options: argparse.Namespace, source: Source) -> bool:
 def _settings(options: argparse.Namespace, source: Source, detector: Detector) -> Configs:
     height = [] if options.height is None else [f"height:={options.height}"]
     layout = f"landmarks:={detector.landmarks}"
-    defaults = {} if _is_live(options, source) else WHOLE_FILE
-    configs = offline_settings(options.params_file, [layout, *options.p, *height], defaults)
+    live = _is_live(options, source)
+    defaults = {} if live else WHOLE_FILE
+    who = []
+    if detector.several:
+        who = settings_for(options.person or (NEAREST if live else LARGEST), live)
+    elif options.person is not None:
+        raise PersonError(f"--person {options.person}: {options.detector} finds one person; expected YOLO-pose or RTMO")
+    configs = offline_settings(options.params_file, [layout, *who, *options.p, *height], defaults)
     if configs[1].camera_mount_frame:
         _note("camera_mount_frame is not used, since a video has no TF; set camera_pitch and camera_roll")
     return configs
@@ -93,6 +111,8 @@ class Run:
         self._source, self._types, self._outputs = source, types, outputs
         self._info = camera.message(backend, FIRST_STAMP_NS, OPTICAL_FRAME)
         self.detections = Detections(source, detector, backend, keep=not source.live)
+        self._several = detector.several
+        self._who = ""
         self._started = time.monotonic()
 
     @property
@@ -117,33 +137,51 @@ class Run:
     def whole_file(self, first: OfflineTracker, configs: Configs, options: argparse.Namespace) -> OfflineTracker:
         """Detect all images, learn the person's lengths from them, and track them anew with these lengths."""
         tracker, node = configs
-        inputs = {CAMERA: first.camera_info, KEYPOINTS: first.keypoints}
-        with TemporaryDirectory(prefix="lassokin_") as folder, _stop_flag() as stopped:
-            messages = self._first_messages(first, stopped)
+        self._detect()
+        messages = self.detections.of_all
+        if self._several:
+            messages = self._messages_of_chosen(options.person, node)
+        with TemporaryDirectory(prefix="lassokin_") as folder:
             if tracker.calibrate and not node.several_people and tracker.height > 0:
-                tracker = learn_lengths(messages, inputs, first, tracker, Path(folder))
-            else:
-                _drop(messages)
+                inputs = {CAMERA: first.camera_info, KEYPOINTS: first.keypoints}
+                tracker = learn_lengths(self._first_pass(messages(), first), inputs, first, tracker, Path(folder))
             second = OfflineTracker(tracker, node, self._types, only_track=True)
         self._outputs.follow(second)
-        self._track_again(second, options)
+        self._track_again(second, messages(), options)
         return second
 
-    def _first_messages(self, tracker: OfflineTracker, stopped: list[int]) -> Iterator[tuple[str, int, Any]]:
-        """Yield (name, time in ns, message) for the first pass."""
-        yield CAMERA, FIRST_STAMP_NS, self._info
+    def _detect(self) -> None:
+        """Detect the people in all images, until the end or until SIGINT or SIGTERM."""
         progress = Progress(self._source.count, "images")
-        for image, message in self.detections.images(stopped, progress):
-            self._outputs.add_report_image(image)
-            yield KEYPOINTS, stamp_of(image.seconds), message
-            progress.advance(note=tracker.pipeline.status.value)
+        with _stop_flag() as stopped:
+            for image, _ in self.detections.images(stopped, progress):
+                self._outputs.add_report_image(image)
+                progress.advance(note=f"{len(self.detections.found[-1][1])} in view")
 
-    def _track_again(self, tracker: OfflineTracker, options: argparse.Namespace) -> None:
+    def _messages_of_chosen(self, person: str | None, node: NodeSettings) -> Callable[[], Messages]:
+        """Choose among the people in the images, and return what yields their messages."""
+        people, who = people_in(self.detections.found), person or (ALL if node.several_people else LARGEST)
+        chosen = choose(who, people, node.max_people)
+        self._who = _who_in_words(people, chosen, self._source.size[0])
+        self._outputs.remarks += [self._who] if self._who else []
+        numbered = [(i + 1, people[i]) for i in chosen]
+        return lambda: self.detections.of_people(numbered, node.several_people)
+
+    def _first_pass(self, messages: Messages, tracker: OfflineTracker) -> Iterator[tuple[str, int, Any]]:
+        """Yield (name, time in ns, message)."""
+        yield CAMERA, FIRST_STAMP_NS, self._info
+        progress = Progress(len(self.detections.found), "frames")
+        for seconds, message in messages:
+            yield KEYPOINTS, stamp_of(seconds), message
+            progress.advance(note=f"first pass, {tracker.pipeline.status.value}")
+        progress.close()
+
+    def _track_again(self, tracker: OfflineTracker, messages: Messages, options: argparse.Namespace) -> None:
         """Track the kept keypoints; the images are read again if an output shows them."""
         _drop(tracker.camera_info(self._info, FIRST_STAMP_NS))
         images = open_source(options.source, options.fps).images if self._outputs.needs_images else iter(())
-        progress = Progress(len(self.detections.detect_seconds), "frames")
-        for seconds, message in self.detections.messages():
+        progress = Progress(len(self.detections.found), "frames")
+        for seconds, message in messages:
             if self._outputs.needs_images:
                 self._outputs.add_image(_next_image(images, self._source.name))
             _drop(tracker.keypoints(message, stamp_of(seconds)))
@@ -163,11 +201,23 @@ class Run:
             "tracker": f"{1e3 * float(np.median(times)):.2f} ms median",
             "total": f"{time.monotonic() - self._started:.1f} s",
         }
+        if self._who:
+            lines["people"] = self._who
         if not _is_live(options, self._source):
             lines["passes"] = "two, smoothed with later frames (--causal tracks as a camera's images)"
         lines["written"] = ", ".join(map(str, written)) or "nothing"
         facts = [f"{name:<15} {text}" for name, text in lines.items()]
         return "\n".join([self._source.name, *facts, *self._outputs.doubts])
+
+
+def _who_in_words(people: Sequence[Seen], chosen: Sequence[int], width: int) -> str:
+    """Return who is in the images and who is tracked; empty for one person. width: of the images, px."""
+    if len(people) < 2:
+        return ""
+    numbers = " and ".join(str(i + 1) for i in chosen)
+    listed = "; ".join(f"{number}: {person.words(width)}" for number, person in enumerate(people, 1))
+    tracked = f"number {numbers} is tracked" if len(chosen) == 1 else f"numbers {numbers} are tracked"
+    return f"{len(people)} people in the images, {tracked} (`--person`). {listed}."
 
 
 def _next_image(images: Iterator[Any], name: str) -> Any:

@@ -48,6 +48,8 @@ class TrackOutputs:
         Raises a LassokinError for a path that cannot be written.
         """
         self._options, self._source = options, source
+        self.remarks: list[str] = []
+        """Sentences for the report, to be added before `write`."""
         self._waiting: deque[tuple[int, Image]] = deque()
         self._given: Skeleton = tracker.pipeline.tracker.skeleton
         self._report_images = ReportImages() if options.report is not None else None
@@ -117,6 +119,7 @@ class TrackOutputs:
         written = []
         if self._report is not None:
             topics = f"of {Path(self._options.detector).name}", camera_name(self._options)
+            self._report.remarks = self.remarks
             self._report.write(files, self._source.name, topics, own_keypoints=True)
             written.append(self._options.report)
         if self._exports is not None:

@@ -62,7 +62,8 @@ class ViewerNode(Node):
         self.get_logger().info(f"shows the topics of '{self._tracker}' {where}")
 
     def _topic(self, name: str) -> str:
-        return topics.full_name(name, self._tracker)
+        """Return the name of a tracker's topic, relative to this node's namespace as the tracker's name is."""
+        return name.replace("~", self._tracker)
 
     def _person(self, person: str) -> PersonTopics:
         topics_of_person = PersonTopics(self, self._scene, self._topic, person, self._show)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from scipy.spatial.transform import Rotation
 
+from lassokin_ros.core.body.roles import STANDING_HEIGHT
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.node.message_types import message_class
@@ -59,8 +61,8 @@ class PersonTopics:
 
     def _on_description(self, message: Any) -> None:
         """Store joint names and tree. Raises SkeletonError."""
-        # The landmarks, which need the height, are not shown.
-        self._skeleton = urdf.parse(message.data, "robot_description", height=1.0)
+        skeleton = urdf.parse(message.data, "robot_description", height=1.0)
+        self._skeleton = replace(skeleton, height=_height(skeleton))
 
     def _on_joints(self, message: Any) -> None:
         skeleton = self._skeleton
@@ -96,3 +98,12 @@ class PersonTopics:
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
         self.clear()
+
+
+def _height(skeleton: Skeleton) -> float:
+    """Return the person's height, m, by the joints of head and ankles at rest; 1.75 for a skeleton without them."""
+    names, heights = skeleton.joint_names, skeleton.rest_positions[:, 1]
+    if not {"head", "left_ankle"} <= set(names):
+        return 1.75
+    rise = heights[names.index("head")] - heights[names.index("left_ankle")]
+    return float(rise / (STANDING_HEIGHT["head"] - STANDING_HEIGHT["left_ankle"]))

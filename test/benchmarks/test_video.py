@@ -18,6 +18,7 @@ class Shared:
     """A detector that returns the shared keypoints, in order."""
 
     landmarks = "mediapipe33"
+    several = False
 
     def __init__(self):
         with np.load(FILES[1]) as data:
@@ -25,7 +26,7 @@ class Shared:
 
     def detect(self, image, seconds):
         points = next(self._keypoints)
-        return Detected(points[:, :2], np.nan_to_num(points[:, 2]))
+        return [Detected(points[:, :2], np.nan_to_num(points[:, 2]))]
 
     def close(self):
         pass

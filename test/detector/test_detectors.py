@@ -5,8 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lassokin_ros.detector.backend import DetectorError, make_detector
+from lassokin_ros.detector.backend import Detected, DetectorError, make_detector
+from lassokin_ros.detector.keypoint_message import keypoint_message
 from lassokin_ros.detector.onnx_pose import letterbox
+from msg_adapters.backends import RosbagsBackend
+from msg_adapters.detectors.point_cloud2 import PointCloud2Adapter
 from msg_adapters.errors import AdapterError
 from msg_adapters.image import decode_image
 
@@ -67,3 +70,17 @@ def test_mediapipe_without_weights_is_refused(monkeypatch):
     monkeypatch.setattr("importlib.metadata.version", lambda _: "1.2.3")
     with pytest.raises(DetectorError, match="mediapipe 1.2.3 does not contain the weights.*pip install"):
         make_detector("mediapipe")
+
+
+def test_people_of_an_image_have_numbers_that_do_not_last():
+    bags = pytest.importorskip("lassokin_ros.replay.bags", reason="the message types are those of rosbags")
+    backend = RosbagsBackend(bags.typestore())
+    people = [Detected(np.full((3, 2), 10.0 * (i + 1)), np.array([0.9, 0.0, 0.5])) for i in range(2)]
+    decode = PointCloud2Adapter().decode
+    found = decode(keypoint_message(backend, 5, "lens", people, several=True))
+    assert found.persons.tolist() == [-1, -1, -2, -2] and found.ids.tolist() == [0, 2, 0, 2] and found.stamp_ns == 5
+    assert found.xy[:, 0].tolist() == [10, 10, 20, 20] and np.allclose(found.confidence, [0.9, 0.5, 0.9, 0.5])
+    assert decode(keypoint_message(backend, 5, "lens", [], several=True)).persons.tolist() == []
+    alone = decode(keypoint_message(backend, 5, "lens", people[:1], several=False))
+    assert alone.persons is None and alone.ids.tolist() == [0, 2]
+    assert len(decode(keypoint_message(backend, 5, "lens", [], several=False)).ids) == 0

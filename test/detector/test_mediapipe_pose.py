@@ -30,8 +30,8 @@ def test_points_are_pixels_and_the_log_of_the_models_is_discarded_until_a_person
     monkeypatch.setitem(sys.modules, "mediapipe", package)
     detector = make_detector("mediapipe")
     dark, bright = np.zeros((100, 200, 3), np.uint8), np.full((100, 200, 3), 9, np.uint8)
-    assert not detector.detect(dark, 0.0).confidence.any()
-    found = detector.detect(bright, 0.1)
+    assert detector.detect(dark, 0.0) == [] and not detector.several
+    (found,) = detector.detect(bright, 0.1)
     assert found.pixels.shape == (33, 2) and (found.pixels == [50, 50]).all() and (found.confidence == 1.0).all()
     assert capfd.readouterr().err == ""
     detector.detect(bright, 0.2)

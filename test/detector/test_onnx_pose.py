@@ -59,6 +59,28 @@ def rtmpose(onnx, path, count=COCO, width=192, height=256):
     return graph.save(path, [(name, value, [f"{name}_0", count, f"{name}_2"]) for name, value in outputs])
 
 
+def vitpose(onnx, path, width=192, height=256):
+    """Heat maps of a quarter of the size: red, averaged over 4 x 4 px."""
+    graph = Graph(onnx, onnx.TensorProto.FLOAT, ["batch", 3, height, width])
+    red = graph.node("Slice", "input", *(graph.constant(v, np.int64) for v in ([0], [1], [1])))
+    small = graph.node("AveragePool", graph.node("Mul", red, graph.constant(0.4)), kernel_shape=[4, 4], strides=[4, 4])
+    shape = [1, COCO, height // 4, width // 4]
+    return graph.save(path, [("heatmaps", graph.node("Expand", small, graph.constant(shape, np.int64)), shape)])
+
+
+def rtmo(onnx, path, side=640):
+    """The reddest pixel, in BGR of 0 to 255, is person 2 of 3; person 1 is none, person 3 is the same box again."""
+    graph = Graph(onnx, onnx.TensorProto.FLOAT, [1, 3, side, side])
+    rgb = graph.node("Gather", "input", graph.constant([2, 1, 0], np.int64), axis=1)
+    x, y = graph.reddest(rgb, side, side)
+    points = graph.row(x, y, graph.constant([[0.8]]))
+    everybody = graph.node(
+        "Reshape", graph.node("Concat", points, points, points, axis=0), graph.constant([1, 3, 17, 3], np.int64)
+    )
+    boxes = graph.constant([[[9, 9, 30, 30, 0.1], [50, 50, 90, 99, 0.9], [50, 50, 90, 97, 0.8]]])
+    return graph.save(path, [("dets", boxes, [1, "n", 5]), ("keypoints", everybody, [1, "n", COCO, 3])])
+
+
 def yolo(onnx, path, end_to_end, half=False, score=0.9, side=640):
     """Person 1 of `people` has the score; its points are the reddest pixel."""
     dtype = onnx.TensorProto.FLOAT16 if half else onnx.TensorProto.FLOAT
@@ -85,6 +107,8 @@ MODELS = {
     "MoveNet, float": (lambda onnx, path: movenet(onnx, path, onnx.TensorProto.FLOAT), "coco17", 0.8),
     "RTMPose, COCO": (rtmpose, "coco17", 0.9),
     "RTMPose, Halpe": (lambda onnx, path: rtmpose(onnx, path, 26, 288, 384), "halpe26", 0.9),
+    "ViTPose": (vitpose, "coco17", 0.9),
+    "RTMO": (rtmo, "coco17", 0.8),
     "YOLOv8, YOLO11": (lambda onnx, path: yolo(onnx, path, False), "coco17", 0.7),
     "YOLO11, half": (lambda onnx, path: yolo(onnx, path, False, half=True), "coco17", 0.7),
     "YOLO26": (lambda onnx, path: yolo(onnx, path, True), "coco17", 0.7),
@@ -97,7 +121,7 @@ def test_a_models_points_are_pixels_of_the_image(name, onnx, image, tmp_path):
     detector = make_detector(build(onnx, tmp_path / "pose.onnx"))
     assert detector.landmarks == layout
     for seconds in (0.0, 0.03):  # the second image may get a part of it
-        found = detector.detect(image, seconds)
+        (found,) = detector.detect(image, seconds)
         assert found.pixels.shape == (len(Layout.load(layout, SKELETON).names), 2)
         assert np.abs(found.pixels - SPOT).max() < 17 and np.ptp(found.pixels, axis=0).max() < 1e-6
         assert np.allclose(found.confidence, score, atol=0.05)
@@ -108,16 +132,15 @@ def test_a_models_points_are_pixels_of_the_image(name, onnx, image, tmp_path):
 def test_points_of_a_cropped_region_are_pixels_of_the_image(name, onnx, image, tmp_path):
     detector = make_detector(MODELS[name][0](onnx, tmp_path / "pose.onnx"))
     detector._region = (slice(90, 230), slice(330, 460))
-    assert np.abs(detector.detect(image, 0.0).pixels - SPOT).max() < 15
+    assert np.abs(detector.detect(image, 0.0)[0].pixels - SPOT).max() < 15
     detector._region = (slice(300, 400), slice(0, 100))  # without the red square
-    assert np.abs(detector.detect(image, 0.0).pixels - SPOT).max() > 100
+    assert np.abs(detector.detect(image, 0.0)[0].pixels - SPOT).max() > 100
 
 
 def test_yolo_without_a_person_gives_no_points(onnx, image, tmp_path):
     for end_to_end in (False, True):
         detector = make_detector(yolo(onnx, tmp_path / "pose.onnx", end_to_end, score=0.1))
-        found = detector.detect(image, 0.0)
-        assert not found.confidence.any() and np.isnan(found.pixels).all()
+        assert detector.detect(image, 0.0) == [] and detector.several
 
 
 def test_a_model_that_is_no_pose_model_is_one_line(onnx, tmp_path):
@@ -139,10 +162,52 @@ def test_a_model_that_is_no_pose_model_is_one_line(onnx, tmp_path):
         make_detector(str(tmp_path / "none.onnx"))
 
 
+def test_people_are_told_apart_by_their_boxes():
+    """Three people, the second twice; the order is that of the scores."""
+    centres = np.array([[100, 200], [300, 200], [304, 202], [500, 220]], float)
+    scores, size = np.array([0.6, 0.8, 0.7, 0.9]), np.array([80.0, 200.0])
+    points = np.repeat(centres[:, None], 17, axis=1)
+    rows = np.concatenate([points, np.full((4, 17, 1), 0.5)], axis=2).reshape(4, 51)
+    corners = np.hstack([centres - size / 2, centres + size / 2])
+    raw = np.hstack([centres, np.tile(size, (4, 1)), scores[:, None], rows])
+    ready = np.hstack([corners, scores[:, None], np.zeros((4, 1)), rows])
+    empty = np.zeros((100, raw.shape[1]))
+    for kind, outputs in (
+        ("YOLO-pose", [np.vstack([raw, empty]).T[None]]),
+        ("YOLO-pose, end to end", [ready[None]]),
+        ("RTMO", [np.hstack([corners, scores[:, None]])[None], rows.reshape(1, 4, 17, 3)]),
+    ):
+        found, count = recognise(True, [output.shape for output in outputs])
+        assert (found.name, count, found.several) == (kind, 17, True)
+        assert found.decode(outputs, (640, 640))[:, 0, 0].tolist() == [500, 300, 100], kind
+
+
+def test_a_model_of_several_people_may_find_nobody():
+    outputs = [np.zeros((1, 0, 5)), np.zeros((1, 0, 17, 3))]
+    found, _ = recognise(True, [output.shape for output in outputs])
+    assert found.decode(outputs, (640, 640)).shape == (0, 17, 3)
+
+
+def test_heat_maps_are_read_between_their_pixels():
+    maps = np.zeros((1, 17, 64, 48))
+    maps[0, :, 10, 20], maps[0, :, 10, 21], maps[0, :, 9, 20] = 0.9, 0.5, 0.4
+    maps[0, 16] = 0
+    maps[0, 16, 63, 47] = 0.7  # the corner of the image
+    found, count = recognise(True, [maps.shape])
+    (points,) = found.decode([maps], (192, 256))
+    assert (found.name, count, found.several) == ("ViTPose", 17, False)
+    assert np.allclose(points[0], [20.25 * 191 / 47, 9.75 * 255 / 63, 0.9])
+    assert np.abs(points[16, :2] - [191, 255]).max() < 1.1
+
+
 def test_kinds_are_recognised_by_shapes():
     names = {
         (False, ((1, 1, 17, 3),)): "MoveNet",
         (True, ((1, 17, 384), (1, 17, 512))): "RTMPose",
+        (True, ((1, 17, 64, 48),)): "ViTPose",
+        (True, ((1, 5, 5), (1, 5, 17, 3))): "RTMO",
+        (True, ((1, 5, 5), (1, 5))): None,
+        (True, ((2, 56, 8400),)): None,
         (True, ((1, 56, 8400),)): "YOLO-pose",
         (True, ((1, 300, 57),)): "YOLO-pose, end to end",
         (True, ((1, 1000),)): None,

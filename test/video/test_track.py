@@ -28,9 +28,10 @@ STANDING = np.array(
 
 class Standing:
     landmarks = "coco17"
+    several = False
 
     def detect(self, image, seconds):
-        return Detected(STANDING + (160, 120), np.full(17, 0.9))
+        return [Detected(STANDING + (160, 120), np.full(17, 0.9))]
 
     def close(self):
         pass
@@ -220,9 +221,9 @@ class Walking(Standing):
     def detect(self, image, seconds):
         self.count += 1
         if 1.0 <= seconds < 2.5:
-            return Detected(np.full((17, 2), np.nan), np.zeros(17))
+            return []
         noise = np.random.default_rng(round(1000 * seconds)).normal(size=(17, 2))
-        return Detected(STANDING + (160 + 10 * np.sin(3 * seconds), 120) + noise, np.full(17, 0.9))
+        return [Detected(STANDING + (160 + 10 * np.sin(3 * seconds), 120) + noise, np.full(17, 0.9))]
 
 
 @pytest.fixture
@@ -280,7 +281,7 @@ def test_findings_of_a_video_give_no_advice_about_ros(long_video, tmp_path, monk
 def test_only_files_that_exist_are_said_to_be_written(images, tmp_path, monkeypatch, capsys):
     class Nobody(Standing):
         def detect(self, image, seconds):
-            return Detected(np.full((17, 2), np.nan), np.zeros(17))
+            return []
 
     for people, detector in ((1, Nobody()), (3, Standing())):
         monkeypatch.setattr(track_module, "make_detector", lambda name, detector=detector: detector)

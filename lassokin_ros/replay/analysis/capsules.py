@@ -1,12 +1,15 @@
-"""The body as capsules between joints, for the report and the output video."""
+"""The body as capsules between joints, for the report, the output video and the viewer."""
 
 from __future__ import annotations
 
-from lassokin_ros.core.body.roles import BONES
+from lassokin_ros.core.body.roles import BONES, SIDES, Bone
 from lassokin_ros.core.body.skeleton import Skeleton
 
 Capsule = tuple[int, int, float, str]
 """Joints at both ends, radius in m, and "left", "right" or "middle"."""
+
+HANDS = tuple(Bone(f"{side}_wrist", f"{side}_hand", radius=0.016) for side in SIDES)
+"""They are shown, but have no mass and no surface for a depth camera: keypoints end at the wrists."""
 
 
 def capsules(skeleton: Skeleton) -> list[Capsule]:
@@ -14,7 +17,7 @@ def capsules(skeleton: Skeleton) -> list[Capsule]:
     names, height = skeleton.joint_names, skeleton.height
     return [
         (names.index(bone.first), names.index(bone.last), bone.radius * height, side_of(bone.first, bone.last))
-        for bone in BONES
+        for bone in (*BONES, *HANDS)
         if bone.radius and {bone.first, bone.last} <= set(names)
     ]
 

@@ -23,6 +23,8 @@ from lassokin_ros.replay.motion import Motion
 
 WORLD_FROM_LEVEL = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 BETAS = 16
+SLOWEST = 30.0
+"""Hz: loaders take every n-th frame, n = rate // 30, which must not be 0 (PHC, human2humanoid)."""
 BODY = slice(3, 66)
 """Columns of the joints between the root and the hands, which SMPL, SMPL+H and SMPL-X share."""
 NOT_TRACKED = {"pose_hand": 90, "pose_jaw": 3, "pose_eye": 6, "dmpls": 8}
@@ -36,15 +38,16 @@ def write_amass(motion: Motion, file: BinaryIO) -> None:
 
     poses (f, 72) holds all 24 joints; root_orient (f, 3) and pose_body (f, 63) are its first 22. Fingers, jaw and eyes
     are not tracked: pose_hand (f, 90), pose_jaw (f, 3), pose_eye (f, 6) are zero, and so are dmpls (f, 8).
+    angles_observed (f, 24) is an addition: see `Motion`.
     trans is the pelvis position. SMPL adds the rest position of its pelvis to trans: subtract it to pose an SMPL mesh.
     Raises ExportError for a skeleton without SMPL's root, and for stamps that cannot be resampled (see sampling).
     """
-    track = uniform(motion)
+    track = uniform(motion, SLOWEST)
     rotations = smpl_rotations(motion.skeleton, track.rotations)
     world = WORLD_FROM_LEVEL @ motion.level
     rotations[:, 0] = world @ rotations[:, 0]
     count = len(rotations)
-    poses, rate = logarithm(rotations).reshape(count, -1), np.array(round(1 / track.period, 6))
+    poses, rate = logarithm(rotations).reshape(count, -1), np.array(max(round(1 / track.period, 6), SLOWEST))
     not_tracked: dict[str, Any] = {name: np.zeros((count, width)) for name, width in NOT_TRACKED.items()}
     np.savez(
         file,
@@ -57,10 +60,18 @@ def write_amass(motion: Motion, file: BinaryIO) -> None:
         num_betas=np.array(BETAS),
         gender=np.array("neutral"),
         surface_model_type=np.array("smpl"),
+        angles_observed=smpl_flags(motion.skeleton, track.angles_observed),
         mocap_framerate=rate,
         mocap_frame_rate=rate,
         mocap_time_length=np.array(count * track.period),
     )
+
+
+def smpl_flags(skeleton: Skeleton, observed: np.ndarray) -> np.ndarray:
+    """Return (f, 24) bool of SMPL's joints, False for joints that the skeleton lacks. observed: (f, n) bool."""
+    names = Skeleton.load(SMPL, 1.0).joint_names
+    known = [skeleton.index(name) if name in skeleton.joint_names else -1 for name in names]
+    return np.where(np.array(known) >= 0, observed[:, known], False)
 
 
 def smpl_rotations(skeleton: Skeleton, rotations: np.ndarray) -> np.ndarray:

@@ -3,7 +3,8 @@
 Units are metres. y points up, x to the right of the camera, z towards the camera: the optical frame, corrected for the
 camera's roll and pitch and rotated by pi about x. The floor under the feet is at y = 0, below the camera. The rest
 pose is a T-pose with the pelvis at the origin. The pelvis has position channels; every joint has three rotation
-channels, in the order of its angles in `joint_states`.
+channels, all in one order: the loaders of LAFAN1 and of Holden, which retargeting tools use, apply the first order of a
+file to all joints.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from lassokin_ros.replay.exports.sampling import uniform
 from lassokin_ros.replay.motion import Motion
 
 WORLD_FROM_LEVEL = np.diag([1.0, -1.0, -1.0])
+ORDER = "zyx"
+"""Order of the rotations of all joints, each about the axes that the ones before have turned."""
 TIP = 0.5
 """Length of an end site, as a fraction of the bone before it. BVH requires one; the skeleton has none."""
 SMALLEST_TIP = 0.02  # m
@@ -33,26 +36,19 @@ def write_bvh(motion: Motion, file: BinaryIO) -> None:
     places = track.translations @ world.T - [0.0, motion.floor, 0.0]
     head = f"{hierarchy(skeleton)}MOTION\nFrames: {len(places)}\nFrame Time: {track.period:.9f}\n"
     file.write(head.encode())
-    order, joints = channel_order(skeleton)
-    reader = JointAngleReader(skeleton.axes)
+    joints, order = list(_depth_first(skeleton, 0)), ["xyz".index(axis) for axis in ORDER]
+    reader = JointAngleReader([ORDER] * skeleton.joint_count)
     for begin in range(0, len(places), BLOCK):
         rotations = track.rotations[begin : begin + BLOCK].copy()
         rotations[:, 0] = world @ rotations[:, 0]
         for place, turns in zip(places[begin:], rotations):
-            angles = np.degrees(reader.read(turns))[joints, order]
+            angles = np.degrees(reader.read(turns))[joints][:, order]
             file.write((" ".join(f"{value:.6f}" for value in (*place, *angles.reshape(-1))) + "\n").encode())
 
 
 def hierarchy(skeleton: Skeleton) -> str:
     """Return the HIERARCHY section, the skeleton at rest."""
     return "\n".join(["HIERARCHY", *_joint(skeleton, 0, 0)]) + "\n"
-
-
-def channel_order(skeleton: Skeleton) -> tuple[np.ndarray, np.ndarray]:
-    """Return the axes of each joint's channels (n, 3) and the joint indices (n, 1), in file order."""
-    joints = np.array(list(_depth_first(skeleton, 0)))
-    axes = np.array([["xyz".index(axis) for axis in word] for word in skeleton.axes])
-    return axes[joints], joints[:, None]
 
 
 def _depth_first(skeleton: Skeleton, joint: int) -> Iterator[int]:
@@ -65,7 +61,7 @@ def _joint(skeleton: Skeleton, joint: int, depth: int) -> Iterator[str]:
     """Yield the lines of a joint and its descendants."""
     indent = "  " * depth
     name = "_".join(skeleton.joint_names[joint].split())  # a blank ends a name in BVH
-    turns = " ".join(f"{axis.upper()}rotation" for axis in skeleton.axes[joint])
+    turns = " ".join(f"{axis.upper()}rotation" for axis in ORDER)
     channels = f"6 Xposition Yposition Zposition {turns}" if depth == 0 else f"3 {turns}"
     yield f"{indent}{'JOINT' if depth else 'ROOT'} {name}"
     yield f"{indent}{{"

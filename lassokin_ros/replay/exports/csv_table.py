@@ -18,8 +18,8 @@ BLOCK = 1000
 
 
 def header(joint_names: Sequence[str], named: Sequence[str]) -> list[str]:
-    """Return the column names: stamp, person, joint positions and angles, reprojection error, deviations, doubt, and
-    the named angles.
+    """Return the column names: stamp, person, joint positions and angles, reprojection error, deviations, doubt, the
+    named angles, and which joints' angles are observed.
     """
     positions = [f"{joint} position {axis} [m]" for joint in joint_names for axis in "xyz"]
     angles = [f"{joint} angle {axis} [rad]" for joint in joint_names for axis in "xyz"]
@@ -33,6 +33,7 @@ def header(joint_names: Sequence[str], named: Sequence[str]) -> list[str]:
         *deviations,
         "likely wrong",
         *(f"{name} [deg]" for name in named),
+        *(f"{joint} angles observed" for joint in joint_names),
     ]
 
 
@@ -60,8 +61,8 @@ def _block(motion: Motion, part: slice, named: np.ndarray) -> Iterator[list[str]
     count = len(positions)
     flat = positions.reshape(count, -1), angles.reshape(count, -1)
     figures = np.concatenate([*flat, motion.reprojection_px[part, None], motion.deviations[part]], axis=1)
-    columns = motion.stamps_ns[part], figures, motion.likely_wrong[part], named
-    for stamp, row, wrong, degrees in zip(*(column.tolist() for column in columns)):
+    columns = motion.stamps_ns[part], figures, motion.likely_wrong[part], named, motion.angles_observed[part]
+    for stamp, row, wrong, degrees, seen in zip(*(column.tolist() for column in columns)):
         time = f"{stamp // SECOND}.{stamp % SECOND:09d}"
         values = [f"{value:.6f}" for value in row], [str(int(wrong))], [f"{value:.2f}" for value in degrees]
-        yield [time, motion.person, *values[0], *values[1], *values[2]]
+        yield [time, motion.person, *values[0], *values[1], *values[2], *(str(int(one)) for one in seen)]

@@ -12,14 +12,21 @@ from typing import BinaryIO
 from lassokin_ros.common.atomic_files import AtomicFiles, files_of_people, refuse_existing
 from lassokin_ros.replay.exports.amass import write_amass
 from lassokin_ros.replay.exports.bvh import write_bvh
+from lassokin_ros.replay.exports.c3d import import_ezc3d, write_c3d
 from lassokin_ros.replay.exports.csv_table import write_csv
 from lassokin_ros.replay.exports.errors import ExportError
 from lassokin_ros.replay.exports.npz import write_npz
+from lassokin_ros.replay.exports.trc import write_trc
 from lassokin_ros.replay.motion import Motion, MotionRecorder
 
 TABLES: dict[str, Callable[[Sequence[Motion], BinaryIO], None]] = {".csv": write_csv, ".npz": write_npz}
 """Suffix -> writer of one file for all people."""
-PERSONS: dict[str, Callable[[Motion, BinaryIO], None]] = {".bvh": write_bvh, ".amass.npz": write_amass}
+PERSONS: dict[str, Callable[[Motion, BinaryIO], None]] = {
+    ".bvh": write_bvh,
+    ".amass.npz": write_amass,
+    ".trc": write_trc,
+    ".c3d": write_c3d,
+}
 """Suffix -> writer of one file per person."""
 INSIDE = "motion"
 """Stem of the files written into the output folder."""
@@ -77,6 +84,8 @@ class Exports:
         self._targets = list(dict.fromkeys(map(target_of, wanted)))
         self._recorder, self._replace = recorder, replace
         for target in self._targets:
+            if target.suffix == ".c3d":
+                import_ezc3d()
             if target.folder is not None:
                 refuse_existing(target.path(Path()), replace, ExportError)
                 if several and target.suffix in PERSONS and not replace:

@@ -6,7 +6,7 @@ are 0 but the abduction of the shoulders (90).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
@@ -17,13 +17,17 @@ SIDES = {"left": 1.0, "right": -1.0}
 
 
 def named_angles(motion: Motion) -> dict[str, np.ndarray]:
+    """Return (f,) degrees by name, see `angles_of`."""
+    return angles_of(motion.skeleton.joint_names, motion.positions @ motion.level.T)
+
+
+def angles_of(names: Sequence[str], positions: np.ndarray) -> dict[str, np.ndarray]:
     """Return (f,) degrees by name, such as "left_knee flexion"; NaN in degenerate poses.
 
-    Angles whose joints the skeleton lacks are left out.
+    names: of n joints; angles whose joints are lacking are left out. positions: (f, n, 3) m in a level frame, y down.
     """
-    names = motion.skeleton.joint_names
-    place = {name: motion.positions[:, index] for index, name in enumerate(names)}
-    down = motion.level[1]
+    place = {name: positions[:, index] for index, name in enumerate(names)}
+    down = np.array([0.0, 1.0, 0.0])
     angles: dict[str, np.ndarray] = {}
     for side, sign in SIDES.items():
         rules: dict[str, Callable[[], np.ndarray]] = {

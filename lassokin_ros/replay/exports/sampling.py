@@ -20,23 +20,29 @@ MOST_SAMPLES = 200_000
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """A motion at a constant rate. period: s. rotations: (f, n, 3, 3) local. translations: (f, 3) m, of the root."""
+    """A motion at a constant rate.
+
+    period: s. rotations: (f, n, 3, 3) local. translations: (f, 3) m, of the root. angles_observed: (f, n), those of the
+    nearest frame, see `Motion`.
+    """
 
     period: float
     rotations: np.ndarray
     translations: np.ndarray
+    angles_observed: np.ndarray
 
 
-def uniform(motion: Motion) -> Track:
+def uniform(motion: Motion, slowest: float = 0.0) -> Track:
     """Return the motion at a constant rate, from its first stamp to its last.
 
     Frames with regular stamps (within `JITTER_NS`) are returned unchanged. Others are resampled at the median period:
     between two frames, also across gaps, each joint rotates about a fixed axis at constant speed and the root moves on
-    a straight line. Raises ExportError if the stamps jump back, or if the result would exceed `MOST_SAMPLES`.
+    a straight line. slowest: Hz; a rate that is lower by more than 0.1 % is resampled to it. Raises ExportError if the
+    stamps jump back, or if the result would exceed `MOST_SAMPLES`.
     """
     stamps, count = motion.stamps_ns, motion.frame_count
     if count == 1:
-        return Track(ONE_FRAME_S, motion.rotations, motion.translations)
+        return Track(ONE_FRAME_S, motion.rotations, motion.translations, motion.angles_observed)
     since = stamps - stamps[0]
     steps = np.diff(since)
     if steps.min() <= 0:
@@ -46,9 +52,10 @@ def uniform(motion: Motion) -> Track:
             "frame rate cannot represent; export .csv or .npz, or replay each part of the recording separately"
         )
     regular = since[-1] / (count - 1)
-    if np.abs(since - regular * np.arange(count)).max() <= JITTER_NS:
-        return Track(regular * 1e-9, motion.rotations, motion.translations)
-    period = float(np.median(steps))
+    fast_enough = 1e9 / regular >= 0.999 * slowest
+    if fast_enough and np.abs(since - regular * np.arange(count)).max() <= JITTER_NS:
+        return Track(regular * 1e-9, motion.rotations, motion.translations, motion.angles_observed)
+    period = float(np.median(steps)) if slowest == 0.0 else min(float(np.median(steps)), 1e9 / slowest)
     samples = int(since[-1] / period) + 1
     if samples > max(MOST_SAMPLES, 10 * count):
         raise ExportError(
@@ -64,4 +71,5 @@ def _sampled(motion: Motion, since: np.ndarray, times: np.ndarray) -> Track:
     turns = logarithm(np.swapaxes(motion.rotations[:-1], -1, -2) @ motion.rotations[1:])
     rotations = motion.rotations[before] @ exponential(share[:, None, None] * turns[before])
     ways = np.diff(motion.translations, axis=0)
-    return Track(times[1] * 1e-9, rotations, motion.translations[before] + share[:, None] * ways[before])
+    places = motion.translations[before] + share[:, None] * ways[before]
+    return Track(times[1] * 1e-9, rotations, places, motion.angles_observed[before + (share > 0.5)])

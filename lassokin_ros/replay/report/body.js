@@ -38,8 +38,8 @@ function bodyMeshes(get) {                               // get(joint): [x, y, z
   for (const [a, b, radius, of] of data.capsules) {
     const start = get(a), end = get(b);
     if ([...start, ...end].some(Number.isNaN)) continue;
-    const foot = data.joints[b].endsWith("_foot");        // no keypoint is attached to the ball of the foot
-    const seen = of === "middle" || (me.observed.at(frame, a) > 0 && (foot || me.observed.at(frame, b) > 0));
+    const tip = /_(foot|hand)$/.test(data.joints[b]);    // no keypoint is attached to the balls of feet and hands
+    const seen = of === "middle" || (me.observed.at(frame, a) > 0 && (tip || me.observed.at(frame, b) > 0));
     addCapsule(meshes[SEEN.indexOf(of) + (seen ? 0 : 3)], start, end, radius);
   }
   if (data.skull) {                                      // the head: above the joint at the base of the skull

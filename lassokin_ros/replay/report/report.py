@@ -11,7 +11,8 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.replay.analysis.doubts import PeopleDoubts
 from lassokin_ros.replay.report.facts import Facts
-from lassokin_ros.replay.report.findings import DOUBT, PROBLEM, findings
+from lassokin_ros.replay.report.finding import DOUBT, NOTE, PROBLEM, Finding
+from lassokin_ros.replay.report.findings import findings
 from lassokin_ros.replay.report.images import ReportImages
 from lassokin_ros.replay.report.log import ReplayLog
 from lassokin_ros.replay.report.page import check_report, page
@@ -31,6 +32,8 @@ class Report:
         self._log = ReplayLog(PeopleDoubts(pipeline.tracker.layout.names), late=pipeline.tracker.config.smoothing_lag)
         self.images = ReportImages()
         """The images, each added with the stamp of its keypoint message."""
+        self.remarks: list[str] = []
+        """Sentences that the page shows as notes."""
         self.problems: list[str] = []
         self.doubts: list[str] = []
         """The sentences of the problems and of the doubts on the page, after `write`."""
@@ -62,7 +65,7 @@ class Report:
         configs = tracker.config, pipeline.config
         facts = Facts(title, topics, self._log, counts, *configs, self._skeleton, names, size, own_keypoints)
         images = self.images.data({message.stamp_ns: message.time for message in self._log.messages})
-        found = findings(facts)
+        found = [*findings(facts), *(Finding(NOTE, text) for text in self.remarks)]
         self.problems = [finding.text for finding in found if finding.level == PROBLEM]
         self.doubts = [finding.text for finding in found if finding.level == DOUBT]
         files.write_text(self._path, page(facts, found, images))

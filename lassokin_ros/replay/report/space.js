@@ -41,10 +41,11 @@ function scene() {
   const axis = (text, range) => ({ title: { text, font: { size: 12 } }, range, autorange: false, dtick, gridcolor: "#dfe4e9",
     zeroline: false, showbackground: false, tickfont: { size: 10 }, showspikes: false, tickformat: ".1f" });
   const ratio = sizes.map((size) => (1.95 * size) / diagonal);
+  const away = element("space").clientWidth < 420 ? 1.35 : 1.12;   // the titles of the axes fit
   return { xaxis: axis(centred ? "to the right of the pelvis, m" : "to the right, m", sides[0]),
     yaxis: axis(centred ? "behind the pelvis, m" : "depth, m", sides[1]), zaxis: axis("above the camera, m", sides[2]),
     aspectmode: "manual", aspectratio: { x: ratio[0], y: ratio[1], z: ratio[2] }, dragmode: "turntable",
-    camera: { eye: { x: 0.8, y: -2.1, z: 0.4 }, center: { x: 0, y: 0, z: -0.12 }, up: { x: 0, y: 0, z: 1 } } };
+    camera: { eye: { x: 0.8 * away, y: -2.1 * away, z: 0.4 * away }, center: { x: 0, y: 0, z: -0.12 }, up: { x: 0, y: 0, z: 1 } } };
 }
 
 function path() {                                       // path of the pelvis, drawn on the floor
@@ -57,7 +58,7 @@ function path() {                                       // path of the pelvis, d
 function floor() {                                      // it fills the axes, so it also keeps them when there is no skeleton
   const [[left, right], [near, far]] = ranges(), z = ground();
   return { type: "mesh3d", x: [left, right, right, left], y: [near, near, far, far], z: [z, z, z, z], i: [0, 0], j: [1, 2], k: [2, 3],
-    color: "#e4e9ee", opacity: 1, hoverinfo: "skip", lighting: { ambient: 1, diffuse: 0, specular: 0 } };
+    color: "#d5dce3", opacity: 0.65, hoverinfo: "skip", lighting: { ambient: 1, diffuse: 0, specular: 0 } };
 }
 
 function drawSpace() {

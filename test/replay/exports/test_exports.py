@@ -4,6 +4,8 @@ import csv
 import os
 import sys
 from dataclasses import replace
+from importlib.util import find_spec
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -19,15 +21,17 @@ from lassokin_ros.cli.replay import main  # noqa: E402
 from lassokin_ros.core.body.skeleton import Skeleton  # noqa: E402
 from lassokin_ros.core.learned.vertical import vertical_of
 from lassokin_ros.pipeline.outputs.description.urdf import joint_names  # noqa: E402
-from lassokin_ros.replay.exports.amass import smpl_rotations  # noqa: E402
+from lassokin_ros.replay.exports.amass import smpl_rotations, write_amass  # noqa: E402
 from lassokin_ros.replay.exports.errors import ExportError  # noqa: E402
+from lassokin_ros.replay.exports.markers import markers_of  # noqa: E402
 from lassokin_ros.replay.exports.sampling import uniform  # noqa: E402
 from lassokin_ros.replay.motion import Motion  # noqa: E402
 from lassokin_ros.skeleton_readers.load import load_skeleton  # noqa: E402
 
 FRAMES = 45
 SKELETON = Skeleton.load("anthropometric", 1.75)
-FORMATS = (".csv", ".npz", ".bvh", ".amass.npz")
+C3D = (".c3d",) if find_spec("ezc3d") else ()
+FORMATS = (".csv", ".npz", ".bvh", ".amass.npz", ".trc", *C3D)
 FIXED_LENGTHS = ["-p", "calibrate:=false"]
 EVERY_FORMAT = [word for suffix in FORMATS for word in ("--export", suffix)]
 
@@ -76,7 +80,9 @@ def test_csv_contains_the_positions_and_angles_of_the_bag(tracked, published):
         assert 0 < float(row["reprojection [px]"]) < 30
         assert 0 < float(row["left_wrist deviation [m]"]) < 0.6 and row["likely wrong"] in ("0", "1")
         assert 0 <= float(row["left_knee flexion [deg]"]) < 120
-    assert len(rows[0]) == 2 + 2 * 72 + 1 + 24 + 1 + 13
+    assert len(rows[0]) == 2 + 2 * 72 + 1 + 24 + 1 + 13 + 24
+    shown = {joint: {row[f"{joint} angles observed"] for row in rows} for joint in SKELETON.joint_names}
+    assert shown["left_knee"] == {"1"} == shown["right_elbow"] and shown["left_hand"] == {"0"} == shown["left_foot"]
 
 
 def test_every_array_of_the_npz_is_in_the_documentation(tracked):
@@ -190,6 +196,28 @@ def test_the_world_of_a_mounted_camera_is_level(recording, tmp_path):
     assert np.abs(amass[:, 1] - places @ sight).max() < 1e-6 and np.abs(-bvh[:, 2] - places @ sight).max() < 1e-5
 
 
+def test_loaders_that_take_every_nth_frame_get_30_hz_or_more():
+    """n = rate // 30 of PHC and human2humanoid must not be 0."""
+    for rate, expected in ((15.0, 30.0), (25.0, 30.0), (29.97, 30.0), (30.0, 30.0), (60.0, 60.0)):
+        motion = some_motion(np.arange(41) / rate)
+        file = BytesIO()
+        write_amass(motion, file)
+        file.seek(0)
+        with np.load(file) as data:
+            assert data["mocap_framerate"] // 30 >= 1 and abs(data["mocap_framerate"] - expected) < 1e-6
+            seconds = (len(data["trans"]) - 1) / data["mocap_framerate"]
+            assert abs(seconds - 40 / rate) < 1 / 30 and data["angles_observed"].shape == (len(data["trans"]), 24)
+            at = np.arange(len(data["trans"])) / data["mocap_framerate"]
+            assert np.abs(data["trans"][:, 0] - at).max() < 2e-3
+
+
+def test_all_joints_of_a_bvh_have_one_order(tracked):
+    """Loaders of LAFAN1 and Holden's take the first order for all joints."""
+    text = (tracked / "motion.bvh").read_text(encoding="utf-8")
+    orders = {" ".join(line.split()[-3:]) for line in text.splitlines() if "CHANNELS" in line}
+    assert orders == {"Zrotation Yrotation Xrotation"}
+
+
 def test_amass_handles_a_skeleton_with_other_joints():
     """The rotation of a joint that SMPL lacks is added to the next joint below; a missing joint does not rotate."""
     random = np.random.default_rng(0)
@@ -209,6 +237,62 @@ def test_amass_handles_a_skeleton_with_other_joints():
     with pytest.raises(ExportError, match="the root of skeleton 'skeleton' is 'a', not 'pelvis'"):
         joints = [{"name": "a", "parent": None, "position": [0, 0, 0]}]
         smpl_rotations(Skeleton.from_mapping({"height_unit": "metre", "joints": joints}, 1.75), turns[:, :1])
+
+
+MARKERS = {
+    "RHip": "right_hip",
+    "LKnee": "left_knee",
+    "RAnkle": "right_ankle",
+    "LElbow": "left_elbow",
+    "RWrist": "right_wrist",
+}
+
+
+def trc(path):
+    """Names, times (f,) s and positions (f, m, 3) of a TRC file, and its header."""
+    lines = path.read_text(encoding="utf-8").split("\n")
+    header = dict(zip(lines[1].split("\t"), lines[2].split("\t")))
+    names = lines[3].rstrip("\t").split("\t")[2::3]
+    rows = np.array([[float(word) for word in line.split("\t")] for line in lines[6:] if line])
+    assert lines[5] == "" and np.array_equal(rows[:, 0], np.arange(1, len(rows) + 1))
+    assert lines[4].split("\t")[2:] == [f"{axis}{i + 1}" for i in range(len(names)) for axis in "XYZ"]
+    return names, rows[:, 1], rows[:, 2:].reshape(len(rows), -1, 3), header
+
+
+def test_trc_has_the_joints_of_the_bag_with_the_names_of_pose2sim(tracked, published):
+    positions, _ = published
+    names, times, points, header = trc(tracked / "motion.trc")
+    assert header["Units"] == "m" and header["NumFrames"] == str(FRAMES) and header["NumMarkers"] == "26"
+    assert float(header["DataRate"]) == pytest.approx(30, abs=1e-3)
+    assert np.allclose(times, np.arange(FRAMES) / 30, atol=1e-5)
+    assert {"Hip", "Neck", "Head", "Nose", "LBigToe", "RSmallToe", "LHeel"} < set(names) and len(set(names)) == 26
+    for marker, joint in MARKERS.items():
+        expected = positions[:, SKELETON.joint_names.index(joint)] * [1, -1, -1] - [0, floor_of(tracked), 0]
+        assert np.abs(points[:, names.index(marker)] - expected).max() < 1e-6
+    assert -0.05 < np.median(points[:, names.index("LHeel"), 1]) < 0.1 < 1.2 < points[:, names.index("Head"), 1].min()
+
+
+def test_c3d_has_the_markers_of_the_trc(tracked):
+    ezc3d = pytest.importorskip("ezc3d", reason="a .c3d file needs ezc3d")
+    data = ezc3d.c3d(str(tracked / "motion.c3d"))
+    points = data["parameters"]["POINT"]
+    names, _, expected, _ = trc(tracked / "motion.trc")
+    assert points["LABELS"]["value"] == names and points["UNITS"]["value"] == ["mm"]
+    assert points["RATE"]["value"][0] == pytest.approx(30, abs=1e-3)
+    found = data["data"]["points"][:3].transpose(2, 1, 0)
+    assert np.abs(found - 1e3 * expected[..., [0, 2, 1]] * [1, -1, 1]).max() < 1e-2  # z up; C3D has 32 bits
+
+
+def test_a_missing_ezc3d_is_named_before_any_work(recording, tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "ezc3d", None)
+    assert main([str(recording), "--output", str(tmp_path / "out"), "--export", str(tmp_path / "a.c3d")]) == 2
+    assert capsys.readouterr().err == "lassokin replay: a .c3d file needs ezc3d; install it with: pip install ezc3d\n"
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_skeleton_without_the_points_of_the_markers_is_refused():
+    with pytest.raises(ExportError, match="needs the points of halpe26: .* export .csv or .npz"):
+        markers_of(some_motion(np.arange(5) / 30))
 
 
 def some_motion(stamps_s, turn_rate=2.0, speed=1.0):
@@ -299,7 +383,7 @@ def test_an_existing_file_is_replaced_only_by_force(recording, tmp_path, capsys)
 
 
 BAD = {
-    "walk.fbx": "--export 'walk.fbx': unknown suffix; expected one of: .csv, .npz, .bvh, .amass.npz",
+    "walk.fbx": "--export 'walk.fbx': unknown suffix; expected one of: .csv, .npz, .bvh, .amass.npz, .trc, .c3d",
     "nowhere/walk.csv": "there is no folder 'nowhere' for 'walk.csv'",
     "folder.csv": "'folder.csv' is a folder; expected the name of a file",
 }

@@ -224,7 +224,22 @@ def test_limbs_without_keypoints_are_faint(chromium, tmp_path):
     meshes = page.value("document.getElementById('space').data.slice(0, 6).map((t) => [t.x.length, t.opacity])")
     (left, solid), (faint_left, faint) = meshes[0], meshes[3]
     assert faint < 0.5 < solid and left > 0  # the arm
-    assert faint_left == 1.5 * left  # thigh, shank and foot; the arm has two capsules
+    assert faint_left == left  # thigh, shank and foot; upper arm, forearm and hand
+    page.page.close()
+
+
+def test_dragging_keeps_the_horizon_and_the_floor_hides_nobody(chromium, report):
+    page = Page(chromium, report / "page.html")
+    box = page.page.locator("#space").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.page.mouse.move(x, y)
+    page.page.mouse.down()
+    page.page.mouse.move(x + 90, y - 40, steps=5)
+    page.page.mouse.up()
+    page.reach("document.getElementById('space')._fullLayout.scene.camera.eye.y > -2", "the turn")
+    assert page.value("document.getElementById('space')._fullLayout.scene.camera.up") == {"x": 0, "y": 0, "z": 1}
+    floor = page.value("document.getElementById('space').data.filter((t) => t.type === 'mesh3d').at(-1).opacity")
+    assert 0.3 < floor < 0.8
     page.page.close()
 
 

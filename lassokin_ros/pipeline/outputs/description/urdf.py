@@ -3,7 +3,7 @@
 Three prismatic joints `root_x`, `root_y`, `root_z` connect the base link (the camera's optical frame) with the body.
 Each ball joint is three revolute joints `<joint>_x`, `<joint>_y`, `<joint>_z` in the order of its axes. The child link
 of the third one is named `<joint>`: its pose is the joint's pose in the topic `joints`. Links have visual shapes and no
-mass, because the URDF describes kinematics and not dynamics.
+mass, because the URDF describes kinematics and not dynamics. Limits are people's ranges of motion, see motion_ranges.
 """
 
 from __future__ import annotations
@@ -20,11 +20,12 @@ from lassokin_ros.core.body.joint_angles import ROOT_JOINTS
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.pipeline.outputs import rep155
+from lassokin_ros.pipeline.outputs.description.motion_ranges import range_of
 from lassokin_ros.pipeline.outputs.naming import Naming
 
 _AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
-_TURNS = 200 * np.pi  # rad: published angles are continuous and grow with each turn
-_REACH = 1000.0  # m
+_TURNS = -200 * np.pi, 200 * np.pi  # rad: published angles are continuous and grow with each turn
+_REACH = -1000.0, 1000.0  # m
 SHORTEST_BONE = 1e-6
 """m: a shorter bone has no cylinder."""
 _SIZE = "\0"
@@ -182,7 +183,8 @@ def _add_ball_joint(robot: ElementTree.Element, tree: Tree, index: int, above: s
         link = ElementTree.SubElement(robot, "link", name=child)
         if last:
             _add_visuals(link, tree, index)
-        _add_joint(robot, naming.joint(f"{joint}_{axis}"), "revolute", above, child, axis, offset, _TURNS)
+        limits = range_of(joint, axis) or _TURNS
+        _add_joint(robot, naming.joint(f"{joint}_{axis}"), "revolute", above, child, axis, offset, limits)
         above, offset = child, _HERE
 
 
@@ -194,14 +196,15 @@ def _add_joint(
     child: str,
     axis: str,
     offset: str,
-    limit: float,
+    limits: tuple[float, float],
 ) -> None:
     joint = ElementTree.SubElement(robot, "joint", name=name, type=kind)
     ElementTree.SubElement(joint, "parent", link=parent)
     ElementTree.SubElement(joint, "child", link=child)
     ElementTree.SubElement(joint, "origin", xyz=offset, rpy="0 0 0")
     ElementTree.SubElement(joint, "axis", xyz=_text(_AXES[axis]))
-    ElementTree.SubElement(joint, "limit", lower=f"{-limit:.6g}", upper=f"{limit:.6g}", effort="1000", velocity="1000")
+    low, high = (f"{limit:.6g}" for limit in limits)
+    ElementTree.SubElement(joint, "limit", lower=low, upper=high, effort="1000", velocity="1000")
 
 
 def _add_visuals(link: ElementTree.Element, tree: Tree, index: int) -> None:

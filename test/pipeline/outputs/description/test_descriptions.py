@@ -96,9 +96,33 @@ def test_the_joints_of_the_urdf_are_a_chain_for_each_ball_joint():
     assert of("head_y")[0] == "me/left_hip" and of("head_y")[4] == "0 0.1 0"
     for name, joint in joints.items():
         limit, reach = joint.find("limit"), "1000" if name.startswith("root") else "628.319"
-        assert (limit.get("lower"), limit.get("upper")) == (f"-{reach}", reach)
+        if name.startswith(("root", "pelvis", "stub")):  # the others have a range of motion
+            assert (limit.get("lower"), limit.get("upper")) == (f"-{reach}", reach)
         assert (limit.get("effort"), limit.get("velocity")) == ("1000", "1000")
         assert joint.find("origin").get("rpy") == zero
+
+
+def test_the_limits_are_those_of_people():
+    built_in = Skeleton.load("anthropometric", 1.75)
+    root = ElementTree.fromstring(urdf(built_in, "camera"))
+    limits = {
+        joint.get("name"): tuple(float(joint.find("limit").get(end)) for end in ("lower", "upper"))
+        for joint in root.iter("joint")
+    }
+    assert np.allclose(np.degrees(limits["left_knee_x"]), [-10, 145], atol=1e-3) and limits["pelvis_y"][1] > 600
+    assert np.allclose(np.degrees(limits["right_hip_x"]), [-130, 40], atol=1e-3)
+    for name, (low, high) in limits.items():
+        assert low <= 0 <= high, name  # the T-pose
+        if name.startswith("left"):
+            other = limits[name.replace("left", "right")]
+            assert (low, high) == (other if name.endswith("x") else (-other[1], -other[0])), name
+    degrees = {  # sitting with a hand at the mouth, arms down, a step
+        "left_hip_x": -95, "left_knee_x": 100, "right_hip_x": 20, "right_hip_z": -30, "left_elbow_y": -140,
+        "right_elbow_y": 140, "left_shoulder_z": -80, "right_shoulder_z": 80, "left_shoulder_y": -90, "spine1_x": 25,
+    }  # fmt: skip
+    assert all(limits[name][0] < np.radians(angle) < limits[name][1] for name, angle in degrees.items())
+    impossible = {"left_knee_x": -40, "left_elbow_y": 30, "right_elbow_y": -30, "right_knee_x": 170, "neck_y": 100}
+    assert not any(limits[name][0] < np.radians(angle) < limits[name][1] for name, angle in impossible.items())
 
 
 def shapes(root, link):

@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from lassokin_ros.demo.svg import Axes, document, text, ticks
+from lassokin_ros.common.svg import Axes, document, text, ticks
 
 SVG = "{http://www.w3.org/2000/svg}"
 

@@ -1,0 +1,133 @@
+"""`lassokin measure` against a reference: gait and squats of recordings with the 3D of marker or camera systems.
+
+    python benchmarks/accuracy_run/measures.py ../shared/data/detections/opencap*.npz
+
+The tracker gets one camera's keypoints and the height, in two passes. The same functions measure the tracked joints and
+the reference's, for which the pelvis is the middle of the hips and the neck that of the shoulders. Files whose name has
+`squat` are measured as squats, the others as gaits. A row per camera: estimate / reference.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+import numpy as np  # noqa: E402
+
+from benchmarks.accuracy_run.runs import follow  # noqa: E402
+from benchmarks.data.detections import JOINTS, DetectionJob, Recording, detection_jobs, prepared  # noqa: E402
+from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
+from lassokin_ros.core.tracker import Tracker  # noqa: E402
+from lassokin_ros.measure.gait import measure_gait  # noqa: E402
+from lassokin_ros.measure.poses import MeasureError, Poses  # noqa: E402
+from lassokin_ros.measure.squat import Squat, measure_squats  # noqa: E402
+from lassokin_ros.replay.first_pass import WHOLE_FILE  # noqa: E402
+
+SAME_SQUAT_S = 0.5
+"""s: squats of estimate and reference whose bottoms are nearer than this are the same."""
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print a row per camera."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", maxsplit=1)[0])
+    parser.add_argument("files", type=Path, nargs="+", metavar="FILE")
+    parser.add_argument("--smoothed", action="store_true", help="with the smoothing that `track` uses for files")
+    options = parser.parse_args(arguments)
+    for job in detection_jobs(options.files, ["lasso"], False, WHOLE_FILE if options.smoothed else {}):
+        estimate, truth = both(job)
+        measure = squat_figures if "squat" in job.file.name else gait_figures
+        try:
+            words = ", ".join(f"{name} {values}" for name, values in measure(estimate, truth).items())
+        except MeasureError as error:
+            words = str(error)
+        print(f"{job.file.stem}:{job.camera}  {words}")
+
+
+def both(job: DetectionJob) -> tuple[Poses, Poses]:
+    """Return the tracked motion, and the reference's in the frames in which it is whole."""
+    recording, config, skeleton = prepared(job)
+    first = Tracker(replace(config, smoothing_lag=0.0), skeleton)
+    for observation in recording.observations:
+        first.track(observation)
+    layout = Layout.load(recording.layout, first.skeleton)
+    tracker = Tracker(config, first.skeleton)
+    track = follow(tracker, recording.observations, first.skeleton.joint_count, len(layout.names))
+    truth = reference(recording, layout)
+    known = np.isfinite(track.positions[:, 0, 0])
+    wrong = np.zeros(len(known), dtype=bool)
+    whole = np.isfinite(truth).all(axis=(1, 2))
+    names = (*JOINTS.values(), "pelvis", "neck")
+    return (
+        Poses(recording.stamps[known], first.skeleton.joint_names, track.positions[known], wrong[known]),
+        Poses(recording.stamps[whole], names, truth[whole], wrong[whole]),
+    )
+
+
+def reference(recording: Recording, layout: Layout) -> np.ndarray:
+    """Return (f, 14, 3) m: the limbs' joints, the middle of the hips, and that of the shoulders."""
+    limbs = recording.reference[:, [layout.index(name) for name in JOINTS.values()]]
+    names = list(JOINTS.values())
+    middles = [
+        limbs[:, [names.index(f"{side}_{part}") for side in ("left", "right")]].mean(axis=1)
+        for part in ("hip", "shoulder")
+    ]
+    return np.concatenate([limbs, np.stack(middles, axis=1)], axis=1)
+
+
+def gait_figures(estimate: Poses, truth: Poses) -> dict[str, str]:
+    """Return the measures of a walk: estimate / reference."""
+    one, other = measure_gait(estimate), measure_gait(truth)
+    strikes = [
+        (found, real) for side in one.strikes for found, real in _matched(one.strikes[side], other.strikes[side])
+    ]
+    off = 1e3 * np.abs([found - real for found, real in strikes])
+    return {
+        "strides": f"{one.strides} / {other.strides}",
+        "cadence": f"{one.cadence:.0f} / {other.cadence:.0f} steps/min",
+        "stride": f"{one.stride_m:.2f} / {other.stride_m:.2f} m, {one.stride_s:.2f} / {other.stride_s:.2f} s",
+        "speed": f"{one.speed:.2f} / {other.speed:.2f} m/s",
+        **{
+            f"{side} knee range": f"{one.knee_range[side]:.0f} / {other.knee_range[side]:.0f} deg"
+            for side in one.knee_range
+        },
+        "strikes": f"{np.median(off) if len(off) else np.nan:.0f} ms apart (median of {len(off)})",
+    }
+
+
+def squat_figures(estimate: Poses, truth: Poses) -> dict[str, str]:
+    """Return the measures of squats: number, and mean absolute difference and bias of the matched ones."""
+    found, real = measure_squats(estimate), measure_squats(truth)
+    pairs = [(a, b) for a in found for b in real if abs(a.bottom - b.bottom) < SAME_SQUAT_S]
+
+    def differences(value: str) -> str:
+        off = np.array([_value(a, value) - _value(b, value) for a, b in pairs])
+        mean = np.mean([_value(b, value) for _, b in pairs])
+        unit = {"depth": "m", "duration": "s"}.get(value, "deg")
+        digits = 0 if unit == "deg" else 2
+        return f"{np.abs(off).mean():.{digits}f} off ({off.mean():+.{digits}f}) of {mean:.{digits}f} {unit}"
+
+    counted = {"squats": f"{len(found)} / {len(real)} ({len(pairs)} the same)"}
+    return counted | {value: differences(value) for value in ("knees", "hips", "lean", "depth", "duration")}
+
+
+def _value(squat: Squat, name: str) -> float:
+    if name == "knees":
+        return float(np.mean(squat.knees))
+    return squat.end - squat.start if name == "duration" else float(getattr(squat, name))
+
+
+def _matched(found: np.ndarray, real: np.ndarray) -> list[tuple[float, float]]:
+    """Return pairs of times, each of `real` with the nearest of `found` within a quarter of a second."""
+    if not len(found):
+        return []
+    nearest = [(float(found[np.abs(found - at).argmin()]), float(at)) for at in real]
+    return [(a, b) for a, b in nearest if abs(a - b) < 0.25]
+
+
+if __name__ == "__main__":
+    main()

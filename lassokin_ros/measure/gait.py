@@ -1,0 +1,110 @@
+"""Cadence, stride, speed and the knees of a person who walks.
+
+A foot strikes where its ankle is farthest in front of the pelvis (J. Zeni, J. Richards, J. Higginson, Two simple
+methods for determining gait events during treadmill and overground walking using kinematic data, Gait & Posture 27,
+2008).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import find_peaks
+
+from lassokin_ros.measure.poses import MeasureError, Poses, smoothed
+from lassokin_ros.replay.exports.named_angles import angles_of
+
+SIDES = ("left", "right")
+SMOOTHING_S, FACING_S = 0.1, 1.0
+"""s: averaging of the ankle's place, and of the direction that the person faces."""
+LEAST_SWING = 0.2
+"""Least way of an ankle past the pelvis between two strikes, as a share of the leg's length."""
+SHORTEST_STRIDE_S, LONGEST_STRIDE_S = 0.6, 2.5
+POINTS = 101
+"""Points of a curve from one strike to the next."""
+
+
+@dataclass(frozen=True, eq=False)
+class Gait:
+    """The measures of a walk; NaN where there is no whole stride.
+
+    strikes: s, of each side. strides: number of whole strides. cadence: steps per minute. stride_s, stride_m: time
+    and length of a stride, medians; on a treadmill the length is about 0. speed: m/s. knee_range: degrees between the
+    smallest and the largest flexion of a stride, median of each side. knees: (strides, 101) degrees of each side, from
+    strike to strike. doubtful: share of the frames that the report marks.
+    """
+
+    strikes: dict[str, np.ndarray]
+    strides: int
+    cadence: float
+    stride_s: float
+    stride_m: float
+    speed: float
+    knee_range: dict[str, float]
+    knees: dict[str, np.ndarray]
+    doubtful: float
+
+
+def measure_gait(poses: Poses) -> Gait:
+    """Return the measures. Raises MeasureError if no stride is found."""
+    strikes = {side: _strikes(poses, side) for side in SIDES}
+    pairs = {side: _strides(poses, strikes[side]) for side in SIDES}
+    every = [pair for side in SIDES for pair in pairs[side]]
+    if not every:
+        raise MeasureError(
+            "no stride was found: expected a person who walks for two steps or more, with the feet in view"
+        )
+    hips = poses.middle("hip")
+    times = np.array([poses.seconds[b] - poses.seconds[a] for a, b in every])
+    lengths = np.array([np.linalg.norm((hips[b] - hips[a])[[0, 2]]) for a, b in every])
+    flexion = angles_of(poses.names, poses.positions)
+    knees = {side: _curves(poses, flexion[f"{side}_knee flexion"], pairs[side]) for side in SIDES}
+    return Gait(
+        {side: poses.seconds[strikes[side]] for side in SIDES},
+        len(every),
+        60 / _step_time(poses, strikes),
+        float(np.median(times)),
+        float(np.median(lengths)),
+        float(np.median(lengths / times)),
+        {side: float(np.median(np.ptp(knees[side], axis=1))) if len(knees[side]) else np.nan for side in SIDES},
+        knees,
+        float(poses.likely_wrong.mean()),
+    )
+
+
+def _strikes(poses: Poses, side: str) -> np.ndarray:
+    """Return the frames in which a foot strikes."""
+    ankle, hips = poses.place(f"{side}_ankle"), poses.middle("hip")
+    ahead = smoothed(((ankle - hips) * _front(poses)).sum(axis=1), poses, SMOOTHING_S)
+    knee, hip = poses.place(f"{side}_knee"), poses.place(f"{side}_hip")
+    leg = np.median(np.linalg.norm(ankle - knee, axis=1) + np.linalg.norm(knee - hip, axis=1))
+    apart = max(round(SHORTEST_STRIDE_S * poses.rate), 1)
+    return np.asarray(find_peaks(ahead, prominence=LEAST_SWING * leg, distance=apart)[0])
+
+
+def _front(poses: Poses) -> np.ndarray:
+    """Return the horizontal unit vectors (f, 3) to the person's front."""
+    left = sum(poses.place(f"left_{part}") - poses.place(f"right_{part}") for part in ("hip", "shoulder"))
+    front = smoothed(np.cross(left, [0.0, -1.0, 0.0]), poses, FACING_S)
+    return np.asarray(front / np.linalg.norm(front, axis=1, keepdims=True))
+
+
+def _strides(poses: Poses, strikes: np.ndarray) -> list[tuple[int, int]]:
+    """Return first and last frame of each stride of one foot."""
+    pairs = [(int(a), int(b)) for a, b in zip(strikes, strikes[1:])]
+    return [(a, b) for a, b in pairs if poses.seconds[b] - poses.seconds[a] <= LONGEST_STRIDE_S]
+
+
+def _step_time(poses: Poses, strikes: dict[str, np.ndarray]) -> float:
+    """Return the mean time of a step, s: between strikes of different feet that follow each other."""
+    events = sorted((poses.seconds[frame], side) for side in SIDES for frame in strikes[side])
+    steps = [b - a for (a, one), (b, other) in zip(events, events[1:]) if one != other and b - a < LONGEST_STRIDE_S / 2]
+    return float(np.mean(steps)) if steps else float("nan")
+
+
+def _curves(poses: Poses, values: np.ndarray, strides: list[tuple[int, int]]) -> np.ndarray:
+    """Return (strides, 101) values over the time from strike to strike."""
+    share = np.linspace(0, 1, POINTS)
+    times = [poses.seconds[a] + share * (poses.seconds[b] - poses.seconds[a]) for a, b in strides]
+    return np.array([np.interp(at, poses.seconds, values) for at in times]).reshape(-1, POINTS)

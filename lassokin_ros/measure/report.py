@@ -1,0 +1,104 @@
+"""The measures as a table, as JSON, and as a plot in SVG."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from lassokin_ros.common.svg import Axes, document, text
+from lassokin_ros.measure.gait import POINTS, SIDES, Gait
+from lassokin_ros.measure.poses import Poses
+from lassokin_ros.measure.squat import Squat
+from lassokin_ros.replay.exports.named_angles import angles_of
+
+COLOURS = {"left": "#1f77b4", "right": "#d62728"}
+SIZE = (860, 380)
+PLACE, EXTENT = (70, 50), (760, 260)
+"""px: corner and size of the axes."""
+HEADER = f"{'':>3} {'bottom':>8} {'time':>6} {'left knee':>10} {'right knee':>11} {'hips':>6} {'lean':>6} {'depth':>7}"
+
+
+def gait_lines(gait: Gait) -> list[str]:
+    """Return the lines of the table."""
+    knees = ", ".join(f"{side} {gait.knee_range[side]:.0f} deg" for side in SIDES)
+    lines = {
+        "strides": f"{gait.strides}",
+        "cadence": f"{gait.cadence:.0f} steps/min",
+        "stride": f"{gait.stride_m:.2f} m, {gait.stride_s:.2f} s",
+        "speed": f"{gait.speed:.2f} m/s",
+        "knee range": knees,
+    }
+    return [*(f"{name:<12} {words}" for name, words in lines.items()), *_doubt([gait.doubtful])]
+
+
+def squat_lines(squats: Sequence[Squat]) -> list[str]:
+    """Return the lines of the table."""
+    rows = [
+        f"{number:>3} {one.bottom:>6.1f} s {one.end - one.start:>4.1f} s {one.knees[0]:>6.0f} deg {one.knees[1]:>7.0f} "
+        f"deg {one.hips:>6.0f} {one.lean:>6.0f} {one.depth:>5.2f} m"
+        for number, one in enumerate(squats, 1)
+    ]
+    return [HEADER, *rows, *_doubt([one.doubtful for one in squats])]
+
+
+def _doubt(shares: Sequence[float]) -> list[str]:
+    share = float(np.mean(shares))
+    return [f"{share:.0%} of these frames are marked as likely wrong"] if share > 0 else []
+
+
+def as_json(measured: Gait | Sequence[Squat]) -> Any:
+    """Return the figures as numbers, lists and dictionaries; None for NaN."""
+    return _plain(asdict(measured) if isinstance(measured, Gait) else [asdict(one) for one in measured])
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(one) for key, one in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [_plain(one) for one in value]
+    if isinstance(value, (float, np.floating)):
+        return round(float(value), 4) if np.isfinite(value) else None
+    return value
+
+
+def gait_plot(gait: Gait, title: str) -> str:
+    """Return the flexion of the knees over the strides, each stride thin and the mean thick."""
+    axes = _axes(title, "share of the stride, from strike to strike (%)", (0, 100), list(gait.knees.values()))
+    share = np.linspace(0, 100, POINTS)
+    for side in SIDES:
+        for curve in gait.knees[side]:
+            axes.line(np.column_stack([share, curve]), COLOURS[side] + "55", 1)
+        if len(gait.knees[side]):
+            axes.line(np.column_stack([share, gait.knees[side].mean(axis=0)]), COLOURS[side], 3)
+    return document(SIZE, [axes.svg(), *_key()])
+
+
+def squat_plot(squats: Sequence[Squat], poses: Poses, title: str) -> str:
+    """Return the flexion of the knees over time, with the bottoms of the squats."""
+    flexion = {side: angles_of(poses.names, poses.positions)[f"{side}_knee flexion"] for side in SIDES}
+    axes = _axes(title, "time (s)", (0, float(poses.seconds[-1])), list(flexion.values()))
+    for number, side in enumerate(SIDES):
+        axes.line(np.column_stack([poses.seconds, flexion[side]]), COLOURS[side], 2)
+        axes.dots(np.array([[one.bottom, one.knees[number]] for one in squats]), COLOURS[side], 5)
+    return document(SIZE, [axes.svg(), *_key()])
+
+
+def _axes(title: str, x: str, limits: tuple[float, float], values: Sequence[np.ndarray]) -> Axes:
+    highest = max((float(np.nanmax(one)) for one in values if one.size), default=90.0)
+    axes = Axes(PLACE, EXTENT, limits, (0, 10 * np.ceil(highest / 10)))
+    axes.grid(most=10)
+    axes.label(title, x, "flexion of the knees (deg)")
+    return axes
+
+
+def _key() -> list[str]:
+    """Return the key of the colours."""
+    parts = []
+    for number, side in enumerate(SIDES):
+        x = PLACE[0] + 90 * number
+        parts.append(f'<path d="M{x} 358h24" stroke="{COLOURS[side]}" stroke-width="3"/>')
+        parts.append(text((x + 30, 362), side))
+    return parts

@@ -1,0 +1,129 @@
+"""Who is who in the images of a file, and who is tracked (`--person`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.detector.backend import Detected
+from lassokin_ros.pipeline.people.image_tracks import ImageTrack, ImageTracks
+from lassokin_ros.pipeline.people.tracked_person import Detection
+from lassokin_ros.pipeline.settings import NodeSettings
+
+LARGEST, NEAREST, ALL = "largest", "nearest", "all"
+MOST_PEOPLE = 4
+"""People tracked with `--person all`, unless max_people is set."""
+LASTING_S, LASTING_SHARE = 1.0, 0.2
+"""A person is listed who is seen for 1 s, or for a fifth of a file, whichever is shorter."""
+
+Found = tuple[float, Sequence[Detected]]
+"""Time of an image, s, and the people in it."""
+
+
+class PersonError(LassokinError, ValueError):
+    """--person names nobody, or the detector finds one person only."""
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A person in the images of a file.
+
+    seconds: (f,) of the images with the person. detected: the keypoints in them. sizes: (f,) px, the diagonal of the
+    sure points.
+    """
+
+    seconds: np.ndarray
+    detected: Sequence[Detected]
+    sizes: np.ndarray
+
+    def words(self, width: int) -> str:
+        """Return when, how large and where the person is. width: of the images, px."""
+        middle = float(np.nanmedian(self.detected[0].pixels[:, 0])) / width
+        place = "left" if middle < 1 / 3 else "right" if middle > 2 / 3 else "in the middle"
+        span = f"{self.seconds[0]:.1f} to {self.seconds[-1]:.1f} s"
+        return f"{span}, {np.median(self.sizes):.0f} px in size, at first {place}"
+
+
+def people_in(images: Sequence[Found]) -> list[Seen]:
+    """Return the people who are seen for long enough, the largest first: by the sum of the sizes over the images.
+
+    A person who is found again by place within `forget_after` is the same person.
+    """
+    gathered: dict[ImageTrack, list[tuple[float, Detected]]] = {}
+    for seconds, track, detected in _tracks(images):
+        gathered.setdefault(track, []).append((seconds, detected))
+    everybody = [
+        Seen(np.array([at for at, _ in rows]), [one for _, one in rows], np.array([size_px(one) for _, one in rows]))
+        for rows in gathered.values()
+    ]
+    times = [seconds for seconds, _ in images]
+    period = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    needed = min(LASTING_S, LASTING_SHARE * len(times) * period)
+    lasting = [one for one in everybody if len(one.seconds) * period >= needed]
+    return sorted(lasting, key=lambda one: -float(one.sizes.sum()))
+
+
+def choose(who: str, people: Sequence[Seen], most: int) -> list[int]:
+    """Return the indices of the people to track.
+
+    who: `largest`, `nearest`, `all`, or a number, 1 for the first. most: people tracked with `all`. Raises PersonError.
+    """
+    if who == ALL:
+        return list(range(min(len(people), most)))
+    if not people:
+        return []
+    if who == NEAREST:
+        return [max(range(len(people)), key=lambda i: float(np.median(people[i].sizes)))]
+    index = 0 if who == LARGEST else number_of(who) - 1
+    if index >= len(people):
+        raise PersonError(f"--person {who}: there are {len(people)} people in the images; expected 1 to {len(people)}")
+    return [index]
+
+
+def number_of(who: str) -> int:
+    """Return the number that `who` is. Raises PersonError if it is none of 1, 2, ..."""
+    if not who.isascii() or not who.isdecimal() or int(who) < 1:
+        raise PersonError(f"--person '{who}'; expected {NEAREST}, {LARGEST}, {ALL} or a number from 1")
+    return int(who)
+
+
+def settings_for(who: str, live: bool) -> list[str]:
+    """Return the parameters name:=value that follow from --person. Raises PersonError.
+
+    live: the images come one by one, so that the tracker chooses the person in the first of them.
+    """
+    if who == ALL:
+        return [f"max_people:={MOST_PEOPLE}"]
+    if who not in (LARGEST, NEAREST):
+        number_of(who)
+        if live:
+            raise PersonError(
+                f"--person {who}: people are numbered in files only; expected {NEAREST} or {ALL} for a camera and "
+                "with --causal"
+            )
+    return [f"follow:={NEAREST}"] if live else []
+
+
+def size_px(person: Detected) -> float:
+    """Return the diagonal of the points that the tracker would use, px; 0 without any."""
+    sure = person.pixels[person.confidence >= TrackerConfig().min_confidence]
+    return float(np.linalg.norm(np.ptp(sure, axis=0))) if len(sure) else 0.0
+
+
+def _tracks(images: Sequence[Found]) -> Iterator[tuple[float, ImageTrack, Detected]]:
+    """Yield time in s, track and keypoints of each person in each image."""
+    tracks, patience = ImageTracks(), NodeSettings().forget_after
+    for seconds, found in images:
+        stamp_ns = round(seconds * 1e9)
+        sources = {id(points := _detection(person)): (points, person) for person in found}
+        tracks.update(stamp_ns, [points for points, _ in sources.values()], persistent=False, forget_after=patience)
+        for track in tracks.seen_at(stamp_ns):
+            yield seconds, track, sources[id(track.detection)][1]
+
+
+def _detection(person: Detected) -> Detection:
+    return Detection(np.where(person.confidence[:, None] > 0, person.pixels, np.nan), person.confidence)

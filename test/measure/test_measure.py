@@ -1,0 +1,178 @@
+"""`lassokin measure`: walks and squats of known cadence, stride, speed and angles; and the command."""
+
+import json
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from lassokin_ros.measure.command import main
+from lassokin_ros.measure.gait import measure_gait
+from lassokin_ros.measure.poses import MeasureError, Poses, read_poses, smoothed
+from lassokin_ros.measure.squat import measure_squats
+
+RATE, THIGH, SHANK = 50.0, 0.45, 0.42
+LIMBS = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
+NAMES = ("pelvis", "neck", *(f"{side}_{joint}" for side in ("left", "right") for joint in LIMBS))
+
+
+def body(seconds, thighs, knees, lean=0.0, speed=0.0, heading=0.0):
+    """A person who faces the camera at heading 0. thighs: (f, 2) degrees to the front; knees: (f, 2) flexion."""
+    front, up, left = np.array([0.0, 0.0, -1.0]), np.array([0.0, -1.0, 0.0]), np.array([1.0, 0.0, 0.0])
+    lean = np.radians(np.broadcast_to(lean, seconds.shape))[:, None]
+    trunk = np.cos(lean) * up + np.sin(lean) * front
+    legs, joints = {}, {}
+    for number, (side, across) in enumerate((("left", left), ("right", -left))):
+        thigh, shank = np.radians(thighs[:, number])[:, None], np.radians(thighs[:, number] - knees[:, number])[:, None]
+        hip = np.tile(0.1 * across, (len(seconds), 1))
+        knee = hip + THIGH * (np.sin(thigh) * front - np.cos(thigh) * up)
+        legs[side] = knee + SHANK * (np.sin(shank) * front - np.cos(shank) * up)
+        shoulder = 0.5 * trunk + 0.2 * across
+        joints |= {f"{side}_hip": hip, f"{side}_knee": knee, f"{side}_ankle": legs[side], f"{side}_shoulder": shoulder}
+        joints |= {f"{side}_elbow": shoulder - 0.3 * up, f"{side}_wrist": shoulder - 0.5 * up}
+    joints |= {"pelvis": np.zeros((len(seconds), 3)), "neck": 0.5 * trunk}
+    lowest = np.minimum(legs["left"] @ up, legs["right"] @ up)
+    places = np.stack([joints[name] for name in NAMES], axis=1) - (lowest[:, None] * up)[:, None]
+    places += (speed * seconds[:, None] * front)[:, None]
+    turned = places @ Rotation.from_rotvec([0, heading, 0]).as_matrix().T + [0.3, 1.0, 4.0]
+    return Poses(seconds, NAMES, turned, np.zeros(len(seconds), dtype=bool))
+
+
+def walk(cadence=108.0, speed=1.3, swing=24.0, knee=55.0, seconds=6.0, heading=0.0):
+    """The thighs swing by +-swing degrees; each knee bends by 5 to `knee` degrees."""
+    t = np.arange(round(seconds * RATE)) / RATE
+    phase = 2 * np.pi * cadence / 120 * t[:, None] + np.array([0.0, np.pi])
+    return body(t, swing * np.cos(phase), 5 + (knee - 5) * (0.5 - 0.5 * np.cos(phase + 2.0)), 0.0, speed, heading)
+
+
+@pytest.mark.parametrize("heading", [0.0, 1.2, np.pi])
+def test_a_walk_has_its_cadence_stride_and_speed_whatever_its_direction(heading):
+    found = measure_gait(walk(heading=heading))
+    assert abs(found.cadence - 108) < 1.5 and abs(found.speed - 1.3) < 0.01
+    assert abs(found.stride_s - 120 / 108) < 0.02 and abs(found.stride_m - 1.3 * 120 / 108) < 0.03
+    assert 8 <= found.strides <= 10 and found.doubtful == 0
+    assert abs(found.knee_range["left"] - 50) < 1 and abs(found.knee_range["right"] - 50) < 1
+    assert found.knees["left"].shape[1] == 101 and found.knees["left"].max() <= 55.01
+
+
+def test_feet_strike_in_turn_where_the_ankle_is_in_front():
+    found = measure_gait(walk())
+    left, right = found.strikes["left"], found.strikes["right"]
+    assert np.allclose(np.diff(left), 120 / 108, atol=0.03) and np.allclose(np.diff(right), 120 / 108, atol=0.03)
+    assert np.abs((right[0] - left[0]) % (120 / 108) - 60 / 108) < 0.05
+
+
+def test_on_a_treadmill_the_stride_has_a_time_and_no_length():
+    found = measure_gait(walk(speed=0.0, cadence=120.0))
+    assert found.stride_m < 0.01 and abs(found.cadence - 120) < 2
+
+
+def test_one_knee_that_bends_less_is_seen():
+    t = np.arange(300) / RATE
+    phase = 2 * np.pi * 0.9 * t[:, None] + np.array([0.0, np.pi])
+    knees = 5 + np.array([50.0, 20.0]) * (0.5 - 0.5 * np.cos(phase + 2.0))
+    found = measure_gait(body(t, 24 * np.cos(phase), knees, 0.0, 1.2)).knee_range
+    assert abs(found["left"] - 50) < 1 and abs(found["right"] - 20) < 1
+
+
+def test_a_person_who_stands_or_shuffles_has_no_stride():
+    for swing in (0.0, 3.0):
+        with pytest.raises(MeasureError, match="no stride was found"):
+            measure_gait(walk(swing=swing, knee=5.0))
+    with pytest.raises(MeasureError, match="no joint 'left_ankle'"):
+        measure_gait(replace(walk(), names=tuple(name.replace("left_ankle", "left_paw") for name in NAMES)))
+
+
+def squats(depths=(100.0, 60.0, 90.0), period=3.0):
+    """Squats with these flexions of the knees, one per period; the hips bend as far, the trunk leans by 0.4 of it."""
+    t = np.arange(round(len(depths) * period * RATE)) / RATE
+    which = np.minimum((t / period).astype(int), len(depths) - 1)
+    bend = np.array(depths)[which] * np.clip(np.sin(2 * np.pi * (t / period - 0.25)), 0, None)
+    return body(t, np.column_stack([0.5 * bend] * 2), np.column_stack([bend, bend]), 0.4 * bend)
+
+
+def test_each_squat_has_its_depth_and_angles():
+    found = measure_squats(squats())
+    assert [round(one.knees[0]) for one in found] == [100, 60, 90] and all(abs(np.diff(one.knees)) < 1 for one in found)
+    assert np.allclose([one.bottom for one in found], [1.5, 4.5, 7.5], atol=0.03)
+    assert all(abs(one.end - one.start - 1.4) < 0.15 for one in found)
+    assert np.allclose([one.lean for one in found], [40, 24, 36], atol=1)
+    assert np.allclose([one.hips for one in found], [50 + 40, 30 + 24, 45 + 36], atol=2)  # against the trunk
+    sink = (THIGH + SHANK) * (1 - np.cos(np.radians([50, 30, 45])))
+    assert np.allclose([one.depth for one in found], sink, atol=0.005)
+
+
+def test_small_bends_are_no_squats_and_marked_frames_are_counted():
+    with pytest.raises(MeasureError, match="no squat was found: the knees bend by less than 40 degrees"):
+        measure_squats(squats((30.0, 25.0)))
+    poses = squats((90.0, 90.0))
+    marked = poses.seconds > 3.0
+    assert [round(one.doubtful) for one in measure_squats(replace(poses, likely_wrong=marked))] == [0, 1]
+
+
+def test_smoothing_keeps_a_constant_and_averages_noise():
+    poses = walk()
+    noise = np.random.default_rng(0).normal(size=(300, 3))
+    assert np.allclose(smoothed(np.full((300, 3), 2.0), poses, 0.5), 2.0)
+    assert smoothed(noise, poses, 0.5).std() < 0.3 and np.allclose(smoothed(noise, poses, 0.0), noise)
+
+
+def saved(path, *people, tilt=0.0):
+    """An export with the motions of some people, in the frame of a camera that looks down by `tilt`."""
+    level = Rotation.from_rotvec([tilt, 0, 0]).as_matrix()
+    arrays = {
+        "stamp_ns": np.concatenate([np.round(one.seconds * 1e9).astype(np.int64) + 10**9 for _, one in people]),
+        "person": np.concatenate([[name] * len(one.seconds) for name, one in people]),
+        "people": np.array([name for name, _ in people]),
+        "joint_names": np.array(NAMES),
+        "joint_positions": np.concatenate([one.positions @ level for _, one in people]),
+        "level": level,
+        "likely_wrong": np.concatenate([one.likely_wrong for _, one in people]),
+    }
+    np.savez(path, **arrays)
+    return str(path)
+
+
+def test_the_command_prints_a_table_and_writes_plot_and_figures(tmp_path, capsys):
+    file = saved(tmp_path / "walk.npz", ("", walk()), tilt=0.4)
+    plot, figures = tmp_path / "gait.svg", tmp_path / "gait.json"
+    assert main(["gait", file, "--plot", str(plot), "--json", str(figures)]) == 0
+    said = capsys.readouterr().out
+    assert "cadence      108 steps/min" in said and "speed        1.30 m/s" in said
+    assert "knee range   left 50 deg, right 50 deg" in said and "likely wrong" not in said
+    drawn = ElementTree.fromstring(plot.read_text(encoding="utf-8"))
+    strides = json.loads(figures.read_text())["strides"]
+    assert len(drawn.findall(".//{*}polyline")) == strides + 2
+    assert main(["gait", file, "--plot", str(plot)]) == 2 and "exists already" in capsys.readouterr().err
+    down = saved(tmp_path / "down.npz", ("", replace(squats(), likely_wrong=np.ones(450, dtype=bool))))
+    assert main(["squat", down, "--plot", str(plot), "--json", str(figures), "--force"]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert len(said) == 5 and said[1].split()[:3] == ["1", "1.5", "s"] and "100 deg" in said[1]
+    assert said[-1] == "100% of these frames are marked as likely wrong"
+    assert len(json.loads(figures.read_text())) == 3
+    assert len(ElementTree.fromstring(plot.read_text()).findall(".//{*}circle")) == 6
+
+
+def test_one_person_of_several_is_measured(tmp_path, capsys):
+    file = saved(tmp_path / "two.npz", ("p1", walk(cadence=90.0)), ("p2", walk(cadence=120.0)))
+    assert main(["gait", file]) == 2 and "choose one with --person: p1, p2" in capsys.readouterr().err
+    assert main(["gait", file, "--person", "p2"]) == 0 and "120 steps/min" in capsys.readouterr().out
+    assert main(["gait", file, "--person", "p3"]) == 2 and "holds p1, p2" in capsys.readouterr().err
+
+
+def test_a_file_that_is_no_export_is_one_line(tmp_path, capsys):
+    (tmp_path / "text.npz").write_text("no arrays")
+    np.savez(tmp_path / "other.npz", x=np.zeros(3))
+    short = saved(tmp_path / "short.npz", ("", walk(seconds=0.04)))
+    for file, text in (
+        (tmp_path / "none.npz", "cannot be read"),
+        (tmp_path / "text.npz", "cannot be read"),
+        (tmp_path / "other.npz", "has no stamp_ns, person"),
+        (short, "has 2 frames in order"),
+    ):
+        assert main(["gait", str(file)]) == 2
+        said = capsys.readouterr().err
+        assert said.startswith("lassokin measure: ") and text in said and said.count("\n") == 1
+    assert read_poses(saved(tmp_path / "w.npz", ("", walk())), None).rate == pytest.approx(50)

@@ -1,0 +1,155 @@
+"""`track --person`: who is who in a file's images, and whose motion is written."""
+
+import numpy as np
+import pytest
+from two_people import RATE, scene
+
+from benchmarks.common.report import data_folder
+from lassokin_ros.detector.backend import Detected
+from lassokin_ros.video import track as track_module
+from lassokin_ros.video.command import main
+from lassokin_ros.video.people import PersonError, choose, people_in, settings_for
+
+pytest.importorskip("cv2")
+
+from test_track import STANDING, Standing, long_video  # noqa: E402, F401
+
+RECORDED = data_folder() / "detections" / "wildflower_everybody_openpose.npz"
+
+
+def person(x, scale=1.0, score=0.9):
+    return Detected(STANDING * scale + (x, 120), np.full(17, score))
+
+
+class Two:
+    """A small person on the left walks; a large one on the right leaves at 2.5 s. The order changes at random."""
+
+    landmarks = "coco17"
+    several = True
+
+    def detect(self, image, seconds):
+        random = np.random.default_rng(round(1000 * seconds))
+        people = [person(60 + 10 * seconds, 0.5)] + [person(230 + 5 * np.sin(3 * seconds), 1.0)] * (seconds < 2.5)
+        noisy = [Detected(one.pixels + random.normal(scale=0.5, size=(17, 2)), one.confidence) for one in people]
+        return [noisy[i] for i in random.permutation(len(noisy))]
+
+    def close(self):
+        pass
+
+
+@pytest.fixture
+def two(monkeypatch):
+    monkeypatch.setattr(track_module, "make_detector", lambda name: Two())
+
+
+def run(video, tmp_path, *options):  # noqa: F811
+    """Return the arrays of the export: {person: (stamps in s, x of the pelvis in m)}."""
+    file = tmp_path / "motion.npz"
+    assert main([str(video), "--fov", "60", "--force", "--export", str(file), *options]) == 0
+    with np.load(file) as data:
+        seconds, x = data["stamp_ns"] * 1e-9, data["translation"][:, 0]
+        return {name: (seconds[data["person"] == name], x[data["person"] == name]) for name in data["people"]}
+
+
+@pytest.mark.parametrize("who, side", [(None, 1), ("largest", 1), ("nearest", 1), ("1", 1), ("2", -1)])
+def test_one_of_two_people_is_tracked_all_the_time(who, side, two, long_video, tmp_path, capsys):  # noqa: F811
+    found = run(long_video, tmp_path, *(["--person", who] if who else []))
+    ((seconds, x),) = found.values()
+    assert len(seconds) == (75 if side > 0 else 120) and (np.sign(x) == side).all()
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("people ")]
+    number = 1 if side > 0 else 2
+    assert f"2 people in the images, number {number} is tracked" in line
+    assert "1: 0.0 to 2.5 s, 181 px in size, at first right; 2: 0.0 to 4.0 s" in line
+
+
+def test_all_people_have_their_files(two, long_video, tmp_path, capsys):  # noqa: F811
+    found = run(long_video, tmp_path, "--person", "all", "--export", str(tmp_path / "m.bvh"))
+    assert set(found) == {"p1", "p2"} and (found["p1"][1] > 0).all() and (found["p2"][1] < 0).all()
+    assert len(found["p2"][0]) > 115 and {file.name for file in tmp_path.glob("*.bvh")} == {"m_p1.bvh", "m_p2.bvh"}
+    assert "numbers 1 and 2 are tracked" in capsys.readouterr().out
+    only = run(long_video, tmp_path, "-p", "max_people:=2")
+    assert set(only) == {"p1", "p2"}
+
+
+def test_the_page_says_who_is_tracked(two, long_video, tmp_path):  # noqa: F811
+    pytest.importorskip("plotly", reason="the report needs plotly")
+    page = tmp_path / "page.html"
+    assert main([str(long_video), "--height", "1.8", "--report", str(page)]) == 0
+    assert '<li class="note">2 people in the images, number 1 is tracked (<code>--person</code>)' in page.read_text()
+
+
+def test_a_camera_follows_the_nearest_person(two, long_video, tmp_path, capsys):  # noqa: F811
+    ((_, x),) = run(long_video, tmp_path, "--causal").values()
+    assert (x[:70] > 0).all()
+    assert main([str(long_video), "--causal", "--person", "2"]) == 2
+    assert "people are numbered in files only" in capsys.readouterr().err
+    assert set(run(long_video, tmp_path, "--causal", "--person", "all")) == {"p1", "p2"}
+
+
+def test_a_person_that_cannot_be_chosen_is_one_line(long_video, tmp_path, monkeypatch, capsys):  # noqa: F811
+    for detector, who, text in [
+        (Standing(), "nearest", "finds one person"),
+        (Two(), "tallest", "expected nearest, largest, all or a number from 1"),
+        (Two(), "0", "or a number from 1"),
+        (Two(), "3", "there are 2 people in the images; expected 1 to 2"),
+    ]:
+        monkeypatch.setattr(track_module, "make_detector", lambda name, detector=detector: detector)
+        assert main([str(long_video), "--fov", "60", "--person", who, "--export", str(tmp_path / "m.csv")]) == 2
+        said = capsys.readouterr()
+        assert text in said.err and len(said.err.splitlines()) == 1 and said.out == ""
+    assert not list(tmp_path.glob("m.*"))
+
+
+def test_the_nearest_person_may_be_seen_shortly():
+    far, near = [(i / 10, [person(100, 0.5)]) for i in range(100)], {50 + i: person(250, 1.2) for i in range(12)}
+    images = [(at, [*found, near[i]] if i in near else found) for i, (at, found) in enumerate(far)]
+    people = people_in(images)
+    assert [len(one.seconds) for one in people] == [100, 12]
+    assert choose("largest", people, 4) == [0] and choose("nearest", people, 4) == [1]
+    assert choose("all", people, 1) == [0] and choose("2", people, 4) == [1] and choose("nearest", [], 4) == []
+    assert len(people_in(images[:55])) == 1  # half a second is too short
+    assert settings_for("all", live=True) == ["max_people:=4"] and settings_for("largest", live=False) == []
+    with pytest.raises(PersonError, match="expected 1 to 2"):
+        choose("3", people, 4)
+
+
+def test_two_people_who_cross_keep_their_numbers():
+    """Simulated scenes: the share of a person's images that are those of one of the people, over ten scenes."""
+    right = total = 0
+    for seed in range(10):
+        pixels, seen = (one := scene(seed)).pixels, one.seen
+        images, owner = [], {}
+        for f in range(pixels.shape[1]):
+            found = []
+            for who in (0, 1):
+                if seen[who, f]:
+                    points = pixels[who, f]
+                    found.append(Detected(points, np.where(np.isfinite(points[:, 0]), 0.9, 0.0)))
+                    owner[id(found[-1])] = who
+            images.append((f / RATE, found))
+        for one in people_in(images)[:2]:
+            counts = np.bincount([owner[id(detected)] for detected in one.detected], minlength=2)
+            right, total = right + counts.max(), total + counts.sum()
+    assert right > 0.95 * total, (right, total)
+
+
+@pytest.mark.skipif(not RECORDED.is_file(), reason=f"there is no {RECORDED}")
+def test_people_in_a_room_keep_their_numbers():
+    """Four recordings of up to six people; everybody's detections and who is who are in the file."""
+    with np.load(RECORDED) as data:
+        keypoints, index = data["kp2d_all"].astype(float), data["person_index"]
+    pure = []
+    for camera in range(len(keypoints)):
+        images, owner = [], {}
+        for f, people in enumerate(keypoints[camera]):
+            found = []
+            for row, points in enumerate(people):
+                if (points[:, 2] > 0).any():
+                    found.append(Detected(points[:, :2], points[:, 2]))
+                    owner[id(found[-1])] = np.flatnonzero(index[:, camera, f] == row)
+            images.append((f / 10, found))
+        for one in people_in(images):
+            known = [owner[id(detected)][0] for detected in one.detected if len(owner[id(detected)])]
+            if len(one.seconds) > 0.5 * len(images):
+                pure.append(np.bincount(known).max() / len(known))
+    assert len(pure) == 13 and np.sum(np.array(pure) >= 0.96) == 11, pure
