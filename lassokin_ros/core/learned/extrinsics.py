@@ -90,6 +90,15 @@ class Extrinsics:
         found = self._solutions.get(name)
         return None if found is None else (float(np.linalg.norm(found[:3])), float(np.linalg.norm(found[3:])))
 
+    def in_words(self, name: str) -> str:
+        """Return what is wrong with the given pose of a camera; empty if nothing is."""
+        moved = self.moved(name)
+        if self.wrong.get(name) or moved is None:
+            return self.wrong.get(name, "")
+        done = "" if self._used else "not "
+        off = f"{math.degrees(moved[0]):.1f} degrees and {moved[1]:.2f} m off its given pose"
+        return f"camera '{name}' is {off}, as the person shows; this is {done}corrected (see extrinsics)"
+
     def update(self, stamp: float, frame: FrameData) -> None:
         """Use a frame with the views of all cameras. stamp: s."""
         if stamp < self._newest + PERIOD_S:

@@ -111,6 +111,11 @@ def read_calibration(path: Path) -> Calibration:
     return calibration
 
 
+def camera_names(file: Path) -> list[str]:
+    """Return the names of the cameras in a file. Raises CameraError."""
+    return list(_cameras(values_in(file)))
+
+
 def read_cameras(file: Path, names: Sequence[str]) -> dict[str, tuple[Calibration, CameraPose]]:
     """Read the calibrations and the poses of several cameras of one file, by name.
 

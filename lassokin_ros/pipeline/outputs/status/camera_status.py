@@ -6,7 +6,6 @@ import math
 from collections import Counter
 from collections.abc import Iterator
 
-from lassokin_ros.core.config import LEARN
 from lassokin_ros.pipeline.pipeline import Pipeline
 
 SILENCE_S = 2.0
@@ -66,13 +65,7 @@ class CameraStatus:
         extrinsics = self._pipeline.tracker.learned.extrinsics
         if extrinsics is None:
             return
-        for name in self._pipeline.cameras:
-            if wrong := extrinsics.wrong.get(name):
-                yield wrong
-            elif (moved := extrinsics.moved(name)) is not None:
-                done = "" if self._pipeline.tracker.config.extrinsics == LEARN else "not "
-                off = f"{math.degrees(moved[0]):.1f} degrees and {moved[1]:.2f} m off its given pose"
-                yield f"camera '{name}' is {off}, as the person shows; this is {done}corrected (see extrinsics)"
+        yield from filter(None, map(extrinsics.in_words, self._pipeline.cameras))
 
     @property
     def fault(self) -> str:
