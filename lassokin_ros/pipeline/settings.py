@@ -169,6 +169,11 @@ class NodeSettings:
         """True if the keypoints of several cameras stand in one lasso."""
         return len(self.camera_names) > 1
 
+    @property
+    def root_frame(self) -> str:
+        """The base link of robot_description before the first result."""
+        return self.fixed_frame or self.base_frame
+
     def depth_topic(self, camera: str) -> str:
         """Return the topic of the depth images of a camera; empty if there is none."""
         return f"{camera}/{self.depth}" if self.depth and camera and not self.depth.startswith("/") else self.depth

@@ -256,7 +256,7 @@ class PersonMessages:
         skeleton, config = pipeline.tracker.skeleton, pipeline.config
         self._messages = FrameMessages(backend, skeleton, NODE_NAME, person, config, serialised)
         naming = Naming.of_person(config, NODE_NAME, person)
-        self._description = RobotDescription(backend, skeleton, config.base_frame, naming)
+        self._description = RobotDescription(backend, skeleton, config.root_frame, naming)
         self._counts = pipeline.counts
         #: Full name and type of each topic.
         self._places: dict[str, tuple[str, str]] = {}
