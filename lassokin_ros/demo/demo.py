@@ -123,7 +123,7 @@ def comparison_lines(result: DemoResult, seconds: float) -> list[str]:
     pixels, confidence = detections(exact_pixels(tracker.kinematics, states), RATE, seed=1)
     truth = tracker.kinematics.pose(states).positions
     lines = [
-        f"the same motion {'with':<36}{'joint error [mm]':>18}{'root [mm]':>12}",
+        f"{'the same motion with':<52}{'joint error [mm]':>18}{'root [mm]':>12}",
         _row("one camera, live (above)", result),
     ]
     for title, track in (
