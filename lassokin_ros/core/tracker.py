@@ -454,6 +454,8 @@ class Tracker:
             length_deviation=self.learned.lengths.deviation,
             joint_depths=frame.joint_depths,
             cameras=sum(bool(view.weights.any()) for view in frame.views),
+            prior_cost=float(self.frame_model.prior.cost(solved, frame)),
+            network_distance=math.nan if self._network_pose is None else self._network_pose.distance(solved.pose),
         )
 
     def _learn(
