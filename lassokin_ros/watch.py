@@ -96,7 +96,7 @@ class PeopleWatch:
         """Return all people of the newest message, also those who are lost, the nearest one first; none if not fresh.
 
         The fields are x, y, z (m), vx, vy, vz (m/s), xx to zz (m^2), confidence, age (s), person, tracked, detector_id,
-        guessed.
+        guessed, doubtful.
         """
         if self._people is None or not self.known:
             return np.zeros(0, dtype=[("x", "<f4"), ("tracked", "<i4")])

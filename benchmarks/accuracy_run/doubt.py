@@ -23,11 +23,11 @@ import numpy as np  # noqa: E402
 from benchmarks.common.report import Record, table  # noqa: E402
 from benchmarks.data.detections import JOINTS, DetectionJob, Recording, detection_jobs, prepared  # noqa: E402
 from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
-from lassokin_ros.core.doubt.monitor import DoubtMonitor, Signs  # noqa: E402
-from lassokin_ros.core.doubt.recent import Recent  # noqa: E402
+from lassokin_ros.core.doubt.doubt import Doubt  # noqa: E402
+from lassokin_ros.core.doubt.monitor import DoubtMonitor  # noqa: E402
+from lassokin_ros.core.doubt.signs import signs_of  # noqa: E402
 from lassokin_ros.core.estimate import Estimate  # noqa: E402
 from lassokin_ros.core.tracker import Tracker  # noqa: E402
-from lassokin_ros.replay.analysis.doubts import FAILURE_S, FrameDoubt  # noqa: E402
 from lassokin_ros.replay.first_pass import WHOLE_FILE  # noqa: E402
 from lassokin_ros.replay.report.doubt_findings import MOST_MARKED  # noqa: E402
 from lassokin_ros.replay.report.wrong_spans import wrong_spans  # noqa: E402
@@ -42,7 +42,7 @@ class Row:
     """A tracked frame, as `wrong_spans` reads it. error: mm. wrists: (2, 3) m, relative to the pelvis."""
 
     time: float
-    doubt: FrameDoubt
+    doubt: Doubt
     error: float
     wrists: np.ndarray
 
@@ -89,7 +89,7 @@ def record(job: DetectionJob, two_pass: bool) -> Record:
 
 def _rows(tracker: Tracker, recording: Recording) -> list[Row]:
     """Track a recording, and follow its doubts."""
-    monitor, failures = DoubtMonitor(tracker.layout.names, tracker.skeleton.joint_names), Recent[float](FAILURE_S)
+    monitor = DoubtMonitor(tracker.layout.names, tracker.skeleton.joint_names)
     frame_of = {observation.stamp: frame for frame, observation in enumerate(recording.observations)}
     rows = []
 
@@ -98,14 +98,11 @@ def _rows(tracker: Tracker, recording: Recording) -> list[Row]:
             if estimate.pose is None or estimate.visible is None:
                 continue
             frame, joints = frame_of[estimate.stamp], estimate.pose.positions
-            pixels = np.where(estimate.visible[:, None], recording.points[frame] * recording.focal, np.nan)
-            height_px = tracker.skeleton.height * recording.focal / joints[0, 2]
-            cost, share = estimate.cost / max(estimate.measurements, 1), estimate.reprojection_px / height_px
-            failures.add(estimate.stamp, tracker.uncertainty(estimate).failure_probability)
-            doubt = monitor.update(Signs(estimate.stamp, pixels, joints, share, cost))
+            height = tracker.skeleton.height
+            doubt = monitor.update(signs_of(estimate, recording.points[frame], recording.focal, height))
             wrists = joints[[tracker.skeleton.index(f"{side}_wrist") for side in ("left", "right")]] - joints[0]
             error = _error(estimate.pose.landmarks, recording.reference[frame], tracker.layout)
-            rows.append(Row(estimate.stamp, FrameDoubt(doubt, float(np.mean(failures.values))), error, wrists))
+            rows.append(Row(estimate.stamp, doubt, error, wrists))
 
     for observation in recording.observations:
         tracker.track(observation)

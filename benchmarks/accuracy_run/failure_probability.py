@@ -19,8 +19,7 @@ COLUMNS = {"from": ".2f", "to": ".2f", "frames": "d", "stated": ".3f", "actual":
 def failure_probabilities_of(job: Job | DetectionJob) -> np.ndarray:
     """(f, 3) of a job's tracked frames: failure probability, reprojection error in px, and mean joint error in m."""
     rows = [
-        (frame.uncertainty.failure_probability, frame.estimate.reprojection_px, np.nanmean(frame.errors))
-        for frame in followed_frames(job)
+        (frame.likely_wrong, frame.estimate.reprojection_px, np.nanmean(frame.errors)) for frame in followed_frames(job)
     ]
     return np.array(rows).reshape(-1, 3)
 

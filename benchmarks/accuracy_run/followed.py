@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -9,7 +10,10 @@ import numpy as np
 
 from benchmarks.accuracy_run.experiment import Job, scene_of
 from benchmarks.data.detections import JOINTS, DetectionJob, prepared
+from lassokin_ros.core.doubt.monitor import DoubtMonitor
+from lassokin_ros.core.doubt.signs import signs_of
 from lassokin_ros.core.estimate import Estimate
+from lassokin_ros.core.observation import Observation
 from lassokin_ros.core.output.uncertainty import JointUncertainty
 from lassokin_ros.core.tracker import Tracker
 
@@ -19,13 +23,14 @@ class FollowedFrame:
     """One accepted frame.
 
     errors: (j,) m, distance of each evaluated joint from the truth, relative to the root; NaN = unknown.
-    deviations: (j,) m, what the tracker states of them.
+    deviations: (j,) m, what the tracker states of them. likely_wrong: probability as in `FrameResult.likely_wrong`.
     """
 
     estimate: Estimate
     uncertainty: JointUncertainty
     errors: np.ndarray
     deviations: np.ndarray
+    likely_wrong: float
 
 
 def followed_frames(job: Job | DetectionJob, every: int = 1) -> Iterator[FollowedFrame]:
@@ -36,31 +41,53 @@ def followed_frames(job: Job | DetectionJob, every: int = 1) -> Iterator[Followe
 def _of_clip(job: Job, every: int) -> Iterator[FollowedFrame]:
     scene = scene_of(job)
     tracker = Tracker(scene.config, scene.skeleton)
+    stated = _Stated(tracker)
     truth = scene.view.truth - scene.view.root[:, None]
     for frame, observation in enumerate(scene.observations):
         estimate = tracker.track(observation)
+        likely_wrong = stated.of(estimate, observation)
         if frame % every or estimate.pose is None or frame / scene.view.fps < job.score_from:
             continue
         found = estimate.pose.positions[scene.evaluated] - estimate.pose.positions[0]
-        yield _frame(tracker, estimate, found - truth[frame], scene.evaluated)
+        yield _frame(tracker, estimate, found - truth[frame], scene.evaluated, likely_wrong)
 
 
 def _of_recording(job: DetectionJob, every: int) -> Iterator[FollowedFrame]:
     """Landmarks at joints, relative to the middle of the hips. Frames without reference hips are left out."""
     recording, config, skeleton = prepared(job)
     tracker = Tracker(config, skeleton)
+    stated = _Stated(tracker)
     landmarks = [tracker.layout.index(name) for name in JOINTS.values()]
     hips = [tracker.layout.index(f"{side}_hip") for side in ("left", "right")]
     joints = [skeleton.index(name) for name in JOINTS.values()]
     truth = recording.reference[:, landmarks] - recording.reference[:, hips].mean(1, keepdims=True)
     for frame, observation in enumerate(recording.observations):
         estimate = tracker.track(observation)
+        likely_wrong = stated.of(estimate, observation)
         if frame % every or estimate.pose is None or np.isnan(recording.reference[frame, hips]).any():
             continue
         places = estimate.pose.landmarks
-        yield _frame(tracker, estimate, places[landmarks] - places[hips].mean(0) - truth[frame], joints)
+        yield _frame(tracker, estimate, places[landmarks] - places[hips].mean(0) - truth[frame], joints, likely_wrong)
 
 
-def _frame(tracker: Tracker, estimate: Estimate, errors: np.ndarray, joints: list[int]) -> FollowedFrame:
-    uncertainty = tracker.uncertainty(estimate)
-    return FollowedFrame(estimate, uncertainty, np.linalg.norm(errors, axis=-1), uncertainty.deviation[joints])
+class _Stated:
+    """What the pipeline states of the frames of one person."""
+
+    def __init__(self, tracker: Tracker) -> None:
+        self._tracker, self._monitor = tracker, DoubtMonitor(tracker.layout.names, tracker.skeleton.joint_names)
+
+    def of(self, estimate: Estimate, observation: Observation) -> float:
+        """The probability that a pose is wrong; NaN if it is not known by the doubt's figures."""
+        if estimate.pose is None:
+            return math.nan
+        height = self._tracker.skeleton.height
+        return self._monitor.update(signs_of(estimate, observation.points, observation.focal, height)).probability
+
+
+def _frame(
+    tracker: Tracker, estimate: Estimate, errors: np.ndarray, joints: list[int], likely_wrong: float
+) -> FollowedFrame:
+    uncertainty, sizes = tracker.uncertainty(estimate), np.linalg.norm(errors, axis=-1)
+    if math.isnan(likely_wrong):
+        likely_wrong = uncertainty.failure_probability
+    return FollowedFrame(estimate, uncertainty, sizes, uncertainty.deviation[joints], likely_wrong)

@@ -31,7 +31,8 @@ class Estimate:
     and measured depths that were used. depth_measured: True if measured depths were used; depth_covers: of half of the
     landmarks or more. length_deviation: (p,) standard deviation of the log-lengths. joint_depths: estimate of the depth
     network. cameras: number of cameras whose rows have weight. centre: (3,) m, of the first of them, in the skeleton's
-    frame.
+    frame. prior_cost: of the pose prior for `solved`. network_distance: m, mean distance of the depth network's joints
+    from those of `solved`, relative to the hips; NaN without the network.
     """
 
     stamp: float
@@ -59,6 +60,8 @@ class Estimate:
     joint_depths: JointDepths | None = None
     cameras: int = 1
     centre: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    prior_cost: float = float("nan")
+    network_distance: float = float("nan")
 
     @property
     def accepted(self) -> bool:

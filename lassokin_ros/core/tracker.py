@@ -460,6 +460,8 @@ class Tracker:
             joint_depths=frame.joint_depths,
             cameras=sum(bool(view.weights.any()) for view in frame.views),
             centre=frame.camera.centre,
+            prior_cost=float(self.frame_model.prior.cost(solved, frame)),
+            network_distance=math.nan if self._network_pose is None else self._network_pose.distance(solved.pose),
         )
 
     def _learn(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from functools import cached_property
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from lassokin_ros.core.body.rotations import to_quaternion
 from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.doubt.doubt import Doubt
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.observation import HERE, CameraPose
@@ -60,6 +62,9 @@ class FrameResult:
     detector_id: the person's number from the detector; -1 if it has none that lasts.
     guessed: True if the person was found again by place after an absence, and may be somebody else.
     held_s: s, by stamps, how long the result waited for later messages (`smoothing_lag`).
+    doubt: the doubt about this frame. Without a doubt if rejected.
+    doubtful: why the frames of the last moments are doubted, in words (`DoubtMonitor.recent`); empty if they are not.
+    doubtful_s: s for which the person's pose has been doubtful without a break; NaN if it is not.
     """
 
     stamp_ns: int
@@ -83,6 +88,9 @@ class FrameResult:
     detector_id: int = -1
     guessed: bool = False
     held_s: float = 0.0
+    doubt: Doubt = Doubt()
+    doubtful: tuple[str, ...] = ()
+    doubtful_s: float = math.nan
 
     @property
     def accepted(self) -> bool:
@@ -110,6 +118,15 @@ class FrameResult:
         if self.measure is None or self.estimate is None:
             raise ValueError("this result was rejected; only an accepted result has an uncertainty")
         return self.measure(self.estimate)
+
+    @property
+    def likely_wrong(self) -> float:
+        """Probability, 0 to 1, that the mean error of the joints exceeds 100 mm. Raises ValueError if rejected.
+
+        It is that of the doubt's figures, and without the depth network that of the uncertainty.
+        """
+        stated = self.doubt.probability
+        return stated if math.isfinite(stated) else self.uncertainty.failure_probability
 
     @cached_property
     def quaternions(self) -> np.ndarray:

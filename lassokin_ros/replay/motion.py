@@ -10,7 +10,6 @@ import numpy as np
 from lassokin_ros.common.array_spool import ArraySpool, Record
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.pipeline.frame_result import FrameResult
-from lassokin_ros.replay.analysis.doubts import PeopleDoubts
 from lassokin_ros.replay.analysis.floor import floor_height
 
 FACE = "head"
@@ -34,7 +33,7 @@ class Motion:
     landmarks: (f, l, 3); detected: (f, l, 2) px of the raw image, NaN = missing.
     reprojection_px, relative_gap: (f,); support_size: (f,) int; initialised: (f,) bool.
     deviations: (f, n) m, see `JointUncertainty`; observed: (f, n) bool, the joints that keypoints show.
-    likely_wrong: (f,) bool, see `FrameDoubt`.
+    likely_wrong: (f,) bool, see `Doubt`.
     level: (3, 3) rotation from the camera frame to the frame of a level camera at the same place.
     floor: m above the camera, the floor under the feet in the level frame, the same for all people; 0, the camera's
     height, if the feet are seen in few frames.
@@ -92,7 +91,7 @@ class _Rows:
     skeleton: Skeleton | None = None
     records: list[Record] = field(default_factory=list)
 
-    def add(self, frame: FrameResult, likely_wrong: bool) -> None:
+    def add(self, frame: FrameResult) -> None:
         estimate = frame.estimate
         assert estimate is not None and estimate.state is not None and estimate.pose is not None
         assert estimate.certificate is not None and frame.positions is not None
@@ -112,7 +111,7 @@ class _Rows:
             "initialised": estimate.initialised,
             "deviations": frame.uncertainty.deviation,
             "observed": frame.observed,
-            "likely_wrong": likely_wrong,
+            "likely_wrong": frame.doubt.likely_wrong,
         }
         self.records.append(self.spool.append({name: np.asarray(value) for name, value in row.items()}))
 
@@ -127,16 +126,13 @@ class MotionRecorder:
         """
         self._landmark_names, self._level, self._origin_ns = tuple(landmark_names), level, origin_ns
         self._spool = ArraySpool()
-        self._doubts = PeopleDoubts(self._landmark_names)
         self._people: dict[str, _Rows] = {}
 
     def add(self, frames: Sequence[FrameResult], time_ns: int = 0, seconds: float = 0.0) -> None:
         """Add the frames of one keypoint message, see `OfflineTracker.listeners`. Rejected frames add no row."""
         for frame in frames:
             if frame.accepted and frame.estimate is not None:
-                self._people.setdefault(frame.person, _Rows(self._spool)).add(
-                    frame, self._doubts.of(frame).likely_wrong
-                )
+                self._people.setdefault(frame.person, _Rows(self._spool)).add(frame)
 
     def motions(self) -> list[Motion]:
         """Return one motion per person, in order of first appearance; empty if nobody was tracked."""

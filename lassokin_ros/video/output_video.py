@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from lassokin_ros.common.atomic_files import refuse_existing
+from lassokin_ros.core.doubt.doubt import Doubt
 from lassokin_ros.core.doubt.spans import AROUND_S
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.replay.analysis.capsules import side_of
-from lassokin_ros.replay.analysis.doubts import FrameDoubt, PeopleDoubts
 from lassokin_ros.video.body_view import BACKGROUND, COLOURS, NAME, BodyView
 from lassokin_ros.video.encoder import VideoError, open_encoder
 
@@ -33,22 +33,14 @@ class _Waiting:
     target: int
     picture: np.ndarray
     state: str
-    doubt: FrameDoubt | None
+    doubt: Doubt | None
 
 
 class OutputVideo:
     """Writes one video. The file has its name only after `finish`."""
 
-    def __init__(
-        self,
-        path: Path,
-        size: tuple[int, int],
-        fps: float,
-        replace: bool,
-        landmarks: tuple[str, ...],
-        level: np.ndarray,
-    ) -> None:
-        """size: (width, height) px of the images. landmarks: names in layout order. level: see `BodyView`.
+    def __init__(self, path: Path, size: tuple[int, int], fps: float, replace: bool, level: np.ndarray) -> None:
+        """size: (width, height) px of the images. level: see `BodyView`.
 
         Raises VideoError.
         """
@@ -63,7 +55,6 @@ class OutputVideo:
         self._bar = max(round(BAR * self._size[1]), 12)
         self._even = (self._size[0] + self._size[1]) // 2 * 2, (self._size[1] + self._bar) // 2 * 2
         self._view = BodyView(cv2, self._size[1], level)
-        self._doubts = PeopleDoubts(landmarks)
         self._waiting: deque[_Waiting] = deque()
         self._wrong_until = -np.inf
         self._part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
@@ -81,7 +72,7 @@ class OutputVideo:
         Raises VideoError.
         """
         shown = next((frame for frame in frames if frame.accepted), None)
-        doubts = [self._doubts.of(frame) for frame in frames if frame.accepted]
+        doubts = [frame.doubt for frame in frames if frame.accepted]
         doubt = next((doubt for doubt in doubts if doubt.likely_wrong), None)
         state = (
             "nobody tracked" if shown is None else "tracked" if len(doubts) == 1 else f"{len(doubts)} people tracked"
@@ -96,10 +87,10 @@ class OutputVideo:
         while self._waiting and self._waiting[0].seconds <= seconds:
             waiting = self._waiting.popleft()
             near = [waiting, *(later for later in self._waiting if later.seconds <= waiting.seconds + AROUND_S)]
-            if waiting.doubt is not None and waiting.doubt.doubt.likely_wrong:
+            if waiting.doubt is not None and waiting.doubt.has_sign:
                 self._wrong_until = waiting.seconds + AROUND_S
             wrong = waiting.doubt is not None or waiting.seconds <= self._wrong_until
-            wrong = wrong or any(one.doubt is not None and one.doubt.doubt.likely_wrong for one in near)
+            wrong = wrong or any(one.doubt is not None and one.doubt.has_sign for one in near)
             self._label(waiting, wrong)
             while self._written < waiting.target:
                 self._write(waiting.picture)

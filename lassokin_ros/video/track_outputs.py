@@ -64,7 +64,7 @@ class TrackOutputs:
         self._exports = Exports(options.export, self._motion, several, options.force) if options.export else None
         self._video = self._view = None
         if options.video is not None:
-            self._video = OutputVideo(options.video, source.size, source.fps, options.force, names, self._level)
+            self._video = OutputVideo(options.video, source.size, source.fps, options.force, self._level)
             stack.callback(self._video.discard)
             if not self._video.browsers_play:
                 print_note(f"{PROGRAM}: {WITHOUT_H264}")

@@ -27,7 +27,7 @@ CLASS_ID = "person"
 TRACKING, LOST = "tracking", "lost"
 POINT = np.dtype(
     [(name, "<f4") for name in (*MOTION, *COVARIANCE, "confidence", "age")]
-    + [(name, "<i4") for name in ("person", "tracked", "detector_id", "guessed")]
+    + [(name, "<i4") for name in ("person", "tracked", "detector_id", "guessed", "doubtful")]
 )
 DEFINITIONS: Mapping[str, str] = {
     "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score",
@@ -65,6 +65,7 @@ class PersonReport:
     age: s by which the last frame with the person is older than the message.
     detector_id: the person's number from the detector; -1 if it has none that lasts.
     guessed: True if the person was found again by place after an absence, and may be somebody else.
+    doubtful: True if the pose is likely wrong.
     """
 
     id: str
@@ -78,6 +79,7 @@ class PersonReport:
     age: float = 0.0
     detector_id: int = -1
     guessed: bool = False
+    doubtful: bool = False
 
     @property
     def number(self) -> int:
@@ -140,7 +142,7 @@ class DetectionsBuilder:
 class PeopleMsgsBuilder:
     """people_msgs/People. reliability: the confidence.
 
-    Tags: state, xx to zz of the position's covariance, age, detector_id, and guessed (0 or 1).
+    Tags: state, xx to zz of the position's covariance, age, detector_id, guessed and doubtful (0 or 1).
     """
 
     def __init__(self, backend: Backend) -> None:
@@ -160,9 +162,10 @@ class PeopleMsgsBuilder:
         place.x, place.y, place.z = person.position.tolist()
         velocity.x, velocity.y, velocity.z = person.velocity.tolist()
         variances = person.covariance[:3, :3].reshape(9)[UPPER]
-        message.tagnames = ["state", *COVARIANCE, "age", "detector_id", "guessed"]
+        message.tagnames = ["state", *COVARIANCE, "age", "detector_id", "guessed", "doubtful"]
         tags = [person.state, *(f"{variance:.6g}" for variance in variances.tolist())]
-        message.tags = [*tags, f"{person.age:.3f}", str(person.detector_id), str(int(person.guessed))]
+        flags = str(int(person.guessed)), str(int(person.doubtful))
+        message.tags = [*tags, f"{person.age:.3f}", str(person.detector_id), *flags]
         return message
 
 
@@ -170,7 +173,8 @@ class PeopleCloudBuilder:
     """sensor_msgs/PointCloud2, one point per person.
 
     x, y, z in m, vx, vy, vz in m/s, xx, xy, xz, yy, yz, zz in m^2: pelvis; confidence; person: `PersonReport.number`;
-    tracked: 1, or 0 for a person who is lost. age, detector_id, guessed: as in PersonReport.
+    tracked: 1, or 0 for a person who is lost. age, detector_id, guessed, doubtful: as in
+    PersonReport.
     """
 
     def __init__(self, backend: Backend, serialised: bool = False) -> None:
@@ -190,6 +194,7 @@ class PeopleCloudBuilder:
         points["tracked"] = [person.tracked for person in people]
         points["detector_id"] = [person.detector_id for person in people]
         points["guessed"] = [person.guessed for person in people]
+        points["doubtful"] = [person.doubtful for person in people]
         fill = self._fill if len(people) > 0 else self._cloud.fill
         return fill(stamp_ns, frame_id, points)
 

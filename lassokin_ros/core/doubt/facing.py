@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,6 +15,7 @@ after 21 of 24 exchanges of the sides and all of 16 changes of person."""
 MERGED_S = 0.3
 """s: turns that follow each other within this time are one turn."""
 CORNERS = ("left_hip", "right_hip", "left_shoulder", "right_shoulder")
+_ACROSS, _UP = np.array([1.0, -1.0, 1.0, -1.0]), np.array([-1.0, -1.0, 1.0, 1.0])
 
 
 def facing(positions: np.ndarray, names: Sequence[str]) -> np.ndarray:
@@ -21,12 +23,15 @@ def facing(positions: np.ndarray, names: Sequence[str]) -> np.ndarray:
 
     positions: (n, 3) m, joints; names: their names, with hips and shoulders.
     """
-    place = [list(names).index(name) for name in CORNERS]
-    left_hip, right_hip, left_shoulder, right_shoulder = positions[place]
-    across = left_hip - right_hip + left_shoulder - right_shoulder
-    up = left_shoulder + right_shoulder - left_hip - right_hip
-    front = np.cross(across, up)
-    size = float(np.linalg.norm(front))
+    return facing_of(positions[[list(names).index(name) for name in CORNERS]])
+
+
+def facing_of(corners: np.ndarray) -> np.ndarray:
+    """Return the same; corners: (4, 3) m, positions of the `CORNERS`."""
+    a, b, c = (_ACROSS @ corners).tolist()
+    d, e, f = (_UP @ corners).tolist()
+    front = np.array([b * f - c * e, c * d - a * f, a * e - b * d])
+    size = math.sqrt(front @ front)
     return front / size if size > 0 else np.full(3, np.nan)
 
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+
+from lassokin_ros.core.image.robust_loss import norm
 
 PAIRS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 """Landmarks that exist on both sides."""
@@ -57,16 +60,16 @@ class MotionMeter:
         """
         last, size, self._last = self._last, self._size, (stamp, points.copy())
         present = self._trunk_length(points)
-        self._size = size if np.isnan(present) else present
-        scale = np.fmax(size, present)
+        self._size = size if math.isnan(present) else present
+        scale = max(size, present) if size == size and present == present else self._size
         if last is None or not 0 < stamp - last[0] <= LONGEST_S or not scale > 0:
             return None
-        straight = np.linalg.norm(points - last[1], axis=-1) / scale
-        crossed = np.linalg.norm(points - last[1][self._partner], axis=-1) / scale
+        straight = norm(points - last[1]) / scale
+        crossed = norm(points - last[1][self._partner]) / scale
         return KeypointMotion(stamp - last[0], straight, crossed)
 
     def _trunk_length(self, points: np.ndarray) -> float:
         if not self._trunk:
             return np.nan
-        corners = points[self._trunk]
-        return float(np.linalg.norm(corners[:2].mean(axis=0) - corners[2:].mean(axis=0)))
+        (a, b), (c, d), (e, f), (g, h) = points[self._trunk].tolist()
+        return 0.5 * math.hypot(a + c - e - g, b + d - f - h)

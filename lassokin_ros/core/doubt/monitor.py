@@ -4,72 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from enum import Enum
 
-import numpy as np
-
-from lassokin_ros.core.doubt.facing import CORNERS, FastTurn, LastingReversal, facing
-from lassokin_ros.core.doubt.failure_model import MARKED, FailureModel
+from lassokin_ros.core.doubt.doubt import Doubt, Event
+from lassokin_ros.core.doubt.facing import CORNERS, FastTurn, LastingReversal, facing_of
+from lassokin_ros.core.doubt.failure_model import FailureModel
 from lassokin_ros.core.doubt.keypoint_motion import MotionMeter
 from lassokin_ros.core.doubt.pelvis_jump import PelvisJump
 from lassokin_ros.core.doubt.person_change import is_person_change
 from lassokin_ros.core.doubt.poor_fit import ReprojectionRun, is_costly
+from lassokin_ros.core.doubt.recent import Recent
 from lassokin_ros.core.doubt.side_exchange import SideExchange
+from lassokin_ros.core.doubt.signs import Signs
+from lassokin_ros.core.doubt.spans import AROUND_S
+from lassokin_ros.core.doubt.unseen_limbs import UnseenLimbs
 
 FORGET_S = 1.0
 """s without a pose after which the earlier frames are forgotten."""
 
 
-class Event(Enum):
-    """Something that no correct pose of a person shows."""
-
-    SIDES_EXCHANGED = "sides exchanged"
-    LEGS_EXCHANGED = "legs exchanged"
-    ARMS_EXCHANGED = "arms exchanged"
-    PERSON_CHANGED = "person changed"
-    FAST_TURN = "fast turn"
-    PELVIS_JUMP = "pelvis jump"
-    POOR_FIT = "poor fit"
-
-
 EXCHANGES = {"body": Event.SIDES_EXCHANGED, "legs": Event.LEGS_EXCHANGED, "arms": Event.ARMS_EXCHANGED}
-
-
-@dataclass(frozen=True, eq=False)
-class Signs:
-    """What is known of one tracked frame; a figure that is not known is NaN.
-
-    stamp: s. keypoints: (l, 2) in any unit of the image, NaN = missing. positions: (n, 3) m, joints in the camera
-    frame, the pelvis first. reprojection: error as a share of the person's height in the image. cost: per measurement.
-    prior_cost: of the pose prior. network_distance: m, see `FailureModel.update`.
-    """
-
-    stamp: float
-    keypoints: np.ndarray
-    positions: np.ndarray
-    reprojection: float = math.nan
-    cost: float = math.nan
-    prior_cost: float = math.nan
-    network_distance: float = math.nan
-
-
-@dataclass(frozen=True)
-class Doubt:
-    """The doubt in one frame.
-
-    events: those that end in this frame. reversed: front and back are exchanged since an earlier frame, see
-    `LastingReversal`. probability: that the pose is wrong, by the figures of the last second; NaN if unknown.
-    """
-
-    events: tuple[Event, ...] = ()
-    reversed: bool = False
-    probability: float = math.nan
-
-    @property
-    def likely_wrong(self) -> bool:
-        """Whether this frame's pose is marked."""
-        return bool(self.events) or self.reversed or self.probability > MARKED
 
 
 class DoubtMonitor:
@@ -77,18 +30,32 @@ class DoubtMonitor:
 
     def __init__(self, landmarks: Sequence[str], joints: Sequence[str]) -> None:
         """landmarks: l names in layout order. joints: n names in the skeleton's order."""
-        self._joints = tuple(joints)
-        self._has_trunk = set(CORNERS) <= set(joints)
-        self._motion, self._exchange = MotionMeter(landmarks), SideExchange(landmarks)
+        self._landmarks = tuple(landmarks)
+        self._corners = [list(joints).index(name) for name in CORNERS] if set(CORNERS) <= set(joints) else []
+        self._motions: dict[str, MotionMeter] = {}  # by camera
+        self._exchange = SideExchange(landmarks)
         self._turn, self._reversal, self._jump = FastTurn(), LastingReversal(), PelvisJump()
-        self._run, self._model = ReprojectionRun(), FailureModel()
-        self._newest = -math.inf
+        self._run, self._model, self._limbs = ReprojectionRun(), FailureModel(), UnseenLimbs(joints)
+        self._marks: Recent[Doubt] = Recent(AROUND_S)
+        self.reset()
 
     def reset(self) -> None:
         """Forget the earlier frames."""
-        for part in (self._motion, self._turn, self._reversal, self._jump, self._run, self._model):
+        self._motions.clear()
+        self._marks.clear()
+        for part in (self._turn, self._reversal, self._jump, self._run, self._model, self._limbs):
             part.reset()
-        self._newest = -math.inf
+        self._newest, self._since = -math.inf, math.nan
+
+    @property
+    def recent(self) -> list[Doubt]:
+        """The doubts about the frames of the last `AROUND_S` that are marked, oldest first."""
+        return [doubt for doubt in self._marks.values if doubt.likely_wrong]
+
+    @property
+    def seconds(self) -> float:
+        """s for which marked frames have followed each other, at most `AROUND_S` apart; NaN if none is recent."""
+        return self._newest - self._since
 
     def update(self, signs: Signs) -> Doubt:
         """Return the doubt in a tracked frame."""
@@ -98,10 +65,19 @@ class DoubtMonitor:
         events = [*self._of_keypoints(signs), *self._of_pose(signs)]
         reversed_, turned = self._facing(signs)
         probability = self._model.update(signs.stamp, signs.prior_cost, signs.network_distance)
-        return Doubt(tuple(events + turned), reversed_, probability)
+        unseen = self._limbs.update(signs.stamp, signs.observed)
+        doubt = Doubt(tuple(events + turned), reversed_, probability, unseen)
+        self._marks.add(signs.stamp, doubt)
+        if not self.recent:
+            self._since = math.nan
+        elif math.isnan(self._since):
+            self._since = signs.stamp
+        return doubt
 
     def _of_keypoints(self, signs: Signs) -> Iterator[Event]:
-        motion = self._motion.update(signs.stamp, signs.keypoints)
+        if signs.camera not in self._motions:
+            self._motions[signs.camera] = MotionMeter(self._landmarks)
+        motion = self._motions[signs.camera].update(signs.stamp, signs.keypoints)
         limb = self._exchange.update(motion)
         if limb:
             yield EXCHANGES[limb]
@@ -116,9 +92,9 @@ class DoubtMonitor:
             yield Event.POOR_FIT
 
     def _facing(self, signs: Signs) -> tuple[bool, list[Event]]:
-        if not self._has_trunk:
+        if not self._corners:
             return False, []
-        front = facing(signs.positions, self._joints)
+        front = facing_of(signs.positions[self._corners])
         before = self._turn.update(signs.stamp, front)
         reversed_ = self._reversal.update(signs.stamp, front, before)
         return reversed_, [] if before is None else [Event.FAST_TURN]

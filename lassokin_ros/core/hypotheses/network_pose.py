@@ -6,6 +6,7 @@ All other joints are as in the prior's mean pose.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Protocol
 
@@ -41,6 +42,11 @@ class NetworkPose:
         """The pose, (n, 3, 3), with translation 0; None without an estimate for the newest frame."""
         positions = self._network.positions()
         return None if positions is None else state_at(positions, self._kinematics.skeleton, self._mean_pose)
+
+    def distance(self, pose: BodyPose) -> float:
+        """Mean distance of a pose's joints from the network's, m, see `distance`; NaN without an estimate."""
+        positions = self._network.positions()
+        return math.nan if positions is None else distance(positions, self._kinematics.skeleton, pose)
 
     def propose(self, tracked: EvaluatedState) -> BodyState | None:
         """The pose, as a batch of one, if it is far from the tracked one."""

@@ -122,8 +122,8 @@ class FrameMessages:
 
     def _add_certificate(self, title: str) -> None:
         certificate = SerialisedStatus(self._backend, self._serialised).fill
-        self._builders[topics.CERTIFICATE] = lambda t, f, frame, e: certificate(
-            t, f, certificate_status(e, frame.uncertainty.failure_probability, title, f)
+        self._builders[topics.CERTIFICATE] = lambda t, f, frame, _: certificate(
+            t, f, certificate_status(frame, title, f)
         )
 
     def _add_uncertainty_outputs(self, skeleton: Skeleton, prefix: str) -> None:
@@ -193,7 +193,7 @@ def keypoint_region(frame: FrameResult) -> np.ndarray:
     if not len(found) or not all(frame.lens.size):
         return np.zeros(5)
     corners = np.concatenate([found.min(axis=0), found.max(axis=0)]) / np.tile(frame.lens.size, 2)
-    return np.append(corners.clip(0.0, 1.0), 1.0 - frame.uncertainty.failure_probability)
+    return np.append(corners.clip(0.0, 1.0), 1.0 - frame.likely_wrong)
 
 
 def principal_axes(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -92,10 +92,11 @@ def person_report(frame: FrameResult, tracked: bool, age_s: float = 0.0) -> Pers
         age=age_s,
         detector_id=frame.detector_id,
         guessed=frame.guessed,
+        doubtful=bool(frame.doubtful),
     )
 
 
 def confidence(frame: FrameResult) -> float:
     """Return the probability that the pose is right, 0 to 1; 0 if it is unknown."""
-    wrong = frame.uncertainty.failure_probability
+    wrong = frame.likely_wrong
     return 1.0 - wrong if math.isfinite(wrong) else 0.0

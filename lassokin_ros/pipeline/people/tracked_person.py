@@ -6,11 +6,15 @@ import math
 from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.doubt.doubt import reasons
+from lassokin_ros.core.doubt.monitor import DoubtMonitor
+from lassokin_ros.core.doubt.signs import Signs, signs_of
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.evidence import Evidence
 from lassokin_ros.core.image.projection import project
@@ -76,6 +80,7 @@ class TrackedPerson:
         """
         self.tracker = Tracker(config, skeleton, evidence, up)
         self._repeats: dict[str, Repeats] = {}
+        self._monitor = DoubtMonitor(self.tracker.layout.names, self.tracker.skeleton.joint_names)
         self.reset()
 
     def reset(self, same_camera: bool = False) -> None:
@@ -85,6 +90,7 @@ class TrackedPerson:
         if not same_camera:
             self._repeats = {}
         self.tracker.reset(same_camera)
+        self._monitor.reset()
         self._joint_states = JointStates(self.tracker.skeleton.axes)  # results of before keep theirs
         self.status = Status.SEARCHING
         self.seen_ns: int | None = None
@@ -134,8 +140,24 @@ class TrackedPerson:
         self._update_motion(stamp_ns, estimate)
         tracker, velocity = self.tracker, self._velocity.copy()
         made = partial(frame, velocity=velocity, measure=tracker.uncertainty, observe=tracker.observed)
-        self._waiting.append((stamp_ns, estimate.stamp, made))
+        signs = partial(
+            signs_of,
+            points=first.seen.points,
+            focal=first.lens.focal,
+            height=tracker.skeleton.height,
+            camera=first.camera,
+        )
+        self._waiting.append((stamp_ns, estimate.stamp, partial(self._watched, made, signs)))
         return self._due(self.tracker.published, stamp_ns)
+
+    def _watched(
+        self, made: Callable[..., FrameResult], signs: Callable[..., Signs], estimate: Estimate, **others: Any
+    ) -> FrameResult:
+        """Return the result of an estimate that is due, with the doubt about it. others: further fields."""
+        monitor = self._monitor
+        doubt = monitor.update(signs(estimate, observed=self.tracker.observed(estimate)))
+        doubtful = tuple(reasons(monitor.recent))
+        return made(estimate, doubt=doubt, doubtful=doubtful, doubtful_s=monitor.seconds, **others)
 
     def _observation(self, sight: Sight, frozen: bool) -> Observation:
         assert self._origin_ns is not None

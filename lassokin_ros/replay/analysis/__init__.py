@@ -1,1 +1,1 @@
-"""What the frames of a recording tell together: doubts about the pose, and the floor."""
+"""What the frames of a recording tell together: the floor, and the body's capsules."""

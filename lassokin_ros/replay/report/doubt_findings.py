@@ -6,13 +6,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from lassokin_ros.core.doubt.unseen_limbs import LIMBS
 from lassokin_ros.replay.report.facts import Facts
 from lassokin_ros.replay.report.finding import DOUBT, MOST_LISTED, NOTE, Finding
 from lassokin_ros.replay.report.log import PersonRow
 from lassokin_ros.replay.report.wrong_spans import WrongSpan
 
 MOST_MARKED = 0.25
-"""Share of the frames that may be marked by their uncertainty alone before it is a doubt about the whole."""
+"""Share of the frames that may be marked by their figures alone before it is a doubt about the whole."""
 BENT_DEG, BENT_SHARE, LEAST_BENT_S = 18.0, 0.8, 1.0
 """Bend of the straighter knee, and share of the frames in which it is larger, for this time at least. One leg of people
 who stand or walk is nearly straight at any time."""
@@ -20,12 +21,6 @@ UPRIGHT_DEG = 25.0
 """Lean of the trunk up to which a person is upright; who leans further may well bend the knees."""
 UNSEEN = 0.5
 """Share of the frames below which a limb's joints are observed for it to be reported as not seen."""
-LIMBS = {
-    "left arm": ("left_elbow", "left_wrist"),
-    "right arm": ("right_elbow", "right_wrist"),
-    "left leg": ("left_knee", "left_ankle"),
-    "right leg": ("right_knee", "right_ankle"),
-}
 BONE_CHANGE, UNLIKELY_CHANGE = 0.02, 0.25
 """Relative change of a bone's length from which it is reported, and from which it is hardly a person's."""
 UNCERTAIN_MM = 60.0

@@ -9,9 +9,9 @@ import numpy as np
 
 from lassokin_ros.common.array_spool import ArraySpool, Record
 from lassokin_ros.core.body.rotations import logarithm
+from lassokin_ros.core.doubt.doubt import Doubt
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.pipeline.frame_result import FrameResult
-from lassokin_ros.replay.analysis.doubts import FrameDoubt, PeopleDoubts
 
 STAMP_REASONS = ("old_stamp", "stamp_jump", "bad_stamp")
 LONGEST_AHEAD_S = 10.0
@@ -59,7 +59,7 @@ class PersonRow:
     kkt: float = np.nan
     support: float = np.nan
     initialised: bool = False
-    doubt: FrameDoubt | None = None
+    doubt: Doubt | None = None
 
     detected = _stored("detected")
     reprojected = _stored("reprojected")
@@ -96,11 +96,10 @@ class Jump:
 class ReplayLog:
     """The log. It grows by about 0.4 kB per message and person, and a temporary file by 4 kB.
 
-    doubts: follows the people. people: rows by person id, "" in single-person mode. details: explanation of the first
+    people: rows by person id, "" in single-person mode. details: explanation of the first
     rejected message, by reason. late: s, the largest delay of a frame behind later messages (`smoothing_lag`).
     """
 
-    doubts: PeopleDoubts
     messages: list[MessageRow] = field(default_factory=list)
     people: dict[str, list[PersonRow]] = field(default_factory=dict)
     details: dict[str, str] = field(default_factory=dict)
@@ -121,11 +120,7 @@ class ReplayLog:
             if frame.rejection is not None:
                 self.details.setdefault(frame.rejection, frame.detail)
             if frame.detected is not None or frame.accepted:
-                self.people.setdefault(frame.person, []).append(self._row(frame, time))
-
-    def _row(self, frame: FrameResult, time: float) -> PersonRow:
-        doubt = self.doubts.of(frame) if frame.accepted else None
-        return person_row(frame, time, self._spool, doubt)
+                self.people.setdefault(frame.person, []).append(person_row(frame, time, self._spool))
 
     def in_order(self) -> None:
         """Sort the rows by time; with `smoothing_lag` they may arrive out of order."""
@@ -155,7 +150,7 @@ class ReplayLog:
         return time + step
 
 
-def person_row(frame: FrameResult, time: float, spool: ArraySpool, doubt: FrameDoubt | None) -> PersonRow:
+def person_row(frame: FrameResult, time: float, spool: ArraySpool) -> PersonRow:
     """Return the row of a frame; its arrays go to `spool`."""
     estimate = frame.estimate
     detected = {} if frame.detected is None else {"detected": frame.detected}
@@ -175,7 +170,7 @@ def person_row(frame: FrameResult, time: float, spool: ArraySpool, doubt: FrameD
     }
     if frame.skeleton is not None:
         arrays["lengths"] = np.linalg.norm(frame.skeleton.offsets, axis=-1)
-    figures = estimate.reprojection_px, *_certificate(estimate), estimate.initialised, doubt
+    figures = estimate.reprojection_px, *_certificate(estimate), estimate.initialised, frame.doubt
     return PersonRow(time, None, spool, spool.append(arrays), *figures)
 
 

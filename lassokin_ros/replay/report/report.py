@@ -9,7 +9,6 @@ from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.pipeline import Pipeline
-from lassokin_ros.replay.analysis.doubts import PeopleDoubts
 from lassokin_ros.replay.report.facts import Facts
 from lassokin_ros.replay.report.finding import DOUBT, NOTE, PROBLEM, Finding
 from lassokin_ros.replay.report.findings import findings
@@ -29,7 +28,7 @@ class Report:
         check_report(path, replace)
         self._path, self._pipeline = path, pipeline
         self._skeleton = given or pipeline.tracker.skeleton  # before calibration
-        self._log = ReplayLog(PeopleDoubts(pipeline.tracker.layout.names), late=pipeline.tracker.config.smoothing_lag)
+        self._log = ReplayLog(late=pipeline.tracker.config.smoothing_lag)
         self.images = ReportImages()
         """The images, each added with the stamp of its keypoint message."""
         self.remarks: list[str] = []

@@ -5,11 +5,13 @@ import math
 import numpy as np
 import pytest
 
+from lassokin_ros.core.doubt.doubt import Doubt, Event, reasons
 from lassokin_ros.core.doubt.facing import CORNERS, FastTurn, LastingReversal, facing
 from lassokin_ros.core.doubt.failure_model import MARKED, FailureModel
-from lassokin_ros.core.doubt.monitor import DoubtMonitor, Event, Signs
+from lassokin_ros.core.doubt.monitor import DoubtMonitor
 from lassokin_ros.core.doubt.pelvis_jump import PelvisJump
 from lassokin_ros.core.doubt.poor_fit import ReprojectionRun, is_costly
+from lassokin_ros.core.doubt.signs import Signs
 from lassokin_ros.core.doubt.spans import marked_spans
 
 JOINTS = ("pelvis", *CORNERS)
@@ -108,6 +110,38 @@ def test_the_monitor_reports_events_with_their_frame():
     turned = monitor.update(signs(5, positions=body(180, depth=4.0), cost=11.0))
     assert set(turned.events) == {Event.FAST_TURN, Event.PELVIS_JUMP, Event.POOR_FIT} and turned.reversed
     assert monitor.update(signs(6, positions=body(180, depth=4.0))).likely_wrong
+
+
+def test_a_doubt_lasts_a_quarter_of_a_second_and_its_time_is_counted():
+    monitor = DoubtMonitor(CORNERS, JOINTS)
+    seconds, recent = [], []
+    for frame in range(30):
+        monitor.update(signs(frame, cost=11.0 if frame in (5, 10) else 1.0))
+        seconds.append(monitor.seconds)
+        recent.append(reasons(monitor.recent))
+    poor = ["the pose does not fit the keypoints"]
+    assert recent == [[]] * 5 + [poor] * 13 + [[]] * 12  # up to 7 frames, 0.23 s, after the second one
+    assert np.isnan(seconds[4]) and np.isnan(seconds[18])
+    assert np.allclose(seconds[5:18], np.arange(13) / FPS)
+
+
+def test_reasons_are_named_once_in_order_and_figures_last():
+    doubts = [Doubt((Event.PELVIS_JUMP, Event.FAST_TURN), True), Doubt((Event.PELVIS_JUMP,)), Doubt(probability=0.9)]
+    assert reasons(doubts) == [
+        "the pelvis jumps in depth",
+        "the skeleton turns around faster than a person can",
+        "front and back may be exchanged",
+    ]
+    assert reasons(doubts[2:]) == ["the uncertainty is large"] and reasons([Doubt(probability=0.1)]) == []
+
+
+def test_keypoints_of_two_cameras_are_not_compared():
+    monitor = DoubtMonitor(CORNERS, JOINTS)
+    for frame in range(8):
+        place = 300.0 * (frame % 2)
+        seen = np.array([[10, 0], [-10, 0], [20, -50], [-20, -50]], float) + place
+        doubt = monitor.update(Signs(frame / FPS, seen, body(0), camera=f"camera {frame % 2}"))
+        assert not doubt.events
 
 
 @pytest.mark.parametrize("later", [5 + 1.5 * FPS, -3])

@@ -17,6 +17,7 @@ from lassokin_ros.core.output import uncertainty
 from lassokin_ros.core.output.observed import ObservedJoints
 from lassokin_ros.core.output.uncertainty import (
     FACTOR,
+    HIDDEN_LEG,
     LARGEST_DEVIATION,
     LENGTHS_FACTOR,
     PLACE_DEVIATION,
@@ -117,8 +118,24 @@ def test_hidden_legs_have_the_deviation_of_their_errors():
     tracker, estimate = followed([f"{side}_{joint}" for side in ("left", "right") for joint in ("knee", "ankle")])
     deviation = tracker.uncertainty(estimate).deviation
     for side in ("left", "right"):
-        assert 0.1 < deviation[tracker.skeleton.index(f"{side}_knee")] < 0.4
-        assert 0.18 < deviation[tracker.skeleton.index(f"{side}_ankle")] < 0.6
+        assert deviation[tracker.skeleton.index(f"{side}_knee")] == pytest.approx(HIDDEN_LEG * tracker.skeleton.height)
+        assert 0.43 < deviation[tracker.skeleton.index(f"{side}_ankle")] < 0.7
+
+
+def test_a_leg_of_which_a_point_is_seen_has_no_floor():
+    tracker, estimate = followed(["left_ankle", "right_knee"])
+    deviation = tracker.uncertainty(estimate).deviation
+    for joint in ("left_knee", "left_ankle", "right_knee", "right_ankle"):
+        assert deviation[tracker.skeleton.index(joint)] < 0.3
+
+
+def test_the_absolute_covariance_of_a_hidden_leg_has_the_floor_too():
+    tracker, estimate = followed(["left_knee", "left_ankle"])
+    uncertainty, knee = tracker.uncertainty(estimate), tracker.skeleton.index("left_knee")
+    other = tracker.skeleton.index("right_knee")
+    floor = HIDDEN_LEG * tracker.skeleton.height
+    assert np.sqrt(np.trace(uncertainty.absolute.joints[knee])) >= floor
+    assert uncertainty.deviation[other] < 0.5 * floor
 
 
 def test_only_joints_below_the_last_keypoint_have_the_further_factor(monkeypatch):

@@ -219,13 +219,13 @@ def off(camera, degrees, metres):
     return CameraPose(pose.name, turn @ pose.rotation, turn @ pose.translation + [metres, 0, 0])
 
 
-@pytest.mark.parametrize("extrinsics, most_mm", [("check", None), ("learn", 30)])
-def test_a_camera_that_was_moved_is_noticed_and_with_learn_corrected(extrinsics, most_mm):
+@pytest.mark.parametrize("extrinsics", ["check", "learn"])
+def test_a_camera_that_was_moved_is_noticed_and_with_learn_corrected(extrinsics):
     poses = {"left": LEFT.pose_at(0), "right": off(RIGHT, 3.0, 0.02)}
     play = Play([LEFT, RIGHT], TWO, TrackerConfig(extrinsics=extrinsics), poses=poses).run(6.0)
     angle, shift = play.pipeline.tracker.learned.extrinsics.moved("right")
     assert np.degrees(angle) == pytest.approx(3.0, abs=0.7) and shift < 0.1
-    assert play.error(5.0) < most_mm if most_mm else play.error(5.0) > 60
+    assert (play.error(5.0) < 40) if extrinsics == "learn" else (play.error(5.0) > 100)
     exact = Play([LEFT, RIGHT], TWO, TrackerConfig(extrinsics=extrinsics)).run(4.0)
     assert exact.pipeline.tracker.learned.extrinsics.moved("right") is None and exact.error(3.0) < 20
 

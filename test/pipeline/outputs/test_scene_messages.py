@@ -68,7 +68,7 @@ def test_each_people_type_contains_the_person_of_the_frame(frames, message_type,
     assert len(people) == (state != "nobody")
     if state == "nobody":
         return
-    sure = 1 - newest.uncertainty.failure_probability if state == "tracking" else 0.0
+    sure = 1 - newest.likely_wrong if state == "tracking" else 0.0
     place, covariance = newest.estimate.pose.positions[0], newest.uncertainty.absolute.pelvis
     (person,) = people
     if message_type == CLOUD_TYPE:

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.lasso.recovery import theorem1_literal, theorem1_projected
 from lassokin_ros.core.lasso.solver import KKT_TOLERANCE
+from lassokin_ros.pipeline.frame_result import FrameResult
 from msg_adapters.output_messages.builders import OK, WARN, StatusLine
 
 
-def certificate_status(estimate: Estimate, failure_probability: float, name: str, hardware_id: str) -> StatusLine:
-    """Return KKT residuals, duality gap, support, reprojection error and Theorem 1's margins of the last lasso.
+def certificate_status(frame: FrameResult, name: str, hardware_id: str) -> StatusLine:
+    """Return KKT residuals, duality gap, support, reprojection error, Theorem 1's margins, and the doubt.
 
     Theorem 1 is evaluated at the support and signs of the solution: it shows whether the lasso would recover them if
-    they were the truth. failure_probability: see JointUncertainty; name: of the node, and of the person if there are
-    several; hardware_id: the camera frame.
+    they were the truth. frame: an accepted one; name: of the node, and of the person if there are several; hardware_id:
+    the camera frame.
     """
+    estimate = frame.estimate
+    assert estimate is not None
     problem, solution = estimate.problem, estimate.solution
     assert problem is not None and solution is not None
     certificate = solution.certificate
@@ -41,7 +43,11 @@ def certificate_status(estimate: Estimate, failure_probability: float, name: str
         "theorem 1 literal, condition 3 (= 0)": literal.condition3,
         "initialised": str(estimate.initialised).lower(),
         "solved by": solution.method,
-        "likely wrong": failure_probability,
+        "likely wrong": frame.likely_wrong,
+        "doubtful": str(bool(frame.doubtful)).lower(),
+        "doubtful because": ", ".join(frame.doubtful),
+        "doubtful for [s]": frame.doubtful_s,
+        "limbs not seen": ", ".join(frame.doubt.unseen),
     }
     level, message = (OK, "certified") if solution.certified else (WARN, "not certified")
     text = {key: value if isinstance(value, str) else f"{value:.6g}" for key, value in values.items()}

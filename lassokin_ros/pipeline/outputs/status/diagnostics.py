@@ -21,6 +21,7 @@ from lassokin_ros.pipeline.input_checks.repeats import FROZEN_S
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.outputs.status.calibration_status import calibration_figures, height_figures
 from lassokin_ros.pipeline.outputs.status.camera_status import CameraStatus
+from lassokin_ros.pipeline.outputs.status.doubt_words import doubt_words, unseen_words
 from lassokin_ros.pipeline.outputs.status.input_concerns import input_concerns
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.people.tracked_person import FROZEN
@@ -88,6 +89,7 @@ class Diagnostics:
         self._delays: list[float] = []
         self._misfits: list[float] = []
         self._unused_confidence = 0.0  # largest confidence in messages without a confident keypoint
+        self._doubted: list[FrameResult] = []  # results of the period that are marked
         self._tracked = self._with_depth = 0  # messages with a tracked person, and those of them with measured depth
 
     @property
@@ -126,6 +128,7 @@ class Diagnostics:
             self._newest = accepted
             self._reprojection_px = max(f.estimate.reprojection_px for f in accepted if f.estimate is not None)
             self._misfits.append(max(_misfit(frame) for frame in accepted))
+            self._doubted += [frame for frame in accepted if frame.doubt.likely_wrong]
             self._tracked += 1
             self._with_depth += any(f.estimate.depth_measured for f in accepted if f.estimate is not None)
 
@@ -182,6 +185,7 @@ class Diagnostics:
             self._stale_advice(),
             self._identity_advice(),
             *self._cameras.concerns(now),
+            self._doubt_concern(),
             concern,
         )
         concerns = [words for words in possible if words]
@@ -192,6 +196,8 @@ class Diagnostics:
         level = OK if (nobody or status is Status.TRACKING) and not concerns else WARN
         if direction and direction not in concerns:
             concerns.append(direction)  # a person who lies is no fault
+        if status is Status.TRACKING:
+            concerns += unseen_words(self._newest)  # nor is one behind a desk
         return level, "; ".join([self._nobody_text() if nobody else status.value, *concerns])
 
     def _waiting_for(self, now: float) -> str:
@@ -241,6 +247,13 @@ class Diagnostics:
         if any(frame.guessed for frame in self._newest) and self._pipeline.ids is None:
             return "the followed person was found again by place only, and may be somebody else; ~/lock confirms it"
         return ""
+
+    def _doubt_concern(self) -> str:
+        """Return why poses of the period are doubtful; empty if they are not, or few and by their figures alone."""
+        signs = [frame for frame in self._doubted if frame.doubt.has_sign]
+        if not signs and 2 * len(self._doubted) <= self._tracked:
+            return ""
+        return doubt_words((signs or self._doubted)[-1])
 
     def _outside_advice(self, recent: Counter[str]) -> str:
         """Return advice if most keypoints of the period were outside the image; else empty."""

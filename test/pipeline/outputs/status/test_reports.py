@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.doubt.doubt import Doubt
 from lassokin_ros.core.lasso.certificate import Certificate
 from lassokin_ros.core.lasso.problem import Lasso
 from lassokin_ros.core.lasso.solver import LassoSolution
@@ -141,7 +142,9 @@ def test_the_line_of_a_certificate(kkt1, level, words):
     certificate = Certificate(kkt1, 2e-9, 3e-9, 4.5, 5e-9, 6e-9, 1)
     solution = LassoSolution(np.array([2.0, 0]), np.zeros(3), problem.alpha, lambda: certificate, "proxqp")
     found = SimpleNamespace(problem=problem, solution=solution, reprojection_px=1.23456789, initialised=True)
-    line = certificate_status(found, 0.125, "tracker: p1", "optical")
+    doubt = Doubt(reversed=True, probability=0.125, unseen=("left leg", "right leg"))
+    frame = FrameResult(SECOND, "optical", found, doubt=doubt, doubtful=("this", "that"), doubtful_s=0.75)
+    line = certificate_status(frame, "tracker: p1", "optical")
     assert (line.level, line.name, line.hardware_id) == (level, "tracker: p1: certificate", "optical")
     assert line.message == f"{words} to 1e-06 of alpha"
     assert line.values == {
@@ -162,6 +165,10 @@ def test_the_line_of_a_certificate(kkt1, level, words):
         "initialised": "true",
         "solved by": "proxqp",
         "likely wrong": "0.125",
+        "doubtful": "true",
+        "doubtful because": "this, that",
+        "doubtful for [s]": "0.75",
+        "limbs not seen": "left leg, right leg",
     }
 
 

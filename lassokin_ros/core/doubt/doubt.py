@@ -1,0 +1,69 @@
+"""The doubt about one frame of a person, and its reasons in words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum
+
+from lassokin_ros.core.doubt.failure_model import MARKED
+
+
+class Event(Enum):
+    """Something that no correct pose of a person shows."""
+
+    SIDES_EXCHANGED = "sides exchanged"
+    LEGS_EXCHANGED = "legs exchanged"
+    ARMS_EXCHANGED = "arms exchanged"
+    PERSON_CHANGED = "person changed"
+    FAST_TURN = "fast turn"
+    PELVIS_JUMP = "pelvis jump"
+    POOR_FIT = "poor fit"
+
+
+REASONS = {
+    Event.SIDES_EXCHANGED: "the detector exchanges left and right",
+    Event.LEGS_EXCHANGED: "the detector exchanges the legs",
+    Event.ARMS_EXCHANGED: "the detector exchanges the arms",
+    Event.PERSON_CHANGED: "the detector continues with another person",
+    Event.FAST_TURN: "the skeleton turns around faster than a person can",
+    Event.PELVIS_JUMP: "the pelvis jumps in depth",
+    Event.POOR_FIT: "the pose does not fit the keypoints",
+}
+REVERSED = "front and back may be exchanged"
+BY_FIGURES = "the uncertainty is large"
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """The doubt about one frame.
+
+    events: those that end in this frame. reversed: front and back are exchanged since an earlier frame, see
+    `LastingReversal`. probability: that the pose is wrong, by the figures of the last second; NaN if unknown. unseen:
+    the limbs that no keypoint shows, in words.
+    """
+
+    events: tuple[Event, ...] = ()
+    reversed: bool = False
+    probability: float = math.nan
+    unseen: tuple[str, ...] = ()
+
+    @property
+    def has_sign(self) -> bool:
+        """Whether this frame has a sign that no correct pose shows."""
+        return bool(self.events) or self.reversed
+
+    @property
+    def likely_wrong(self) -> bool:
+        """Whether this frame's pose is marked: by a sign, or by its probability."""
+        return self.has_sign or self.probability > MARKED
+
+
+def reasons(doubts: Iterable[Doubt]) -> list[str]:
+    """Return why the marked ones of some frames are marked, each reason once, in order of time; empty if none is."""
+    marked = [doubt for doubt in doubts if doubt.likely_wrong]
+    found = [REASONS[event] for event in dict.fromkeys(event for doubt in marked for event in doubt.events)]
+    if any(doubt.reversed for doubt in marked):
+        found.append(REVERSED)
+    return found or [BY_FIGURES] * bool(marked)

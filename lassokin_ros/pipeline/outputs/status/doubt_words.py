@@ -1,0 +1,23 @@
+"""The doubt about a person's pose in words, for the diagnostics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from lassokin_ros.pipeline.frame_result import FrameResult
+
+
+def doubt_words(frame: FrameResult) -> str:
+    """Return since when and why the pose of a doubtful result is doubtful."""
+    who = f" of {frame.person}" if frame.person else ""
+    return f"the pose{who} has been doubtful for {frame.doubtful_s:.1f} s: {', '.join(frame.doubtful)}"
+
+
+def unseen_words(frames: Sequence[FrameResult]) -> list[str]:
+    """Return for each person which limbs are guessed; frames: the newest result of each person."""
+    return [_unseen(frame) for frame in frames if frame.doubt.unseen]
+
+
+def _unseen(frame: FrameResult) -> str:
+    who = f"{frame.person}: " if frame.person else ""
+    return f"{who}{', '.join(frame.doubt.unseen)} not seen, so their pose is a guess"
