@@ -29,6 +29,9 @@ PARAMETERS = {
     "camera_pitch": "the camera looks down by this angle, rad",
     "camera_roll": "the camera's right side is down by this angle, rad",
     "camera_mount_frame": "frame with z up, such as base_footprint, from which TF gives the camera's pitch and roll",
+    "cameras": "names of several cameras, such as [left, right], with the topics <name>/keypoints and so on",
+    "fixed_frame": "frame with z up, such as odom, in which the skeleton is kept and published; TF places the cameras",
+    "extrinsics": "poses of several cameras: given, check or learn",
     "landmarks": "landmark layout of the detector, such as coco17",
     "keypoints_type": "message type of the keypoints",
     "depth": "topic of depth images that are registered to the colour image",
@@ -82,7 +85,7 @@ def _start(context: LaunchContext) -> list:
         names, assignments = [*names, "base_frame"], [*assignments, f"base_frame:={given['frame']}"]
     tracker, settings = offline_settings([params], assignments)  # raises for a bad value, before anything starts
     values = {**vars(tracker), **vars(settings)}
-    overrides = {name: values[name] for name in names}
+    overrides = {name: list(values[name]) if name == "cameras" else values[name] for name in names}
     if frames and settings.several_people and settings.publish_tf == OFF:
         overrides["publish_tf"] = ALL
     frames = frames and not settings.several_people and settings.publish_tf != ALL
@@ -96,7 +99,8 @@ def _start(context: LaunchContext) -> list:
         actions.append(_state_publisher(urdf_from_settings(tracker, settings, node), sim_time, common))
     if show_rviz:
         config = CONFIG / ("lassokin_people.rviz" if settings.several_people else "lassokin.rviz")
-        actions.append(_rviz(config, given["camera"].rstrip("/"), given["frame"], sim_time, common))
+        frame = given["frame"] or settings.fixed_frame
+        actions.append(_rviz(config, given["camera"].rstrip("/"), frame, sim_time, common))
     return [*actions, *_bag(given["bag"])]
 
 

@@ -59,7 +59,7 @@ class Camera:
         depth, self.pose = None, observation.camera
         if body is not None:
             seen = _in_camera(body, self.pose)
-            depth = float(seen.positions[0, 2])
+            depth = _in_front(seen.positions[0])
             if observation.depth is not None and observation.depth_of_surface:
                 own = depth_of_own_surface(observation.depth, seen, self._kinematics)
                 observation = replace(observation, depth=own)
@@ -90,7 +90,10 @@ class Camera:
 
     def predicted_view(self, stamp: float, vertical: Vertical, body: BodyPose | None, model_error: float) -> FrameData:
         """The view at a stamp, s, without an image."""
-        depth = None if body is None else float(self.pose.into_camera(body.positions[0])[2])
+        if not np.isfinite(self._seen_at):  # never
+            nothing = np.zeros((self._kinematics.landmark_count, 2))
+            return FrameData(nothing, nothing[:, 0], vertical.direction, camera=self.pose)
+        depth = None if body is None else _in_front(self.pose.into_camera(body.positions[0]))
         points, weights = self.measurements.predicted(stamp, depth, model_error)
         weights = self._presence_at(stamp) * weights
         depths = self._joint_depths() if weights.any() else None
@@ -168,6 +171,11 @@ class Cameras:
     def positions(self) -> dict[str, np.ndarray] | None:
         """The joints' positions by the network of the first camera that has an estimate, in the skeleton's frame."""
         return next((found for camera in self._all if (found := camera.positions()) is not None), None)
+
+
+def _in_front(place: np.ndarray) -> float | None:
+    """The depth of a place (3,) m in the camera's frame; None behind the camera, as with a wrong pose of it."""
+    return float(place[2]) if place[2] > 0 else None
 
 
 def _in_camera(body: BodyPose, camera: CameraPose) -> BodyPose:

@@ -13,10 +13,14 @@ from lassokin_ros.core.errors import ConfigurationError
 
 TYPICAL_HEIGHT = 1.70
 """m: assumed height of a person whose height is to be measured."""
+GIVEN, CHECK, LEARN = "given", "check", "learn"
 SHORTEST = 0.3
 """m: least height."""
 PI = round(math.pi, 4)
 """rad: pi rounded up, for readable ranges."""
+
+KINDS: Mapping[type, str] = {tuple: "a list of names"}
+"""What a setting of a type is, in words, where the name of the type does not say it."""
 
 
 def setting(
@@ -49,6 +53,12 @@ class TrackerConfig:
     skeleton: str = setting("anthropometric", "built-in skeleton, or path of a YAML, SMPL npz, BVH or URDF file")
     landmarks: str = setting("coco17", "landmark layout of the detector, or path of a YAML file")
     depth_prior: bool = setting(True, "use the joint depths that the shipped network estimates from the keypoints")
+    extrinsics: str = setting(
+        CHECK,
+        "poses of several cameras: as given; checked against the person they see; or corrected by what is learned from "
+        "the person",
+        choices=(GIVEN, CHECK, LEARN),
+    )
     solver: str = setting("proxqp", "QP solver for the lasso's dual: proxqp, or any solver of qpsolvers")
     camera_roll: float = setting(
         0.0,
@@ -147,8 +157,10 @@ def without_bool(value: Any, metadata: Mapping[str, Any]) -> Any:
 def check_setting(name: str, value: Any, metadata: Mapping[str, Any], kind: type) -> None:
     """Raise ConfigurationError if a value has the wrong type or is out of range."""
     right_kind = isinstance(value, (int, float)) if kind is float else isinstance(value, kind)
+    if kind is tuple:  # of names; YAML and ROS give lists
+        right_kind = isinstance(value, (list, tuple)) and all(isinstance(name, str) for name in value)
     if not right_kind or (isinstance(value, bool) and kind is not bool):
-        raise ConfigurationError(f"{name} is {value!r}; expected a value of type {kind.__name__}")
+        raise ConfigurationError(f"{name} is {value!r}; expected {KINDS.get(kind, f'a value of type {kind.__name__}')}")
     if metadata["choices"] and value not in metadata["choices"]:
         raise ConfigurationError(f"{name} is {value!r}; expected one of: {', '.join(metadata['choices'])}")
     low, high = metadata["low"], metadata["high"]

@@ -30,7 +30,8 @@ class Estimate:
     visible: (l,) bool, keypoints that were detected in this frame and have a weight. measurements: number of keypoints
     and measured depths that were used. depth_measured: True if measured depths were used; depth_covers: of half of the
     landmarks or more. length_deviation: (p,) standard deviation of the log-lengths. joint_depths: estimate of the depth
-    network. cameras: number of cameras whose rows have weight.
+    network. cameras: number of cameras whose rows have weight. centre: (3,) m, of the first of them, in the skeleton's
+    frame.
     """
 
     stamp: float
@@ -57,6 +58,7 @@ class Estimate:
     length_deviation: np.ndarray | float = 0.0
     joint_depths: JointDepths | None = None
     cameras: int = 1
+    centre: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     @property
     def accepted(self) -> bool:

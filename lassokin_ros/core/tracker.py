@@ -213,6 +213,9 @@ class Tracker:
         `Estimate.rejection`.
         """
         observations = [observation] if isinstance(observation, Observation) else list(observation)
+        if self.learned.extrinsics is not None:
+            corrected = self.learned.extrinsics.corrected
+            observations = [replace(one, camera=corrected(one.camera)) for one in observations]
         if not observations:
             return Estimate(self._newest, self._status, Rejection.TOO_FEW_LANDMARKS)
         measured, rejection = self._measure(observations)
@@ -220,6 +223,8 @@ class Tracker:
             return self._reject(observations[0], rejection)
         measurement = self._together(measured)
         frame = self._frame_data(measured, measurement, observations[0])
+        if self.learned.extrinsics is not None and frame.others:  # also if the poses are too wrong for an answer
+            self.learned.extrinsics.update(measurement.stamp, frame)
         if sum(np.count_nonzero(view.weights) for view in frame.views) < self.config.min_landmarks:
             return self._reject(observations[0], Rejection.TOO_FEW_LANDMARKS)
         start, initialised = self._start(measurement, frame)
@@ -454,6 +459,7 @@ class Tracker:
             length_deviation=self.learned.lengths.deviation,
             joint_depths=frame.joint_depths,
             cameras=sum(bool(view.weights.any()) for view in frame.views),
+            centre=frame.camera.centre,
         )
 
     def _learn(

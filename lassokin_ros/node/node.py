@@ -27,6 +27,7 @@ from lassokin_ros.node.parameters import LiveParameters, Settings, changes_of, d
 from lassokin_ros.node.person_outputs import PeopleOutputs, PersonOutputs, advertise
 from lassokin_ros.node.qos import sensor_data
 from lassokin_ros.node.scene_outputs import SceneOutputs
+from lassokin_ros.pipeline.camera_images import UNUSED
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.description.skeleton_file import save_all
@@ -34,7 +35,7 @@ from lassokin_ros.pipeline.outputs.status.calibration_status import averaged_sid
 from lassokin_ros.pipeline.outputs.status.diagnostics import NEAR_LIMIT, NEAR_LIMIT_ADVICE, Diagnostics
 from lassokin_ros.pipeline.parameter_files import NODE_NAME
 from lassokin_ros.pipeline.people.per_body_pipeline import PerBodyPipeline
-from lassokin_ros.pipeline.pipeline import UNUSED, Pipeline
+from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.output_messages.builders import DiagnosticArrayBuilder
@@ -45,6 +46,8 @@ LEFTOVER_S = 25.0
 UNUSED_MESSAGES = 60
 """Number of messages whose keypoints are all below `min_confidence`. If there are as many before the first result, the
 log reports it."""
+SHORTEST_WAIT_S = 1e-3
+"""s: period of the timer of `camera_wait`."""
 KEY_LENGTH = 20
 """Characters of a warning that identify it; numbers may follow."""
 CHECK_PERIOD_S = 0.1
@@ -93,13 +96,15 @@ class TrackerNode(Node):
         """Version, main settings, and the topics after remapping."""
         tracker, config = self._live_parameters.settings
         inputs = [topics.CAMERA_INFO] if self._bodies is not None else [topics.KEYPOINTS, topics.CAMERA_INFO]
-        names = ", ".join(self.resolve_topic_name(topic) for topic in inputs)
+        cameras = self._pipeline.cameras
+        found = [self.resolve_topic_name(topics.of_camera(topic, name)) for name in cameras for topic in inputs]
+        names = ", ".join(found)
         outputs = self.resolve_topic_name(topics.JOINTS).rpartition("/")[0]
         if config.several_people:
             outputs = self.resolve_topic_name(topics.REP155_BODIES if config.rep155 else topics.BODIES) + "/<id>"
         return (
             f"lassokin_ros {version()}: height {tracker.height_text}, landmarks {tracker.landmarks}, reads {names}, "
-            f"publishes {outputs}/..."
+            f"publishes {outputs}/..." + (f" in the frame '{config.fixed_frame}'" if config.fixed_frame else "")
         )
 
     def _open_outputs(self, config: NodeSettings, name: str) -> None:
@@ -120,26 +125,36 @@ class TrackerNode(Node):
     def _listen(self, config: NodeSettings) -> None:
         """Create subscriptions, services, timers and the callback for clock jumps."""
         self._inputs = SceneInputs(self, self._pipeline, self._diagnostics, self._count_internal_error)
-        self._keypoints = self._bodies = None
+        self._keypoints: list[KeypointInput] = []
+        self._bodies: Rep155Inputs | None = None
         if isinstance(self._pipeline, PerBodyPipeline):
             qos = sensor_data(config.queue_depth)
             self._bodies = Rep155Inputs(self, config.keypoints_type, qos, self._on_bodies, self._on_body)
         else:
-            counts = self._pipeline.counts
-            self._keypoints = KeypointInput(self, config, counts, self._inputs.poll, self._on_keypoints)
+            for name, camera in self._pipeline.cameras.items():
+                topic, process = topics.of_camera(topics.KEYPOINTS, name), partial(self._on_keypoints, name)
+                self._keypoints.append(KeypointInput(self, topic, config, camera.counts, self._inputs.poll, process))
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/set_enabled", self._on_set_enabled)
         self.create_service(SetBool, "~/lock", self._on_lock)
         self.create_service(Trigger, "~/save_skeleton", self._on_save_skeleton)
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # diagnostics continue while simulated time is paused
         self._as_of_ns = self._checked_ns = 0
+        self._wait = self.create_timer(max(config.camera_wait, SHORTEST_WAIT_S), self._on_wait_end, clock=steady)
+        self._wait.cancel()
         self.create_timer(CHECK_PERIOD_S, self._update_presence, clock=steady)
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics, clock=steady)
         jump = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True)
         self._jump_watch = self.get_clock().create_jump_callback(jump, post_callback=self._on_clock_jump)
 
-    def _on_keypoints(self, message: Any, received_ns: int) -> None:
-        self._inputs.with_depth(message, partial(self.work_on, message, received_ns=received_ns))
+    def _on_keypoints(self, camera: str, message: Any, received_ns: int) -> None:
+        frames_in = partial(self._pipeline.frames, camera=camera)
+        self._inputs.with_depth(camera, message, partial(self.work_on, message, frames_in, received_ns))
+
+    def _on_wait_end(self) -> None:
+        """Process images of several cameras that wait for others in vain."""
+        self._wait.cancel()
+        self.work_on(None, lambda _, now_ns: self._pipeline.due(now_ns))
 
     def _on_bodies(self, ids: Sequence[str]) -> Sequence[str]:
         assert isinstance(self._pipeline, PerBodyPipeline) and self._people is not None
@@ -157,7 +172,8 @@ class TrackerNode(Node):
     ) -> None:
         """Process one keypoint message and publish the results. Never raises.
 
-        frames_in: used instead of `Pipeline.frames`. received_ns: ns, system clock, 0 if the middleware gives none.
+        frames_in: used instead of `Pipeline.frames`, for a person's own topic or one of several cameras.
+        received_ns: ns, system clock, 0 if the middleware gives none.
         """
         started = time.monotonic()
         clock: Any = self.get_clock()  # a ROSClock, contrary to rclpy's type hints
@@ -172,6 +188,8 @@ class TrackerNode(Node):
         except Exception as error:  # no message may end the node
             self._count_internal_error("a keypoint message", error)
             return
+        if self._pipeline.due_at_ns is not None:
+            self._wait.reset()
         ended = time.monotonic()
         self._diagnostics.count_message(frames, arrival_ns, ended, ended - started)
 
@@ -207,7 +225,7 @@ class TrackerNode(Node):
         if self._pipeline.counts["unstamped"] and not self._reported_unstamped:  # only once
             self._reported_unstamped = True
             self.get_logger().warning("keypoints without a stamp: outputs carry the time of their arrival")
-        if not self._reported_misplaced and frames and frames[0].accepted:
+        if not self._reported_misplaced and frames and frames[0].accepted and self._pipeline.places is None:
             camera = self._pipeline.camera.at(frames[0].stamp_ns).intrinsics.frame_id
             if words := _misplaced(frames[0].frame_id, camera):
                 self._reported_misplaced = True
@@ -239,8 +257,8 @@ class TrackerNode(Node):
 
     def _inputs_connected(self) -> bool:
         """Return True if a detector publishes keypoints, or with one topic per body, the list of bodies."""
-        if self._keypoints is not None:
-            return self._keypoints.publishers > 0
+        if self._keypoints:
+            return any(keypoints.publishers > 0 for keypoints in self._keypoints)
         return self._bodies is not None and self._bodies.publishers > 0
 
     def _publish_diagnostics(self) -> None:
@@ -252,8 +270,8 @@ class TrackerNode(Node):
             concerns.append(self._person.state_publisher.fault)
         now, presence = time.monotonic(), self._pipeline.presence_at(self._as_of_ns)
         concerns += [self._inputs.check(now), self._duplicate_node()]
-        if self._keypoints is not None:
-            self._keypoints.check(now, self._diagnostics.keypoints_received)
+        for keypoints, camera in zip(self._keypoints, self._pipeline.cameras.values()):
+            keypoints.check(now, camera.received > 0)
         line = self._diagnostics.line(now, presence, "; ".join(filter(None, concerns)))
         self._diagnostics_out.publish(self._status.fill(self.get_clock().now().nanoseconds, "", [line]))
         for words in self._diagnostics.inputs:
@@ -317,8 +335,8 @@ class TrackerNode(Node):
     def _on_clock_jump(self, jump: TimeJump) -> None:
         self.get_logger().info("the clock has jumped: the state is forgotten")
         self._as_of_ns = self._checked_ns = 0
-        if self._pipeline.mount is not None:
-            self._pipeline.mount.transforms.clear()
+        if self._pipeline.transforms is not None:
+            self._pipeline.transforms.clear()
         self._forget()
 
     def _forget(self) -> None:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rclpy.parameter import Parameter
 
 Settings = tuple[TrackerConfig, NodeSettings]
-ROS_TYPES = {float: "double", int: "integer", bool: "bool", str: "string"}
+ROS_TYPES = {float: "double", int: "integer", bool: "bool", str: "string", tuple: "string array"}
 
 
 def describe(item: Field) -> ParameterDescriptor:
@@ -64,7 +64,8 @@ def _declared(node: Node, config: Any) -> Any:
         if given is not None and (value := without_bool(given.value, item.metadata)) != given.value:
             node._parameter_overrides[item.name] = type(given)(item.name, value=value)
         try:
-            values[item.name] = node.declare_parameter(item.name, item.default, describe(item)).value
+            default = list(item.default) if isinstance(item.default, tuple) else item.default
+            values[item.name] = node.declare_parameter(item.name, default, describe(item)).value
         except (InvalidParameterTypeException, InvalidParameterValueException):
             kind = ROS_TYPES[type(item.default)]
             hint = " (written with a decimal point)" if kind == "double" else ""
@@ -187,6 +188,8 @@ def _range(item: Field) -> str:
 def _yaml(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_yaml, value))}]"
     return f'"{value}"' if isinstance(value, str) else repr(value)
 
 

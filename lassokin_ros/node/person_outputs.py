@@ -75,7 +75,7 @@ class PersonOutputs:
         backend = RclpyBackend()
         self._node = node
         naming = Naming.of_person(config, title, person)
-        self._description = RobotDescription(backend, skeleton, config.base_frame, naming)
+        self._description = RobotDescription(backend, skeleton, config.root_frame, naming)
         name = partial(topics.of_person, person=person, rep155=config.rep155)
         self._out = {
             t.name: advertise(node, t, name(t.name), not person)

@@ -73,5 +73,5 @@ def share_behind(sampled: Keypoints, frame: FrameResult) -> float | None:
     own = known & np.isfinite(sampled.depth) & (sampled.xy == frame.detected[ids]).all(axis=1)
     if np.count_nonzero(own) < LEAST_POINTS:
         return None
-    expected = estimate.pose.landmarks[ids[own], 2]
+    expected = frame.camera.into_camera(estimate.pose.landmarks[ids[own]])[:, 2]
     return float(np.mean(sampled.depth[own] - expected > APART_M))

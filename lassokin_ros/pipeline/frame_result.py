@@ -11,6 +11,7 @@ from lassokin_ros.core.body.rotations import to_quaternion
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.observation import HERE, CameraPose
 from lassokin_ros.core.output.uncertainty import JointUncertainty
 from lassokin_ros.core.record import record
 from lassokin_ros.pipeline.camera.lens import Lens
@@ -18,6 +19,16 @@ from lassokin_ros.pipeline.camera.lens import Lens
 BODY_FROM_ROOT = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 """Axes of the frame `body` (REP-103: x front, y left, z up), as columns in the root joint's frame (x left, y up,
 z front)."""
+
+
+@record
+class ImageOfPerson:
+    """A person in the image of a further camera: where it is, its lens, the landmarks as in FrameResult."""
+
+    camera: CameraPose
+    lens: Lens
+    detected: np.ndarray | None
+    points: np.ndarray
 
 
 @record
@@ -29,13 +40,15 @@ class FrameResult:
     Attributes
     ----------
     stamp_ns: ns, the message's stamp, or its arrival time if it has no stamp.
-    frame_id: the message's frame, or the camera's frame if the message has none.
+    frame_id: the frame of the skeleton: `fixed_frame`, or the message's frame, or the camera's if it has none.
     estimate: the tracker's result. None if the message was refused before tracking.
     rejection: None for an accepted result, else a short key for counting. `detail` gives the reason in words.
     person: the id of the person. Empty if one person is followed.
     detected: (l, 2) px, the landmarks from the detector, NaN = missing. None without landmarks.
     points: (l, 2) normalised image coordinates of `detected`. None if the message was refused before tracking.
     lens: the lens of the image. None if the message was refused before tracking.
+    camera: which camera took the image, and where it is in the frame of the skeleton.
+    others: the images of further cameras that were processed together with this one.
     skeleton: the skeleton with the lengths used for this result. None if the message was refused before tracking.
     earlier: s since the result before, and its joint positions (n, 3) m; see `joint_velocities`. None after
     initialisation, and for a step of the stamps below 1 ms.
@@ -58,6 +71,8 @@ class FrameResult:
     detected: np.ndarray | None = None
     points: np.ndarray | None = None
     lens: Lens | None = None
+    camera: CameraPose = HERE
+    others: Sequence[ImageOfPerson] = ()
     skeleton: Skeleton | None = None
     earlier: tuple[float, np.ndarray] | None = None
     velocity: np.ndarray | None = None
@@ -100,7 +115,7 @@ class FrameResult:
     def quaternions(self) -> np.ndarray:
         """(n + 1, 4), x, y, z, w: orientations of the joints and, last, of the body (x front, y left, z up).
 
-        The camera frame is the reference. Needs an accepted result.
+        The frame of the skeleton is the reference. Needs an accepted result.
         """
         assert self.estimate is not None and self.estimate.pose is not None
         orientations = self.estimate.pose.orientations
@@ -133,9 +148,9 @@ class FrameResult:
         return self.in_image(self.estimate.pose.landmarks)
 
     def in_image(self, points: np.ndarray) -> np.ndarray:
-        """Project points (k, 3) m in the camera frame to pixels (k, 2). The result must be accepted."""
+        """Project points (k, 3) m in the frame of the skeleton to pixels (k, 2). The result must be accepted."""
         assert self.lens is not None
-        return self.lens.distort(project(points))
+        return self.lens.distort(project(self.camera.into_camera(points)))
 
 
 def repeated_s(frames: Sequence[FrameResult]) -> float:

@@ -9,7 +9,8 @@ results = pipeline.frames(keypoints, arrival_ns)     # one FrameResult per perso
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,88 +18,74 @@ import numpy as np
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.evidence import Evidence
 from lassokin_ros.core.learned.bone_lengths import Calibration
-from lassokin_ros.core.learned.height import FEWEST, HeightEstimator
-from lassokin_ros.core.observation import Status
+from lassokin_ros.core.learned.height import HeightEstimator
+from lassokin_ros.core.learned.vertical import level_from_camera
+from lassokin_ros.core.observation import CameraPose, Rejection, Status
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.camera.camera_mount import CameraMount
-from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE, Camera, View
-from lassokin_ros.pipeline.depth_check import MISFIT, DepthCheck
+from lassokin_ros.pipeline.camera.camera_places import LEVEL, CameraPlaces
+from lassokin_ros.pipeline.camera.camera_selection import Camera
+from lassokin_ros.pipeline.camera.transforms import Transforms
+from lassokin_ros.pipeline.camera_images import CameraImages
+from lassokin_ros.pipeline.depth_check import DepthCheck
 from lassokin_ros.pipeline.depth_images import DepthImages
-from lassokin_ros.pipeline.detections import detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
+from lassokin_ros.pipeline.image_sets import ImageSets, stamp_of_set
 from lassokin_ros.pipeline.input_checks.landmark_ids import LandmarkIds
-from lassokin_ros.pipeline.input_checks.messages import LEADING_SLASH, check_layout, has_leading_slash
 from lassokin_ros.pipeline.input_checks.own_depth import OwnDepth
 from lassokin_ros.pipeline.input_checks.stamp_rate import StampRate
 from lassokin_ros.pipeline.outputs.description.urdf import check_names
-from lassokin_ros.pipeline.people.matching import is_trackable
 from lassokin_ros.pipeline.people.people_tracker import PeopleImage, PeopleTracker
 from lassokin_ros.pipeline.people.presence import Presence
-from lassokin_ros.pipeline.people.single_person import SinglePersonTracker
+from lassokin_ros.pipeline.people.single_person import PERSON_ABSENT, SinglePersonTracker
 from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
-from lassokin_ros.pipeline.placeholders import PLACEHOLDERS, checked_positions
-from lassokin_ros.pipeline.settings import MESSAGE, NodeSettings
-from lassokin_ros.pipeline.stamps import StampWatch
+from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.skeleton_readers.load import load_skeleton, naming_help
-from msg_adapters.detectors.registry import keypoint_adapter
 from msg_adapters.errors import AdapterError
-from msg_adapters.keypoints import Keypoints
 
-NOBODY = "nobody in view"
-"""Key of the count of messages without any confident keypoint."""
-UNUSED = "keypoints below min_confidence"
-"""Key of the count of messages with keypoints, none of which reaches `min_confidence`."""
-DEPTH_IN_MESSAGE = "depth: in the message"
-"""Key of the count of keypoint messages with depths of their own."""
-UNSCORED = "keypoints without confidence"
-"""Key of the count of messages with the positions of a body, all with a confidence of 0 or NaN."""
+LATE = "late: only tracks updated"
+"""Key of the count of images that came after a later one of another camera was used."""
 
 
 class Pipeline:
     """Decodes messages, removes the distortion, tracks people. No message content raises an error."""
 
     def __init__(
-        self, tracker_config: TrackerConfig, node_config: NodeSettings, evidence: Sequence[Evidence] = ()
+        self,
+        tracker_config: TrackerConfig,
+        node_config: NodeSettings,
+        evidence: Sequence[Evidence] = (),
+        poses: Mapping[str, CameraPose] | None = None,
     ) -> None:
-        """evidence: the user's own, for each frame's lasso; all people share it. Raises a LassokinError if the
-        configuration is unusable.
+        """evidence: the user's own, for each frame's lasso; all people share it. poses: of several cameras, by name, in
+        place of those from TF. Raises a LassokinError if the configuration is unusable.
         """
         self.config = node_config.checked()
         skeleton = load_skeleton(tracker_config.checked().skeleton, tracker_config.assumed_height)
         check_names(skeleton)
+        up = np.array([0.0, 0.0, 1.0]) if self.config.fixed_frame else None
         with naming_help(tracker_config.skeleton):
-            self._trackable = [TrackedPerson(tracker_config, skeleton, evidence) for _ in range(self.config.max_people)]
+            self._trackable = [
+                TrackedPerson(tracker_config, skeleton, evidence, up) for _ in range(self.config.max_people)
+            ]
         self.tracker = self._trackable[0].tracker
-        self._landmark_count = self.tracker.kinematics.landmark_count
         self.enabled = True
         """If False, keypoints are counted and not processed."""
         self.counts: Counter[str] = Counter()
         """Number of messages by result: received, accepted, duplicated, unstamped, resets, "rejected: <reason>", and
         messages with keypoints outside the image."""
-        self.nobody_in_view = False
-        """True if the last message had no confident keypoint."""
         self.answered = False
         """True after the first accepted result for a person."""
-        self.unused_confidence = 0.0
-        """Largest confidence in the last message without a confident keypoint; 0 if that had no keypoint."""
         self.people = _people_tracker(self._trackable, self.counts, self.config)
-        self._adapter = keypoint_adapter(self.config.keypoints_type)
-        self.camera = Camera(self.config.rectified)
-        depth, registered = self.config.depth, self.config.depth_registered
-        self.depth = DepthImages(self.counts, depth, registered) if depth else None
-        """The depth images, None if the setting `depth` names no topic."""
-        self.depth_check = DepthCheck()
-        """Whether the depth images show the tracked people."""
-        self.mount = CameraMount(self.config.camera_mount_frame) if self.config.camera_mount_frame else None
-        """The camera's mount from TF, None if the setting `camera_mount_frame` names no frame."""
-        self._stamps = StampWatch()
-        self.stamp_rate = StampRate()
-        """The rates of the stamps and of the arrivals."""
-        self.own_depth = OwnDepth()
-        """What is unusual about depths in the keypoint messages."""
-        self.landmark_ids = LandmarkIds(self.tracker.layout.names)
-        """Which landmarks have appeared."""
-        self._camera_frame: str | None = None  # frame of the camera that took the last image
+        names, layout = self.config.camera_names, self.tracker.layout
+        self.cameras = {name: CameraImages(name, tracker_config, self.config, layout, self.counts) for name in names}
+        """The inputs of each camera by name; the name of the only camera is empty."""
+        self.first = self.cameras[names[0]]
+        """The inputs of the only camera, or of the first one."""
+        placed = bool(self.config.fixed_frame) or self.config.several_cameras
+        self.places = CameraPlaces(self.config.fixed_frame, names, poses) if placed else None
+        """Where the cameras are; None for one camera in whose frame the skeleton is kept."""
+        self._sets = ImageSets(self.config.camera_wait) if self.config.several_cameras else None
         self.detector_connected = True
         """False if nobody publishes keypoints. Set by the node; a recording has no such knowledge."""
         self._refused = False  # the last message was refused as a whole
@@ -107,14 +94,69 @@ class Pipeline:
         """Stamp (ns) and frame_id of the last message that was not refused as a whole."""
 
     @property
+    def camera(self) -> Camera:
+        """The lens of the first camera at each time."""
+        return self.first.camera
+
+    @property
+    def depth(self) -> DepthImages | None:
+        """The depth images of the first camera, None if the setting `depth` names no topic."""
+        return self.first.depth
+
+    @property
+    def depth_check(self) -> DepthCheck:
+        """Whether the depth images of the first camera show the tracked people."""
+        return self.first.depth_check
+
+    @property
+    def mount(self) -> CameraMount | None:
+        """The mount of the first camera from TF, None if the setting `camera_mount_frame` names no frame."""
+        return self.first.mount
+
+    @property
+    def stamp_rate(self) -> StampRate:
+        """The rates of the stamps and of the arrivals of the first camera."""
+        return self.first.stamp_rate
+
+    @property
+    def own_depth(self) -> OwnDepth:
+        """What is unusual about depths in the keypoint messages of the first camera."""
+        return self.first.own_depth
+
+    @property
+    def landmark_ids(self) -> LandmarkIds:
+        """Which landmarks have appeared in the messages of the first camera."""
+        return self.first.landmark_ids
+
+    @property
+    def nobody_in_view(self) -> bool:
+        """True if the last message of each camera had no confident keypoint."""
+        return all(camera.nobody_in_view for camera in self.cameras.values())
+
+    @property
+    def unused_confidence(self) -> float:
+        """Largest confidence in the last messages without a confident keypoint; 0 if they had no keypoint."""
+        return max(camera.unused_confidence for camera in self.cameras.values())
+
+    @property
+    def transforms(self) -> Transforms | None:
+        """The buffer of TF; None if it is not used."""
+        return self.places.transforms if self.places else None if self.mount is None else self.mount.transforms
+
+    @property
     def has_camera(self) -> bool:
-        """True after the first usable camera_info."""
-        return self.camera.view is not None
+        """True after the first usable camera_info of any camera."""
+        return any(one.camera.view is not None for one in self.cameras.values())
 
     @property
     def camera_fault(self) -> str:
         """Why the last camera_info was refused, in words; empty if it was accepted."""
-        return self.camera.fault
+        return next((one.camera.fault for one in self.cameras.values() if one.camera.fault), "")
+
+    @property
+    def level(self) -> np.ndarray:
+        """(3, 3) from the frame of the skeleton to the optical frame of a level camera."""
+        return LEVEL if self.config.fixed_frame else level_from_camera(*self.camera_angles)
 
     @property
     def camera_angles(self) -> tuple[float, float]:
@@ -202,19 +244,23 @@ class Pipeline:
 
     def reset(self) -> None:
         """Forget all people, the stamps and the depth images. The camera and the counts stay."""
-        if self.depth is not None:
-            self.depth.reset()
-        self.depth_check.reset()
+        for camera in self.cameras.values():
+            if camera.depth is not None:
+                camera.depth.reset()
+            camera.depth_check.reset()
         self.forget_people()
 
     def forget_people(self) -> None:
         """Forget all people and the stamps."""
-        self._stamps.reset()
         self._forget_people()
+        for camera in self.cameras.values():
+            camera.reset()
 
     def _forget_people(self) -> None:
         self.people.reset()
-        self._latest = self._camera_frame = self.image = None
+        if self._sets is not None:
+            self._sets.reset()
+        self._latest = self.image = None
         self.counts["resets"] += 1
 
     def tune(self, tracker_config: TrackerConfig, node_config: NodeSettings) -> None:
@@ -226,17 +272,20 @@ class Pipeline:
         for tracked in self._trackable:
             tracked.tracker.tune(tracker_config)
         self.config = config
+        for camera in self.cameras.values():
+            camera.tracker_config, camera.config = tracker_config, config
         self.people.tune(self.config.follow, self.config.lock)
         if resized:
             self.reset()
 
-    def set_camera(self, message: Any) -> str | None:
+    def set_camera(self, message: Any, camera: str = "") -> str | None:
         """Apply a CameraInfo message. Return the key of the reason if it is refused; the last good camera then stays.
 
-        A new resolution or lens of the same camera keeps the state. The frame of another camera resets it.
+        camera: name of the camera. A new resolution or lens of the same camera keeps the state. The frame of another
+        camera resets it.
         """
         try:
-            if self.camera.update(message):
+            if self.cameras[camera].camera.update(message):
                 self.reset()
         except AdapterError as error:
             self.counts[f"rejected: {error.reason}"] += 1
@@ -251,137 +300,131 @@ class Pipeline:
         (frame,) = self.frames(message, arrival_ns)
         return frame
 
-    def frames(self, message: Any, arrival_ns: int) -> list[FrameResult]:
+    def frames(self, message: Any, arrival_ns: int, camera: str = "") -> list[FrameResult]:
         """Track all people in a keypoint message. Return one accepted result per person, none if nobody is present.
 
-        A refused message gives one result with the reason; so does a message in which a single followed person was not
-        tracked. With `smoothing_lag`, the accepted results are those of earlier messages that are due now.
+        camera: name of the camera. A refused message gives one result with the reason; so does a message in which a
+        single followed person was not tracked. With `smoothing_lag`, the accepted results are those of earlier messages
+        that are due now. With several cameras, a message may wait for those of the others, see `due`.
         """
         self.counts["received"] += 1
         if not self.enabled:
             self.counts["ignored while disabled"] += 1
             return []
-        frames = self._frames(message, arrival_ns)
+        return self._counted(self._frames(message, arrival_ns, self.cameras[camera]))
+
+    def due(self, now_ns: int) -> list[FrameResult]:
+        """Return the results of images of several cameras whose wait has ended. now_ns: ns of the arrival clock."""
+        if self._sets is None:
+            return []
+        return self._counted([one for images in self._sets.due(now_ns) for one in self._track(images, now_ns)])
+
+    @property
+    def due_at_ns(self) -> int | None:
+        """Time in ns of the arrival clock at which `due` must be called; None if no image waits."""
+        return None if self._sets is None else self._sets.due_at_ns
+
+    def _counted(self, frames: list[FrameResult]) -> list[FrameResult]:
         self.answered = self.answered or any(frame.accepted for frame in frames)
         rejection = next((frame.rejection for frame in frames if not frame.accepted), None)
-        self.counts["accepted" if rejection is None else f"rejected: {rejection}"] += 1
+        if frames or self._sets is None:
+            self.counts["accepted" if rejection is None else f"rejected: {rejection}"] += 1
         if repeated_s(frames) > 0:
             self.counts["duplicated"] += 1
         return frames
 
-    def _frames(self, message: Any, arrival_ns: int) -> list[FrameResult]:
-        stamp_ns, frame_id, self.nobody_in_view = arrival_ns, "", False
-        sampled: Keypoints | None = None
+    def _frames(self, message: Any, arrival_ns: int, camera: CameraImages) -> list[FrameResult]:
         try:
-            keypoints, view = self._decode(message)
-            frame_id = keypoints.frame_id or view.intrinsics.frame_id
-            keypoints = self._remove_placeholders(keypoints, view)
-            self._count_nobody_and_outside(keypoints, view)
-            if keypoints.stamp_ns is None:
-                self.counts["unstamped"] += 1
-            else:
-                self.stamp_rate.add(keypoints.stamp_ns, arrival_ns)
-            stamped = keypoints.stamp_ns is not None
-            stamp_ns = keypoints.stamp_ns or self._stamps.estimate(arrival_ns)
-            keypoints = self.own_depth.checked(keypoints, stamp_ns)
-            self.landmark_ids.add(keypoints)
-            if keypoints.depth is not None:
-                self.counts[DEPTH_IN_MESSAGE] += bool(np.count_nonzero(keypoints.depth > 0) >= FEWEST)
-            elif self.depth is not None:
-                sampled = self.depth.with_depth(keypoints, stamp_ns, view.size, view.intrinsics.frame_id)
-                self.counts[MISFIT] += bool(self.depth_check.fault)
-                keypoints = keypoints if self.depth_check.fault else sampled
-            image = PeopleImage(keypoints, stamp_ns, frame_id, view.lens, self._has_persistent_numbers(keypoints))
-            if self._is_back_in_time(image, arrival_ns, stamped):
-                self._jump_back(image)
-            self._switch_camera(view.intrinsics.frame_id)
-            self._follow_mount(image)
-            frames = self.people.update(image, self.config.forget_after)
-            if sampled is not None and self.tracker.config.smoothing_lag == 0:
-                self.depth_check.update(sampled, frames)
+            image, changed = camera.image(message, arrival_ns)
         except AdapterError as error:
             self._refused = True
-            return [FrameResult(stamp_ns, frame_id, None, error.reason, str(error))]
+            return [FrameResult(camera.stamp_ns, camera.frame_id, None, error.reason, str(error))]
+        if changed:
+            self._forget_people()
+            for other in self.cameras.values():
+                if other is not camera:
+                    other.reset()
+        if self._sets is None:
+            return self._track([image], arrival_ns)
+        camera.stamps.seen(image.stamp_ns, True)
+        image = replace(image, camera=CameraPose(camera.name))
+        sets = self._sets.add(camera.name, image, arrival_ns)
+        return [frame for images in sets for frame in self._track(images, arrival_ns)]
+
+    def _track(self, images: Sequence[PeopleImage], arrival_ns: int) -> list[FrameResult]:
+        """Return the results of the images of one instant."""
+        stamp_ns = stamp_of_set(images)
+        try:
+            placed, frame_id = self._placed(images)
+            if self.first.mount is not None:
+                self._follow_mount(self.first.mount, images[0])
+            frames = self.people.update(placed, frame_id, self.config.forget_after)
+        except AdapterError as error:
+            self._refused = True
+            return [FrameResult(stamp_ns, images[0].frame_id, None, error.reason, str(error))]
         self._refused = False
-        self._latest, self.image = (stamp_ns, arrival_ns), (stamp_ns, frame_id)
-        if all(frame.accepted for frame in frames):
-            self._stamps.seen(stamp_ns, self.people.tracked_at(stamp_ns))
-            self._stamps.follow(stamp_ns, arrival_ns, stamped)
+        if self._sets is not None:
+            frames = self._without_absences(frames, stamp_ns)
+        else:
+            self._check_depth(frames)
+        if self._latest is None or stamp_ns >= self._latest[0]:
+            self._latest, self.image = (stamp_ns, arrival_ns), (stamp_ns, frame_id)
+        if self._sets is None and all(frame.accepted for frame in frames):
+            self.first.stamps.seen(stamp_ns, self.people.tracked_at(stamp_ns))
+            self.first.stamps.follow(stamp_ns, arrival_ns, images[0].stamped)
         return frames
 
-    def flush(self) -> list[FrameResult]:
-        """Return the results that wait for `smoothing_lag`. No message follows."""
-        return self.people.flush()
+    def _placed(self, images: Sequence[PeopleImage]) -> tuple[Sequence[PeopleImage], str]:
+        """Return the images whose camera has a pose, and the frame of the results.
 
-    def _decode(self, message: Any) -> tuple[Keypoints, View]:
-        """Return the keypoints and the camera of their image."""
-        present = self.camera.at(None)
-        keypoints = self._adapter.decode(message, present.size)
-        view = self.camera.at(keypoints.stamp_ns, keypoints.frame_id)
-        if view is not present:
-            keypoints = self._adapter.decode(message, view.size)
-        if has_leading_slash(message):
-            self.counts[LEADING_SLASH] += 1
-        check_layout(keypoints, self.tracker.layout, self.tracker.config.landmarks)
-        return keypoints, view
+        Raises AdapterError if none has one. The others are counted.
+        """
+        if self.places is None:
+            return images, images[0].frame_id
+        placed, fault = [], None
+        for image in images:
+            name = image.camera.name
+            try:
+                placed.append(replace(image, camera=self.places.pose(name, image.frame_id, image.stamp_ns)))
+            except AdapterError as error:
+                fault = error
+                self.counts[f"no transform of {name}" if name else "no transform"] += 1
+        if fault is not None and not placed:
+            raise fault
+        return placed, self.places.base
 
-    def _remove_placeholders(self, keypoints: Keypoints, view: View) -> Keypoints:
-        """Remove placeholder coordinates, and count the message. Raises AdapterError for fractions of the image."""
-        kept = checked_positions(keypoints, view.size)
-        if kept is not keypoints:
-            self.counts[PLACEHOLDERS] += 1
+    def _without_absences(self, frames: list[FrameResult], stamp_ns: int) -> list[FrameResult]:
+        """Leave out the rejections of a camera that only did not see the person whom another camera sees."""
+        kept = []
+        for frame in frames:
+            if frame.rejection == Rejection.LATE.value:
+                self.counts[LATE] += 1
+            elif frame.rejection not in (Rejection.TOO_FEW_LANDMARKS.value, PERSON_ABSENT):
+                kept.append(frame)
+            elif self.status is not Status.TRACKING or not self._tracked_lately(stamp_ns):
+                kept.append(frame)
         return kept
 
-    def _count_nobody_and_outside(self, keypoints: Keypoints, view: View) -> None:
-        confident = keypoints.confidence >= self.tracker.config.min_confidence  # others may be out of view
-        self.nobody_in_view = not np.count_nonzero(confident & keypoints.present)
-        if self.nobody_in_view:
-            self.counts[NOBODY] += 1
-            self.unused_confidence = float(keypoints.confidence.compress(keypoints.present).max(initial=0.0))
-            self.counts[UNUSED] += self.unused_confidence > 0
-            if self.unused_confidence == 0 and keypoints.unscored >= self.tracker.config.min_landmarks:
-                self.counts[UNSCORED] += 1
-        if view.has_outside(keypoints.xy.compress(confident, axis=0)):
-            self.counts[OUTSIDE_IMAGE] += 1
+    def _tracked_lately(self, stamp_ns: int) -> bool:
+        limit = self.tracker.config.lost_after
+        return any(person.unseen_s(stamp_ns) <= limit for person in self.people.tracked.values())
 
-    def _is_back_in_time(self, image: PeopleImage, arrival_ns: int, stamped: bool) -> bool:
-        """Return True if the people must be forgotten. Raises AdapterError for an old stamp, see `StampWatch.check`."""
-        try:
-            return self._stamps.check(image.stamp_ns, arrival_ns, self.config.jump_back)
-        except AdapterError:
-            if not self._stamps.is_first_stamp(stamped):
-                raise
-            return True  # arrival times were of another clock than the stamps
+    def _check_depth(self, frames: Sequence[FrameResult]) -> None:
+        """Compare the depth image of the last message with the tracked people."""
+        if self.first.sampled is not None and self.tracker.config.smoothing_lag == 0:
+            self.first.depth_check.update(self.first.sampled, frames)
 
-    def _jump_back(self, image: PeopleImage) -> None:
-        """Reset for a message from an earlier time. Raises AdapterError if nobody in it can be tracked."""
-        people = detections_by_person(image.keypoints, self._landmark_count, image.lens)
-        if not any(is_trackable(one, self.tracker.config) for one in people):
-            raise AdapterError("too_few_landmarks", "the message is from an earlier time and contains no person")
-        self._forget_people()
-        self._stamps.seen(image.stamp_ns, True)
+    def flush(self) -> list[FrameResult]:
+        """Return the results that wait for other cameras or for `smoothing_lag`. No message follows."""
+        waiting = [] if self._sets is None else self._sets.flush()
+        frames = [frame for images in waiting for frame in self._track(images, images[0].stamp_ns)]
+        return [*(self._counted(frames) if frames else ()), *self.people.flush()]
 
-    def _switch_camera(self, frame: str) -> None:
-        """Reset if the image is from another camera than the last image.
-
-        `set_camera` also resets, but images of the previous camera may arrive after it.
-        """
-        if self._camera_frame not in (None, frame):
-            self._forget_people()
-        self._camera_frame = frame
-
-    def _follow_mount(self, image: PeopleImage) -> None:
+    def _follow_mount(self, mount: CameraMount, image: PeopleImage) -> None:
         """Use the camera's mount at the time of the image. Without TF, the present one stays."""
-        if self.mount is not None and (angles := self.mount.at(image.frame_id, image.stamp_ns)) is not None:
+        if (angles := mount.at(image.frame_id, image.stamp_ns)) is not None:
             for tracked in self._trackable:
                 tracked.tracker.move_camera(*angles)
-
-    def _has_persistent_numbers(self, keypoints: Keypoints) -> bool:
-        """Return True if the message's person numbers identify people over time."""
-        persons = keypoints.persons
-        if persons is None or not keypoints.persistent or self.config.person_ids != MESSAGE:
-            return False
-        return len(persons) == 0 or bool(persons.min() >= 0)
 
 
 def _people_tracker(people: Sequence[TrackedPerson], counts: Counter[str], config: NodeSettings) -> PeopleTracker:

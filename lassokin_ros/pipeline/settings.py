@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -17,6 +18,8 @@ OPTICAL_FRAME = "camera_optical_frame"
 MESSAGE, NODE = "message", "node"
 ROOT, ALL = "root", "all"
 PEOPLE_TYPES = tuple(BUILDERS)
+CAMERA_NAME = re.compile(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*")
+"""Name of a camera: the beginning of a topic's name."""
 PER_BODY_TYPE = "hri_msgs/msg/Skeleton2D"
 """Message type with the keypoints of one person; the name of the topic contains the id of the person."""
 
@@ -28,10 +31,28 @@ class NodeSettings:
     keypoints_type: str = setting(
         "sensor_msgs/msg/PointCloud2", f"message type of the topic keypoints, one of: {', '.join(ADAPTERS)}"
     )
+    cameras: tuple[str, ...] = setting(
+        ("",),
+        "names of several cameras, whose topics are <name>/keypoints and <name>/camera_info, with poses from TF; empty "
+        "for one camera, with the topics keypoints and camera_info",
+    )
+    fixed_frame: str = setting(
+        "",
+        "frame with z up, such as odom or base_footprint, in which the skeleton is kept and published; TF gives each "
+        "camera's pose in it at its image's stamp; empty: the optical frame of the camera, or of the first one",
+    )
+    camera_wait: float = setting(
+        0.03,
+        "several cameras: longest time for which a keypoint message waits for those of other cameras that are due; "
+        "more for slow detectors, at the cost of latency",
+        "s",
+        0.0,
+        1.0,
+    )
     depth: str = setting(
         "",
         "topic of depth images (sensor_msgs/Image, or CompressedImage if it ends in /compressedDepth) that are "
-        "registered to the colour image; empty for none",
+        "registered to the colour image; empty for none; with several cameras it follows their names: <name>/<depth>",
     )
     depth_registered: bool = setting(
         False, "depth images are registered to the colour image even if their frame_id differs from its frame_id"
@@ -139,6 +160,25 @@ class NodeSettings:
     )
 
     @property
+    def camera_names(self) -> tuple[str, ...]:
+        """The names of the cameras; one empty name for one camera with the topics keypoints and camera_info."""
+        return tuple(name for name in self.cameras if name) or ("",)
+
+    @property
+    def several_cameras(self) -> bool:
+        """True if the keypoints of several cameras stand in one lasso."""
+        return len(self.camera_names) > 1
+
+    @property
+    def root_frame(self) -> str:
+        """The base link of robot_description before the first result."""
+        return self.fixed_frame or self.base_frame
+
+    def depth_topic(self, camera: str) -> str:
+        """Return the topic of the depth images of a camera; empty if there is none."""
+        return f"{camera}/{self.depth}" if self.depth and camera and not self.depth.startswith("/") else self.depth
+
+    @property
     def several_people(self) -> bool:
         """True if each person has a separate set of topics."""
         return self.max_people > 1 or self.rep155
@@ -168,6 +208,7 @@ class NodeSettings:
                 f"frame_prefix is '{self.frame_prefix}'; expected a prefix without spaces and not starting with /, "
                 "such as human/ (tf2 refuses both)"
             )
+        self._check_cameras()
         if any(character.isspace() for character in self.depth):
             raise ConfigurationError(f"depth is '{self.depth}'; expected the name of a topic, or nothing")
         if any(character.isspace() for character in self.camera_mount_frame):
@@ -189,3 +230,33 @@ class NodeSettings:
                 f"{' or '.join(SUFFIXES)}"
             )
         return self
+
+    def _check_cameras(self) -> None:
+        names = self.camera_names
+        for name in names:
+            if name and CAMERA_NAME.fullmatch(name) is None:
+                raise ConfigurationError(
+                    f"cameras has the name '{name}'; expected letters, digits and _, not starting with a digit, as in "
+                    "the topic <name>/keypoints"
+                )
+            if names.count(name) > 1:
+                raise ConfigurationError(f"cameras has the name '{name}' twice; expected one name for each camera")
+        if any(character.isspace() for character in self.fixed_frame):
+            raise ConfigurationError(
+                f"fixed_frame is '{self.fixed_frame}'; expected the name of a TF frame, or nothing"
+            )
+        if self.fixed_frame and self.camera_mount_frame:
+            raise ConfigurationError(
+                f"fixed_frame is '{self.fixed_frame}' and camera_mount_frame '{self.camera_mount_frame}'; expected one "
+                "of them: fixed_frame gives the vertical, too"
+            )
+        if self.several_cameras and self.topic_per_body:
+            raise ConfigurationError(
+                f"cameras are {', '.join(names)}, and each person has a topic of keypoints ({PER_BODY_TYPE}); expected "
+                "one camera, or messages with all people of an image"
+            )
+        if self.several_cameras and self.depth.startswith("/"):
+            raise ConfigurationError(
+                f"depth is '{self.depth}' with several cameras; expected a relative name, which follows that of the "
+                "camera: <name>/<depth>"
+            )

@@ -5,13 +5,17 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from lassokin_ros.core.errors import CameraError
-from lassokin_ros.pipeline.camera.calibration_file import read_calibration
+from lassokin_ros.core.observation import CameraPose
+from lassokin_ros.pipeline.camera.calibration_file import Calibration, read_calibration, read_cameras
 from lassokin_ros.pipeline.outputs import topics
+from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.bags import BagReader, RecordedTopic
 from msg_adapters.backends import RosbagsBackend
+from msg_adapters.detectors.registry import full_type_name
 
 OPTION, FILE_OPTION = "--camera-info-topic", "--camera-info"
 
@@ -30,17 +34,82 @@ class CameraSource:
     recorded: tuple[RecordedTopic, ...] = ()
     info: Any = None
 
-    def messages(self, bag: BagReader, read: Sequence[RecordedTopic]) -> Iterator[tuple[str, int, Any]]:
-        """Yield (topic, recording time in ns, message) of `read`; `info` comes first, under `name`."""
-        pending = self.info
-        for topic, time_ns, message in bag.messages(read):
-            if pending is not None:
-                yield self.name, time_ns, pending
-                pending = None
-            yield topic, time_ns, message
+
+@dataclass(frozen=True)
+class RecordedCamera:
+    """A camera of the recording: its name, empty for the only one, the topic of its keypoints, and its camera_info.
+
+    pose: from a calibration file, None if TF gives it.
+    """
+
+    name: str
+    keypoints: RecordedTopic
+    source: CameraSource
+    pose: CameraPose | None = None
+
+    @property
+    def topics(self) -> tuple[RecordedTopic, ...]:
+        """The topics to read."""
+        return (self.keypoints, *self.source.recorded)
 
 
-def camera_source(
+def messages_of(
+    cameras: Sequence[RecordedCamera], bag: BagReader, read: Sequence[RecordedTopic]
+) -> Iterator[tuple[str, int, Any]]:
+    """Yield (topic, recording time in ns, message) of `read`; the cameras' `info` come first, under their names."""
+    pending = [camera.source for camera in cameras if camera.source.info is not None]
+    for topic, time_ns, message in bag.messages(read):
+        for source in pending:
+            yield source.name, time_ns, source.info
+        pending = []
+        yield topic, time_ns, message
+
+
+def recorded_cameras(bag: BagReader, options: argparse.Namespace, config: NodeSettings) -> list[RecordedCamera]:
+    """Return the cameras that the settings name, with their topics or the calibration file that the options select.
+
+    Raises BagError, CameraError.
+    """
+    kind, names = full_type_name(config.keypoints_type), config.camera_names
+    if names == ("",):
+        keypoints = bag.find(kind, options.keypoints_topic, topics.KEYPOINTS, "--keypoints-topic")
+        return [RecordedCamera("", keypoints, _only_source(bag, options, config.rectified, keypoints))]
+    for option, given in (("--keypoints-topic", options.keypoints_topic), (OPTION, options.camera_info_topic)):
+        if given is not None:
+            raise CameraError(f"{option} '{given}' with several cameras; their topics are <name>/keypoints, and so on")
+    if options.camera_info is not None:
+        return _of_file(bag, options.camera_info, config)
+    cameras = []
+    for name in names:
+        keypoints = bag.find(kind, _full_name(bag, topics.of_camera(topics.KEYPOINTS, name)), "", "-p cameras:=")
+        info = _full_name(bag, topics.of_camera(topics.CAMERA_INFO, name))
+        found = bag.find(topics.CAMERA_INFO_TYPE, info, "", "-p cameras:=")
+        cameras.append(RecordedCamera(name, keypoints, _with_late_camera(bag, keypoints, found)))
+    return cameras
+
+
+def poses_in(cameras: Sequence[RecordedCamera]) -> dict[str, CameraPose] | None:
+    """Return the poses of the cameras by name; None if TF gives them."""
+    poses = {camera.name: camera.pose for camera in cameras if camera.pose is not None}
+    return poses or None
+
+
+def _full_name(bag: BagReader, topic: str) -> str:
+    """Return the name in the recording of a topic that may be in a namespace."""
+    return next((t.name for t in bag.topics if f"/{t.name.strip('/')}".endswith(f"/{topic}")), topic)
+
+
+def _of_file(bag: BagReader, file: Path, config: NodeSettings) -> list[RecordedCamera]:
+    """Return the cameras with the lenses and the poses of a calibration file."""
+    cameras, kind = [], full_type_name(config.keypoints_type)
+    for name, (calibration, pose) in read_cameras(file, config.camera_names).items():
+        keypoints = bag.find(kind, _full_name(bag, topics.of_camera(topics.KEYPOINTS, name)), "", "-p cameras:=")
+        source = _file_source(bag, file, calibration, name, config.rectified)
+        cameras.append(RecordedCamera(name, keypoints, source, pose))
+    return cameras
+
+
+def _only_source(
     bag: BagReader, options: argparse.Namespace, rectified: bool, keypoints: RecordedTopic
 ) -> CameraSource:
     """Return the source that the options select. The file replaces camera_info of the recording.
@@ -56,12 +125,16 @@ def camera_source(
         return _with_late_camera(bag, keypoints, topic)
     if options.camera_info_topic is not None:
         raise CameraError(f"{OPTION} and {FILE_OPTION} exclude each other; expected one of them")
-    calibration = read_calibration(file)
+    return _file_source(bag, file, read_calibration(file), "", rectified)
+
+
+def _file_source(bag: BagReader, file: Path, calibration: Calibration, name: str, rectified: bool) -> CameraSource:
     try:
-        info = calibration.message(RosbagsBackend(bag.types), 0, "", rectified)
+        info = calibration.message(RosbagsBackend(bag.types), 0, name, rectified)
     except CameraError as error:
         raise CameraError(f"{FILE_OPTION} '{file}': {error}") from None
-    return CameraSource(f"file {file}", f"file {file}", (), info)
+    title = f"file {file}:{name}" if name else f"file {file}"
+    return CameraSource(title, title, (), info)
 
 
 def _with_late_camera(bag: BagReader, keypoints: RecordedTopic, camera: RecordedTopic) -> CameraSource:

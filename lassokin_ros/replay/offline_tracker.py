@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import Any
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import SkeletonError
-from lassokin_ros.core.observation import Status
+from lassokin_ros.core.observation import CameraPose, Status
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.description.robot_description import RobotDescription
@@ -57,14 +58,15 @@ class OfflineTracker:
         types: Any,
         serialised: bool = False,
         only_track: bool = False,
+        poses: Mapping[str, CameraPose] | None = None,
     ) -> None:
         """types: the typestore of rosbags. serialised: yield serialised messages where that is faster.
 
-        only_track: make no messages of people's poses.
+        only_track: make no messages of people's poses. poses: see `Pipeline`.
         Raises a LassokinError if the configuration cannot be used.
         """
         self._serialised, self._only_track = serialised, only_track
-        self.pipeline = Pipeline(tracker_config, node_config)
+        self.pipeline = Pipeline(tracker_config, node_config, poses=poses)
         self.frame_seconds: list[float] = []
         """Time for decoding and tracking each message, s."""
         self.reprojection_px: list[float] = []
@@ -92,7 +94,7 @@ class OfflineTracker:
         self._scene = SceneMessages(self._backend, self.pipeline, types, serialised)
         self._diagnostics: Diagnostics | None = None
         self._next_diagnostics_ns = 0
-        self._held: deque[tuple[Any, int]] = deque()
+        self._held: deque[tuple[Any, int, str]] = deque()
         self.newest_ns = 0
         """Recording time of the newest message, ns."""
 
@@ -105,65 +107,69 @@ class OfflineTracker:
         """Write the calibrated skeletons as part of `files`, see `skeleton_file.save_all`."""
         return save_all(self.pipeline.calibrations(), path, self.newest_ns, files)
 
-    def camera_info(self, message: Any, time_ns: int) -> Iterator[tuple[str, str, Any]]:
+    def camera_info(self, message: Any, time_ns: int, camera: str = "") -> Iterator[tuple[str, str, Any]]:
         """Process a CameraInfo, None for one that could not be deserialised; see `keypoints`."""
         yield from self._tick(time_ns)
         assert self._diagnostics is not None
         self._diagnostics.count_camera_info(time_ns * 1e-9)
         if message is None:
             self.pipeline.counts[f"rejected: {UNREADABLE}"] += 1
-        elif (reason := self.pipeline.set_camera(message)) is not None and self.first_rejection is None:
+        elif (reason := self.pipeline.set_camera(message, camera)) is not None and self.first_rejection is None:
             self.first_rejection = reason, self.pipeline.camera_fault
 
-    def keypoints(self, message: Any, time_ns: int) -> Iterator[tuple[str, str, Any]]:
-        """Process a keypoint message, None for one that could not be deserialised.
+    def keypoints(self, message: Any, time_ns: int, camera: str = "") -> Iterator[tuple[str, str, Any]]:
+        """Process a keypoint message, None for one that could not be deserialised. camera: its name.
 
         Yields (topic, type, message) for everything that the node publishes, in the node's order. The message objects
         are reused for the next frame: serialise them at once.
         """
         yield from self._tick(time_ns)
-        self._held.append((message, time_ns))
+        self._held.append((message, time_ns, camera))
         yield from self._track_held(time_ns)
 
-    def depth_image(self, message: Any, time_ns: int) -> Iterator[tuple[str, str, Any]]:
+    def depth_image(self, message: Any, time_ns: int, camera: str = "") -> Iterator[tuple[str, str, Any]]:
         """Process a depth image, None for one that could not be deserialised; see `keypoints`."""
         yield from self._tick(time_ns)
-        if message is not None and self.pipeline.depth is not None:
-            self.pipeline.depth.add(message, time_ns)
+        if message is not None and (depth := self.pipeline.cameras[camera].depth) is not None:
+            depth.add(message, time_ns)
         yield from self._track_held(time_ns)
 
     def transforms(self, message: Any, time_ns: int) -> Iterator[tuple[str, str, Any]]:
         """Process a message of /tf, None for one that could not be deserialised; see `keypoints`."""
         yield from self._tick(time_ns)
-        if message is not None and self.pipeline.mount is not None:
-            self.pipeline.mount.transforms.add(message, static=False)
+        if message is not None and self.pipeline.transforms is not None:
+            self.pipeline.transforms.add(message, static=False)
 
     def static_transforms(self, message: Any, time_ns: int) -> Iterator[tuple[str, str, Any]]:
         """Process a message of /tf_static, as `transforms`."""
         yield from self._tick(time_ns)
-        if message is not None and self.pipeline.mount is not None:
-            self.pipeline.mount.transforms.add(message, static=True)
+        if message is not None and self.pipeline.transforms is not None:
+            self.pipeline.transforms.add(message, static=True)
 
     def _track_held(self, now_ns: int) -> Iterator[tuple[str, str, Any]]:
         """Track the keypoint messages whose depth image was received or is not expected any more."""
         wait_ns = max(DEPTH_WAIT_NS, round(1e9 * self.pipeline.config.depth_wait))
         while self._held:
-            message, time_ns = self._held[0]
-            depth, late = self.pipeline.depth, now_ns - time_ns >= wait_ns
+            message, time_ns, camera = self._held[0]
+            depth, late = self.pipeline.cameras[camera].depth, now_ns - time_ns >= wait_ns
             if depth is not None and message is not None and not late and depth.may_receive(stamp_of(message)):
                 return
             self._held.popleft()
-            yield from self._track(message, time_ns)
+            yield from self._track(message, time_ns, camera)
 
-    def _track(self, message: Any, time_ns: int) -> Iterator[tuple[str, str, Any]]:
+    def _track(self, message: Any, time_ns: int, camera: str) -> Iterator[tuple[str, str, Any]]:
         if message is None:
             self.pipeline.counts["received"] += 1
             self.pipeline.counts[f"rejected: {UNREADABLE}"] += 1
             unreadable = FrameResult(time_ns, "", None, UNREADABLE, "the message could not be deserialised")
             self._notify([unreadable], time_ns, float("nan"))
             return
+        yield from self._answer(partial(self.pipeline.frames, message, time_ns, camera), time_ns)
+
+    def _answer(self, track: Callable[[], list[FrameResult]], time_ns: int) -> Iterator[tuple[str, str, Any]]:
+        """Yield the outputs of what `track` returns."""
         started = time.perf_counter()
-        frames = self.pipeline.frames(message, time_ns)
+        frames = track()
         self.frame_seconds.append(time.perf_counter() - started)
         self._notify(frames, time_ns, self.frame_seconds[-1])
         assert self._diagnostics is not None
@@ -223,7 +229,7 @@ class OfflineTracker:
         yield topics.full_name(self._tracked.name, NODE_NAME), self._tracked.message_type, message
 
     def _tick(self, time_ns: int) -> Iterator[tuple[str, str, Any]]:
-        """Yield the diagnostics that are due."""
+        """Yield the diagnostics that are due, and the outputs of images that have waited for other cameras in vain."""
         self.newest_ns = time_ns
         if self._diagnostics is None:
             self._diagnostics = Diagnostics(self.pipeline, NODE_NAME, time_ns * 1e-9)
@@ -231,6 +237,8 @@ class OfflineTracker:
             yield self._scene.state()
         else:
             yield from self._scene.check(time_ns)
+        if (due_ns := self.pipeline.due_at_ns) is not None and due_ns <= time_ns:
+            yield from self._answer(partial(self.pipeline.due, time_ns), time_ns)
         if time_ns >= self._next_diagnostics_ns:
             self._next_diagnostics_ns = time_ns + DIAGNOSTICS_PERIOD_NS
             line = self._diagnostics.line(time_ns * 1e-9)
@@ -248,7 +256,7 @@ class PersonMessages:
         skeleton, config = pipeline.tracker.skeleton, pipeline.config
         self._messages = FrameMessages(backend, skeleton, NODE_NAME, person, config, serialised)
         naming = Naming.of_person(config, NODE_NAME, person)
-        self._description = RobotDescription(backend, skeleton, config.base_frame, naming)
+        self._description = RobotDescription(backend, skeleton, config.root_frame, naming)
         self._counts = pipeline.counts
         #: Full name and type of each topic.
         self._places: dict[str, tuple[str, str]] = {}

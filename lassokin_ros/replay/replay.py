@@ -6,6 +6,7 @@ import argparse
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, TextIO
@@ -17,7 +18,6 @@ from lassokin_ros.common.progress import Progress
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError
-from lassokin_ros.core.learned.vertical import level_from_camera
 from lassokin_ros.pipeline.depth_images import MATCHED, UNMATCHED
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.description.skeleton_file import check_skeleton_file
@@ -25,7 +25,7 @@ from lassokin_ros.pipeline.outputs.status.calibration_status import averaged_sid
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.replay.bags import BagReader, BagWriter, RecordedTopic
-from lassokin_ros.replay.camera_source import camera_source
+from lassokin_ros.replay.camera_source import RecordedCamera, messages_of, poses_in, recorded_cameras
 from lassokin_ros.replay.exports.exports import Exports, is_inside_name
 from lassokin_ros.replay.first_pass import WHOLE_FILE, Inputs, check_two_passes, learn_lengths
 from lassokin_ros.replay.motion import MotionRecorder
@@ -33,7 +33,6 @@ from lassokin_ros.replay.offline_tracker import LINK_AS_FRAME, OfflineTracker
 from lassokin_ros.replay.output_paths import OutputError, check_output_paths
 from lassokin_ros.replay.record import KEY, Figures, Record, origin_of
 from lassokin_ros.replay.recorded_images import recorded_images
-from msg_adapters.detectors.registry import full_type_name
 
 if TYPE_CHECKING:
     from lassokin_ros.replay.report.report import Report
@@ -63,29 +62,29 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
     tracker_config, node_config = offline_settings(options.params_file, options.p, defaults)
     _check_learning(options, tracker_config, node_config)
     with BagReader(options.bag) as bag, TemporaryDirectory(prefix="lassokin_") as folder:
-        keypoints_type = full_type_name(node_config.keypoints_type)
-        keypoints = bag.find(keypoints_type, options.keypoints_topic, topics.KEYPOINTS, "--keypoints-topic")
-        camera = camera_source(bag, options, node_config.rectified, keypoints)
+        cameras = recorded_cameras(bag, options, node_config)
+        keypoints, camera = cameras[0].keypoints, cameras[0].source
         others = _other_topics(bag, node_config)
-        read = [keypoints, *camera.recorded, *others]
+        read = [*(topic for one in cameras for topic in one.topics), *others]
+        poses = poses_in(cameras)
         given = None
         if options.two_pass:
-            first = OfflineTracker(tracker_config, node_config, bag.types, only_track=True)
+            first = OfflineTracker(tracker_config, node_config, bag.types, only_track=True, poses=poses)
             given = first.pipeline.tracker.skeleton
-            inputs, messages = _inputs(first, keypoints, camera, others), camera.messages(bag, read)
+            inputs, messages = _inputs(first, cameras, others), messages_of(cameras, bag, read)
             tracker_config = learn_lengths(messages, inputs, first, tracker_config, Path(folder))
-        tracker = OfflineTracker(tracker_config, node_config, bag.types, serialised=True)
+        tracker = OfflineTracker(tracker_config, node_config, bag.types, serialised=True, poses=poses)
         report = _report(options, tracker, given)
         exports = _exports(options, tracker)
         images = recorded_images(bag, options, report, keypoints)
-        inputs = {**_inputs(tracker, keypoints, camera, others), **{shown.topic.name: shown.take for shown in images}}
+        inputs = {**_inputs(tracker, cameras, others), **{shown.topic.name: shown.take for shown in images}}
         read += [shown.topic for shown in images]
         output, storage = options.output, options.storage or bag.storage
         # All or nothing: every file is complete on the disk before the recording and the files get their names.
         with AtomicFiles(options.force, OutputError) as files:
             with BagWriter(output, storage, bag.types, options.force, is_inside_name) as writer:
                 progress = Progress(sum(topic.count for topic in read), "messages", progress_on)
-                seconds = _run(camera.messages(bag, read), inputs, tracker, writer, progress)
+                seconds = _run(messages_of(cameras, bag, read), inputs, tracker, writer, progress)
                 figures = _figures(tracker)
                 writer.note(KEY, Record(origin_of(options), figures).text)
                 written = _files(options, tracker, exports, writer, files)
@@ -95,7 +94,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
             files.placed.append(output)
     written.update({"images": str(shown) for shown in images})
     title = f"{options.bag} -> {output} ({storage})"
-    summary = _summary(title, (str(keypoints), camera.title), tracker, seconds, written)
+    summary = _summary(title, cameras, tracker, seconds, written)
     if report is not None:
         summary = "\n".join([summary, *report.summary_lines])
     frame_ms = 1e3 * float(np.median(tracker.frame_seconds or [np.nan]))
@@ -116,17 +115,26 @@ def _other_topics(bag: BagReader, config: NodeSettings) -> list[RecordedTopic]:
     """Return the topics of depth images and of TF, if the settings need them."""
     found = []
     if config.depth:
-        found.append(bag.find(topics.depth_type(config.depth), config.depth, topics.DEPTH_IMAGE, "-p depth:="))
-    if config.camera_mount_frame:
+        for name in config.camera_names:
+            topic = config.depth_topic(name)
+            found.append(bag.find(topics.depth_type(topic), topic, topics.DEPTH_IMAGE, "-p depth:="))
+    if config.camera_mount_frame or config.fixed_frame or config.several_cameras:
         found += [topic for topic in bag.topics if topic.name in (topics.TF, topics.TF_STATIC)]
     return found
 
 
-def _inputs(tracker: OfflineTracker, keypoints: RecordedTopic, camera: Any, others: Sequence[RecordedTopic]) -> Inputs:
+def _inputs(tracker: OfflineTracker, cameras: Sequence[RecordedCamera], others: Sequence[RecordedTopic]) -> Inputs:
     """Return what processes the messages of each topic."""
-    by_name = {topics.TF: tracker.transforms, topics.TF_STATIC: tracker.static_transforms}
+    by_name: dict[str, Any] = {topics.TF: tracker.transforms, topics.TF_STATIC: tracker.static_transforms}
     inputs = {topic.name: by_name.get(topic.name, tracker.depth_image) for topic in others}
-    return {**inputs, camera.name: tracker.camera_info, keypoints.name: tracker.keypoints}
+    config = tracker.pipeline.config
+    for camera in cameras:
+        if config.depth:
+            depth = next(n for n in inputs if n.strip("/") == config.depth_topic(camera.name).strip("/"))
+            inputs[depth] = partial(tracker.depth_image, camera=camera.name)
+        inputs[camera.source.name] = partial(tracker.camera_info, camera=camera.name)
+        inputs[camera.keypoints.name] = partial(tracker.keypoints, camera=camera.name)
+    return inputs
 
 
 def _run(
@@ -183,7 +191,7 @@ def _exports(options: argparse.Namespace, tracker: OfflineTracker) -> Exports | 
     if not options.export:
         return None
     pipeline = tracker.pipeline
-    recorder = MotionRecorder(pipeline.tracker.layout.names, lambda: level_from_camera(*pipeline.camera_angles))
+    recorder = MotionRecorder(pipeline.tracker.layout.names, lambda: pipeline.level)
     tracker.listeners.append(recorder.add)
     return Exports(options.export, recorder, pipeline.config.several_people, options.force)
 
@@ -207,7 +215,11 @@ def _first_rejection(tracker: OfflineTracker) -> str:
 
 
 def _summary(
-    title: str, inputs: Sequence[str], tracker: OfflineTracker, seconds: float, written: Mapping[str, str]
+    title: str,
+    cameras: Sequence[RecordedCamera],
+    tracker: OfflineTracker,
+    seconds: float,
+    written: Mapping[str, str],
 ) -> str:
     counts, error = tracker.pipeline.counts, tracker.reprojection_px
     rejected = {key.partition(": ")[2]: n for key, n in sorted(counts.items()) if key.startswith("rejected: ")}
@@ -224,6 +236,8 @@ def _summary(
         "time per frame": f"{np.median(times):.2f} ms median, {np.percentile(times, 99):.2f} ms 99th percentile",
         "in all": f"{seconds:.1f} s, {counts['received'] / max(seconds, 1e-9):.0f} frames/s",
     }
+    if (places := tracker.pipeline.places) is not None:
+        lines["cameras"] = places.fault or places.in_words()
     if (mount := tracker.pipeline.mount) is not None:
         lines["camera mount"] = mount.fault or mount.in_words()
     averaged = tracker.pipeline.tracker.averaged
@@ -241,5 +255,8 @@ def _summary(
     if counts[LINK_AS_FRAME]:
         lines["base frame"] = "frame_id is the name of a link of the body; robot_description has another base"
     lines.update(written)
-    read = [f"{name:<15} {topic}" for name, topic in zip((topics.KEYPOINTS, topics.CAMERA_INFO), inputs)]
+    inputs = [(str(camera.keypoints), camera.source.title) for camera in cameras]
+    read = [
+        f"{name:<15} {topic}" for pair in inputs for name, topic in zip((topics.KEYPOINTS, topics.CAMERA_INFO), pair)
+    ]
     return "\n".join([title, *read, *(f"{name:<15} {text}" for name, text in lines.items())])

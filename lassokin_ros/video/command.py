@@ -30,9 +30,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.environ.setdefault(name, level)
     try:
         from lassokin_ros.common.summary_output import print_summary
+        from lassokin_ros.video.several_videos import track_videos
         from lassokin_ros.video.track import track
 
-        tracked = track(options)
+        options.source = options.sources[0]
+        several = len(options.sources) > 1 or options.cameras is not None
+        tracked = track_videos(options) if several else track(options)
         print_summary(tracked.summary)
     except LassokinError as error:
         print(f"{PROGRAM}: {error}", file=sys.stderr)
@@ -53,7 +56,8 @@ def parser() -> argparse.ArgumentParser:
     """Return the parser of the options."""
     result = argparse.ArgumentParser(prog=PROGRAM, description="Track a person in a video, without ROS.")
     result.add_argument(
-        "source",
+        "sources",
+        nargs="+",
         metavar="VIDEO|0|IMAGES",
         help="video file, folder of images, number or device of a webcam, or address of a stream (rtsp://, http://)",
     )
@@ -61,6 +65,13 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument("--fov", type=float, metavar="DEG", help="field of view along the longer side of the image")
     result.add_argument(
         "--camera-info", type=Path, metavar="YAML", help="calibration file of ROS (ost.yaml), OpenCV or Kalibr"
+    )
+    result.add_argument(
+        "--cameras",
+        type=Path,
+        metavar="FILE",
+        help="lenses and poses of the cameras of several synchronised videos: TOML of Pose2Sim, Anipose or caliscope, "
+        "a camchain of Kalibr, or OpenCV's stereo calibration",
     )
     result.add_argument("--detector", default="mediapipe", metavar="NAME", help="mediapipe (default), or a .onnx file")
     result.add_argument(

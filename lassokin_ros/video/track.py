@@ -125,7 +125,7 @@ class Run:
         self._outputs.follow(tracker)
         _drop(tracker.camera_info(self._info, FIRST_STAMP_NS))
         progress = Progress(self._source.count, "images")
-        with _stop_flag() as stopped:
+        with stop_flag() as stopped:
             for image, message in self.detections.images(stopped, progress):
                 self._outputs.add_report_image(image)
                 self._outputs.add_image(image)
@@ -153,7 +153,7 @@ class Run:
     def _detect(self) -> None:
         """Detect the people in all images, until the end or until SIGINT or SIGTERM."""
         progress = Progress(self._source.count, "images")
-        with _stop_flag() as stopped:
+        with stop_flag() as stopped:
             for image, _ in self.detections.images(stopped, progress):
                 self._outputs.add_report_image(image)
                 progress.advance(note=f"{len(self.detections.found[-1][1])} in view")
@@ -242,7 +242,7 @@ def _drop(messages: Iterator[Any]) -> None:
 
 
 @contextmanager
-def _stop_flag() -> Iterator[list[int]]:
+def stop_flag() -> Iterator[list[int]]:
     """Yield a list that is not empty after SIGINT or SIGTERM. A second signal acts as usual."""
     received: list[int] = []
 

@@ -87,13 +87,25 @@ class KeypointMarkerBuilder(StampedBuilder):
         self._colours = [_colour(backend, c) for c in (DETECTED, REPROJECTED)]
         super().__init__(message, [message.header])
 
-    def numbers(self, detected: np.ndarray, reprojected: np.ndarray) -> np.ndarray:
-        """detected, reprojected: (l, 2) normalised image coordinates, NaN = missing."""
+    def numbers(
+        self,
+        detected: np.ndarray,
+        reprojected: np.ndarray,
+        rotation: np.ndarray | None = None,
+        centre: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """detected, reprojected: (l, 2) normalised image coordinates, NaN = missing.
+
+        rotation: (3, 3) from the message's frame into the camera's, centre: (3,) m of the camera in the message's
+        frame; None if both are the same.
+        """
         points = np.concatenate([detected, reprojected])
         there = _present(points)
         self.shape = self._counts = _count_halves(there)
         places = np.full((sum(self._counts), 3), PLANE)
         places[:, :2] *= points[there]
+        if rotation is not None:
+            places = places @ rotation + centre
         return places.reshape(-1)
 
     def write(self, numbers: np.ndarray) -> None:

@@ -32,6 +32,7 @@ def test_every_parameter_file_starts_a_tracker(name):
     values = yaml.safe_load(text)["/**"]["ros__parameters"]
     settings = {**vars(TrackerConfig()), **vars(NodeSettings())}
     for key, value in values.items():  # rclpy does not accept 4 for 4.0
+        value = tuple(value) if isinstance(value, list) else value
         assert key == "use_sim_time" or type(value) is type(settings[key]), f"{name}.yaml: {key}"
 
 
@@ -200,3 +201,11 @@ def test_rviz_of_several_people_has_the_topics_of_everybody(launch_file):
     one = {topic.name for topic in topics.PERSON_OUTPUTS} - {topics.MARKERS}
     assert not [name for name in one if re.search(f'"/tracker/{name.removeprefix("~/")}[".]', layout)]
     assert '"/tracker/people"' in layout and '"/tracker/skeletons"' in layout
+
+
+def test_launch_sets_several_cameras_and_their_fixed_frame(launch_file):
+    started = start(launch_file, cameras="[left, right]", fixed_frame="odom", rviz="1")
+    expected = {"cameras": ["left", "right"], "fixed_frame": "odom", **FOLLOWER}
+    assert started["lassokin_ros"].parameters[2] == expected
+    assert started["robot_state_publisher"].parameters[0]["robot_description"].args[0] == own_urdf("odom")
+    assert started["rviz2"].arguments[2:] == ["-f", "odom"]

@@ -20,6 +20,7 @@ from lassokin_ros.pipeline.outputs import topics  # noqa: E402
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 POLICY = CONFIG / "sros2_policy.xml"
+CAMERAS = ("", "left", "right")
 DEPTH = yaml.safe_load((CONFIG / "realsense.yaml").read_text(encoding="utf-8"))["/**"]["ros__parameters"]["depth"]
 CHILD = {"policy": {"enclaves"}, "enclaves": {"enclave"}, "enclave": {"profiles"}, "profiles": {"profile"},
          "profile": {"topics", "services"}, "topics": {"topic"}, "services": {"service"},
@@ -72,9 +73,10 @@ def test_the_policy_allows_exactly_the_outputs_of_topics_py():
 
 
 def test_the_policy_allows_exactly_the_inputs_of_topics_py():
-    """And the depth topic of config/realsense.yaml."""
+    """And the depth topic of config/realsense.yaml, and those of two cameras."""
     bodies = (topics.REP155_TRACKED_OUTPUT.name, topics.of_person(topics.SKELETON2D, "*", True))
-    inputs = (topics.KEYPOINTS, topics.CAMERA_INFO, DEPTH, topics.CLOCK, topics.TF, topics.TF_STATIC, *bodies)
+    cameras = [topics.of_camera(name, camera) for name in (topics.KEYPOINTS, topics.CAMERA_INFO) for camera in CAMERAS]
+    inputs = (*cameras, DEPTH, topics.CLOCK, topics.TF, topics.TF_STATIC, *bodies)
     assert sorted(allowed("subscribe")) == sorted(topics.full_name(name, "tracker") for name in inputs)
 
 
@@ -120,6 +122,10 @@ def endpoints(namespace, expected, detector=(), **settings):
         assert not matches(names, allowed(rule, namespace))[0], rule
 
 
+def of_cameras(pattern):
+    return any(f"/{camera}/" in pattern for camera in CAMERAS if camera)
+
+
 def of_bodies(pattern):
     return "/tracker/bodies/" in pattern or pattern.startswith(topics.REP155_BODIES)
 
@@ -127,7 +133,16 @@ def of_bodies(pattern):
 def test_one_person_with_depth_uses_exactly_what_the_policy_allows():
     """But TF and several people: see the next tests."""
     one = {"depth": DEPTH, "state_publisher": "human_state_publisher", "use_sim_time": "true"}
-    endpoints("/secured", lambda _, name: not of_bodies(name) and not name.startswith(topics.TF), **one)
+
+    def expected(_, name):
+        return not of_bodies(name) and not of_cameras(name) and not name.startswith(topics.TF)
+
+    endpoints("/secured", expected, **one)
+
+
+def test_two_cameras_use_exactly_what_the_policy_allows():
+    pytest.importorskip("tf2_msgs", reason="tf2_msgs is not installed: apt, or `make messages`")
+    endpoints("/secured_cameras", lambda _, name: of_cameras(name), cameras="[left, right]", fixed_frame="map")
 
 
 def test_several_people_use_exactly_what_the_policy_allows():

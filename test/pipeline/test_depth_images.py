@@ -259,7 +259,7 @@ def test_the_cloud_may_contain_the_depth(scene, images):
     message = with_depths(BACKEND, cloud(BACKEND, START_NS, pixels[0]), depth)
     pipeline = Pipeline(TrackerConfig(), NodeSettings())
     pipeline.set_camera(camera_info(BACKEND))
-    keypoints, _ = pipeline._decode(message)
+    keypoints, _ = pipeline.first._decode(message)
     assert np.isnan(keypoints.depth[3]) and keypoints.depth_of_surface
     assert np.allclose(np.delete(keypoints.depth, 3), np.delete(landmarks[0, :, 2], 3), atol=1e-5)
     assert pipeline.process(message, 0).accepted

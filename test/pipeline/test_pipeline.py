@@ -16,7 +16,8 @@ from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.errors import ConfigurationError  # noqa: E402
 from lassokin_ros.core.observation import Status  # noqa: E402
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE  # noqa: E402
-from lassokin_ros.pipeline.pipeline import NOBODY, UNSCORED, UNUSED, Pipeline  # noqa: E402
+from lassokin_ros.pipeline.camera_images import NOBODY, UNSCORED, UNUSED  # noqa: E402
+from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
 from lassokin_ros.pipeline.placeholders import PLACEHOLDERS  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
@@ -120,7 +121,7 @@ def test_a_jump_back_needs_somebody_to_follow(pipeline):
     pipeline.frames(message(6), 5)
     back = START_NS + 5 * PERIOD_NS
     nobody = message(5, back, confidence=np.zeros(17))
-    pipeline.config = replace(pipeline.config, jump_back=0.01)
+    pipeline.tune(pipeline.tracker.config, replace(pipeline.config, jump_back=0.01))
     counts, (frame,) = changes(pipeline, nobody)
     assert counts == {"received": 1, "rejected: too_few_landmarks": 1, NOBODY: 1, UNSCORED: 1}
     assert frame.detail == "the message is from an earlier time and contains no person"

@@ -1,5 +1,6 @@
 """TF of a robot's head with a camera, for rclpy's and rosbags' message objects alike."""
 
+import numpy as np
 from scipy.spatial.transform import Rotation
 
 from msg_adapters.output_messages.builders import set_header
@@ -14,14 +15,16 @@ def rpy(roll, pitch, yaw=0.0):
 
 
 def tf_message(backend, stamp_ns, *links):
-    """A TFMessage of links (parent, child, scipy Rotation)."""
+    """A TFMessage of links (parent, child, scipy Rotation), with a translation (3,) m as fourth entry or none."""
     message, transforms = backend.make("tf2_msgs/msg/TFMessage"), []
-    for parent, child, rotation in links:
+    for parent, child, rotation, *place in links:
         transform = backend.make("geometry_msgs/msg/TransformStamped")
         set_header(transform.header, stamp_ns, parent)
         transform.child_frame_id = child
         turn = transform.transform.rotation
         turn.x, turn.y, turn.z, turn.w = rotation.as_quat().tolist()
+        shift = transform.transform.translation
+        shift.x, shift.y, shift.z = np.asarray(place[0] if place else np.zeros(3), dtype=float).tolist()
         transforms.append(transform)
     message.transforms = transforms
     return message

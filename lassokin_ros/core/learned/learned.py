@@ -6,7 +6,7 @@ import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyState
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.config import GIVEN, LEARN, TrackerConfig
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.image.frame_data import FrameData
 from lassokin_ros.core.image.measurement import Measurement
@@ -14,6 +14,7 @@ from lassokin_ros.core.increment import Increment
 from lassokin_ros.core.learned.adaptive_mean import AdaptiveMean
 from lassokin_ros.core.learned.bone_lengths import Calibration
 from lassokin_ros.core.learned.depth_noise import DepthNoise
+from lassokin_ros.core.learned.extrinsics import Extrinsics
 from lassokin_ros.core.learned.height import HeightEstimator
 from lassokin_ros.core.learned.model_error import ModelError
 from lassokin_ros.core.learned.size_check import SizeCheck
@@ -25,7 +26,7 @@ class Learned:
 
     lengths: the bone lengths. height: None if it is given. mean_pose: the person's mean posture. model_error: the
     keypoints' constant error. vertical: in the camera frame. depth_noise: of measured depth. size_check: of a given
-    height against measured depth.
+    height against measured depth. extrinsics: None if the cameras' given poses are not checked.
     """
 
     def __init__(self, frame_model: FrameModel, config: TrackerConfig, up: np.ndarray | None = None) -> None:
@@ -35,6 +36,9 @@ class Learned:
         self.model_error, self.depth_noise = ModelError(skeleton.height), DepthNoise()
         self.vertical = Vertical(config.camera_roll, config.camera_pitch, up)
         self.size_check = SizeCheck(frame_model.kinematics)
+        self.extrinsics = None
+        if config.extrinsics != GIVEN:
+            self.extrinsics = Extrinsics(self.size_check, config.height > 0, config.extrinsics == LEARN)
         self.height = HeightEstimator() if config.height == 0 else None
 
     def reset(self, same_camera: bool = False) -> None:

@@ -67,11 +67,18 @@ class SizeCheck:
         return abs(math.log(self.ratio)) > LIMIT
 
     def ratios(self, places: np.ndarray, usable: np.ndarray) -> np.ndarray:
-        """Ratios of the limbs' measured and given lengths. places: (l, 3) m of the landmarks; usable: (l,) bool."""
-        limbs = usable[self._above] & usable[self._below]
-        measured = np.linalg.norm(places[self._above] - places[self._below], axis=1)
-        found = measured[limbs] / self._lengths[limbs]
+        """Ratios of the limbs' measured and given lengths, of all bodies.
+
+        places: (..., l, 3) m of the landmarks; usable: (..., l) bool.
+        """
+        limbs = usable[..., self._above] & usable[..., self._below]
+        measured = np.linalg.norm(places[..., self._above, :] - places[..., self._below, :], axis=-1)
+        found = (measured / self._lengths)[limbs]
         return np.asarray(found[(found > 1 / LARGEST_RATIO) & (found < LARGEST_RATIO)])
+
+    def limb_count(self, usable: np.ndarray) -> int:
+        """Number of limbs between usable landmarks (..., l), of all bodies."""
+        return int(np.count_nonzero(usable[..., self._above] & usable[..., self._below]))
 
     def update(self, measurement: Measurement) -> None:
         """Use a tracked frame."""

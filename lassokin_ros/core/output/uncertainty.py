@@ -73,6 +73,8 @@ the height given: the error of the pelvis is 193 mm along the line of sight and 
 m).
 """
 
+ORIGIN = np.zeros(3)
+"""(3,) m: centre of a camera in whose optical frame the skeleton is kept."""
 _IDENTITY = np.eye(3).reshape(9)
 #: (9, 3): its product with an axis w contains the matrix of w x p in its rows, by component of p and of the result.
 _TURNS = hat(np.eye(3)).transpose(2, 1, 0).reshape(9, 3)
@@ -80,7 +82,7 @@ _TURNS = hat(np.eye(3)).transpose(2, 1, 0).reshape(9, 3)
 
 @record
 class AbsoluteUncertainty:
-    """Covariances of positions in the camera frame.
+    """Covariances of positions, in the frame of the skeleton.
 
     Attributes
     ----------
@@ -152,6 +154,7 @@ class UncertaintyModel:
             0.0 if estimate.depth_measured or estimate.cameras > 1 else SCALE_DEVIATION,
             share,
             image,
+            estimate.centre,
         )
         deviation = np.sqrt(_trace(covariance))
         mean, cost = float(deviation[1:].sum()) / (len(deviation) - 1), estimate.cost / max(estimate.measurements, 1)
@@ -178,13 +181,15 @@ class UncertaintyModel:
         size_deviation: float = SCALE_DEVIATION,
         share: float = 1.0,
         image: slice | np.ndarray = slice(0),
+        centre: np.ndarray = ORIGIN,
     ) -> tuple[np.ndarray, Callable[[], AbsoluteUncertainty]]:
         """Return (n, 3, 3) m^2, from a frame's last problem and the pose of its solution, and the function that
         computes the rest.
 
         factor: (n,) on the standard deviation of each joint's posterior. length_deviation: (p,) standard deviation of
         the log-lengths. size_deviation: see SCALE_DEVIATION. share: factor on the rows of the `image`, so that the
-        keypoint error is at least `SMALLEST_BIAS`. If it is below 1, only these rows depend on the translation.
+        keypoint error is at least `SMALLEST_BIAS`. If it is below 1, only these rows depend on the translation. centre:
+        (3,) m, of the camera.
         """
         spread = self._jacobian.at(pose)
         live = spread[:, :, : self._live_count]
@@ -199,7 +204,8 @@ class UncertaintyModel:
         relative = spread @ np.swapaxes(spread, -1, -2)
 
         def place() -> AbsoluteUncertainty:
-            return self._absolute(live, relative, lower, pose, problem, share, factor, added, size_deviation)
+            sight = size_deviation * (pose.positions[0] - centre)
+            return self._absolute(live, relative, lower, pose, problem, share, factor, added, sight)
 
         return _sized(relative, factor, added), place
 
@@ -213,22 +219,23 @@ class UncertaintyModel:
         share: float,
         factor: np.ndarray,
         added: np.ndarray,
-        size_deviation: float,
+        sight: np.ndarray,
     ) -> AbsoluteUncertainty:
         """Add the pelvis' own uncertainty: x = Y (z - A Omega) by (15), and (B^T B)^-1 = Y Y^T for a given Omega.
 
         live: (n, 3, live) and relative: (n, 3, 3), their part and the whole of the covariances relative to the pelvis,
         relative = live live^T plus a part that is independent of the pelvis. lower: Cholesky factor of the information.
-        share: see `covariance`. factor, added: as in `_sized`. size_deviation: see SCALE_DEVIATION.
+        share: see `covariance`. factor, added: as in `_sized`. sight: (3,) m, standard deviation of the distance from
+        the camera, along the line of sight.
         """
-        Y, pelvis = problem.reduced.Y, pose.positions[0]
+        Y = problem.reduced.Y
         columns = np.empty((self._live_count, 6))
         columns[:, :3], columns[:, 3:] = -Y.dot(problem.A).T, self._turns @ pose.orientations[0].T
         root, _ = lapack.dtrtrs(lower, columns, lower=1)
         whole = factor[0] ** 2 * root.T.dot(root)
         crossed = live.reshape(-1, self._live_count).dot(root[:, :3]).reshape(-1, 3, 3)
         joints = _sized(relative + crossed + crossed.swapaxes(1, 2) + root[:, :3].T.dot(root[:, :3]), factor, added)
-        place = (factor[0] / share) ** 2 * Y.dot(Y.T) + size_deviation**2 * pelvis[:, None] * pelvis
+        place = (factor[0] / share) ** 2 * Y.dot(Y.T) + sight[:, None] * sight
         place.reshape(-1)[::4] += PLACE_DEVIATION**2
         joints += place
         whole[:3, :3] = joints[0]

@@ -31,12 +31,15 @@ class CameraInfoInput:
     def __init__(
         self,
         node: Node,
+        topic: str,
         known: Callable[[], bool],
         on_any: Callable[[], None],
         on_new: Callable[[Any], bool],
         on_error: Callable[[Exception], None],
     ) -> None:
-        """known: returns whether a camera is known. on_any: called for each message. on_new: called with a CameraInfo
+        """topic: name before remapping.
+
+        known: returns whether a camera is known. on_any: called for each message. on_new: called with a CameraInfo
         of changed content; returns False to reject it. on_error: called with exceptions of on_new.
         """
         self._known, self._on_any, self._on_new, self._on_error = known, on_any, on_new, on_error
@@ -44,10 +47,10 @@ class CameraInfoInput:
         self._known_content = b""
         self._subscription = node.create_subscription(
             self._type,
-            topics.CAMERA_INFO,
+            topic,
             self._on_serialised,
             sensor_data(DEPTH),
-            qos_overriding_options=overrides(node, topics.CAMERA_INFO, "subscription"),
+            qos_overriding_options=overrides(node, topic, "subscription"),
             raw=True,
         )
         self._may_wait = self._subscription.qos_profile == sensor_data(DEPTH)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from rclpy.node import Node
 
-from lassokin_ros.pipeline.outputs import topics
-
 LEFTOVER_S = 25.0
 """s: the graph contains the publishers of a killed process for up to 20 s."""
 LISTED = 4
@@ -13,11 +11,12 @@ LISTED = 4
 
 
 class CameraPublishers:
-    """Watches the publishers of the node's topic camera_info. Call `check` periodically."""
+    """Watches the publishers of a topic with camera_info. Call `check` periodically."""
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, topic: str) -> None:
+        """topic: name before remapping."""
         self._node = node
-        self._topic = node.resolve_topic_name(topics.CAMERA_INFO)
+        self._topic = node.resolve_topic_name(topic)
         self._since: float | None = None
 
     def check(self, now: float, differ: bool) -> str:

@@ -38,9 +38,10 @@ did not come in time, and falls by 1, down to 0, for one whose image did."""
 class DepthInput:
     """The node's subscription to depth images; `hold` the processing of each keypoint message."""
 
-    def __init__(self, node: Node, config: NodeSettings, images: DepthImages, counts: Any, now: float) -> None:
-        """config: of the node; counts: the Counter of `images`; now: s, steady clock."""
-        topic = config.depth
+    def __init__(
+        self, node: Node, topic: str, config: NodeSettings, images: DepthImages, counts: Any, now: float
+    ) -> None:
+        """topic: name before remapping; config: of the node; counts: the Counter of `images`; now: s, steady clock."""
         self._node, self._images, self._counts = node, images, counts
         self._warning = LogThrottle(node.get_logger().warning, time.monotonic)
         self._waiting: deque[tuple[int | None, Callable[[], None]]] = deque()

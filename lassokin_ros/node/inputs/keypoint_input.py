@@ -13,23 +13,25 @@ from lassokin_ros.node.inputs.polled_subscription import ignore_events
 from lassokin_ros.node.message_types import message_class
 from lassokin_ros.node.qos import matches_every_publisher, overrides, sensor_data
 from lassokin_ros.pipeline.keypoint_queue import KeypointQueue
-from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.detectors.registry import ADAPTERS, full_type_name
 
 
 class KeypointInput:
-    """The subscription to the topic `keypoints`, for one person or several in each message."""
+    """The subscription to the keypoints of one camera, for one person or several in each message."""
 
     def __init__(
         self,
         node: Node,
+        topic: str,
         config: NodeSettings,
         counts: Any,
         before: Callable[[], None],
         process: Callable[[Any, int], None],
     ) -> None:
-        """before: called before the waiting messages are taken. counts: the Counter of the pipeline.
+        """topic: name before remapping.
+
+        before: called before the waiting messages are taken. counts: the Counter of the pipeline.
 
         process: called with each selected message and the time of its reception, ns, 0 if the middleware gives none.
         Raises ConfigurationError if the package of the message type is not installed.
@@ -39,13 +41,13 @@ class KeypointInput:
         on_message: Any = self._on_message  # rclpy's type hints do not include message_info
         self._subscription = node.create_subscription(
             message_class(config.keypoints_type),
-            topics.KEYPOINTS,
+            topic,
             on_message,
             sensor_data(self._queue.reserve),
-            qos_overriding_options=overrides(node, topics.KEYPOINTS, "subscription"),
+            qos_overriding_options=overrides(node, topic, "subscription"),
         )
         kind = full_type_name(config.keypoints_type)
-        self._missing = MissingInput(node, topics.KEYPOINTS, kind, ADAPTERS, time.monotonic())
+        self._missing = MissingInput(node, topic, kind, ADAPTERS, time.monotonic())
 
     @property
     def publishers(self) -> int:

@@ -26,9 +26,10 @@ subscription is connected too."""
 class LatchedCameraInfo:
     """Requests camera_info from publishers that keep their last message. Call `check` periodically."""
 
-    def __init__(self, node: Node, on_camera_info: Callable[[Any], None]) -> None:
+    def __init__(self, node: Node, topic: str, on_camera_info: Callable[[Any], None]) -> None:
+        """topic: name before remapping. on_camera_info: called with each message."""
         self._node, self._on_camera_info = node, on_camera_info
-        self._topic = node.resolve_topic_name(topics.CAMERA_INFO)
+        self._name, self._topic = topic, node.resolve_topic_name(topic)
         self._subscription: Subscription | None = None
         self._asked: frozenset[bytes] = frozenset()
         self._until = 0.0
@@ -61,7 +62,7 @@ class LatchedCameraInfo:
         kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL, reliability=ReliabilityPolicy.RELIABLE)
         return self._node.create_subscription(
             message_class(topics.CAMERA_INFO_TYPE),
-            topics.CAMERA_INFO,
+            self._name,
             self._on_camera_info,
             kept,
             # no warning about volatile publishers, which do not match

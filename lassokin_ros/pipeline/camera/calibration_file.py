@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from lassokin_ros.core.body.rotations import exponential
 from lassokin_ros.core.errors import CameraError
+from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.camera.calibration_text import FORMS, values_in
 from lassokin_ros.pipeline.camera.lens import Lens
 from msg_adapters.backends import Backend
@@ -30,8 +32,16 @@ FISHEYE = ("fisheyemodel", "fisheye")
 """Names of the values, in lower case and without underscores. OpenCV's own programs write several of them."""
 
 
+ROTATION = ("rotation", "rvec", "r")
+TRANSLATION = ("translation", "tvec", "t")
+"""Names of the pose of a camera: x_camera = R x + t, R as a rotation vector, rad, or a matrix, and t in m."""
+
 LARGEST = 1e9
 """Largest absolute value of a number in a file."""
+LARGEST_SKEW = 1e-3
+"""Largest difference of a rotation matrix times its transpose from the identity, by rounding in a file."""
+Pose = tuple[np.ndarray, np.ndarray]
+"""Rotation (3, 3) into the camera and translation (3,) m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +109,71 @@ def read_calibration(path: Path) -> Calibration:
     if calibration.size != (0, 0) and min(calibration.size) < 1:
         raise CameraError(f"'{file}' is for an image of {calibration.size[0]} x {calibration.size[1]} px")
     return calibration
+
+
+def camera_names(file: Path) -> list[str]:
+    """Return the names of the cameras in a file. Raises CameraError."""
+    return list(_cameras(values_in(file)))
+
+
+def read_cameras(file: Path, names: Sequence[str]) -> dict[str, tuple[Calibration, CameraPose]]:
+    """Read the calibrations and the poses of several cameras of one file, by name.
+
+    TOML of Pose2Sim, Anipose or caliscope; a camchain of Kalibr, whose poses are relative to the camera before; or a
+    file of OpenCV's stereo calibration with R and T. Raises CameraError.
+    """
+    cameras = _cameras(values_in(file))
+    missing = [name for name in names if name not in cameras]
+    if missing:
+        raise CameraError(f"'{file}' has no camera '{missing[0]}'; expected the names of: {', '.join(cameras)}")
+    try:
+        poses = _poses(cameras, values_in(file))
+    except (KeyError, TypeError, ValueError) as error:
+        raise CameraError(
+            f"'{file}' has no poses of its cameras: {_what(error)}; expected rotation and translation of each (TOML of "
+            "Pose2Sim, Anipose or caliscope), T_cn_cnm1 (Kalibr), or R and T (OpenCV's stereo calibration)"
+        ) from None
+    return {
+        name: (read_calibration(file.with_name(f"{file.name}:{name}")), CameraPose(name, *poses[name]))
+        for name in names
+    }
+
+
+def _poses(cameras: Mapping[str, Mapping[str, Any]], data: Mapping[str, Any]) -> dict[str, Pose]:
+    """Return rotation and translation of each camera. Raises KeyError, TypeError or ValueError."""
+    first: Pose = np.eye(3), np.zeros(3)
+    if "M1" in cameras:
+        return {"M1": first, "M2": (_rotation(data["R"]), _numbers(data["T"], 3))}
+    poses: dict[str, Pose] = {}
+    before = first
+    for name, values in cameras.items():
+        if "T_cn_cnm1" in values:
+            step = _numbers(values["T_cn_cnm1"], 16).reshape(4, 4)
+            before = step[:3, :3] @ before[0], step[:3, :3] @ before[1] + step[:3, 3]
+            poses[name] = before
+        elif "intrinsics" in values:
+            if poses:
+                raise KeyError(f"T_cn_cnm1 of '{name}'")
+            poses[name] = first
+        else:
+            found = {str(key).lower(): value for key, value in values.items()}
+            rotation = _one_of(found, ROTATION, f"rotation of '{name}'")
+            translation = _one_of(found, TRANSLATION, f"translation of '{name}'")
+            poses[name] = _rotation(rotation), _numbers(translation, 3)
+    return poses
+
+
+def _rotation(value: Any) -> np.ndarray:
+    """Return a rotation matrix (3, 3) from a matrix or a rotation vector, rad. Raises ValueError."""
+    numbers = _numbers(value)
+    if len(numbers) == 3:
+        return np.asarray(exponential(numbers[None])[0])
+    if len(numbers) != 9:
+        raise ValueError(f"a rotation has {len(numbers)} values; expected 3 or 9")
+    matrix = numbers.reshape(3, 3)
+    if np.abs(matrix @ matrix.T - np.eye(3)).max() > LARGEST_SKEW or np.linalg.det(matrix) < 0:
+        raise ValueError("a rotation matrix is not orthonormal")
+    return matrix
 
 
 def _what(error: Exception) -> str:

@@ -12,6 +12,9 @@ from lassokin_ros.pipeline.camera.transforms import TransformError, Transforms
 class CameraMount:
     """Roll and pitch of the camera at the time of an image."""
 
+    subject = "the camera's mount"
+    """What TF gives."""
+
     def __init__(self, base: str) -> None:
         """base: name of the frame with its z axis up."""
         self.base = base.lstrip("/")
@@ -35,6 +38,16 @@ class CameraMount:
             return None
         self.fault = ""
         return self.angles
+
+    @property
+    def known(self) -> bool:
+        """True if TF has given a mount."""
+        return self.angles is not None
+
+    @property
+    def meanwhile(self) -> str:
+        """What is used as long as TF gives no mount, in words."""
+        return "the last mount from TF is used" if self.known else "camera_roll and camera_pitch are used"
 
     def in_words(self) -> str:
         """Return the newest mount from TF, or a text that there was none."""

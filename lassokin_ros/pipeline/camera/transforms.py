@@ -1,7 +1,6 @@
-"""Rotations between TF frames: a small buffer of the transforms on /tf and /tf_static.
+"""Poses between TF frames: a small buffer of the transforms on /tf and /tf_static.
 
-It replaces tf2's buffer, whose Python package is compiled and not on PyPI. Only the rotation from one frame to another
-at the time of an image is needed; positions are not kept.
+It replaces tf2's buffer, whose Python package is compiled and not on PyPI.
 """
 
 from __future__ import annotations
@@ -17,18 +16,24 @@ from lassokin_ros.core.body.rotations import from_quaternion
 HISTORY_NS = 3_000_000_000
 """ns for which the transforms of a moving frame are kept."""
 STALE_NS = 500_000_000
-"""ns: largest difference between an image's stamp and the nearest transform, which is then used."""
+"""ns: largest difference between an image's stamp and the nearest transform, which is then used for a rotation."""
+EXTRAPOLATED_NS = 200_000_000
+"""ns: largest time from the newest transform to an image whose camera is placed by it."""
+LONGEST_STEP_NS, FASTEST_M_S, FASTEST_RAD_S = 250_000_000, 5.0, 5.0
+"""ns, m/s, rad/s: limits of the motion between the two newest transforms. Within them the motion is continued up to the
+image; beyond, it is a jump, and the newest transform is used."""
 MOST_FRAMES, LONGEST_NAME, MOST_STAMPS = 2000, 256, 10_000
 """Limits of the memory: number of frames, characters of a name, transforms of a frame within `HISTORY_NS`."""
 DEEPEST = 200
 """Frames in a chain. A longer one is a loop."""
 
 Quaternion = tuple[float, float, float, float]
+Vector = tuple[float, float, float]
 IDENTITY: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 
 class TransformError(Exception):
-    """TF does not contain the rotation. The text names what is missing."""
+    """TF does not contain the transform. The text names what is missing."""
 
 
 class Transforms:
@@ -44,10 +49,12 @@ class Transforms:
         """
         for transform in message.transforms:  # type: ignore[attr-defined]
             child, parent = transform.child_frame_id.lstrip("/"), transform.header.frame_id.lstrip("/")
-            turn, stamp = transform.transform.rotation, transform.header.stamp
-            quaternion = (turn.x, turn.y, turn.z, turn.w)
+            turn, shift, stamp = transform.transform.rotation, transform.transform.translation, transform.header.stamp
+            quaternion, place = (turn.x, turn.y, turn.z, turn.w), (shift.x, shift.y, shift.z)
             if not (child and parent and child != parent and 0.9 < math.fsum(x * x for x in quaternion) < 1.1):
                 continue  # NaN compares false
+            if not all(map(math.isfinite, place)):
+                continue
             if len(child) > LONGEST_NAME or len(parent) > LONGEST_NAME:
                 continue
             frame = self._frames.pop(child, None)
@@ -56,7 +63,7 @@ class Transforms:
             if frame is None or frame.parent != parent or frame.static is not static:
                 frame = _Frame(parent, static)
             self._frames[child] = frame  # at the end: the last to be forgotten
-            frame.add(stamp.sec * 1_000_000_000 + stamp.nanosec, quaternion)
+            frame.add(stamp.sec * 1_000_000_000 + stamp.nanosec, quaternion, place)
 
     def _make_room(self) -> None:
         """Forget one frame if there are too many: the moving one that was updated the longest time ago."""
@@ -73,13 +80,25 @@ class Transforms:
 
         Raises TransformError if the frames are not connected, or if a transform is not of this time.
         """
+        return self._between(frame, base, stamp_ns, continued=False)[0]
+
+    def pose(self, frame: str, base: str, stamp_ns: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return rotation (3, 3) and translation (3,) m from `frame` to `base`: a point p in `frame` is R p + t.
+
+        Transforms that have not arrived up to the time are continued for up to EXTRAPOLATED_NS. Raises TransformError
+        as `rotation` does.
+        """
+        return self._between(frame, base, stamp_ns, continued=True)
+
+    def _between(self, frame: str, base: str, stamp_ns: int, continued: bool) -> tuple[np.ndarray, np.ndarray]:
         of_frame, of_base = list(self._chain(frame)), list(self._chain(base))
         common = next((name for name in of_frame if name in of_base), None)
         if common is None:
             raise TransformError(self._difference_of_trees(frame, of_frame, base, of_base))
-        up = self._product(of_frame[: of_frame.index(common)], stamp_ns)
-        x, y, z, w = self._product(of_base[: of_base.index(common)], stamp_ns)
-        return from_quaternion(np.array(_product((-x, -y, -z, w), up)))
+        up, at = self._product(of_frame[: of_frame.index(common)], stamp_ns, continued)
+        down, of = self._product(of_base[: of_base.index(common)], stamp_ns, continued)
+        back = from_quaternion(np.array(down)).T
+        return back @ from_quaternion(np.array(up)), back @ (np.array(at) - np.array(of))
 
     def _chain(self, name: str) -> Iterator[str]:
         """Yield the frame, its parent, and so on."""
@@ -89,12 +108,14 @@ class Transforms:
                 return
             name = frame.parent
 
-    def _product(self, chain: list[str], stamp_ns: int) -> Quaternion:
-        """Return the orientation of the first frame of a chain in the parent of the last one."""
-        total = IDENTITY
+    def _product(self, chain: list[str], stamp_ns: int, continued: bool) -> tuple[Quaternion, Vector]:
+        """Return the orientation and the position of the first frame of a chain in the parent of the last one."""
+        total, place = IDENTITY, (0.0, 0.0, 0.0)
         for name in chain:
-            total = _product(self._frames[name].at(stamp_ns, name), total)
-        return total
+            turn, shift = self._frames[name].at(stamp_ns, name, continued)
+            x, y, z = _turned(turn, place)
+            total, place = _product(turn, total), (x + shift[0], y + shift[1], z + shift[2])
+        return total, place
 
     def _difference_of_trees(self, frame: str, of_frame: list[str], base: str, of_base: list[str]) -> str:
         known = {item for name, one in self._frames.items() for item in (name, one.parent)}
@@ -108,45 +129,72 @@ class Transforms:
 
 
 class _Frame:
-    """The orientations of one frame in its parent, by time."""
+    """The orientations and positions of one frame in its parent, by time."""
 
     def __init__(self, parent: str, static: bool) -> None:
         self.parent, self.static = parent, static
         self._stamps: list[int] = []  # ns
-        self._quaternions: list[Quaternion] = []
+        self._poses: list[tuple[Quaternion, Vector]] = []
 
-    def add(self, stamp_ns: int, quaternion: Quaternion) -> None:
-        """Store an orientation. A stamp far back means that time has started again."""
+    def add(self, stamp_ns: int, quaternion: Quaternion, place: Vector) -> None:
+        """Store a pose; place: m. A stamp far back means that time has started again."""
         if self.static or (self._stamps and stamp_ns < self._stamps[-1] - HISTORY_NS):
-            self._stamps, self._quaternions = [], []
+            self._stamps, self._poses = [], []
         at = bisect(self._stamps, stamp_ns)
         if at and self._stamps[at - 1] == stamp_ns:
-            self._quaternions[at - 1] = quaternion
+            self._poses[at - 1] = quaternion, place
             return
         self._stamps.insert(at, stamp_ns)
-        self._quaternions.insert(at, quaternion)
+        self._poses.insert(at, (quaternion, place))
         old = max(bisect(self._stamps, self._stamps[-1] - HISTORY_NS), len(self._stamps) - MOST_STAMPS)
         if old > 0:
-            del self._stamps[:old], self._quaternions[:old]
+            del self._stamps[:old], self._poses[:old]
 
-    def at(self, stamp_ns: int, name: str) -> Quaternion:
-        """Return the orientation at a time, interpolated. Raises TransformError if none is near; name: of the frame."""
+    def at(self, stamp_ns: int, name: str, continued: bool) -> tuple[Quaternion, Vector]:
+        """Return the pose at a time, interpolated, or the nearest one. name: of the frame.
+
+        continued: the motion goes on beyond the newest pose. Raises TransformError if none is near.
+        """
         if self.static:
-            return self._quaternions[-1]
+            return self._poses[-1]
         after = bisect(self._stamps, stamp_ns)
         if 0 < after < len(self._stamps):
-            before_ns, after_ns = self._stamps[after - 1], self._stamps[after]
-            share = (stamp_ns - before_ns) / (after_ns - before_ns)
-            return _interpolated(self._quaternions[after - 1], self._quaternions[after], share)
+            return self._between(after - 1, stamp_ns)
         nearest = min(after, len(self._stamps) - 1)
         distance_ns = stamp_ns - self._stamps[nearest]
-        if abs(distance_ns) > STALE_NS:
+        longest_ns = EXTRAPOLATED_NS if continued else STALE_NS
+        if abs(distance_ns) > longest_ns:
             side = "older" if distance_ns > 0 else "newer"
             raise TransformError(
-                f"the transform of '{name}' is more than {STALE_NS * 1e-9:g} s {side} than the image: do the camera "
+                f"the transform of '{name}' is more than {longest_ns * 1e-9:g} s {side} than the image: do the camera "
                 "and TF have the same clock?"
             )
-        return self._quaternions[nearest]
+        if continued and distance_ns > 0 and self._moves():
+            return self._between(nearest - 1, stamp_ns)
+        return self._poses[nearest]
+
+    def _between(self, before: int, stamp_ns: int) -> tuple[Quaternion, Vector]:
+        """Return the pose at a time on the straight motion from one stored pose to the next."""
+        step_ns = self._stamps[before + 1] - self._stamps[before]
+        share = (stamp_ns - self._stamps[before]) / step_ns
+        (a, p), (b, q) = self._poses[before], self._poses[before + 1]
+        x, y, z = (u + share * (v - u) for u, v in zip(p, q))
+        return _interpolated(a, b, share), (x, y, z)
+
+    def _moves(self) -> bool:
+        """Return True if the two newest poses are those of a motion that can be continued."""
+        if len(self._stamps) < 2 or self._stamps[-1] - self._stamps[-2] > LONGEST_STEP_NS:
+            return False
+        seconds = (self._stamps[-1] - self._stamps[-2]) * 1e-9
+        (a, p), (b, q) = self._poses[-2:]
+        angle = 2 * math.acos(min(abs(math.fsum(u * v for u, v in zip(a, b))), 1.0))
+        return math.dist(p, q) < FASTEST_M_S * seconds and angle < FASTEST_RAD_S * seconds
+
+
+def _turned(q: Quaternion, v: Vector) -> Vector:
+    """Return the vector v rotated by the quaternion q: x, y, z, w."""
+    x, y, z, _ = _product(_product(q, (*v, 0.0)), (-q[0], -q[1], -q[2], q[3]))
+    return x, y, z
 
 
 def _product(a: Quaternion, b: Quaternion) -> Quaternion:

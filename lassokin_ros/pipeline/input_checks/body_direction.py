@@ -60,7 +60,7 @@ def _angle(frame: FrameResult, roll: float) -> float | None:
     high, low = (next((names.index(name) for name in group if name in names), None) for group in (HIGH, LOW))
     if high is None or low is None:
         return None
-    body = pose.positions[high] - pose.positions[low]
+    body = frame.camera.rotation @ (pose.positions[high] - pose.positions[low])
     across = math.hypot(body[0], body[1])
     if across < 0.5 * np.linalg.norm(body):
         return None

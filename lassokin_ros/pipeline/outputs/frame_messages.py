@@ -156,7 +156,13 @@ class FrameMessages:
         keypoints = self._fill(KeypointMarkerBuilder(self._backend, prefix))
         self._builders |= {
             topics.IMAGE_MARKERS: lambda t, f, frame, _: image(t, f, *image_points(frame)),
-            topics.KEYPOINT_MARKERS: lambda t, f, frame, e: keypoints(t, f, frame.points, project(e.pose.landmarks)),
+            topics.KEYPOINT_MARKERS: lambda t, f, frame, e: keypoints(
+                t,
+                f,
+                frame.points,
+                project(frame.camera.into_camera(e.pose.landmarks)),
+                *(() if frame.camera.is_identity else (frame.camera.rotation, frame.camera.centre)),
+            ),
         }
 
     def _add_tf(self, frames: BodyFrames) -> None:

@@ -43,6 +43,11 @@ TF = "/tf"
 TF_STATIC = "/tf_static"
 
 
+def of_camera(topic: str, camera: str) -> str:
+    """Return the name of an input topic of a camera. camera: its name, empty for the only camera."""
+    return f"{camera}/{topic}" if camera else topic
+
+
 def depth_type(topic: str) -> str:
     """Return the message type of a topic with depth images."""
     return COMPRESSED_DEPTH_TYPE if topic.endswith(COMPRESSED_DEPTH) else DEPTH_IMAGE_TYPE

@@ -6,12 +6,11 @@ import math
 from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Sequence
+from typing import Iterable, Sequence
 
 import numpy as np
 
 from lassokin_ros.core.observation import Status
-from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.detections import detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.people.assignment import assign
@@ -23,10 +22,11 @@ from lassokin_ros.pipeline.people.choice import (
     nobody_to_lock,
     number_named,
 )
+from lassokin_ros.pipeline.people.cross_view import SAME_PERSON, cross_view_cost
 from lassokin_ros.pipeline.people.matching import NEAR, distance, distances, is_trackable, match_radius
 from lassokin_ros.pipeline.people.people_tracker import PeopleImage
 from lassokin_ros.pipeline.people.presence import Presence, best, reported_status
-from lassokin_ros.pipeline.people.tracked_person import Detection, TrackedPerson
+from lassokin_ros.pipeline.people.tracked_person import Detection, Sight, TrackedPerson
 
 CONFIRMING_MESSAGES = 3
 """A person without a persistent number is added after this many detections; one message in between may miss them."""
@@ -37,6 +37,13 @@ SAME_BODY = 0.5 * NEAR
 REPLACEABLE_AFTER_S = 0.5
 """s: if all trackers are in use, a person absent for this long is removed for a new one."""
 
+LONGEST_APART_NS = 100_000_000
+"""ns: largest difference of the stamps of two sights of different cameras that are compared."""
+
+DOUBTFUL = 2.0
+"""A person who is seen first by one camera is not added, if the cost of being somebody whom only other cameras see is
+below this times SAME_PERSON."""
+
 MOST_REINITIALISED = 4
 """Lost people re-initialised per message; the others wait for the next message. Initialisation takes 7 to 50
 times as long as a step. If many people were initialised at once, a slow machine would be busy for longer than
@@ -45,9 +52,9 @@ times as long as a step. If many people were initialised at once, a slow machine
 
 @dataclass(eq=False)
 class Candidate:
-    """A possible new person: the last detection, and the number of messages with one."""
+    """A possible new person in the images of one camera: the last sight, and the number of messages with one."""
 
-    detection: Detection
+    sight: Sight
     measurements: int = 1
     missed: int = 0
 
@@ -70,9 +77,12 @@ class MultiPersonTracker:
         self._idle = list(people)
         self._counts = counts
         self._present: dict[int, TrackedPerson] = {}
-        self._candidates: list[Candidate] = []
+        self._candidates: dict[str, list[Candidate]] = {}  # by camera
+        self._cameras: set[str] = set()
+        self._sights: dict[int, dict[str, Sight]] = {}  # the newest ones, by person and camera
         self._next = 1
         self._count = people[0].tracker.kinematics.landmark_count
+        self._nothing = Detection(np.full((self._count, 2), np.nan), np.zeros(self._count))
 
     @property
     def ids(self) -> list[str]:
@@ -142,54 +152,50 @@ class MultiPersonTracker:
         self._candidates.clear()
         self._locked, self._lock_next = None, self._lock_first
 
-    def update(self, image: PeopleImage, forget_after: float) -> list[FrameResult]:
-        """Track the people of one image; see PeopleTracker.update. Returns accepted results only."""
-        detections = detections_by_person(image.keypoints, self._count, image.lens)
-        results = self.track(image.stamp_ns, image.frame_id, detections, image.lens, image.persistent, forget_after)
+    def update(self, images: Sequence[PeopleImage], frame_id: str, forget_after: float) -> list[FrameResult]:
+        """Track the people of one image, or of one instant; see PeopleTracker.update. Returns accepted results only."""
+        self._cameras.update(image.camera.name for image in images)
+        persistent = images[0].persistent and len(self._cameras) == 1  # detectors number people independently
+        stamp_ns = max(image.stamp_ns for image in images)
+        for number in [n for n, person in self._present.items() if person.unseen_s(stamp_ns) > forget_after]:
+            self._remove(number)
+        sights: dict[int, list[Sight]] = {}
+        for image in images:
+            seen = detections_by_person(image.keypoints, self._count, image.lens)
+            view = [Sight(image.stamp_ns, one, image.lens, image.camera) for one in seen]
+            found = self._numbered(view) if persistent else self._match(image, view, sights)
+            for number, sight in found.items():
+                sights.setdefault(number, []).append(sight)
+        self._newest = {n: seen[0].seen for n, seen in sights.items() if n in self._present}
+        self._newest_ns = stamp_ns
+        results = self._track(images[0], frame_id, sights)
         if self._lock_next:
             with suppress(NoPersonError):  # wait for the next image
                 self.lock()
-        return [self._identified(result, image.persistent) for result in results]
+        return [self._identified(result, persistent) for result in results]
 
     def _identified(self, result: FrameResult, persistent: bool) -> FrameResult:
         number = number_named(result.person)
         assert number is not None
         return replace(result, detector_id=number if persistent else -1, guessed=number in self._guessed)
 
-    def track(
-        self,
-        stamp_ns: int,
-        frame_id: str,
-        detections: Sequence[Detection],
-        lens: Lens,
-        persistent: bool,
-        forget_after: float,
-    ) -> list[FrameResult]:
-        """Track the detections of one image, see `update`.
+    def _numbered(self, view: Sequence[Sight]) -> dict[int, Sight]:
+        """Return the sights by person number, which lasts. People of new numbers are added."""
+        pairs = {s.seen.number: s for s in view if s.seen.number in self._present or self._is_trackable(s.seen)}
+        for number, sight in pairs.items():
+            if number not in self._present:
+                self._add(number, sight.stamp_ns, pairs)
+        return pairs
 
-        persistent: the numbers of the detections stay with the people. Otherwise detections are matched by position.
-        forget_after: s.
-        """
-        for number in [n for n, person in self._present.items() if person.unseen_s(stamp_ns) > forget_after]:
-            self._remove(number)
-        if persistent:
-            pairs = {d.number: d for d in detections if d.number in self._present or self._is_trackable(d)}
-            for number in pairs:
-                if number not in self._present:
-                    self._add(number, stamp_ns, pairs)
-        else:
-            pairs = self._match(stamp_ns, detections)
-        self._newest, self._newest_ns = {n: seen for n, seen in pairs.items() if n in self._present}, stamp_ns
-        return self._track(stamp_ns, frame_id, pairs, lens)
-
-    def _track(self, stamp_ns: int, frame_id: str, pairs: dict[int, Detection], lens: Lens) -> list[FrameResult]:
+    def _track(self, image: PeopleImage, frame_id: str, pairs: dict[int, list[Sight]]) -> list[FrameResult]:
+        stamp_ns = self._newest_ns
         lost = {number for number, person in self._present.items() if person.status_at(stamp_ns) is Status.LOST}
         results, found = [], 0
         errors: list[Exception] = []
         for number, person in list(self._present.items()):
             seen = pairs.get(number) if number not in lost or found < MOST_REINITIALISED else None
             try:
-                results += self._results_of(number, stamp_ns, frame_id, seen, lens)
+                results += self._results_of(number, image, frame_id, seen)
             except Exception as error:  # the others are tracked all the same
                 errors.append(error)
             found += seen is not None and number in lost and person.status is Status.TRACKING
@@ -198,13 +204,14 @@ class MultiPersonTracker:
         return results
 
     def _results_of(
-        self, number: int, stamp_ns: int, frame_id: str, seen: Detection | None, lens: Lens
+        self, number: int, image: PeopleImage, frame_id: str, seen: Sequence[Sight] | None
     ) -> list[FrameResult]:
-        """The accepted results of one person; rejections are counted. seen: None for a person not in the image."""
+        """The accepted results of one person; rejections are counted. seen: None for a person not in the images."""
         person = self._present[number]
         if seen is None:
-            return person.mark_absent(stamp_ns, lens)
-        answers = person.track(stamp_ns, frame_id, seen, lens, name(number))
+            return person.mark_absent(Sight(self._newest_ns, self._nothing, image.lens, image.camera))
+        self._sights.setdefault(number, {}).update({sight.camera.name: sight for sight in seen})
+        answers = person.track(seen, frame_id, name(number))
         refused = [result for result in answers if not result.accepted]
         for result in refused:
             self._counts[f"rejected: {result.rejection} (a person)"] += 1
@@ -212,53 +219,92 @@ class MultiPersonTracker:
             self._remove(number)
         return [result for result in answers if result.accepted]
 
-    def _match(self, stamp_ns: int, detections: Sequence[Detection]) -> dict[int, Detection]:
-        """Match detections to present people by the least total distance, then add new people."""
-        usable = [d for d in detections if self._is_trackable(d)]
+    def _match(self, image: PeopleImage, view: Sequence[Sight], sights: dict[int, list[Sight]]) -> dict[int, Sight]:
+        """Match the sights of one image to present people by the least total cost, then add new people.
+
+        sights: those of other cameras at the same instant, by person.
+        """
+        usable, stamp_ns = [s for s in view if self._is_trackable(s.seen)], image.stamp_ns
         numbers = list(self._present)
         limits = [match_radius(self._present[n].unseen_s(stamp_ns)) for n in numbers]
         costs = self._distances(stamp_ns, usable)
+        if len(self._cameras) > 1:
+            self._compare_views(image, usable, costs, sights)
         matched = assign(costs, limits)
         pairs = {numbers[row]: usable[column] for row, column in matched}
         self._guessed |= {n for n in pairs if GUESS_AFTER_S < self._present[n].unseen_s(stamp_ns) < math.inf}
         known, taken = [row for row, _ in matched], {column for _, column in matched}
         strangers = [d for i, d in enumerate(usable) if i not in taken and np.all(costs[known, i] > SAME_BODY)]
-        for stranger in self._confirmed(_without_duplicates(strangers)):
+        if len(self._cameras) > 1:
+            strangers = [s for s in strangers if not self._is_near_anybody(s, sights)]
+        for stranger in self._confirmed(image.camera.name, _without_duplicates(strangers)):
             number = self._next
-            if self._add(number, stamp_ns, pairs):
+            if self._add(number, stamp_ns, {**sights, **pairs}):
                 pairs[number] = stranger
         return pairs
 
-    def _distances(self, stamp_ns: int, detections: Sequence[Detection]) -> np.ndarray:
-        """Return distances of detections (columns) from present people (rows); infinite for people never tracked."""
-        if not self._present or not detections:
-            return np.zeros((len(self._present), len(detections)))
-        nowhere = np.full_like(detections[0].points, np.nan)
-        predicted = [person.predicted_landmarks(stamp_ns) for person in self._present.values()]
-        places = np.stack([nowhere if points is None else points for points in predicted])
-        return distances(places, detections, next(iter(self._present.values())).tracker.config.min_confidence)
+    def _compare_views(
+        self, image: PeopleImage, usable: Sequence[Sight], costs: np.ndarray, sights: dict[int, list[Sight]]
+    ) -> None:
+        """Replace the costs of people whom this camera has not seen for a while by those of `cross_view_cost`.
 
-    def _confirmed(self, strangers: Sequence[Detection]) -> list[Detection]:
-        """Return strangers detected in CONFIRMING_MESSAGES messages. The others stay or become candidates."""
-        candidates = np.array([c.detection.points for c in self._candidates])
-        found = dict(assign(distances(candidates, strangers, 0.0), [NEAR] * len(self._candidates)))
-        fresh = [Candidate(d) for i, d in enumerate(strangers) if i not in found.values()]
-        for row, candidate in enumerate(self._candidates):
+        Other cameras see them: the place of a body that one camera alone has seen is too uncertain for a projection.
+        """
+        for row, number in enumerate(self._present):
+            newest = self._sights.get(number, {})
+            own = newest.get(image.camera.name)
+            if own is not None and image.stamp_ns - own.stamp_ns < GUESS_AFTER_S * 1e9:
+                continue
+            others = sights.get(number) or [s for s in newest.values() if _is_recent(s, image.stamp_ns)]
+            if others:
+                size = self._present[number].tracker.learned.size_check
+                costs[row] = [NEAR / SAME_PERSON * cross_view_cost(others[0], sight, size) for sight in usable]
+
+    def _is_near_anybody(self, stranger: Sight, sights: dict[int, list[Sight]]) -> bool:
+        """Return True if a stranger may be somebody whom only other cameras have seen."""
+        for number, person in self._present.items():
+            newest = self._sights.get(number, {})
+            others = sights.get(number) or [s for s in newest.values() if _is_recent(s, stranger.stamp_ns)]
+            if stranger.camera.name in newest or not others:
+                continue
+            if cross_view_cost(others[0], stranger, person.tracker.learned.size_check) < DOUBTFUL * SAME_PERSON:
+                return True
+        return False
+
+    def _distances(self, stamp_ns: int, sights: Sequence[Sight]) -> np.ndarray:
+        """Return distances of sights (columns) from present people (rows); infinite for people never tracked."""
+        if not self._present or not sights:
+            return np.zeros((len(self._present), len(sights)))
+        nowhere = np.full_like(sights[0].seen.points, np.nan)
+        predicted = [person.predicted_landmarks(stamp_ns, sights[0].camera) for person in self._present.values()]
+        places = np.stack([nowhere if points is None else points for points in predicted])
+        seen = [sight.seen for sight in sights]
+        return distances(places, seen, next(iter(self._present.values())).tracker.config.min_confidence)
+
+    def _confirmed(self, camera: str, strangers: Sequence[Sight]) -> list[Sight]:
+        """Return strangers detected in CONFIRMING_MESSAGES messages of a camera. The others stay or become
+        candidates.
+        """
+        known = self._candidates.get(camera, [])
+        candidates = np.array([c.sight.seen.points for c in known])
+        found = dict(assign(distances(candidates, [s.seen for s in strangers], 0.0), [NEAR] * len(known)))
+        fresh = [Candidate(s) for i, s in enumerate(strangers) if i not in found.values()]
+        for row, candidate in enumerate(known):
             if row in found:
-                candidate.detection, candidate.missed = strangers[found[row]], 0
+                candidate.sight, candidate.missed = strangers[found[row]], 0
                 candidate.measurements += 1
             else:
                 candidate.missed += 1
-        seen = [self._candidates[row] for row in found]
+        seen = [known[row] for row in found]
         confirmed = [candidate for candidate in seen if candidate.measurements >= CONFIRMING_MESSAGES]
-        kept = [c for c in self._candidates if c.missed <= 1 and c not in confirmed]
-        self._candidates = kept + fresh
-        return [candidate.detection for candidate in confirmed]
+        kept = [c for c in known if c.missed <= 1 and c not in confirmed]
+        self._candidates[camera] = kept + fresh
+        return [candidate.sight for candidate in confirmed]
 
     def _is_trackable(self, detection: Detection) -> bool:
         return is_trackable(detection, next(iter([*self._idle, *self._present.values()])).tracker.config)
 
-    def _add(self, number: int, stamp_ns: int, pairs: dict[int, Detection]) -> bool:
+    def _add(self, number: int, stamp_ns: int, pairs: Iterable[int]) -> bool:
         """Assign a tracker to a new person. Return False, and count it, if none is free.
 
         The new tracker adopts the direction of gravity from the others.
@@ -284,15 +330,20 @@ class MultiPersonTracker:
         self._idle.append(person)
         self._guessed.discard(number)
         self._newest.pop(number, None)
+        self._sights.pop(number, None)
         self._counts["people left"] += 1
 
 
-def _without_duplicates(detections: Sequence[Detection]) -> list[Detection]:
+def _is_recent(sight: Sight, stamp_ns: int) -> bool:
+    return abs(stamp_ns - sight.stamp_ns) <= LONGEST_APART_NS
+
+
+def _without_duplicates(sights: Sequence[Sight]) -> list[Sight]:
     """Remove duplicate detections of one person. The detection with more points stays."""
-    kept: list[Detection] = []
-    for detection in sorted(detections, key=lambda d: -int(np.count_nonzero(d.confidence))):
-        if all(distance(other.points, detection, 0.0) > SAME_BODY for other in kept):
-            kept.append(detection)
+    kept: list[Sight] = []
+    for sight in sorted(sights, key=lambda s: -int(np.count_nonzero(s.seen.confidence))):
+        if all(distance(other.seen.points, sight.seen, 0.0) > SAME_BODY for other in kept):
+            kept.append(sight)
     return kept
 
 

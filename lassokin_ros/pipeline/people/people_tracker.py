@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Protocol
 
-from lassokin_ros.core.observation import Status
+from lassokin_ros.core.observation import HERE, CameraPose, Status
 from lassokin_ros.core.record import record
 from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.frame_result import FrameResult
@@ -18,8 +19,8 @@ from msg_adapters.keypoints import Keypoints
 class PeopleImage:
     """Keypoints of all people in one image, and how to interpret them.
 
-    stamp_ns: ns; frame_id: frame of the outputs; persistent: True if the person numbers stay the same from message to
-    message.
+    stamp_ns: ns; frame_id: frame of the keypoints; persistent: True if the person numbers stay the same from message to
+    message; stamped: False if the stamp is the time of arrival; camera: which camera, and where it is.
     """
 
     keypoints: Keypoints
@@ -27,6 +28,8 @@ class PeopleImage:
     frame_id: str
     lens: Lens
     persistent: bool
+    stamped: bool = True
+    camera: CameraPose = HERE
 
 
 class PeopleTracker(Protocol):
@@ -63,8 +66,11 @@ class PeopleTracker(Protocol):
         """Return True if the message of this stamp updated a track."""
         ...
 
-    def update(self, image: PeopleImage, forget_after: float) -> list[FrameResult]:
-        """Track the people in one image; forget_after: s. Raises AdapterError if the keypoints are unusable."""
+    def update(self, images: Sequence[PeopleImage], frame_id: str, forget_after: float) -> list[FrameResult]:
+        """Track the people in one image, or in those of several cameras at one instant.
+
+        frame_id: of the results. forget_after: s. Raises AdapterError if the keypoints are unusable.
+        """
         ...
 
     def flush(self) -> list[FrameResult]:

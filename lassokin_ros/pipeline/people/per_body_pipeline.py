@@ -36,8 +36,15 @@ class PerBodyPipeline(Pipeline):
         super().__init__(tracker_config, _for_one(node_config), evidence)
         self._idle = [Pipeline(tracker_config, self.config, evidence) for _ in range(node_config.max_people)]
         for pipeline in self._idle:
-            pipeline.camera, pipeline.counts, pipeline.depth = self.camera, self.counts, self.depth
-            pipeline.mount, pipeline.depth_check = self.mount, self.depth_check
+            mine, shared = pipeline.first, self.first
+            pipeline.counts = mine.counts = self.counts
+            mine.camera, mine.depth, mine.depth_check, mine.mount = (
+                shared.camera,
+                shared.depth,
+                shared.depth_check,
+                shared.mount,
+            )
+            pipeline.places = self.places
         self._all = tuple(self._idle)
         self._present: dict[str, Pipeline] = {}
         self.config = node_config.checked()
@@ -106,13 +113,10 @@ class PerBodyPipeline(Pipeline):
             return []
         pipeline.enabled = self.enabled
         frames = pipeline.frames(message, arrival_ns)
-        self.nobody_in_view, self.unused_confidence = pipeline.nobody_in_view, pipeline.unused_confidence
         self.answered = self.answered or pipeline.answered
-        self.stamp_rate, self.own_depth, self.landmark_ids = (
-            pipeline.stamp_rate,
-            pipeline.own_depth,
-            pipeline.landmark_ids,
-        )
+        mine, theirs = self.first, pipeline.first
+        mine.nobody_in_view, mine.unused_confidence = theirs.nobody_in_view, theirs.unused_confidence
+        mine.stamp_rate, mine.own_depth, mine.landmark_ids = theirs.stamp_rate, theirs.own_depth, theirs.landmark_ids
         return [replace(frame, person=person) for frame in frames]
 
     def reset(self) -> None:

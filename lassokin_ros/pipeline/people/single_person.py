@@ -1,7 +1,8 @@
 """Follow one person among all people in a message: choose the person once, and never exchange them silently.
 
 Another person is followed only under a new id, after the first one has been absent for `forget_after`; and not at all
-if the person is locked.
+if the person is locked. Of several cameras, the one that sees the person first chooses; in the images of the others the
+person is the one whose keypoints lie on the epipolar lines.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from lassokin_ros.core.observation import Status
+from lassokin_ros.core.observation import HERE, Status
+from lassokin_ros.pipeline.camera.lens import Lens
 from lassokin_ros.pipeline.detections import detection, detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.people.choice import (
@@ -23,11 +25,12 @@ from lassokin_ros.pipeline.people.choice import (
     nobody_to_lock,
     number_named,
 )
-from lassokin_ros.pipeline.people.image_tracks import ImageTrack, ImageTracks
+from lassokin_ros.pipeline.people.cross_view import same_person
+from lassokin_ros.pipeline.people.image_tracks import RIVAL, ImageTrack, ImageTracks
 from lassokin_ros.pipeline.people.matching import is_trackable
 from lassokin_ros.pipeline.people.people_tracker import PeopleImage
 from lassokin_ros.pipeline.people.presence import Presence, reported_status
-from lassokin_ros.pipeline.people.tracked_person import Detection, TrackedPerson
+from lassokin_ros.pipeline.people.tracked_person import Detection, Sight, TrackedPerson
 
 PERSON_ABSENT = "person_absent"
 """Rejection of a message that contains people, but not the followed person."""
@@ -45,16 +48,14 @@ class SinglePersonTracker:
         """follow, lock: see NodeSettings."""
         self._person = person
         self._count = person.tracker.kinematics.landmark_count
-        self._follow, self._lock_first, self._persistent = follow, lock, False
-        self._tracks = ImageTracks()
+        self._follow, self._lock_first = follow, lock
         self._number_of_person = 0
         self._forget_identity()
 
     def _forget_identity(self) -> None:
-        self._followed: ImageTrack | None = None
-        self._newest_ns: int | None = None
         self._locked, self._guessed, self._lock_next = False, False, self._lock_first
-        self._tracks.clear()
+        self._views: dict[str, _View] = {}
+        self._newest: _View | None = None  # of the last image
 
     @property
     def tracked(self) -> dict[str, TrackedPerson]:
@@ -100,17 +101,15 @@ class SinglePersonTracker:
 
     def lock(self) -> str:
         """See PeopleTracker.lock."""
-        present = [] if self._newest_ns is None else self._tracks.seen_at(self._newest_ns)
-        candidates = [track for track in present if self._is_trackable(track.detection)]
-        tracked = self._person.status is Status.TRACKING and self._person.seen_ns == self._newest_ns
-        if tracked and (self._follow == CONFIDENT or not candidates):
-            chosen = self._followed
-        else:
-            chosen = self._best(candidates)
+        view = self._newest or _View()
+        candidates = [t for t in view.tracks.seen_at(view.seen_ns) if self._is_trackable(t.detection)]
+        tracked = self._person.status is Status.TRACKING and self._person.seen_ns == view.seen_ns
+        if not (tracked and (self._follow == CONFIDENT or not candidates)):
+            chosen = self._best(candidates, view.persistent)
             if chosen is None:
                 raise NoPersonError(nobody_to_lock(self._follow, len(candidates)))
-        if chosen is not self._followed:
-            self._begin(chosen)
+            if chosen is not view.followed:
+                self._begin(chosen, view)
         self._locked, self._guessed, self._lock_next = True, False, False
         return self._id
 
@@ -118,72 +117,106 @@ class SinglePersonTracker:
         """See PeopleTracker.release."""
         self._locked = self._lock_next = False
 
-    def update(self, image: PeopleImage, forget_after: float) -> list[FrameResult]:
+    def update(self, images: Sequence[PeopleImage], frame_id: str, forget_after: float) -> list[FrameResult]:
         """Track the followed person; see PeopleTracker.update. A refused message gives a result with the reason."""
-        found = self._select(image, forget_after)
-        results = self._person.track(image.stamp_ns, image.frame_id, found, image.lens)
-        number = found.number if image.persistent else -1
+        found = [self._select(image, forget_after) for image in images]
+        sights = [Sight(image.stamp_ns, one, image.lens, image.camera) for image, one in zip(images, found)]
+        sights = [sight for sight in sights if _has_points(sight.seen)] or sights
+        results = self._person.track(sights, frame_id)
+        number = found[0].number if images[0].persistent else -1
         results = [replace(one, label=self._id, detector_id=number, guessed=self._guessed) for one in results]
         rejected = any(not result.accepted for result in results)
-        if rejected and (absence := self._absence(image, forget_after)):
+        if rejected and (absence := self._absence(images[0], forget_after)):
             results[-1] = replace(results[-1], rejection=PERSON_ABSENT, detail=absence)
-        if self._lock_next and self.tracked_at(image.stamp_ns):
+        if self._lock_next and self.tracked_at(max(image.stamp_ns for image in images)):
             self._locked, self._lock_next = True, False
         return results
 
     def _select(self, image: PeopleImage, forget_after: float) -> Detection:
         """Return the detection of the followed person; an empty detection if the person is not in the message."""
         keypoints, stamp_ns = image.keypoints, image.stamp_ns
-        self._newest_ns, self._persistent = stamp_ns, image.persistent
+        view = self._newest = self._views.setdefault(image.camera.name, _View())
+        view.seen_ns, view.persistent = stamp_ns, image.persistent
+        view.lens, view.camera = image.lens, image.camera
         if keypoints.persons is None or len(keypoints.persons) == 0:
             return detection(keypoints, None, self._count, image.lens)
         people = detections_by_person(keypoints, self._count, image.lens)
         patience = max(forget_after, self._person.tracker.config.lost_after)
-        self._update_tracks(people, image, patience)
-        followed = self._followed
+        self._update_tracks(people, image, view, patience)
+        followed = view.followed
         if followed is not None and followed.seen_ns == stamp_ns and followed.by_place:
             self._guessed = self._guessed or followed.gap_s > GUESS_AFTER_S
-        if followed is None or self._is_forgotten(stamp_ns, patience):
-            followed = self._choose_anew(people, stamp_ns)
+        if elsewhere := self._sight_elsewhere(view):
+            if followed is None or self._person.seen_ns is None or followed.unseen_s(stamp_ns) > GUESS_AFTER_S:
+                followed = view.followed = self._found_again(view, elsewhere)
+        elif followed is None or self._is_forgotten(view, patience):
+            followed = self._choose_anew(view)
         if followed is None:
             return self._nobody(people)
         return followed.detection if followed.seen_ns == stamp_ns else self._nobody(())
 
-    def _update_tracks(self, people: Sequence[Detection], image: PeopleImage, patience: float) -> None:
+    def _update_tracks(self, people: Sequence[Detection], image: PeopleImage, view: _View, patience: float) -> None:
         usable = [one for one in people if self._is_trackable(one)]
-        if image.persistent and self._followed is not None:  # the followed person may be seen in part
-            number = self._followed.detection.number
+        if image.persistent and view.followed is not None:  # the followed person may be seen in part
+            number = view.followed.detection.number
             usable += [one for one in people if one.number == number and one not in usable and _has_points(one)]
-        expected = None if self._followed is None else self._person.predicted_landmarks(image.stamp_ns)
-        self._tracks.update(image.stamp_ns, usable, image.persistent, patience, self._followed, expected)
+        expected = None
+        if view.followed is not None:
+            expected = self._person.predicted_landmarks(image.stamp_ns, image.camera)
+        view.tracks.update(image.stamp_ns, usable, image.persistent, patience, view.followed, expected)
 
-    def _is_forgotten(self, stamp_ns: int, patience: float) -> bool:
+    def _sight_elsewhere(self, view: _View) -> Sight | None:
+        """Return the newest sight of the followed person by another camera, as it is expected at the view's stamp."""
+        others = [
+            other
+            for other in self._views.values()
+            if other is not view
+            and other.followed is not None
+            and abs(view.seen_ns - other.followed.seen_ns) <= GUESS_AFTER_S * 1e9
+        ]
+        newest = max(others, key=lambda other: other.followed.seen_ns if other.followed else 0, default=None)
+        if newest is None or newest.followed is None:
+            return None
+        seen = replace(newest.followed.detection, points=newest.followed.predicted(view.seen_ns))
+        return newest.sight(seen)
+
+    def _found_again(self, view: _View, elsewhere: Sight) -> ImageTrack | None:
+        """Return the track of the person whom another camera sees; None if there is none, or in doubt."""
+        tracks = view.tracks.seen_at(view.seen_ns)
+        candidates = [view.sight(track.detection) for track in tracks]
+        found = same_person(elsewhere, candidates, self._person.tracker.learned.size_check, RIVAL)
+        return None if found is None else tracks[candidates.index(found)]
+
+    def _is_forgotten(self, view: _View, patience: float) -> bool:
         """Return True if the followed person has left, so that another one may be followed."""
         if self._person.seen_ns is None and not self._locked:
             return True  # never tracked: there is nothing to keep
-        followed = self._followed
+        followed, stamp_ns = view.followed, view.seen_ns
         absent = followed is None or followed.seen_ns != stamp_ns or not self._is_trackable(followed.detection)
         return absent and not self._locked and self._person.unseen_s(stamp_ns) > patience
 
-    def _choose_anew(self, people: Sequence[Detection], stamp_ns: int) -> ImageTrack | None:
+    def _choose_anew(self, view: _View) -> ImageTrack | None:
         """Follow the best person in the image. Return the track, None if nobody can be tracked."""
-        best = self._best([t for t in self._tracks.seen_at(stamp_ns) if self._is_trackable(t.detection)])
-        if best is not None and best is not self._followed:
-            self._begin(best)
+        tracks = [t for t in view.tracks.seen_at(view.seen_ns) if self._is_trackable(t.detection)]
+        best = self._best(tracks, view.persistent)
+        if best is not None and best is not view.followed:
+            self._begin(best, view)
         return best
 
-    def _begin(self, track: ImageTrack | None) -> None:
-        """Follow another person, under a new id."""
-        self._followed, self._guessed = track, False
+    def _begin(self, track: ImageTrack | None, view: _View) -> None:
+        """Follow another person, under a new id. The images of other cameras will show who it is there."""
+        for other in self._views.values():
+            other.followed = None
+        view.followed, self._guessed = track, False
         if self._person.seen_ns is not None:
             self._person.reset(same_camera=True)
             self._number_of_person = max(self._number_of_person, 1) + 1
 
-    def _best(self, tracks: Sequence[ImageTrack]) -> ImageTrack | None:
+    def _best(self, tracks: Sequence[ImageTrack], persistent: bool) -> ImageTrack | None:
         """Return the track that the rule `follow` prefers; None if there is none."""
         number = number_named(self._follow)
         if number is not None:
-            lasting = tracks if self._persistent else ()
+            lasting = tracks if persistent else ()
             return next((track for track in lasting if track.detection.number == number), None)
         score = SCORES[self._follow]
         return max(tracks, key=lambda track: score(track.detection), default=None)
@@ -200,7 +233,7 @@ class SinglePersonTracker:
         Without it the message would be refused for too few landmarks. This reason would be misleading, because it
         suggests that the detector's confidences are too low.
         """
-        keypoints, followed = image.keypoints, self._followed
+        keypoints, followed = image.keypoints, self._views[image.camera.name].followed
         if keypoints.persons is None or followed is None or followed.seen_ns == image.stamp_ns:
             return ""
         config = self._person.tracker.config
@@ -219,6 +252,22 @@ class SinglePersonTracker:
 
     def _is_trackable(self, one: Detection) -> bool:
         return is_trackable(one, self._person.tracker.config)
+
+
+class _View:
+    """What one camera sees: the tracks of all people, which of them is the followed person's, and the last image."""
+
+    def __init__(self) -> None:
+        self.tracks = ImageTracks()
+        self.followed: ImageTrack | None = None
+        self.seen_ns, self.persistent = 0, False
+        self.lens: Lens | None = None
+        self.camera = HERE
+
+    def sight(self, seen: Detection) -> Sight:
+        """Return a detection as one of the last image."""
+        assert self.lens is not None
+        return Sight(self.seen_ns, seen, self.lens, self.camera)
 
 
 def _has_points(one: Detection) -> bool:

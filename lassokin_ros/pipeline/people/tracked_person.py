@@ -14,11 +14,11 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.evidence import Evidence
 from lassokin_ros.core.image.projection import project
-from lassokin_ros.core.observation import Observation, Status
+from lassokin_ros.core.observation import HERE, CameraPose, Observation, Status
 from lassokin_ros.core.record import record
 from lassokin_ros.core.tracker import Tracker
 from lassokin_ros.pipeline.camera.lens import Lens
-from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.pipeline.frame_result import FrameResult, ImageOfPerson
 from lassokin_ros.pipeline.input_checks.repeats import Repeats
 from lassokin_ros.pipeline.outputs.status.rejection_text import frozen_text, rejection_text
 from lassokin_ros.pipeline.people.joint_states import SHORTEST_NS, JointStates, Moment
@@ -51,17 +51,31 @@ class Detection:
     depth_age: float = 0.0
 
 
+@record
+class Sight:
+    """A detection of a person, and how its image was taken. stamp_ns: ns. camera: which camera, and where it is."""
+
+    stamp_ns: int
+    seen: Detection
+    lens: Lens
+    camera: CameraPose = HERE
+
+
 class TrackedPerson:
     """Tracks one person. Times are ns; only differences matter."""
 
     def __init__(
-        self, config: TrackerConfig, skeleton: Skeleton | None = None, evidence: Sequence[Evidence] = ()
+        self,
+        config: TrackerConfig,
+        skeleton: Skeleton | None = None,
+        evidence: Sequence[Evidence] = (),
+        up: np.ndarray | None = None,
     ) -> None:
-        """skeleton: replaces the skeleton of `config`. evidence: see `Tracker`. Raises a LassokinError if these are
+        """skeleton: replaces the skeleton of `config`. evidence, up: see `Tracker`. Raises a LassokinError if these are
         unusable.
         """
-        self.tracker = Tracker(config, skeleton, evidence)
-        self._repeats = Repeats()
+        self.tracker = Tracker(config, skeleton, evidence, up)
+        self._repeats: dict[str, Repeats] = {}
         self.reset()
 
     def reset(self, same_camera: bool = False) -> None:
@@ -69,7 +83,7 @@ class TrackedPerson:
         a person who left because the points were frozen does not come again with them.
         """
         if not same_camera:
-            self._repeats = Repeats()
+            self._repeats = {}
         self.tracker.reset(same_camera)
         self._joint_states = JointStates(self.tracker.skeleton.axes)  # results of before keep theirs
         self.status = Status.SEARCHING
@@ -82,41 +96,37 @@ class TrackedPerson:
         self._landmarks: np.ndarray | None = None
         self._velocity = np.zeros(3)
 
-    def track(self, stamp_ns: int, frame_id: str, seen: Detection, lens: Lens, person: str = "") -> list[FrameResult]:
-        """Track one detection of this person.
+    def track(self, sights: Sequence[Sight], frame_id: str, person: str = "") -> list[FrameResult]:
+        """Track the detections of this person in the images of one instant, one of each camera.
 
-        Returns the results to publish now. If the detection is refused, the last result gives the reason. Without
-        `smoothing_lag` there is one result, that of this detection.
+        frame_id: of the results. Returns the results to publish now. If the detections are refused, the last result
+        gives the reason. Without `smoothing_lag` there is one result, that of these detections.
         """
+        first, *others = sights
+        stamp_ns = max(sight.stamp_ns for sight in sights)
         if self._origin_ns is None:
             self._origin_ns = stamp_ns
-        seconds = (stamp_ns - self._origin_ns) * 1e-9
         frame = partial(
             FrameResult,
             stamp_ns,
             frame_id,
             person=person,
-            detected=seen.pixels,
-            points=seen.points,
-            lens=lens,
+            detected=first.seen.pixels,
+            points=first.seen.points,
+            lens=first.lens,
+            camera=first.camera,
+            others=tuple(ImageOfPerson(o.camera, o.lens, o.seen.pixels, o.seen.points) for o in others),
             skeleton=self.tracker.skeleton,  # calibration changes the lengths for the next frame only
         )
-        frozen_s = self._frozen_s(stamp_ns, seen)
-        observation = Observation(
-            seconds,
-            np.full_like(seen.points, np.nan) if frozen_s else seen.points,
-            seen.confidence,
-            lens.focal,
-            depth=seen.depth,
-            depth_of_surface=seen.depth_of_surface,
-            depth_age=seen.depth_age,
-        )
-        estimate = self.tracker.track(observation)
+        frozen = [self._frozen_s(sight) for sight in sights]
+        observations = [self._observation(sight, bool(old)) for sight, old in zip(sights, frozen)]
+        estimate = self.tracker.track(observations)
         self.status = estimate.status
         if estimate.rejection is not None:
             if self.seen_ns is None:
                 self._origin_ns = None  # time starts at the first accepted frame
-            reason, detail = estimate.rejection.value, rejection_text(estimate, observation, self.tracker.config)
+            reason, detail = estimate.rejection.value, rejection_text(estimate, observations[0], self.tracker.config)
+            frozen_s = min(frozen)
             if frozen_s:
                 self.status = Status.SEARCHING if self.seen_ns is None else Status.LOST
                 reason, detail = FROZEN, frozen_text(frozen_s, self.tracker.config)
@@ -127,17 +137,34 @@ class TrackedPerson:
         self._waiting.append((stamp_ns, estimate.stamp, made))
         return self._due(self.tracker.published, stamp_ns)
 
-    def _frozen_s(self, stamp_ns: int, seen: Detection) -> float:
-        """Return s for which the keypoints have been the same, if it is more than `lost_after`; else 0."""
-        if not np.isfinite(seen.points).any():
+    def _observation(self, sight: Sight, frozen: bool) -> Observation:
+        assert self._origin_ns is not None
+        seen = sight.seen
+        return Observation(
+            (sight.stamp_ns - self._origin_ns) * 1e-9,
+            np.full_like(seen.points, np.nan) if frozen else seen.points,
+            seen.confidence,
+            sight.lens.focal,
+            depth=seen.depth,
+            depth_of_surface=seen.depth_of_surface,
+            depth_age=seen.depth_age,
+            camera=sight.camera,
+        )
+
+    def _frozen_s(self, sight: Sight) -> float:
+        """Return s for which a camera's keypoints have been the same, if it is more than `lost_after`; else 0."""
+        if not np.isfinite(sight.seen.points).any():
             return 0.0
-        repeated = self._repeats.age(stamp_ns, seen.points)
+        repeats = self._repeats.setdefault(sight.camera.name, Repeats())
+        repeated = repeats.age(sight.stamp_ns, sight.seen.points)
         return repeated if repeated > self.tracker.config.lost_after else 0.0
 
-    def mark_absent(self, stamp_ns: int, lens: Lens) -> list[FrameResult]:
-        """Record that the person is not in the image of this stamp. Returns held results that are due now."""
-        count = self.tracker.kinematics.landmark_count
-        *due, _ = self.track(stamp_ns, "", Detection(np.full((count, 2), np.nan), np.zeros(count)), lens)
+    def mark_absent(self, sight: Sight) -> list[FrameResult]:
+        """Record that the person is not in an image. Returns held results that are due now.
+
+        sight: without any point.
+        """
+        *due, _ = self.track([sight], "")
         return due
 
     def flush(self) -> list[FrameResult]:
@@ -183,10 +210,14 @@ class TrackedPerson:
         lost = self.status is Status.TRACKING and self.unseen_s(stamp_ns) > self.tracker.config.lost_after
         return Status.LOST if lost else self.status
 
-    def predicted_landmarks(self, stamp_ns: int) -> np.ndarray | None:
-        """Return the predicted landmarks (l, 2), normalised: the last pose, moved with the lateral velocity."""
+    def predicted_landmarks(self, stamp_ns: int, camera: CameraPose = HERE) -> np.ndarray | None:
+        """Return the predicted landmarks (l, 2) in the image of a camera, normalised.
+
+        They are those of the last pose, moved with the velocity across the line of sight.
+        """
         if self._landmarks is None:
             return None
         shift = self._velocity * min(self.unseen_s(stamp_ns), LONGEST_PREDICTION_S)
+        shift = shift if camera.is_identity else camera.rotation @ shift
         shift[2] = 0.0  # depth from one camera is too noisy to extrapolate
-        return project(self._landmarks + shift)
+        return project(camera.into_camera(self._landmarks) + shift)

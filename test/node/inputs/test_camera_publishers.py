@@ -19,7 +19,7 @@ def watch(*names):
     """A watch of a topic with these publishers; the list can be changed."""
     found = [SimpleNamespace(node_namespace="/robot", node_name=name) for name in names]
     node = SimpleNamespace(resolve_topic_name=lambda name: f"/{name}", get_publishers_info_by_topic=lambda _: found)
-    return CameraPublishers(node), found
+    return CameraPublishers(node, "camera_info"), found
 
 
 def test_one_publisher_is_no_warning():

@@ -24,7 +24,9 @@ class Camera:
 
     def __init__(self, node):
         counts = Counter()
-        self.input = DepthInput(node, NodeSettings(depth="aligned"), DepthImages(counts), counts, time.monotonic())
+        self.input = DepthInput(
+            node, "aligned", NodeSettings(depth="aligned"), DepthImages(counts), counts, time.monotonic()
+        )
         self.number = 0
         self.image()
         self.image()  # from now on the period is known

@@ -105,7 +105,7 @@ def test_with_an_overridden_qos_the_executor_keeps_waiting(policy):
         peer.spin_until(lambda: [peer.send(0, PIXELS[0]), serve()] and node._diagnostics.keypoints_received)
         peer.spin_until(lambda: [peer.camera.publish(of(700.0)), serve()] and focal(node) == 700.0)
         node._publish_diagnostics()
-        attended = [event.callback_group is not UNATTENDED for event in node._keypoints._subscription.event_handlers]
+        attended = [event.callback_group is not UNATTENDED for event in node._keypoints[0]._subscription.event_handlers]
         assert attended and attended == ["reliability" in policy] * len(attended)
 
 

@@ -242,5 +242,5 @@ def test_a_publisher_that_repeats_a_stamp_needs_no_memory():
     assert len(transforms._frames[FRAME]._stamps) == 1
     assert np.allclose(transforms.rotation(FRAME, BASE, SECOND), rpy(0, 0.4).as_matrix())
     for number in range(MOST_STAMPS + 10):
-        transforms._frames[FRAME].add(SECOND - number, (0.0, 0.0, 0.0, 1.0))
+        transforms._frames[FRAME].add(SECOND - number, (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
     assert len(transforms._frames[FRAME]._stamps) == MOST_STAMPS

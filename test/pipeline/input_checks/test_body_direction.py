@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from lassokin_ros.core.observation import HERE
 from lassokin_ros.pipeline.input_checks.body_direction import LONG_S, BodyDirection
 
 NAMES = ("pelvis", "neck", "head")
@@ -16,7 +17,9 @@ def frame(degrees, names=NAMES, towards=0.0):
     up = np.array([np.sin(angle), -np.cos(angle), -towards])
     positions = np.array([0.0, 0.2, 3.0]) + np.outer([0.0, 0.5, 0.7], up)
     return SimpleNamespace(
-        estimate=SimpleNamespace(pose=SimpleNamespace(positions=positions)), skeleton=SimpleNamespace(joint_names=names)
+        estimate=SimpleNamespace(pose=SimpleNamespace(positions=positions)),
+        skeleton=SimpleNamespace(joint_names=names),
+        camera=HERE,
     )
 
 

@@ -11,7 +11,7 @@ from lassokin_ros.pipeline.people.assignment import assign
 from lassokin_ros.pipeline.people.matching import distance, distances, is_trackable, match_radius
 from lassokin_ros.pipeline.people.multi_person import SAME_BODY, _without_duplicates, name
 from lassokin_ros.pipeline.people.presence import best
-from lassokin_ros.pipeline.people.tracked_person import Detection
+from lassokin_ros.pipeline.people.tracked_person import Detection, Sight
 from msg_adapters.errors import AdapterError
 from msg_adapters.keypoints import Keypoints
 
@@ -100,8 +100,9 @@ def test_the_best_status_is_selected():
 
 
 def test_the_more_complete_of_duplicate_detections_is_kept():
-    full, part = seen(BODY), seen(BODY + [0.05, 0], [0.5, 0.5, 0.5, 0])
-    other = seen(BODY + [2 * SAME_BODY * 0.5, 0])
+    lens = Lens(np.eye(3))
+    full, part = Sight(0, seen(BODY), lens), Sight(0, seen(BODY + [0.05, 0], [0.5, 0.5, 0.5, 0]), lens)
+    other = Sight(0, seen(BODY + [2 * SAME_BODY * 0.5, 0]), lens)
     assert _without_duplicates([part, full, other]) == [full, other]
     assert name(12) == "p12"
 

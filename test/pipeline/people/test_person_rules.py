@@ -15,13 +15,14 @@ from lassokin_ros.pipeline.people.multi_person import MOST_REINITIALISED, MultiP
 from lassokin_ros.pipeline.people.people_tracker import PeopleImage
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.people.single_person import SinglePersonTracker
-from lassokin_ros.pipeline.people.tracked_person import Detection
 from msg_adapters.keypoints import Keypoints
 
 SECOND, PERIOD = 10**9, 10**8
 BODY = np.array([[0.0, 0.0], [0.3, 0.0], [0.0, 0.4], [0.3, 0.4]])
 """The diagonal, which is the person's size, is 0.5."""
 LENS = Lens(np.array([[100.0, 0, 0], [0, 100, 0], [0, 0, 1]]))
+CENTRE = 1000.0
+ROOM = Lens(np.array([[100.0, 0, CENTRE], [0, 100, CENTRE], [0, 0, 1]]))
 CONFIG = TrackerConfig(min_landmarks=3, min_confidence=0.2, lost_after=1.0)
 
 
@@ -43,13 +44,14 @@ class Pretended:
         self.resets.append(same_camera)
         self.status, self.seen_ns, self.points = Status.SEARCHING, None, None
 
-    def track(self, stamp_ns, frame_id, seen, lens, person=""):
+    def track(self, sights, frame_id, person=""):
+        ((stamp_ns, seen),) = [(sight.stamp_ns, sight.seen) for sight in sights]
         if self.refuses or not np.isfinite(seen.points).any():
             return [FrameResult(stamp_ns, frame_id, None, "too_few_landmarks", "few", person=person)]
         self.status, self.seen_ns, self.points = Status.TRACKING, stamp_ns, seen.points
         return [FrameResult(stamp_ns, frame_id, person=person, points=seen.points)]
 
-    def mark_absent(self, stamp_ns, lens):
+    def mark_absent(self, sight):
         self.absences += 1
         return []
 
@@ -60,7 +62,7 @@ class Pretended:
         lost = self.status is Status.TRACKING and self.unseen_s(stamp_ns) > 1.0
         return Status.LOST if lost else self.status
 
-    def predicted_landmarks(self, stamp_ns):
+    def predicted_landmarks(self, stamp_ns, camera):
         return self.points
 
     def flush(self):
@@ -80,13 +82,13 @@ class Room:
         accepted results.
         """
         persistent = numbers is not None
-        found = []
-        for body, number in zip(bodies, numbers or range(len(bodies))):
-            points = np.array(body, dtype=float)
-            points = BODY + points if points.shape == (2,) else points
-            confidence = np.where(np.isfinite(points).all(axis=1), 0.5, 0.0)
-            found.append(Detection(points, confidence, number))
-        results = self.tracker.track(index * PERIOD + SECOND, "camera", found, LENS, persistent, forget_after)
+        points = [np.array(body, dtype=float) for body in bodies]
+        points = [BODY + one if one.shape == (2,) else one for one in points]
+        xy = np.concatenate([np.zeros((0, 2)), *points]) * 100 + CENTRE
+        ids, people = np.tile(np.arange(4), len(bodies)), np.repeat(numbers or range(len(bodies)), 4).astype(int)
+        keypoints = Keypoints(1, "", ids, xy, np.where(np.isfinite(xy).all(axis=1), 0.5, 0.0), people)
+        image = PeopleImage(keypoints, index * PERIOD + SECOND, "camera", ROOM, persistent)
+        results = self.tracker.update([image], "camera", forget_after)
         assert all(result.frame_id == "camera" and result.accepted for result in results)
         return [result.person for result in results]
 
@@ -103,11 +105,11 @@ def partly(count):
 
 
 def test_each_number_of_a_detector_is_a_person_at_once(room):
-    assert room.see(0, (0, 0), (5, 0), numbers=[7, 2]) == ["p7", "p2"]
-    assert room.tracker.ids == ["p7", "p2"] and room.tracker.status is Status.TRACKING
-    assert list(room.tracker.tracked) == ["p7", "p2"] and room.tracker.tracked_at(SECOND)
+    assert room.see(0, (0, 0), (5, 0), numbers=[7, 2]) == ["p2", "p7"]
+    assert room.tracker.ids == ["p2", "p7"] and room.tracker.status is Status.TRACKING
+    assert list(room.tracker.tracked) == ["p2", "p7"] and room.tracker.tracked_at(SECOND)
     assert not room.tracker.tracked_at(SECOND + 1)
-    assert room.see(1, (5, 0), (0, 0), numbers=[7, 2]) == ["p7", "p2"]  # wherever they are
+    assert room.see(1, (5, 0), (0, 0), numbers=[7, 2]) == ["p2", "p7"]  # wherever they are
     assert room.counts == {"people come": 2}
     assert len(room.tracker.flush()) == 2
 
@@ -289,7 +291,7 @@ class Followed:
         ids = np.tile(np.arange(points), len(people))
         keypoints = Keypoints(1, "", ids, xy, scores, numbers)
         image = PeopleImage(keypoints, SECOND + index * PERIOD, "camera", LENS, persistent)
-        (result,) = self.tracker.update(image, 3.0)
+        (result,) = self.tracker.update([image], "camera", 3.0)
         self.detail, self.label = result.detail, result.label
         self.detector_id, self.guessed = result.detector_id, result.guessed
         return round(float(result.points[0, 0]), 6) if result.accepted else result.rejection
@@ -407,7 +409,7 @@ def test_a_trackable_person_has_priority_over_higher_scores(followed):
     ids, xy = np.array([0, 1, 0, 1, 2, 3]), np.vstack([100 * BODY[:2] + 100, 100 * BODY + [500, 100]])
     scores, numbers = np.array([1.0, 1, 0.4, 0.4, 0.4, 0.4]), np.array([1, 1, 2, 2, 2, 2])
     image = PeopleImage(Keypoints(1, "", ids, xy, scores, numbers), SECOND, "camera", LENS, True)
-    (result,) = followed.tracker.update(image, 3.0)
+    (result,) = followed.tracker.update([image], "camera", 3.0)
     assert result.points[0].tolist() == [5, 1]
 
 

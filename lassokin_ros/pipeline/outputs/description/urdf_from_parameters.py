@@ -17,4 +17,4 @@ from lassokin_ros.skeleton_readers.load import load_skeleton
 def urdf_from_settings(tracker: TrackerConfig, settings: NodeSettings, node: str = NODE_NAME) -> str:
     """Return the URDF as XML text. node: the full name of the node without the first slash. Raises a LassokinError."""
     prefix = link_prefix(settings.frame_prefix, node)
-    return urdf(load_skeleton(tracker.skeleton, tracker.assumed_height), settings.base_frame, prefix)
+    return urdf(load_skeleton(tracker.skeleton, tracker.assumed_height), settings.root_frame, prefix)

@@ -10,6 +10,7 @@ import numpy as np
 
 from lassokin_ros.core.observation import Rejection, Status
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
+from lassokin_ros.pipeline.camera_images import DEPTH_IN_MESSAGE, NOBODY, UNSCORED, UNUSED
 from lassokin_ros.pipeline.depth_check import MISFIT
 from lassokin_ros.pipeline.depth_images import COUNTS as DEPTH_COUNTS
 from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED
@@ -19,10 +20,11 @@ from lassokin_ros.pipeline.input_checks.messages import LEADING_SLASH
 from lassokin_ros.pipeline.input_checks.repeats import FROZEN_S
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.outputs.status.calibration_status import calibration_figures, height_figures
+from lassokin_ros.pipeline.outputs.status.camera_status import CameraStatus
 from lassokin_ros.pipeline.outputs.status.input_concerns import input_concerns
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.people.tracked_person import FROZEN
-from lassokin_ros.pipeline.pipeline import DEPTH_IN_MESSAGE, NOBODY, UNSCORED, UNUSED, Pipeline
+from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.placeholders import PLACEHOLDERS
 from lassokin_ros.pipeline.settings import MESSAGE
 from msg_adapters.output_messages.builders import ERROR, OK, WARN, StatusLine
@@ -73,6 +75,7 @@ class Diagnostics:
         self._nobody = False
         self._repeated_s = 0.0
         self._direction = BodyDirection()
+        self._cameras = CameraStatus(pipeline)
         self.concerns: list[str] = []
         """Reasons for a warning in the last period, in words, without the messages that were not used."""
         self.inputs: list[str] = []
@@ -138,8 +141,9 @@ class Diagnostics:
         recent.subtract(self._counts)
         tracking = presence.status is Status.TRACKING
         self._direction.update(self._newest if tracking else (), self._pipeline.camera_angles[0], now)
+        figures = self._cameras.update(now, period)
         level, message = self._level_and_text(now, recent, presence.status, concern)
-        values = self._figures(now, period, recent, presence)
+        values = {**self._figures(now, period, recent, presence), **figures}
         self._begin(now)
         return StatusLine(level, f"{self._name}: person", message, self._hardware_id or "none", values)
 
@@ -151,6 +155,8 @@ class Diagnostics:
         if pipeline.camera_fault:
             kept = "; the last good one is used" if pipeline.has_camera else ""
             return ERROR, f"camera_info refused: {pipeline.camera_fault}{kept}"
+        if fault := self._cameras.fault:
+            return ERROR, f"no images can be used: {fault}"
         if waiting := self._waiting_for(now):
             return WARN, "; ".join(filter(None, [waiting, concern]))
         refused = recent[f"rejected: {FROZEN}"] + recent[f"rejected: {FROZEN} (a person)"]
@@ -175,6 +181,7 @@ class Diagnostics:
             direction if self._direction.is_down else "",
             self._stale_advice(),
             self._identity_advice(),
+            *self._cameras.concerns(now),
             concern,
         )
         concerns = [words for words in possible if words]
@@ -370,7 +377,7 @@ def _misfit(frame: FrameResult) -> float:
     """
     estimate = frame.estimate
     assert estimate is not None and estimate.state is not None and frame.lens is not None and frame.skeleton is not None
-    depth = float(estimate.state.translation[2])
+    depth = float(frame.camera.into_camera(estimate.state.translation)[2])
     return estimate.reprojection_px / frame.lens.focal * depth / frame.skeleton.height
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 
+from lassokin_ros.pipeline.camera_images import UNSCORED
 from lassokin_ros.pipeline.input_checks.repeats import FROZEN_S
-from lassokin_ros.pipeline.pipeline import UNSCORED, Pipeline
+from lassokin_ros.pipeline.pipeline import Pipeline
 
 
 def input_concerns(pipeline: Pipeline, recent: Counter[str]) -> Iterator[str]:
@@ -28,7 +29,7 @@ def _other_camera(pipeline: Pipeline) -> str:
     """Return that camera_info and keypoints have different frame_ids."""
     if pipeline.image is None or (view := pipeline.camera.view) is None:
         return ""
-    frame, camera = pipeline.image[1], view.intrinsics.frame_id
+    frame, camera = pipeline.first.frame_id, view.intrinsics.frame_id
     if not frame or not camera or frame == camera:
         return ""
     return (

@@ -10,12 +10,12 @@ import pytest
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.observation import Status
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
+from lassokin_ros.pipeline.camera_images import NOBODY
 from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
 from lassokin_ros.pipeline.people.presence import Presence
-from lassokin_ros.pipeline.pipeline import NOBODY
 from lassokin_ros.pipeline.placeholders import PLACEHOLDERS
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.output_messages.builders import ERROR, OK, WARN
@@ -47,6 +47,7 @@ def pipeline():
         locked=None,
         tracker=tracker,
         trackers={"": tracker},
+        places=None,
         nobody_in_view=False,
         unused_confidence=0.0,
         depth=None,

@@ -1,0 +1,79 @@
+"""Where the cameras are, in the frame in which the skeleton is kept: from TF at the time of each image."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from lassokin_ros.core.observation import CameraPose
+from lassokin_ros.pipeline.camera.transforms import TransformError, Transforms
+from msg_adapters.errors import AdapterError
+
+LEVEL = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""(3, 3) from a frame with z up to the optical frame of a level camera that looks along its y axis."""
+
+
+class CameraPlaces:
+    """The poses of the cameras in one frame."""
+
+    subject, meanwhile = "the cameras' poses", "images of the camera are rejected"
+    """What TF gives, and what is done without it."""
+
+    def __init__(self, fixed_frame: str, names: tuple[str, ...], given: Mapping[str, CameraPose] | None = None) -> None:
+        """fixed_frame: name of the frame; empty for the optical frame of the first camera. names: of the cameras.
+
+        given: poses by name in a common frame, in place of those from TF. It is the fixed frame, if that has a name.
+        """
+        self._first, self._given = names[0], given
+        self.base = fixed_frame.lstrip("/")
+        """Name of the frame. Without a fixed frame it is that of the first camera, empty before its first image."""
+        self._fixed = bool(self.base)
+        if given is not None and not self._fixed:
+            self._given = {name: _relative(given[name], given[names[0]]) for name in names}
+        self.transforms = Transforms()
+        self.known = False
+        """True if TF has given a pose."""
+        self.faults: dict[str, str] = {}
+        """Why the last image of a camera could not be placed, in words, by name."""
+
+    def pose(self, name: str, frame_id: str, stamp_ns: int) -> CameraPose:
+        """Return the pose of a camera at the time of its image.
+
+        name: of the camera; frame_id: its optical frame; stamp_ns: ns, of the image. Raises AdapterError with the
+        reason `no_transform`.
+        """
+        frame_id = frame_id.lstrip("/")
+        if not self._fixed and name == self._first:
+            self.base = frame_id
+            return CameraPose(name)
+        if self._given is not None:
+            return self._given[name]
+        try:
+            if not frame_id:
+                raise TransformError("neither keypoints nor camera_info have a frame_id")
+            if not self.base:
+                raise TransformError(f"nothing was received of the first camera '{self._first}', in whose frame it is")
+            rotation, centre = self.transforms.pose(frame_id, self.base, stamp_ns)
+        except TransformError as error:
+            where = f"fixed_frame '{self.base}'" if self._fixed else f"the frame '{self.base}' of '{self._first}'"
+            self.faults[name] = f"no pose of {f'camera {name!r}' if name else 'the camera'} in {where}: {error}"
+            raise AdapterError("no_transform", self.faults[name]) from None
+        self.faults.pop(name, None)
+        self.known = True
+        return CameraPose(name, rotation.T, -rotation.T @ centre)
+
+    @property
+    def fault(self) -> str:
+        """Why the last images of cameras could not be placed, in words; empty if they could."""
+        return "; ".join(self.faults.values())
+
+    def in_words(self) -> str:
+        """Return where the poses come from."""
+        return f"follow TF in the frame '{self.base}'"
+
+
+def _relative(pose: CameraPose, first: CameraPose) -> CameraPose:
+    """Return a pose in the optical frame of another camera."""
+    rotation = pose.rotation @ first.rotation.T
+    return CameraPose(pose.name, rotation, pose.translation - rotation @ first.translation)

@@ -1,0 +1,178 @@
+"""From the messages of one camera to images of people: decode, check, add measured depth, order by stamps."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.learned.height import FEWEST
+from lassokin_ros.pipeline.camera.camera_mount import CameraMount
+from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE, Camera, View
+from lassokin_ros.pipeline.depth_check import MISFIT, DepthCheck
+from lassokin_ros.pipeline.depth_images import DepthImages
+from lassokin_ros.pipeline.detections import detections_by_person
+from lassokin_ros.pipeline.input_checks.landmark_ids import LandmarkIds
+from lassokin_ros.pipeline.input_checks.messages import LEADING_SLASH, check_layout, has_leading_slash
+from lassokin_ros.pipeline.input_checks.own_depth import OwnDepth
+from lassokin_ros.pipeline.input_checks.stamp_rate import StampRate
+from lassokin_ros.pipeline.people.matching import is_trackable
+from lassokin_ros.pipeline.people.people_tracker import PeopleImage
+from lassokin_ros.pipeline.placeholders import PLACEHOLDERS, checked_positions
+from lassokin_ros.pipeline.settings import MESSAGE, NodeSettings
+from lassokin_ros.pipeline.stamps import StampWatch
+from msg_adapters.detectors.registry import keypoint_adapter
+from msg_adapters.errors import AdapterError
+from msg_adapters.keypoints import Keypoints
+
+NOBODY = "nobody in view"
+"""Key of the count of messages without any confident keypoint."""
+UNUSED = "keypoints below min_confidence"
+"""Key of the count of messages with keypoints, none of which reaches `min_confidence`."""
+DEPTH_IN_MESSAGE = "depth: in the message"
+"""Key of the count of keypoint messages with depths of their own."""
+UNSCORED = "keypoints without confidence"
+"""Key of the count of messages with the positions of a body, all with a confidence of 0 or NaN."""
+
+
+class CameraImages:
+    """The inputs of one camera, and what is known about them."""
+
+    def __init__(
+        self, name: str, tracker_config: TrackerConfig, config: NodeSettings, layout: Layout, counts: Counter[str]
+    ) -> None:
+        """name: of the camera, empty if it is the only one. counts: of all messages, see `Pipeline.counts`."""
+        self.name, self.counts = name, counts
+        self.tracker_config, self.config, self._layout = tracker_config, config, layout
+        self._adapter = keypoint_adapter(config.keypoints_type)
+        self.camera = Camera(config.rectified)
+        """The camera of each image, from camera_info."""
+        depth = config.depth_topic(name)
+        self.depth = DepthImages(counts, depth, config.depth_registered) if depth else None
+        """The depth images, None if the setting `depth` names no topic."""
+        self.depth_check = DepthCheck()
+        """Whether the depth images show the tracked people."""
+        self.mount = CameraMount(config.camera_mount_frame) if config.camera_mount_frame else None
+        """The camera's mount from TF, None if the setting `camera_mount_frame` names no frame."""
+        self.stamps = StampWatch()
+        self.stamp_rate = StampRate()
+        """The rates of the stamps and of the arrivals."""
+        self.own_depth = OwnDepth()
+        """What is unusual about depths in the keypoint messages."""
+        self.landmark_ids = LandmarkIds(layout.names)
+        """Which landmarks have appeared."""
+        self.nobody_in_view = False
+        """True if the last message had no confident keypoint."""
+        self.unused_confidence = 0.0
+        """Largest confidence in the last message without a confident keypoint; 0 if that had no keypoint."""
+        self.received, self.arrival_ns = 0, 0
+        """Number of messages, and the arrival of the last one, ns."""
+        self.stamp_ns, self.frame_id = 0, ""
+        """Of the last message, as far as they are known: ns, and the frame_id, or that of its camera_info."""
+        self.sampled: Keypoints | None = None
+        """The keypoints of the last message with the depths of a depth image; None without one."""
+        self._optical_frame: str | None = None  # frame_id of the camera_info of the last image
+
+    def image(self, message: Any, arrival_ns: int) -> tuple[PeopleImage, bool]:
+        """Return the image of a keypoint message, and whether time jumped back so that everybody must be forgotten.
+
+        arrival_ns: ns, the stamp of a message that has none. Raises AdapterError if the message cannot be used.
+        """
+        self.nobody_in_view, self.sampled = False, None
+        self.received, self.arrival_ns = self.received + 1, arrival_ns
+        self.stamp_ns, self.frame_id = arrival_ns, ""
+        keypoints, view = self._decode(message)
+        self.frame_id = keypoints.frame_id or view.intrinsics.frame_id
+        keypoints = self._remove_placeholders(keypoints, view)
+        self._count_nobody_and_outside(keypoints, view)
+        if keypoints.stamp_ns is None:
+            self.counts["unstamped"] += 1
+        else:
+            self.stamp_rate.add(keypoints.stamp_ns, arrival_ns)
+        stamped = keypoints.stamp_ns is not None
+        stamp_ns = self.stamp_ns = keypoints.stamp_ns or self.stamps.estimate(arrival_ns)
+        keypoints = self._with_depth(self.own_depth.checked(keypoints, stamp_ns), stamp_ns, view)
+        image = PeopleImage(
+            keypoints, stamp_ns, self.frame_id, view.lens, self._has_persistent_numbers(keypoints), stamped=stamped
+        )
+        if self.name:
+            keypoints.by_person(len(self._layout.names))  # the images of other cameras must not suffer from this one
+        jumped = self._is_back_in_time(image, arrival_ns)
+        if jumped:
+            self._check_jump(image)
+            self.stamps.seen(stamp_ns, True)
+        changed = self._optical_frame not in (None, view.intrinsics.frame_id)
+        self._optical_frame = view.intrinsics.frame_id
+        return image, jumped or changed
+
+    def reset(self) -> None:
+        """Forget the stamps; everything that concerns the people was forgotten."""
+        self.stamps.reset()
+        self._optical_frame = None
+
+    def _decode(self, message: Any) -> tuple[Keypoints, View]:
+        """Return the keypoints and the camera of their image."""
+        present = self.camera.at(None)
+        keypoints = self._adapter.decode(message, present.size)
+        view = self.camera.at(keypoints.stamp_ns, keypoints.frame_id)
+        if view is not present:
+            keypoints = self._adapter.decode(message, view.size)
+        if has_leading_slash(message):
+            self.counts[LEADING_SLASH] += 1
+        check_layout(keypoints, self._layout, self.tracker_config.landmarks)
+        return keypoints, view
+
+    def _remove_placeholders(self, keypoints: Keypoints, view: View) -> Keypoints:
+        """Remove placeholder coordinates, and count the message. Raises AdapterError for fractions of the image."""
+        kept = checked_positions(keypoints, view.size)
+        if kept is not keypoints:
+            self.counts[PLACEHOLDERS] += 1
+        return kept
+
+    def _count_nobody_and_outside(self, keypoints: Keypoints, view: View) -> None:
+        confident = keypoints.confidence >= self.tracker_config.min_confidence  # others may be out of view
+        self.nobody_in_view = not np.count_nonzero(confident & keypoints.present)
+        if self.nobody_in_view:
+            self.counts[NOBODY] += 1
+            self.unused_confidence = float(keypoints.confidence.compress(keypoints.present).max(initial=0.0))
+            self.counts[UNUSED] += self.unused_confidence > 0
+            if self.unused_confidence == 0 and keypoints.unscored >= self.tracker_config.min_landmarks:
+                self.counts[UNSCORED] += 1
+        if view.has_outside(keypoints.xy.compress(confident, axis=0)):
+            self.counts[OUTSIDE_IMAGE] += 1
+
+    def _with_depth(self, keypoints: Keypoints, stamp_ns: int, view: View) -> Keypoints:
+        """Return the keypoints with depths of the depth image, unless they have their own."""
+        self.landmark_ids.add(keypoints)
+        if keypoints.depth is not None:
+            self.counts[DEPTH_IN_MESSAGE] += bool(np.count_nonzero(keypoints.depth > 0) >= FEWEST)
+        elif self.depth is not None:
+            self.sampled = self.depth.with_depth(keypoints, stamp_ns, view.size, view.intrinsics.frame_id)
+            self.counts[MISFIT] += bool(self.depth_check.fault)
+            return keypoints if self.depth_check.fault else self.sampled
+        return keypoints
+
+    def _is_back_in_time(self, image: PeopleImage, arrival_ns: int) -> bool:
+        """Return True if the people must be forgotten. Raises AdapterError for an old stamp, see `StampWatch.check`."""
+        try:
+            return self.stamps.check(image.stamp_ns, arrival_ns, self.config.jump_back)
+        except AdapterError:
+            if not self.stamps.is_first_stamp(image.stamped):
+                raise
+            return True  # arrival times were of another clock than the stamps
+
+    def _check_jump(self, image: PeopleImage) -> None:
+        """Raise AdapterError if nobody in an image from an earlier time can be tracked."""
+        people = detections_by_person(image.keypoints, len(self._layout.names), image.lens)
+        if not any(is_trackable(one, self.tracker_config) for one in people):
+            raise AdapterError("too_few_landmarks", "the message is from an earlier time and contains no person")
+
+    def _has_persistent_numbers(self, keypoints: Keypoints) -> bool:
+        """Return True if the message's person numbers identify people over time."""
+        persons = keypoints.persons
+        if persons is None or not keypoints.persistent or self.config.person_ids != MESSAGE:
+            return False
+        return len(persons) == 0 or bool(persons.min() >= 0)

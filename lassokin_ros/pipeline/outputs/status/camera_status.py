@@ -1,0 +1,76 @@
+"""The cameras in /diagnostics: figures of each, and what is wrong with their images and their poses."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator
+
+from lassokin_ros.pipeline.pipeline import Pipeline
+
+SILENCE_S = 2.0
+"""s: a longer period without keypoints of one of several cameras is a warning."""
+
+
+class CameraStatus:
+    """Collects the figures of several cameras, or of one in a fixed frame, over one period."""
+
+    def __init__(self, pipeline: Pipeline) -> None:
+        self._pipeline = pipeline
+        self._received: Counter[str] = Counter()
+        self._changed: dict[str, float] = {}  # s: when the number of messages was last seen to change
+
+    def update(self, now: float, period: float) -> dict[str, str]:
+        """Return the figures by name. now: s, steady clock; period: s since the last call."""
+        if self._pipeline.places is None:
+            return {}
+        figures = {}
+        for name, camera in self._pipeline.cameras.items():
+            recent = camera.received - self._received[name]
+            self._received[name] = camera.received
+            if recent:
+                self._changed[name] = now
+            prefix = f"{name}: " if name else ""
+            if name:
+                figures[f"{prefix}input rate [Hz]"] = f"{recent / period:.2f}"
+            count = self._pipeline.counts[f"no transform of {name}" if name else "no transform"]
+            figures[f"{prefix}no transform [messages]"] = str(count)
+            figures |= {f"{prefix}{key}": value for key, value in self._pose_figures(name)}
+        return figures
+
+    def _pose_figures(self, name: str) -> Iterator[tuple[str, str]]:
+        extrinsics = self._pipeline.tracker.learned.extrinsics
+        solution = None if extrinsics is None else extrinsics.solution(name)
+        if solution is not None:
+            angle, shift = solution
+            yield "pose differs from the given one [deg]", f"{math.degrees(angle):.2f}"
+            yield "pose differs from the given one [m]", f"{shift:.3f}"
+
+    def concerns(self, now: float) -> Iterator[str]:
+        """Yield what is wrong, in words. now: s."""
+        pipeline = self._pipeline
+        if pipeline.places is None:
+            return
+        yield from pipeline.places.faults.values()
+        if len(pipeline.cameras) == 1:
+            return
+        for name, camera in pipeline.cameras.items():
+            if camera.camera.view is None:
+                yield f"no camera_info of camera '{name}'"
+            elif now - self._changed.get(name, now) > SILENCE_S:
+                yield f"no keypoints of camera '{name}' for more than {SILENCE_S:g} s"
+        yield from self._wrong_poses()
+
+    def _wrong_poses(self) -> Iterator[str]:
+        extrinsics = self._pipeline.tracker.learned.extrinsics
+        if extrinsics is None:
+            return
+        yield from filter(None, map(extrinsics.in_words, self._pipeline.cameras))
+
+    @property
+    def fault(self) -> str:
+        """Why no camera can be used, in words; empty if one can."""
+        places = self._pipeline.places
+        if places is None or len(places.faults) < len(self._pipeline.cameras):
+            return ""
+        return places.fault

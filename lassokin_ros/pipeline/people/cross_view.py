@@ -1,0 +1,67 @@
+"""Whether two detections in images of different cameras are of one person.
+
+The landmarks are triangulated. Those of one person lie near both lines of sight, and have the size of the body. The
+size is needed: between level cameras the epipolar lines are level, too, and every standing person is near them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from lassokin_ros.core.image.frame_data import FrameData
+from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.image.triangulation import triangulate
+from lassokin_ros.core.learned.size_check import SizeCheck
+from lassokin_ros.pipeline.people.tracked_person import Sight
+
+SAME_PERSON = 0.2
+"""Largest cost of two detections of one person, as a fraction of the person's size."""
+FEWEST_POINTS, FEWEST_LIMBS = 5, 3
+"""Least numbers of common points, and of limbs between them, for a cost."""
+SIZE_WEIGHT = 0.5
+"""Weight of the logarithm of the ratio of sizes in the cost; the rest is the mean distance from the lines of sight."""
+
+
+def cross_view_cost(one: Sight, other: Sight, size: SizeCheck) -> float:
+    """Return the cost of two detections as those of one person; infinite if they cannot be.
+
+    size: of the person's body.
+    """
+    views = [
+        FrameData(np.where(seen, sight.seen.points, 0.0), seen[:, 0].astype(float), camera=sight.camera)
+        for sight in (one, other)
+        for seen in (np.isfinite(sight.seen.points) & (sight.seen.confidence > 0)[:, None],)
+    ]
+    places = triangulate(FrameData(views[0].points, views[0].weights, camera=one.camera, others=(views[1],)))
+    known = np.isfinite(places[:, 0])
+    if np.count_nonzero(known) < FEWEST_POINTS:
+        return math.inf
+    apart = []
+    for sight in (one, other):
+        inside = sight.camera.into_camera(places[known])
+        if float(np.median(inside[:, 2])) <= 0:
+            return math.inf
+        points = sight.seen.points[known]
+        extent = float(np.linalg.norm(np.ptp(points, axis=0)))
+        distance = np.linalg.norm(project(inside) - points, axis=1)
+        apart.append(float(np.median(distance)) / max(extent, 1e-6))
+    ratios = size.ratios(places, known)
+    if len(ratios) < FEWEST_LIMBS:
+        return math.inf
+    return max(apart) + SIZE_WEIGHT * abs(math.log(float(np.median(ratios))))
+
+
+def same_person(one: Sight, candidates: Sequence[Sight], size: SizeCheck, rival: float) -> Sight | None:
+    """Return the candidate that is the person of another camera's sight; None if there is none, or in doubt.
+
+    rival: the cost of the best candidate must be below this share of the second best's.
+    """
+    costs = sorted(((cross_view_cost(one, candidate, size), i) for i, candidate in enumerate(candidates)))
+    if not costs or costs[0][0] > SAME_PERSON:
+        return None
+    if len(costs) > 1 and costs[0][0] > rival * costs[1][0]:
+        return None
+    return candidates[costs[0][1]]

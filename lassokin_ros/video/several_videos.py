@@ -1,0 +1,172 @@
+"""Synchronised videos of several cameras to one skeleton: detect each, then track all of them in one lasso a frame."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from lassokin_ros.common.atomic_files import AtomicFiles
+from lassokin_ros.common.progress import Progress
+from lassokin_ros.core.errors import CameraError
+from lassokin_ros.core.observation import CameraPose
+from lassokin_ros.detector.backend import make_detector
+from lassokin_ros.pipeline.camera.calibration_file import Calibration, camera_names, read_cameras
+from lassokin_ros.pipeline.parameter_files import offline_settings
+from lassokin_ros.pipeline.settings import OPTICAL_FRAME
+from lassokin_ros.replay.bags import typestore
+from lassokin_ros.replay.first_pass import WHOLE_FILE, Inputs, learn_lengths
+from lassokin_ros.replay.offline_tracker import OfflineTracker
+from lassokin_ros.replay.output_paths import OutputError
+from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
+from lassokin_ros.video.sources import Source, SourceError, open_source
+from lassokin_ros.video.track import Tracked, stop_flag
+from lassokin_ros.video.track_outputs import TrackOutputs
+from msg_adapters.backends import RosbagsBackend
+
+
+@dataclass
+class Filmed:
+    """One camera: its name in the topics, its video, lens and pose, and the keypoints of its images."""
+
+    name: str
+    source: Source
+    calibration: Calibration
+    pose: CameraPose
+    detections: Detections | None = None
+
+
+def track_videos(options: argparse.Namespace) -> Tracked:
+    """Track the videos `options.sources` with the cameras of `options.cameras`. Raises a LassokinError."""
+    began = time.monotonic()
+    cameras = _cameras(options)
+    height = [] if options.height is None else [f"height:={options.height}"]
+    detector = make_detector(options.detector)
+    names = f"cameras:=[{', '.join(camera.name for camera in cameras)}]"
+    chosen = [f"landmarks:={detector.landmarks}", names, *options.p, *height]
+    tracker_config, node_config = offline_settings(options.params_file, chosen, {} if options.causal else WHOLE_FILE)
+    types, poses = typestore(), {camera.name: camera.pose for camera in cameras}
+    make = partial(OfflineTracker, node_config=node_config, types=types, only_track=True, poses=poses)
+    first = make(tracker_config)
+    with ExitStack() as stack, AtomicFiles(options.force, OutputError) as files:
+        outputs = TrackOutputs(options, cameras[0].source, cameras[0].calibration, first, stack)
+        backend = RosbagsBackend(types)
+        with stop_flag() as stopped:
+            for camera in cameras:
+                _detect(camera, options.detector, backend, outputs if camera is cameras[0] else None, stopped)
+        if tracker_config.calibrate and not options.causal and tracker_config.height > 0:
+            with TemporaryDirectory(prefix="lassokin_") as folder:
+                inputs = _inputs(first, cameras)
+                tracker_config = learn_lengths(_messages(cameras, backend), inputs, first, tracker_config, Path(folder))
+                second = make(tracker_config)
+        else:
+            second = make(tracker_config)
+        outputs.follow(second)
+        inputs = _inputs(second, cameras)
+        for topic, time_ns, message in _messages(cameras, backend):
+            for _ in inputs[topic](message, time_ns):
+                pass  # the outputs are files
+        for _ in second.finish():
+            pass
+        written = outputs.write(files)
+        files.check()
+    summary = _summary(options, cameras, second, written, time.monotonic() - began)
+    faults = [camera.detections.fault for camera in cameras if camera.detections is not None]
+    return Tracked("\n".join([summary, *outputs.doubts]), not stopped, "; ".join(filter(None, faults)))
+
+
+def _cameras(options: argparse.Namespace) -> list[Filmed]:
+    """Return the cameras of the videos: those of the calibration file, by the names of the videos or by their order."""
+    if options.cameras is None:
+        raise CameraError(
+            f"{len(options.sources)} videos without a calibration; expected --cameras FILE with their poses"
+        )
+    for option, given in (("--video", options.video), ("--view", options.view), ("--camera-info", options.camera_info)):
+        if given is not None:
+            raise CameraError(f"{option} is for one video; expected --report or --export with several")
+    known = camera_names(options.cameras)
+    stems = [Path(source).stem for source in options.sources]
+    names = stems if set(stems) <= set(known) else known[: len(stems)]
+    if len(names) < len(stems):
+        raise CameraError(
+            f"'{options.cameras}' has the cameras {', '.join(known)}; expected one for each of {len(stems)} videos"
+        )
+    found = read_cameras(options.cameras, names)
+    cameras = []
+    for name, path in zip(names, options.sources):
+        source, (calibration, pose) = open_source(path, options.fps), found[name]
+        if source.live:
+            raise SourceError(f"{path} is live; expected synchronised files with --cameras")
+        topic = re.sub(r"\W", "_", name if re.match(r"[A-Za-z_]", name) else f"c{name}")
+        scaled = calibration.scaled_to(source.size, f"{options.cameras}:{name}")
+        cameras.append(Filmed(topic, source, scaled, CameraPose(topic, pose.rotation, pose.translation)))
+    return cameras
+
+
+def _detect(camera: Filmed, name: str, backend: Any, outputs: TrackOutputs | None, stopped: list[int]) -> None:
+    """Detect all images of a camera. outputs: keep the images for the report."""
+    detector = make_detector(name)  # one for each video: it follows the person from image to image
+    try:
+        camera.detections = Detections(camera.source, detector, backend, keep=True)
+        progress = Progress(camera.source.count, "images")
+        for image, _ in camera.detections.images(stopped, progress):
+            if outputs is not None:
+                outputs.add_report_image(image)
+            progress.advance(note=camera.name)
+    finally:
+        detector.close()
+
+
+def _messages(cameras: list[Filmed], backend: Any) -> Iterator[tuple[str, int, Any]]:
+    """Yield (topic, time in ns, message): the lens of each camera, then the keypoints in the order of their times."""
+    for camera in cameras:
+        yield (
+            f"{camera.name}/camera_info",
+            FIRST_STAMP_NS,
+            camera.calibration.message(backend, FIRST_STAMP_NS, camera.name),
+        )
+    found = [
+        (seconds, f"{camera.name}/keypoints", message)
+        for camera in cameras
+        if camera.detections is not None
+        for seconds, message in camera.detections.of_all()
+    ]
+    for seconds, topic, message in sorted(found, key=lambda one: one[0]):
+        message.header.frame_id = topic.rpartition("/")[0] or OPTICAL_FRAME
+        yield topic, stamp_of(seconds), message
+
+
+def _inputs(tracker: OfflineTracker, cameras: list[Filmed]) -> Inputs:
+    inputs: dict[str, Any] = {}
+    for camera in cameras:
+        inputs[f"{camera.name}/camera_info"] = partial(tracker.camera_info, camera=camera.name)
+        inputs[f"{camera.name}/keypoints"] = partial(tracker.keypoints, camera=camera.name)
+    return inputs
+
+
+def _summary(
+    options: argparse.Namespace, cameras: list[Filmed], tracker: OfflineTracker, written: list[Path], seconds: float
+) -> str:
+    counts, error = tracker.pipeline.counts, tracker.reprojection_px
+    images = ", ".join(f"{camera.source.name} ({camera.name})" for camera in cameras)
+    lines = {
+        "images": f"{counts['received']} in, {counts['accepted']} instants tracked",
+        "height": tracker.pipeline.tracker.config.height_text,
+        "reprojection": f"{np.median(error):.2f} px median" if error else "nothing was tracked",
+        "total": f"{seconds:.1f} s",
+        "written": ", ".join(map(str, written)) or "nothing",
+    }
+    extrinsics = tracker.pipeline.tracker.learned.extrinsics
+    for camera in cameras[1:]:
+        if extrinsics is not None and (words := extrinsics.in_words(camera.name)):
+            lines[f"camera {camera.name}"] = words
+    return "\n".join([images, *(f"{name:<15} {text}" for name, text in lines.items())])

@@ -1,0 +1,265 @@
+"""Several cameras, and a fixed frame: what the pipeline publishes for a person whose motion is known in the map."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from camera_rig import MAP, Eye, eye, keypoints, pixels, tf_of, truth_at, turning_eye
+from messages import camera_info, crowd, rosbags_backend
+
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.errors import ConfigurationError
+from lassokin_ros.core.learned.vertical import Vertical
+from lassokin_ros.core.observation import CameraPose
+from lassokin_ros.pipeline.pipeline import LATE, Pipeline
+from lassokin_ros.pipeline.settings import NodeSettings
+
+pytest.importorskip("rosbags")
+BACKEND, START_NS = rosbags_backend(), 1_700_000_000_000_000_000
+LEFT, RIGHT = eye("left", 0), eye("right", 90)
+TWO = NodeSettings(cameras=("left", "right"), fixed_frame=MAP)
+
+
+@dataclass
+class Result:
+    """Stamp in s, and errors of an accepted frame: of the joints (n,) m, of the pelvis (3,) m; its velocity, m/s."""
+
+    seconds: float
+    error: np.ndarray
+    root: np.ndarray
+    frame: object
+
+
+class Play:
+    """Sends the images of cameras to a pipeline, and keeps the results."""
+
+    def __init__(self, eyes: list[Eye], settings=TWO, config=None, still=False, poses=None, height=1.75):
+        self.eyes, self.still, self.height = eyes, still, height
+        self.pipeline = Pipeline(config or TrackerConfig(), settings, poses=poses)
+        self.names = self.pipeline.config.camera_names
+        self.random, self.results, self.refused = np.random.default_rng(0), [], []
+        for name, one in zip(self.names, eyes):
+            assert self.pipeline.set_camera(camera_info(BACKEND, frame_id=one.frame), name) is None
+
+    def truth(self, seconds):
+        return truth_at([seconds], self.still, height=self.height)
+
+    def image(self, number, seconds, late=0.0):
+        name, one = self.names[number], self.eyes[number]
+        message = keypoints(BACKEND, one, START_NS, seconds, self.truth(seconds).landmarks[0], self.random)
+        self.keep(self.pipeline.frames(message, START_NS + round(1e9 * (seconds + 0.01 + late)), name))
+
+    def keep(self, frames):
+        for frame in frames:
+            if not frame.accepted:
+                self.refused.append(frame)
+                continue
+            seconds = (frame.stamp_ns - START_NS) * 1e-9
+            apart = frame.estimate.pose.positions - self.truth(seconds).positions[0]
+            self.results.append(Result(seconds, np.linalg.norm(apart, axis=1), apart[0], frame))
+
+    def transforms(self, number, seconds):
+        self.pipeline.transforms.add(tf_of(BACKEND, self.eyes[number], START_NS, seconds), static=False)
+
+    def run(self, seconds=2.0, hz=30, phase=0.0, tf=True, silent=lambda number, seconds: False):
+        for index in range(round(seconds * hz)):
+            for number in range(len(self.eyes)):
+                now = index / hz + number * phase
+                if tf and self.pipeline.transforms is not None:
+                    self.transforms(number, now)
+                if not silent(number, now):
+                    self.image(number, now)
+        return self
+
+    def error(self, since=0.5):
+        return 1000 * float(np.median([one.error.mean() for one in self.results if one.seconds > since]))
+
+
+def test_two_cameras_place_the_person_in_the_map():
+    play = Play([LEFT, RIGHT]).run()
+    assert len(play.results) == 60 and not play.refused
+    assert {one.frame.frame_id for one in play.results} == {MAP}
+    assert play.error() < 20  # one camera: more than 60
+    assert play.results[-1].frame.estimate.cameras == 2
+    (other,) = play.results[-1].frame.others
+    assert (play.results[-1].frame.camera.name, other.camera.name) == ("left", "right")
+    assert np.median([one.error.mean() for one in Play([LEFT], NodeSettings(fixed_frame=MAP)).run().results]) > 0.04
+
+
+def test_images_of_one_instant_share_a_lasso_and_others_have_their_own():
+    together, alternating = Play([LEFT, RIGHT]).run(), Play([LEFT, RIGHT]).run(phase=1 / 60)
+    assert len(together.results) == 60 and len(alternating.results) == 120
+    assert together.pipeline.counts[LATE] <= 2  # before the periods are known
+    assert alternating.pipeline.counts[LATE] == 0 and alternating.error() < 20
+
+
+def test_without_a_fixed_frame_the_skeleton_is_in_the_frame_of_the_first_camera():
+    play = Play([LEFT, RIGHT], NodeSettings(cameras=("left", "right"))).run()
+    assert {one.frame.frame_id for one in play.results} == {LEFT.frame}
+    pose = LEFT.pose_at(0)
+    frame = play.results[-1].frame
+    expected = pose.into_camera(play.truth((frame.stamp_ns - START_NS) * 1e-9).positions[0])
+    assert np.linalg.norm(frame.estimate.pose.positions - expected, axis=1).mean() < 0.03
+
+
+def test_one_camera_in_a_fixed_frame_gives_the_pose_that_it_gives_in_its_own():
+    own, fixed = Play([LEFT], NodeSettings()), Play([LEFT], NodeSettings(fixed_frame=MAP))
+    own.pipeline.tracker.learned.vertical = Vertical(given=np.array([0.0, -1.0, 0.0]))  # as the map's
+    own.run(1.0), fixed.run(1.0)
+    pose = LEFT.pose_at(0)
+    for one, other in zip(own.results, fixed.results):
+        mine, theirs = one.frame.estimate.pose.positions, other.frame.estimate.pose.positions
+        assert np.abs(pose.into_camera(theirs) - mine).max() < 1e-4
+        mine, theirs = one.frame.uncertainty.absolute.joints, other.frame.uncertainty.absolute.joints
+        assert np.allclose(pose.rotation @ theirs @ pose.rotation.T, mine, rtol=0.05, atol=1e-4)
+        assert np.allclose(one.frame.reprojected, other.frame.reprojected, atol=0.5)
+
+
+@pytest.mark.parametrize("tf", ["in time", "60 ms late", "10 Hz"])
+def test_a_robot_that_turns_does_not_move_the_person(tf):
+    robot = turning_eye("camera", 0.5)
+    moving = Play([robot], NodeSettings(), still=True).run(4.0)
+    fixed = Play([robot], NodeSettings(fixed_frame=MAP), still=True)
+    for index in range(120):
+        now = index / 30
+        if tf != "10 Hz" or index % 3 == 0:
+            late = 2 / 30 if tf == "60 ms late" else 0.0
+            if now >= late:
+                fixed.transforms(0, now - late)
+        fixed.image(0, now)
+    speeds = [np.median([np.linalg.norm(one.frame.velocity) for one in play.results[30:]]) for play in (moving, fixed)]
+    assert speeds[0] > 0.5 and speeds[1] < 0.05
+    assert np.median([abs(one.root[0]) for one in fixed.results[30:]]) < 0.01
+
+
+def test_a_camera_without_a_transform_is_left_out_and_named():
+    play = Play([LEFT, RIGHT])
+    for index in range(30):
+        play.transforms(0, index / 30)
+        for number in range(2):
+            play.image(number, index / 30)
+    assert len(play.results) == 30 and play.pipeline.counts["no transform of right"] >= 28
+    assert "right_optical" in play.pipeline.places.faults["right"] and "left" not in play.pipeline.places.faults
+    nothing = Play([LEFT, RIGHT]).run(0.5, tf=False)
+    assert not nothing.results and {one.rejection for one in nothing.refused} == {"no_transform"}
+    assert MAP in nothing.refused[0].detail
+
+
+def test_a_transform_from_the_future_or_long_ago_is_none():
+    play = Play([LEFT], NodeSettings(fixed_frame=MAP))
+    play.transforms(0, 10.0)
+    play.image(0, 0.0)
+    play.transforms(0, 20.0)
+    play.image(0, 20.5)
+    assert [one.rejection for one in play.refused] == ["no_transform"] * 2
+    assert "0.2 s newer" in play.refused[0].detail and "0.2 s older" in play.refused[1].detail
+
+
+def test_a_camera_that_falls_silent_and_returns_does_not_move_the_person():
+    play = Play([LEFT, RIGHT]).run(4.0, silent=lambda number, seconds: number == 1 and 1.0 < seconds < 2.5)
+    assert len(play.results) >= 118 and not play.refused
+    roots = np.array([one.root for one in play.results])
+    jumps = np.linalg.norm(np.diff(roots, axis=0), axis=1)[10:]
+    assert jumps.max() < 0.02
+
+
+def test_a_camera_that_sees_nobody_is_no_rejection():
+    play = Play([LEFT, RIGHT])
+    for index in range(60):
+        for number in range(2):
+            play.transforms(number, index / 30)
+        play.image(0, index / 30)
+        empty = crowd(BACKEND, START_NS + round(1e9 * index / 30), [], frame_id=RIGHT.frame)
+        play.keep(play.pipeline.frames(empty, START_NS + round(1e9 * index / 30), "right"))
+    assert len(play.results) == 60 and not play.refused
+
+
+def test_the_followed_person_is_found_in_the_other_image_by_place_and_size():
+    """A second person stands beside, and comes first in the messages of the second camera."""
+    play = Play([LEFT, RIGHT])
+    for index in range(60):
+        now = index / 30
+        me, other = truth_at([now]).landmarks[0], truth_at([now], shift=(1.2, 0.9, 0.0)).landmarks[0]
+        for number, (name, one) in enumerate(zip(play.names, play.eyes)):
+            play.transforms(number, now)
+            seen = [pixels(one, now, body, play.random) for body in ((me, other) if number == 0 else (other, me))]
+            people = [(xy, np.full(17, 0.9 if i == (0 if number == 0 else 1) else 0.8)) for i, xy in enumerate(seen)]
+            stamp_ns = START_NS + round(1e9 * now)
+            message = crowd(BACKEND, stamp_ns, people, [7 + number, 8 - number], frame_id=one.frame)
+            play.keep(play.pipeline.frames(message, stamp_ns, name))
+    assert play.error() < 25 and play.results[-1].frame.estimate.cameras == 2
+
+
+def test_two_people_are_the_same_two_in_both_cameras():
+    settings = NodeSettings(cameras=("left", "right"), fixed_frame=MAP, max_people=4)
+    play = Play([LEFT, RIGHT], settings)
+    found = []
+    for index in range(90):
+        now = index / 30
+        bodies = [truth_at([now], shift=shift).landmarks[0] for shift in ((0, 0, 0), (1.0, 0.8, 0.0))]
+        for number, (name, one) in enumerate(zip(play.names, play.eyes)):
+            play.transforms(number, now)
+            order = bodies if (index + number) % 2 else bodies[::-1]
+            people = [(pixels(one, now, body, play.random), np.full(17, 0.9)) for body in order]
+            stamp_ns = START_NS + round(1e9 * now)
+            message = crowd(BACKEND, stamp_ns, people, frame_id=one.frame)
+            found.append(play.pipeline.frames(message, stamp_ns, name))
+    assert play.pipeline.counts["people come"] == 2
+    last = {frame.person: frame.estimate for frames in found[-4:] for frame in frames}
+    assert len(last) == 2 and all(estimate.cameras == 2 for estimate in last.values())
+    places = sorted((estimate.pose.positions[0] for estimate in last.values()), key=lambda place: place[0])
+    truth = [truth_at([89 / 30], shift=shift).positions[0, 0] for shift in ((0, 0, 0), (1.0, 0.8, 0.0))]
+    assert np.abs(np.array(places) - truth).max() < 0.05
+
+
+def off(camera, degrees, metres):
+    """The pose of a camera, turned about its vertical and shifted to its right."""
+    pose, angle = camera.pose_at(0), np.radians(degrees)
+    turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+    return CameraPose(pose.name, turn @ pose.rotation, turn @ pose.translation + [metres, 0, 0])
+
+
+@pytest.mark.parametrize("extrinsics, most_mm", [("check", None), ("learn", 30)])
+def test_a_camera_that_was_moved_is_noticed_and_with_learn_corrected(extrinsics, most_mm):
+    poses = {"left": LEFT.pose_at(0), "right": off(RIGHT, 3.0, 0.02)}
+    play = Play([LEFT, RIGHT], TWO, TrackerConfig(extrinsics=extrinsics), poses=poses).run(6.0)
+    angle, shift = play.pipeline.tracker.learned.extrinsics.moved("right")
+    assert np.degrees(angle) == pytest.approx(3.0, abs=0.7) and shift < 0.1
+    assert play.error(5.0) < most_mm if most_mm else play.error(5.0) > 60
+    exact = Play([LEFT, RIGHT], TWO, TrackerConfig(extrinsics=extrinsics)).run(4.0)
+    assert exact.pipeline.tracker.learned.extrinsics.moved("right") is None and exact.error(3.0) < 20
+
+
+def test_an_inverse_transform_is_named():
+    pose = RIGHT.pose_at(0)
+    inverse = CameraPose("right", pose.rotation.T, pose.centre)
+    play = Play([LEFT, RIGHT], TWO, poses={"left": LEFT.pose_at(0), "right": inverse}).run(4.0)
+    assert "inverse transform" in play.pipeline.tracker.learned.extrinsics.wrong["right"]
+
+
+@pytest.mark.parametrize("height", [1.1, 1.9])
+def test_two_cameras_measure_the_height(height):
+    play = Play([LEFT, RIGHT], TWO, TrackerConfig(height=0.0), height=height).run(3.0)
+    assert play.pipeline.tracker.skeleton.height == pytest.approx(height, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    "settings, words",
+    [
+        ({"cameras": ("a", "a")}, "'a' twice"),
+        ({"cameras": ("1a", "b")}, "not starting with a digit"),
+        ({"cameras": ("a", 3)}, "a list of names"),
+        ({"cameras": ("a", "b"), "depth": "/depth"}, "relative name"),
+        ({"fixed_frame": "odom", "camera_mount_frame": "base"}, "expected one of them"),
+        ({"fixed_frame": "the map"}, "name of a TF frame"),
+    ],
+)
+def test_wrong_settings_of_cameras_are_refused(settings, words):
+    with pytest.raises(ConfigurationError, match=words):
+        NodeSettings(**settings).checked()
+
+
+def test_topics_of_depth_follow_the_names_of_the_cameras():
+    settings = NodeSettings(cameras=["left", "right"], depth="depth/image").checked()
+    assert settings.depth_topic("left") == "left/depth/image" and NodeSettings(depth="d").depth_topic("") == "d"
+    assert NodeSettings(cameras=[""]).camera_names == ("",) and not NodeSettings().several_cameras
