@@ -78,7 +78,7 @@ def simulated_walks(folder: Path) -> list[str]:
     for name, rows in found.items():
         counted = [row for row in rows if row]
         words = [
-            f"{key} {np.mean([row[key] for row in counted]):.{digits}f} {unit}"
+            f"{key} {np.nanmean([row[key] for row in counted]):.{digits}f} {unit}"
             for key, digits, unit in (
                 ("cadence", 1, "steps/min"),
                 ("stride", 2, "m"),
