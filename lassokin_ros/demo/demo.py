@@ -111,25 +111,33 @@ def write_page(folder: Path) -> None:
         report.write(files, "the demo's keypoints", (KEYPOINTS, CAMERA_INFO))
 
 
-def depth_line(result: DemoResult, seconds: float) -> str:
-    """Return the line that compares the same motion with and without measured depth."""
+def comparison_lines(result: DemoResult, seconds: float) -> list[str]:
+    """Return the lines that compare the same motion with one camera, with measured depth, and with a second camera."""
     from lassokin_ros.demo.depth_comparison import track_with_depth
+    from lassokin_ros.demo.second_camera import track_with_second_camera
     from lassokin_ros.demo.synthetic import detections, exact_pixels, motion
 
     times = np.arange(round(seconds * RATE)) / RATE
     tracker = Tracker(TrackerConfig())
     states = motion(tracker.skeleton, times)
     pixels, confidence = detections(exact_pixels(tracker.kinematics, states), RATE, seed=1)
-    joints = track_with_depth(states, times, pixels, confidence)
-    there = np.isfinite(joints[:, 0, 0])
     truth = tracker.kinematics.pose(states).positions
-    compared = replace(result, estimate=joints[there], truth=truth[there])
-    return (
-        f"with a depth camera (3 cm noise, a tenth of the points hidden): joint error "
-        f"{np.median(compared.error_mm):.0f} mm, root {np.median(compared.root_error_mm):.0f} mm; without: "
-        f"{np.median(result.error_mm):.0f} and "
-        f"{np.median(result.root_error_mm):.0f} mm"
-    )
+    lines = [
+        f"{'the same motion with':<52}{'joint error [mm]':>18}{'root [mm]':>12}",
+        _row("one camera, live (above)", result),
+    ]
+    for title, track in (
+        ("a depth camera (3 cm noise, 10 % hidden)", track_with_depth),
+        ("a second camera from the side", track_with_second_camera),
+    ):
+        joints = track(states, times, pixels, confidence)
+        there = np.isfinite(joints[:, 0, 0])
+        lines.append(_row(title, replace(result, estimate=joints[there], truth=truth[there])))
+    return lines
+
+
+def _row(title: str, result: DemoResult) -> str:
+    return f"  {title:<50}{np.median(result.error_mm):>18.0f}{np.median(result.root_error_mm):>12.0f}"
 
 
 def table(result: DemoResult) -> str:
@@ -196,7 +204,7 @@ def show(folder: Path, seconds: float) -> int:
     draw(result, folder / "skeleton.svg")
     write_page(folder)
     print(table(result))
-    print(depth_line(result, seconds))
+    print("\n".join(comparison_lines(result, seconds)))
     print(f"report for a browser: {folder / 'report.html'} (the same motion through lassokin replay --report)")
     print(f"picture: {folder / 'skeleton.svg'}   recordings: {folder}/keypoints, {folder}/tracked (rosbag2)")
     if slow := slow_line(result):

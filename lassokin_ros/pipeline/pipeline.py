@@ -85,6 +85,9 @@ class Pipeline:
         placed = bool(self.config.fixed_frame) or self.config.several_cameras
         self.places = CameraPlaces(self.config.fixed_frame, names, poses) if placed else None
         """Where the cameras are; None for one camera in whose frame the skeleton is kept."""
+        for tracked in self._trackable:
+            if (extrinsics := tracked.tracker.learned.extrinsics) is not None and self.config.several_cameras:
+                extrinsics.anchor = names[0]
         self._sets = ImageSets(self.config.camera_wait) if self.config.several_cameras else None
         self.detector_connected = True
         """False if nobody publishes keypoints. Set by the node; a recording has no such knowledge."""

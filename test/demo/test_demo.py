@@ -111,7 +111,7 @@ def test_the_exit_code_depends_on_the_skeleton_and_not_on_the_machine(kept, wron
     slow = replace(kept, latencies_ms=np.full(5, 1000.0), estimate=kept.estimate + 0.3 * wrong)
     monkeypatch.setattr("lassokin_ros.demo.demo.run", lambda folder, seconds: slow)
     monkeypatch.setattr("lassokin_ros.demo.demo.write_page", lambda folder: None)
-    monkeypatch.setattr("lassokin_ros.demo.demo.depth_line", lambda result, seconds: "")
+    monkeypatch.setattr("lassokin_ros.demo.demo.comparison_lines", lambda result, seconds: [])
     assert show(tmp_path, SECONDS) == int(wrong)
     said, errors = capsys.readouterr()
     assert said.count("This machine is slow or busy: ") == 1

@@ -1,0 +1,192 @@
+"""Several cameras together, on real detections with calibrated cameras.
+
+    python benchmarks/real_cameras.py FILE ... [--together 0,1] [--set extrinsics=learn] [--measured-bones]
+
+The skeleton is kept in the frame of the first camera; only the height is given. MPJPE / PA / absolute error are in mm,
+over 12 joints, against `ref_cam` of the first camera, medians over the frames.
+`seen px` is the distance of the landmarks from the detections in the cameras used, `left out px` in all others. The
+first --from seconds are not scored. `dlt` triangulates the same keypoints in each frame.
+
+The reference is triangulated from the same detector's points, so it is circular: with `balancing` and `talking_woman`
+from four cameras, two of them those used here; with the others from all cameras but the first, among them the second.
+Only `left out px` compares with what the tracker has not seen.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import sys
+from pathlib import Path
+from typing import Any, Sequence
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from benchmarks.common.report import Record, table, write_json  # isort: skip  (threads, before numpy)
+import numpy as np
+
+from benchmarks.accuracy_run.metrics import mpjpe, pa_mpjpe
+from benchmarks.common import option_types
+from benchmarks.common.refusals import exit_code
+from benchmarks.data.detections import JOINTS, height_of, load_recording, measured
+from lassokin_ros.core.body.landmarks import Layout
+from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.image.frame_data import FrameData
+from lassokin_ros.core.image.projection import project
+from lassokin_ros.core.image.triangulation import triangulate
+from lassokin_ros.core.observation import CameraPose, Observation
+from lassokin_ros.core.tracker import Tracker
+
+CONFIDENT = 0.3
+COLUMNS = {"file": "<", "cameras": "<", "method": "<", "mpjpe_mm": ".0f", "pa_mpjpe_mm": ".0f", "abs_mm": ".0f",
+           "coverage_percent": ".0f", "seen_px": ".1f", "left_out_px": ".1f"}  # fmt: skip
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Command line."""
+    options = parser().parse_args(arguments)
+    records: list[Record] = []
+    for file in options.files:
+        with np.load(file) as data:
+            count = len(data["K"])
+        pairs = [options.together] if options.together else list(itertools.combinations(range(count), 2))
+        for cameras in pairs:
+            if max(cameras) >= count:
+                raise SystemExit(f"{file} has {count} cameras; expected numbers below that in --together")
+            records += run(file, cameras, options)
+    print(table(records, COLUMNS))
+    write_json(options.json, records)
+    return 0
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line's options."""
+    result = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add = result.add_argument
+    add("files", type=Path, nargs="+", metavar="FILE", help="detections with R and t of their cameras")
+    add("--together", type=_numbers, metavar="A,B", help="cameras that are used (default: every pair)")
+    add("--from", dest="begin", type=float, default=0.5, help="s that are not scored (0.5)")
+    add("--measured-bones", action="store_true", help="give the reference's bone lengths")
+    add("--set", type=_setting, action="append", default=[], metavar="NAME=VALUE", help="a setting of the tracker")
+    add("--json", type=option_types.output_file, metavar="FILE", help="write the records as a JSON list")
+    return result
+
+
+def _numbers(text: str) -> tuple[int, ...]:
+    return tuple(int(part) for part in text.split(","))
+
+
+def _setting(text: str) -> tuple[str, Any]:
+    name, _, value = text.partition("=")
+    kind = type(getattr(TrackerConfig(), name))
+    return name, value == "true" if kind is bool else kind(value)
+
+
+def run(file: Path, cameras: Sequence[int], options: argparse.Namespace) -> list[Record]:
+    """Track one recording with some of its cameras, and score the tracker and triangulation."""
+    with np.load(file) as data:
+        R, t = data["R"].astype(float), data["t"].astype(float)
+    recordings = [load_recording(file, camera) for camera in range(len(R))]
+    first = recordings[cameras[0]]
+    layout = Layout.load(first.layout, Skeleton.load("anthropometric", 1.75))
+    height = height_of(first.reference, layout)
+    config = TrackerConfig(height=height, landmarks=first.layout, **dict(options.set)).checked()
+    skeleton = Skeleton.load("anthropometric", height)
+    tracker = Tracker(config, measured(skeleton, first.reference, layout) if options.measured_bones else skeleton)
+    origin_R, origin_t = R[cameras[0]], t[cameras[0]]
+    turns = R @ origin_R.T
+    poses = [CameraPose(str(c), turns[c], t[c] - turns[c] @ origin_t) for c in range(len(R))]
+    landmarks = follow(tracker, [recordings[c] for c in cameras], [poses[c] for c in cameras])
+    views = [(recordings[c].points, recordings[c].confidence, poses[c]) for c in cameras]
+    base = {"file": file.stem, "cameras": ",".join(map(str, cameras))}
+    records = []
+    for method, points in (("lasso", landmarks), ("dlt", triangulated(views))):
+        figures = score(points, first, layout, options.begin)
+        for name, chosen in (("seen_px", cameras), ("left_out_px", [c for c in range(len(R)) if c not in cameras])):
+            figures[name] = image_distance(
+                points, [(recordings[c], poses[c]) for c in chosen], first.stamps, options.begin
+            )
+        records.append({**base, "method": method, **figures})
+    return records
+
+
+def follow(tracker: Tracker, recordings: Sequence[Any], poses: Sequence[CameraPose]) -> np.ndarray:
+    """(f, l, 3) m: landmarks at the stamps of the first camera. Images with other stamps have lassos of their own."""
+    messages = []
+    for number, (one, pose) in enumerate(zip(recordings, poses)):
+        for frame, seen in enumerate(one.observations):
+            messages.append(
+                (
+                    seen.stamp,
+                    number,
+                    frame,
+                    Observation(seen.stamp, seen.points, seen.confidence, seen.focal, camera=pose),
+                )
+            )
+    messages.sort(key=lambda message: message[:2])
+    landmarks = np.full((len(recordings[0].points), len(tracker.layout.names), 3), np.nan)
+    while messages:
+        together = [one for one in messages[: len(poses)] if one[0] - messages[0][0] <= 0.005]
+        del messages[: len(together)]
+        usable = [one for one in together if np.count_nonzero(one[3].confidence > 0)]
+        if not usable:
+            continue
+        estimate = tracker.track([one[3] for one in usable])
+        own = next((one for one in together if one[1] == 0), None)
+        if estimate.pose is not None and own is not None:
+            landmarks[own[2]] = estimate.pose.landmarks
+    return landmarks
+
+
+def triangulated(views: Sequence[tuple[np.ndarray, np.ndarray, CameraPose]]) -> np.ndarray:
+    """(f, l, 3) m: each frame's keypoints above CONFIDENT; NaN with fewer than two cameras."""
+    frames = []
+    for frame in range(len(views[0][0])):
+        seen = [
+            FrameData(np.nan_to_num(points[frame]), (confidence[frame] > CONFIDENT).astype(float), camera=pose)
+            for points, confidence, pose in views
+        ]
+        one, *others = seen
+        frames.append(triangulate(FrameData(one.points, one.weights, camera=one.camera, others=tuple(others))))
+    return np.stack(frames)
+
+
+def score(points: np.ndarray, recording: Any, layout: Layout, begin: float) -> Record:
+    """Figures of (f, l, 3) landmarks in the frame of the first camera."""
+    index = [layout.index(landmark) for landmark in JOINTS.values()]
+    hips = [layout.index("left_hip"), layout.index("right_hip")]
+    late = recording.stamps >= begin
+    expected = np.isfinite(recording.reference[:, index, 0]) & late[:, None]
+    found = expected & np.isfinite(points[:, index, 0])
+    whole = found.sum(1) >= len(index) // 2
+    whole &= np.isfinite(points[:, hips, 0]).all(1) & np.isfinite(recording.reference[:, hips, 0]).all(1)
+    estimate = np.where(found[..., None], points[:, index], np.nan)[whole]
+    truth = np.where(found[..., None], recording.reference[:, index], np.nan)[whole]
+    roots = [of[whole][:, hips].mean(1) for of in (points, recording.reference)]
+    apart = np.nanmean(np.linalg.norm(estimate - truth, axis=-1), axis=1)
+    return {
+        "mpjpe_mm": float(np.median(mpjpe(estimate, truth, *roots))),
+        "pa_mpjpe_mm": float(np.median(pa_mpjpe(estimate, truth))),
+        "abs_mm": float(1000 * np.median(apart)),
+        "coverage_percent": float(100 * found.sum() / max(expected.sum(), 1)),
+    }
+
+
+def image_distance(
+    points: np.ndarray, views: Sequence[tuple[Any, CameraPose]], stamps: np.ndarray, begin: float
+) -> float:
+    """Median distance of landmarks from confident detections, px; images of other times are left out."""
+    found = []
+    for recording, pose in views:
+        near = (np.abs(recording.stamps - stamps) < 0.005) & (stamps >= begin)
+        apart = recording.focal * np.linalg.norm(
+            project(pose.into_camera(points[near])) - recording.points[near], axis=-1
+        )
+        found.append(apart[(recording.confidence[near] > CONFIDENT) & np.isfinite(apart)])
+    everything = np.concatenate(found) if found else np.empty(0)
+    return float(np.median(everything)) if len(everything) else float("nan")
+
+
+if __name__ == "__main__":
+    sys.exit(exit_code(main))
