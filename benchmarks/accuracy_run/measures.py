@@ -1,10 +1,14 @@
 """`lassokin measure` against a reference: gait and squats of recordings with the 3D of marker or camera systems.
 
     python benchmarks/accuracy_run/measures.py ../shared/data/detections/opencap*.npz
+    python benchmarks/accuracy_run/measures.py --walks ../shared/data/mocap
 
 The tracker gets one camera's keypoints and the height, in two passes. The same functions measure the tracked joints and
 the reference's, for which the pelvis is the middle of the hips and the neck that of the shoulders. Files whose name has
 `squat` are measured as squats, the others as gaits. A row per camera: estimate / reference.
+
+--walks: captured walks before simulated cameras with a detector's errors, by the angle between the line of sight and
+the way that the person walks.
 """
 
 from __future__ import annotations
@@ -19,8 +23,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import numpy as np  # noqa: E402
 
+from benchmarks.accuracy_run.experiment import Job, scene_of  # noqa: E402
 from benchmarks.accuracy_run.runs import follow  # noqa: E402
 from benchmarks.data.detections import JOINTS, DetectionJob, Recording, detection_jobs, prepared  # noqa: E402
+from benchmarks.data.mocap import EVALUATED, SMPL_NAME  # noqa: E402
+from benchmarks.data.simulated_camera import Condition  # noqa: E402
 from lassokin_ros.core.body.landmarks import Layout  # noqa: E402
 from lassokin_ros.core.tracker import Tracker  # noqa: E402
 from lassokin_ros.measure.gait import measure_gait  # noqa: E402
@@ -28,6 +35,10 @@ from lassokin_ros.measure.poses import MeasureError, Poses  # noqa: E402
 from lassokin_ros.measure.squat import Squat, measure_squats  # noqa: E402
 from lassokin_ros.replay.first_pass import WHOLE_FILE  # noqa: E402
 
+WALKS = ("02_01", "02_02", "07_05", "12_01", "exp_walking_1")
+VIEWS = 8
+DIRECTIONS = {"along the line of sight": (0, 30), "oblique": (30, 60), "across": (60, 90.1)}
+"""Degrees between the line of sight and the person's way."""
 SAME_SQUAT_S = 0.5
 """s: squats of estimate and reference whose bottoms are nearer than this are the same."""
 
@@ -35,9 +46,12 @@ SAME_SQUAT_S = 0.5
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print a row per camera."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", maxsplit=1)[0])
-    parser.add_argument("files", type=Path, nargs="+", metavar="FILE")
+    parser.add_argument("files", type=Path, nargs="*", metavar="FILE")
+    parser.add_argument("--walks", type=Path, metavar="DIR", help="folder of motion capture, for simulated cameras")
     parser.add_argument("--smoothed", action="store_true", help="with the smoothing that `track` uses for files")
     options = parser.parse_args(arguments)
+    if options.walks is not None:
+        print("\n".join(simulated_walks(options.walks)))
     for job in detection_jobs(options.files, ["lasso"], False, WHOLE_FILE if options.smoothed else {}):
         estimate, truth = both(job)
         measure = squat_figures if "squat" in job.file.name else gait_figures
@@ -46,6 +60,63 @@ def main(arguments: Sequence[str] | None = None) -> None:
         except MeasureError as error:
             words = str(error)
         print(f"{job.file.stem}:{job.camera}  {words}")
+
+
+def simulated_walks(folder: Path) -> list[str]:
+    """Return a line per direction of walking: mean absolute differences of the walks before simulated cameras."""
+    condition = Condition(noise_px=1.5, wander_px=2.5, offset_px=2.5, landmark_mm=15.0)
+    found: dict[str, list[dict[str, float]]] = {name: [] for name in DIRECTIONS}
+    for clip in WALKS:
+        for view in range(VIEWS):
+            job = Job(
+                folder / f"{clip}.npz", view, "lasso", condition, generic_skeleton=True, settings={"noise_px": 3.0}
+            )
+            direction, differences = _walk(job)
+            name = next(name for name, (low, high) in DIRECTIONS.items() if low <= direction < high)
+            found[name].append(differences)
+    lines = []
+    for name, rows in found.items():
+        counted = [row for row in rows if row]
+        words = [
+            f"{key} {np.nanmean([row[key] for row in counted]):.{digits}f} {unit}"
+            for key, digits, unit in (
+                ("cadence", 1, "steps/min"),
+                ("stride", 2, "m"),
+                ("speed", 2, "m/s"),
+                ("knees", 0, "deg"),
+            )
+            if counted
+        ]
+        lines.append(f"{name}: {len(counted)} of {len(rows)} walks measured, off by " + ", ".join(words))
+    return lines
+
+
+def _walk(job: Job) -> tuple[float, dict[str, float]]:
+    """Return the angle between line of sight and way, degrees, and the absolute differences; none without a stride."""
+    scene = scene_of(job)
+    track = scene.follow("lasso")
+    seconds = np.arange(len(track.positions)) / scene.view.fps
+    names = [SMPL_NAME[name] for name in EVALUATED]
+    wrong = np.zeros(len(seconds), dtype=bool)
+    truth = Poses(
+        seconds, (*names, "pelvis"), np.concatenate([scene.view.truth, scene.view.root[:, None]], axis=1), wrong
+    )
+    way, sight = (scene.view.root[-1] - scene.view.root[0])[[0, 2]], scene.view.root.mean(axis=0)[[0, 2]]
+    cosine = abs(way @ sight) / (np.linalg.norm(way) * np.linalg.norm(sight))
+    direction = float(np.degrees(np.arccos(min(cosine, 1.0))))
+    known = np.isfinite(track.positions[:, 0, 0])
+    try:
+        one = measure_gait(Poses(seconds[known], scene.skeleton.joint_names, track.positions[known], wrong[known]))
+        other = measure_gait(truth)
+    except MeasureError:
+        return direction, {}
+    knees = [abs(one.knee_range[side] - other.knee_range[side]) for side in one.knee_range]
+    return direction, {
+        "cadence": abs(one.cadence - other.cadence),
+        "stride": abs(one.stride_m - other.stride_m),
+        "speed": abs(one.speed - other.speed),
+        "knees": float(np.nanmean(knees)),
+    }
 
 
 def both(job: DetectionJob) -> tuple[Poses, Poses]:

@@ -23,15 +23,20 @@ HEADER = f"{'':>3} {'bottom':>8} {'time':>6} {'left knee':>10} {'right knee':>11
 
 def gait_lines(gait: Gait) -> list[str]:
     """Return the lines of the table."""
-    knees = ", ".join(f"{side} {gait.knee_range[side]:.0f} deg" for side in SIDES)
+    knees = ", ".join(f"{side} {_known(gait.knee_range[side])} deg" for side in SIDES)
     lines = {
         "strides": f"{gait.strides}",
-        "cadence": f"{gait.cadence:.0f} steps/min",
+        "cadence": f"{_known(gait.cadence)} steps/min",
         "stride": f"{gait.stride_m:.2f} m, {gait.stride_s:.2f} s",
         "speed": f"{gait.speed:.2f} m/s",
         "knee range": knees,
     }
     return [*(f"{name:<12} {words}" for name, words in lines.items()), *_doubt([gait.doubtful])]
+
+
+def _known(value: float) -> str:
+    """Return a rounded number; - for one that is unknown, since only one foot made a stride or a step."""
+    return f"{value:.0f}" if np.isfinite(value) else "-"
 
 
 def squat_lines(squats: Sequence[Squat]) -> list[str]:

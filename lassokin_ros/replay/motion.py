@@ -77,6 +77,19 @@ class Motion:
         return result
 
     @property
+    def speeds(self) -> np.ndarray:
+        """(f, n) m/s of each joint, from the frames before and after; NaN where stamps jump back."""
+        seconds = (self.stamps_ns - self.stamps_ns[:1]) * 1e-9
+        if self.frame_count < 2:
+            return np.full(self.positions.shape[:2], np.nan)
+        before = np.maximum(np.arange(self.frame_count) - 1, 0)
+        after = np.minimum(np.arange(self.frame_count) + 1, self.frame_count - 1)
+        elapsed = seconds[after] - seconds[before]
+        ways = np.linalg.norm(self.positions[after] - self.positions[before], axis=-1)
+        backwards = (seconds < seconds[before]) | (seconds[after] < seconds)
+        return ways / np.where(backwards | (elapsed <= 0), np.nan, elapsed)[:, None]
+
+    @property
     def frame_count(self) -> int:
         """The number of frames, f."""
         return len(self.stamps_ns)

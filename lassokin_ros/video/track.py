@@ -61,10 +61,10 @@ class Tracked:
     fault: str
 
 
-def track(options: argparse.Namespace) -> Tracked:
-    """Track a source and write the requested files. Raises a LassokinError."""
+def track(options: argparse.Namespace, detector: Detector | None = None) -> Tracked:
+    """Track a source and write the requested files. detector: replaces --detector. Raises a LassokinError."""
     source = open_source(options.source, options.fps)  # before the detector, which takes seconds to load
-    detector = make_detector(options.detector)
+    detector = detector or make_detector(options.detector)
     configs = _settings(options, source, detector)
     types = typestore()
     first = OfflineTracker(*configs, types, only_track=True)

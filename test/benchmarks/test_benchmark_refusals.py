@@ -1,5 +1,6 @@
 """Errors of usage and input end a benchmark with one line on the terminal and exit code 2."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -55,7 +56,17 @@ def test_scripts_report_errors_in_one_line(script, options, said):
     assert result.stderr.startswith(f"{script}.py: {said}") and result.stderr.count("\n") == 1
 
 
-@pytest.mark.parametrize("script", ["docs_figures", "docs_animation"])
+def test_the_animation_names_the_missing_data(tmp_path):
+    command = [sys.executable, "benchmarks/docs_animation.py", "--output", str(tmp_path / "demo.gif")]
+    environment = {**os.environ, "LASSOKIN_DATA": str(tmp_path)}
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, env=environment)
+    assert result.returncode == 2 and result.stderr.count("\n") == 1 and not list(tmp_path.iterdir())
+    assert result.stderr.startswith(
+        f"docs_animation.py: no file {tmp_path / 'video' / 'balancing_cam01.mp4'}; expected"
+    )
+
+
+@pytest.mark.parametrize("script", ["docs_figures"])
 def test_a_missing_package_is_one_line(script):
     code = (
         "import runpy, sys; sys.modules['matplotlib'] = None; "

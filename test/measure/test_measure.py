@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from lassokin_ros.measure.command import main
 from lassokin_ros.measure.gait import measure_gait
 from lassokin_ros.measure.poses import MeasureError, Poses, read_poses, smoothed
+from lassokin_ros.measure.report import as_json, gait_lines
 from lassokin_ros.measure.squat import measure_squats
 
 RATE, THIGH, SHANK = 50.0, 0.45, 0.42
@@ -153,6 +154,13 @@ def test_the_command_prints_a_table_and_writes_plot_and_figures(tmp_path, capsys
     assert said[-1] == "100% of these frames are marked as likely wrong"
     assert len(json.loads(figures.read_text())) == 3
     assert len(ElementTree.fromstring(plot.read_text()).findall(".//{*}circle")) == 6
+
+
+def test_what_one_foot_alone_cannot_tell_is_a_dash():
+    gait = replace(measure_gait(walk()), cadence=np.nan, knee_range={"left": 51.0, "right": np.nan})
+    lines = gait_lines(gait)
+    assert "cadence      - steps/min" in lines and "knee range   left 51 deg, right - deg" in lines
+    assert as_json(gait)["cadence"] is None
 
 
 def test_one_person_of_several_is_measured(tmp_path, capsys):

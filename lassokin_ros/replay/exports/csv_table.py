@@ -19,7 +19,7 @@ BLOCK = 1000
 
 def header(joint_names: Sequence[str], named: Sequence[str]) -> list[str]:
     """Return the column names: stamp, person, joint positions and angles, reprojection error, deviations, doubt, the
-    named angles, and which joints' angles are observed.
+    named angles, which joints' angles are observed, and speeds.
     """
     positions = [f"{joint} position {axis} [m]" for joint in joint_names for axis in "xyz"]
     angles = [f"{joint} angle {axis} [rad]" for joint in joint_names for axis in "xyz"]
@@ -34,6 +34,7 @@ def header(joint_names: Sequence[str], named: Sequence[str]) -> list[str]:
         "likely wrong",
         *(f"{name} [deg]" for name in named),
         *(f"{joint} angles observed" for joint in joint_names),
+        *(f"{joint} speed [m/s]" for joint in joint_names),
     ]
 
 
@@ -48,21 +49,30 @@ def write_csv(motions: Sequence[Motion], file: BinaryIO) -> None:
     rows.writerow(header(motions[0].skeleton.joint_names, list(named_angles(motions[0]))))
     for motion in motions:
         named = np.stack(list(named_angles(motion).values()) or [np.zeros(motion.frame_count)], axis=1)
+        speeds = motion.speeds
         for begin in range(0, motion.frame_count, BLOCK):
             part = slice(begin, begin + BLOCK)
-            rows.writerows(_block(motion, part, named[part]))
+            rows.writerows(_block(motion, part, named[part], speeds[part]))
     text.flush()
     text.detach()  # leave the file open for the caller
 
 
-def _block(motion: Motion, part: slice, named: np.ndarray) -> Iterator[list[str]]:
-    """Yield the rows of some frames. named: (frames, angles) degrees."""
+def _block(motion: Motion, part: slice, named: np.ndarray, speeds: np.ndarray) -> Iterator[list[str]]:
+    """Yield the rows of some frames. named: (frames, angles) degrees. speeds: (frames, joints) m/s."""
     positions, angles = motion.positions[part], motion.angles[part]
     count = len(positions)
     flat = positions.reshape(count, -1), angles.reshape(count, -1)
     figures = np.concatenate([*flat, motion.reprojection_px[part, None], motion.deviations[part]], axis=1)
-    columns = motion.stamps_ns[part], figures, motion.likely_wrong[part], named, motion.angles_observed[part]
-    for stamp, row, wrong, degrees, seen in zip(*(column.tolist() for column in columns)):
+    columns = motion.stamps_ns[part], figures, motion.likely_wrong[part], named, motion.angles_observed[part], speeds
+    for stamp, row, wrong, degrees, seen, fast in zip(*(column.tolist() for column in columns)):
         time = f"{stamp // SECOND}.{stamp % SECOND:09d}"
         values = [f"{value:.6f}" for value in row], [str(int(wrong))], [f"{value:.2f}" for value in degrees]
-        yield [time, motion.person, *values[0], *values[1], *values[2], *(str(int(one)) for one in seen)]
+        yield [
+            time,
+            motion.person,
+            *values[0],
+            *values[1],
+            *values[2],
+            *(str(int(one)) for one in seen),
+            *(f"{one:.4f}" for one in fast),
+        ]

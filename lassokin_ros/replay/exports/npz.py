@@ -35,6 +35,7 @@ def write_npz(motions: Sequence[Motion], file: BinaryIO) -> None:
         "relative_duality_gap": rows("relative_gap"),  # (r,)
         "support_size": rows("support_size"),  # (r,)
         "initialised": rows("initialised"),  # (r,) bool
+        "joint_speeds": rows("speeds"),  # (r, n) m/s
         "joint_deviations": rows("deviations"),  # (r, n)
         "joint_observed": rows("observed"),  # (r, n) bool
         "angles_observed": rows("angles_observed"),  # (r, n) bool

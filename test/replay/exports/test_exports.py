@@ -80,7 +80,9 @@ def test_csv_contains_the_positions_and_angles_of_the_bag(tracked, published):
         assert 0 < float(row["reprojection [px]"]) < 30
         assert 0 < float(row["left_wrist deviation [m]"]) < 0.6 and row["likely wrong"] in ("0", "1")
         assert 0 <= float(row["left_knee flexion [deg]"]) < 120
-    assert len(rows[0]) == 2 + 2 * 72 + 1 + 24 + 1 + 13 + 24
+    assert len(rows[0]) == 2 + 2 * 72 + 1 + 24 + 1 + 13 + 24 + 24
+    way = np.linalg.norm(positions[12, 20] - positions[10, 20])
+    assert float(rows[11]["left_wrist speed [m/s]"]) == pytest.approx(way * 15, rel=1e-3)
     shown = {joint: {row[f"{joint} angles observed"] for row in rows} for joint in SKELETON.joint_names}
     assert shown["left_knee"] == {"1"} == shown["right_elbow"] and shown["left_hand"] == {"0"} == shown["left_foot"]
 
@@ -309,6 +311,13 @@ def some_motion(stamps_s, turn_rate=2.0, speed=1.0):
     doubts = (np.zeros((count, 1)), np.ones((count, 1), dtype=bool), nothing > 0)
     figures = (nothing, nothing, nothing, nothing > 0, *doubts, np.eye(3))
     return Motion("", "camera", skeleton, (), stamps, places[:, None], *rest, *figures)
+
+
+def test_speeds_are_those_of_the_joints():
+    assert np.allclose(some_motion([0.0, 0.1, 0.3, 0.4], speed=1.5).speeds, 1.5)
+    backwards = some_motion([0.0, 0.1, 0.2, 0.0, 0.1]).speeds[:, 0]
+    assert np.isnan(backwards).tolist() == [False, False, True, True, False]
+    assert np.isnan(some_motion([0.0]).speeds).all()
 
 
 def test_frames_with_regular_stamps_are_not_changed():
