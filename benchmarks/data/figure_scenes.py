@@ -124,16 +124,22 @@ def follow_people(scenes: Sequence[Scene], numbers: np.ndarray, lasting: bool) -
     from collections import Counter
 
     from lassokin_ros.pipeline.people.multi_person import MultiPersonTracker
-    from lassokin_ros.pipeline.people.tracked_person import Detection, TrackedPerson
+    from lassokin_ros.pipeline.people.people_tracker import PeopleImage
+    from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
+    from msg_adapters.keypoints import Keypoints
 
     lens = WEBCAM.lens
     people = MultiPersonTracker([TrackedPerson(TrackerConfig(height=HEIGHT)) for _ in range(4)], Counter())
     paths: dict[str, np.ndarray] = {}
     for row, stamp in enumerate(scenes[0].times):
-        seen = [
-            Detection(lens.normalise(s.pixels[row]), s.confidence[row], int(n)) for s, n in zip(scenes, numbers[row])
-        ]
-        for frame in people.track(1 + round(1e9 * stamp), "camera", seen, lens, lasting, 3.0):
+        xy = np.concatenate([scene.pixels[row] for scene in scenes])
+        scores = np.concatenate([scene.confidence[row] for scene in scenes])
+        count = len(xy) // len(scenes)
+        stamp_ns = 1 + round(1e9 * stamp)
+        ids, persons = np.tile(np.arange(count), len(scenes)), np.repeat(numbers[row], count).astype(int)
+        keypoints = Keypoints(stamp_ns, "camera", ids, xy, scores, persons)
+        image = PeopleImage(keypoints, stamp_ns, "camera", lens, lasting)
+        for frame in people.update([image], "camera", 3.0):
             path = paths.setdefault(frame.person, np.full(len(scenes[0].times), np.nan))
             path[row] = frame.estimate.pose.positions[0, 0]
     return paths

@@ -57,16 +57,14 @@ def test_scripts_report_errors_in_one_line(script, options, said):
 
 
 def test_the_animation_names_the_missing_data(tmp_path):
-    command = [sys.executable, "benchmarks/docs_animation.py", "--output", str(tmp_path / "demo.gif")]
+    command = [sys.executable, "benchmarks/pictures/animation.py", "--output", str(tmp_path / "demo.gif")]
     environment = {**os.environ, "LASSOKIN_DATA": str(tmp_path)}
     result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, env=environment)
     assert result.returncode == 2 and result.stderr.count("\n") == 1 and not list(tmp_path.iterdir())
-    assert result.stderr.startswith(
-        f"docs_animation.py: no file {tmp_path / 'video' / 'balancing_cam01.mp4'}; expected"
-    )
+    assert result.stderr.startswith(f"animation.py: no file {tmp_path / 'video' / 'balancing_cam01.mp4'}; expected")
 
 
-@pytest.mark.parametrize("script", ["docs_figures"])
+@pytest.mark.parametrize("script", ["pictures/figures"])
 def test_a_missing_package_is_one_line(script):
     code = (
         "import runpy, sys; sys.modules['matplotlib'] = None; "
@@ -74,7 +72,9 @@ def test_a_missing_package_is_one_line(script):
     )
     result = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=120)
     assert (result.returncode, result.stdout) == (2, "") and result.stderr.count("\n") == 1
-    assert result.stderr.startswith(f"{script}.py: the Python package matplotlib is not installed: pip install")
+    assert result.stderr.startswith(
+        f"{Path(script).name}.py: the Python package matplotlib is not installed: pip install"
+    )
 
 
 @pytest.mark.parametrize("command", [accuracy.main, latency.main, solvers.main, soak.main])

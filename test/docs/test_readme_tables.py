@@ -29,6 +29,7 @@ FIELDS = {
     ParameterType.PARAMETER_INTEGER: "integer_value",
     ParameterType.PARAMETER_DOUBLE: "double_value",
     ParameterType.PARAMETER_STRING: "string_value",
+    ParameterType.PARAMETER_STRING_ARRAY: "string_array_value",
 }
 
 

@@ -1,4 +1,4 @@
-"""Draws the figures of the documentation: `python benchmarks/docs_figures.py [NAME ...] [--folder docs/figures]`.
+"""Draws the figures of the documentation: `python benchmarks/pictures/figures.py [NAME ...] [--folder docs/figures]`.
 
 `joints` shows the skeleton with the index and name of each joint. Every other figure shows the effect of one parameter
 on synthetic motion with a simulated detector, which anybody can repeat.
@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import numpy as np  # noqa: E402
 

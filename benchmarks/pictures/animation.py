@@ -1,6 +1,6 @@
 """Draw the README's animation: a balancing man with his keypoints, and the tracked body from the side.
 
-    .venv/bin/python benchmarks/docs_animation.py [--output docs/demo.gif]
+    .venv/bin/python benchmarks/pictures/animation.py [--output docs/demo.gif]
 
 Video and keypoints are the shared data's (LASSOKIN_DATA): the demo of Pose2Sim, BSD-3-Clause, Copyright (c) 2022,
 perfanalytics; keypoints by MediaPipe. The pictures are those of `lassokin track --video`, at a third of the speed.
@@ -15,7 +15,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import numpy as np
 
