@@ -384,8 +384,8 @@ class Pipeline:
         """
         if self.places is None:
             return images, images[0].frame_id
-        placed, fault = [], None
-        for image in images:
+        placed, fault, order = [], None, list(self.cameras)
+        for image in sorted(images, key=lambda image: order.index(image.camera.name)):
             name = image.camera.name
             try:
                 placed.append(replace(image, camera=self.places.pose(name, image.frame_id, image.stamp_ns)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -97,7 +97,9 @@ class ReplayLog:
     """The log. It grows by about 0.4 kB per message and person, and a temporary file by 4 kB.
 
     people: rows by person id, "" in single-person mode. details: explanation of the first
-    rejected message, by reason. late: s, the largest delay of a frame behind later messages (`smoothing_lag`).
+    rejected message, by reason. late: s, the largest delay of a frame behind later messages (`smoothing_lag`). camera:
+    the one whose images are shown. level: (3, 3) from the frame of the skeleton to the axes of the page, those of a
+    camera; None if they are the same.
     """
 
     messages: list[MessageRow] = field(default_factory=list)
@@ -106,6 +108,8 @@ class ReplayLog:
     jumps: list[Jump] = field(default_factory=list)
     first_stamp_ns: int | None = None
     late: float = 0.0
+    camera: str = ""
+    level: np.ndarray | None = None
     _last: tuple[float, int, int] | None = None
     _spool: ArraySpool = field(default_factory=ArraySpool)
 
@@ -120,7 +124,11 @@ class ReplayLog:
             if frame.rejection is not None:
                 self.details.setdefault(frame.rejection, frame.detail)
             if frame.detected is not None or frame.accepted:
-                self.people.setdefault(frame.person, []).append(person_row(frame, time, self._spool))
+                self.people.setdefault(frame.person, []).append(self._row(frame, time))
+
+    def _row(self, frame: FrameResult, time: float) -> PersonRow:
+        row_of = frame if frame.camera.name == self.camera else replace(frame, detected=None)
+        return person_row(row_of, time, self._spool, self.level)
 
     def in_order(self) -> None:
         """Sort the rows by time; with `smoothing_lag` they may arrive out of order."""
@@ -150,8 +158,8 @@ class ReplayLog:
         return time + step
 
 
-def person_row(frame: FrameResult, time: float, spool: ArraySpool) -> PersonRow:
-    """Return the row of a frame; its arrays go to `spool`."""
+def person_row(frame: FrameResult, time: float, spool: ArraySpool, level: np.ndarray | None = None) -> PersonRow:
+    """Return the row of a frame; its arrays go to `spool`. level: (3, 3) turns the positions for the page."""
     estimate = frame.estimate
     detected = {} if frame.detected is None else {"detected": frame.detected}
     if not frame.accepted or estimate is None or frame.lens is None or frame.positions is None:
@@ -162,7 +170,7 @@ def person_row(frame: FrameResult, time: float, spool: ArraySpool) -> PersonRow:
         **detected,
         "reprojected": frame.reprojected,
         "outline": frame.in_image(positions),
-        "positions": positions,
+        "positions": positions if level is None else positions @ level.T,
         "angles": np.degrees(frame.positions[3:]).reshape(-1, 3),
         "bends": np.degrees(np.linalg.norm(logarithm(estimate.state.rotations), axis=-1)),
         "deviations": frame.uncertainty.deviation,

@@ -28,7 +28,8 @@ class Report:
         check_report(path, replace)
         self._path, self._pipeline = path, pipeline
         self._skeleton = given or pipeline.tracker.skeleton  # before calibration
-        self._log = ReplayLog(late=pipeline.tracker.config.smoothing_lag)
+        level = pipeline.level if pipeline.config.fixed_frame else None
+        self._log = ReplayLog(late=pipeline.tracker.config.smoothing_lag, camera=pipeline.first.name, level=level)
         self.images = ReportImages()
         """The images, each added with the stamp of its keypoint message."""
         self.remarks: list[str] = []
