@@ -152,9 +152,13 @@ class TrackerNode(Node):
         self._inputs.with_depth(camera, message, partial(self.work_on, message, frames_in, received_ns))
 
     def _on_wait_end(self) -> None:
-        """Process images of several cameras that wait for others in vain."""
+        """Process images of several cameras that have waited for others in vain."""
         self._wait.cancel()
-        self.work_on(None, lambda _, now_ns: self._pipeline.due(now_ns))
+        due_ns = self._pipeline.due_at_ns
+        if due_ns is not None and self.get_clock().now().nanoseconds < due_ns:
+            self._wait.reset()  # simulated time may stand still
+        elif due_ns is not None:
+            self.work_on(None, lambda _, now_ns: self._pipeline.due(now_ns))
 
     def _on_bodies(self, ids: Sequence[str]) -> Sequence[str]:
         assert isinstance(self._pipeline, PerBodyPipeline) and self._people is not None
@@ -183,13 +187,15 @@ class TrackerNode(Node):
         try:
             frames = (frames_in or self._pipeline.frames)(message, arrival_ns)
             self._publish(frames)
-            self._scene.publish(frames, arrival_ns)
+            if not self._pipeline.silent:
+                self._scene.publish(frames, arrival_ns)
             self._log_problems(frames)
         except Exception as error:  # no message may end the node
             self._count_internal_error("a keypoint message", error)
             return
-        if self._pipeline.due_at_ns is not None:
-            self._wait.reset()
+        finally:
+            if self._pipeline.due_at_ns is not None and self._wait.is_canceled():
+                self._wait.reset()
         ended = time.monotonic()
         self._diagnostics.count_message(frames, arrival_ns, ended, ended - started)
 

@@ -34,6 +34,8 @@ UNUSED = "keypoints below min_confidence"
 """Key of the count of messages with keypoints, none of which reaches `min_confidence`."""
 DEPTH_IN_MESSAGE = "depth: in the message"
 """Key of the count of keypoint messages with depths of their own."""
+DELAY_SHARE = 0.1
+"""Weight of a new message in the average of the delays."""
 UNSCORED = "keypoints without confidence"
 """Key of the count of messages with the positions of a body, all with a confidence of 0 or NaN."""
 
@@ -70,6 +72,8 @@ class CameraImages:
         """Largest confidence in the last message without a confident keypoint; 0 if that had no keypoint."""
         self.received, self.arrival_ns = 0, 0
         """Number of messages, and the arrival of the last one, ns."""
+        self.delay_s = 0.0
+        """s from stamp to arrival, averaged."""
         self.stamp_ns, self.frame_id = 0, ""
         """Of the last message, as far as they are known: ns, and the frame_id, or that of its camera_info."""
         self.sampled: Keypoints | None = None
@@ -100,6 +104,8 @@ class CameraImages:
         )
         if self.name:
             keypoints.by_person(len(self._layout.names))  # the images of other cameras must not suffer from this one
+        if stamped:
+            self.delay_s += DELAY_SHARE * ((arrival_ns - stamp_ns) * 1e-9 - self.delay_s)
         jumped = self._is_back_in_time(image, arrival_ns)
         if jumped:
             self._check_jump(image)

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 from lassokin_ros.pipeline.people.people_tracker import PeopleImage
 
+LATE = "late: only tracks updated"
+"""Key of the count of images that came after a later one of another camera was used."""
 SAME_INSTANT_NS = 5_000_000
 """ns: images with stamps within this time share one lasso."""
 MOST_PERIODS = 3

@@ -30,7 +30,7 @@ from lassokin_ros.pipeline.camera_images import CameraImages
 from lassokin_ros.pipeline.depth_check import DepthCheck
 from lassokin_ros.pipeline.depth_images import DepthImages
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
-from lassokin_ros.pipeline.image_sets import ImageSets, stamp_of_set
+from lassokin_ros.pipeline.image_sets import LATE, ImageSets, stamp_of_set
 from lassokin_ros.pipeline.input_checks.landmark_ids import LandmarkIds
 from lassokin_ros.pipeline.input_checks.own_depth import OwnDepth
 from lassokin_ros.pipeline.input_checks.stamp_rate import StampRate
@@ -42,9 +42,6 @@ from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.skeleton_readers.load import load_skeleton, naming_help
 from msg_adapters.errors import AdapterError
-
-LATE = "late: only tracks updated"
-"""Key of the count of images that came after a later one of another camera was used."""
 
 
 class Pipeline:
@@ -76,6 +73,9 @@ class Pipeline:
         messages with keypoints outside the image."""
         self.answered = False
         """True after the first accepted result for a person."""
+        self.silent = False
+        """True if the last call gave no result because images of several cameras wait or came late, or because another
+        camera sees the people: it does not tell that nobody is in view."""
         self.people = _people_tracker(self._trackable, self.counts, self.config)
         names, layout = self.config.camera_names, self.tracker.layout
         self.cameras = {name: CameraImages(name, tracker_config, self.config, layout, self.counts) for name in names}
@@ -222,7 +222,8 @@ class Pipeline:
         The stamp advances with the clock, and keeps the delay of the last message.
         """
         if self._latest is None or self.image is None:
-            return now_ns, "" if self.camera.view is None else self.camera.view.intrinsics.frame_id
+            of_camera = "" if self.camera.view is None else self.camera.view.intrinsics.frame_id
+            return now_ns, of_camera if self.places is None else self.places.base
         stamp_ns, arrival_ns = self._latest
         return stamp_ns + (max(now_ns - arrival_ns, 0) if arrival_ns else 0), self.image[1]
 
@@ -251,6 +252,8 @@ class Pipeline:
             if camera.depth is not None:
                 camera.depth.reset()
             camera.depth_check.reset()
+        if self.places is not None:
+            self.places.faults.clear()
         self.forget_people()
 
     def forget_people(self) -> None:
@@ -311,16 +314,18 @@ class Pipeline:
         that are due now. With several cameras, a message may wait for those of the others, see `due`.
         """
         self.counts["received"] += 1
+        self.silent = False
         if not self.enabled:
             self.counts["ignored while disabled"] += 1
             return []
-        return self._counted(self._frames(message, arrival_ns, self.cameras[camera]))
+        frames = self._frames(message, arrival_ns, self.cameras[camera])
+        return frames if self._sets is not None else self._counted(frames)
 
     def due(self, now_ns: int) -> list[FrameResult]:
         """Return the results of images of several cameras whose wait has ended. now_ns: ns of the arrival clock."""
-        if self._sets is None:
+        if self._sets is None or not self.enabled:
             return []
-        return self._counted([one for images in self._sets.due(now_ns) for one in self._track(images, now_ns)])
+        return self._track_sets(self._sets.due(now_ns), now_ns)
 
     @property
     def due_at_ns(self) -> int | None:
@@ -340,8 +345,11 @@ class Pipeline:
         try:
             image, changed = camera.image(message, arrival_ns)
         except AdapterError as error:
-            self._refused = True
-            return [FrameResult(camera.stamp_ns, camera.frame_id, None, error.reason, str(error))]
+            self._refused = self._sets is None  # the other cameras tell whether somebody is in view
+            refused = [
+                FrameResult(camera.stamp_ns, camera.frame_id, None, error.reason, self._of_camera(camera, error))
+            ]
+            return refused if self._sets is None else self._counted(refused)
         if changed:
             self._forget_people()
             for other in self.cameras.values():
@@ -350,9 +358,17 @@ class Pipeline:
         if self._sets is None:
             return self._track([image], arrival_ns)
         camera.stamps.seen(image.stamp_ns, True)
+        camera.stamps.follow(image.stamp_ns, arrival_ns, image.stamped)
         image = replace(image, camera=CameraPose(camera.name))
-        sets = self._sets.add(camera.name, image, arrival_ns)
-        return [frame for images in sets for frame in self._track(images, arrival_ns)]
+        return self._track_sets(self._sets.add(camera.name, image, arrival_ns), arrival_ns)
+
+    def _track_sets(self, sets: Sequence[Sequence[PeopleImage]], arrival_ns: int) -> list[FrameResult]:
+        """Return the results of several sets of images. Each set counts as one accepted or rejected message."""
+        found = [self._counted(self._track(images, arrival_ns)) for images in sets]
+        frames = [frame for of_set in found for frame in of_set]
+        newest_ns = max((stamp_of_set(images) for images in sets), default=0)
+        self.silent = not sets or (not frames and self._tracked_lately(newest_ns))
+        return frames
 
     def _track(self, images: Sequence[PeopleImage], arrival_ns: int) -> list[FrameResult]:
         """Return the results of the images of one instant."""
@@ -363,7 +379,7 @@ class Pipeline:
                 self._follow_mount(self.first.mount, images[0])
             frames = self.people.update(placed, frame_id, self.config.forget_after)
         except AdapterError as error:
-            self._refused = True
+            self._refused = self._sets is None
             return [FrameResult(stamp_ns, images[0].frame_id, None, error.reason, str(error))]
         self._refused = False
         if self._sets is not None:
@@ -376,6 +392,10 @@ class Pipeline:
             self.first.stamps.seen(stamp_ns, self.people.tracked_at(stamp_ns))
             self.first.stamps.follow(stamp_ns, arrival_ns, images[0].stamped)
         return frames
+
+    @staticmethod
+    def _of_camera(camera: CameraImages, error: AdapterError) -> str:
+        return f"camera '{camera.name}': {error}" if camera.name else str(error)
 
     def _placed(self, images: Sequence[PeopleImage]) -> tuple[Sequence[PeopleImage], str]:
         """Return the images whose camera has a pose, and the frame of the results.
@@ -420,8 +440,8 @@ class Pipeline:
     def flush(self) -> list[FrameResult]:
         """Return the results that wait for other cameras or for `smoothing_lag`. No message follows."""
         waiting = [] if self._sets is None else self._sets.flush()
-        frames = [frame for images in waiting for frame in self._track(images, images[0].stamp_ns)]
-        return [*(self._counted(frames) if frames else ()), *self.people.flush()]
+        frames = [frame for images in waiting for frame in self._track_sets([images], images[0].stamp_ns)]
+        return [*frames, *self.people.flush()]
 
     def _follow_mount(self, mount: CameraMount, image: PeopleImage) -> None:
         """Use the camera's mount at the time of the image. Without TF, the present one stays."""

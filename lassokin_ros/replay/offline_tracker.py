@@ -170,6 +170,8 @@ class OfflineTracker:
         """Yield the outputs of what `track` returns."""
         started = time.perf_counter()
         frames = track()
+        if self.pipeline.silent:
+            return
         self.frame_seconds.append(time.perf_counter() - started)
         self._notify(frames, time_ns, self.frame_seconds[-1])
         assert self._diagnostics is not None

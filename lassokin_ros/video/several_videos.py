@@ -95,6 +95,11 @@ def _cameras(options: argparse.Namespace) -> list[Filmed]:
             raise CameraError(f"{option} is for one video; expected --report or --export with several")
     known = camera_names(options.cameras)
     stems = [Path(source).stem for source in options.sources]
+    strange = [stem for stem in stems if stem not in known]
+    if strange and len(strange) < len(stems):
+        raise CameraError(
+            f"'{options.cameras}' has no camera '{strange[0]}'; expected all names of: {', '.join(known)}"
+        )
     names = stems if set(stems) <= set(known) else known[: len(stems)]
     if len(names) < len(stems):
         raise CameraError(

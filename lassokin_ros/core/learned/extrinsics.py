@@ -86,6 +86,11 @@ class Extrinsics:
         correction = self.corrections.get(pose.name) if self._used else None
         return pose if correction is None else _moved(pose, correction)
 
+    @property
+    def frame_count(self) -> int:
+        """Number of frames that were used since the last reset."""
+        return self._count
+
     def moved(self, name: str) -> tuple[float, float] | None:
         """Return by how much a camera is elsewhere than given, rad and m; None if it is where it should be."""
         solution = self.solution(name)
@@ -111,6 +116,8 @@ class Extrinsics:
             return
         self._newest = stamp
         first = self._anchor_of(frame)
+        if first is None:
+            return  # the camera whose pose is right has not been seen
         if not self._given.keys() >= {view.camera.name for view in frame.views}:
             return  # a camera that was never seen
         for view in frame.views:
@@ -135,15 +142,15 @@ class Extrinsics:
             before = self.corrections.get(name, np.zeros(6))
             self.corrections[name] = before + FOLLOWING * (solution - before)
 
-    def _anchor_of(self, frame: FrameData) -> FrameData:
-        """Return the view of the camera whose pose is not corrected: the one in whose frame the skeleton is, or the
-        chosen one, or the first.
+    def _anchor_of(self, frame: FrameData) -> FrameData | None:
+        """Return the view of the camera whose pose is not corrected: the chosen one, None if it has none; without a
+        choice the one in whose frame the skeleton is, or the first.
         """
         views = frame.views
         if self.anchor is None:
             given = [self._given.get(view.camera.name) for view in views]
             return next((view for view, pose in zip(views, given) if pose and pose.is_identity), views[0])
-        return next((view for view in views if view.camera.name == self.anchor), views[0])
+        return next((view for view in views if view.camera.name == self.anchor), None)
 
     def _what_is_wrong(self, frames: deque[tuple[np.ndarray, ...]], first: str, name: str) -> str:
         """Return why the given pose of a camera cannot be right; empty if it can."""

@@ -46,6 +46,8 @@ class Learned:
         for learner in (self.lengths, self.mean_pose, self.model_error, self.depth_noise, self.size_check, self.height):
             if learner is not None:
                 learner.reset()
+        if self.extrinsics is not None:
+            self.extrinsics.reset()
         if not same_camera:
             self.vertical.reset()
 

@@ -63,6 +63,9 @@ class Transforms:
             if frame is None or frame.parent != parent or frame.static is not static:
                 frame = _Frame(parent, static)
             self._frames[child] = frame  # at the end: the last to be forgotten
+            size = math.sqrt(math.fsum(x * x for x in quaternion))
+            x, y, z, w = (part / size for part in quaternion)
+            quaternion = x, y, z, w
             frame.add(stamp.sec * 1_000_000_000 + stamp.nanosec, quaternion, place)
 
     def _make_room(self) -> None:

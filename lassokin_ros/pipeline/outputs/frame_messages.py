@@ -38,6 +38,8 @@ from msg_adapters.output_messages.serialised_messages import SerialisedMessage
 from msg_adapters.output_messages.serialised_status import SerialisedStatus
 from msg_adapters.output_messages.skeleton_cloud import SkeletonCloudBuilder
 
+OF_IMAGE = (topics.IMAGE_MARKERS, topics.KEYPOINT_MARKERS, topics.ROI)
+"""Topics about the image of the first camera; images of others have no such messages."""
 DETAILS = (topics.CERTIFICATE, topics.JOINT_UNCERTAINTY, topics.UNCERTAINTY_MARKERS)
 """Topics that the parameter detail_rate limits. They take longer than all others together."""
 EARLY = 0.1
@@ -85,6 +87,8 @@ class FrameMessages:
             return
         in_detail = self._in_detail(frame.stamp_ns)
         for topic, build in self._builders.items():
+            if frame.camera.name != self._config.camera_names[0] and topic in OF_IMAGE:
+                continue
             if (wanted is None or topic in wanted) and (in_detail or topic not in DETAILS):
                 yield topic, build(frame.stamp_ns, frame.frame_id, frame, frame.estimate)
 

@@ -10,9 +10,10 @@ from typing import Iterable, Sequence
 
 import numpy as np
 
-from lassokin_ros.core.observation import Status
+from lassokin_ros.core.observation import Rejection, Status
 from lassokin_ros.pipeline.detections import detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.pipeline.image_sets import LATE
 from lassokin_ros.pipeline.people.assignment import assign
 from lassokin_ros.pipeline.people.choice import (
     CONFIDENT,
@@ -214,7 +215,8 @@ class MultiPersonTracker:
         answers = person.track(seen, frame_id, name(number))
         refused = [result for result in answers if not result.accepted]
         for result in refused:
-            self._counts[f"rejected: {result.rejection} (a person)"] += 1
+            late = result.rejection == Rejection.LATE.value
+            self._counts[LATE if late else f"rejected: {result.rejection} (a person)"] += 1
         if refused and person.seen_ns is None:  # never tracked: there is no state to keep
             self._remove(number)
         return [result for result in answers if result.accepted]

@@ -120,8 +120,10 @@ class TrackedPerson:
             detected=first.seen.pixels,
             points=first.seen.points,
             lens=first.lens,
-            camera=first.camera,
-            others=tuple(ImageOfPerson(o.camera, o.lens, o.seen.pixels, o.seen.points) for o in others),
+            camera=self._corrected(first.camera),
+            others=tuple(
+                ImageOfPerson(self._corrected(o.camera), o.lens, o.seen.pixels, o.seen.points) for o in others
+            ),
             skeleton=self.tracker.skeleton,  # calibration changes the lengths for the next frame only
         )
         frozen = [self._frozen_s(sight) for sight in sights]
@@ -145,7 +147,7 @@ class TrackedPerson:
             points=first.seen.points,
             focal=first.lens.focal,
             height=tracker.skeleton.height,
-            camera=first.camera,
+            camera=self._corrected(first.camera),
         )
         self._waiting.append((stamp_ns, estimate.stamp, partial(self._watched, made, signs)))
         return self._due(self.tracker.published, stamp_ns)
@@ -172,6 +174,11 @@ class TrackedPerson:
             depth_age=seen.depth_age,
             camera=sight.camera,
         )
+
+    def _corrected(self, camera: CameraPose) -> CameraPose:
+        """Return the pose of a camera as the tracker uses it."""
+        extrinsics = self.tracker.learned.extrinsics
+        return camera if extrinsics is None else extrinsics.corrected(camera)
 
     def _frozen_s(self, sight: Sight) -> float:
         """Return s for which a camera's keypoints have been the same, if it is more than `lost_after`; else 0."""
@@ -239,6 +246,7 @@ class TrackedPerson:
         """
         if self._landmarks is None:
             return None
+        camera = self._corrected(camera)
         shift = self._velocity * min(self.unseen_s(stamp_ns), LONGEST_PREDICTION_S)
         shift = shift if camera.is_identity else camera.rotation @ shift
         shift[2] = 0.0  # depth from one camera is too noisy to extrapolate

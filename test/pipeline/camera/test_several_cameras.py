@@ -11,7 +11,10 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError
 from lassokin_ros.core.learned.vertical import Vertical
 from lassokin_ros.core.observation import CameraPose
-from lassokin_ros.pipeline.pipeline import LATE, Pipeline
+from lassokin_ros.pipeline.camera.camera_selection import Camera
+from lassokin_ros.pipeline.image_sets import LATE
+from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
+from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
 
 pytest.importorskip("rosbags")
@@ -212,6 +215,14 @@ def test_two_people_are_the_same_two_in_both_cameras():
     assert np.abs(np.array(places) - truth).max() < 0.05
 
 
+def status(play, diagnostics=None):
+    """The line of /diagnostics after a play."""
+    diagnostics = diagnostics or Diagnostics(play.pipeline, "tracker", 0.0)
+    diagnostics.count_camera_info(0.9)
+    diagnostics.count_message([play.results[-1].frame], 0, 0.9, 0.001)
+    return diagnostics.line(1.0)
+
+
 def off(camera, degrees, metres):
     """The pose of a camera, turned about its vertical and shifted to its right."""
     pose, angle = camera.pose_at(0), np.radians(degrees)
@@ -263,3 +274,97 @@ def test_topics_of_depth_follow_the_names_of_the_cameras():
     settings = NodeSettings(cameras=["left", "right"], depth="depth/image").checked()
     assert settings.depth_topic("left") == "left/depth/image" and NodeSettings(depth="d").depth_topic("") == "d"
     assert NodeSettings(cameras=[""]).camera_names == ("",) and not NodeSettings().several_cameras
+
+
+def test_a_repeated_or_a_wrong_stamp_of_a_camera_changes_nothing():
+    play = Play([LEFT, RIGHT]).run(1.0)
+    for _ in range(30):
+        play.image(1, 29 / 30)
+    play.image(1, 1000.0, late=-999.0)
+    counts = play.pipeline.counts
+    assert counts["resets"] == 0 and counts["rejected: old_stamp"] == 30 and counts["rejected: stamp_jump"] == 1
+    assert "camera 'right'" in play.refused[0].detail
+    before = len(play.results)
+    for index in range(30, 40):
+        play.image(0, index / 30)
+    assert len(play.results) > before + 5
+
+
+def test_after_a_reset_the_poses_are_learned_anew():
+    poses = {"left": LEFT.pose_at(0), "right": off(RIGHT, 3.0, 0.02)}
+    play = Play([LEFT, RIGHT], TWO, TrackerConfig(extrinsics="learn"), poses=poses).run(4.0)
+    play.pipeline.reset()
+    play.pipeline.places._given["right"] = RIGHT.pose_at(0)  # the pose is repaired
+    for index in range(200):
+        for number in range(2):
+            play.image(number, 10.0 + index / 30)
+    angle, _ = play.pipeline.tracker.learned.extrinsics.solution("right")
+    assert np.degrees(angle) < 0.3 and play.error(15.0) < 25
+
+
+def test_a_learned_pose_is_that_of_the_results():
+    poses = {"left": LEFT.pose_at(0), "right": off(RIGHT, 3.0, 0.02)}
+    play = Play([LEFT, RIGHT], TWO, TrackerConfig(extrinsics="learn"), poses=poses).run(6.0)
+    play.image(1, 6.01)
+    play.keep(play.pipeline.due(START_NS + 7_000_000_000))
+    frame = play.results[-1].frame
+    assert frame.camera.name == "right"
+    assert np.nanmedian(np.linalg.norm(frame.reprojected - frame.detected, axis=1)) < 8.0
+
+
+def test_without_the_first_camera_no_other_pose_is_corrected():
+    back = eye("back", 180)
+    poses = {"left": LEFT.pose_at(0), "right": off(RIGHT, 3.0, 0.0), "back": back.pose_at(0)}
+    settings = NodeSettings(cameras=("left", "right", "back"), fixed_frame=MAP)
+    play = Play([LEFT, RIGHT, back], settings, TrackerConfig(extrinsics="learn"), poses=poses)
+    play.run(3.0, silent=lambda number, seconds: number == 0)
+    assert not play.pipeline.tracker.learned.extrinsics.corrections and len(play.results) > 80
+
+
+def test_images_that_wait_or_come_late_do_not_say_that_nobody_is_there():
+    play = Play([LEFT, RIGHT])
+    said = []
+    for index in range(60):
+        for number in range(2):
+            play.transforms(number, index / 30)
+            before = len(play.results)
+            play.image(number, index / 30)
+            said.append(play.pipeline.silent == (len(play.results) == before))
+    assert all(said) and len(play.results) == 60
+    assert play.pipeline.counts["accepted"] == 60
+    nobody = Play([LEFT, RIGHT])
+    for index in range(10):
+        for number, one in enumerate(nobody.eyes):
+            nobody.transforms(number, index / 30)
+            stamp_ns = START_NS + round(1e9 * index / 30)
+            empty = crowd(BACKEND, stamp_ns, [], frame_id=one.frame)
+            nobody.keep(nobody.pipeline.frames(empty, stamp_ns, nobody.names[number]))
+    assert not nobody.pipeline.silent and len(nobody.refused) >= 10
+
+
+def test_a_late_camera_is_counted_and_its_delay_is_said():
+    play = Play([LEFT, RIGHT])
+    diagnostics = Diagnostics(play.pipeline, "tracker", 0.0)
+    sent = sorted((index / 30 + 0.12 * number, number, index / 30) for index in range(60) for number in range(2))
+    for _, number, seconds in sent:
+        play.transforms(number, seconds)
+        play.image(number, seconds, late=0.12 * number)
+    line = status(play, diagnostics)
+    assert "keypoints of 'right' arrive 0.12 s later" in line.message and "rejected" not in line.message
+    counts = play.pipeline.counts
+    assert counts[LATE] > 50 and counts["accepted"] + counts[LATE] == counts["received"] == 120
+
+
+def test_camera_info_of_the_other_camera_is_named():
+    play = Play([LEFT, RIGHT])
+    play.pipeline.cameras["right"].camera = Camera(rectified=False)
+    play.pipeline.set_camera(camera_info(BACKEND, frame_id=LEFT.frame), "right")
+    play.run(1.0)
+    assert "right/camera_info is of another camera" in status(play).message
+
+
+def test_the_poses_are_checked_with_several_people_too():
+    settings = NodeSettings(cameras=("left", "right"), fixed_frame=MAP, max_people=3)
+    poses = {"left": LEFT.pose_at(0), "right": off(RIGHT, 5.0, 0.0)}
+    play = Play([LEFT, RIGHT], settings, poses=poses).run(6.0)
+    assert "camera 'right' is " in status(play).message

@@ -6,10 +6,15 @@ import math
 from collections import Counter
 from collections.abc import Iterator
 
+from lassokin_ros.core.learned.extrinsics import Extrinsics
 from lassokin_ros.pipeline.pipeline import Pipeline
 
 SILENCE_S = 2.0
 """s: a longer period without keypoints of one of several cameras is a warning."""
+
+
+APART_S = 0.06
+"""s: difference of the delays of two cameras that is a warning. Prediction over it costs a quarter of the accuracy."""
 
 
 class CameraStatus:
@@ -19,17 +24,19 @@ class CameraStatus:
         self._pipeline = pipeline
         self._received: Counter[str] = Counter()
         self._changed: dict[str, float] = {}  # s: when the number of messages was last seen to change
+        self._sending: list[str] = []  # cameras with messages in the last period
 
     def update(self, now: float, period: float) -> dict[str, str]:
         """Return the figures by name. now: s, steady clock; period: s since the last call."""
         if self._pipeline.places is None:
             return {}
-        figures = {}
+        figures, self._sending = {}, []
         for name, camera in self._pipeline.cameras.items():
             recent = camera.received - self._received[name]
             self._received[name] = camera.received
             if recent:
                 self._changed[name] = now
+                self._sending.append(name)
             prefix = f"{name}: " if name else ""
             if name:
                 figures[f"{prefix}input rate [Hz]"] = f"{recent / period:.2f}"
@@ -39,7 +46,7 @@ class CameraStatus:
         return figures
 
     def _pose_figures(self, name: str) -> Iterator[tuple[str, str]]:
-        extrinsics = self._pipeline.tracker.learned.extrinsics
+        extrinsics = self._extrinsics
         solution = None if extrinsics is None else extrinsics.solution(name)
         if solution is not None:
             angle, shift = solution
@@ -59,18 +66,35 @@ class CameraStatus:
                 yield f"no camera_info of camera '{name}'"
             elif now - self._changed.get(name, now) > SILENCE_S:
                 yield f"no keypoints of camera '{name}' for more than {SILENCE_S:g} s"
+        yield from self._clocks()
         yield from self._wrong_poses()
 
-    def _wrong_poses(self) -> Iterator[str]:
-        extrinsics = self._pipeline.tracker.learned.extrinsics
-        if extrinsics is None:
+    def _clocks(self) -> Iterator[str]:
+        """Yield that the stamps of two cameras are of different clocks, or one of the detectors is slower."""
+        delays = {name: camera.delay_s for name, camera in self._pipeline.cameras.items() if name in self._sending}
+        if len(delays) < 2:
             return
-        yield from filter(None, map(extrinsics.in_words, self._pipeline.cameras))
+        first, last = min(delays, key=delays.__getitem__), max(delays, key=delays.__getitem__)
+        if (apart := delays[last] - delays[first]) > APART_S:
+            yield (
+                f"keypoints of '{last}' arrive {apart:.2f} s later after their stamps than those of '{first}': its "
+                "clock differs, or its detector is slower; then set camera_wait to that"
+            )
+
+    def _wrong_poses(self) -> Iterator[str]:
+        if (extrinsics := self._extrinsics) is not None:
+            yield from filter(None, map(extrinsics.in_words, self._pipeline.cameras))
+
+    @property
+    def _extrinsics(self) -> Extrinsics | None:
+        """What the person shows about the poses who has been seen by several cameras for the longest time."""
+        found = [tracker.learned.extrinsics for tracker in self._pipeline.trackers.values()]
+        return max((one for one in found if one is not None), key=lambda one: one.frame_count, default=None)
 
     @property
     def fault(self) -> str:
-        """Why no camera can be used, in words; empty if one can."""
+        """Why no camera that sends keypoints can be used, in words; empty if one can."""
         places = self._pipeline.places
-        if places is None or len(places.faults) < len(self._pipeline.cameras):
+        if places is None or not self._sending or any(name not in places.faults for name in self._sending):
             return ""
         return places.fault

@@ -15,6 +15,7 @@ from lassokin_ros.pipeline.depth_check import MISFIT
 from lassokin_ros.pipeline.depth_images import COUNTS as DEPTH_COUNTS
 from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
+from lassokin_ros.pipeline.image_sets import LATE
 from lassokin_ros.pipeline.input_checks.body_direction import BodyDirection
 from lassokin_ros.pipeline.input_checks.messages import LEADING_SLASH
 from lassokin_ros.pipeline.input_checks.repeats import FROZEN_S
@@ -360,7 +361,7 @@ class Diagnostics:
             values["camera roll, pitch from TF [rad]"] = "{:.3f}, {:.3f}".format(*angles)
         if self._pipeline.depth is not None:
             values |= {f"{key} [messages]": str(counts[key]) for key in DEPTH_COUNTS}
-        listed = (MISFIT, OUTSIDE_IMAGE, PLACEHOLDERS, NOBODY, UNUSED, UNSCORED, DEPTH_IN_MESSAGE, LEADING_SLASH)
+        listed = (LATE, MISFIT, OUTSIDE_IMAGE, PLACEHOLDERS, NOBODY, UNUSED, UNSCORED, DEPTH_IN_MESSAGE, LEADING_SLASH)
         for key in sorted(key for key in counts if key.startswith("rejected: ") or key in listed):
             values[f"{key} [messages]"] = str(counts[key])
         if self._unused_confidence:

@@ -26,16 +26,18 @@ def input_concerns(pipeline: Pipeline, recent: Counter[str]) -> Iterator[str]:
 
 
 def _other_camera(pipeline: Pipeline) -> str:
-    """Return that camera_info and keypoints have different frame_ids."""
-    if pipeline.image is None or (view := pipeline.camera.view) is None:
-        return ""
-    frame, camera = pipeline.first.frame_id, view.intrinsics.frame_id
-    if not frame or not camera or frame == camera:
-        return ""
-    return (
-        f"camera_info is of another camera: its frame_id is '{camera[:40]}', that of the keypoints '{frame[:40]}'; "
-        "remap camera_info to the camera of the detector, or give both the frame_id of its optical frame"
-    )
+    """Return that camera_info and keypoints of a camera have different frame_ids."""
+    for name, one in pipeline.cameras.items():
+        if pipeline.image is None or (view := one.camera.view) is None:
+            continue
+        frame, camera = one.frame_id, view.intrinsics.frame_id
+        if frame and camera and frame != camera:
+            topic = f"{name}/camera_info" if name else "camera_info"
+            return (
+                f"{topic} is of another camera: its frame_id is '{camera[:40]}', that of the keypoints '{frame[:40]}'; "
+                f"remap {topic} to the camera of the detector, or give both the frame_id of its optical frame"
+            )
+    return ""
 
 
 def _unscored(recent: Counter[str]) -> str:

@@ -48,6 +48,7 @@ def pipeline():
         tracker=tracker,
         trackers={"": tracker},
         places=None,
+        cameras={},
         nobody_in_view=False,
         unused_confidence=0.0,
         depth=None,
