@@ -16,7 +16,7 @@ from lassokin_ros.core.network.depth_network import LENGTHS, NAMES, lengths_of
 from training.motion import HEIGHT_PARTS, Motion
 from training.symmetry import OTHER
 
-PEOPLE = 0.5
+PEOPLE = 0.65
 """Share of the samples with people's lengths."""
 CHILDREN = 0.12
 """Share of the samples with a child's proportions."""
