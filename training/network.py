@@ -20,6 +20,12 @@ DISTANCE = 30.0
 is unsure (Seitzer et al. 2022, On the pitfalls of heteroscedastic uncertainty estimation)."""
 ADAM_RATE, ADAM_DECAY = 1.5e-3, 0.03
 MUON_RATE, MUON_DECAY, MOMENTUM = 0.02, 0.01, 0.95
+NEWTON_SCHULZ = 3.4445, -4.7750, 2.0315
+"""Coefficients of Muon's polynomial."""
+CLIP = 20.0
+"""Gradients longer than this are shortened."""
+AVERAGE = 0.9995
+"""Share of the average of the weights that stays in a step."""
 _LOWER = np.tril_indices(DEPTHS, -1)
 
 
@@ -126,19 +132,19 @@ class Optimiser:
     learned at the same rate. Adam: Kingma & Ba 2015. Both with decoupled decay (Loshchilov & Hutter 2019).
     """
 
-    def __init__(self, weights: list[np.ndarray], average: float = 0.9995) -> None:
-        self.weights, self._average = weights, average
+    def __init__(self, weights: list[np.ndarray]) -> None:
+        self.weights = weights
         self._first = [np.zeros_like(w) for w in weights]
         self._second = [np.zeros_like(w) for w in weights]
         self.averaged = [w.copy() for w in weights]
         self._step = 0
 
-    def step(self, gradients: list[np.ndarray], share: float, clip: float = 20.0) -> None:
-        """One step at a share of the full rates; gradients longer than `clip` are shortened."""
+    def step(self, gradients: list[np.ndarray], share: float) -> None:
+        """One step at a share of the full rates."""
         self._step += 1
         size = math.sqrt(sum(float(np.vdot(g, g)) for g in gradients))
-        shrink = np.float32(min(1.0, clip / (size + 1e-9)))
-        kept = min(self._average, (1 + self._step) / (10 + self._step))
+        shrink = np.float32(min(1.0, CLIP / (size + 1e-9)))
+        kept = min(AVERAGE, (1 + self._step) / (10 + self._step))
         for i, (w, a, g) in enumerate(zip(self.weights, self.averaged, gradients)):
             if w.ndim == 3 and w.shape[1] == w.shape[2]:
                 self._muon(i, w, g * shrink, share)
@@ -162,9 +168,28 @@ class Optimiser:
         w -= np.float32(ADAM_RATE * share / one) * m / (np.sqrt(v / np.float32(two)) + np.float32(1e-8))
 
 
+class Training:
+    """A network in training on the processor."""
+
+    def __init__(self, weights: list[np.ndarray]) -> None:
+        self._network = Network(weights)
+        self._optimiser = Optimiser(self._network.weights)
+
+    def step(self, inputs: np.ndarray, places: np.ndarray, share: float) -> float:
+        """One step on a batch at a share of the full rates; its loss."""
+        value, gradients = backpropagated(self._network, inputs, places)
+        self._optimiser.step(gradients, share)
+        return value
+
+    @property
+    def averaged(self) -> list[np.ndarray]:
+        """The average of the weights."""
+        return self._optimiser.averaged
+
+
 def orthogonalised(matrix: np.ndarray) -> np.ndarray:
     """About U V' of square matrices U S V' (..., k, k), by five Newton-Schulz steps: singular values 0.7 to 1.2."""
-    a, b, c = np.float32(3.4445), np.float32(-4.7750), np.float32(2.0315)
+    a, b, c = np.float32(NEWTON_SCHULZ)
     X = matrix / (np.linalg.norm(matrix, axis=(-2, -1), keepdims=True) + np.float32(1e-7))
     for _ in range(5):
         A = X @ X.swapaxes(-1, -2)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lassokin_ros.core.network.depth_network import NAMES, TARGETS, TIMES, Scene, features, interpolated
+from training.bodies import Bodies, landmarks, reshaped, trunk_axes
 from training.motion import Motion
 from training.symmetry import OTHER
 
@@ -40,23 +41,8 @@ _TARGETS = [_INDEX[name] for name in TARGETS]
 _LOWER = [p for p, name in enumerate(NAMES) if name.endswith(("knee", "ankle", "heel", "toe"))]
 _UPPER = [p for p, name in enumerate(NAMES) if p not in _LOWER and not name.endswith("hip")]
 _FEET = [p for p, name in enumerate(NAMES) if name.endswith(("ankle", "heel", "toe"))]
-_UNSTEADY = np.array([1.5 if n.endswith(("hip", "heel", "toe", "head_top")) else 1.0 for n in NAMES])
+_UNSTEADY = np.array([1.5 if n.endswith(("hip", "heel", "toe", "head_top")) else 1.0 for n in NAMES], dtype=np.float32)
 SWAPPED = ("hip knee ankle heel toe", "knee ankle heel toe", "shoulder elbow wrist", "elbow wrist")
-_CHAINS = [
-    ("knee", "hip", 1),
-    ("ankle", "knee", 2),
-    ("heel", "ankle", 3),
-    ("toe", "ankle", 3),
-    ("elbow", "shoulder", 6),
-    ("wrist", "elbow", 7),
-]
-#: Segments: hips, thigh, shank, foot, trunk, shoulders, upper arm, forearm, neck, head.
-_SEGMENTS = 10
-_PARTS = [1, 2, 0, 4, 8, 9]
-"""Segment that scales each of `HEIGHT_PARTS`."""
-_LENGTH_SEGMENTS = [0, 1, 2, 4, 5, 6, 7, 8]
-"""Segment that scales each of `LENGTHS`."""
-_WIDTHS = np.array([0.08, 0.05, 0.05, 0.08, 0.06, 0.07, 0.06, 0.06, 0.08, 0.08])
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +59,7 @@ class Views:
     def __init__(self, motion: Motion) -> None:
         self._motion = motion
         self._last = np.cumsum(motion.weight)
+        self._bodies = Bodies(motion)
 
     def batch(self, size: int, random: np.random.Generator, plain: bool = False) -> Batch:
         """plain: COCO's points, all visible, at 30 Hz, with a detector's usual noise, for evaluation."""
@@ -88,10 +75,8 @@ class Views:
         if not plain:
             self._exchange_arms(points, times, random)
             _twist(points, random)
-        points, scale = _reshaped(points, random)
-        height = (m.parts[clip] * scale[:, _PARTS]).sum(1)
-        lengths = m.lengths[clip] * scale[:, _LENGTH_SEGMENTS] / height[:, None]
-        points /= height[:, None, None, None]
+        factors, height, lengths = self._bodies.drawn(clip, random)
+        points = reshaped(points, factors) / height.astype(np.float32)[:, None, None, None]
         mirrored = random.random(size) < 0.5
         points[mirrored] = points[mirrored][:, :, OTHER] * np.array([-1.0, 1.0, 1.0])
         turn, up = _cameras(size, random)
@@ -120,7 +105,7 @@ class Views:
         rows = np.flatnonzero(random.random(len(points)) < OTHER_ARMS)
         clip, now = self._drawn(len(rows), random)
         others = self._points(clip, now[:, None] - times[rows])
-        turn = _trunk_axes(others).swapaxes(-1, -2) @ _trunk_axes(points[rows])
+        turn = trunk_axes(others).swapaxes(-1, -2) @ trunk_axes(points[rows])
         for side in ("left", "right"):
             shoulder = _INDEX[f"{side}_shoulder"]
             arm = [_INDEX[f"{side}_elbow"], _INDEX[f"{side}_wrist"]]
@@ -150,44 +135,13 @@ def _slots(size: int, random: np.random.Generator, plain: bool) -> tuple[np.ndar
     return index / rate[:, None], [(1 + 2 * i, 2 + 2 * i) for i in range(len(TIMES) - 1)], share
 
 
-def _reshaped(points: np.ndarray, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Other proportions for the same poses; also the factors (b, segments), the same for both sides."""
-    size = len(points)
-    scale = np.exp(_WIDTHS * random.standard_normal((size, _SEGMENTS)))
-    child = random.random(size) < 0.12
-    grown = random.random(size)[:, None]
-    scale[child] *= 1 + grown[child] * np.array([0, -0.12, -0.12, 0, 0.05, -0.05, -0.08, -0.08, 0.0, 0.45])
-    s = scale.astype(np.float32)[:, None, None, :, None]
-    new = np.empty_like(points)
-    middle, girdle = points[:, :, _HIPS].mean(2, keepdims=True), points[:, :, _SHOULDERS].mean(2, keepdims=True)
-    chest = middle + (girdle - middle) * s[..., 4, :]
-
-    def move(name: str, base: np.ndarray, origin: np.ndarray, segment: int) -> None:
-        p = _INDEX[name]
-        new[:, :, p : p + 1] = base + (points[:, :, p : p + 1] - origin) * s[..., segment, :]
-
-    for side in ("left", "right"):
-        move(f"{side}_hip", middle, middle, 0)
-        move(f"{side}_shoulder", chest, girdle, 5)
-        for joint, parent, segment in _CHAINS:
-            p = _INDEX[f"{side}_{parent}"]
-            move(f"{side}_{joint}", new[:, :, p : p + 1], points[:, :, p : p + 1], segment)
-    move("mid_hip", middle, middle, 0)
-    move("neck", chest, girdle, 8)
-    move("head", chest, girdle, 8)
-    head = _INDEX["head"]
-    for name in ("nose", "left_ear", "right_ear", "head_top"):
-        move(name, new[:, :, head : head + 1], points[:, :, head : head + 1], 9)
-    return new, scale
-
-
 def _twist(points: np.ndarray, random: np.random.Generator) -> None:
     """Rotate the upper bodies about the middle of the hips, in place, by a constant rotation in the trunk's axes."""
     rows = np.flatnonzero(random.random(len(points)) < 0.5)
     x, y, z = 0.1 * random.standard_normal((3, len(rows)))
     turn = (_about(0, x) @ _about(1, 1.5 * y) @ _about(2, z)).astype(np.float32)
     chosen = points[rows]
-    axes, middle = _trunk_axes(chosen), chosen[:, :, _HIPS].mean(2, keepdims=True)
+    axes, middle = trunk_axes(chosen), chosen[:, :, _HIPS].mean(2, keepdims=True)
     world = axes.swapaxes(-1, -2) @ turn[:, None] @ axes
     for point in _UPPER:
         chosen[:, :, point] = ((chosen[:, :, point] - middle[:, :, 0])[:, :, None] @ world)[:, :, 0] + middle[:, :, 0]
@@ -242,13 +196,7 @@ def _detected(points: np.ndarray, times: np.ndarray, random: np.random.Generator
     def normal(*shape: int) -> np.ndarray:
         return random.standard_normal(shape, dtype=np.float32)
 
-    def offset_deviation() -> np.ndarray:
-        return (_UNSTEADY * _log_uniform(0.001, 0.015, size, random)[:, None]).astype(np.float32)[..., None]
-
-    own = normal(size, count, 3) * offset_deviation()
-    own = 0.8 * own + 0.6 * own[:, OTHER] * np.array([-1, 1, 1], dtype=np.float32)
-    own[:, _HIPS] += (normal(size, 1, 3) * 0.012) * np.array([0, 1, 0.5], dtype=np.float32)
-    body = points + np.einsum("bcx,bsxy->bscy", own, _trunk_axes(points))
+    body = landmarks(points, random)
     white, wander = _log_uniform(0.0004, 0.010, size, random), _log_uniform(0.0005, 0.008, size, random)
     image = body[..., :2] / np.maximum(body[..., 2:], 0.15)
     errors = np.empty_like(image)
@@ -267,20 +215,11 @@ def _detected(points: np.ndarray, times: np.ndarray, random: np.random.Generator
             new = np.where(same, fresh, new)
         previous, fresh = time, new
         errors[rows, slot] = lasting * wander[:, None, None] + new * white[:, None, None]
-    errors += (normal(size, count, 2) * offset_deviation())[:, None]
+    constant = _UNSTEADY * _log_uniform(0.001, 0.015, size, random)[:, None]
+    errors += (normal(size, count, 2) * constant[..., None])[:, None]
     wrong = random.random((size, slots, count), dtype=np.float32) < 0.004
     errors[wrong] *= 15.0
     return np.asarray(image + errors / np.maximum(points[:, :1, _HIPS, 2].mean(2), 0.3)[..., None, None])
-
-
-def _trunk_axes(points: np.ndarray) -> np.ndarray:
-    """(b, slots, 3, 3): rows x to the person's left, y up along the trunk, z to the front."""
-    x = points[:, :, _HIPS[0]] - points[:, :, _HIPS[1]]
-    y = points[:, :, _SHOULDERS].mean(2) - points[:, :, _HIPS].mean(2)
-    y = y / (np.linalg.norm(y, axis=-1, keepdims=True) + 1e-6)
-    x = x - (x * y).sum(-1, keepdims=True) * y
-    x = x / (np.linalg.norm(x, axis=-1, keepdims=True) + 1e-6)
-    return np.stack([x, y, np.cross(x, y)], axis=-2)
 
 
 def _seen(size: int, slots: int, random: np.random.Generator, plain: bool) -> np.ndarray:

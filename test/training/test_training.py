@@ -22,7 +22,7 @@ from lassokin_ros.core.network.depth_network import (
     shipped_network,
 )
 from lassokin_ros.demo.synthetic import motion as synthetic_motion
-from training.depth import train, write
+from training.depth import LATER, batches, train, twice, write
 from training.motion import HEIGHT_PARTS, TEST, VALIDATION, Motion
 from training.network import backpropagated, initial_weights, loss, orthogonalised
 from training.symmetry import INPUT, OTHER, PLACE, symmetrise_first, symmetrise_last
@@ -132,6 +132,21 @@ def test_the_same_seed_draws_the_same_batch(motion):
     assert np.isfinite(one.inputs).all() and np.isfinite(one.places).all()
 
 
+@pytest.mark.parametrize("processes", [0, 2])
+def test_batches_have_the_same_order_for_any_number_of_processes(motion, processes):
+    """More batches than the processes draw in advance at once."""
+    found = [batch.inputs for batch in batches(motion, 7, 2, 70, processes)]
+    assert len(found) == 70
+    for number in (0, 63, 64, 69):
+        assert np.array_equal(found[number], Views(motion).batch(2, np.random.default_rng([7, number])).inputs)
+
+
+def test_each_batch_is_used_twice():
+    order = list(twice(iter(range(LATER + 10))))
+    assert sorted(order) == sorted([*range(LATER + 10)] * 2)
+    assert order[: LATER + 3] == [*range(LATER + 1), 0, LATER + 1]
+
+
 def test_a_tiny_network_learns(motion):
     batch = Views(motion).batch(400, np.random.default_rng(9), plain=True)
     untrained = Network(initial_weights(32, 1, np.random.default_rng([0, 1])))
@@ -146,6 +161,11 @@ def test_a_written_network_is_read_again(tmp_path, motion):
     read, provenance = load_weights(tmp_path / "network.npz")
     assert all(np.allclose(a, b, atol=1e-3) for a, b in zip(network.weights, read.weights))
     assert provenance["people"] == ["demo"] and provenance["held_out"] == list(TEST)
+
+
+def test_the_shipped_network_was_trained_without_the_people_of_test_and_validation():
+    _, provenance = load_weights()
+    assert not set(provenance["people"]) & {*TEST, *VALIDATION}
 
 
 def test_test_and_validation_people_are_disjoint():

@@ -45,7 +45,7 @@ class LengthModel:
 
 
 @cache
-def _population(file: str) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
+def population(file: str) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
     """(names, mean (k,), covariance (k, k)) of people's log-lengths about the built-in proportions."""
     data = shipped_mapping("lassokin_ros.core.evidence", file)
     rows = data["covariance"]
@@ -70,7 +70,7 @@ def length_models(proportions: Proportions) -> list[LengthModel]:
 
 def _about_population(proportions: Proportions, file: str, odds: float) -> LengthModel:
     """The case of a person like those of a shipped population. Other lengths are good guesses."""
-    names, mean, covariance = _population(file)
+    names, mean, covariance = population(file)
     index = [names.index(name) if name in names else -1 for name in proportions.names]
     known = np.flatnonzero(np.array(index) >= 0)
     chosen = [index[i] for i in known]
