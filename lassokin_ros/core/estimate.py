@@ -30,7 +30,8 @@ class Estimate:
     visible: (l,) bool, keypoints that were detected in this frame and have a weight. measurements: number of keypoints
     and measured depths that were used. depth_measured: True if measured depths were used; depth_covers: of half of the
     landmarks or more. length_deviation: (p,) standard deviation of the log-lengths. joint_depths: estimate of the depth
-    network. cameras: number of cameras whose rows have weight. prior_cost: of the pose prior for `solved`.
+    network. cameras: number of cameras whose rows have weight. contacts: (n,)
+    bool, ankles of feet that stand still. prior_cost: of the pose prior for `solved`.
     network_distance: m, mean distance of the depth network's joints from those of `solved`, relative to the hips; NaN
     without the network.
     """
@@ -59,6 +60,7 @@ class Estimate:
     length_deviation: np.ndarray | float = 0.0
     joint_depths: JointDepths | None = None
     cameras: int = 1
+    contacts: np.ndarray | None = None
     prior_cost: float = float("nan")
     network_distance: float = float("nan")
 

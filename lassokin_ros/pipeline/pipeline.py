@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -64,6 +65,7 @@ class Pipeline:
         configuration is unusable.
         """
         self.config = node_config.checked()
+        tracker_config = _of_camera(tracker_config, self.config)
         skeleton = load_skeleton(tracker_config.checked().skeleton, tracker_config.assumed_height)
         check_names(skeleton)
         with naming_help(tracker_config.skeleton):
@@ -224,7 +226,7 @@ class Pipeline:
         """
         config, resized = node_config.checked(), tracker_config.height != self.tracker.config.height
         for tracked in self._trackable:
-            tracked.tracker.tune(tracker_config)
+            tracked.tracker.tune(_of_camera(tracker_config, config))
         self.config = config
         self.people.tune(self.config.follow, self.config.lock)
         if resized:
@@ -382,6 +384,11 @@ class Pipeline:
         if persons is None or not keypoints.persistent or self.config.person_ids != MESSAGE:
             return False
         return len(persons) == 0 or bool(persons.min() >= 0)
+
+
+def _of_camera(tracker: TrackerConfig, node: NodeSettings) -> TrackerConfig:
+    """The settings for a camera that may move: feet are not held, because nobody tells how it moves."""
+    return replace(tracker, hold_feet=False) if node.camera_mount_frame else tracker
 
 
 def _people_tracker(people: Sequence[TrackedPerson], counts: Counter[str], config: NodeSettings) -> PeopleTracker:

@@ -38,6 +38,7 @@ def write_npz(motions: Sequence[Motion], file: BinaryIO) -> None:
         "joint_deviations": rows("deviations"),  # (r, n)
         "joint_observed": rows("observed"),  # (r, n) bool
         "likely_wrong": rows("likely_wrong"),  # (r,) bool
+        "joint_contacts": rows("contacts"),  # (r, n) bool, ankles of feet that stand still
         "floor": np.array(first.floor),  # m above the camera, in a level frame
         "people": np.array([motion.person for motion in motions]),  # (p,)
         "rest_offsets": np.array([motion.skeleton.offsets for motion in motions]),  # (p, n, 3), the last frame's
