@@ -7,6 +7,7 @@ that has fallen silent fade out, and fade in when it returns, so that the body d
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -98,6 +99,14 @@ class Camera:
         weights = self._presence_at(stamp) * weights
         depths = self._joint_depths() if weights.any() else None
         return FrameData(points, weights, vertical.direction, joint_depths=depths, camera=self.pose)
+
+    def speeds(self, places: np.ndarray, points: Sequence[np.ndarray]) -> np.ndarray:
+        """(k,) m/s across the line of sight, of the fastest keypoint at each of k places (k, 3) m; NaN without any.
+
+        points: (l,) bool for each place, its landmarks.
+        """
+        speeds, depths = self.measurements.speeds(), self.pose.into_camera(places)[:, 2]
+        return np.array([depth * np.fmax.reduce(speeds[own], initial=np.nan) for depth, own in zip(depths, points)])
 
     def positions(self) -> dict[str, np.ndarray] | None:
         """See `DepthEstimator.positions`, but in the frame of the skeleton."""

@@ -116,6 +116,9 @@ class TrackerConfig:
         "try the support predicted from the last answer before the QP solver; used only if KKT holds exactly",
         live=True,
     )
+    hold_feet: bool = setting(
+        True, "hold feet that stand still where they are; for a camera that does not move in the world", live=True
+    )
     calibrate: bool = setting(True, "learn the bone lengths while tracking; robot_description is updated", live=True)
 
     def checked(self) -> TrackerConfig:

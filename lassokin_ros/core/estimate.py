@@ -31,8 +31,9 @@ class Estimate:
     and measured depths that were used. depth_measured: True if measured depths were used; depth_covers: of half of the
     landmarks or more. length_deviation: (p,) standard deviation of the log-lengths. joint_depths: estimate of the depth
     network. cameras: number of cameras whose rows have weight. centre: (3,) m, of the first of them, in the skeleton's
-    frame. prior_cost: of the pose prior for `solved`. network_distance: m, mean distance of the depth network's joints
-    from those of `solved`, relative to the hips; NaN without the network.
+    frame. contacts: (n,) bool, ankles of feet that stand still. prior_cost: of the pose prior for `solved`.
+    network_distance: m, mean distance of the depth network's joints from those of `solved`, relative to the hips; NaN
+    without the network.
     """
 
     stamp: float
@@ -60,6 +61,7 @@ class Estimate:
     joint_depths: JointDepths | None = None
     cameras: int = 1
     centre: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    contacts: np.ndarray | None = None
     prior_cost: float = float("nan")
     network_distance: float = float("nan")
 

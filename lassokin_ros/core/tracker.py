@@ -31,6 +31,7 @@ from lassokin_ros.core.cameras import Camera, Cameras
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence
+from lassokin_ros.core.evidence.foot_contact import ANKLES
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.hypotheses.initialisation import Fit, Initialiser
@@ -108,6 +109,8 @@ class Tracker:
         self._reinitialisation = Reinitialisation()
         self._output_filter, self._lag = OutputFilter(self.kinematics.joint_count), FixedLag(self.kinematics)
         observed = ObservedJoints(body, self.layout.joints)
+        self._ankles = tuple(body.index(ankle) for ankle in ANKLES) if self.frame_model.foot_contact else ()
+        self._ankle_points = [self.layout.joints == ankle for ankle in self._ankles]
         self._uncertainty = UncertaintyModel(self.frame_model, prior, self.learned.lengths.proportions, observed)
         self.reset()
 
@@ -235,6 +238,7 @@ class Tracker:
         solved = self._retract(start.state, increment)
         smoothed = self._smooth(solved, increment, measurement, frame, initialised)
         better = self._better_state(solved, frame, measurement, initialised)
+        self._follow_feet(measured, measurement, solved, initialised or self._replaced or better is not None)
         estimate = self._estimate(measured, measurement, frame, initialised, increment, solved, smoothed)
         for camera, one in measured.items():
             camera.measurements.mark_used(one)
@@ -379,6 +383,8 @@ class Tracker:
     def _solve(self, start: EvaluatedState, initialised: bool, frame: FrameData, measurement: Measurement) -> Increment:
         """The increment from the start state, by the frame's lasso."""
         step = 0.0 if initialised or self._network is None else measurement.step
+        if self.learned.feet.anchors is not None and not (initialised or self._replaced or measurement.repeated):
+            frame = replace(frame, anchors=self.learned.feet.anchors)
         return self._increments.solve(start, frame, step, self.config)
 
     def _check(self, start: BodyState, increment: Increment, frame: FrameData, focal: float) -> Rejection | None:
@@ -460,9 +466,36 @@ class Tracker:
             joint_depths=frame.joint_depths,
             cameras=sum(bool(view.weights.any()) for view in frame.views),
             centre=frame.camera.centre,
+            contacts=self._contacts(),
             prior_cost=float(self.frame_model.prior.cost(solved, frame)),
             network_distance=math.nan if self._network_pose is None else self._network_pose.distance(solved.pose),
         )
+
+    def _contacts(self) -> np.ndarray:
+        """(n,) bool: the ankles of the feet that stand still."""
+        contacts, anchors = np.zeros(self.kinematics.joint_count, dtype=bool), self.learned.feet.anchors
+        if anchors is not None:
+            contacts[list(self._ankles)] = np.isfinite(anchors[:, 0])
+        return contacts
+
+    def _follow_feet(
+        self, measured: dict[Camera, Measurement], measurement: Measurement, solved: EvaluatedState, replaced: bool
+    ) -> None:
+        """Note which feet stand still. replaced: whether the pose does not continue the last one."""
+        if replaced:
+            self.learned.feet.reset()
+        if not (self._ankles and self.config.hold_feet):
+            self.learned.feet.reset()
+        elif not measurement.repeated:
+            self.learned.feet.update(measurement.stamp, *self._ankle_motion(measured, solved))
+
+    def _ankle_motion(
+        self, measured: dict[Camera, Measurement], solved: EvaluatedState
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(2, 3) m, the solved ankles, and (2,) m/s, the largest speed of their keypoints in a camera."""
+        ankles = solved.pose.positions[list(self._ankles)]
+        speeds = np.array([camera.speeds(ankles, self._ankle_points) for camera in measured])
+        return ankles, np.fmax.reduce(speeds)
 
     def _learn(
         self,

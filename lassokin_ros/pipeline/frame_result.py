@@ -158,6 +158,13 @@ class FrameResult:
         return self.observe(self.estimate)
 
     @property
+    def contacts(self) -> np.ndarray:
+        """(n,) bool, the ankles of feet that stand still. Raises ValueError if the result was rejected."""
+        if self.estimate is None or self.estimate.contacts is None:
+            raise ValueError("this result was rejected; only an accepted result has contacts")
+        return self.estimate.contacts
+
+    @property
     def reprojected(self) -> np.ndarray | None:
         """(l, 2) px, the landmarks of the estimated pose projected into the image. None if the result was rejected."""
         if self.estimate is None or self.estimate.pose is None or self.lens is None:

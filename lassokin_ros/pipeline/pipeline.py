@@ -58,6 +58,7 @@ class Pipeline:
         place of those from TF. Raises a LassokinError if the configuration is unusable.
         """
         self.config = node_config.checked()
+        tracker_config = _of_camera(tracker_config, self.config)
         skeleton = load_skeleton(tracker_config.checked().skeleton, tracker_config.assumed_height)
         check_names(skeleton)
         up = np.array([0.0, 0.0, 1.0]) if self.config.fixed_frame else None
@@ -276,7 +277,7 @@ class Pipeline:
         """
         config, resized = node_config.checked(), tracker_config.height != self.tracker.config.height
         for tracked in self._trackable:
-            tracked.tracker.tune(tracker_config)
+            tracked.tracker.tune(_of_camera(tracker_config, config))
         self.config = config
         for camera in self.cameras.values():
             camera.tracker_config, camera.config = tracker_config, config
@@ -448,6 +449,11 @@ class Pipeline:
         if (angles := mount.at(image.frame_id, image.stamp_ns)) is not None:
             for tracked in self._trackable:
                 tracked.tracker.move_camera(*angles)
+
+
+def _of_camera(tracker: TrackerConfig, node: NodeSettings) -> TrackerConfig:
+    """The settings for a camera that may move: feet are not held, because nobody tells how it moves."""
+    return replace(tracker, hold_feet=False) if node.camera_mount_frame else tracker
 
 
 def _people_tracker(people: Sequence[TrackedPerson], counts: Counter[str], config: NodeSettings) -> PeopleTracker:

@@ -34,6 +34,7 @@ class Motion:
     reprojection_px, relative_gap: (f,); support_size: (f,) int; initialised: (f,) bool.
     deviations: (f, n) m, see `JointUncertainty`; observed: (f, n) bool, the joints that keypoints show.
     likely_wrong: (f,) bool, see `Doubt`.
+    contacts: (f, n) bool, ankles of feet that stand still.
     level: (3, 3) rotation from the camera frame to the frame of a level camera at the same place.
     floor: m above the camera, the floor under the feet in the level frame, the same for all people; 0, the camera's
     height, if the feet are seen in few frames.
@@ -57,6 +58,7 @@ class Motion:
     deviations: np.ndarray
     observed: np.ndarray
     likely_wrong: np.ndarray
+    contacts: np.ndarray
     level: np.ndarray
     floor: float = 0.0
 
@@ -125,6 +127,7 @@ class _Rows:
             "deviations": frame.uncertainty.deviation,
             "observed": frame.observed,
             "likely_wrong": frame.doubt.likely_wrong,
+            "contacts": frame.contacts,
         }
         self.records.append(self.spool.append({name: np.asarray(value) for name, value in row.items()}))
 

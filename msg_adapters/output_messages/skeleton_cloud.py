@@ -17,7 +17,9 @@ from msg_adapters.output_messages.joint_uncertainty import COVARIANCE, UPPER
 from msg_adapters.output_messages.serialised_messages import SerialisedMessage
 
 MOTION = ("x", "y", "z", "vx", "vy", "vz")
-POINT = np.dtype([*((name, "<f4") for name in (*MOTION, *COVARIANCE)), ("index", "<i4"), ("observed", "<i4")])
+POINT = np.dtype(
+    [*((name, "<f4") for name in (*MOTION, *COVARIANCE)), *((name, "<i4") for name in ("index", "observed", "contact"))]
+)
 SKELETONS_POINT = np.dtype([*POINT.descr, ("person", "<i4")])
 
 
@@ -26,6 +28,7 @@ class SkeletonCloudBuilder(Cloud):
 
     x, y, z in m, vx, vy, vz in m/s, xx, xy, xz, yy, yz, zz in m^2: the absolute covariance, all in the frame of the
     header. index: of the joint. observed: 1 if keypoints of this image observe the joint, 0 if only the prior does.
+    contact: 1 for the ankle of a foot that stands still.
     """
 
     def __init__(self, backend: Backend, count: int) -> None:
@@ -36,13 +39,18 @@ class SkeletonCloudBuilder(Cloud):
         self._values = self._points.view("<f4").reshape(count, -1)
 
     def numbers(
-        self, positions: np.ndarray, velocities: np.ndarray, covariance: np.ndarray, observed: np.ndarray
+        self,
+        positions: np.ndarray,
+        velocities: np.ndarray,
+        covariance: np.ndarray,
+        observed: np.ndarray,
+        contact: np.ndarray,
     ) -> np.ndarray:
-        """positions: (n, 3) m; velocities: (n, 3) m/s; covariance: (n, 3, 3) m^2; observed: (n,) bool."""
+        """positions: (n, 3) m; velocities: (n, 3) m/s; covariance: (n, 3, 3) m^2; observed, contact: (n,) bool."""
         self._values[:, :3] = positions
         self._values[:, 3:6] = velocities
         self._values[:, 6:12] = covariance.reshape(-1, 9).take(UPPER, axis=1)
-        self._points["observed"] = observed
+        self._points["observed"], self._points["contact"] = observed, contact
         return self._points.view(np.uint8)
 
 
@@ -53,7 +61,8 @@ class JointsReport:
     Attributes
     ----------
     person: number of the person, see `people.number_of`.
-    positions: (n, 3) m; velocities: (n, 3) m/s; covariance: (n, 3, 3) m^2; observed: (n,) bool.
+    positions: (n, 3) m; velocities: (n, 3) m/s; covariance: (n, 3, 3) m^2; observed, contact: (n,)
+    bool.
     """
 
     person: int
@@ -61,6 +70,7 @@ class JointsReport:
     velocities: np.ndarray
     covariance: np.ndarray
     observed: np.ndarray
+    contact: np.ndarray
 
 
 class SkeletonsCloudBuilder:
@@ -83,7 +93,7 @@ class SkeletonsCloudBuilder:
             row[:, :3], row[:, 3:6] = person.positions, person.velocities
             row[:, 6:12] = person.covariance.reshape(-1, 9).take(UPPER, axis=1)
         for row, person in zip(points, people):
-            row["person"], row["observed"] = person.person, person.observed
+            row["person"], row["observed"], row["contact"] = person.person, person.observed, person.contact
         points["index"] = np.arange(self._count)
         fill = self._fill if len(people) > 0 else self._cloud.fill
         return fill(stamp_ns, frame_id, points.reshape(-1))

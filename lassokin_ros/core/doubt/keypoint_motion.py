@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -29,13 +30,23 @@ def partners(names: Sequence[str]) -> np.ndarray:
 class KeypointMotion:
     """The motion between two frames, in trunk lengths of the image (middle of the shoulders to middle of the hips).
 
-    step: s. straight, crossed: (l,) distance of each keypoint from its own and from its counterpart's last place, NaN
-    if one of them is missing.
+    step: s. points, last: (l, 2) keypoints now and before, in trunk lengths, NaN if missing. partner: see `partners`.
     """
 
     step: float
-    straight: np.ndarray
-    crossed: np.ndarray
+    points: np.ndarray
+    last: np.ndarray
+    partner: np.ndarray
+
+    @cached_property
+    def straight(self) -> np.ndarray:
+        """(l,) distance of each keypoint from its own last place, NaN if one of them is missing."""
+        return norm(self.points - self.last)
+
+    @cached_property
+    def crossed(self) -> np.ndarray:
+        """(l,) distance of each keypoint from its counterpart's last place, NaN if one of them is missing."""
+        return norm(self.points - self.last[self.partner])
 
 
 class MotionMeter:
@@ -64,9 +75,7 @@ class MotionMeter:
         scale = max(size, present) if size == size and present == present else self._size
         if last is None or not 0 < stamp - last[0] <= LONGEST_S or not scale > 0:
             return None
-        straight = norm(points - last[1]) / scale
-        crossed = norm(points - last[1][self._partner]) / scale
-        return KeypointMotion(stamp - last[0], straight, crossed)
+        return KeypointMotion(stamp - last[0], points / scale, last[1] / scale, self._partner)
 
     def _trunk_length(self, points: np.ndarray) -> float:
         if not self._trunk:

@@ -15,8 +15,8 @@ def is_person_change(motion: KeypointMotion | None) -> bool:
     """Return whether the keypoints are another person's than in the last frame."""
     if motion is None:
         return False
-    moved = min(_median(motion.straight), _median(motion.crossed))
-    return max(LEAST, PER_SECOND * motion.step) < moved < np.inf
+    limit = max(LEAST, PER_SECOND * motion.step)
+    return limit < _median(motion.straight) < np.inf and _median(motion.crossed) > limit
 
 
 def _median(values: np.ndarray) -> float:

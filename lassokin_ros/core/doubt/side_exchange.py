@@ -16,6 +16,8 @@ were found. Arms cross in ordinary motion, so theirs is higher."""
 LEAST_MOTION = 0.12
 """Trunk lengths: a smaller straight displacement is the noise of pairs that lie on each other."""
 
+_HALVES = np.full(2, 0.5)
+
 
 class SideExchange:
     """Reports exchanges of the sides."""
@@ -24,7 +26,9 @@ class SideExchange:
         """names: l landmarks in layout order."""
         place = {name: i for i, name in enumerate(names)}
         pairs = [pair for pair in PAIRS if f"left_{pair}" in place]
-        self._pairs = np.array([[place[f"{side}_{pair}"] for side in ("left", "right")] for pair in pairs], dtype=int)
+        self._pairs = np.array(
+            [[place[f"{side}_{pair}"] for side in ("left", "right")] for pair in pairs], int
+        ).reshape(-1, 2)
         #: For each limb the indices of its pairs among these.
         self._limbs = {limb: [i for i, pair in enumerate(pairs) if pair in own] for limb, own in LIMBS.items()}
 
@@ -32,10 +36,16 @@ class SideExchange:
         """Return what was exchanged with this frame: body, legs, arms, or an empty text."""
         if motion is None:
             return ""
-        pairs = self._pairs.reshape(-1, 2)
-        straight, crossed = (0.5 * (d[pairs[:, 0]] + d[pairs[:, 1]]) for d in (motion.straight, motion.crossed))
-        moved = list(zip(straight.tolist(), crossed.tolist()))
+        straight = self._of_pairs(motion.straight)
+        if not any(own > LEAST_MOTION for own in straight):
+            return ""
+        moved = list(zip(straight, self._of_pairs(motion.crossed)))
         return next((limb for limb, own in self._limbs.items() if _exchanged([moved[i] for i in own], limb)), "")
+
+    def _of_pairs(self, distances: np.ndarray) -> list[float]:
+        """The mean distance of each pair, NaN if it is not seen."""
+        pairs: list[float] = (distances[self._pairs] @ _HALVES).tolist()
+        return pairs
 
 
 def _exchanged(moved: list[tuple[float, float]], limb: str) -> bool:

@@ -45,6 +45,7 @@ class FrameData:
     depth_weights: (l,) 1/m, 1 / standard deviation of `depth`, 0 = not measured.
     joint_depths: the network's estimate; None without one.
     extra: data for the user's own evidence, by name, as in `Observation.extra`.
+    anchors: (2, 3) m, where the left and the right ankle stand still, NaN for one that does not; None without any.
     camera: the camera that saw this. others: the same of the other cameras; their `up` and `extra` are not used.
     """
 
@@ -55,6 +56,7 @@ class FrameData:
     depth_weights: np.ndarray | None = None
     joint_depths: JointDepths | None = None
     extra: Mapping[str, Any] = field(default_factory=dict)
+    anchors: np.ndarray | None = None
     camera: CameraPose = HERE
     others: tuple[FrameData, ...] = ()
 

@@ -106,6 +106,10 @@ class KeypointFilter:
         speeds = norm(self._tracks.velocity)
         return float(speeds.dot(self._known) / max(np.count_nonzero(self._known), 1))
 
+    def speeds(self) -> np.ndarray:
+        """(l,) speed of each track, normalised units / s; NaN if it is not known."""
+        return np.where(self._known, norm(self._tracks.velocity), np.nan)
+
     def expected(self, stamp: float) -> tuple[np.ndarray, np.ndarray]:
         """Points (l, 2) and weights (l,) predicted for a frame without new keypoints. The tracks do not change.
 

@@ -147,6 +147,10 @@ class MeasurementFilter:
         depth = depth or TYPICAL_DEPTH
         return self._filter.ahead(stamp, ACCELERATION / depth, model_error / depth)
 
+    def speeds(self) -> np.ndarray:
+        """(l,) speed of each keypoint's track, normalised units / s; NaN if it is not known."""
+        return self._filter.speeds()
+
     def mark_used(self, measurement: Measurement) -> None:
         """Note that the state was updated with this measurement."""
         self.newest = measurement.stamp

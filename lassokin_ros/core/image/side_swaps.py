@@ -3,7 +3,8 @@
 In a swapped pair, each point is far from its own track and near the track of the other side. If both points are close
 together in the image, both assignments fit. Such a pair follows the other pairs of its limbs or of the body, because a
 detector rarely swaps one pair alone. A swap that lasts is accepted in the end. It is accepted sooner if the tracks are
-short, because the tracks may have started with swapped sides.
+short, because the tracks may have started with swapped sides. If the pair is exchanged once more before the accepted
+sides have been there for longer than the former ones, the detector has returned, and this is accepted at once.
 """
 
 from __future__ import annotations
@@ -48,6 +49,8 @@ class SideSwaps:
         """Forget all tracks and swaps."""
         #: (l,) s each: start of the track; time for which its point has been swapped back.
         self._begun, self._spent = np.zeros(len(self._own)), np.zeros(len(self._own))
+        #: (l,) s: age of the track before a swap that lasted too long, 0 without one.
+        self._before = np.zeros(len(self._own))
         self.pending = False
         """Whether a pair was swapped and has not been seen in place since."""
 
@@ -69,9 +72,12 @@ class SideSwaps:
         other, groups = self.other, self._groups
         self._spent = np.maximum(self._spent, self._spent[other])  # one track of a pair may have restarted
         swapped, in_place = self._evidence(straight, crossed, variance)
-        lasted = np.max(stamp - np.maximum(self._begun, self._begun[other]), where=swapped, initial=0.0)
-        held = swapped & (self._spent < min(MAX_DURATION, MAX_SHARE * lasted))
+        age = stamp - np.maximum(self._begun, self._begun[other])
+        lasted = np.max(age, where=swapped, initial=0.0)
+        returned = swapped & (age < self._before)
+        held = swapped & ~returned & (self._spent < min(MAX_DURATION, MAX_SHARE * lasted))
         given_up = swapped & ~held
+        self._before = np.where(returned, 0.0, np.where(given_up, age - self._spent, self._before))
         # Pairs without evidence follow the majority of their limbs, or of the body.
         votes = groups @ held
         led = groups[(votes > 0) & (votes >= groups @ in_place)].any(axis=0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from lassokin_ros.core.body.kinematics import BodyState
@@ -15,6 +17,7 @@ from lassokin_ros.core.learned.adaptive_mean import AdaptiveMean
 from lassokin_ros.core.learned.bone_lengths import Calibration
 from lassokin_ros.core.learned.depth_noise import DepthNoise
 from lassokin_ros.core.learned.extrinsics import Extrinsics
+from lassokin_ros.core.learned.foot_contacts import FootContacts
 from lassokin_ros.core.learned.height import HeightEstimator
 from lassokin_ros.core.learned.model_error import ModelError
 from lassokin_ros.core.learned.size_check import SizeCheck
@@ -26,7 +29,8 @@ class Learned:
 
     lengths: the bone lengths. height: None if it is given. mean_pose: the person's mean posture. model_error: the
     keypoints' constant error. vertical: in the camera frame. depth_noise: of measured depth. size_check: of a given
-    height against measured depth. extrinsics: None if the cameras' given poses are not checked.
+    height against measured depth. extrinsics: None if the cameras' given poses are not checked. feet: which stand
+    still.
     """
 
     def __init__(self, frame_model: FrameModel, config: TrackerConfig, up: np.ndarray | None = None) -> None:
@@ -40,22 +44,25 @@ class Learned:
         if config.extrinsics != GIVEN:
             self.extrinsics = Extrinsics(self.size_check, config.height > 0, config.extrinsics == LEARN)
         self.height = HeightEstimator() if config.height == 0 else None
+        self.feet = FootContacts()
 
     def reset(self, same_camera: bool = False) -> None:
         """Forget what was learned. same_camera: keep the vertical."""
-        for learner in (self.lengths, self.mean_pose, self.model_error, self.depth_noise, self.size_check, self.height):
-            if learner is not None:
-                learner.reset()
-        if self.extrinsics is not None:
-            self.extrinsics.reset()
+        for learner in self._all:
+            learner.reset()
         if not same_camera:
             self.vertical.reset()
 
+    @property
+    def _all(self) -> tuple[Any, ...]:
+        """All but the vertical."""
+        known = self.lengths, self.mean_pose, self.model_error, self.depth_noise, self.size_check, self.feet
+        return (*known, *(learner for learner in (self.height, self.extrinsics) if learner is not None))
+
     def resize(self, ratio: float) -> None:
         """Scale what is known to a body that is taller by a factor."""
-        for learner in (self.lengths, self.mean_pose, self.model_error, self.depth_noise, self.size_check, self.height):
-            if learner is not None:
-                learner.resize(ratio)
+        for learner in self._all:
+            learner.resize(ratio)
 
     def use_body(self, given: Skeleton, measured: bool) -> None:
         """Use another given body with the same tree. measured: whether its height is to be measured."""

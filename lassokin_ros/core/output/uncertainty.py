@@ -31,6 +31,7 @@ from lassokin_ros.core.body.proportions import Proportions
 from lassokin_ros.core.body.roles import sided
 from lassokin_ros.core.body.rotations import hat
 from lassokin_ros.core.estimate import Estimate
+from lassokin_ros.core.evidence.foot_contact import FootContact
 from lassokin_ros.core.evidence.frame_model import FrameModel
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.robust_loss import squared_norm
@@ -151,6 +152,8 @@ class UncertaintyModel:
         assert estimate.pose is not None and estimate.problem is not None and estimate.visible is not None
         share = min(estimate.keypoint_error_ratio * LEAST_ERROR / SMALLEST_BIAS, 1.0)
         problem, image = estimate.problem, self._image_rows(estimate.rows)
+        if FootContact.name in estimate.rows:  # an anchor has the errors of the poses before
+            problem = _scaled(problem, estimate.rows[FootContact.name], 0.0)
         # Rows of the image may not be the only ones with the translation.
         if share < 1 and (estimate.depth_measured or estimate.cameras > 1):
             problem, share = _scaled(problem, image, share), 1.0

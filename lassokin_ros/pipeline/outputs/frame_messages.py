@@ -147,7 +147,13 @@ class FrameMessages:
                 t, f, e.pose.positions[0], frame.quaternions[-1], frame.uncertainty.absolute.pelvis
             ),
             topics.SKELETON: lambda t, f, frame, e: joints(
-                t, f, e.pose.positions, frame.joint_velocities, frame.uncertainty.absolute.joints, frame.observed
+                t,
+                f,
+                e.pose.positions,
+                frame.joint_velocities,
+                frame.uncertainty.absolute.joints,
+                frame.observed,
+                frame.contacts,
             ),
             topics.LIMBS: lambda t, f, frame, _: ends(t, f, *limbs.read(frame)),
             topics.UNCERTAINTY_MARKERS: lambda t, f, frame, e: ellipsoids(

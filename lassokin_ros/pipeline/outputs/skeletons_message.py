@@ -32,4 +32,5 @@ def _joints(frame: FrameResult) -> JointsReport:
         frame.joint_velocities,
         frame.uncertainty.absolute.joints,
         frame.observed,
+        frame.contacts,
     )

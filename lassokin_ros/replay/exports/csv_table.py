@@ -9,6 +9,7 @@ from typing import BinaryIO
 
 import numpy as np
 
+from lassokin_ros.core.evidence.foot_contact import ANKLES
 from lassokin_ros.replay.exports.named_angles import named_angles
 from lassokin_ros.replay.motion import Motion
 
@@ -18,8 +19,8 @@ BLOCK = 1000
 
 
 def header(joint_names: Sequence[str], named: Sequence[str]) -> list[str]:
-    """Return the column names: stamp, person, joint positions and angles, reprojection error, deviations, doubt, the
-    named angles, which joints' angles are observed, and speeds.
+    """Return the column names: stamp, person, joint positions and angles, reprojection error, deviations, doubt,
+    contacts, the named angles, which joints' angles are observed, and speeds.
     """
     positions = [f"{joint} position {axis} [m]" for joint in joint_names for axis in "xyz"]
     angles = [f"{joint} angle {axis} [rad]" for joint in joint_names for axis in "xyz"]
@@ -32,6 +33,7 @@ def header(joint_names: Sequence[str], named: Sequence[str]) -> list[str]:
         "reprojection [px]",
         *deviations,
         "likely wrong",
+        *(f"{ankle} stands" for ankle in ANKLES if ankle in joint_names),
         *(f"{name} [deg]" for name in named),
         *(f"{joint} angles observed" for joint in joint_names),
         *(f"{joint} speed [m/s]" for joint in joint_names),
@@ -63,16 +65,21 @@ def _block(motion: Motion, part: slice, named: np.ndarray, speeds: np.ndarray) -
     count = len(positions)
     flat = positions.reshape(count, -1), angles.reshape(count, -1)
     figures = np.concatenate([*flat, motion.reprojection_px[part, None], motion.deviations[part]], axis=1)
-    columns = motion.stamps_ns[part], figures, motion.likely_wrong[part], named, motion.angles_observed[part], speeds
-    for stamp, row, wrong, degrees, seen, fast in zip(*(column.tolist() for column in columns)):
+    flags = np.column_stack([motion.likely_wrong[part], motion.contacts[part][:, _ankles(motion)]])
+    columns = motion.stamps_ns[part], figures, flags, named, motion.angles_observed[part], speeds
+    for stamp, row, yes, degrees, seen, fast in zip(*(column.tolist() for column in columns)):
         time = f"{stamp // SECOND}.{stamp % SECOND:09d}"
-        values = [f"{value:.6f}" for value in row], [str(int(wrong))], [f"{value:.2f}" for value in degrees]
         yield [
             time,
             motion.person,
-            *values[0],
-            *values[1],
-            *values[2],
+            *(f"{value:.6f}" for value in row),
+            *(str(int(flag)) for flag in yes),
+            *(f"{value:.2f}" for value in degrees),
             *(str(int(one)) for one in seen),
             *(f"{one:.4f}" for one in fast),
         ]
+
+
+def _ankles(motion: Motion) -> list[int]:
+    names = motion.skeleton.joint_names
+    return [names.index(ankle) for ankle in ANKLES if ankle in names]

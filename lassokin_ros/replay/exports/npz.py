@@ -41,6 +41,7 @@ def write_npz(motions: Sequence[Motion], file: BinaryIO) -> None:
         "angles_observed": rows("angles_observed"),  # (r, n) bool
         "likely_wrong": rows("likely_wrong"),  # (r,) bool
         "level": first.level,  # (3, 3) from the camera frame to a level one
+        "joint_contacts": rows("contacts"),  # (r, n) bool, ankles of feet that stand still
         "floor": np.array(first.floor),  # m above the camera, in a level frame
         "people": np.array([motion.person for motion in motions]),  # (p,)
         "rest_offsets": np.array([motion.skeleton.offsets for motion in motions]),  # (p, n, 3), the last frame's

@@ -86,12 +86,13 @@ def test_the_slices_of_all_pieces_cover_all_rows_once():
     for estimate in estimates:
         taken = np.concatenate([np.arange(own.start, own.stop) for own in estimate.rows.values()])
         assert np.array_equal(np.sort(taken), np.arange(len(estimate.problem.z)))
-    assert list(estimates[-1].rows) == ["image", "pose prior", "upright", "balance", "learned depth", "range"]
+    built_in = ["image", "pose prior", "upright", "balance", "learned depth", "foot contact"]
+    assert list(estimates[-1].rows) == [*built_in, "range"]
     assert {name: own.stop - own.start for name, own in estimates[-1].rows.items()} == {
         name: tracker.frame_model.pieces[name].count for name in estimates[-1].rows
     }
     with_depth = replace(observations(tracker, 1 / 30, start=1.0)[0][1], depth=np.full(17, 3.5))
-    assert set(tracker.track(with_depth).rows) == {*estimates[-1].rows, "measured depth"} - {"range"}
+    assert set(tracker.track(with_depth).rows) == {*estimates[-1].rows, "measured depth"} - {"range", "foot contact"}
 
 
 def test_extra_data_reach_the_evidence():

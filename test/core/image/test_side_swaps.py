@@ -112,6 +112,23 @@ def test_a_lasting_swap_is_accepted_in_the_end(before):
     assert hold - 0.02 < first / RATE < hold + 0.05 and all(believed[first + 2 :])
 
 
+@pytest.mark.parametrize("duration", [180, 400])
+def test_the_return_from_a_swap_that_was_accepted_is_believed_at_once(duration):
+    """Otherwise the detector's right sides would be swapped back, for up to `MAX_DURATION`."""
+    before = 600
+    end = before + duration
+    answers = filtered(end + 60, range(before, end))
+    wrong = [np.abs(answers[frame][0] - places(frame)).max() > 0.02 for frame in range(end, end + 60)]
+    assert np.abs(answers[end - 1][0] - places(end - 1)[crossed(ALL)]).max() < 0.02  # the swap was accepted
+    assert not any(wrong[6:])
+
+
+def test_sides_that_lasted_longer_than_the_former_ones_are_the_right_ones():
+    """A start with swapped sides, then right ones, then a swap of 5 frames: it is corrected."""
+    answers = filtered(305, [*range(60), *range(300, 305)])
+    assert all(np.abs(answers[frame][0] - places(frame)).max() < 0.02 for frame in (299, 300, 302, 304))
+
+
 def test_pairs_without_evidence_are_accepted_with_the_others():
     """Eyes side by side give no evidence while all other pairs are accepted as swapped.
 

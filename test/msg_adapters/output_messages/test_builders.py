@@ -132,11 +132,14 @@ def test_diagnostics_of_more_and_fewer_lines_and_values(backend):
 def test_the_skeletons_cloud(backend):
     builder = SkeletonCloudBuilder(backend, 2)
     cloud = points(
-        builder.fill(STAMP, FRAME, POSITIONS, POSITIONS + 20, SYMMETRIC, np.array([True, False])), SKELETON_POINT
+        builder.fill(
+            STAMP, FRAME, POSITIONS, POSITIONS + 20, SYMMETRIC, np.array([True, False]), np.array([False, True])
+        ),
+        SKELETON_POINT,
     )
     assert SKELETON_POINT.names[:12] == ("x", "y", "z", "vx", "vy", "vz", "xx", "xy", "xz", "yy", "yz", "zz")
     for joint, point in enumerate(cloud.tolist()):
-        expected = [*POSITIONS[joint], *POSITIONS[joint] + 20, *UPPER[joint], joint, 1 - joint]
+        expected = [*POSITIONS[joint], *POSITIONS[joint] + 20, *UPPER[joint], joint, 1 - joint, joint]
         assert point == tuple(expected)
 
 

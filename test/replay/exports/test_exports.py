@@ -80,11 +80,14 @@ def test_csv_contains_the_positions_and_angles_of_the_bag(tracked, published):
         assert 0 < float(row["reprojection [px]"]) < 30
         assert 0 < float(row["left_wrist deviation [m]"]) < 0.6 and row["likely wrong"] in ("0", "1")
         assert 0 <= float(row["left_knee flexion [deg]"]) < 120
-    assert len(rows[0]) == 2 + 2 * 72 + 1 + 24 + 1 + 13 + 24 + 24
+    assert len(rows[0]) == 2 + 2 * 72 + 1 + 24 + 1 + 2 + 13 + 24 + 24
     way = np.linalg.norm(positions[12, 20] - positions[10, 20])
     assert float(rows[11]["left_wrist speed [m/s]"]) == pytest.approx(way * 15, rel=1e-3)
     shown = {joint: {row[f"{joint} angles observed"] for row in rows} for joint in SKELETON.joint_names}
     assert shown["left_knee"] == {"1"} == shown["right_elbow"] and shown["left_hand"] == {"0"} == shown["left_foot"]
+    assert {row["left_ankle stands"] for row in rows} <= {"0", "1"} and any(
+        row["left_ankle stands"] == "1" for row in rows
+    )
 
 
 def test_every_array_of_the_npz_is_in_the_documentation(tracked):
@@ -308,7 +311,7 @@ def some_motion(stamps_s, turn_rate=2.0, speed=1.0):
     places = np.outer(times * speed, [1.0, 0.0, 0.0])
     stamps = 10**18 + np.round(times * 1e9).astype(np.int64)
     rest = (rotations, places, np.zeros((count, 1, 3)), np.zeros((count, 0, 3)), np.zeros((count, 0, 2)))
-    doubts = (np.zeros((count, 1)), np.ones((count, 1), dtype=bool), nothing > 0)
+    doubts = (np.zeros((count, 1)), np.ones((count, 1), dtype=bool), nothing > 0, np.zeros((count, 1), dtype=bool))
     figures = (nothing, nothing, nothing, nothing > 0, *doubts, np.eye(3))
     return Motion("", "camera", skeleton, (), stamps, places[:, None], *rest, *figures)
 

@@ -1,0 +1,64 @@
+"""Feet in contact: a foot that stands does not move, so its ankle stays where it has been.
+
+One camera hardly observes the distance, so the feet of the fitted body slide although their keypoints stand still. The
+rows hold the ankle of each foot in contact (see `learned.foot_contacts`) at its anchor, in all three directions. The
+loss is Geman and McClure's: an anchor that the image contradicts has hardly any influence.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lassokin_ros.core.body.kinematics import Kinematics
+from lassokin_ros.core.body.roles import sided
+from lassokin_ros.core.evidence.evidence import EvaluatedState, Evidence, LinearisationPoint
+from lassokin_ros.core.image.frame_data import FrameData
+from lassokin_ros.core.image.robust_loss import squared_norm
+
+ANKLES = sided("ankle")
+DEVIATION = 0.03
+"""m: standard deviation of an ankle about its anchor, in each direction."""
+SCALE = 3.0
+"""Scale of the loss, in standard deviations."""
+
+_IDENTITY = np.eye(3)
+
+
+class FootContact(Evidence):
+    """Rows (anchor - ankle) / DEVIATION, three per foot; 0 for a foot without an anchor."""
+
+    name, count = "foot contact", 3 * len(ANKLES)
+
+    @staticmethod
+    def fits(names: tuple[str, ...]) -> bool:
+        """Whether a skeleton with these joints has the ankles."""
+        return set(names) >= set(ANKLES)
+
+    def __init__(self, kinematics: Kinematics) -> None:
+        """The skeleton must be one that `fits`."""
+        self._ankles = np.array([kinematics.skeleton.index(ankle) for ankle in ANKLES])
+
+    def present(self, frame: FrameData) -> bool:
+        """Whether a foot is in contact."""
+        return frame.anchors is not None
+
+    def linearise(self, about: LinearisationPoint, columns: np.ndarray, z: np.ndarray) -> None:
+        """Fill the rows, with the weights of the loss."""
+        error, held = self._errors(about.states, about.frame)
+        weight = held / (1 + squared_norm(error)[..., None] / SCALE**2)
+        about.joint_columns(self._ankles, (weight / DEVIATION)[..., None] * _IDENTITY, columns)
+        z[...] = (weight * error).reshape(z.shape)
+
+    def cost(self, states: EvaluatedState, frame: FrameData) -> np.ndarray:
+        """(...,) Geman and McClure's loss of each ankle's distance from its anchor."""
+        error, held = self._errors(states, frame)
+        square = squared_norm(error) * held[:, 0]
+        return np.asarray((0.5 * square / (1 + square / SCALE**2)).sum(-1))
+
+    def _errors(self, states: EvaluatedState, frame: FrameData) -> tuple[np.ndarray, np.ndarray]:
+        """(..., 2, 3) errors in standard deviations, and (2, 1) 1.0 for a foot with an anchor, else 0.0."""
+        assert frame.anchors is not None
+        held = np.isfinite(frame.anchors[:, :1])
+        anchors = np.where(held, frame.anchors, 0.0)
+        places = states.pose.positions.take(self._ankles, axis=-2)
+        return held * (anchors - places) / DEVIATION, held.astype(float)

@@ -1,0 +1,84 @@
+"""Which feet stand still: begin, end, anchor, what forgets them; and the tracker that holds them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sequences import CONFIG
+
+from lassokin_ros.core.learned.foot_contacts import STILL, FootContacts
+from lassokin_ros.core.observation import Observation
+from lassokin_ros.core.tracker import Tracker
+from lassokin_ros.demo.synthetic import motion
+
+RATE = 30.0
+PLACES = np.array([[0.1, 0.9, 3.0], [-0.1, 0.9, 3.0]])
+
+
+def after(*frames):
+    """The contacts after frames of (places, speeds of the keypoints)."""
+    feet = FootContacts()
+    for index, (places, speeds) in enumerate(frames):
+        feet.update(index / RATE, np.array(places), np.array(speeds))
+    return feet
+
+
+def test_a_foot_that_stands_has_an_anchor_and_one_that_moves_has_none():
+    feet = after(*[(PLACES, (0.05, 1.0))] * 3)
+    assert np.array_equal(feet.anchors[0], PLACES[0]) and np.isnan(feet.anchors[1]).all()
+    assert after(*[(PLACES, (1.0, np.nan))] * 3).anchors is None
+
+
+def test_a_contact_ends_later_than_it_begins():
+    between = 0.75 * STILL  # probability 0.41
+    assert after(*[(PLACES, (between, between))] * 5).anchors is None
+    held = after((PLACES, (0.0, 0.0)), (PLACES, (0.0, 0.0)), *[(PLACES, (between, 2 * STILL))] * 5)
+    assert np.isfinite(held.anchors[0]).all() and np.isnan(held.anchors[1]).all()
+
+
+def test_a_body_that_runs_towards_the_camera_has_no_contact():
+    frames = [(PLACES - (0.0, 0.0, 4.0 * index / RATE), (0.1, 0.1)) for index in range(10)]
+    assert after(*frames).anchors is None
+
+
+def test_the_anchor_follows_the_ankle_slowly():
+    feet = after(*[(PLACES, (0.0, 0.0))] * 3, *[(PLACES + (0, 0, 0.03), (0.0, 0.0))] * 3)
+    assert 0.005 < feet.anchors[0, 2] - 3.0 < 0.015
+
+
+@pytest.mark.parametrize("forget", [lambda feet: feet.reset(), lambda feet: feet.resize(1.1)])
+def test_another_pose_or_size_forgets_the_feet(forget):
+    feet = after(*[(PLACES, (0.0, 0.0))] * 3)
+    forget(feet)
+    assert feet.anchors is None
+
+
+def test_a_gap_forgets_the_feet():
+    feet = after(*[(PLACES, (0.0, 0.0))] * 3)
+    feet.update(1.0, PLACES, np.zeros(2))
+    assert feet.anchors is None
+
+
+def tracked(hold, seconds=3.0, seed=0):
+    """The left ankle's places, and its contacts, of a person who stands still, with 3 px of noise."""
+    tracker = Tracker(replace(CONFIG, hold_feet=hold))
+    state, random = motion(tracker.skeleton, np.array([5.0])), np.random.default_rng(seed)
+    points = tracker.kinematics.pose(state).landmarks[0]
+    places, contacts = [], []
+    ankle = tracker.skeleton.index("left_ankle")
+    for index in range(round(seconds * RATE)):
+        seen = points[:, :2] / points[:, 2:] + 0.003 * random.normal(size=(len(points), 2))
+        estimate = tracker.track(Observation(index / RATE, seen, np.ones(len(points)), 1000.0))
+        places.append(estimate.pose.positions[ankle])
+        contacts.append(estimate.contacts[ankle])
+    return np.array(places), np.array(contacts), tracker
+
+
+def test_the_tracker_holds_a_foot_that_stands():
+    held, contacts, tracker = tracked(True)
+    free, none, _ = tracked(False)
+    assert contacts[30:].mean() > 0.8 and not none.any()
+    speed = [RATE * np.linalg.norm(np.diff(one[30:], axis=0), axis=1).mean() for one in (held, free)]
+    assert speed[0] < 0.75 * speed[1]
+    tracker.reset()
+    assert tracker.learned.feet.anchors is None
