@@ -144,6 +144,13 @@ class MultiPersonTracker:
         """See PeopleTracker.flush."""
         return [result for person in self._present.values() for result in person.flush()]
 
+    def sights_at(self, stamp_ns: int) -> dict[int, dict[str, Detection]]:
+        """Return the detections of each person in the images of a stamp, by number and by camera."""
+        return {
+            number: {name: sight.seen for name, sight in newest.items() if sight.stamp_ns == stamp_ns}
+            for number, newest in self._sights.items()
+        }
+
     def reset(self) -> None:
         """Forget all people. Numbers are not reused, so that nobody inherits the id of another person."""
         for number in list(self._present):
