@@ -1,6 +1,7 @@
 """`replay --report`: the content of the page, and its safety; test_report_page.py tests the drawing."""
 
 import ast
+import html
 import json
 import re
 import sys
@@ -328,7 +329,7 @@ def test_doubts_have_spans_for_the_slider_and_the_plots(tmp_path, capsys):
     (person,) = drawn(page)["people"]
     spans = [(start, end) for start, end, why in person["wrong"] if "the detector exchanges left and right" in why]
     assert spans and all(any(start <= time <= end for start, end in spans) for time in (1.0, 2.0))
-    doubts = [text for level, text in said(page) if level == "doubt"]
+    doubts = [html.unescape(text) for level, text in said(page) if level == "doubt"]
     lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("doubt ")]
     assert [line.partition(" ")[2].strip() for line in lines] == doubts and doubts
 
