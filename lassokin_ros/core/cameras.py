@@ -22,8 +22,8 @@ from lassokin_ros.core.learned.vertical import Vertical
 from lassokin_ros.core.network.depth_estimator import DepthEstimator
 from lassokin_ros.core.observation import HERE, CameraPose, Observation
 
-SILENT_AFTER, GONE_AFTER = 0.15, 0.5
-"""s without an image after which the rows of a camera begin to fade, and after which they have no weight."""
+SILENT_SHARE = 0.3
+"""Share of `camera_timeout` without an image after which the rows of a camera begin to fade."""
 
 
 class Camera:
@@ -41,7 +41,7 @@ class Camera:
         self.depth_noise.reset()
         if self.network is not None:
             self.network.reset()
-        self._seen_at, self._presence = -np.inf, 1.0
+        self._seen_at, self._presence, self._timeout = -np.inf, 1.0, np.inf
 
     def measure(
         self,
@@ -57,7 +57,7 @@ class Camera:
         weights: (l,) from `gate_observation`. body: the last pose, in the frame of the skeleton. model_error: m. alone:
         whether no other camera has followed the person in the meantime; the rows then have full weight at once.
         """
-        depth, self.pose = None, observation.camera
+        depth, self.pose, self._timeout = None, observation.camera, config.camera_timeout
         if body is not None:
             seen = _in_camera(body, self.pose)
             depth = _in_front(seen.positions[0])
@@ -127,19 +127,21 @@ class Camera:
 
     def _presence_at(self, stamp: float) -> float:
         """Weight of this camera's rows, 0 to 1, if there is no image up to a stamp, s."""
-        fading = (stamp - self._seen_at - SILENT_AFTER) / (GONE_AFTER - SILENT_AFTER)
+        silent_after = SILENT_SHARE * self._timeout
+        fading = (stamp - self._seen_at - silent_after) / (self._timeout - silent_after)
         return self._presence * min(max(1 - fading, 0.0), 1.0)
 
     def seen_at(self, stamp: float) -> bool:
         """Whether the camera has followed the person up to a stamp, s."""
-        return bool(stamp - self._seen_at < GONE_AFTER)
+        return bool(stamp - self._seen_at < self._timeout)
 
     def _count_presence(self, stamp: float, alone: bool) -> None:
         """Note an image: the weight grows as it has faded."""
         if alone:
             self._presence = 1.0
         elif np.isfinite(self._seen_at):
-            grown = min(stamp - self._seen_at, SILENT_AFTER) / (GONE_AFTER - SILENT_AFTER)
+            silent_after = SILENT_SHARE * self._timeout
+            grown = min(stamp - self._seen_at, silent_after) / (self._timeout - silent_after)
             self._presence = min(self._presence_at(stamp) + grown, 1.0)
         self._seen_at = stamp
 

@@ -53,6 +53,14 @@ class TrackerConfig:
     skeleton: str = setting("anthropometric", "built-in skeleton, or path of a YAML, SMPL npz, BVH or URDF file")
     landmarks: str = setting("coco17", "landmark layout of the detector, or path of a YAML file")
     depth_prior: bool = setting(True, "use the joint depths that the shipped network estimates from the keypoints")
+    camera_timeout: float = setting(
+        0.5,
+        "several cameras: one without keypoints for this long does not count; it fades from a third of it on",
+        "s",
+        0.05,
+        10.0,
+        live=True,
+    )
     extrinsics: str = setting(
         CHECK,
         "poses of several cameras: as given; checked against the person they see; or corrected by what is learned from "

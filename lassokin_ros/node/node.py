@@ -30,6 +30,7 @@ from lassokin_ros.node.scene_outputs import SceneOutputs
 from lassokin_ros.pipeline.camera_images import UNUSED
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
+from lassokin_ros.pipeline.outputs.description.cameras_file import save_cameras
 from lassokin_ros.pipeline.outputs.description.skeleton_file import save_all
 from lassokin_ros.pipeline.outputs.status.calibration_status import averaged_sides
 from lassokin_ros.pipeline.outputs.status.diagnostics import NEAR_LIMIT, NEAR_LIMIT_ADVICE, Diagnostics
@@ -138,6 +139,7 @@ class TrackerNode(Node):
         self.create_service(SetBool, "~/set_enabled", self._on_set_enabled)
         self.create_service(SetBool, "~/lock", self._on_lock)
         self.create_service(Trigger, "~/save_skeleton", self._on_save_skeleton)
+        self.create_service(Trigger, "~/save_cameras", self._on_save_cameras)
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # diagnostics continue while simulated time is paused
         self._as_of_ns = self._checked_ns = 0
         self._wait = self.create_timer(max(config.camera_wait, SHORTEST_WAIT_S), self._on_wait_end, clock=steady)
@@ -334,6 +336,14 @@ class TrackerNode(Node):
             path = Path(self._pipeline.config.skeleton_output)
             written = save_all(self._pipeline.calibrations(), path, self.get_clock().now().nanoseconds)
             response.success, response.message = True, f"written: {', '.join(str(path.absolute()) for path in written)}"
+        except LassokinError as error:
+            response.success, response.message = False, str(error)
+        return response
+
+    def _on_save_cameras(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            path = save_cameras(self._pipeline, Path(self._pipeline.config.cameras_output))
+            response.success, response.message = True, f"written: {path.absolute()}"
         except LassokinError as error:
             response.success, response.message = False, str(error)
         return response

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from typing import Any
 
 import numpy as np
@@ -34,6 +34,8 @@ UNUSED = "keypoints below min_confidence"
 """Key of the count of messages with keypoints, none of which reaches `min_confidence`."""
 DEPTH_IN_MESSAGE = "depth: in the message"
 """Key of the count of keypoint messages with depths of their own."""
+RESIDUALS = 30
+"""Number of images whose residuals are kept."""
 DELAY_SHARE = 0.1
 """Weight of a new message in the average of the delays."""
 UNSCORED = "keypoints without confidence"
@@ -72,6 +74,8 @@ class CameraImages:
         """Largest confidence in the last message without a confident keypoint; 0 if that had no keypoint."""
         self.received, self.arrival_ns = 0, 0
         """Number of messages, and the arrival of the last one, ns."""
+        self.residuals: deque[float] = deque(maxlen=RESIDUALS)
+        """px: median distance of the person's landmarks from the keypoints of the last images, with several cameras."""
         self.delay_s = 0.0
         """s from stamp to arrival, averaged."""
         self.stamp_ns, self.frame_id = 0, ""

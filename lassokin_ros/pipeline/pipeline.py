@@ -17,6 +17,7 @@ import numpy as np
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.evidence import Evidence
+from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.learned.bone_lengths import Calibration
 from lassokin_ros.core.learned.height import HeightEstimator
 from lassokin_ros.core.learned.vertical import level_from_camera
@@ -385,6 +386,7 @@ class Pipeline:
         self._refused = False
         if self._sets is not None:
             frames = self._without_absences(frames, stamp_ns)
+            self._note_residuals(frames)
         else:
             self._check_depth(frames)
         if self._latest is None or stamp_ns >= self._latest[0]:
@@ -432,6 +434,19 @@ class Pipeline:
     def _tracked_lately(self, stamp_ns: int) -> bool:
         limit = self.tracker.config.lost_after
         return any(person.unseen_s(stamp_ns) <= limit for person in self.people.tracked.values())
+
+    def _note_residuals(self, frames: Sequence[FrameResult]) -> None:
+        """Keep how far the bodies are from the keypoints of each camera."""
+        for frame in frames:
+            estimate = frame.estimate
+            if not frame.accepted or estimate is None or estimate.pose is None or frame.points is None:
+                continue
+            views = [(frame.camera, frame.lens, frame.points), *((o.camera, o.lens, o.points) for o in frame.others)]
+            for camera, lens, points in views:
+                apart = np.linalg.norm(project(camera.into_camera(estimate.pose.landmarks)) - points, axis=1)
+                seen = apart[np.isfinite(apart)]
+                if lens is not None and len(seen):
+                    self.cameras[camera.name].residuals.append(lens.focal * float(np.median(seen)))
 
     def _check_depth(self, frames: Sequence[FrameResult]) -> None:
         """Compare the depth image of the last message with the tracked people."""

@@ -153,6 +153,11 @@ class NodeSettings:
     state_publisher: str = setting(
         "", "name of the robot_state_publisher that follows ~/robot_description (one person); empty for none"
     )
+    cameras_output: str = setting(
+        "~/.ros/lassokin_cameras.sh",
+        "file that ~/save_cameras writes: commands that publish the learned poses of the cameras as static transforms",
+        live=True,
+    )
     skeleton_output: str = setting(
         "~/.ros/lassokin_skeleton.yaml",
         "file that ~/save_skeleton writes, for the parameter skeleton; with several people one file each, _<id> added",

@@ -86,6 +86,11 @@ class Extrinsics:
         correction = self.corrections.get(pose.name) if self._used else None
         return pose if correction is None else _moved(pose, correction)
 
+    def learned(self, pose: CameraPose) -> CameraPose:
+        """Return a given pose with what was learned about its camera, also if it is only checked."""
+        solution = self._solutions.get(pose.name)
+        return pose if solution is None else _moved(pose, solution)
+
     @property
     def frame_count(self) -> int:
         """Number of frames that were used since the last reset."""

@@ -34,16 +34,21 @@ class CameraPlaces:
         self.transforms = Transforms()
         self.known = False
         """True if TF has given a pose."""
+        self.newest: dict[str, CameraPose] = {}
+        """The pose at the last image of each camera, by name."""
         self.faults: dict[str, str] = {}
         """Why the last image of a camera could not be placed, in words, by name."""
 
     def pose(self, name: str, frame_id: str, stamp_ns: int) -> CameraPose:
-        """Return the pose of a camera at the time of its image.
+        """Return the pose of a camera at the time of its image, and keep it in `newest`.
 
         name: of the camera; frame_id: its optical frame; stamp_ns: ns, of the image. Raises AdapterError with the
         reason `no_transform`.
         """
-        frame_id = frame_id.lstrip("/")
+        self.newest[name] = self._pose(name, frame_id.lstrip("/"), stamp_ns)
+        return self.newest[name]
+
+    def _pose(self, name: str, frame_id: str, stamp_ns: int) -> CameraPose:
         if not self._fixed and name == self._first:
             self.base = frame_id
             return CameraPose(name)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from camera_rig import MAP, Eye, eye, keypoints, pixels, tf_of, truth_at, turning_eye
 from messages import camera_info, crowd, rosbags_backend
+from scipy.spatial.transform import Rotation
 
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.errors import ConfigurationError
@@ -13,6 +14,7 @@ from lassokin_ros.core.learned.vertical import Vertical
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.camera.camera_selection import Camera
 from lassokin_ros.pipeline.image_sets import LATE
+from lassokin_ros.pipeline.outputs.description.cameras_file import CamerasFileError, save_cameras
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
@@ -368,3 +370,39 @@ def test_the_poses_are_checked_with_several_people_too():
     poses = {"left": LEFT.pose_at(0), "right": off(RIGHT, 5.0, 0.0)}
     play = Play([LEFT, RIGHT], settings, poses=poses).run(6.0)
     assert "camera 'right' is " in status(play).message
+
+
+def test_the_learned_poses_are_saved_as_static_transforms(tmp_path):
+    poses = {"left": LEFT.pose_at(0), "right": off(RIGHT, 3.0, 0.02)}
+    play = Play([LEFT, RIGHT], TWO, poses=poses)
+    with pytest.raises(CamerasFileError, match="no pose of a camera was learned yet"):
+        save_cameras(play.pipeline, tmp_path / "cameras.sh")
+    play.run(6.0)
+    path = save_cameras(play.pipeline, tmp_path / "new" / "cameras.sh")
+    command, wait = path.read_text().splitlines()
+    assert command.endswith("--frame-id map --child-frame-id right_optical &") and wait == "wait"
+    words = command.split()
+    numbers = {word: float(words[i + 1]) for i, word in enumerate(words) if word[:2] == "--" and "frame" not in word}
+    centre = np.array([numbers[f"--{axis}"] for axis in "xyz"])
+    turn = Rotation.from_quat([numbers[f"--q{axis}"] for axis in "xyzw"])
+    truth = RIGHT.pose_at(0)
+    assert np.linalg.norm(centre - truth.centre) < 0.1
+    assert np.degrees((turn * Rotation.from_matrix(truth.rotation)).magnitude()) < 0.7
+    with pytest.raises(CamerasFileError, match="cannot be written"):
+        save_cameras(play.pipeline, path / "below_a_file")
+    with pytest.raises(CamerasFileError, match="there is one camera"):
+        save_cameras(Play([LEFT], NodeSettings()).pipeline, path)
+
+
+def test_camera_timeout_is_how_long_a_silent_camera_counts():
+    counted = []
+    for timeout in (0.2, 2.0):
+        play = Play([LEFT, RIGHT], TWO, TrackerConfig(camera_timeout=timeout))
+        play.run(2.0, silent=lambda number, seconds: number == 1 and seconds > 1.0)
+        counted.append(sum(one.frame.estimate.cameras == 2 for one in play.results if one.seconds > 1.0))
+    assert counted[0] <= 7 and counted[1] >= 28
+
+
+def test_figures_of_each_camera():
+    line = status(Play([LEFT, RIGHT]).run(2.0))
+    assert line.values["left: keypoints age [s]"] == "0.0" and 0 < float(line.values["right: residual median [px]"]) < 5

@@ -6,6 +6,8 @@ import math
 from collections import Counter
 from collections.abc import Iterator
 
+import numpy as np
+
 from lassokin_ros.core.learned.extrinsics import Extrinsics
 from lassokin_ros.pipeline.pipeline import Pipeline
 
@@ -40,6 +42,10 @@ class CameraStatus:
             prefix = f"{name}: " if name else ""
             if name:
                 figures[f"{prefix}input rate [Hz]"] = f"{recent / period:.2f}"
+                age = now - self._changed[name] if name in self._changed else math.inf
+                figures[f"{prefix}keypoints age [s]"] = f"{age:.1f}"
+                residual = float(np.median(camera.residuals)) if camera.residuals else math.nan
+                figures[f"{prefix}residual median [px]"] = f"{residual:.2f}"
             count = self._pipeline.counts[f"no transform of {name}" if name else "no transform"]
             figures[f"{prefix}no transform [messages]"] = str(count)
             figures |= {f"{prefix}{key}": value for key, value in self._pose_figures(name)}

@@ -1,0 +1,52 @@
+"""The poses of the cameras as they are used, as commands that publish them as static transforms."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from lassokin_ros.core.body.rotations import to_quaternion
+from lassokin_ros.core.errors import LassokinError
+from lassokin_ros.pipeline.pipeline import Pipeline
+
+COMMAND = "ros2 run tf2_ros static_transform_publisher"
+
+
+class CamerasFileError(LassokinError):
+    """The poses of the cameras cannot be written."""
+
+
+def camera_commands(pipeline: Pipeline) -> list[str]:
+    """Return one command for each camera whose pose was learned. Raises CamerasFileError if none was."""
+    places, extrinsics = pipeline.places, pipeline.tracker.learned.extrinsics
+    if places is None or not pipeline.config.several_cameras:
+        raise CamerasFileError("there is one camera, or none with a pose; expected several (parameter cameras)")
+    commands = []
+    for name, camera in pipeline.cameras.items():
+        given = places.newest.get(name)
+        if extrinsics is None or given is None or extrinsics.solution(name) is None:
+            continue
+        pose = extrinsics.learned(given)
+        x, y, z = pose.centre.tolist()
+        qx, qy, qz, qw = to_quaternion(pose.rotation.T[None])[0].tolist()
+        commands.append(
+            f"{COMMAND} --x {x:.4f} --y {y:.4f} --z {z:.4f} --qx {qx:.6f} --qy {qy:.6f} --qz {qz:.6f} --qw {qw:.6f} "
+            f"--frame-id {places.base} --child-frame-id {camera.frame_id}"
+        )
+    if not commands:
+        raise CamerasFileError(
+            "no pose of a camera was learned yet; expected a person in view of two cameras for some seconds, and "
+            "extrinsics check or learn"
+        )
+    return commands
+
+
+def save_cameras(pipeline: Pipeline, path: Path) -> Path:
+    """Write the commands, one in a line; run the file with bash. Raises CamerasFileError."""
+    commands = camera_commands(pipeline)
+    path = path.expanduser()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("".join(f"{command} &\n" for command in commands) + "wait\n", encoding="utf-8")
+    except OSError as error:
+        raise CamerasFileError(f"'{path}' cannot be written: {error.strerror or error}") from None
+    return path
