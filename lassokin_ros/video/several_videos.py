@@ -19,7 +19,7 @@ from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.progress import Progress
 from lassokin_ros.core.errors import CameraError
 from lassokin_ros.core.observation import CameraPose
-from lassokin_ros.detector.backend import make_detector
+from lassokin_ros.detector.backend import Detector, make_detector
 from lassokin_ros.pipeline.camera.calibration_file import Calibration, camera_names, read_cameras
 from lassokin_ros.pipeline.parameter_files import offline_settings
 from lassokin_ros.pipeline.settings import OPTICAL_FRAME
@@ -61,8 +61,10 @@ def track_videos(options: argparse.Namespace) -> Tracked:
         outputs = TrackOutputs(options, cameras[0].source, cameras[0].calibration, first, stack)
         backend = RosbagsBackend(types)
         with stop_flag() as stopped:
-            for camera in cameras:
-                _detect(camera, options.detector, backend, outputs if camera is cameras[0] else None, stopped)
+            for number, camera in enumerate(cameras):
+                if number:
+                    detector = make_detector(options.detector)  # it follows the person from image to image
+                _detect(camera, detector, backend, None if number else outputs, stopped)
         if tracker_config.calibrate and not options.causal and tracker_config.height > 0:
             with TemporaryDirectory(prefix="lassokin_") as folder:
                 inputs = _inputs(first, cameras)
@@ -98,7 +100,7 @@ def _cameras(options: argparse.Namespace) -> list[Filmed]:
     strange = [stem for stem in stems if stem not in known]
     if strange and len(strange) < len(stems):
         raise CameraError(
-            f"'{options.cameras}' has no camera '{strange[0]}'; expected all names of: {', '.join(known)}"
+            f"'{options.cameras}' has no camera '{strange[0]}'; its cameras are: {', '.join(known)}"
         )
     names = stems if set(stems) <= set(known) else known[: len(stems)]
     if len(names) < len(stems):
@@ -117,9 +119,8 @@ def _cameras(options: argparse.Namespace) -> list[Filmed]:
     return cameras
 
 
-def _detect(camera: Filmed, name: str, backend: Any, outputs: TrackOutputs | None, stopped: list[int]) -> None:
-    """Detect all images of a camera. outputs: keep the images for the report."""
-    detector = make_detector(name)  # one for each video: it follows the person from image to image
+def _detect(camera: Filmed, detector: Detector, backend: Any, outputs: TrackOutputs | None, stopped: list[int]) -> None:
+    """Detect all images of a camera, and close the detector. outputs: keep the images for the report."""
     try:
         camera.detections = Detections(camera.source, detector, backend, keep=True)
         progress = Progress(camera.source.count, "images")

@@ -1,0 +1,100 @@
+"""`lassokin track left right --cameras FILE`: synchronised image folders, and a detector that knows the motion."""
+
+from itertools import count
+
+import numpy as np
+import pytest
+from camera_rig import eye, pixels, truth_at
+from messages import FOCAL, HEIGHT, WIDTH
+from scipy.spatial.transform import Rotation
+
+from lassokin_ros.detector.backend import Detected
+from lassokin_ros.video import several_videos
+from lassokin_ros.video.command import main
+
+cv2 = pytest.importorskip("cv2")
+
+FRAMES = 40
+EYES = [eye("left", 0), eye("right", 90)]
+TRUTH = truth_at(np.arange(FRAMES) / 30)
+
+
+class Knowing:
+    """A detector of one camera's images, in order."""
+
+    landmarks = "coco17"
+    several = False
+
+    def __init__(self, camera):
+        self._camera, self._frames, self._random = camera, count(), np.random.default_rng(1)
+        self.closed = False
+
+    def detect(self, image, seconds):
+        landmarks = TRUTH.landmarks[next(self._frames)]
+        return [Detected(pixels(self._camera, seconds, landmarks, self._random), np.full(17, 0.9))]
+
+    def close(self):
+        self.closed = True
+
+
+@pytest.fixture
+def rig(tmp_path, monkeypatch):
+    """Image folders `left` and `right`, a calibration file, and detectors, in the order of the folders."""
+    for camera in EYES:
+        (tmp_path / camera.name).mkdir()
+        for number in range(FRAMES):
+            cv2.imwrite(str(tmp_path / camera.name / f"{number:03}.png"), np.zeros((HEIGHT, WIDTH, 3), np.uint8))
+    write_calibration(tmp_path / "calib.toml", [camera.name for camera in EYES])
+    made = []
+
+    def make(name):
+        made.append(Knowing(EYES[len(made)]))
+        return made[-1]
+
+    monkeypatch.setattr(several_videos, "make_detector", make)
+    monkeypatch.chdir(tmp_path)
+    return made
+
+
+def write_calibration(path, names):
+    lines = []
+    for name, camera in zip(names, EYES):
+        pose = camera.pose_at(0)
+        lines += [f"[{name}]", f"size = [{WIDTH}.0, {HEIGHT}.0]",
+                  f"matrix = [[{FOCAL}, 0.0, {WIDTH / 2}], [0.0, {FOCAL}, {HEIGHT / 2}], [0.0, 0.0, 1.0]]",
+                  "distortions = [0.0, 0.0, 0.0, 0.0]",
+                  f"rotation = {Rotation.from_matrix(pose.rotation).as_rotvec().tolist()}",
+                  f"translation = {pose.translation.tolist()}"]  # fmt: skip
+    path.write_text("\n".join(lines) + "\n")
+
+
+def test_two_videos_give_one_motion_in_the_frame_of_the_calibration(rig, capsys):
+    command = ["left", "right", "--cameras", "calib.toml", "--height", "1.75", "--export", "walk.npz"]
+    assert main([*command, "-p", "fixed_frame:=world"]) == 0
+    said = capsys.readouterr().out
+    assert "left (left), right (right)" in said and "80 in, " in said
+    assert len(rig) == 2 and all(detector.closed for detector in rig)
+    with np.load("walk.npz") as motion:
+        places, stamps = motion["joint_positions"], motion["stamp_ns"]
+        assert str(motion["frame_id"]) == "world"
+    frames = np.round((stamps - stamps[0]) * 30e-9).astype(int) + FRAMES - len(stamps)
+    assert len(stamps) > FRAMES - 4
+    assert np.median(np.linalg.norm(places - TRUTH.positions[frames], axis=-1)) < 0.02
+
+
+@pytest.mark.parametrize(
+    "options, words",
+    [
+        ([], "expected --cameras FILE"),
+        (["--cameras", "calib.toml", "--video", "out.mp4"], "--video is for one video"),
+        (["--cameras", "others.toml"], "has no camera 'left'; its cameras are: right, lft"),
+        (["--cameras", "one.toml"], "expected one for each of 2 videos"),
+        (["--cameras", "nothing.toml"], "nothing.toml"),
+    ],
+)
+def test_unusable_input_is_one_line(rig, capsys, tmp_path, options, words):
+    write_calibration(tmp_path / "others.toml", ["right", "lft"])
+    write_calibration(tmp_path / "one.toml", ["a"])
+    assert main(["left", "right", *options]) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1 and words in said[0]
