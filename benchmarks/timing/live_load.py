@@ -24,7 +24,7 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.demo.synthetic import WEBCAM
 from lassokin_ros.pipeline.keypoint_queue import LOST, OVERTAKEN
 from lassokin_ros.pipeline.outputs import topics
-from lassokin_ros.pipeline.people.tracked_person import Detection, TrackedPerson
+from lassokin_ros.pipeline.people.tracked_person import Detection, Sight, TrackedPerson
 from msg_adapters.backends import RclpyBackend
 from msg_adapters.inputs import camera_info
 
@@ -93,7 +93,7 @@ def _core_share(people: int, hz: float) -> float:
         found = [Detection(lens.normalise(pixels), confidence) for pixels, confidence in zip(*message)]
         start = time.thread_time()
         for (person, body), one in zip(bodies.items(), found):
-            body.track(round(number * 1e9 / hz), "", one, lens, person)
+            body.track([Sight(round(number * 1e9 / hz), one, lens)], "", person)
         times.append(time.thread_time() - start)
     return 100 * float(np.mean(times[1:])) * hz
 

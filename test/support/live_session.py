@@ -71,4 +71,5 @@ def get_parameter(peer, name):
     value = peer.call(GetParameters, "get_parameters", GetParameters.Request(names=[name])).values[0]
     kinds = {ParameterType.PARAMETER_DOUBLE: "double", ParameterType.PARAMETER_INTEGER: "integer"}
     kinds |= {ParameterType.PARAMETER_BOOL: "bool", ParameterType.PARAMETER_STRING: "string"}
+    kinds |= {ParameterType.PARAMETER_STRING_ARRAY: "string_array"}
     return getattr(value, f"{kinds[value.type]}_value")

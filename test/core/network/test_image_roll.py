@@ -75,7 +75,7 @@ def test_learned_depths_do_not_depend_on_a_roll_of_camera_or_body(degrees, pitch
     for _, observation in observations(upright, 0.5):
         image = replace(observation, points=turned(observation.points, degrees))
         expected, found = upright.track(observation).joint_depths, rolled.track(image).joint_depths
-        assert np.allclose(found.depths, expected.depths, atol=1e-4)
+        assert np.allclose(found.depths, expected.depths, atol=3e-4)
         assert np.allclose(found.whitening, expected.whitening, rtol=1e-3, atol=1e-2)
         depths.append(expected.depths)
     assert np.ptp(depths, axis=0).max() > 0.01

@@ -62,7 +62,8 @@ def test_every_setting_is_a_described_parameter(running):
         assert [(r.from_value, r.to_value) for r in ranges] == (
             [(facts["low"], facts["high"])] if facts["low"] else ranges and [(0, facts["high"])]
         )
-        assert get_parameter(running, item.name) == given.get(item.name, item.default)
+        default = list(item.default) if isinstance(item.default, tuple) else item.default
+        assert get_parameter(running, item.name) == given.get(item.name, default)
 
 
 def test_there_are_no_unrequested_qos_parameters(running):

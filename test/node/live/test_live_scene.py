@@ -110,7 +110,7 @@ def test_people_and_state_are_repeated_in_a_silence():
             peer.send(peer.start_ns + i * 20_000_000, PIXELS[i % 40])
 
         def tracked():
-            return [points_of(message)["tracked"].tolist() for message in people[-1:]] == [[1]]
+            return [points_of(message)["tracked"].tolist() for message in placed(people)[-1:]] == [[1]]
 
         send_until(peer, send, tracked, "tracking")
         silent_at, arrivals = time.monotonic(), []
