@@ -216,7 +216,7 @@ class Tracker:
         `Estimate.rejection`.
         """
         observations = [observation] if isinstance(observation, Observation) else list(observation)
-        if self.learned.extrinsics is not None:
+        if self.learned.extrinsics is not None and len(observations) + len(self._cameras) > 2:
             corrected = self.learned.extrinsics.corrected
             observations = [replace(one, camera=corrected(one.camera)) for one in observations]
         if not observations:
