@@ -143,6 +143,8 @@ class TrackOutputs:
 
 def camera_name(options: argparse.Namespace) -> str:
     """Return the camera for the report's title line."""
+    if options.cameras is not None:
+        return f"of {options.cameras.name}"
     if options.camera_info is not None:
         return f"of {options.camera_info.name}"
     return f"with a field of view of {DEFAULT_FOV if options.fov is None else options.fov:g} degrees"

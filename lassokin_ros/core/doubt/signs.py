@@ -54,7 +54,7 @@ def signs_of(
         estimate.reprojection_px / focal * float(positions[0, 2]) / height,
         estimate.cost / max(estimate.measurements, 1),
         estimate.prior_cost,
-        estimate.network_distance,
+        estimate.network_distance if estimate.cameras == 1 else math.nan,  # the failure model is that of one camera
         observed,
         camera.name,
     )

@@ -88,6 +88,7 @@ def test_two_cameras_place_the_person_in_the_map():
     assert play.results[-1].frame.estimate.cameras == 2
     (other,) = play.results[-1].frame.others
     assert (play.results[-1].frame.camera.name, other.camera.name) == ("left", "right")
+    assert not any(one.frame.doubt.likely_wrong for one in play.results)
     assert np.median([one.error.mean() for one in Play([LEFT], NodeSettings(fixed_frame=MAP)).run().results]) > 0.04
 
 
