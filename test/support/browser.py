@@ -43,6 +43,14 @@ class Page:
         """The value of a script in the page."""
         return self.page.evaluate(script)
 
+    def comes(self, script, milliseconds):
+        """Whether a script returns true within a time."""
+        try:
+            self.page.wait_for_function(script, timeout=milliseconds)
+        except Exception:
+            return False
+        return True
+
     def reach(self, script, what):
         """Wait until a script returns true."""
         try:
