@@ -148,7 +148,7 @@ def test_the_joints_of_everybody_come_with_the_image_that_has_them():
             peer.keypoints.publish(crowd(BACKEND, peer.start_ns + i * 20_000_000, xy, (4, 9)))
 
         send_until(peer, send, lambda: len(skeletons) > 3 and len(people) > 3, "joints")
-        by_stamp = {stamp_of(message): points_of(message) for message in people}
+        by_stamp = {stamp_of(message): points_of(message) for message in placed(people)}
         assert max(message.width for message in skeletons) == 48
         for message in skeletons:
             points = np.frombuffer(bytes(message.data), SKELETONS_POINT)
@@ -186,7 +186,7 @@ def test_people_lists_one_person_as_lost_and_then_not_at_all():
         assert (person["person"], person["tracked"]) == (1, 1) and 0.5 < person["confidence"] <= 1
         assert person["zz"] > person["xx"] > 0
         send_until(peer, lambda _: send(NOWHERE), lambda: len(points_of(people[-1])) == 0, "an empty list")
-        later = {stamp_of(message): points_of(message)["tracked"].tolist() for message in people}
+        later = {stamp_of(message): points_of(message)["tracked"].tolist() for message in placed(people)}
         later = {
             stamp: tracked for stamp, tracked in later.items() if stamp <= stamps[-1]
         }  # not before the first image
@@ -228,7 +228,9 @@ def test_people_lists_several_people_and_then_nobody():
             assert points["person"].tolist() == [4, 9]
             assert points["x"][0] < points["x"][1]
             one = partial(send, persons=(9,))
-            send_until(peer, one, lambda: points_of(people[-1])["person"].tolist() == [9], "one person")
+            send_until(
+                peer, one, lambda: [points_of(m)["person"].tolist() for m in placed(people)[-1:]] == [[9]], "one person"
+            )
             peer.spin_until(lambda: said(states)[-1:] == ["lost"], what="lost, in silence")
     assert "Traceback" not in node.said
 
