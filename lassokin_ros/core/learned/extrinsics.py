@@ -20,9 +20,9 @@ from lassokin_ros.core.observation import CameraPose
 
 GIVEN_DEVIATION = np.array([0.035, 0.035, 0.035, 0.03, 0.03, 0.03])
 """rad and m: standard deviation of a given pose, for rotation and translation. Two cameras, one of them 3 cm and 2
-degrees off, 10 s of the validation people: the absolute error is 103 mm with the given pose, 60 mm with the learned one
-(40 mm in the second half). From exact poses it rises from 21 to 22 mm. A larger deviation of the translation is
-worse: the rotation is observed, the translation hardly."""
+degrees off, 10 s of the validation people: the absolute error is 103 mm with the given pose, 60 mm with the learned
+one. From exact poses it rises from 21 to 22 mm. A larger deviation of the translation is worse: the rotation is
+observed, the translation hardly."""
 SIZE_DEVIATION = 0.1
 """Standard deviation of the logarithm of the person's size, with that of the proportions."""
 PERIOD_S, LONGEST = 0.1, 200
