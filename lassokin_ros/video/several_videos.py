@@ -99,9 +99,7 @@ def _cameras(options: argparse.Namespace) -> list[Filmed]:
     stems = [Path(source).stem for source in options.sources]
     strange = [stem for stem in stems if stem not in known]
     if strange and len(strange) < len(stems):
-        raise CameraError(
-            f"'{options.cameras}' has no camera '{strange[0]}'; its cameras are: {', '.join(known)}"
-        )
+        raise CameraError(f"'{options.cameras}' has no camera '{strange[0]}'; its cameras are: {', '.join(known)}")
     names = stems if set(stems) <= set(known) else known[: len(stems)]
     if len(names) < len(stems):
         raise CameraError(
