@@ -25,6 +25,7 @@ from scipy.signal import butter, filtfilt, lfilter
 
 from benchmarks.accuracy import in_parallel
 from benchmarks.accuracy_run.metrics import pa_mpjpe
+from benchmarks.accuracy_run.options import setting
 from benchmarks.accuracy_run.people import test_clips, validation_clips
 from benchmarks.common import option_types
 from benchmarks.common.refusals import exit_code
@@ -93,7 +94,7 @@ def parser() -> argparse.ArgumentParser:
     add("--swaps", type=option_types.share, default=0.0, help="share of the first camera's frames with exchanged sides")
     add("--measured-bones", action="store_true", help="give the person's bone lengths (default: the height alone)")
     add("--unknown-height", action="store_true", help="give not even the height: height 0")
-    add("--set", type=_setting, action="append", default=[], metavar="NAME=VALUE", help="a setting of the tracker")
+    add("--set", type=setting, action="append", default=[], metavar="NAME=VALUE", help="a setting of the tracker")
     add("--validation-people", action="store_true", help="the people with whom the design was chosen, not the test's")
     add("--clips", type=option_types.names, help="comma-separated names (default: all of the test people)")
     add("--seed", type=option_types.seed, default=0)
@@ -110,12 +111,6 @@ def _median(values: list[float]) -> float:
 def _error(text: str) -> tuple[float, float]:
     metres, degrees = map(float, text.split(","))
     return metres, degrees
-
-
-def _setting(text: str) -> tuple[str, Any]:
-    name, _, value = text.partition("=")
-    kind = type(getattr(TrackerConfig(), name))
-    return name, value == "true" if kind is bool else kind(value)
 
 
 def run(job: Job) -> list[Record]:

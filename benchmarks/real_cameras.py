@@ -26,6 +26,7 @@ from benchmarks.common.report import Record, table, write_json  # isort: skip  (
 import numpy as np
 
 from benchmarks.accuracy_run.metrics import mpjpe, pa_mpjpe
+from benchmarks.accuracy_run.options import setting
 from benchmarks.common import option_types
 from benchmarks.common.refusals import exit_code
 from benchmarks.data.detections import JOINTS, height_of, load_recording, measured
@@ -68,19 +69,13 @@ def parser() -> argparse.ArgumentParser:
     add("--together", type=_numbers, metavar="A,B", help="cameras that are used (default: every pair)")
     add("--from", dest="begin", type=float, default=0.5, help="s that are not scored (0.5)")
     add("--measured-bones", action="store_true", help="give the reference's bone lengths")
-    add("--set", type=_setting, action="append", default=[], metavar="NAME=VALUE", help="a setting of the tracker")
+    add("--set", type=setting, action="append", default=[], metavar="NAME=VALUE", help="a setting of the tracker")
     add("--json", type=option_types.output_file, metavar="FILE", help="write the records as a JSON list")
     return result
 
 
 def _numbers(text: str) -> tuple[int, ...]:
     return tuple(int(part) for part in text.split(","))
-
-
-def _setting(text: str) -> tuple[str, Any]:
-    name, _, value = text.partition("=")
-    kind = type(getattr(TrackerConfig(), name))
-    return name, value == "true" if kind is bool else kind(value)
 
 
 def run(file: Path, cameras: Sequence[int], options: argparse.Namespace) -> list[Record]:

@@ -70,7 +70,7 @@ def parser(description: str | None = None) -> argparse.ArgumentParser:
     add("--symmetric", action=switch, default=True, help="the same bone error on both sides (default)")
     add("--score-from", type=size, default=0.0, metavar="S", help="score frames after S s, of clips that last (0)")
     add("--tracker-noise-px", type=float, help="noise_px of the methods (clips: --noise-px, 1 or more; detections: 3)")
-    add("--set", type=_setting, action="append", default=[], metavar="NAME=VALUE", help="any setting of the tracker")
+    add("--set", type=setting, action="append", default=[], metavar="NAME=VALUE", help="any setting of the tracker")
     add("--initialisation", action="store_true", help="initialise from single frames spread over the clips")
     add("--per-clip", type=count, default=6, help="with --initialisation: frames per clip and view (6)")
     add("--gap", type=positive, metavar="S", help="no landmarks for S s in the middle of each clip")
@@ -117,7 +117,8 @@ def unheeded(options: argparse.Namespace) -> list[str]:
     return [f"--{name.replace('_', '-')}" for name in given]
 
 
-def _setting(text: str) -> tuple[str, Any]:
+def setting(text: str) -> tuple[str, Any]:
+    """An option's type: NAME=VALUE, a setting of the tracker that is not given otherwise."""
     name, _, value = text.partition("=")
     if not hasattr(TrackerConfig(), name):
         raise argparse.ArgumentTypeError(f"the tracker has no setting '{name}'")

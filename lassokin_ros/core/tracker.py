@@ -216,7 +216,8 @@ class Tracker:
         `Estimate.rejection`.
         """
         observations = [observation] if isinstance(observation, Observation) else list(observation)
-        if self.learned.extrinsics is not None and len(observations) + len(self._cameras) > 2:
+        several = len(observations) > 1 or len(self._cameras) > 1
+        if several and self.learned.extrinsics is not None:
             corrected = self.learned.extrinsics.corrected
             observations = [replace(one, camera=corrected(one.camera)) for one in observations]
         if not observations:

@@ -19,6 +19,7 @@ from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.evidence import Evidence
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.learned.bone_lengths import Calibration
+from lassokin_ros.core.learned.extrinsics import Extrinsics
 from lassokin_ros.core.learned.height import HeightEstimator
 from lassokin_ros.core.learned.vertical import level_from_camera
 from lassokin_ros.core.observation import CameraPose, Rejection, Status
@@ -59,7 +60,7 @@ class Pipeline:
         place of those from TF. Raises a LassokinError if the configuration is unusable.
         """
         self.config = node_config.checked()
-        tracker_config = _of_camera(tracker_config, self.config)
+        tracker_config = _without_held_feet_if_mounted(tracker_config, self.config)
         skeleton = load_skeleton(tracker_config.checked().skeleton, tracker_config.assumed_height)
         check_names(skeleton)
         up = np.array([0.0, 0.0, 1.0]) if self.config.fixed_frame else None
@@ -244,6 +245,12 @@ class Pipeline:
         return {person: height for person, height in found.items() if height is not None}
 
     @property
+    def extrinsics(self) -> Extrinsics | None:
+        """What is learned about the cameras' poses, from the person whom several have seen for the longest time."""
+        found = [tracker.learned.extrinsics for tracker in self.trackers.values()]
+        return max((one for one in found if one is not None), key=lambda one: one.frame_count, default=None)
+
+    @property
     def evidence_faults(self) -> dict[str, str]:
         """What was wrong with the user's evidence that is left out, by name."""
         return {n: fault for one in self._trackable for n, fault in one.tracker.frame_model.faults.items()}
@@ -278,7 +285,7 @@ class Pipeline:
         """
         config, resized = node_config.checked(), tracker_config.height != self.tracker.config.height
         for tracked in self._trackable:
-            tracked.tracker.tune(_of_camera(tracker_config, config))
+            tracked.tracker.tune(_without_held_feet_if_mounted(tracker_config, config))
         self.config = config
         for camera in self.cameras.values():
             camera.tracker_config, camera.config = tracker_config, config
@@ -348,9 +355,8 @@ class Pipeline:
             image, changed = camera.image(message, arrival_ns)
         except AdapterError as error:
             self._refused = self._sets is None  # the other cameras tell whether somebody is in view
-            refused = [
-                FrameResult(camera.stamp_ns, camera.frame_id, None, error.reason, self._of_camera(camera, error))
-            ]
+            detail = f"camera '{camera.name}': {error}" if camera.name else str(error)
+            refused = [FrameResult(camera.stamp_ns, camera.frame_id, None, error.reason, detail)]
             return refused if self._sets is None else self._counted(refused)
         if changed:
             self._forget_people()
@@ -395,10 +401,6 @@ class Pipeline:
             self.first.stamps.seen(stamp_ns, self.people.tracked_at(stamp_ns))
             self.first.stamps.follow(stamp_ns, arrival_ns, images[0].stamped)
         return frames
-
-    @staticmethod
-    def _of_camera(camera: CameraImages, error: AdapterError) -> str:
-        return f"camera '{camera.name}': {error}" if camera.name else str(error)
 
     def _placed(self, images: Sequence[PeopleImage]) -> tuple[Sequence[PeopleImage], str]:
         """Return the images whose camera has a pose, and the frame of the results.
@@ -466,7 +468,7 @@ class Pipeline:
                 tracked.tracker.move_camera(*angles)
 
 
-def _of_camera(tracker: TrackerConfig, node: NodeSettings) -> TrackerConfig:
+def _without_held_feet_if_mounted(tracker: TrackerConfig, node: NodeSettings) -> TrackerConfig:
     """The settings for a camera that may move: feet are not held, because nobody tells how it moves."""
     return replace(tracker, hold_feet=False) if node.camera_mount_frame else tracker
 

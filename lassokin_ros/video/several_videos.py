@@ -169,7 +169,7 @@ def _summary(
         "total": f"{seconds:.1f} s",
         "written": ", ".join(map(str, written)) or "nothing",
     }
-    extrinsics = tracker.pipeline.tracker.learned.extrinsics
+    extrinsics = tracker.pipeline.extrinsics
     for camera in cameras[1:]:
         if extrinsics is not None and (words := extrinsics.in_words(camera.name)):
             lines[f"camera {camera.name}"] = words

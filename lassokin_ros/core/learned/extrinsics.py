@@ -61,7 +61,7 @@ class Extrinsics:
         """size: knows the limbs of the body; size_known: whether the person's height is given. used: whether poses are
         corrected, or only checked.
         """
-        self._size, self._size_known, self._used = size, size_known, used
+        self._size, self.size_known, self._used = size, size_known, used
         self.corrections: dict[str, np.ndarray] = {}
         """(6,) rotation vector w, rad, and translation v, m, by camera: as used."""
         self.anchor: str | None = None
@@ -174,14 +174,14 @@ class Extrinsics:
         self, a: np.ndarray, b: np.ndarray, weights: np.ndarray, rotation: np.ndarray, translation: np.ndarray
     ) -> float:
         """Return the misfit of a pose, see WRONG; infinite if the body is behind a camera, or has no plausible size."""
-        distances, size = self._residuals(a, b, weights, rotation, translation, np.zeros(6))
+        distances, size, plausible = self._residuals(a, b, weights, rotation, translation, np.zeros(6))
         seen = weights > 0
-        if self._plausible < LEAST_SHARE:
+        if plausible < LEAST_SHARE:
             return math.inf
         spread = np.ptp(np.where(seen[..., None], b, np.nanmedian(b, axis=1, keepdims=True)), axis=1)
         extent = np.linalg.norm(spread, axis=-1)[:, None]
         apart = float(np.median((np.abs(distances) / np.maximum(weights, 1e-9) / extent)[seen]))
-        return apart + 0.5 * abs(size) * self._size_known
+        return apart + 0.5 * abs(size) * self.size_known
 
     def _solved(self, frames: deque[tuple[np.ndarray, ...]], start: np.ndarray) -> np.ndarray:
         """Return the correction (6,) that fits all kept frames best."""
@@ -202,7 +202,7 @@ class Extrinsics:
             H, g = J.T @ J, J.T @ r
             H[np.arange(6), np.arange(6)] += 1 / GIVEN_DEVIATION**2
             g += correction / GIVEN_DEVIATION**2
-            if self._size_known:
+            if self.size_known:
                 row = np.array([(step[1] - base[1]) / STEP for step in steps]) / SIZE_DEVIATION
                 H += np.outer(row, row)
                 g += row * base[1] / SIZE_DEVIATION
@@ -217,8 +217,8 @@ class Extrinsics:
         rotation: np.ndarray,
         translation: np.ndarray,
         correction: np.ndarray,
-    ) -> tuple[np.ndarray, float]:
-        """Return (f, l) distances from epipolar lines in standard deviations, and the logarithm of the person's size.
+    ) -> tuple[np.ndarray, float, float]:
+        """Return (f, l) distances from epipolar lines in standard deviations, and what `_log_size` returns.
 
         a, b: (f, l, 2) normalised points of both cameras. rotation, translation: (f, 3, 3), (f, 3) m, from the first to
         the second camera.
@@ -232,10 +232,11 @@ class Extrinsics:
         line_a = np.cross(y, t[:, None]) @ R
         scale = np.sqrt((line_b[..., :2] ** 2).sum(-1) + (line_a[..., :2] ** 2).sum(-1))
         distances = weights * (y * line_b).sum(-1) / np.maximum(scale, 1e-9)
-        return distances, self._log_size(turned, y, t, weights > 0)
+        return distances, *self._log_size(turned, y, t, weights > 0)
 
-    def _log_size(self, turned: np.ndarray, y: np.ndarray, t: np.ndarray, seen: np.ndarray) -> float:
-        """Return the logarithm of measured and given length of the limbs, the median of all.
+    def _log_size(self, turned: np.ndarray, y: np.ndarray, t: np.ndarray, seen: np.ndarray) -> tuple[float, float]:
+        """Return the logarithm of measured and given length of the limbs, the median of all, and the share of limbs
+        before both cameras and with a plausible length.
 
         The landmarks are midway between the two lines of sight, p = s R x + t and q = u y.
         """
@@ -244,8 +245,8 @@ class Extrinsics:
         u = (xx * yt - xy * xt) / np.maximum(xx * yy - xy * xy, 1e-9)
         s = (xy * yt - yy * xt) / np.maximum(xx * yy - xy * xy, 1e-9)  # p = s R x + t is before the first camera, too
         found = self._size.ratios(u[..., None] * y, seen & (u > 0) & (s > 0))
-        self._plausible = len(found) / max(self._size.limb_count(seen), 1)
-        return math.log(float(np.median(found))) if len(found) else 0.0
+        plausible = len(found) / max(self._size.limb_count(seen), 1)
+        return (math.log(float(np.median(found))) if len(found) else 0.0), plausible
 
 
 def _relative(a: CameraPose, b: CameraPose) -> tuple[np.ndarray, np.ndarray]:

@@ -69,6 +69,8 @@ class Learned:
         self.resize(given.height / self.lengths.proportions.given.height)
         self.lengths.proportions.use(given)
         self.height = HeightEstimator() if measured else None
+        if self.extrinsics is not None:
+            self.extrinsics.size_known = not measured
 
     def update(
         self,

@@ -14,7 +14,7 @@ from lassokin_ros.core.learned.vertical import Vertical
 from lassokin_ros.core.observation import CameraPose
 from lassokin_ros.pipeline.camera.camera_selection import Camera
 from lassokin_ros.pipeline.image_sets import LATE
-from lassokin_ros.pipeline.outputs.description.cameras_file import CamerasFileError, save_cameras
+from lassokin_ros.pipeline.outputs.description.cameras_file import CamerasFileError, camera_commands, save_cameras
 from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
@@ -371,6 +371,7 @@ def test_the_poses_are_checked_with_several_people_too():
     poses = {"left": LEFT.pose_at(0), "right": off(RIGHT, 5.0, 0.0)}
     play = Play([LEFT, RIGHT], settings, poses=poses).run(6.0)
     assert "camera 'right' is " in status(play).message
+    assert len(camera_commands(play.pipeline)) == 1
 
 
 def test_the_learned_poses_are_saved_as_static_transforms(tmp_path):

@@ -17,7 +17,7 @@ class CamerasFileError(LassokinError):
 
 def camera_commands(pipeline: Pipeline) -> list[str]:
     """Return one command for each camera whose pose was learned. Raises CamerasFileError if none was."""
-    places, extrinsics = pipeline.places, pipeline.tracker.learned.extrinsics
+    places, extrinsics = pipeline.places, pipeline.extrinsics
     if places is None or not pipeline.config.several_cameras:
         raise CamerasFileError("there is one camera, or none with a pose; expected several (parameter cameras)")
     commands = []

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lassokin_ros.core.learned.extrinsics import Extrinsics
 from lassokin_ros.pipeline.pipeline import Pipeline
 
 SILENCE_S = 2.0
@@ -52,7 +51,7 @@ class CameraStatus:
         return figures
 
     def _pose_figures(self, name: str) -> Iterator[tuple[str, str]]:
-        extrinsics = self._extrinsics
+        extrinsics = self._pipeline.extrinsics
         solution = None if extrinsics is None else extrinsics.solution(name)
         if solution is not None:
             angle, shift = solution
@@ -88,14 +87,8 @@ class CameraStatus:
             )
 
     def _wrong_poses(self) -> Iterator[str]:
-        if (extrinsics := self._extrinsics) is not None:
+        if (extrinsics := self._pipeline.extrinsics) is not None:
             yield from filter(None, map(extrinsics.in_words, self._pipeline.cameras))
-
-    @property
-    def _extrinsics(self) -> Extrinsics | None:
-        """What the person shows about the poses who has been seen by several cameras for the longest time."""
-        found = [tracker.learned.extrinsics for tracker in self._pipeline.trackers.values()]
-        return max((one for one in found if one is not None), key=lambda one: one.frame_count, default=None)
 
     @property
     def fault(self) -> str:
