@@ -116,10 +116,10 @@ class Peer:
             self.got[topics.DIAGNOSTICS].append(message)
 
     def spin_until(self, condition, deadline_s=DEADLINE_S, what="the condition"):
-        """Spin until `condition()` holds; AssertionError at the deadline."""
+        """Spin until `condition()` holds; AssertionError with `what`, words or a function of them, at the deadline."""
         end = time.monotonic() + deadline_s
         while not condition():
-            assert time.monotonic() < end, f"{what} did not come within {deadline_s} s"
+            assert time.monotonic() < end, f"{what() if callable(what) else what} did not come within {deadline_s} s"
             self.executor.spin_once(timeout_sec=0.05)
 
     def send(self, stamp_ns, xy, **options):
@@ -163,17 +163,27 @@ class Peer:
         for messages in self.got.values():
             messages.clear()
 
-    def next_diagnostics(self, condition=lambda status: True):
-        """The first status sent after this call for which the condition holds."""
-        messages, now_ns = self.got[topics.DIAGNOSTICS], time.time_ns()
-        messages.clear()
+    def next_diagnostics(self, condition=lambda status: True, since_ns=None):
+        """The first status for which the condition holds of those sent after `since_ns`, by default after this call.
 
-        def met():
+        Some words are in one status only. What causes them is done after `since_ns = time.time_ns()`, so that this
+        status is found however late the call is.
+        """
+        messages = self.got[topics.DIAGNOSTICS]
+        if since_ns is None:
+            since_ns = time.time_ns()
+            messages.clear()
+
+        def sent_since():
             # Earlier messages may still be in the queue. (In simulated time this cannot be determined.)
-            return [s for s in messages if not SIMULATED_NS < stamp_of(s) < now_ns and condition(s.status[0])]
+            return [m.status[0] for m in messages if not SIMULATED_NS < stamp_of(m) < since_ns]
 
-        self.spin_until(met, what="the diagnostics")
-        return met()[0].status[0]
+        def seen():
+            return f"the diagnostics, after {sorted({status.message for status in sent_since()})},"
+
+        found = []
+        self.spin_until(lambda: found.extend(filter(condition, sent_since())) or found, what=seen)
+        return found[0]
 
     def call(self, service_type, name, request):
         """The response of a service of the node."""

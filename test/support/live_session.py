@@ -1,5 +1,7 @@
 """Steps of the tests of the running node: send frames, wait for outputs or rejections, get and set parameters."""
 
+import time
+
 from live import values_of
 from messages import pixels_of_motion
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
@@ -22,6 +24,19 @@ def feed(peer, count=1, **options):
         stamps.append(send_next(peer, **options))
         peer.spin_until(lambda: all(len(m) > n for m, n in zip(outputs, answers)), what="the outputs")  # noqa: B023
     return stamps
+
+
+def feed_in_time(peer, condition):
+    """Feed frames, each at the time of its stamp, until `condition()` holds; a slow machine skips frames."""
+    began, first = time.monotonic(), peer.frames_sent
+
+    def due():
+        return first + int(60 * (time.monotonic() - began))
+
+    while not condition():
+        peer.spin_until(lambda: due() >= peer.frames_sent, what="the time of the next frame")
+        peer.frames_sent = due()
+        feed(peer)
 
 
 def restart(peer):

@@ -1,5 +1,7 @@
 """Depth images on real DDS: matched, late, missing, not registered; the node continues in all cases."""
 
+import time
+
 import numpy as np
 import pytest
 
@@ -101,19 +103,20 @@ def test_images_of_another_frame_are_reported_and_not_used(running, scene):
     send(running, scene, running.start_ns + 5 * 10**10, frame_id="depth_optical_frame")
     after = counts(running)
     assert after[MATCHED] == before[MATCHED]
+    since_ns = time.time_ns()
     running.send_camera()
     running.send_depth(running.start_ns + 6 * 10**10, scene[2][0], frame_id="depth_optical_frame")
     running.send(running.start_ns + 6 * 10**10, scene[0][0])
-    status = running.next_diagnostics(lambda s: "registered" in s.message)
+    status = running.next_diagnostics(lambda s: "registered" in s.message, since_ns)
     assert status.level == bytes([WARN]) and "depth_optical_frame" in status.message
 
 
 def test_an_unreadable_image_is_reported(running, scene):
     message = depth_message(BACKEND, running.start_ns + 7 * 10**10, scene[2][0])
-    message.encoding = "rgb8"
+    message.encoding, since_ns = "rgb8", time.time_ns()
     running.depth.publish(message)
     running.send(running.start_ns + 7 * 10**10, scene[0][0])
-    status = running.next_diagnostics(lambda s: "rgb8" in s.message)
+    status = running.next_diagnostics(lambda s: "rgb8" in s.message, since_ns)
     assert status.level == bytes([WARN]) and "16UC1" in status.message
 
 

@@ -123,10 +123,11 @@ def test_after_a_short_hiccup_every_message_is_used(running):
 def test_the_newest_message_of_a_burst_is_used_and_the_others_are_counted(running):
     process, peer = running
     before, outputs, sent = counts(peer), len(peer.got[topics.JOINT_STATES]), 300
+    since_ns = time.time_ns()
     with standing_still(process, peer.send_camera):
         last = send(peer, sent, BURST_STEP_NS)
     peer.spin_until(lambda: answered(peer, last), what="the newest message's answer")
-    status = peer.next_diagnostics(lambda s: OVERTAKEN in s.message)
+    status = peer.next_diagnostics(lambda s: OVERTAKEN in s.message, since_ns)
     assert status.level == WARN and f"messages {OVERTAKEN}" in status.message
     new = Counter(increase(peer, before))
     assert new["received"] + new[LOST] == sent
