@@ -29,7 +29,6 @@ from lassokin_ros.pipeline.camera.camera_places import LEVEL, CameraPlaces
 from lassokin_ros.pipeline.camera.camera_selection import Camera
 from lassokin_ros.pipeline.camera.transforms import Transforms
 from lassokin_ros.pipeline.camera_images import CameraImages
-from lassokin_ros.pipeline.depth_check import DepthCheck
 from lassokin_ros.pipeline.depth_images import DepthImages
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
 from lassokin_ros.pipeline.image_sets import LATE, ImageSets, stamp_of_set
@@ -108,11 +107,6 @@ class Pipeline:
     def depth(self) -> DepthImages | None:
         """The depth images of the first camera, None if the setting `depth` names no topic."""
         return self.first.depth
-
-    @property
-    def depth_check(self) -> DepthCheck:
-        """Whether the depth images of the first camera show the tracked people."""
-        return self.first.depth_check
 
     @property
     def mount(self) -> CameraMount | None:
@@ -393,8 +387,7 @@ class Pipeline:
         if self._sets is not None:
             frames = self._without_absences(frames, stamp_ns)
             self._note_residuals(frames)
-        else:
-            self._check_depth(frames)
+        self._check_depth(images, frames)
         if self._latest is None or stamp_ns >= self._latest[0]:
             self._latest, self.image = (stamp_ns, arrival_ns), (stamp_ns, frame_id)
         if self._sets is None and all(frame.accepted for frame in frames):
@@ -441,19 +434,23 @@ class Pipeline:
         """Keep how far the bodies are from the keypoints of each camera."""
         for frame in frames:
             estimate = frame.estimate
-            if not frame.accepted or estimate is None or estimate.pose is None or frame.points is None:
+            if not frame.accepted or estimate is None or estimate.pose is None:
                 continue
-            views = [(frame.camera, frame.lens, frame.points), *((o.camera, o.lens, o.points) for o in frame.others)]
-            for camera, lens, points in views:
-                apart = np.linalg.norm(project(camera.into_camera(estimate.pose.landmarks)) - points, axis=1)
+            for one in frame.images:
+                landmarks = one.camera.into_camera(estimate.pose.landmarks)
+                apart = np.linalg.norm(project(landmarks) - one.points, axis=1)
                 seen = apart[np.isfinite(apart)]
-                if lens is not None and len(seen):
-                    self.cameras[camera.name].residuals.append(lens.focal * float(np.median(seen)))
+                if len(seen):
+                    self.cameras[one.camera.name].residuals.append(one.lens.focal * float(np.median(seen)))
 
-    def _check_depth(self, frames: Sequence[FrameResult]) -> None:
-        """Compare the depth image of the last message with the tracked people."""
-        if self.first.sampled is not None and self.tracker.config.smoothing_lag == 0:
-            self.first.depth_check.update(self.first.sampled, frames)
+    def _check_depth(self, images: Sequence[PeopleImage], frames: Sequence[FrameResult]) -> None:
+        """Compare the depth image of each camera with the tracked people."""
+        if self.tracker.config.smoothing_lag > 0:
+            return
+        for image in images:
+            if image.sampled is not None:
+                name = image.camera.name
+                self.cameras[name].depth_check.update(image.sampled, frames, name)
 
     def flush(self) -> list[FrameResult]:
         """Return the results that wait for other cameras or for `smoothing_lag`. No message follows."""
