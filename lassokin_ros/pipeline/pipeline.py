@@ -30,16 +30,19 @@ from lassokin_ros.pipeline.camera.camera_selection import Camera
 from lassokin_ros.pipeline.camera.transforms import Transforms
 from lassokin_ros.pipeline.camera_images import CameraImages
 from lassokin_ros.pipeline.depth_images import DepthImages
+from lassokin_ros.pipeline.detections import detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
 from lassokin_ros.pipeline.image_sets import LATE, ImageSets, stamp_of_set
 from lassokin_ros.pipeline.input_checks.landmark_ids import LandmarkIds
 from lassokin_ros.pipeline.input_checks.own_depth import OwnDepth
 from lassokin_ros.pipeline.input_checks.stamp_rate import StampRate
 from lassokin_ros.pipeline.outputs.description.urdf import check_names
+from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT, CameraAgreement
+from lassokin_ros.pipeline.people.matching import is_trackable
 from lassokin_ros.pipeline.people.people_tracker import PeopleImage, PeopleTracker
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.people.single_person import PERSON_ABSENT, SinglePersonTracker
-from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
+from lassokin_ros.pipeline.people.tracked_person import Sight, TrackedPerson
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.skeleton_readers.load import load_skeleton, naming_help
 from msg_adapters.errors import AdapterError
@@ -91,6 +94,8 @@ class Pipeline:
             if (extrinsics := tracked.tracker.learned.extrinsics) is not None and self.config.several_cameras:
                 extrinsics.anchor = names[0]
         self._sets = ImageSets(self.config.camera_wait) if self.config.several_cameras else None
+        self.agreement = CameraAgreement()
+        """Which of several cameras contradicts the others about the one person who is followed."""
         self.detector_connected = True
         """False if nobody publishes keypoints. Set by the node; a recording has no such knowledge."""
         self._refused = False  # the last message was refused as a whole
@@ -269,6 +274,7 @@ class Pipeline:
         self.people.reset()
         if self._sets is not None:
             self._sets.reset()
+        self.agreement.reset()
         self._latest = self.image = None
         self.counts["resets"] += 1
 
@@ -377,6 +383,9 @@ class Pipeline:
         stamp_ns = stamp_of_set(images)
         try:
             placed, frame_id = self._placed(images)
+            placed = self._agreeing(placed)
+            if not placed:
+                return []
             if self.first.mount is not None:
                 self._follow_mount(self.first.mount, images[0])
             frames = self.people.update(placed, frame_id, self.config.forget_after)
@@ -413,6 +422,22 @@ class Pipeline:
         if fault is not None and not placed:
             raise fault
         return placed, self.places.base
+
+    def _agreeing(self, images: Sequence[PeopleImage]) -> Sequence[PeopleImage]:
+        """Return the images without those of a camera that contradicts the others. These are counted."""
+        if self._sets is None or self.config.several_people:
+            return images
+        sights, learned = [], self.tracker.learned
+        for image in images:
+            people = detections_by_person(image.keypoints, len(self.tracker.layout.names), image.lens)
+            people = [one for one in people if is_trackable(one, self.tracker.config)]
+            if len(people) == 1:
+                pose = image.camera if learned.extrinsics is None else learned.extrinsics.corrected(image.camera)
+                sights.append(Sight(image.stamp_ns, people[0], image.lens, pose))
+        self.agreement.update(sights, learned.size_check)
+        for image in images:
+            self.counts[f"{image.camera.name}: {LEFT_OUT}"] += image.camera.name in self.agreement.left_out
+        return [image for image in images if image.camera.name not in self.agreement.left_out]
 
     def _without_absences(self, frames: list[FrameResult], stamp_ns: int) -> list[FrameResult]:
         """Leave out the rejections of a camera that only did not see the person whom another camera sees."""

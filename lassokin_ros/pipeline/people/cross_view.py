@@ -26,10 +26,16 @@ SIZE_WEIGHT = 0.5
 
 
 def cross_view_cost(one: Sight, other: Sight, size: SizeCheck) -> float:
-    """Return the cost of two detections as those of one person; infinite if they cannot be.
+    """Return the cost of two detections as those of one person; infinite if they cannot be, or too little is seen.
 
     size: of the person's body.
     """
+    cost = compared(one, other, size)
+    return math.inf if cost is None else cost
+
+
+def compared(one: Sight, other: Sight, size: SizeCheck) -> float | None:
+    """As `cross_view_cost`, but None if both cameras see too little of the same."""
     views = [
         FrameData(np.where(seen, sight.seen.points, 0.0), seen[:, 0].astype(float), camera=sight.camera)
         for sight in (one, other)
@@ -37,8 +43,8 @@ def cross_view_cost(one: Sight, other: Sight, size: SizeCheck) -> float:
     ]
     places = triangulate(FrameData(views[0].points, views[0].weights, camera=one.camera, others=(views[1],)))
     known = np.isfinite(places[:, 0])
-    if np.count_nonzero(known) < FEWEST_POINTS:
-        return math.inf
+    if np.count_nonzero(known) < FEWEST_POINTS or size.limb_count(known) < FEWEST_LIMBS:
+        return None
     apart = []
     for sight in (one, other):
         inside = sight.camera.into_camera(places[known])
