@@ -64,7 +64,7 @@ def track_videos(options: argparse.Namespace) -> Tracked:
             for number, camera in enumerate(cameras):
                 if number:
                     detector = make_detector(options.detector)  # it follows the person from image to image
-                _detect(camera, detector, backend, None if number else outputs, stopped)
+                _detect(camera, detector, backend, outputs, stopped)
         if tracker_config.calibrate and not options.causal and tracker_config.height > 0:
             with TemporaryDirectory(prefix="lassokin_") as folder:
                 inputs = _inputs(first, cameras)
@@ -117,14 +117,13 @@ def _cameras(options: argparse.Namespace) -> list[Filmed]:
     return cameras
 
 
-def _detect(camera: Filmed, detector: Detector, backend: Any, outputs: TrackOutputs | None, stopped: list[int]) -> None:
+def _detect(camera: Filmed, detector: Detector, backend: Any, outputs: TrackOutputs, stopped: list[int]) -> None:
     """Detect all images of a camera, and close the detector. outputs: keep the images for the report."""
     try:
         camera.detections = Detections(camera.source, detector, backend, keep=True)
         progress = Progress(camera.source.count, "images")
         for image, _ in camera.detections.images(stopped, progress):
-            if outputs is not None:
-                outputs.add_report_image(image)
+            outputs.add_report_image(image, camera.name)
             progress.advance(note=camera.name)
     finally:
         detector.close()

@@ -52,14 +52,15 @@ class TrackOutputs:
         """Sentences for the report, to be added before `write`."""
         self._waiting: deque[tuple[int, Image]] = deque()
         self._given: Skeleton = tracker.pipeline.tracker.skeleton
-        self._report_images = ReportImages() if options.report is not None else None
         self._report: Report | None = None
+        pipeline = tracker.pipeline
+        self._report_images: dict[str, ReportImages] = {}
         if options.report is not None:
             check_report(options.report, options.force)
-        pipeline = tracker.pipeline
+            self._report_images = {name: ReportImages() for name in pipeline.cameras}
         self._level = level_from_camera(*pipeline.camera_angles)
         names = pipeline.tracker.layout.names
-        self._motion = MotionRecorder(names, lambda: self._level, FIRST_STAMP_NS)
+        self._motion = MotionRecorder(names, lambda: self._level, FIRST_STAMP_NS, pipeline.config.camera_names)
         several = pipeline.config.several_people
         self._exports = Exports(options.export, self._motion, several, options.force) if options.export else None
         self._video = self._view = None
@@ -78,14 +79,14 @@ class TrackOutputs:
         """Whether `add_image` must be called in the pass that `follow` follows."""
         return self._video is not None or self._view is not None
 
-    def add_report_image(self, image: Image) -> None:
-        """Keep an image for the report."""
-        if self._report_images is not None:
-            self._report_images.add(stamp_of(image.seconds), lambda: image.rgb)
+    def add_report_image(self, image: Image, camera: str = "") -> None:
+        """Keep an image for the report. camera: its name, if there are several."""
+        if camera in self._report_images:
+            self._report_images[camera].add(stamp_of(image.seconds), lambda: image.rgb)
 
     def follow(self, tracker: OfflineTracker) -> None:
         """Take the results of a tracker from now on."""
-        if self._options.report is not None and self._report_images is not None:
+        if self._options.report is not None:
             self._report = Report(self._options.report, tracker.pipeline, self._options.force, self._given)
             self._report.images = self._report_images
             tracker.listeners.append(self._report.add)

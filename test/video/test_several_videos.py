@@ -1,6 +1,9 @@
 """`lassokin track left right --cameras FILE`: synchronised image folders, and a detector that knows the motion."""
 
+import json
+import re
 from itertools import count
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -80,6 +83,15 @@ def test_two_videos_give_one_motion_in_the_frame_of_the_calibration(rig, capsys)
     frames = np.round((stamps - stamps[0]) * 30e-9).astype(int) + FRAMES - len(stamps)
     assert len(stamps) > FRAMES - 4
     assert np.median(np.linalg.norm(places - TRUTH.positions[frames], axis=-1)) < 0.02
+
+
+def test_the_report_has_the_images_of_both(rig):
+    pytest.importorskip("plotly", reason="the report is drawn with plotly")
+    command = ["left", "right", "--cameras", "calib.toml", "--height", "1.75", "--causal", "--report", "walk.html"]
+    assert main(command) == 0
+    page = Path("walk.html").read_text(encoding="utf-8")
+    images = json.loads(re.search(r'<script type="application/json" id="images">(.*?)</script>', page).group(1))
+    assert min(len(images["time"]), *(len(other["time"]) for other in images["others"])) > FRAMES - 4
 
 
 @pytest.mark.parametrize(

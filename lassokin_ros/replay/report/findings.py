@@ -141,7 +141,7 @@ def _reprojection(facts: Facts) -> Iterator[Finding]:
 
 
 def _landmarks(facts: Facts) -> Iterator[Finding]:
-    middle, seen = landmark_errors(facts.tracks, len(facts.landmarks))
+    middle, seen = landmark_errors(facts, facts.tracks)
     if not facts.tracks:
         return
     seldom = [f"{facts.landmarks[i]} {seen[i]:.0%}" for i in np.flatnonzero(seen < SELDOM)]

@@ -143,7 +143,7 @@ def lost_spans(facts: Facts) -> str:
 
 def landmarks(facts: Facts) -> str:
     """Return the table of landmarks: share of frames and reprojection error."""
-    error, seen = landmark_errors(facts.tracks, len(facts.landmarks))
+    error, seen = landmark_errors(facts, facts.tracks)
     if not facts.tracks:
         return ""
     rows = [
