@@ -28,7 +28,7 @@ from lassokin_ros.replay.first_pass import WHOLE_FILE, Inputs, learn_lengths
 from lassokin_ros.replay.offline_tracker import OfflineTracker
 from lassokin_ros.replay.output_paths import OutputError
 from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
-from lassokin_ros.video.sources import Source, SourceError, open_source
+from lassokin_ros.video.sources import Image, Source, SourceError, open_source
 from lassokin_ros.video.track import Tracked, stop_flag
 from lassokin_ros.video.track_outputs import TrackOutputs
 from msg_adapters.backends import RosbagsBackend
@@ -58,7 +58,8 @@ def track_videos(options: argparse.Namespace) -> Tracked:
     make = partial(OfflineTracker, node_config=node_config, types=types, only_track=True, poses=poses)
     first = make(tracker_config)
     with ExitStack() as stack, AtomicFiles(options.force, OutputError) as files:
-        outputs = TrackOutputs(options, cameras[0].source, cameras[0].calibration, first, stack)
+        sizes = {camera.name: camera.source.size for camera in cameras}
+        outputs = TrackOutputs(options, cameras[0].source, cameras[0].calibration, first, stack, sizes)
         backend = RosbagsBackend(types)
         with stop_flag() as stopped:
             for number, camera in enumerate(cameras):
@@ -74,7 +75,10 @@ def track_videos(options: argparse.Namespace) -> Tracked:
             second = make(tracker_config)
         outputs.follow(second)
         inputs = _inputs(second, cameras)
+        images = _images_together(cameras, options) if outputs.needs_images else iter(())
         for topic, time_ns, message in _messages(cameras, backend):
+            if outputs.needs_images and topic == f"{cameras[0].name}/keypoints":
+                outputs.add_images(_next(images))
             for _ in inputs[topic](message, time_ns):
                 pass  # the outputs are files
         for _ in second.finish():
@@ -92,9 +96,9 @@ def _cameras(options: argparse.Namespace) -> list[Filmed]:
         raise CameraError(
             f"{len(options.sources)} videos without a calibration; expected --cameras FILE with their poses"
         )
-    for option, given in (("--video", options.video), ("--view", options.view), ("--camera-info", options.camera_info)):
+    for option, given in (("--view", options.view), ("--camera-info", options.camera_info)):
         if given is not None:
-            raise CameraError(f"{option} is for one video; expected --report or --export with several")
+            raise CameraError(f"{option} is for one video; expected --report, --video or --export with several")
     known = camera_names(options.cameras)
     stems = [Path(source).stem for source in options.sources]
     strange = [stem for stem in stems if stem not in known]
@@ -127,6 +131,32 @@ def _detect(camera: Filmed, detector: Detector, backend: Any, outputs: TrackOutp
             progress.advance(note=camera.name)
     finally:
         detector.close()
+
+
+def _images_together(cameras: list[Filmed], options: argparse.Namespace) -> Iterator[dict[str, Image]]:
+    """Read the sources again; yield each image of the first one with the images of the others that are nearest in time.
+
+    A source that has ended keeps its last image.
+    """
+    sources = [open_source(path, options.fps) for path in options.sources]
+    first, *others = (source.images for source in sources)
+    present, following = [next(images) for images in others], [next(images, None) for images in others]
+    for image in first:
+        for number, images in enumerate(others):
+            while (after := following[number]) is not None and _is_nearer(after, present[number], image):
+                present[number], following[number] = after, next(images, None)
+        yield {camera.name: one for camera, one in zip(cameras, [image, *present])}
+
+
+def _is_nearer(one: Image, than: Image, to: Image) -> bool:
+    return abs(one.seconds - to.seconds) <= abs(than.seconds - to.seconds)
+
+
+def _next(images: Iterator[dict[str, Image]]) -> dict[str, Image]:
+    found = next(images, None)
+    if found is None:
+        raise SourceError("the videos have fewer images when they are read again")
+    return found
 
 
 def _messages(cameras: list[Filmed], backend: Any) -> Iterator[tuple[str, int, Any]]:
