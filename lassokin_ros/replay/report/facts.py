@@ -45,6 +45,11 @@ class Facts:
         """The image size of each camera by name; the name of the only camera is empty."""
         return dict(zip(self.node.camera_names, (self.image_size, *self.other_sizes)))
 
+    @property
+    def received(self) -> int:
+        """Number of keypoint messages; with several cameras, number of instants with messages."""
+        return self.counts.get("received", 0) if len(self.cameras) == 1 else len(self.log.messages)
+
     @cached_property
     def people(self) -> list[str]:
         """Ids in order of first appearance; one empty id in single-person mode."""

@@ -144,6 +144,20 @@ def test_cameras_with_exchanged_images_are_named_if_their_distances_differ():
     assert "but if 'left' and 'near' are exchanged: check the topics" in rig.said(3.0)
 
 
+def test_cameras_that_alternate_are_no_turn_of_the_person():
+    """Each image is a lasso of its own; the person stands 90 degrees apart, and further away, for the other camera."""
+    far = eye("far", 90, 5.0)
+    rig = Rig(LEFT, far)
+    for index in range(60):
+        now, name = index / 60, ("left", "far")[index % 2]
+        seen = pixels(rig.eyes[name], now, truth_at([now]).landmarks[0], rig.random, 2.0)
+        stamp_ns = START_NS + round(1e9 * now)
+        frames = rig.pipeline.frames(cloud(BACKEND, stamp_ns, seen, frame_id=rig.eyes[name].frame), stamp_ns, name)
+        rig.keep(frames, now)
+        assert not any(frame.doubt.has_sign or frame.doubt.reversed for frame in frames)
+    assert len(rig.errors) > 55
+
+
 def test_with_several_people_no_camera_is_left_out():
     """Each camera may see somebody else."""
     rig = Rig(LEFT, RIGHT, BACK, poses={"right": turned(RIGHT, 40)}, max_people=3).send(0.0, 2.0)

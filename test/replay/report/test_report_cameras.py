@@ -79,6 +79,13 @@ def test_each_camera_has_its_own_keypoints_and_reprojection(rig):
         assert unpacked(view["outline"]).shape == (len(times), 24, 2)
 
 
+def test_every_instant_counts_once(rig):
+    phase, page = rig
+    text = page.read_text(encoding="utf-8")
+    tracked = float(re.search(r"([\d.]+)% of the frames were tracked", text).group(1))
+    assert tracked > 95 and "Instants of 2 cameras" in text
+
+
 def test_each_camera_has_its_own_images(rig):
     _, page = rig
     images = held(page, "images")
