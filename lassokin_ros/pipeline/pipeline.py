@@ -94,7 +94,7 @@ class Pipeline:
             if (extrinsics := tracked.tracker.learned.extrinsics) is not None and self.config.several_cameras:
                 extrinsics.anchor = names[0]
         self._sets = ImageSets(self.config.camera_wait) if self.config.several_cameras else None
-        self.agreement = CameraAgreement()
+        self.agreement = CameraAgreement(layout.names)
         """Which of several cameras contradicts the others about the one person who is followed."""
         self.detector_connected = True
         """False if nobody publishes keypoints. Set by the node; a recording has no such knowledge."""

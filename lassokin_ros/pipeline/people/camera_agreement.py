@@ -2,7 +2,8 @@
 
 Each pair of cameras that sees one person is compared as in `cross_view.py`. A camera that fits no other one, while
 others fit each other, is left out until it fits again: its images are another camera's, its pose or its lens is wrong.
-Of two cameras alone it cannot be told which one is wrong.
+Of two cameras alone it cannot be told which one is wrong. If two cameras are level and equally far from the person, and
+their images are exchanged, they fit, but the person is mirrored: the nose is behind the trunk.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 
 from lassokin_ros.core.learned.size_check import SizeCheck
 from lassokin_ros.core.observation import CameraPose
-from lassokin_ros.pipeline.people.cross_view import compared
+from lassokin_ros.pipeline.people.cross_view import compared, triangulated
 from lassokin_ros.pipeline.people.tracked_person import Sight
 
 LEFT_OUT = "left out, does not fit the others"
@@ -33,16 +34,24 @@ WORSE = 1.5
 SAME_PX = 1.0
 """px: median distance of the keypoints of two cameras below which they are of one image."""
 
+MIRRORED = 9
+"""Of JUDGED comparisons: number with a mirrored person from which the images are exchanged. With right cameras it is
+reached in 0 of 708 periods, with exchanged ones in 481 of 639 (Shelf, Wildflower)."""
+TRUNK = ("nose", "left_shoulder", "right_shoulder", "left_hip", "right_hip")
 CHECK = "check TF, and that the topics of keypoints and camera_info are those of the camera"
 
 
 @dataclass
 class _Pair:
-    """The last comparisons of two cameras. newest_ns: ns, of the last one; same: whether the keypoints were equal."""
+    """The last comparisons of two cameras. newest_ns: ns, of the last one; same: whether the keypoints were equal.
+
+    mirrored: whether the person was, of comparisons that show it.
+    """
 
     newest_ns: int = 0
     costs: deque[float] = field(default_factory=lambda: deque(maxlen=JUDGED))
     same: deque[bool] = field(default_factory=lambda: deque(maxlen=JUDGED))
+    mirrored: deque[bool] = field(default_factory=lambda: deque(maxlen=JUDGED))
 
     @property
     def cost(self) -> float | None:
@@ -64,11 +73,18 @@ class _Pair:
         """Whether both cameras have the same keypoints."""
         return len(self.same) == JUDGED and sum(self.same) > JUDGED // 2
 
+    @property
+    def is_mirrored(self) -> bool:
+        """Whether the person whom both cameras see is mirrored."""
+        return sum(self.mirrored) >= MIRRORED
+
 
 class CameraAgreement:
     """Compares the sights of one person by several cameras."""
 
-    def __init__(self) -> None:
+    def __init__(self, landmarks: Sequence[str]) -> None:
+        """landmarks: l names in layout order."""
+        self._trunk = [list(landmarks).index(name) for name in TRUNK] if set(TRUNK) <= set(landmarks) else []
         self.reset()
 
     def reset(self) -> None:
@@ -96,6 +112,8 @@ class CameraAgreement:
         pair.newest_ns = one.stamp_ns
         pair.same.append(same)
         pair.costs.append(np.inf if cost is None or same else cost)
+        if self._trunk and not np.isnan(volume := _volume(triangulated(one, other)[self._trunk])):
+            pair.mirrored.append(volume < 0)
         self.left_out = {name: words for name in self._newest if (words := self._why_left_out(name, size))}
 
     def _pair(self, one: str, other: str) -> _Pair:
@@ -135,9 +153,14 @@ class CameraAgreement:
         """Yield which cameras contradict each other if it cannot be told which one is wrong, in words."""
         for names, pair in self._pairs.items():
             one, other = sorted(names)
-            if names & self.left_out.keys() or not pair.is_wrong:
+            if names & self.left_out.keys() or not (pair.is_wrong or pair.is_mirrored):
                 continue
-            if pair.is_same:
+            if pair.is_mirrored and not pair.is_wrong:
+                yield (
+                    f"the person whom '{one}' and '{other}' see is mirrored: check that the topics of the two cameras "
+                    "are not exchanged"
+                )
+            elif pair.is_same:
                 yield (
                     f"cameras '{one}' and '{other}' have the same keypoints: check that each detector has a camera of "
                     "its own"
@@ -147,6 +170,13 @@ class CameraAgreement:
                     f"keypoints of '{one}' and '{other}' do not fit each other, and it cannot be told which camera is "
                     f"wrong: {CHECK}"
                 )
+
+
+def _volume(trunk: np.ndarray) -> float:
+    """m^3, above 0 if the nose is before the trunk; NaN if one of them is unknown. trunk: (5, 3) m, those of TRUNK."""
+    nose, *corners = trunk
+    across, up = np.array([1, -1, 1, -1]) @ corners, np.array([0.5, 0.5, -0.5, -0.5]) @ corners
+    return float(np.cross(across, up) @ (nose - 0.5 * (corners[0] + corners[1])))
 
 
 def _same_keypoints(one: Sight, other: Sight) -> bool:

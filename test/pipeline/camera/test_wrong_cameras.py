@@ -138,10 +138,19 @@ def test_of_two_cameras_both_are_named_and_used_because_it_cannot_be_told_which_
     assert words in rig.said(3.0) and not rig.left_out
 
 
-def test_cameras_with_exchanged_images_are_named_if_their_distances_differ():
+def test_cameras_with_exchanged_images_are_named():
     near = eye("near", 90, 2.6)
     rig = Rig(LEFT, near).send(0.0, 3.0, instead={"left": "near", "near": "left"})
     assert "but if 'left' and 'near' are exchanged: check the topics" in rig.said(3.0)
+
+
+@pytest.mark.parametrize("angle", [60, 90, 120])
+def test_a_mirrored_person_shows_that_cameras_at_equal_distances_are_exchanged(angle):
+    """The places fit: a standing person has the same heights in both images."""
+    other = eye("right", angle)
+    exchanged = Rig(LEFT, other).send(0.0, 2.0, instead={"left": "right", "right": "left"})
+    assert "the person whom 'left' and 'right' see is mirrored" in exchanged.said(2.0)
+    assert "mirrored" not in Rig(LEFT, other).send(0.0, 2.0).said(2.0)
 
 
 def test_cameras_that_alternate_are_no_turn_of_the_person():
