@@ -68,6 +68,15 @@ class CameraPlaces:
         self.known = True
         return CameraPose(name, rotation.T, -rotation.T @ centre)
 
+    def adopt(self, name: str, pose: CameraPose) -> CameraPose:
+        """Use the pose of a camera that was found from the person, as long as TF gives none; return it."""
+        if pose.known:
+            self.newest[name] = pose
+            self.faults.pop(name, None)
+        else:
+            self.faults[name] += "; it is found from the person, after some seconds in view of both cameras"
+        return pose
+
     @property
     def fault(self) -> str:
         """Why the last images of cameras could not be placed, in words; empty if they could."""
