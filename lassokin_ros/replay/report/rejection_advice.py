@@ -35,8 +35,8 @@ REASONS: dict[str, tuple[str, str]] = {
     ),
     "unplaced": (
         "camera without a pose",
-        "nobody told where the camera is: give its pose by TF or a calibration file, or set `extrinsics: learn`, and let "
-        "a person move in view of it and of a camera with a pose",
+        "nobody told where the camera is: give its pose by TF or a calibration file, or set `extrinsics: learn`, and "
+        "let a person move in view of it and of a camera with a pose",
     ),
     "stamp_jump": (
         "stamp jump",
