@@ -70,7 +70,7 @@ def track(options: argparse.Namespace, detector: Detector | None = None) -> Trac
     first = OfflineTracker(*configs, types, only_track=True)
     with ExitStack() as stack, AtomicFiles(options.force, OutputError) as files:
         stack.callback(detector.close)
-        camera = _camera(options, source)
+        camera = lens_of(options, source)
         outputs = TrackOutputs(options, source, camera, first, stack)
         run = Run(source, detector, types, camera, outputs)
         tracker = run.live(first) if _is_live(options, source) else run.whole_file(first, configs, options)
@@ -259,8 +259,12 @@ def stop_flag() -> Iterator[list[int]]:
             signal.signal(number, handler)
 
 
-def _camera(options: argparse.Namespace, source: Source) -> Calibration:
-    if options.camera_info is None and options.fov is None:
+def lens_of(options: argparse.Namespace, source: Source, quiet: bool = False) -> Calibration:
+    """Return the lens of a video by the options --camera-info and --fov. Raises CameraError.
+
+    quiet: do not warn if there is neither.
+    """
+    if options.camera_info is None and options.fov is None and not quiet:
         _note(assumed_fov_warning("--fov or --camera-info"))
     if options.camera_info is None and source.content != source.size:
         width, height = source.content
