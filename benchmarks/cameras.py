@@ -91,7 +91,9 @@ def parser() -> argparse.ArgumentParser:
     add("--late", type=float, default=0.0, help="s by which the messages of all but the first camera arrive late (0)")
     add("--extrinsics-error", type=_error, default=(0.0, 0.0), metavar="M,DEG", help="of each further camera's place")
     add("--unknown-places", action="store_true", help="give only the first camera's place; the others learn theirs")
-    add("--scored-from", type=option_types.positive, default=SCORED_FROM, help="s of a clip that are not scored (0.5)")
+    add("--scored-from", type=option_types.positive, default=SCORED_FROM, metavar="S",
+        help="s of a clip that are not scored (0.5); clips that end within 1 s after are left out")  # fmt: skip
+    add("--longest", type=option_types.positive, default=LONGEST, metavar="S", help="s of a clip that are used (10)")
     add("--occluded", type=option_types.share, default=0.0, help="share of the time that the second camera sees nobody")
     add("--swaps", type=option_types.share, default=0.0, help="share of the first camera's frames with exchanged sides")
     add("--measured-bones", action="store_true", help="give the person's bone lengths (default: the height alone)")
@@ -122,7 +124,9 @@ def run(job: Job) -> list[Record]:
     layout = Layout.load("coco17", own)
     condition = Condition(DETECTOR.noise_px, 0.0, 0.0, o.fps, o.swaps, wander_px=2.5, offset_px=2.5)
     rig = rig_of(clip, layout, own, condition, o.cameras, np.radians(o.angle), o.seed)
-    count = min(len(rig.truth), int(LONGEST * rig.fps))
+    count = min(len(rig.truth), int(o.longest * rig.fps))
+    if o.scored_from > SCORED_FROM and count < (o.scored_from + 1) * rig.fps:
+        return []
     confidence = rig.confidence
     if o.occluded and o.cameras > 1:
         period = int(2.0 * rig.fps)
