@@ -36,7 +36,7 @@ class CameraFinder:
         placed: the view of a camera with a pose; unplaced: that of the camera without one. joints: (n, 3) m, in the
         frame of the skeleton; own_joints: (n, 3) m, in the frame of the camera without a pose, by its own images alone.
         """
-        if stamp < self._newest + self._period:
+        if stamp < self._newest + 0.99 * self._period:
             return False
         self._newest, self._count = stamp, self._count + 1
         self._joints.append((joints, own_joints))

@@ -53,6 +53,9 @@ WRONG, RIGHT = 0.15, 0.1
 """Misfit of a pose (the median distance from the epipolar lines, as a fraction of the person's size in the image, and
 half the logarithm of the person's size in space), above which it is said to be wrong, and below which another
 explanation is right. A detector's errors cause 0.01, an unknown height 0.05."""
+FOUND = 0.03
+"""Misfit below which a pose that was found from the person is used. Validation people have at most 0.012; 0.006 to 0.06
+if the two cameras' clocks are 1 s apart."""
 LEAST_SHARE = 0.5
 """Share of the limbs that must have a plausible length."""
 
@@ -125,7 +128,7 @@ class Extrinsics:
             return
         pose = _moved(pose, self._solved(frames, np.zeros(6), FOUND_DEVIATION, FIRST_STEPS))
         frames = _entries(finder, pose)
-        if self._misfit(*(np.stack(parts) for parts in zip(*frames))) < RIGHT:
+        if self._misfit(*(np.stack(parts) for parts in zip(*frames))) < FOUND:
             self.found[name], self._frames[name] = pose, frames
             del self._finders[name]
 
