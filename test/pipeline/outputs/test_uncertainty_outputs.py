@@ -1,5 +1,6 @@
 """The joints' uncertainty as messages: the values of the core in a cloud and as ellipsoids."""
 
+from dataclasses import replace
 from importlib.util import find_spec
 
 import numpy as np
@@ -13,6 +14,7 @@ from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.pipeline.settings import NodeSettings
 from msg_adapters.backends import RclpyBackend
+from msg_adapters.output_messages.skeleton_cloud import SKELETONS_POINT
 
 pytest.importorskip("rosbags")
 START_NS = 5_000_000_000
@@ -65,6 +67,25 @@ def test_the_cloud_contains_the_values_of_the_core(tracked, backend):
     trace = points["xx"] + points["yy"] + points["zz"]
     assert np.allclose(np.sqrt(trace), points["deviation"], rtol=1e-4) and points["deviation"][0] == 0
     assert points["deviation"].max() > 0.01
+
+
+@pytest.mark.parametrize("backend", BACKENDS, ids=lambda b: type(b).__name__)
+def test_the_skeleton_has_the_deviations_of_rotations_after_its_other_fields(tracked, backend):
+    pipeline, frame = tracked
+    expected = pipeline.tracker.uncertainty(frame.estimate).rotation_deviation
+    (message,) = (m for t, m in FrameMessages(backend, frame.skeleton).build(frame) if t == topics.SKELETON)
+    offsets = {field.name: field.offset for field in message.fields}
+    assert (offsets["zz"], offsets["index"], offsets["contact"], offsets["rotation_deviation"]) == (44, 48, 56, 60)
+    points = points_of(message)
+    assert np.allclose(points["rotation_deviation"], expected, rtol=1e-6) and points["observed"].tolist().count(1) > 10
+    assert SKELETONS_POINT.fields["person"][1] == 60 and SKELETONS_POINT.names[-1] == "rotation_deviation"
+
+
+def test_deviations_of_rotations_are_not_computed_without_a_subscriber(tracked):
+    _, frame = tracked
+    fresh = replace(frame)
+    list(FrameMessages(rosbags_backend(), frame.skeleton).build(fresh, {topics.JOINT_UNCERTAINTY, topics.POSE}))
+    assert "absolute" in vars(fresh.uncertainty) and "rotation_deviation" not in vars(fresh.uncertainty)
 
 
 @pytest.mark.parametrize("backend", BACKENDS, ids=lambda b: type(b).__name__)
