@@ -166,7 +166,9 @@ class UncertaintyModel:
         # Unobserved degrees of freedom have the standard deviation of the prior.
         deviation = np.concatenate([np.ones(len(live)), np.sqrt(np.diagonal(prior.covariance)[dead])])
         self._jacobian = PositionJacobian(kinematics, np.concatenate([live, dead]), deviation)
-        self._live, self._prior_variances = live, np.diagonal(prior.covariance)
+        #: (n, live), 1 for the live degrees of freedom of each joint; (n,) rad^2, the prior's variance of the others.
+        self._own = (live // 3 == np.arange(kinematics.joint_count)[:, None]).astype(float)
+        self._prior_variances = np.bincount(dead // 3, np.diagonal(prior.covariance)[dead], kinematics.joint_count)
         #: Columns of the root's rotation. The root comes first and every landmark moves with it.
         self._turns = np.eye(len(live), 3)
         self._proportions, self.observed, self._learned_depth = proportions, observed, frame_model.learned_depth
@@ -217,10 +219,9 @@ class UncertaintyModel:
         variance of the prior.
         """
         inverse, _ = lapack.dtrtri(lower, lower=1)
-        variances = self._prior_variances.copy()
-        variances[self._live] = squared_norm(inverse.T)  # the diagonal of H^-1
-        size = ROTATION_FACTOR**2 * variances.reshape(-1, 3).sum(axis=1)
-        size *= np.where(hidden, FACTOR_BELOW_LAST_KEYPOINT**2, 1.0)
+        diagonal = squared_norm(inverse.T)  # of H^-1
+        size = ROTATION_FACTOR**2 * (self._own.dot(diagonal) + self._prior_variances)
+        size[hidden] *= FACTOR_BELOW_LAST_KEYPOINT**2
         return np.maximum(np.sqrt(size / (1 + size / LARGEST_ROTATION**2)), self._least_rotation)
 
     def _factor(self, estimate: Estimate) -> float:
