@@ -8,6 +8,7 @@ import pytest
 from messages import FRAME, camera_info, cloud, pixels_of_motion, rosbags_backend
 from scipy.spatial.transform import Rotation
 
+from lassokin_ros import joints
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.outputs import topics
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages
@@ -100,6 +101,25 @@ def test_ellipsoids_are_one_standard_deviation_along_each_axis(tracked, backend)
         shape = axes @ np.diag(np.square([s.x, s.y, s.z]) / 4) @ axes.T
         assert np.allclose(shape, covariance, rtol=1e-6, atol=1e-6)
     assert min(markers[0].scale.x, markers[0].scale.y, markers[0].scale.z) > 0  # 0 for the pelvis, but still a marker
+
+
+@pytest.mark.parametrize("backend", BACKENDS, ids=lambda b: type(b).__name__)
+def test_limbs_are_relative_to_their_roots_in_axes_of_the_trunk(tracked, backend):
+    _, frame = tracked
+    (message,) = (m for t, m in FrameMessages(backend, frame.skeleton).build(frame) if t == topics.LIMBS)
+    limbs, places = points_of(message), frame.estimate.pose.positions
+    named = {(joints.NAMES[limb["root"]], joints.NAMES[limb["index"]]): limb for limb in limbs}
+    assert len(named) == 12 and ("left_shoulder", "left_hand") in named and ("right_hip", "right_foot") in named
+    forward, left, up = np.eye(3)[[2, 0, 1]] @ frame.estimate.pose.orientations[joints.SPINE3].T  # of the T-pose
+    for (root, end), limb in named.items():
+        apart = places[joints.INDEX[end]] - places[joints.INDEX[root]]
+        assert np.allclose([limb[axis] for axis in "xyz"], [forward @ apart, left @ apart, up @ apart], atol=1e-6)
+        both = sum(frame.uncertainty.covariance[joints.INDEX[name]] for name in (root, end))
+        assert limb["xx"] == pytest.approx(forward @ both @ forward, rel=1e-5)
+        assert limb["yz"] == pytest.approx(left @ both @ up, rel=1e-4, abs=1e-7)
+        assert limb["deviation"] == pytest.approx(np.sqrt(np.trace(both)), rel=1e-5)
+    seen = {end for (_, end), limb in named.items() if limb["observed"]}
+    assert seen == {f"{side}_{part}" for side in ("left", "right") for part in ("elbow", "wrist", "knee", "ankle")}
 
 
 def test_uncertainty_is_computed_once_and_only_on_request(tracked):
