@@ -32,7 +32,8 @@ class Motion:
     angles: (f, n, 3) about x, y and z of each joint, as published on `joint_states`.
     landmarks: (f, l, 3); detected: (f, l, 2) px of the raw image, NaN = missing.
     reprojection_px, relative_gap: (f,); support_size: (f,) int; initialised: (f,) bool.
-    deviations: (f, n) m, see `JointUncertainty`; observed: (f, n) bool, the joints that keypoints show.
+    deviations: (f, n) m and rotation_deviations: (f, n) rad, see `JointUncertainty`; observed: (f, n) bool, the joints
+    that keypoints show.
     likely_wrong: (f,) bool, see `Doubt`.
     contacts: (f, n) bool, ankles of feet that stand still.
     level: (3, 3) rotation from the camera frame to the frame of a level camera at the same place.
@@ -56,6 +57,7 @@ class Motion:
     support_size: np.ndarray
     initialised: np.ndarray
     deviations: np.ndarray
+    rotation_deviations: np.ndarray
     observed: np.ndarray
     likely_wrong: np.ndarray
     contacts: np.ndarray
@@ -125,6 +127,7 @@ class _Rows:
             "support_size": estimate.certificate.support_size,
             "initialised": estimate.initialised,
             "deviations": frame.uncertainty.deviation,
+            "rotation_deviations": frame.uncertainty.rotation_deviation,
             "observed": frame.observed,
             "likely_wrong": frame.doubt.likely_wrong,
             "contacts": frame.contacts,

@@ -37,6 +37,7 @@ def write_npz(motions: Sequence[Motion], file: BinaryIO) -> None:
         "initialised": rows("initialised"),  # (r,) bool
         "joint_speeds": rows("speeds"),  # (r, n) m/s
         "joint_deviations": rows("deviations"),  # (r, n)
+        "rotation_deviations": rows("rotation_deviations"),  # (r, n) rad
         "joint_observed": rows("observed"),  # (r, n) bool
         "angles_observed": rows("angles_observed"),  # (r, n) bool
         "likely_wrong": rows("likely_wrong"),  # (r,) bool

@@ -225,6 +225,10 @@ CASES = {
         {"spoil": absent(20, 26)},
         ("note", "1 short gap, 0.2 s in total, the longest 0.2 s; tracking continued"),
     ),
+    "silence": (
+        {"spoil": shifted(20, 2.0)},
+        ("problem", "Nobody was tracked from 0.6 to 2.7 s (2.0 s): no keypoint messages."),
+    ),
     "no camera": (
         {"late": 10, "uncalibrated": True},
         (
