@@ -38,6 +38,7 @@ from lassokin_ros.core.body.rotations import hat
 from lassokin_ros.core.estimate import Estimate
 from lassokin_ros.core.evidence.foot_contact import FootContact
 from lassokin_ros.core.evidence.frame_model import FrameModel
+from lassokin_ros.core.evidence.learned_depth import DEPTH_ROWS, WEIGHT
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.robust_loss import squared_norm
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
@@ -52,7 +53,7 @@ FACTOR_WITH_DEPTH = 0.8
 """The same, if half of the landmarks or more have a measured depth. Fitted to the network's validation people."""
 FACTOR_BELOW_LAST_KEYPOINT = 1.5
 """Further factor for joints beyond the last visible keypoint of a limb, see `ObservedJoints.below_last_keypoint`."""
-USUAL_DISAGREEMENT = 0.1
+USUAL_DISAGREEMENT = 0.06
 """Usual disagreement of a pose with the network, see `LearnedDepth.disagreement`."""
 RANGE = 0.05, 5.0
 """Limits of the disagreement, in units of the usual one."""
@@ -186,6 +187,8 @@ class UncertaintyModel:
         problem, image = estimate.problem, self._image_rows(estimate.rows)
         if FootContact.name in estimate.rows:  # an anchor has the errors of the poses before
             problem = _scaled(problem, estimate.rows[FootContact.name], 0.0)
+        if DEPTH_ROWS in estimate.rows and estimate.cameras == 1 and not estimate.depth_covers:
+            problem = _scaled(problem, estimate.rows[DEPTH_ROWS], 1 / WEIGHT)  # they do not know more than they say
         # Rows of the image may not be the only ones with the translation.
         if share < 1 and (estimate.depth_measured or estimate.cameras > 1):
             problem, share = _scaled(problem, image, share), 1.0

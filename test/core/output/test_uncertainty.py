@@ -11,6 +11,7 @@ from lassokin_ros.core.body.rotations import exponential, logarithm
 from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.core.evidence.foot_contact import FootContact
 from lassokin_ros.core.evidence.frame_model import FrameModel
+from lassokin_ros.core.evidence.learned_depth import DEPTH_ROWS, WEIGHT
 from lassokin_ros.core.evidence.pose_prior import PoseDistribution
 from lassokin_ros.core.image.projection import project
 from lassokin_ros.core.lasso.problem import WEAKEST, Lasso
@@ -296,9 +297,13 @@ def test_depths_of_half_of_the_landmarks_make_the_joints_certain():
 
 
 def information_of(estimate):
-    """(live, live): information of the increment, with the translation eliminated, without the anchors of the feet."""
-    anchors = estimate.rows.get(FootContact.name, slice(0))
-    A, B = (np.delete(rows, anchors, axis=0) for rows in (estimate.problem.A, estimate.problem.B))
+    """(live, live): information of the increment, with the translation eliminated, without the anchors of the feet, and
+    with the network's own deviations.
+    """
+    A, B = estimate.problem.A.copy(), estimate.problem.B.copy()
+    for rows in (A, B):
+        rows[estimate.rows.get(FootContact.name, slice(0))] = 0.0
+        rows[estimate.rows[DEPTH_ROWS]] /= WEIGHT
     projected = A - B @ np.linalg.solve(B.T @ B, B.T @ A)
     return projected.T @ projected + WEAKEST * np.eye(A.shape[1])
 
