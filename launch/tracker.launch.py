@@ -98,7 +98,8 @@ def _start(context: LaunchContext) -> list:
         node = f"{given['namespace'].strip('/')}/{NODE}".lstrip("/")
         actions.append(_state_publisher(urdf_from_settings(tracker, settings, node), sim_time, common))
     if show_rviz:
-        config = CONFIG / ("lassokin_people.rviz" if settings.several_people else "lassokin.rviz")
+        of_camera = "lassokin_people.rviz" if settings.several_people else "lassokin.rviz"
+        config = CONFIG / ("lassokin_world.rviz" if settings.fixed_frame else of_camera)
         frame = given["frame"] or settings.fixed_frame
         actions.append(_rviz(config, given["camera"].rstrip("/"), frame, sim_time, common))
     return [*actions, *_bag(given["bag"])]

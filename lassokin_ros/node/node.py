@@ -111,7 +111,6 @@ class TrackerNode(Node):
     def _open_outputs(self, config: NodeSettings, name: str) -> None:
         """Create the publishers of one person, or the common ones of several people."""
         skeleton = self._pipeline.tracker.skeleton
-        self._scene = SceneOutputs(self, self._pipeline)
         self._person = self._people = None
         if config.several_people:
             self._people = PeopleOutputs(self, skeleton, config, name)
@@ -122,6 +121,9 @@ class TrackerNode(Node):
                 )
         else:
             self._person = PersonOutputs(self, skeleton, config, name)
+        outputs = self._people or self._person
+        assert outputs is not None
+        self._scene = SceneOutputs(self, self._pipeline, outputs.markers)
 
     def _listen(self, config: NodeSettings) -> None:
         """Create subscriptions, services, timers and the callback for clock jumps."""

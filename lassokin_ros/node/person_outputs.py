@@ -93,6 +93,11 @@ class PersonOutputs:
         if not person:
             self._describe(self._description.first())
 
+    @property
+    def markers(self) -> Publisher:
+        """The publisher of the person's markers."""
+        return self._out[topics.MARKERS]
+
     def publish(self, frame: FrameResult, copy_markers: Callable[[Any], None] | None = None) -> None:
         """Publish the topics of an accepted frame that have subscribers.
 
@@ -145,7 +150,8 @@ class PeopleOutputs:
             self._tracked = advertise(node, topics.REP155_TRACKED_OUTPUT if config.rep155 else topics.TRACKED_OUTPUT)
         self._list = id_list(backend, config.rep155)
         everybody = next(t for t in topics.FRAME_OUTPUTS if t.name == topics.MARKERS)
-        self._markers = advertise(node, everybody)
+        self.markers = advertise(node, everybody)
+        """The publisher of everybody's markers."""
         self._publish_list()
 
     def publish(self, frames: list[FrameResult], ids: list[str], locked: str | None = None) -> None:
@@ -154,7 +160,7 @@ class PeopleOutputs:
         locked: id of the person whose frames are also published on the topics of one person; None for nobody.
         Raises SkeletonError like `PersonOutputs.publish`, after the topics of all people have been published.
         """
-        copy_markers = self._markers.publish if subscribers(self._markers) else None
+        copy_markers = self.markers.publish if subscribers(self.markers) else None
         fault: SkeletonError | None = None
         for frame in frames:
             try:

@@ -1,4 +1,4 @@
-"""Outputs about all people together: ~/people, ~/skeletons and ~/state."""
+"""Outputs about the whole scene: ~/people, ~/skeletons, ~/state, and the cameras on ~/markers."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import time
 from collections.abc import Sequence
 
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 
 from lassokin_ros.node.person_outputs import advertise, publish, subscribers
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
+from lassokin_ros.pipeline.outputs.camera_markers import CameraMarkers
 from lassokin_ros.pipeline.outputs.people_messages import Image, PeopleMessages, images_of
 from lassokin_ros.pipeline.outputs.skeletons_message import SkeletonsMessage
 from lassokin_ros.pipeline.outputs.status.presence_state import LOST, NOBODY, TRACKING, PresenceState
@@ -27,8 +29,11 @@ REPEAT_S = 0.2
 class SceneOutputs:
     """Publishes the people of each image, their joints, and the state of tracking when it changes."""
 
-    def __init__(self, node: Node, pipeline: Pipeline) -> None:
-        """Raises ConfigurationError if the package of the type of ~/people is not installed."""
+    def __init__(self, node: Node, pipeline: Pipeline, markers: Publisher) -> None:
+        """markers: the publisher of ~/markers.
+
+        Raises ConfigurationError if the package of the type of ~/people is not installed.
+        """
         backend, message_type = RclpyBackend(), full_type_name(pipeline.config.people_type)
         self._node, self._pipeline = node, pipeline
         self._people_out = advertise(node, topics.people_output(message_type))
@@ -36,6 +41,7 @@ class SceneOutputs:
         self._people = PeopleMessages(backend, message_type, serialised=True)
         self._skeletons_out = advertise(node, topics.SKELETONS_OUTPUT)
         self._skeletons = SkeletonsMessage(backend, pipeline.tracker.skeleton.joint_count, serialised=True)
+        self._markers_out, self._cameras = markers, CameraMarkers(backend, pipeline)
         self._state, self._text = PresenceState(), StringBuilder(backend)
         self._people_at = self._state_at = 0.0  # s of the steady clock
         self._publish_state()
@@ -63,13 +69,17 @@ class SceneOutputs:
             self._node.get_logger().info(LOG_MESSAGES[self._state.value])
 
     def repeat(self, now_ns: int) -> None:
-        """Publish ~/people and ~/state again if the last ones are older than REPEAT_S.
+        """Publish ~/people and ~/state again if the last ones are older than REPEAT_S, and the places of the cameras.
 
-        now_ns: as for `check`; without a clock (0) there is no stamp for ~/people.
+        now_ns: as for `check`; without a clock (0) there is no stamp for ~/people and ~/markers.
         """
         due = time.monotonic() - REPEAT_S
         if now_ns > 0 and self._people_at <= due and subscribers(self._people_out) > 0:
             self._publish_people(self._pipeline.image_at(now_ns))
+        if now_ns > 0 and subscribers(self._markers_out) > 0:
+            message = self._cameras.build(self._pipeline.image_at(now_ns)[0], time.monotonic())
+            if message is not None:
+                publish(self._markers_out, message)
         if self._state_at <= due and subscribers(self._state_out) > 0:
             self._publish_state()
 

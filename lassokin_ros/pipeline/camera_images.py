@@ -80,8 +80,6 @@ class CameraImages:
         """s from stamp to arrival, averaged."""
         self.stamp_ns, self.frame_id = 0, ""
         """Of the last message, as far as they are known: ns, and the frame_id, or that of its camera_info."""
-        self.sampled: Keypoints | None = None
-        """The keypoints of the last message with the depths of a depth image; None without one."""
         self._optical_frame: str | None = None  # frame_id of the camera_info of the last image
 
     def image(self, message: Any, arrival_ns: int) -> tuple[PeopleImage, bool]:
@@ -89,7 +87,7 @@ class CameraImages:
 
         arrival_ns: ns, the stamp of a message that has none. Raises AdapterError if the message cannot be used.
         """
-        self.nobody_in_view, self.sampled = False, None
+        self.nobody_in_view = False
         self.received, self.arrival_ns = self.received + 1, arrival_ns
         self.stamp_ns, self.frame_id = arrival_ns, ""
         keypoints, view = self._decode(message)
@@ -102,10 +100,9 @@ class CameraImages:
             self.stamp_rate.add(keypoints.stamp_ns, arrival_ns)
         stamped = keypoints.stamp_ns is not None
         stamp_ns = self.stamp_ns = keypoints.stamp_ns or self.stamps.estimate(arrival_ns)
-        keypoints = self._with_depth(self.own_depth.checked(keypoints, stamp_ns), stamp_ns, view)
-        image = PeopleImage(
-            keypoints, stamp_ns, self.frame_id, view.lens, self._has_persistent_numbers(keypoints), stamped=stamped
-        )
+        keypoints, sampled = self._with_depth(self.own_depth.checked(keypoints, stamp_ns), stamp_ns, view)
+        lasting = self._has_persistent_numbers(keypoints)
+        image = PeopleImage(keypoints, stamp_ns, self.frame_id, view.lens, lasting, stamped, sampled=sampled)
         if self.name:
             keypoints.by_person(len(self._layout.names))  # the images of other cameras must not suffer from this one
         if stamped:
@@ -154,16 +151,19 @@ class CameraImages:
         if view.has_outside(keypoints.xy.compress(confident, axis=0)):
             self.counts[OUTSIDE_IMAGE] += 1
 
-    def _with_depth(self, keypoints: Keypoints, stamp_ns: int, view: View) -> Keypoints:
-        """Return the keypoints with depths of the depth image, unless they have their own."""
+    def _with_depth(self, keypoints: Keypoints, stamp_ns: int, view: View) -> tuple[Keypoints, Keypoints | None]:
+        """Return the keypoints with the depths that are used, and with those of a depth image, None without one.
+
+        Depths that the message brings itself take precedence.
+        """
         self.landmark_ids.add(keypoints)
         if keypoints.depth is not None:
             self.counts[DEPTH_IN_MESSAGE] += bool(np.count_nonzero(keypoints.depth > 0) >= FEWEST)
         elif self.depth is not None:
-            self.sampled = self.depth.with_depth(keypoints, stamp_ns, view.size, view.intrinsics.frame_id)
+            sampled = self.depth.with_depth(keypoints, stamp_ns, view.size, view.intrinsics.frame_id)
             self.counts[MISFIT] += bool(self.depth_check.fault)
-            return keypoints if self.depth_check.fault else self.sampled
-        return keypoints
+            return keypoints if self.depth_check.fault else sampled, sampled
+        return keypoints, None
 
     def _is_back_in_time(self, image: PeopleImage, arrival_ns: int) -> bool:
         """Return True if the people must be forgotten. Raises AdapterError for an old stamp, see `StampWatch.check`."""

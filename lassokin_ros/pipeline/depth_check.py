@@ -43,9 +43,9 @@ class DepthCheck:
         self.fault = ""
         """Why depth images are left out, in words; empty if they are used."""
 
-    def update(self, sampled: Keypoints, frames: Sequence[FrameResult]) -> None:
-        """Judge the depths at the keypoints of one image. frames: its results."""
-        behind = [share for frame in frames if (share := share_behind(sampled, frame)) is not None]
+    def update(self, sampled: Keypoints, frames: Sequence[FrameResult], camera: str = "") -> None:
+        """Judge the depths at the keypoints of one image. frames: its results; camera: its name."""
+        behind = [share for frame in frames if (share := share_behind(sampled, frame, camera)) is not None]
         if not behind:
             return
         self._frames += 1
@@ -61,17 +61,21 @@ class DepthCheck:
             self.fault = ""
 
 
-def share_behind(sampled: Keypoints, frame: FrameResult) -> float | None:
-    """Return the share of a person's measured keypoints that are behind the body; None with too few of them."""
+def share_behind(sampled: Keypoints, frame: FrameResult, camera: str = "") -> float | None:
+    """Return the share of a person's measured keypoints that are behind the body; None with too few of them.
+
+    camera: the name of the camera whose keypoints they are.
+    """
     estimate = frame.estimate
     if sampled.depth is None or not frame.accepted or estimate is None or estimate.pose is None:
         return None
-    if frame.detected is None:
+    image = next((one for one in frame.images if one.camera.name == camera), None)
+    if image is None or image.detected is None:
         return None
-    known = (sampled.ids >= 0) & (sampled.ids < len(frame.detected))
+    known = (sampled.ids >= 0) & (sampled.ids < len(image.detected))
     ids = np.where(known, sampled.ids, 0)
-    own = known & np.isfinite(sampled.depth) & (sampled.xy == frame.detected[ids]).all(axis=1)
+    own = known & np.isfinite(sampled.depth) & (sampled.xy == image.detected[ids]).all(axis=1)
     if np.count_nonzero(own) < LEAST_POINTS:
         return None
-    expected = frame.camera.into_camera(estimate.pose.landmarks[ids[own]])[:, 2]
+    expected = image.camera.into_camera(estimate.pose.landmarks[ids[own]])[:, 2]
     return float(np.mean(sampled.depth[own] - expected > APART_M))

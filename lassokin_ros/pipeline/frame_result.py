@@ -25,12 +25,16 @@ z front)."""
 
 @record
 class ImageOfPerson:
-    """A person in the image of a further camera: where it is, its lens, the landmarks as in FrameResult."""
+    """A person in the image of a camera: where the camera is, its lens, the landmarks as in FrameResult."""
 
     camera: CameraPose
     lens: Lens
     detected: np.ndarray | None
     points: np.ndarray
+
+    def project(self, points: np.ndarray) -> np.ndarray:
+        """Project points (k, 3) m in the frame of the skeleton to pixels (k, 2)."""
+        return self.lens.distort(project(self.camera.into_camera(points)))
 
 
 @record
@@ -96,6 +100,13 @@ class FrameResult:
     def accepted(self) -> bool:
         """True if the result has outputs to publish."""
         return self.rejection is None
+
+    @property
+    def images(self) -> tuple[ImageOfPerson, ...]:
+        """The images of all cameras that were processed together. Empty if refused before tracking."""
+        if self.lens is None or self.points is None:
+            return ()
+        return (ImageOfPerson(self.camera, self.lens, self.detected, self.points), *self.others)
 
     @property
     def positions(self) -> np.ndarray | None:

@@ -29,18 +29,20 @@ from lassokin_ros.pipeline.camera.camera_places import LEVEL, CameraPlaces
 from lassokin_ros.pipeline.camera.camera_selection import Camera
 from lassokin_ros.pipeline.camera.transforms import Transforms
 from lassokin_ros.pipeline.camera_images import CameraImages
-from lassokin_ros.pipeline.depth_check import DepthCheck
 from lassokin_ros.pipeline.depth_images import DepthImages
+from lassokin_ros.pipeline.detections import detections_by_person
 from lassokin_ros.pipeline.frame_result import FrameResult, repeated_s
 from lassokin_ros.pipeline.image_sets import LATE, ImageSets, stamp_of_set
 from lassokin_ros.pipeline.input_checks.landmark_ids import LandmarkIds
 from lassokin_ros.pipeline.input_checks.own_depth import OwnDepth
 from lassokin_ros.pipeline.input_checks.stamp_rate import StampRate
 from lassokin_ros.pipeline.outputs.description.urdf import check_names
+from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT, CameraAgreement
+from lassokin_ros.pipeline.people.matching import is_trackable
 from lassokin_ros.pipeline.people.people_tracker import PeopleImage, PeopleTracker
 from lassokin_ros.pipeline.people.presence import Presence
 from lassokin_ros.pipeline.people.single_person import PERSON_ABSENT, SinglePersonTracker
-from lassokin_ros.pipeline.people.tracked_person import TrackedPerson
+from lassokin_ros.pipeline.people.tracked_person import Sight, TrackedPerson
 from lassokin_ros.pipeline.settings import NodeSettings
 from lassokin_ros.skeleton_readers.load import load_skeleton, naming_help
 from msg_adapters.errors import AdapterError
@@ -92,6 +94,8 @@ class Pipeline:
             if (extrinsics := tracked.tracker.learned.extrinsics) is not None and self.config.several_cameras:
                 extrinsics.anchor = names[0]
         self._sets = ImageSets(self.config.camera_wait) if self.config.several_cameras else None
+        self.agreement = CameraAgreement(layout.names)
+        """Which of several cameras contradicts the others about the one person who is followed."""
         self.detector_connected = True
         """False if nobody publishes keypoints. Set by the node; a recording has no such knowledge."""
         self._refused = False  # the last message was refused as a whole
@@ -108,11 +112,6 @@ class Pipeline:
     def depth(self) -> DepthImages | None:
         """The depth images of the first camera, None if the setting `depth` names no topic."""
         return self.first.depth
-
-    @property
-    def depth_check(self) -> DepthCheck:
-        """Whether the depth images of the first camera show the tracked people."""
-        return self.first.depth_check
 
     @property
     def mount(self) -> CameraMount | None:
@@ -275,6 +274,7 @@ class Pipeline:
         self.people.reset()
         if self._sets is not None:
             self._sets.reset()
+        self.agreement.reset()
         self._latest = self.image = None
         self.counts["resets"] += 1
 
@@ -383,6 +383,9 @@ class Pipeline:
         stamp_ns = stamp_of_set(images)
         try:
             placed, frame_id = self._placed(images)
+            placed = self._agreeing(placed)
+            if not placed:
+                return []
             if self.first.mount is not None:
                 self._follow_mount(self.first.mount, images[0])
             frames = self.people.update(placed, frame_id, self.config.forget_after)
@@ -393,8 +396,7 @@ class Pipeline:
         if self._sets is not None:
             frames = self._without_absences(frames, stamp_ns)
             self._note_residuals(frames)
-        else:
-            self._check_depth(frames)
+        self._check_depth(images, frames)
         if self._latest is None or stamp_ns >= self._latest[0]:
             self._latest, self.image = (stamp_ns, arrival_ns), (stamp_ns, frame_id)
         if self._sets is None and all(frame.accepted for frame in frames):
@@ -438,6 +440,22 @@ class Pipeline:
         extrinsics, unknown = self.tracker.learned.extrinsics, CameraPose(name, known=False)
         return unknown if extrinsics is None else extrinsics.found.get(name, unknown)
 
+    def _agreeing(self, images: Sequence[PeopleImage]) -> Sequence[PeopleImage]:
+        """Return the images without those of a camera that contradicts the others. These are counted."""
+        if self._sets is None or self.config.several_people:
+            return images
+        sights, learned = [], self.tracker.learned
+        for image in images:
+            people = detections_by_person(image.keypoints, len(self.tracker.layout.names), image.lens)
+            people = [one for one in people if is_trackable(one, self.tracker.config)]
+            if len(people) == 1:
+                pose = image.camera if learned.extrinsics is None else learned.extrinsics.corrected(image.camera)
+                sights.append(Sight(image.stamp_ns, people[0], image.lens, pose))
+        self.agreement.update(sights, learned.size_check)
+        for image in images:
+            self.counts[f"{image.camera.name}: {LEFT_OUT}"] += image.camera.name in self.agreement.left_out
+        return [image for image in images if image.camera.name not in self.agreement.left_out]
+
     def _without_absences(self, frames: list[FrameResult], stamp_ns: int) -> list[FrameResult]:
         """Leave out the rejections of a camera that only did not see the person whom another camera sees."""
         kept = []
@@ -458,19 +476,23 @@ class Pipeline:
         """Keep how far the bodies are from the keypoints of each camera."""
         for frame in frames:
             estimate = frame.estimate
-            if not frame.accepted or estimate is None or estimate.pose is None or frame.points is None:
+            if not frame.accepted or estimate is None or estimate.pose is None:
                 continue
-            views = [(frame.camera, frame.lens, frame.points), *((o.camera, o.lens, o.points) for o in frame.others)]
-            for camera, lens, points in views:
-                apart = np.linalg.norm(project(camera.into_camera(estimate.pose.landmarks)) - points, axis=1)
+            for one in frame.images:
+                landmarks = one.camera.into_camera(estimate.pose.landmarks)
+                apart = np.linalg.norm(project(landmarks) - one.points, axis=1)
                 seen = apart[np.isfinite(apart)]
-                if lens is not None and len(seen):
-                    self.cameras[camera.name].residuals.append(lens.focal * float(np.median(seen)))
+                if len(seen):
+                    self.cameras[one.camera.name].residuals.append(one.lens.focal * float(np.median(seen)))
 
-    def _check_depth(self, frames: Sequence[FrameResult]) -> None:
-        """Compare the depth image of the last message with the tracked people."""
-        if self.first.sampled is not None and self.tracker.config.smoothing_lag == 0:
-            self.first.depth_check.update(self.first.sampled, frames)
+    def _check_depth(self, images: Sequence[PeopleImage], frames: Sequence[FrameResult]) -> None:
+        """Compare the depth image of each camera with the tracked people."""
+        if self.tracker.config.smoothing_lag > 0:
+            return
+        for image in images:
+            if image.sampled is not None:
+                name = image.camera.name
+                self.cameras[name].depth_check.update(image.sampled, frames, name)
 
     def flush(self) -> list[FrameResult]:
         """Return the results that wait for other cameras or for `smoothing_lag`. No message follows."""

@@ -81,8 +81,8 @@ def recorded_cameras(bag: BagReader, options: argparse.Namespace, config: NodeSe
         return _of_file(bag, options.camera_info, config)
     cameras = []
     for name in names:
-        keypoints = bag.find(kind, _full_name(bag, topics.of_camera(topics.KEYPOINTS, name)), "", "-p cameras:=")
-        info = _full_name(bag, topics.of_camera(topics.CAMERA_INFO, name))
+        keypoints = bag.find(kind, full_name(bag, topics.of_camera(topics.KEYPOINTS, name)), "", "-p cameras:=")
+        info = full_name(bag, topics.of_camera(topics.CAMERA_INFO, name))
         found = bag.find(topics.CAMERA_INFO_TYPE, info, "", "-p cameras:=")
         cameras.append(RecordedCamera(name, keypoints, _with_late_camera(bag, keypoints, found)))
     return cameras
@@ -94,7 +94,7 @@ def poses_in(cameras: Sequence[RecordedCamera]) -> dict[str, CameraPose] | None:
     return poses or None
 
 
-def _full_name(bag: BagReader, topic: str) -> str:
+def full_name(bag: BagReader, topic: str) -> str:
     """Return the name in the recording of a topic that may be in a namespace."""
     return next((t.name for t in bag.topics if f"/{t.name.strip('/')}".endswith(f"/{topic}")), topic)
 
@@ -103,7 +103,7 @@ def _of_file(bag: BagReader, file: Path, config: NodeSettings) -> list[RecordedC
     """Return the cameras with the lenses and the poses of a calibration file."""
     cameras, kind = [], full_type_name(config.keypoints_type)
     for name, (calibration, pose) in read_cameras(file, config.camera_names).items():
-        keypoints = bag.find(kind, _full_name(bag, topics.of_camera(topics.KEYPOINTS, name)), "", "-p cameras:=")
+        keypoints = bag.find(kind, full_name(bag, topics.of_camera(topics.KEYPOINTS, name)), "", "-p cameras:=")
         source = _file_source(bag, file, calibration, name, config.rectified)
         cameras.append(RecordedCamera(name, keypoints, source, pose))
     return cameras

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,18 @@ from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.replay.analysis.floor import floor_height
 
 FACE = "head"
+DETECTED, REPROJECTED = "detected", "reprojected"
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What one of several cameras saw in f frames: detected and reprojected landmarks (f, l, 2) px, NaN = missing.
+
+    Both are NaN in a frame without an image of the camera.
+    """
+
+    detected: np.ndarray
+    reprojected: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +43,7 @@ class Motion:
     rotations: (f, n, 3, 3) rotation of each joint in its parent's frame; of the root in the camera frame.
     translations: (f, 3) of the root.
     angles: (f, n, 3) about x, y and z of each joint, as published on `joint_states`.
-    landmarks: (f, l, 3); detected: (f, l, 2) px of the raw image, NaN = missing.
+    landmarks: (f, l, 3); detected: (f, l, 2) px of the raw image, NaN = missing; of several cameras, of the first one.
     reprojection_px, relative_gap: (f,); support_size: (f,) int; initialised: (f,) bool.
     deviations: (f, n) m and rotation_deviations: (f, n) rad, see `JointUncertainty`; observed: (f, n) bool, the joints
     that keypoints show.
@@ -39,6 +52,7 @@ class Motion:
     level: (3, 3) rotation from the camera frame to the frame of a level camera at the same place.
     floor: m above the camera, the floor under the feet in the level frame, the same for all people; 0, the camera's
     height, if the feet are seen in few frames.
+    cameras: what each of several cameras saw, by name; empty with one camera.
     """
 
     person: str
@@ -63,6 +77,7 @@ class Motion:
     contacts: np.ndarray
     level: np.ndarray
     floor: float = 0.0
+    cameras: Mapping[str, Seen] = field(default_factory=dict)
 
     @property
     def angles_observed(self) -> np.ndarray:
@@ -104,6 +119,7 @@ class _Rows:
     """The rows of one person during the replay."""
 
     spool: ArraySpool
+    cameras: Sequence[str] = ()
     frame_id: str = ""
     skeleton: Skeleton | None = None
     records: list[Record] = field(default_factory=list)
@@ -114,6 +130,8 @@ class _Rows:
         assert estimate.certificate is not None and frame.positions is not None
         self.frame_id, self.skeleton = frame.frame_id, frame.skeleton
         missing = np.full((len(estimate.pose.landmarks), 2), np.nan)
+        images = {image.camera.name: image for image in frame.images}
+        main = images.get(self.cameras[0]) if self.cameras else frame
         row = {
             "stamps_ns": frame.stamp_ns,
             "positions": estimate.pose.positions,
@@ -121,7 +139,7 @@ class _Rows:
             "translations": estimate.state.translation,
             "angles": frame.positions[3:].reshape(-1, 3),
             "landmarks": estimate.pose.landmarks,
-            "detected": missing if frame.detected is None else frame.detected,
+            "detected": missing if main is None or main.detected is None else main.detected,
             "reprojection_px": estimate.reprojection_px,
             "relative_gap": estimate.certificate.relative_gap,
             "support_size": estimate.certificate.support_size,
@@ -132,17 +150,29 @@ class _Rows:
             "likely_wrong": frame.doubt.likely_wrong,
             "contacts": frame.contacts,
         }
+        for name in self.cameras:
+            image = images.get(name)
+            detected = None if image is None else image.detected
+            row[f"{name} {DETECTED}"] = missing if detected is None else detected
+            row[f"{name} {REPROJECTED}"] = missing if image is None else image.project(estimate.pose.landmarks)
         self.records.append(self.spool.append({name: np.asarray(value) for name, value in row.items()}))
 
 
 class MotionRecorder:
     """Collect the accepted frames of each person in a temporary file: 4 kB per frame, 0.5 GB for an hour at 30 Hz."""
 
-    def __init__(self, landmark_names: Sequence[str], level: Callable[[], np.ndarray], origin_ns: int = 0) -> None:
+    def __init__(
+        self,
+        landmark_names: Sequence[str],
+        level: Callable[[], np.ndarray],
+        origin_ns: int = 0,
+        cameras: Sequence[str] = (),
+    ) -> None:
         """landmark_names: l names. level: returns (3, 3), see `Motion`, after the last frame.
 
-        origin_ns: stamp that becomes 0.
+        origin_ns: stamp that becomes 0. cameras: names of several cameras.
         """
+        self._cameras = tuple(cameras) if len(cameras) > 1 else ()
         self._landmark_names, self._level, self._origin_ns = tuple(landmark_names), level, origin_ns
         self._spool = ArraySpool()
         self._people: dict[str, _Rows] = {}
@@ -151,7 +181,7 @@ class MotionRecorder:
         """Add the frames of one keypoint message, see `OfflineTracker.listeners`. Rejected frames add no row."""
         for frame in frames:
             if frame.accepted and frame.estimate is not None:
-                self._people.setdefault(frame.person, _Rows(self._spool)).add(frame)
+                self._people.setdefault(frame.person, _Rows(self._spool, self._cameras)).add(frame)
 
     def motions(self) -> list[Motion]:
         """Return one motion per person, in order of first appearance; empty if nobody was tracked."""
@@ -161,7 +191,10 @@ class MotionRecorder:
             columns = self._spool.columns(rows.records)
             columns["stamps_ns"] = columns["stamps_ns"] - self._origin_ns
             names, level = self._landmark_names, self._level()
-            motions.append(Motion(person, rows.frame_id, rows.skeleton, names, **columns, level=level, floor=0.0))
+            pairs = {name: [columns.pop(f"{name} {what}") for what in (DETECTED, REPROJECTED)] for name in rows.cameras}
+            seen = {name: Seen(*pair) for name, pair in pairs.items()}
+            rest: dict[str, Any] = {**columns, "level": level, "cameras": seen}
+            motions.append(Motion(person, rows.frame_id, rows.skeleton, names, **rest))
         floor = np.array([_floor(motion) for motion in motions])
         common = float(np.median(floor[np.isfinite(floor)])) if np.isfinite(floor).any() else 0.0
         return [replace(motion, floor=common) for motion in motions]

@@ -17,6 +17,7 @@ from lassokin_ros.core.errors import SkeletonError
 from lassokin_ros.core.observation import CameraPose, Status
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.pipeline.outputs import topics
+from lassokin_ros.pipeline.outputs.camera_markers import CameraMarkers
 from lassokin_ros.pipeline.outputs.description.robot_description import RobotDescription
 from lassokin_ros.pipeline.outputs.description.skeleton_file import save_all
 from lassokin_ros.pipeline.outputs.frame_messages import FrameMessages, id_list
@@ -280,7 +281,9 @@ class PersonMessages:
 
 
 class SceneMessages:
-    """The people of each image, and the state of tracking when it changes; in the node this is SceneOutputs."""
+    """The people of each image, the state of tracking when it changes, and the places of the cameras; in the node this
+    is SceneOutputs.
+    """
 
     def __init__(self, backend: Backend, pipeline: Pipeline, types: Any, serialised: bool) -> None:
         """types: the typestore of rosbags. serialised: see PeopleMessages."""
@@ -292,6 +295,7 @@ class SceneMessages:
         self._name = topics.full_name(topics.PEOPLE, NODE_NAME)
         self._skeletons = SkeletonsMessage(backend, pipeline.tracker.skeleton.joint_count, serialised)
         self._skeletons_name = topics.full_name(topics.SKELETONS, NODE_NAME)
+        self._cameras = CameraMarkers(backend, pipeline)
         self._state, self._text = PresenceState(), StringBuilder(backend)
 
     def state(self) -> tuple[str, str, Any]:
@@ -309,6 +313,8 @@ class SceneMessages:
             yield self._name, self._type, message
             skeletons = self._skeletons.build(image, people)
             yield self._skeletons_name, topics.SKELETONS_OUTPUT.message_type, skeletons
+        if pipeline.image is not None and (message := self._cameras.build(pipeline.image[0], 1e-9 * time_ns)):
+            yield topics.full_name(topics.MARKERS, NODE_NAME), topics.MARKERS_TYPE, message
         tracked = config.smoothing_lag == 0 and any(frame.accepted for frame in frames)
         if self._state.value != TRACKING or not tracked:
             yield from self.check(time_ns)

@@ -42,7 +42,7 @@ def _add_inputs(result: argparse.ArgumentParser) -> None:
     result.add_argument("--keypoints-topic", metavar="TOPIC", help="needed if the recording has several")
     result.add_argument("--camera-info-topic", metavar="TOPIC", help="needed if the recording has several")
     result.add_argument(
-        "--image-topic", metavar="TOPIC", help="images of the camera, shown in the report under the image plane"
+        "--image-topic", metavar="TOPIC", help="images of each camera, shown in the report under the image plane"
     )
     result.add_argument(
         "--camera-info",

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Set
+from collections.abc import Callable, Iterator, Mapping, Set
 from typing import Any
 
 import numpy as np
 
 from lassokin_ros.core.errors import ConfigurationError
+from lassokin_ros.pipeline.outputs.topics import of_camera
 from lassokin_ros.replay.bags import BagReader, RecordedTopic
+from lassokin_ros.replay.camera_source import full_name
 from msg_adapters.errors import AdapterError
 from msg_adapters.image import decode_compressed_image, decode_image
 from msg_adapters.keypoints import header_stamp, stamp_of
@@ -49,11 +51,12 @@ class RecordedImages:
 
 
 def recorded_images(
-    bag: BagReader, options: argparse.Namespace, report: Any, keypoints: RecordedTopic
+    bag: BagReader, options: argparse.Namespace, report: Any, keypoints: Mapping[str, RecordedTopic]
 ) -> list[RecordedImages]:
     """Return the images of --image-topic for the report, none without the option. Reads the stamps of the keypoints.
 
-    Raises BagError, ConfigurationError.
+    keypoints: their topic by the name of the camera. Of several cameras the images are on <name>/<image topic>. Raises
+    BagError, ConfigurationError.
     """
     if options.image_topic is None:
         return []
@@ -61,7 +64,11 @@ def recorded_images(
         raise ConfigurationError(f"{OPTION} shows the images in the report; add --report HTML")
     raw, compressed = DECODERS
     recorded = {topic.name.strip("/"): topic.message_type for topic in bag.topics}
-    message_type = compressed if recorded.get(options.image_topic.strip("/")) == compressed else raw
-    topic = bag.find(message_type, options.image_topic, "image_raw", OPTION)
-    wanted = {stamp_of(message) for _, _, message in bag.messages([keypoints]) if message is not None}
-    return [RecordedImages(topic, wanted, report.images.add)]
+    found = []
+    for name, own in keypoints.items():
+        chosen = full_name(bag, of_camera(options.image_topic.strip("/"), name)) if name else options.image_topic
+        message_type = compressed if recorded.get(chosen.strip("/")) == compressed else raw
+        topic = bag.find(message_type, chosen, "image_raw", OPTION)
+        wanted = {stamp_of(message) for _, _, message in bag.messages([own]) if message is not None}
+        found.append(RecordedImages(topic, wanted, report.images[name].add))
+    return found

@@ -63,7 +63,6 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
     _check_learning(options, tracker_config, node_config)
     with BagReader(options.bag) as bag, TemporaryDirectory(prefix="lassokin_") as folder:
         cameras = recorded_cameras(bag, options, node_config)
-        keypoints, camera = cameras[0].keypoints, cameras[0].source
         others = _other_topics(bag, node_config)
         read = [*(topic for one in cameras for topic in one.topics), *others]
         poses = poses_in(cameras)
@@ -76,7 +75,7 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
         tracker = OfflineTracker(tracker_config, node_config, bag.types, serialised=True, poses=poses)
         report = _report(options, tracker, given)
         exports = _exports(options, tracker)
-        images = recorded_images(bag, options, report, keypoints)
+        images = recorded_images(bag, options, report, {one.name: one.keypoints for one in cameras})
         inputs = {**_inputs(tracker, cameras, others), **{shown.topic.name: shown.take for shown in images}}
         read += [shown.topic for shown in images]
         output, storage = options.output, options.storage or bag.storage
@@ -89,16 +88,21 @@ def replay(options: argparse.Namespace, progress_on: TextIO | None = None) -> Re
                 writer.note(KEY, Record(origin_of(options), figures).text)
                 written = _files(options, tracker, exports, writer, files)
                 if report is not None:
-                    report.write(files, options.bag.resolve().name, (keypoints.name, camera.name))
+                    report.write(files, options.bag.resolve().name, _topics_of(cameras))
                 files.check()
             files.placed.append(output)
-    written.update({"images": str(shown) for shown in images})
+    written.update({f"images {n}" if n else "images": str(shown) for n, shown in enumerate(images)})
     title = f"{options.bag} -> {output} ({storage})"
     summary = _summary(title, cameras, tracker, seconds, written)
     if report is not None:
         summary = "\n".join([summary, *report.summary_lines])
     frame_ms = 1e3 * float(np.median(tracker.frame_seconds or [np.nan]))
     return Replayed(summary, figures, frame_ms, _warning(figures, tracker))
+
+
+def _topics_of(cameras: Sequence[RecordedCamera]) -> tuple[str, str]:
+    """Return the keypoint topics, and the camera_info topics or what replaces them."""
+    return ", ".join(one.keypoints.name for one in cameras), ", ".join(one.source.name for one in cameras)
 
 
 def _check_learning(options: argparse.Namespace, tracker: TrackerConfig, node: NodeSettings) -> None:
@@ -191,7 +195,7 @@ def _exports(options: argparse.Namespace, tracker: OfflineTracker) -> Exports | 
     if not options.export:
         return None
     pipeline = tracker.pipeline
-    recorder = MotionRecorder(pipeline.tracker.layout.names, lambda: pipeline.level)
+    recorder = MotionRecorder(pipeline.tracker.layout.names, lambda: pipeline.level, 0, pipeline.config.camera_names)
     tracker.listeners.append(recorder.add)
     return Exports(options.export, recorder, pipeline.config.several_people, options.force)
 

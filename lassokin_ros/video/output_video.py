@@ -1,9 +1,10 @@
-"""The output video: the image with keypoints and reprojected skeleton, beside the body in 3D from the side."""
+"""The output video: the image of each camera with its keypoints and the reprojected skeleton, beside the body in 3D."""
 
 from __future__ import annotations
 
 import os
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,13 +13,13 @@ import numpy as np
 from lassokin_ros.common.atomic_files import refuse_existing
 from lassokin_ros.core.doubt.doubt import Doubt
 from lassokin_ros.core.doubt.spans import AROUND_S
-from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.pipeline.frame_result import FrameResult, ImageOfPerson
 from lassokin_ros.replay.analysis.capsules import side_of
 from lassokin_ros.video.body_view import BACKGROUND, COLOURS, NAME, BodyView
 from lassokin_ros.video.encoder import VideoError, open_encoder
 
-HEIGHT = 720
-"""px, at most."""
+HEIGHT, HEIGHT_OF_SEVERAL = 720, 480
+"""px, at most: height of one camera's image, and of the images of several."""
 KEYPOINT, TEXT, WRONG = (60, 220, 60), (235, 235, 235), (0, 159, 230)
 """Colours, BGR."""
 BAR = 0.05
@@ -39,8 +40,10 @@ class _Waiting:
 class OutputVideo:
     """Writes one video. The file has its name only after `finish`."""
 
-    def __init__(self, path: Path, size: tuple[int, int], fps: float, replace: bool, level: np.ndarray) -> None:
-        """size: (width, height) px of the images. level: see `BodyView`.
+    def __init__(
+        self, path: Path, sizes: Mapping[str, tuple[int, int]], fps: float, replace: bool, level: np.ndarray
+    ) -> None:
+        """sizes: (width, height) px of the images of each camera, by name. level: see `BodyView`.
 
         Raises VideoError.
         """
@@ -50,8 +53,11 @@ class OutputVideo:
         if path.suffix.lower() not in (".mp4", ".avi"):
             raise VideoError(f"--video '{path}'; expected a name that ends in .mp4 or .avi")
         self._cv2, self._path, self._fps = cv2, path, fps
-        self._scale = min(1.0, HEIGHT / size[1])
-        self._size = max(round(size[0] * self._scale), 2), max(round(size[1] * self._scale), 2)
+        most = min(HEIGHT if len(sizes) == 1 else HEIGHT_OF_SEVERAL, next(iter(sizes.values()))[1])
+        self._scales = {name: most / size[1] for name, size in sizes.items()}
+        height = max(round(most), 2)
+        self._sizes = {name: (max(round(size[0] * most / size[1]), 2), height) for name, size in sizes.items()}
+        self._size = sum(width for width, _ in self._sizes.values()), height
         self._bar = max(round(BAR * self._size[1]), 12)
         self._even = (self._size[0] + self._size[1]) // 2 * 2, (self._size[1] + self._bar) // 2 * 2
         self._view = BodyView(cv2, self._size[1], level)
@@ -66,8 +72,9 @@ class OutputVideo:
         """Whether browsers play the file."""
         return self._encoder.browsers_play
 
-    def add(self, seconds: float, rgb: np.ndarray, frames: list[FrameResult]) -> None:
-        """Add an image with its results. It is repeated or left out to keep the frame rate constant.
+    def add(self, seconds: float, images: Mapping[str, np.ndarray], frames: list[FrameResult]) -> None:
+        """Add the RGB images of one instant, by camera, with their results. They are repeated or left out to keep the
+        frame rate constant.
 
         Raises VideoError.
         """
@@ -78,7 +85,7 @@ class OutputVideo:
             "nobody tracked" if shown is None else "tracked" if len(doubts) == 1 else f"{len(doubts)} people tracked"
         )
         target = round(seconds * self._fps) + 1
-        picture = self._picture(seconds, rgb, frames, shown)
+        picture = self._picture(seconds, images, frames, shown)
         self._waiting.append(_Waiting(seconds, target, picture, state, doubt))
         self._write_until(seconds - AROUND_S)
 
@@ -103,26 +110,34 @@ class OutputVideo:
         self._written += 1
 
     def _picture(
-        self, seconds: float, rgb: np.ndarray, frames: list[FrameResult], shown: FrameResult | None
+        self, seconds: float, images: Mapping[str, np.ndarray], frames: list[FrameResult], shown: FrameResult | None
     ) -> np.ndarray:
-        """Return both halves above an empty line for the text."""
-        cv2 = self._cv2
-        left = cv2.cvtColor(cv2.resize(rgb, self._size), cv2.COLOR_RGB2BGR)
-        for frame in frames:
-            if frame.accepted:
-                self._skeleton(left, frame)
-            if frame.detected is not None:
-                for x, y in frame.detected[np.isfinite(frame.detected).all(axis=1)] * self._scale:
-                    cv2.circle(left, (round(x), round(y)), 3, KEYPOINT, -1, cv2.LINE_AA)
-        halves = np.hstack([left, self._view.draw(seconds, shown)])
+        """Return the images and the view of the body above an empty line for the text."""
+        left = [self._image(name, images[name], frames) for name in self._sizes]
+        halves = np.hstack([*left, self._view.draw(seconds, shown)])
         bar = np.full((self._bar + 1, halves.shape[1], 3), BACKGROUND, np.uint8)
         picture: np.ndarray = np.vstack([halves, bar])[: self._even[1], : self._even[0]]
         return np.ascontiguousarray(picture)
 
-    def _skeleton(self, image: np.ndarray, frame: FrameResult) -> None:
+    def _image(self, name: str, rgb: np.ndarray, frames: list[FrameResult]) -> np.ndarray:
+        """Return the image of a camera with skeletons and keypoints."""
+        cv2, scale = self._cv2, self._scales[name]
+        image: np.ndarray = cv2.cvtColor(cv2.resize(rgb, self._sizes[name]), cv2.COLOR_RGB2BGR)
+        for frame in frames:
+            own = next((one for one in frame.images if one.camera.name == name), None)
+            if own is None:
+                continue
+            if frame.accepted:
+                self._skeleton(image, frame, own, scale)
+            if own.detected is not None:
+                for x, y in own.detected[np.isfinite(own.detected).all(axis=1)] * scale:
+                    cv2.circle(image, (round(x), round(y)), 3, KEYPOINT, -1, cv2.LINE_AA)
+        return image
+
+    def _skeleton(self, image: np.ndarray, frame: FrameResult, own: ImageOfPerson, scale: float) -> None:
         """Draw the projected bones; those that no keypoint shows are thin."""
         assert frame.estimate is not None and frame.estimate.pose is not None and frame.skeleton is not None
-        points = frame.in_image(frame.estimate.pose.positions) * self._scale
+        points = own.project(frame.estimate.pose.positions) * scale
         limit, names, observed = 4 * max(image.shape), frame.skeleton.joint_names, frame.observed
         for joint, parent in enumerate(frame.skeleton.parents):
             ends = points[[parent, joint]]

@@ -33,7 +33,7 @@ from lassokin_ros.replay.offline_tracker import OfflineTracker
 from lassokin_ros.replay.output_paths import OutputError
 from lassokin_ros.video.detections import FIRST_STAMP_NS, Detections, stamp_of
 from lassokin_ros.video.found_cameras import calibration_toml, found_poses, where_in_words
-from lassokin_ros.video.sources import Source, SourceError, open_source
+from lassokin_ros.video.sources import Image, Source, SourceError, open_source
 from lassokin_ros.video.track import Tracked, lens_of, stop_flag
 from lassokin_ros.video.track_outputs import TrackOutputs
 from msg_adapters.backends import RosbagsBackend
@@ -67,13 +67,14 @@ def track_videos(options: argparse.Namespace) -> Tracked:
     make = partial(OfflineTracker, node_config=node_config, types=types, only_track=True)
     first = make(tracker_config, poses=poses)
     with ExitStack() as stack, AtomicFiles(options.force, OutputError) as files:
-        outputs = TrackOutputs(options, cameras[0].source, cameras[0].calibration, first, stack)
+        sizes = {camera.name: camera.source.size for camera in cameras}
+        outputs = TrackOutputs(options, cameras[0].source, cameras[0].calibration, first, stack, sizes)
         backend = RosbagsBackend(types)
         with stop_flag() as stopped:
             for number, camera in enumerate(cameras):
                 if number:
                     detector = make_detector(options.detector)  # it follows the person from image to image
-                _detect(camera, detector, backend, None if number else outputs, stopped)
+                _detect(camera, detector, backend, outputs, stopped)
         if (unplaced or tracker_config.calibrate and tracker_config.height > 0) and not options.causal:
             with TemporaryDirectory(prefix="lassokin_") as folder:
                 inputs = _inputs(first, cameras)
@@ -85,7 +86,10 @@ def track_videos(options: argparse.Namespace) -> Tracked:
             second = make(tracker_config, poses=poses)
         outputs.follow(second)
         inputs = _inputs(second, cameras)
+        images = _images_together(cameras, options) if outputs.needs_images else iter(())
         for topic, time_ns, message in _messages(cameras, backend):
+            if outputs.needs_images and topic == f"{cameras[0].name}/keypoints":
+                outputs.add_images(_next(images))
             for _ in inputs[topic](message, time_ns):
                 pass  # the outputs are files
         for _ in second.finish():
@@ -107,9 +111,8 @@ def _cameras(options: argparse.Namespace) -> list[Filmed]:
 
     Without a file, the place of the first camera is the origin, and those of the others are not known.
     """
-    for option, given in (("--video", options.video), ("--view", options.view)):
-        if given is not None:
-            raise CameraError(f"{option} is for one video; expected --report or --export with several")
+    if options.view is not None:
+        raise CameraError("--view is for one video; expected --report, --video or --export with several")
     if options.cameras is None:
         return _unplaced_cameras(options)
     if options.camera_info is not None or options.fov is not None:
@@ -156,17 +159,42 @@ def _topic(name: str) -> str:
     return re.sub(r"\W", "_", name if re.match(r"[A-Za-z_]", name) else f"c{name}")
 
 
-def _detect(camera: Filmed, detector: Detector, backend: Any, outputs: TrackOutputs | None, stopped: list[int]) -> None:
+def _detect(camera: Filmed, detector: Detector, backend: Any, outputs: TrackOutputs, stopped: list[int]) -> None:
     """Detect all images of a camera, and close the detector. outputs: keep the images for the report."""
     try:
         camera.detections = Detections(camera.source, detector, backend, keep=True)
         progress = Progress(camera.source.count, "images")
         for image, _ in camera.detections.images(stopped, progress):
-            if outputs is not None:
-                outputs.add_report_image(image)
+            outputs.add_report_image(image, camera.name)
             progress.advance(note=camera.name)
     finally:
         detector.close()
+
+
+def _images_together(cameras: list[Filmed], options: argparse.Namespace) -> Iterator[dict[str, Image]]:
+    """Read the sources again; yield each image of the first one with the images of the others that are nearest in time.
+
+    A source that has ended keeps its last image.
+    """
+    sources = [open_source(path, options.fps) for path in options.sources]
+    first, *others = (source.images for source in sources)
+    present, following = [next(images) for images in others], [next(images, None) for images in others]
+    for image in first:
+        for number, images in enumerate(others):
+            while (after := following[number]) is not None and _is_nearer(after, present[number], image):
+                present[number], following[number] = after, next(images, None)
+        yield {camera.name: one for camera, one in zip(cameras, [image, *present])}
+
+
+def _is_nearer(one: Image, than: Image, to: Image) -> bool:
+    return abs(one.seconds - to.seconds) <= abs(than.seconds - to.seconds)
+
+
+def _next(images: Iterator[dict[str, Image]]) -> dict[str, Image]:
+    found = next(images, None)
+    if found is None:
+        raise SourceError("the videos have fewer images when they are read again")
+    return found
 
 
 def _messages(cameras: list[Filmed], backend: Any) -> Iterator[tuple[str, int, Any]]:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import argparse
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.common.summary_output import print_note
 from lassokin_ros.core.body.skeleton import Skeleton
-from lassokin_ros.core.learned.vertical import level_from_camera
 from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.pipeline.image_sets import SAME_INSTANT_NS
 from lassokin_ros.replay.exports.exports import Exports
 from lassokin_ros.replay.motion import MotionRecorder
 from lassokin_ros.replay.offline_tracker import OfflineTracker
@@ -42,29 +42,33 @@ class TrackOutputs:
         camera: Calibration,
         tracker: OfflineTracker,
         stack: ExitStack,
+        sizes: Mapping[str, tuple[int, int]] | None = None,
     ) -> None:
         """Open the outputs before anything is tracked. tracker: of the first pass. stack: removes what is not finished.
 
-        Raises a LassokinError for a path that cannot be written.
+        sizes: (width, height) px of the images of several cameras, by name. Raises a LassokinError for a path that
+        cannot be written.
         """
         self._options, self._source = options, source
         self.remarks: list[str] = []
         """Sentences for the report, to be added before `write`."""
-        self._waiting: deque[tuple[int, Image]] = deque()
+        self._waiting: deque[tuple[int, Mapping[str, Image]]] = deque()
+        self._apart_ns = 0 if sizes is None else SAME_INSTANT_NS
         self._given: Skeleton = tracker.pipeline.tracker.skeleton
-        self._report_images = ReportImages() if options.report is not None else None
         self._report: Report | None = None
+        pipeline = tracker.pipeline
+        self._report_images: dict[str, ReportImages] = {}
         if options.report is not None:
             check_report(options.report, options.force)
-        pipeline = tracker.pipeline
-        self._level = level_from_camera(*pipeline.camera_angles)
+            self._report_images = {name: ReportImages() for name in pipeline.cameras}
+        self._level = pipeline.level
         names = pipeline.tracker.layout.names
-        self._motion = MotionRecorder(names, lambda: self._level, FIRST_STAMP_NS)
+        self._motion = MotionRecorder(names, lambda: self._level, FIRST_STAMP_NS, pipeline.config.camera_names)
         several = pipeline.config.several_people
         self._exports = Exports(options.export, self._motion, several, options.force) if options.export else None
         self._video = self._view = None
         if options.video is not None:
-            self._video = OutputVideo(options.video, source.size, source.fps, options.force, self._level)
+            self._video = OutputVideo(options.video, sizes or {"": source.size}, source.fps, options.force, self._level)
             stack.callback(self._video.discard)
             if not self._video.browsers_play:
                 print_note(f"{PROGRAM}: {WITHOUT_H264}")
@@ -78,14 +82,14 @@ class TrackOutputs:
         """Whether `add_image` must be called in the pass that `follow` follows."""
         return self._video is not None or self._view is not None
 
-    def add_report_image(self, image: Image) -> None:
-        """Keep an image for the report."""
-        if self._report_images is not None:
-            self._report_images.add(stamp_of(image.seconds), lambda: image.rgb)
+    def add_report_image(self, image: Image, camera: str = "") -> None:
+        """Keep an image for the report. camera: its name, if there are several."""
+        if camera in self._report_images:
+            self._report_images[camera].add(stamp_of(image.seconds), lambda: image.rgb)
 
     def follow(self, tracker: OfflineTracker) -> None:
         """Take the results of a tracker from now on."""
-        if self._options.report is not None and self._report_images is not None:
+        if self._options.report is not None:
             self._report = Report(self._options.report, tracker.pipeline, self._options.force, self._given)
             self._report.images = self._report_images
             tracker.listeners.append(self._report.add)
@@ -98,17 +102,26 @@ class TrackOutputs:
 
     def add_image(self, image: Image) -> None:
         """Add an image before its keypoints are tracked."""
-        if self._video is not None:
-            self._waiting.append((stamp_of(image.seconds), image))
+        self.add_images({"": image})
         if self._view is not None:
             self._view.add_image(image)
+
+    def add_images(self, images: Mapping[str, Image]) -> None:
+        """Add the images of several cameras at one instant, before their keypoints are tracked."""
+        if self._video is not None:
+            self._waiting.append((stamp_of(next(iter(images.values())).seconds), images))
 
     def _draw(self, frames: Sequence[FrameResult], time_ns: int, _seconds: float) -> None:
         assert self._video is not None
         stamp_ns = frames[0].stamp_ns if frames else time_ns
         while self._waiting and self._waiting[0][0] <= stamp_ns:
-            own_ns, image = self._waiting.popleft()
-            self._video.add(image.seconds, image.rgb, list(frames) if own_ns == stamp_ns else [])
+            own_ns, images = self._waiting.popleft()
+            self._draw_images(images, list(frames) if stamp_ns - own_ns <= self._apart_ns else [])
+
+    def _draw_images(self, images: Mapping[str, Image], frames: list[FrameResult]) -> None:
+        assert self._video is not None
+        seconds = next(iter(images.values())).seconds
+        self._video.add(seconds, {name: image.rgb for name, image in images.items()}, frames)
 
     def _show(self, frames: Sequence[FrameResult], time_ns: int, _seconds: float) -> None:
         assert self._view is not None
@@ -126,8 +139,7 @@ class TrackOutputs:
             written += self._exports.write(Path(), files)
         if self._video is not None:
             while self._waiting:  # images after the last result
-                image = self._waiting.popleft()[1]
-                self._video.add(image.seconds, image.rgb, [])
+                self._draw_images(self._waiting.popleft()[1], [])
             self._video.finish()
             written.append(self._options.video)
         if self._view is not None:

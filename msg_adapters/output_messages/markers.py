@@ -27,11 +27,11 @@ class SkeletonMarkersBuilder(StampedBuilder):
         """
         message = backend.make("visualization_msgs/msg/MarkerArray")
         ends = [joint for child, parent in enumerate(parents) if parent >= 0 for joint in (int(parent), child)]
-        bones = _marker(backend, 0, f"{prefix}bones", LINE_LIST, BONE_SIZE, BONE_COLOUR, len(ends))
-        joints = _marker(backend, 1, f"{prefix}joints", SPHERE_LIST, JOINT_SIZE, JOINT_COLOUR, len(parents))
+        bones = marker(backend, 0, f"{prefix}bones", LINE_LIST, BONE_SIZE, BONE_COLOUR, len(ends))
+        joints = marker(backend, 1, f"{prefix}joints", SPHERE_LIST, JOINT_SIZE, JOINT_COLOUR, len(parents))
         texts = []
         for joint, label in enumerate(labels):
-            texts.append(_marker(backend, joint, f"{prefix}labels", TEXT, TEXT_SIZE, TEXT_COLOUR, 0))
+            texts.append(marker(backend, joint, f"{prefix}labels", TEXT, TEXT_SIZE, TEXT_COLOUR, 0))
             texts[-1].text = label
         message.markers = [bones, joints, *texts]
         self._order = np.array([*ends, *range(len(parents)), *range(len(texts))])
@@ -48,17 +48,18 @@ class SkeletonMarkersBuilder(StampedBuilder):
             target.x, target.y, target.z = place
 
 
-def _marker(
+def marker(
     backend: Backend, number: int, namespace: str, kind: int, size: float, colour: tuple[float, ...], points: int
 ) -> Any:
-    marker = backend.make("visualization_msgs/msg/Marker")
-    marker.ns, marker.id, marker.type = namespace, number, kind
-    marker.pose.orientation.w = 1.0
-    marker.scale.x = marker.scale.y = marker.scale.z = size
-    paint(marker, colour)
-    lifetime(marker)
-    marker.points = [backend.make("geometry_msgs/msg/Point") for _ in range(points)]
-    return marker
+    """Return a Marker with LIFETIME_NS. size: m; colour: see `paint`; points: their number."""
+    made = backend.make("visualization_msgs/msg/Marker")
+    made.ns, made.id, made.type = namespace, number, kind
+    made.pose.orientation.w = 1.0
+    made.scale.x = made.scale.y = made.scale.z = size
+    paint(made, colour)
+    lifetime(made)
+    made.points = [backend.make("geometry_msgs/msg/Point") for _ in range(points)]
+    return made
 
 
 def paint(marker: Any, colour: tuple[float, ...]) -> None:

@@ -208,4 +208,9 @@ def test_launch_sets_several_cameras_and_their_fixed_frame(launch_file):
     expected = {"cameras": ["left", "right"], "fixed_frame": "odom", **FOLLOWER}
     assert started["lassokin_ros"].parameters[2] == expected
     assert started["robot_state_publisher"].parameters[0]["robot_description"].args[0] == own_urdf("odom")
-    assert started["rviz2"].arguments[2:] == ["-f", "odom"]
+    _, shown, *frame = started["rviz2"].arguments
+    assert frame == ["-f", "odom"]
+    displays = yaml.safe_load(Path(shown).read_text(encoding="utf-8"))["Visualization Manager"]["Displays"]
+    assert {display["Topic"]["Value"] for display in displays if "Topic" in display} == {"tracker/markers"}
+    (grid,) = [display for display in displays if display["Class"] == "rviz_default_plugins/Grid"]
+    assert grid["Plane"] == "XY"  # z is up

@@ -5,6 +5,7 @@ import pytest
 
 pytest.importorskip("rosbags", reason="rosbags makes the messages")
 
+from camera_rig import MAP, eye, keypoints, truth_at  # noqa: E402
 from depth_camera import depth_message, render  # noqa: E402
 from messages import FOCAL, HEIGHT, WIDTH, camera_info, cloud, rosbags_backend  # noqa: E402
 
@@ -15,6 +16,7 @@ from lassokin_ros.core.config import TrackerConfig  # noqa: E402
 from lassokin_ros.core.image.projection import project  # noqa: E402
 from lassokin_ros.demo.synthetic import motion  # noqa: E402
 from lassokin_ros.pipeline.depth_check import MISFIT  # noqa: E402
+from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics  # noqa: E402
 from lassokin_ros.pipeline.pipeline import Pipeline  # noqa: E402
 from lassokin_ros.pipeline.settings import NodeSettings  # noqa: E402
 
@@ -44,7 +46,7 @@ def play(pipeline, pixels, images, start=0):
         stamp_ns = START_NS + round((start + TIMES[i]) * 1e9)
         pipeline.depth.add(depth_message(BACKEND, stamp_ns, images[i]), stamp_ns)
         assert pipeline.process(cloud(BACKEND, stamp_ns, pixels[i]), stamp_ns).accepted
-        faults.append(pipeline.depth_check.fault)
+        faults.append(pipeline.first.depth_check.fault)
     return faults
 
 
@@ -87,3 +89,30 @@ def test_good_depth_and_hidden_legs_are_used(scene):
     for shown in (images, table):
         pipeline = pipeline_with_depth()
         assert not any(play(pipeline, pixels, shown)) and pipeline.counts[MISFIT] == 0
+
+
+@pytest.mark.parametrize("max_people", [1, 3])
+def test_of_several_cameras_the_one_whose_depth_does_not_fit_is_named_and_its_depth_left_out(max_people):
+    """The right camera's depth images are mirrored."""
+    eyes = {one.name: one for one in (eye("left", 0), eye("right", 90))}
+    settings = NodeSettings(cameras=("left", "right"), fixed_frame=MAP, depth="depth_registered", max_people=max_people)
+    poses = {name: one.pose_at(0) for name, one in eyes.items()}
+    pipeline, random = Pipeline(TrackerConfig(), settings, poses=poses), np.random.default_rng(0)
+    for name, one in eyes.items():
+        pipeline.set_camera(camera_info(BACKEND, frame_id=one.frame), name)
+    diagnostics = Diagnostics(pipeline, "tracker", 0.0)
+    for index in range(FRAMES):
+        body, stamp_ns = truth_at([TIMES[index]]), START_NS + round(1e9 * TIMES[index])
+        for name, one in eyes.items():
+            image = render(SKELETON, poses[name].into_camera(body.positions[0]))
+            message = depth_message(BACKEND, stamp_ns, image[:, :: 1 if name == "left" else -1], frame_id=one.frame)
+            pipeline.cameras[name].depth.add(message, stamp_ns)
+            seen = keypoints(BACKEND, one, START_NS, TIMES[index], body.landmarks[0], random)
+            frames = pipeline.frames(seen, stamp_ns, name)
+            diagnostics.count_message(frames, stamp_ns, 0.9, 0.001)
+    left, right = (pipeline.cameras[name].depth_check for name in eyes)
+    assert right.fault and not left.fault and frames[0].estimate.depth_measured
+    assert np.linalg.norm(frames[0].estimate.pose.positions - body.positions[0], axis=1).mean() < 0.03
+    diagnostics.count_camera_info(0.9)
+    message = diagnostics.line(1.0).message
+    assert "camera 'right': the depth images do not show the person" in message and "camera 'left'" not in message

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from camera_rig import MAP, eye, keypoints, tf_of, truth_at
+from camera_rig import MAP, eye, keypoints, pixels, tf_of, truth_at
 from messages import FOCAL, HEIGHT, WIDTH, camera_info, rosbags_backend
 from recordings import contents, read, write_messages
 from scipy.spatial.transform import Rotation
@@ -54,6 +54,16 @@ def test_two_cameras_with_tf(bag, tmp_path, capsys):
     assert "/robot/right/keypoints" in said and "follow TF in the frame 'map'" in said
     motion = np.load(outputs[0] / "motion.npz")
     assert motion["joint_positions"].shape == (FRAMES, 24, 3)
+    assert motion["camera_names"].tolist() == ["left", "right"]
+    assert np.array_equal(motion["detected_px"], motion["detected_px_left"], equal_nan=True)
+    frames = np.round((motion["stamp_ns"] - motion["stamp_ns"][0]) * 30e-9).astype(int)
+    for one in EYES:
+        detected, reprojected = motion[f"detected_px_{one.name}"], motion[f"reprojected_px_{one.name}"]
+        true = np.array([pixels(one, 0, TRUTH.landmarks[i], np.random.default_rng(0), 0.0) for i in frames])
+        seen = np.isfinite(detected[..., 0]).all(axis=1)
+        assert seen.sum() >= FRAMES - 2 and np.array_equal(seen, np.isfinite(reprojected[..., 0]).all(axis=1))
+        assert np.abs(detected[seen] - true[seen]).mean() < 1.2  # noise of 1 px
+        assert np.abs(reprojected[seen] - true[seen])[15:].mean() < 5
 
 
 def test_a_calibration_file_gives_lenses_and_poses(bag, tmp_path):

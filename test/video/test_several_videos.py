@@ -1,6 +1,9 @@
 """`lassokin track left right --cameras FILE`: synchronised image folders, and a detector that knows the motion."""
 
+import json
+import re
 from itertools import count
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +16,8 @@ from lassokin_ros.detector.backend import Detected
 from lassokin_ros.pipeline.camera.calibration_file import read_cameras
 from lassokin_ros.video import several_videos
 from lassokin_ros.video.command import main
+from lassokin_ros.video.output_video import HEIGHT_OF_SEVERAL
+from lassokin_ros.video.sources import open_source
 
 cv2 = pytest.importorskip("cv2")
 
@@ -114,11 +119,37 @@ def test_saving_the_cameras_of_one_video_is_refused(rig, capsys):
     assert "--save-cameras is for several videos" in capsys.readouterr().err
 
 
+def test_the_report_has_the_images_of_both(rig):
+    pytest.importorskip("plotly", reason="the report is drawn with plotly")
+    command = ["left", "right", "--cameras", "calib.toml", "--height", "1.75", "--causal", "--report", "walk.html"]
+    assert main(command) == 0
+    page = Path("walk.html").read_text(encoding="utf-8")
+    images = json.loads(re.search(r'<script type="application/json" id="images">(.*?)</script>', page).group(1))
+    assert min(len(images["time"]), *(len(other["time"]) for other in images["others"])) > FRAMES - 4
+
+
+@pytest.mark.parametrize("frame", [[], ["-p", "fixed_frame:=world"]])
+def test_the_video_shows_the_skeleton_in_the_image_of_each_camera(rig, frame):
+    command = ["left", "right", "--cameras", "calib.toml", "--height", "1.75", "--causal", "--video", "out.mp4"]
+    assert main([*command, *frame]) == 0
+    shown = [image.rgb for image in open_source("out.mp4").images]
+    assert len(shown) == FRAMES
+    height = min(HEIGHT_OF_SEVERAL, HEIGHT)
+    width = round(WIDTH * height / HEIGHT)
+    assert abs(shown[0].shape[1] - (2 * width + height)) <= 2
+    for number, camera in enumerate(EYES):
+        points = pixels(camera, 0, TRUTH.landmarks[30], np.random.default_rng(0), 0.0) * height / HEIGHT
+        half = shown[30][:height, number * width : (number + 1) * width]
+        drawn = np.argwhere(half.max(axis=2) > 80)[:, ::-1]  # the images are black
+        apart = np.linalg.norm(points[:, None] - drawn[None], axis=-1).min(axis=1)
+        assert np.median(apart) < 3 and 300 < len(drawn) < 0.1 * half.shape[0] * half.shape[1]
+
+
 @pytest.mark.parametrize(
     "options, words",
     [
         (["--fov", "60", "--height", "0"], "nothing shows the size; give --height"),
-        (["--cameras", "calib.toml", "--video", "out.mp4"], "--video is for one video"),
+        (["--cameras", "calib.toml", "--view", "out.rrd"], "--view is for one video"),
         (["--cameras", "calib.toml", "--fov", "60"], "expected neither --camera-info nor --fov"),
         (["--cameras", "others.toml"], "has no camera 'left'; its cameras are: right, lft"),
         (["--cameras", "one.toml"], "expected one for each of 2 videos"),

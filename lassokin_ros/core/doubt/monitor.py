@@ -34,7 +34,8 @@ class DoubtMonitor:
         self._corners = [list(joints).index(name) for name in CORNERS] if set(CORNERS) <= set(joints) else []
         self._motions: dict[str, MotionMeter] = {}  # by camera
         self._exchange = SideExchange(landmarks)
-        self._turn, self._reversal, self._jump = FastTurn(), LastingReversal(), PelvisJump()
+        self._turn, self._reversal = FastTurn(), LastingReversal()
+        self._jumps: dict[str, PelvisJump] = {}  # by camera
         self._run, self._model, self._limbs = ReprojectionRun(), FailureModel(), UnseenLimbs(joints)
         self._marks: Recent[Doubt] = Recent(AROUND_S)
         self.reset()
@@ -42,8 +43,9 @@ class DoubtMonitor:
     def reset(self) -> None:
         """Forget the earlier frames."""
         self._motions.clear()
+        self._jumps.clear()
         self._marks.clear()
-        for part in (self._turn, self._reversal, self._jump, self._run, self._model, self._limbs):
+        for part in (self._turn, self._reversal, self._run, self._model, self._limbs):
             part.reset()
         self._newest, self._since = -math.inf, math.nan
 
@@ -85,7 +87,8 @@ class DoubtMonitor:
             yield Event.PERSON_CHANGED
 
     def _of_pose(self, signs: Signs) -> Iterator[Event]:
-        if self._jump.update(signs.stamp, float(signs.positions[0, 2])) is not None:
+        jump = self._jumps.setdefault(signs.camera, PelvisJump())
+        if jump.update(signs.stamp, float(signs.positions[0, 2])) is not None:
             yield Event.PELVIS_JUMP
         lasting = self._run.update(signs.stamp, signs.reprojection)
         if lasting or is_costly(signs.cost, signs.prior_cost):
@@ -94,7 +97,8 @@ class DoubtMonitor:
     def _facing(self, signs: Signs) -> tuple[bool, list[Event]]:
         if not self._corners:
             return False, []
-        front = facing_of(signs.positions[self._corners])
+        positions = signs.positions if signs.fixed is None else signs.fixed
+        front = facing_of(positions[self._corners])
         before = self._turn.update(signs.stamp, front)
         reversed_ = self._reversal.update(signs.stamp, front, before)
         return reversed_, [] if before is None else [Event.FAST_TURN]

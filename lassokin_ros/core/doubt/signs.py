@@ -18,7 +18,8 @@ class Signs:
     stamp: s. keypoints: (l, 2) in any unit of the image, NaN = missing, as the detector gave them. positions: (n, 3) m,
     joints in the camera frame, the pelvis first. reprojection: error as a share of the person's height in the image.
     cost: per measurement. prior_cost: of the pose prior. network_distance: m, see `FailureModel.update`. observed: (n,)
-    bool, joints that keypoints observe; None if unknown. camera: name of the camera that saw the keypoints.
+    bool, joints that keypoints observe; None if unknown. camera: name of the camera that saw the keypoints. fixed: as
+    positions, but in the frame of the skeleton; None if that is the camera's.
     """
 
     stamp: float
@@ -30,6 +31,7 @@ class Signs:
     network_distance: float = math.nan
     observed: np.ndarray | None = None
     camera: str = ""
+    fixed: np.ndarray | None = None
 
 
 def signs_of(
@@ -57,4 +59,5 @@ def signs_of(
         estimate.network_distance if estimate.cameras == 1 else math.nan,  # the failure model is that of one camera
         observed,
         camera.name,
+        None if camera.is_identity else estimate.pose.positions,
     )

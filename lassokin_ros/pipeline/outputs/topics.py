@@ -29,7 +29,7 @@ SKELETONS = "~/skeletons"
 STATE = "~/state"
 JOINTS = "~/joints"
 ROBOT_DESCRIPTION = "~/robot_description"
-MARKERS = "~/markers"
+MARKERS, MARKERS_TYPE = "~/markers", "visualization_msgs/msg/MarkerArray"
 CERTIFICATE = "~/certificate"
 JOINT_UNCERTAINTY = "~/joint_uncertainty"
 UNCERTAINTY_MARKERS = "~/uncertainty_markers"
@@ -66,7 +66,7 @@ FRAME_OUTPUTS = (
     OutputTopic(JOINT_STATES, "sensor_msgs/msg/JointState"),
     OutputTopic(TRANSLATION, "geometry_msgs/msg/PointStamped"),
     OutputTopic(JOINTS, "geometry_msgs/msg/PoseArray"),
-    OutputTopic(MARKERS, "visualization_msgs/msg/MarkerArray"),
+    OutputTopic(MARKERS, MARKERS_TYPE),
     OutputTopic(CERTIFICATE, "diagnostic_msgs/msg/DiagnosticArray"),
     OutputTopic(JOINT_UNCERTAINTY, "sensor_msgs/msg/PointCloud2"),
     OutputTopic(POSE, "geometry_msgs/msg/PoseWithCovarianceStamped"),

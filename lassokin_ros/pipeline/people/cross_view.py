@@ -26,19 +26,20 @@ SIZE_WEIGHT = 0.5
 
 
 def cross_view_cost(one: Sight, other: Sight, size: SizeCheck) -> float:
-    """Return the cost of two detections as those of one person; infinite if they cannot be.
+    """Return the cost of two detections as those of one person; infinite if they cannot be, or too little is seen.
 
     size: of the person's body.
     """
-    views = [
-        FrameData(np.where(seen, sight.seen.points, 0.0), seen[:, 0].astype(float), camera=sight.camera)
-        for sight in (one, other)
-        for seen in (np.isfinite(sight.seen.points) & (sight.seen.confidence > 0)[:, None],)
-    ]
-    places = triangulate(FrameData(views[0].points, views[0].weights, camera=one.camera, others=(views[1],)))
+    cost = compared(one, other, size)
+    return math.inf if cost is None else cost
+
+
+def compared(one: Sight, other: Sight, size: SizeCheck) -> float | None:
+    """As `cross_view_cost`, but None if both cameras see too little of the same."""
+    places = triangulated(one, other)
     known = np.isfinite(places[:, 0])
-    if np.count_nonzero(known) < FEWEST_POINTS:
-        return math.inf
+    if np.count_nonzero(known) < FEWEST_POINTS or size.limb_count(known) < FEWEST_LIMBS:
+        return None
     apart = []
     for sight in (one, other):
         inside = sight.camera.into_camera(places[known])
@@ -52,6 +53,16 @@ def cross_view_cost(one: Sight, other: Sight, size: SizeCheck) -> float:
     if len(ratios) < FEWEST_LIMBS:
         return math.inf
     return max(apart) + SIZE_WEIGHT * abs(math.log(float(np.median(ratios))))
+
+
+def triangulated(one: Sight, other: Sight) -> np.ndarray:
+    """Return the places of the landmarks (l, 3) m, NaN if unknown, in the frame in which the cameras are placed."""
+    views = [
+        FrameData(np.where(seen, sight.seen.points, 0.0), seen[:, 0].astype(float), camera=sight.camera)
+        for sight in (one, other)
+        for seen in (np.isfinite(sight.seen.points) & (sight.seen.confidence > 0)[:, None],)
+    ]
+    return triangulate(FrameData(views[0].points, views[0].weights, camera=one.camera, others=(views[1],)))
 
 
 def same_person(one: Sight, candidates: Sequence[Sight], size: SizeCheck, rival: float) -> Sight | None:

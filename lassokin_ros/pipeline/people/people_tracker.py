@@ -20,7 +20,8 @@ class PeopleImage:
     """Keypoints of all people in one image, and how to interpret them.
 
     stamp_ns: ns; frame_id: frame of the keypoints; persistent: True if the person numbers stay the same from message to
-    message; stamped: False if the stamp is the time of arrival; camera: which camera, and where it is.
+    message; stamped: False if the stamp is the time of arrival; camera: which camera, and where it is; sampled: the
+    keypoints with the depths of a depth image, also if these are left out; None without one.
     """
 
     keypoints: Keypoints
@@ -30,6 +31,7 @@ class PeopleImage:
     persistent: bool
     stamped: bool = True
     camera: CameraPose = HERE
+    sampled: Keypoints | None = None
 
 
 class PeopleTracker(Protocol):

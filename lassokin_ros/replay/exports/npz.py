@@ -52,4 +52,10 @@ def write_npz(motions: Sequence[Motion], file: BinaryIO) -> None:
         "landmark_names": np.array(first.landmark_names),  # (l,)
         "frame_id": np.array(first.frame_id),
     }
+    if first.cameras:
+        arrays["camera_names"] = np.array(list(first.cameras))  # (c,)
+    for name in first.cameras:
+        seen = [motion.cameras[name] for motion in motions]
+        arrays[f"detected_px_{name}"] = np.concatenate([one.detected for one in seen])  # (r, l, 2), NaN = missing
+        arrays[f"reprojected_px_{name}"] = np.concatenate([one.reprojected for one in seen])  # (r, l, 2)
     np.savez(file, **arrays)

@@ -48,12 +48,16 @@ function unpack(packed) {
   return { at: (frame, row, column = 0) => values[(frame * rows + row) * width + column], count: packed.shape[0] };
 }
 for (const person of data.people) {
-  for (const name of ["positions", "angles", "bends", "deviations", "observed", "outline", "detected", "reprojected"]) {
-    person[name] = unpack(person[name]);
-  }
+  for (const name of ["positions", "angles", "bends", "deviations", "observed"]) person[name] = unpack(person[name]);
+  person.views = [person, ...person.others];
+  for (const view of person.views) for (const name of ["outline", "detected", "reprojected"]) view[name] = unpack(view[name]);
 }
 
 const J = data.joints.length, L = data.landmarks.length;
 const bones = { left: [], right: [], middle: [] };
 data.parents.forEach((parent, joint) => { if (parent >= 0) bones[side(data.joints[joint])].push([parent, joint]); });
 let me = data.people[0], frame = 0, playing = false, clock = 0, busy = false, cursorAt = 0;
+let camera = 0;                                          // number of the camera whose image is shown
+const inCamera = () => me.views[camera];
+const imageSize = () => data.cameras[camera].image;
+const photosOfCamera = () => (camera ? photos.others[camera - 1] : photos);

@@ -25,6 +25,7 @@ class Facts:
     title: name of the recording. topics: keypoint topic and camera_info topic. counts: counters of the pipeline.
     landmarks: names in layout order. skeleton: the skeleton before calibration. image_size: (width, height) px, None
     without camera_info. own_keypoints: True if this program detected the keypoints in images, False for recorded ones.
+    other_sizes: `image_size` of further cameras.
     """
 
     title: str
@@ -37,6 +38,17 @@ class Facts:
     landmarks: tuple[str, ...]
     image_size: tuple[int, int] | None
     own_keypoints: bool = False
+    other_sizes: tuple[tuple[int, int] | None, ...] = ()
+
+    @property
+    def cameras(self) -> dict[str, tuple[int, int] | None]:
+        """The image size of each camera by name; the name of the only camera is empty."""
+        return dict(zip(self.node.camera_names, (self.image_size, *self.other_sizes)))
+
+    @property
+    def received(self) -> int:
+        """Number of keypoint messages; with several cameras, number of instants with messages."""
+        return self.counts.get("received", 0) if len(self.cameras) == 1 else len(self.log.messages)
 
     @cached_property
     def people(self) -> list[str]:
@@ -122,14 +134,14 @@ def floor_of(facts: Facts, person: str) -> float:
     return floor_height(positions, observed, facts.skeleton.joint_names, facts.skeleton.height, facts.level)
 
 
-def landmark_errors(rows: list[PersonRow], count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return per landmark: median distance between detected and reprojected point (l,) px, share of frames (l,)."""
-    pairs = [
-        (row.detected, row.reprojected) for row in rows if row.detected is not None and row.reprojected is not None
-    ]
-    if not pairs:
+def landmark_errors(facts: Facts, rows: list[PersonRow]) -> tuple[np.ndarray, np.ndarray]:
+    """Return per landmark: median distance between detected and reprojected point (l,) px, share of images (l,)."""
+    count, numbers = len(facts.landmarks), range(len(facts.cameras))
+    pairs = [(row.in_view("detected", k), row.in_view("reprojected", k)) for row in rows for k in numbers]
+    apart = [seen - back for seen, back in pairs if seen is not None and back is not None]
+    if not apart:
         return np.full(count, np.nan), np.zeros(count)
-    distance = np.linalg.norm(np.array([a for a, _ in pairs]) - np.array([b for _, b in pairs]), axis=-1)
+    distance = np.linalg.norm(np.array(apart), axis=-1)
     seen = np.isfinite(distance).mean(axis=0)
     middle = np.full(count, np.nan)
     middle[seen > 0] = np.nanmedian(distance[:, seen > 0], axis=0)

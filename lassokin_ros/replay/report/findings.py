@@ -40,7 +40,7 @@ def findings(facts: Facts) -> list[Finding]:
 
 def _good(facts: Facts) -> Finding:
     """Return the finding of a recording without problems and doubts. It does not say that the pose is right."""
-    share = len(facts.tracks) and facts.counts.get("accepted", 0) / max(facts.counts.get("received", 0), 1)
+    share = len(facts.tracks) and facts.counts.get("accepted", 0) / max(facts.received, 1)
     hidden = doubt_findings.hidden_limbs(facts)
     besides = f" The {_joined(list(hidden))} cannot be judged: hardly seen." if hidden else ""
     return Finding(GOOD, f"{share:.1%} of the frames were tracked, and nothing suggests a wrong pose.{besides}")
@@ -59,7 +59,7 @@ def _nothing_tracked(facts: Facts) -> Iterator[Finding]:
 
 def _refused(facts: Facts) -> Iterator[Finding]:
     """Report rejections: '37 frames rejected: too few landmarks: ...'."""
-    received = max(facts.counts.get("received", 0), 1)
+    received = max(facts.received, 1)
     for key, count in facts.rejected.items():
         reason, _, of_person = key.partition(" (")
         level = PROBLEM if count > FEW * received or reason not in SELDOM_HARMFUL else NOTE
@@ -141,7 +141,7 @@ def _reprojection(facts: Facts) -> Iterator[Finding]:
 
 
 def _landmarks(facts: Facts) -> Iterator[Finding]:
-    middle, seen = landmark_errors(facts.tracks, len(facts.landmarks))
+    middle, seen = landmark_errors(facts, facts.tracks)
     if not facts.tracks:
         return
     seldom = [f"{facts.landmarks[i]} {seen[i]:.0%}" for i in np.flatnonzero(seen < SELDOM)]
@@ -221,7 +221,7 @@ def _rate(facts: Facts) -> Iterator[Finding]:
 
 
 def _repeated(facts: Facts) -> Iterator[Finding]:
-    repeated, received = facts.counts.get("duplicated", 0), facts.counts.get("received", 0)
+    repeated, received = facts.counts.get("duplicated", 0), facts.received
     if repeated > FEW * max(received, 1):
         yield Finding(
             NOTE,

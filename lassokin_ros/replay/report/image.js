@@ -2,18 +2,18 @@
 function imageValues(axis) {
   const detected = [], reprojected = [], between = [];
   for (let l = 0; l < L; l++) {
-    const seen = none(me.detected.at(frame, l, axis)), back = none(me.reprojected.at(frame, l, axis));
-    detected.push(seen);
+    const point = none(inCamera().detected.at(frame, l, axis)), back = none(inCamera().reprojected.at(frame, l, axis));
+    detected.push(point);
     reprojected.push(back);
-    between.push(...(seen === null || back === null ? [null, null, null] : [seen, back, null]));
+    between.push(...(point === null || back === null ? [null, null, null] : [point, back, null]));
   }
-  return [...SIDES.map((s) => segments(bones[s], (j) => me.outline.at(frame, j, axis))), between, detected, reprojected];
+  return [...SIDES.map((s) => segments(bones[s], (j) => inCamera().outline.at(frame, j, axis))), between, detected, reprojected];
 }
 
 function box(frames) {
   const values = [[], []];
   for (const f of frames) {
-    for (const [points, count] of [[me.detected, L], [me.outline, J]]) {
+    for (const [points, count] of [[inCamera().detected, L], [inCamera().outline, J]]) {
       for (let i = 0; i < count; i++) for (const axis of [0, 1]) values[axis].push(points.at(f, i, axis));
     }
   }
@@ -22,7 +22,7 @@ function box(frames) {
 
 function imageRanges() {
   const view = element("view").value, every = me.time.map((_, f) => f);
-  let sides = view === "image" && data.image ? [[0, data.image[0]], [0, data.image[1]]] : box(view === "person" ? [frame] : every);
+  let sides = view === "image" && imageSize() ? [[0, imageSize()[0]], [0, imageSize()[1]]] : box(view === "person" ? [frame] : every);
   if (!(sides[0][0] <= sides[0][1] && sides[1][0] <= sides[1][1])) sides = box(every);
   if (!(sides[0][0] <= sides[0][1] && sides[1][0] <= sides[1][1])) sides = [[0, 1280], [0, 720]];
   const pad = 0.04 * Math.max(sides[0][1] - sides[0][0], sides[1][1] - sides[1][0]) + 5;
@@ -32,21 +32,21 @@ function imageRanges() {
 // The video's image of the current frame; of a thinned recording the nearest one.
 function nearestPhoto() {
   let best = 0;
-  photos.time.forEach((t, i) => { if (Math.abs(t - now()) < Math.abs(photos.time[best] - now())) best = i; });
+  photosOfCamera().time.forEach((t, i) => { if (Math.abs(t - now()) < Math.abs(photosOfCamera().time[best] - now())) best = i; });
   return best;
 }
 
 function photoSource() {
-  const shown = photos.time.length > 0 && data.image && element("photo").checked, index = shown ? nearestPhoto() : 0;
-  const apart = shown ? photos.time[index] - now() : 0;
+  const shown = photosOfCamera().time.length > 0 && imageSize() && element("photo").checked, index = shown ? nearestPhoto() : 0;
+  const apart = shown ? photosOfCamera().time[index] - now() : 0;
   element("photo-time").textContent = Math.abs(apart) < SAME_TIME ? "" :
     `The image is ${Math.abs(apart).toFixed(2)} s ${apart < 0 ? "older" : "newer"} than the skeleton.`;
-  return shown ? `data:image/jpeg;base64,${photos.jpeg[index]}` : "";
+  return shown ? `data:image/jpeg;base64,${photosOfCamera().jpeg[index]}` : "";
 }
 
 function photoLayer() {
   const source = photoSource();
-  return source ? [{ source, xref: "x", yref: "y", x: 0, y: 0, sizex: data.image[0], sizey: data.image[1], sizing: "stretch",
+  return source ? [{ source, xref: "x", yref: "y", x: 0, y: 0, sizex: imageSize()[0], sizey: imageSize()[1], sizing: "stretch",
     layer: "below", opacity: PHOTO_OPACITY }] : [];
 }
 
@@ -64,7 +64,7 @@ function drawImage() {
     marker: { color: REPROJECTED, size: 7, symbol: "x-thin", line: { color: REPROJECTED, width: 1.6 } } });
   const images = photoLayer();
   const axis = { showgrid: !images.length, gridcolor: LINE, zeroline: false, ticks: "outside", tickcolor: "#aab3bc" };
-  const shapes = data.image ? [{ type: "rect", x0: 0, y0: 0, x1: data.image[0], y1: data.image[1], layer: "below",
+  const shapes = imageSize() ? [{ type: "rect", x0: 0, y0: 0, x1: imageSize()[0], y1: imageSize()[1], layer: "below",
     line: { color: "#8a949e", width: 1.5 }, fillcolor: "#fbfcfd" }] : [];
   return Plotly.react("image", traces, { xaxis: { ...axis, range: across, constrain: "domain", side: "top" },
     yaxis: { ...axis, range: down, scaleanchor: "x", constrain: "domain" }, shapes, images, showlegend: false, font: FONT,

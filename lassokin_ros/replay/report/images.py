@@ -35,12 +35,14 @@ class ReportImages:
             self._images = dict(list(self._images.items())[::2])
             self._stride *= 2
 
-    def data(self, times: Mapping[int, float]) -> dict[str, Any]:
+    def data(self, times: Mapping[int, float], apart_ns: int = 0) -> dict[str, Any]:
         """Return the data for the page. times: s on the page's axis by stamp in ns; images without a time are left out.
 
-        time: of each image, increasing. jpeg: base64 of each.
+        apart_ns: ns by which the stamp of an image may differ. time: of each image, increasing. jpeg: base64 of each.
         """
-        known = sorted((times[stamp], image) for stamp, image in self._images.items() if stamp in times)
+        stamps = np.array(sorted(times), dtype=np.int64)
+        near = {stamp: stamps[np.argmin(np.abs(stamps - stamp))] for stamp in self._images} if len(stamps) else {}
+        known = sorted((times[int(k)], self._images[s]) for s, k in near.items() if abs(int(k) - s) <= apart_ns)
         return {
             "time": [round(time, 4) for time, _ in known],
             "jpeg": [base64.b64encode(image).decode() for _, image in known],

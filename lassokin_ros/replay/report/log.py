@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from lassokin_ros.common.array_spool import ArraySpool, Record
 from lassokin_ros.core.body.rotations import logarithm
 from lassokin_ros.core.doubt.doubt import Doubt
 from lassokin_ros.core.estimate import Estimate
-from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.pipeline.frame_result import FrameResult, ImageOfPerson
 
 STAMP_REASONS = ("old_stamp", "stamp_jump", "bad_stamp")
 LONGEST_AHEAD_S = 10.0
@@ -44,10 +44,10 @@ class PersonRow:
     """One person in one message. Its arrays are in a file; they are None for a rejected frame.
 
     time: s. rejection: key of the reason. detected: (l, 2) px, None without keypoints. reprojected: (l, 2) px.
-    outline: (n, 2) px, joints in the image. positions: (n, 3) m, camera frame. angles: (n, 3) deg, as in
-    `joint_states`. bends: (n,) deg, rotation angle of each joint. lengths: (n,) m, length of the bone that ends at each
-    joint. deviations: (n,) m, see `JointUncertainty`. observed: (n,) bool, see `ObservedJoints`. doubt: None for a
-    rejected frame.
+    outline: (n, 2) px, joints in the image. These three are of the first camera; `in_view` returns those of others.
+    positions: (n, 3) m, camera frame. angles: (n, 3) deg, as in `joint_states`. bends: (n,) deg, rotation angle of each
+    joint. lengths: (n,) m, length of the bone that ends at each joint. deviations: (n,) m, see `JointUncertainty`.
+    observed: (n,) bool, see `ObservedJoints`. doubt: None for a rejected frame.
     """
 
     time: float
@@ -70,6 +70,10 @@ class PersonRow:
     lengths = _stored("lengths")
     deviations = _stored("deviations")
     observed = _stored("observed")
+
+    def in_view(self, name: str, number: int) -> np.ndarray | None:
+        """Return `detected`, `reprojected` or `outline` in the image of a camera, by its number."""
+        return self.spool.read(self.record, _of_view(name, number))
 
     @property
     def mean_deviation_mm(self) -> float:
@@ -97,8 +101,8 @@ class ReplayLog:
     """The log. It grows by about 0.4 kB per message and person, and a temporary file by 4 kB.
 
     people: rows by person id, "" in single-person mode. details: explanation of the first
-    rejected message, by reason. late: s, the largest delay of a frame behind later messages (`smoothing_lag`). camera:
-    the one whose images are shown. level: (3, 3) from the frame of the skeleton to the axes of the page, those of a
+    rejected message, by reason. late: s, the largest delay of a frame behind later messages (`smoothing_lag`). cameras:
+    their names. level: (3, 3) from the frame of the skeleton to the axes of the page, those of a
     camera; None if they are the same.
     """
 
@@ -108,10 +112,11 @@ class ReplayLog:
     jumps: list[Jump] = field(default_factory=list)
     first_stamp_ns: int | None = None
     late: float = 0.0
-    camera: str = ""
+    cameras: Sequence[str] = ("",)
     level: np.ndarray | None = None
     _last: tuple[float, int, int] | None = None
     _spool: ArraySpool = field(default_factory=ArraySpool)
+    _images: dict[str, ImageOfPerson] = field(default_factory=dict)
 
     def add(self, frames: Sequence[FrameResult], time_ns: int, seconds: float) -> None:
         """Add the frames of one keypoint message. time_ns: recording time. seconds: tracking time."""
@@ -127,8 +132,10 @@ class ReplayLog:
                 self.people.setdefault(frame.person, []).append(self._row(frame, time))
 
     def _row(self, frame: FrameResult, time: float) -> PersonRow:
-        row_of = frame if frame.camera.name == self.camera else replace(frame, detected=None)
-        return person_row(row_of, time, self._spool, self.level)
+        now = {image.camera.name: image for image in frame.images}
+        self._images |= now  # a camera without an image at this time shows the body from where it was last
+        views = [(now.get(name), self._images.get(name)) for name in self.cameras]
+        return person_row(frame, time, self._spool, self.level, views)
 
     def in_order(self) -> None:
         """Sort the rows by time; with `smoothing_lag` they may arrive out of order."""
@@ -158,24 +165,44 @@ class ReplayLog:
         return time + step
 
 
-def person_row(frame: FrameResult, time: float, spool: ArraySpool, level: np.ndarray | None = None) -> PersonRow:
-    """Return the row of a frame; its arrays go to `spool`. level: (3, 3) turns the positions for the page."""
+def _of_view(name: str, number: int) -> str:
+    """Return the name of an array of a camera."""
+    return f"{name} {number}" if number else name
+
+
+def person_row(
+    frame: FrameResult,
+    time: float,
+    spool: ArraySpool,
+    level: np.ndarray | None,
+    views: Sequence[tuple[ImageOfPerson | None, ImageOfPerson | None]],
+) -> PersonRow:
+    """Return the row of a frame; its arrays go to `spool`. level: (3, 3) turns the positions for the page.
+
+    views: the present and the newest image of each camera, None without one.
+    """
     estimate = frame.estimate
-    detected = {} if frame.detected is None else {"detected": frame.detected}
+    detected = {
+        _of_view("detected", number): now.detected
+        for number, (now, _) in enumerate(views)
+        if now is not None and now.detected is not None
+    }
     if not frame.accepted or estimate is None or frame.lens is None or frame.positions is None:
         return PersonRow(time, frame.rejection, spool, spool.append(detected))
-    assert estimate.pose is not None and estimate.state is not None and frame.reprojected is not None
+    assert estimate.pose is not None and estimate.state is not None
     positions = estimate.pose.positions
     arrays = {
         **detected,
-        "reprojected": frame.reprojected,
-        "outline": frame.in_image(positions),
         "positions": positions if level is None else positions @ level.T,
         "angles": np.degrees(frame.positions[3:]).reshape(-1, 3),
         "bends": np.degrees(np.linalg.norm(logarithm(estimate.state.rotations), axis=-1)),
         "deviations": frame.uncertainty.deviation,
         "observed": frame.observed,
     }
+    for number, (_, newest) in enumerate(views):
+        if newest is not None:
+            arrays[_of_view("reprojected", number)] = newest.project(estimate.pose.landmarks)
+            arrays[_of_view("outline", number)] = newest.project(positions)
     if frame.skeleton is not None:
         arrays["lengths"] = np.linalg.norm(frame.skeleton.offsets, axis=-1)
     figures = estimate.reprojection_px, *_certificate(estimate), estimate.initialised, frame.doubt

@@ -112,7 +112,14 @@ async function start() {
   element("follow").onchange = drawSpace;
   element("view").onchange = drawImage;
   element("photo").onchange = drawImage;
-  element("photo-label").hidden = !photos.time.length || !data.image;
+  data.cameras.forEach((one, i) => element("camera").append(new Option(one.name, String(i))));
+  element("camera-label").hidden = data.cameras.length < 2;
+  const showCamera = () => {
+    camera = Number(element("camera").value);
+    element("photo-label").hidden = !photosOfCamera().time.length || !imageSize();
+  };
+  element("camera").onchange = () => { showCamera(); drawImage(); };
+  showCamera();
   element("turn").onchange = () => requestAnimationFrame(turn);
   document.addEventListener("keydown", (event) => {
     if (event.target.tagName === "SELECT" || event.target.tagName === "BUTTON") return;

@@ -49,13 +49,24 @@ def person_data(facts: Facts, person: str, stride: int) -> dict[str, Any]:
     joints, landmarks = facts.skeleton.joint_count, len(facts.landmarks)
     nowhere = {k: np.full((n, m), np.nan) for k, n, m in (("j2", joints, 2), ("j3", joints, 3), ("l2", landmarks, 2))}
 
-    def column(name: str, empty: np.ndarray, step: float, farthest: float) -> dict[str, Any]:
-        values = [getattr(row, name) for row in shown]
+    def stacked(values: list[Any], empty: np.ndarray, step: float, farthest: float) -> dict[str, Any]:
         return packed(np.array([empty if v is None else v for v in values]).reshape(-1, *empty.shape), step, farthest)
 
-    error, seen = landmark_errors(accepted, landmarks)
-    border = max(FARTHEST_PX, *(facts.image_size or (0, 0)))
+    def column(name: str, empty: np.ndarray, step: float, farthest: float) -> dict[str, Any]:
+        return stacked([getattr(row, name) for row in shown], empty, step, farthest)
+
+    error, seen = landmark_errors(facts, accepted)
+    border = max(FARTHEST_PX, *(side for size in facts.cameras.values() for side in size or (0,)))
+
+    def view(number: int) -> dict[str, Any]:
+        empty = {"outline": nowhere["j2"], "detected": nowhere["l2"], "reprojected": nowhere["l2"]}
+        found = {name: [row.in_view(name, number) for row in shown] for name in empty}
+        return {name: stacked(found[name], empty[name], TENTH, border) for name in empty}
+
+    first, *others = map(view, range(len(facts.cameras)))
     return {
+        **first,
+        "others": others,
         "name": person,
         "floor": _number(floor_of(facts, person)),
         "stride": stride,
@@ -66,9 +77,6 @@ def person_data(facts: Facts, person: str, stride: int) -> dict[str, Any]:
         "bends": column("bends", np.full(joints, np.nan), TENTH, np.inf),
         "observed": column("observed", np.full(joints, np.nan), 1.0, np.inf),
         "deviations": column("deviations", np.full(joints, np.nan), MM, FARTHEST_M),
-        "outline": column("outline", nowhere["j2"], TENTH, border),
-        "detected": column("detected", nowhere["l2"], TENTH, border),
-        "reprojected": column("reprojected", nowhere["l2"], TENTH, border),
         "series": {
             "reprojection": _series(rows, "reprojection_px"),
             "deviation": _series(rows, "mean_deviation_mm"),
@@ -88,7 +96,8 @@ def person_data(facts: Facts, person: str, stride: int) -> dict[str, Any]:
 def bytes_of(facts: Facts, person: str) -> int:
     """Return the size of a person's skeletons, image points and angles without thinning, bytes."""
     joints, landmarks = facts.skeleton.joint_count, len(facts.landmarks)
-    return len(facts.rows(person)) * 2 * (joints * (3 + 3 + 1 + 1 + 1 + 2) + landmarks * 4)
+    in_images = len(facts.cameras) * (2 * joints + 4 * landmarks)
+    return len(facts.rows(person)) * 2 * (joints * (3 + 3 + 1 + 1 + 1) + in_images)
 
 
 def page_data(facts: Facts) -> dict[str, Any]:
@@ -101,6 +110,7 @@ def page_data(facts: Facts) -> dict[str, Any]:
         "parents": [int(parent) for parent in skeleton.parents],
         "landmarks": list(facts.landmarks),
         "image": facts.image_size,
+        "cameras": [{"name": name, "image": size} for name, size in facts.cameras.items()],
         "level": np.round(facts.level, 6).tolist(),
         "capsules": [(a, b, round(radius, 4), side) for a, b, radius, side in capsules(skeleton)],
         "skull": _skull(skeleton),

@@ -8,6 +8,7 @@ from pathlib import Path
 from lassokin_ros.common.atomic_files import AtomicFiles
 from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.pipeline.frame_result import FrameResult
+from lassokin_ros.pipeline.image_sets import SAME_INSTANT_NS
 from lassokin_ros.pipeline.pipeline import Pipeline
 from lassokin_ros.replay.report.facts import Facts
 from lassokin_ros.replay.report.finding import DOUBT, NOTE, PROBLEM, Finding
@@ -29,9 +30,10 @@ class Report:
         self._path, self._pipeline = path, pipeline
         self._skeleton = given or pipeline.tracker.skeleton  # before calibration
         level = pipeline.level if pipeline.config.fixed_frame else None
-        self._log = ReplayLog(late=pipeline.tracker.config.smoothing_lag, camera=pipeline.first.name, level=level)
-        self.images = ReportImages()
-        """The images, each added with the stamp of its keypoint message."""
+        names = tuple(pipeline.cameras)
+        self._log = ReplayLog(late=pipeline.tracker.config.smoothing_lag, cameras=names, level=level)
+        self.images = {name: ReportImages() for name in names}
+        """The images of each camera, each added with the stamp of its keypoint message."""
         self.remarks: list[str] = []
         """Sentences that the page shows as notes."""
         self.problems: list[str] = []
@@ -57,14 +59,18 @@ class Report:
         title = title.encode(errors="backslashreplace").decode()  # file names may hold bytes that are not UTF-8
         pipeline = self._pipeline
         self._log.in_order()
-        view = pipeline.camera.view
-        size = view.size if view is not None and min(view.size) > 0 else None
+        views = [camera.camera.view for camera in pipeline.cameras.values()]
+        size, *others = (view.size if view is not None and min(view.size) > 0 else None for view in views)
         tracker = pipeline.tracker
         names = tracker.layout.names
         counts = dict(pipeline.counts)
         configs = tracker.config, pipeline.config
-        facts = Facts(title, topics, self._log, counts, *configs, self._skeleton, names, size, own_keypoints)
-        images = self.images.data({message.stamp_ns: message.time for message in self._log.messages})
+        given, log = self._skeleton, self._log
+        facts = Facts(title, topics, log, counts, *configs, given, names, size, own_keypoints, tuple(others))
+        times = {message.stamp_ns: message.time for message in self._log.messages}
+        apart_ns = SAME_INSTANT_NS if len(self.images) > 1 else 0
+        photos, *more = (images.data(times, apart_ns) for images in self.images.values())
+        images = {**photos, "others": more}
         found = [*findings(facts), *(Finding(NOTE, text) for text in self.remarks)]
         self.problems = [finding.text for finding in found if finding.level == PROBLEM]
         self.doubts = [finding.text for finding in found if finding.level == DOUBT]

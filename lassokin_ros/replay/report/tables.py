@@ -40,11 +40,12 @@ def table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]], number
 def figures(facts: Facts) -> str:
     """Return the table of result figures."""
     counts, tracks = facts.counts, facts.tracks
-    received, accepted = counts.get("received", 0), counts.get("accepted", 0)
+    received, accepted = facts.received, counts.get("accepted", 0)
     spans = [span for person in facts.people for span in facts.spans[person]]
     lost = [span.seconds for span in spans if span.lost]
     short = [span.seconds for span in spans if not span.lost]
     inputs = "Images" if facts.own_keypoints else "Keypoint messages"
+    inputs = inputs if len(facts.cameras) == 1 else f"Instants of {len(facts.cameras)} cameras"
     rows = [
         (inputs, f"{received} in {facts.duration:.1f} s, {facts.rate:.1f} Hz"),
         ("With a skeleton", f"{accepted}" + (f" ({accepted / received:.1%})" if received else "")),
@@ -143,7 +144,7 @@ def lost_spans(facts: Facts) -> str:
 
 def landmarks(facts: Facts) -> str:
     """Return the table of landmarks: share of frames and reprojection error."""
-    error, seen = landmark_errors(facts.tracks, len(facts.landmarks))
+    error, seen = landmark_errors(facts, facts.tracks)
     if not facts.tracks:
         return ""
     rows = [

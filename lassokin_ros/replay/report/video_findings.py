@@ -109,7 +109,7 @@ def heads_below(facts: Facts) -> bool:
 
 def height(facts: Facts) -> Iterator[Finding]:
     """Report a height that nobody gave."""
-    if facts.tracks and facts.tracker.height == TrackerConfig().height:
+    if facts.tracks and len(facts.cameras) == 1 and facts.tracker.height == TrackerConfig().height:
         yield Finding(
             NOTE,
             f"The person is taken to be {facts.tracker.height:g} m tall. One camera cannot see size: with another "

@@ -68,7 +68,11 @@ def test_two_cameras_publish_one_skeleton_in_the_map():
         rig.send_until(lambda: len(joints) > 40 and rig.error(joints[-1]) < 0.03, "a skeleton in the map")
         assert {message.header.frame_id for message in joints[-20:]} == {MAP}
         assert peer.got[topics.POSE][-1].header.frame_id == MAP
-        assert peer.got[topics.MARKERS][-1].markers[0].header.frame_id == MAP
+        rig.send_until(lambda: any(m.markers[0].ns == "cameras" for m in peer.got[topics.MARKERS]), "the cameras")
+        assert {one.header.frame_id for message in peer.got[topics.MARKERS] for one in message.markers} == {MAP}
+        cameras = [message for message in peer.got[topics.MARKERS] if message.markers[0].ns == "cameras"]
+        assert {one.text for one in cameras[-1].markers if one.text} == {"left", "right"}
+        assert 0 < len(cameras) < len(peer.got[topics.MARKERS]) / 2  # at 5 Hz
         status = peer.next_diagnostics(lambda s: rig.send() or "right: input rate [Hz]" in values_of(s))
         assert float(values_of(status)["right: input rate [Hz]"]) > 0
         assert values_of(status)["left: no transform [messages]"] == "0"

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT
 from lassokin_ros.pipeline.pipeline import Pipeline
 
 SILENCE_S = 2.0
@@ -47,6 +48,8 @@ class CameraStatus:
                 figures[f"{prefix}residual median [px]"] = f"{residual:.2f}"
             count = self._pipeline.counts[f"no transform of {name}" if name else "no transform"]
             figures[f"{prefix}no transform [messages]"] = str(count)
+            if left_out := self._pipeline.counts[f"{name}: {LEFT_OUT}"]:
+                figures[f"{prefix}{LEFT_OUT} [messages]"] = str(left_out)
             figures |= {f"{prefix}{key}": value for key, value in self._pose_figures(name)}
         return figures
 
@@ -74,7 +77,9 @@ class CameraStatus:
             elif now - self._changed.get(name, now) > SILENCE_S:
                 yield f"no keypoints of camera '{name}' for more than {SILENCE_S:g} s"
         yield from self._clocks()
-        yield from self._wrong_poses()
+        yield from pipeline.agreement.left_out.values()
+        wrong = list(self._wrong_poses())
+        yield from wrong or pipeline.agreement.undecided()
 
     def _clocks(self) -> Iterator[str]:
         """Yield that the stamps of two cameras are of different clocks, or one of the detectors is slower."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from lassokin_ros.core.observation import Rejection, Status
 from lassokin_ros.pipeline.camera.camera_selection import OUTSIDE_IMAGE
-from lassokin_ros.pipeline.camera_images import DEPTH_IN_MESSAGE, NOBODY, UNSCORED, UNUSED
+from lassokin_ros.pipeline.camera_images import DEPTH_IN_MESSAGE, NOBODY, UNSCORED, UNUSED, CameraImages
 from lassokin_ros.pipeline.depth_check import MISFIT
 from lassokin_ros.pipeline.depth_images import COUNTS as DEPTH_COUNTS
 from lassokin_ros.pipeline.depth_images import MATCHED, RECEIVED, UNMATCHED
@@ -299,7 +299,7 @@ class Diagnostics:
             return ""
         if not recent[RECEIVED]:
             return f"no depth images on {pipeline.config.depth}: tracking without measured depth"
-        if fault := pipeline.depth.fault or pipeline.depth_check.fault:
+        if fault := "; ".join(filter(None, map(_depth_fault, pipeline.cameras.values()))):
             return fault
         if pipeline.depth.frozen:
             return ""  # see input_concerns
@@ -393,6 +393,12 @@ def _misfit(frame: FrameResult) -> float:
     assert estimate is not None and estimate.state is not None and frame.lens is not None and frame.skeleton is not None
     depth = float(frame.camera.into_camera(estimate.state.translation)[2])
     return estimate.reprojection_px / frame.lens.focal * depth / frame.skeleton.height
+
+
+def _depth_fault(camera: CameraImages) -> str:
+    """Return why the depth images of a camera are not used, with its name if it is one of several; empty if not."""
+    fault = "" if camera.depth is None else camera.depth.fault or camera.depth_check.fault
+    return f"camera '{camera.name}': {fault}" if fault and camera.name else fault
 
 
 def _unused(recent: Counter[str]) -> str:

@@ -50,9 +50,10 @@ def _unscored(recent: Counter[str]) -> str:
 
 
 def _frozen_depth(pipeline: Pipeline) -> str:
-    if pipeline.depth is None or not pipeline.depth.frozen:
-        return ""
-    return (
-        f"the depth images on {pipeline.config.depth} are frozen: the same one for more than {FROZEN_S:g} s, with new "
-        "stamps, so they are not used; check the depth camera"
-    )
+    for name, one in pipeline.cameras.items():
+        if one.depth is not None and one.depth.frozen:
+            return (
+                f"the depth images on {pipeline.config.depth_topic(name)} are frozen: the same one for more than "
+                f"{FROZEN_S:g} s, with new stamps, so they are not used; check the depth camera"
+            )
+    return ""

@@ -57,7 +57,6 @@ def pipeline():
         own_depth=SimpleNamespace(warning=""),
         landmark_ids=SimpleNamespace(warning=""),
         camera_angles=(0.0, 0.0),
-        depth_check=SimpleNamespace(fault=""),
         mount=None,
         calibrations=dict,
         heights=dict,
@@ -87,6 +86,13 @@ def frame(stamp_ns=SECOND, reprojection_px=2.0, depth=3.5, repeated=0.0, deviati
         measure=lambda _: uncertainty,
         held_s=held_s,
     )
+
+
+def give_depth(pipeline, **settings):
+    """Depth images of the only camera."""
+    pipeline.depth, pipeline.config = SimpleNamespace(fault="", frozen=False), NodeSettings(**settings)
+    check, lens = SimpleNamespace(fault=""), SimpleNamespace(view=None)
+    pipeline.cameras = {"": SimpleNamespace(name="", depth=pipeline.depth, depth_check=check, camera=lens)}
 
 
 def said(diagnostics, now=11.0, **more):
@@ -217,7 +223,7 @@ def test_people_may_come_and_leave_where_no_number_of_a_message_counts(pipeline,
 
 
 def test_depth(pipeline, diagnostics):
-    pipeline.depth, pipeline.config = SimpleNamespace(fault="", frozen=False), NodeSettings(depth="/depth")
+    give_depth(pipeline, depth="/depth")
     assert said(diagnostics) == (WARN, "tracking; no depth images on /depth: tracking without measured depth")
     pipeline.counts.update({RECEIVED: 1, MATCHED: 5, UNMATCHED: 5})
     assert said(diagnostics) == (OK, "tracking")
@@ -230,7 +236,7 @@ def test_depth(pipeline, diagnostics):
 
 @pytest.mark.parametrize("used", [0, 1, 2, 10])
 def test_depth_images_without_depth_at_the_person(pipeline, diagnostics, used):
-    pipeline.depth = SimpleNamespace(fault="", frozen=False)
+    give_depth(pipeline)
     for i in range(10):
         diagnostics.count_message([frame(measured=i < used)], SECOND, 10.5, 0.001)
     pipeline.counts.update({RECEIVED: 10, MATCHED: 10})

@@ -1,0 +1,201 @@
+"""One of several cameras is wrong: it is named, and not used if it can be told which one it is."""
+
+import gc
+from collections import Counter
+from types import BuiltinFunctionType, FunctionType, ModuleType
+
+import numpy as np
+import pytest
+from camera_rig import MAP, eye, pixels, truth_at
+from messages import camera_info, cloud, rosbags_backend
+
+from lassokin_ros.core.config import TrackerConfig
+from lassokin_ros.core.observation import CameraPose
+from lassokin_ros.pipeline.outputs.status.diagnostics import Diagnostics
+from lassokin_ros.pipeline.people.camera_agreement import LEFT_OUT
+from lassokin_ros.pipeline.pipeline import Pipeline
+from lassokin_ros.pipeline.settings import NodeSettings
+
+pytest.importorskip("rosbags")
+BACKEND, START_NS = rosbags_backend(), 1_700_000_000_000_000_000
+LEFT, RIGHT, BACK = eye("left", 0), eye("right", 90), eye("back", 200, 4.0)
+
+
+class Rig:
+    """Sends what cameras see of a person to a pipeline."""
+
+    def __init__(self, *eyes, poses=None, **settings):
+        self.eyes = {one.name: one for one in eyes}
+        settings = NodeSettings(cameras=tuple(self.eyes), fixed_frame=MAP, **settings)
+        given = {name: one.pose_at(0) for name, one in self.eyes.items()} | (poses or {})
+        self.pipeline, self.random = Pipeline(TrackerConfig(), settings, poses=given), np.random.default_rng(0)
+        for name, one in self.eyes.items():
+            self.pipeline.set_camera(camera_info(BACKEND, frame_id=one.frame), name)
+        self.diagnostics, self.errors = Diagnostics(self.pipeline, "tracker", 0.0), []
+        self.diagnostics.count_camera_info(0.0)
+
+    def send(self, begin, end, instead=None, late=None, noise_px=3.0, silent=(), hz=30):
+        """Images, from s to s. instead: whose images a camera sends; late: by how much its stamps are early, s."""
+        for index in range(round(hz * begin), round(hz * end)):
+            now = index / hz
+            body = truth_at([now])
+            seen = {name: pixels(one, now, body.landmarks[0], self.random, noise_px) for name, one in self.eyes.items()}
+            for name, one in self.eyes.items():
+                if name in silent:
+                    continue
+                points = seen[(instead or {}).get(name, name)]
+                stamp_ns = START_NS + round(1e9 * (now - (late or {}).get(name, 0.0)))
+                message = cloud(BACKEND, stamp_ns, points, frame_id=one.frame)
+                frames = self.pipeline.frames(message, START_NS + round(1e9 * now) + 10_000_000, name)
+                self.keep(frames, now)
+        return self
+
+    def keep(self, frames, now):
+        self.diagnostics.count_message(frames, 0, now, 0.001)
+        for frame in frames:
+            if frame.accepted:
+                truth = truth_at([(frame.stamp_ns - START_NS) * 1e-9]).positions[0]
+                self.errors.append(np.linalg.norm(frame.estimate.pose.positions - truth, axis=1).mean())
+
+    def said(self, now):
+        return self.diagnostics.line(now).message
+
+    @property
+    def left_out(self):
+        return set(self.pipeline.agreement.left_out)
+
+
+def inverse(one):
+    return CameraPose(one.name, one.pose_at(0).rotation.T, one.pose_at(0).centre)
+
+
+def turned(one, degrees):
+    pose, angle = one.pose_at(0), np.radians(degrees)
+    turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+    return CameraPose(pose.name, turn @ pose.rotation, turn @ pose.translation)
+
+
+WRONG = {
+    "images of another camera": (dict(instead={"right": "back"}), {}, "they are those of 'back': check its topics"),
+    "inverse transform": ({}, {"right": inverse(RIGHT)}, "they do with the inverse transform"),
+    "another pose": ({}, {"right": turned(RIGHT, 40)}, "check TF, and that the topics"),
+}
+
+
+@pytest.mark.parametrize("fault", WRONG)
+def test_of_three_cameras_the_wrong_one_is_named_and_not_used_after_a_second(fault):
+    how, poses, hint = WRONG[fault]
+    rig = Rig(LEFT, RIGHT, BACK, poses=poses).send(0.0, 0.5, **how)
+    assert not rig.left_out
+    rig.send(0.5, 1.2, **how)
+    assert rig.left_out == {"right"}
+    used = rig.pipeline.counts[f"right: {LEFT_OUT}"]
+    rig.send(1.2, 3.0, **how)
+    assert rig.pipeline.counts[f"right: {LEFT_OUT}"] - used >= 53  # of 54 images; one may wait
+    assert np.median(rig.errors[-20:]) < 0.03
+    line = rig.diagnostics.line(3.0)
+    assert "camera 'right' is not used: its keypoints do not fit those of 'left' and 'back'" in line.message
+    assert hint in line.message and "camera 'left'" not in line.message
+    assert int(line.values[f"right: {LEFT_OUT} [messages]"]) >= 53
+
+
+def test_a_camera_whose_lens_is_not_its_own_is_named():
+    rig = Rig(LEFT, RIGHT, BACK)
+    info = camera_info(BACKEND, frame_id=RIGHT.frame)
+    info.k[[0, 4]] *= 0.6
+    rig.pipeline.set_camera(info, "right")
+    rig.send(0.0, 2.0)
+    assert rig.left_out == {"right"} and "camera 'right' is not used" in rig.said(2.0)
+
+
+def test_a_camera_that_is_repaired_is_used_again():
+    rig = Rig(LEFT, RIGHT, BACK).send(0.0, 1.5, instead={"right": "back"})
+    assert rig.left_out == {"right"}
+    rig.send(1.5, 3.0)
+    assert not rig.left_out and rig.pipeline.cameras["right"].residuals
+    assert "is not used" not in rig.said(3.0) and np.median(rig.errors[-20:]) < 0.03
+
+
+@pytest.mark.parametrize("poses", [{}, {"right": turned(RIGHT, 2.0)}])
+def test_good_cameras_and_a_small_error_of_a_pose_are_used(poses):
+    rig = Rig(LEFT, RIGHT, BACK, poses=poses).send(0.0, 3.0, noise_px=5.0)
+    assert not rig.left_out and not any(LEFT_OUT in key for key, count in rig.pipeline.counts.items() if count)
+    assert "not used" not in rig.said(3.0) and "do not fit" not in rig.said(4.0)
+
+
+@pytest.mark.parametrize(
+    "how, poses, words",
+    [
+        (dict(instead={"right": "left"}), {}, "cameras 'left' and 'right' have the same keypoints"),
+        ({}, {"left": inverse(LEFT)}, "keypoints of 'left' and 'right' do not fit"),
+        ({}, {"right": inverse(RIGHT)}, "keypoints of 'left' and 'right' do not fit"),
+        ({}, {"right": turned(RIGHT, 40)}, "'left' and 'right' do not fit"),
+        (dict(late={"right": 0.1}), {}, "keypoints of 'right' arrive 0.10 s later after their stamps than"),
+    ],
+)
+def test_of_two_cameras_both_are_named_and_used_because_it_cannot_be_told_which_is_wrong(how, poses, words):
+    rig = Rig(LEFT, RIGHT, poses=poses).send(0.0, 3.0, **how)
+    assert words in rig.said(3.0) and not rig.left_out
+
+
+def test_cameras_with_exchanged_images_are_named():
+    near = eye("near", 90, 2.6)
+    rig = Rig(LEFT, near).send(0.0, 3.0, instead={"left": "near", "near": "left"})
+    assert "but if 'left' and 'near' are exchanged: check the topics" in rig.said(3.0)
+
+
+@pytest.mark.parametrize("angle", [60, 90, 120])
+def test_a_mirrored_person_shows_that_cameras_at_equal_distances_are_exchanged(angle):
+    """The places fit: a standing person has the same heights in both images."""
+    other = eye("right", angle)
+    exchanged = Rig(LEFT, other).send(0.0, 2.0, instead={"left": "right", "right": "left"})
+    assert "the person whom 'left' and 'right' see is mirrored" in exchanged.said(2.0)
+    assert "mirrored" not in Rig(LEFT, other).send(0.0, 2.0).said(2.0)
+
+
+def test_cameras_that_alternate_are_no_turn_of_the_person():
+    """Each image is a lasso of its own; the person stands 90 degrees apart, and further away, for the other camera."""
+    far = eye("far", 90, 5.0)
+    rig = Rig(LEFT, far)
+    for index in range(60):
+        now, name = index / 60, ("left", "far")[index % 2]
+        seen = pixels(rig.eyes[name], now, truth_at([now]).landmarks[0], rig.random, 2.0)
+        stamp_ns = START_NS + round(1e9 * now)
+        frames = rig.pipeline.frames(cloud(BACKEND, stamp_ns, seen, frame_id=rig.eyes[name].frame), stamp_ns, name)
+        rig.keep(frames, now)
+        assert not any(frame.doubt.has_sign or frame.doubt.reversed for frame in frames)
+    assert len(rig.errors) > 55
+
+
+def test_with_several_people_no_camera_is_left_out():
+    """Each camera may see somebody else."""
+    rig = Rig(LEFT, RIGHT, BACK, poses={"right": turned(RIGHT, 40)}, max_people=3).send(0.0, 2.0)
+    assert not rig.left_out
+
+
+def reachable(root):
+    """Number of objects by type that an object holds, directly or not, arrays among them."""
+    seen, waiting = {}, [root]
+    while waiting:
+        one = waiting.pop()
+        if id(one) in seen or isinstance(one, (type, ModuleType, FunctionType, BuiltinFunctionType)):
+            continue
+        seen[id(one)] = one
+        waiting += gc.get_referents(one)
+    return Counter(type(one).__name__ for one in seen.values())
+
+
+def test_memory_is_constant_while_cameras_come_and_go():
+    """Ten minutes, in short periods; each camera is silent for a while, and one sends another's images."""
+    rig, counts = Rig(LEFT, RIGHT, BACK), []
+    for cycle in range(60):
+        begin, wrong = 10.0 * cycle, cycle % 10 == 5
+        rig.send(begin, begin + 0.5, hz=10)
+        rig.send(begin + 2.5, begin + 3.0, hz=10, silent=[list(rig.eyes)[cycle % 3]])
+        rig.send(begin + 5.0, begin + (6.5 if wrong else 5.5), hz=10, instead={"right": "back"} if wrong else None)
+        rig.said(begin + 9.0)
+        rig.errors.clear()
+        if cycle in (29, 59):  # all windows are full
+            counts.append(reachable([rig.pipeline, rig.diagnostics]))
+    assert rig.pipeline.counts[f"right: {LEFT_OUT}"] > 0 and counts[0]["ndarray"] > 100
+    assert not {name: (n, counts[1][name]) for name, n in counts[0].items() if counts[1][name] > 1.05 * n + 20}
