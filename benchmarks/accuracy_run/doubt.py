@@ -4,7 +4,8 @@
     python benchmarks/accuracy_run/doubt.py --two-pass ../shared/data/detections/*.npz  # as `track` does
 
 One line per camera: mean joint error relative to the hips, median second difference of the wrists and of the ankles
-from frame to frame relative to the pelvis, share of the frames over 150 mm, share of the marked frames, and whether the page says a doubt.
+from frame to frame relative to the pelvis, share of the frames over 150 mm, share of the marked frames, and whether the
+page says a doubt.
 A recording is bad if more than 5 % of its frames are over 150 mm. Only the height is given.
 """
 
