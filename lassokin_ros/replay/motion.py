@@ -9,6 +9,7 @@ import numpy as np
 
 from lassokin_ros.common.array_spool import ArraySpool, Record
 from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.replay.analysis.floor import floor_height
 
@@ -38,6 +39,7 @@ class Motion:
     level: (3, 3) rotation from the camera frame to the frame of a level camera at the same place.
     floor: m above the camera, the floor under the feet in the level frame, the same for all people; 0, the camera's
     height, if the feet are seen in few frames.
+    smoothing: s, time constant of the smoothing with later frames, which flattens fast motion; 0 without.
     """
 
     person: str
@@ -61,6 +63,7 @@ class Motion:
     contacts: np.ndarray
     level: np.ndarray
     floor: float = 0.0
+    smoothing: float = 0.0
 
     @property
     def angles_observed(self) -> np.ndarray:
@@ -135,12 +138,15 @@ class _Rows:
 class MotionRecorder:
     """Collect the accepted frames of each person in a temporary file: 4 kB per frame, 0.5 GB for an hour at 30 Hz."""
 
-    def __init__(self, landmark_names: Sequence[str], level: Callable[[], np.ndarray], origin_ns: int = 0) -> None:
-        """landmark_names: l names. level: returns (3, 3), see `Motion`, after the last frame.
+    def __init__(
+        self, landmark_names: Sequence[str], config: TrackerConfig, level: Callable[[], np.ndarray], origin_ns: int = 0
+    ) -> None:
+        """landmark_names: l names. config: of the tracker. level: returns (3, 3), see `Motion`, after the last frame.
 
         origin_ns: stamp that becomes 0.
         """
         self._landmark_names, self._level, self._origin_ns = tuple(landmark_names), level, origin_ns
+        self._smoothing = config.smoothing if config.smoothing_lag > 0 else 0.0
         self._spool = ArraySpool()
         self._people: dict[str, _Rows] = {}
 
@@ -158,7 +164,18 @@ class MotionRecorder:
             columns = self._spool.columns(rows.records)
             columns["stamps_ns"] = columns["stamps_ns"] - self._origin_ns
             names, level = self._landmark_names, self._level()
-            motions.append(Motion(person, rows.frame_id, rows.skeleton, names, **columns, level=level, floor=0.0))
+            motions.append(
+                Motion(
+                    person,
+                    rows.frame_id,
+                    rows.skeleton,
+                    names,
+                    **columns,
+                    level=level,
+                    floor=0.0,
+                    smoothing=self._smoothing,
+                )
+            )
         floor = np.array([_floor(motion) for motion in motions])
         common = float(np.median(floor[np.isfinite(floor)])) if np.isfinite(floor).any() else 0.0
         return [replace(motion, floor=common) for motion in motions]

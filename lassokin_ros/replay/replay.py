@@ -191,7 +191,7 @@ def _exports(options: argparse.Namespace, tracker: OfflineTracker) -> Exports | 
     if not options.export:
         return None
     pipeline = tracker.pipeline
-    recorder = MotionRecorder(pipeline.tracker.layout.names, lambda: pipeline.level)
+    recorder = MotionRecorder(pipeline.tracker.layout.names, pipeline.tracker.config, lambda: pipeline.level)
     tracker.listeners.append(recorder.add)
     return Exports(options.export, recorder, pipeline.config.several_people, options.force)
 

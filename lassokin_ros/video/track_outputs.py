@@ -59,7 +59,7 @@ class TrackOutputs:
         pipeline = tracker.pipeline
         self._level = level_from_camera(*pipeline.camera_angles)
         names = pipeline.tracker.layout.names
-        self._motion = MotionRecorder(names, lambda: self._level, FIRST_STAMP_NS)
+        self._motion = MotionRecorder(names, pipeline.tracker.config, lambda: self._level, FIRST_STAMP_NS)
         several = pipeline.config.several_people
         self._exports = Exports(options.export, self._motion, several, options.force) if options.export else None
         self._video = self._view = None
