@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from lassokin_ros.core.body.skeleton import Skeleton
 from lassokin_ros.core.config import LEARN, TrackerConfig
 from lassokin_ros.core.evidence.evidence import Evidence
 from lassokin_ros.core.image.projection import project
@@ -57,9 +58,11 @@ class Pipeline:
         node_config: NodeSettings,
         evidence: Sequence[Evidence] = (),
         poses: Mapping[str, CameraPose] | None = None,
+        bodies: Mapping[int, Skeleton] | None = None,
     ) -> None:
         """evidence: the user's own, for each frame's lasso; all people share it. poses: of several cameras, by name, in
-        place of those from TF. Raises a LassokinError if the configuration is unusable.
+        place of those from TF. bodies: skeletons of people whose numbers in the messages are known, at most
+        max_people. Raises a LassokinError if the configuration is unusable.
         """
         self.config = node_config.checked()
         tracker_config = _without_held_feet_if_mounted(tracker_config, self.config)
@@ -67,9 +70,9 @@ class Pipeline:
         check_names(skeleton)
         up = np.array([0.0, 0.0, 1.0]) if self.config.fixed_frame else None
         with naming_help(tracker_config.skeleton):
-            self._trackable = [
-                TrackedPerson(tracker_config, skeleton, evidence, up) for _ in range(self.config.max_people)
-            ]
+            own = [TrackedPerson(tracker_config, body, evidence, up, number) for number, body in (bodies or {}).items()]
+            others = range(self.config.max_people - len(own))
+            self._trackable = [*own, *(TrackedPerson(tracker_config, skeleton, evidence, up) for _ in others)]
         self.tracker = self._trackable[0].tracker
         self.enabled = True
         """If False, keypoints are counted and not processed."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from lassokin_ros.common.array_spool import ArraySpool, Record
 from lassokin_ros.core.body.skeleton import Skeleton
+from lassokin_ros.core.config import TrackerConfig
 from lassokin_ros.pipeline.frame_result import FrameResult
 from lassokin_ros.replay.analysis.floor import floor_height
 
@@ -53,6 +54,7 @@ class Motion:
     floor: m above the camera, the floor under the feet in the level frame, the same for all people; 0, the camera's
     height, if the feet are seen in few frames.
     cameras: what each of several cameras saw, by name; empty with one camera.
+    smoothing: s, time constant of the smoothing with later frames, which flattens fast motion; 0 without.
     """
 
     person: str
@@ -78,6 +80,7 @@ class Motion:
     level: np.ndarray
     floor: float = 0.0
     cameras: Mapping[str, Seen] = field(default_factory=dict)
+    smoothing: float = 0.0
 
     @property
     def angles_observed(self) -> np.ndarray:
@@ -164,16 +167,18 @@ class MotionRecorder:
     def __init__(
         self,
         landmark_names: Sequence[str],
+        config: TrackerConfig,
         level: Callable[[], np.ndarray],
         origin_ns: int = 0,
         cameras: Sequence[str] = (),
     ) -> None:
-        """landmark_names: l names. level: returns (3, 3), see `Motion`, after the last frame.
+        """landmark_names: l names. config: of the tracker. level: returns (3, 3), see `Motion`, after the last frame.
 
         origin_ns: stamp that becomes 0. cameras: names of several cameras.
         """
         self._cameras = tuple(cameras) if len(cameras) > 1 else ()
         self._landmark_names, self._level, self._origin_ns = tuple(landmark_names), level, origin_ns
+        self._smoothing = config.smoothing if config.smoothing_lag > 0 else 0.0
         self._spool = ArraySpool()
         self._people: dict[str, _Rows] = {}
 
@@ -193,7 +198,7 @@ class MotionRecorder:
             names, level = self._landmark_names, self._level()
             pairs = {name: [columns.pop(f"{name} {what}") for what in (DETECTED, REPROJECTED)] for name in rows.cameras}
             seen = {name: Seen(*pair) for name, pair in pairs.items()}
-            rest: dict[str, Any] = {**columns, "level": level, "cameras": seen}
+            rest: dict[str, Any] = {**columns, "level": level, "cameras": seen, "smoothing": self._smoothing}
             motions.append(Motion(person, rows.frame_id, rows.skeleton, names, **rest))
         floor = np.array([_floor(motion) for motion in motions])
         common = float(np.median(floor[np.isfinite(floor)])) if np.isfinite(floor).any() else 0.0

@@ -74,10 +74,12 @@ class TrackedPerson:
         skeleton: Skeleton | None = None,
         evidence: Sequence[Evidence] = (),
         up: np.ndarray | None = None,
+        number: int | None = None,
     ) -> None:
-        """skeleton: replaces the skeleton of `config`. evidence, up: see `Tracker`. Raises a LassokinError if these are
-        unusable.
+        """skeleton: replaces the skeleton of `config`. evidence, up: see `Tracker`. number: the person's number in the
+        messages if the skeleton is that person's. Raises a LassokinError if these are unusable.
         """
+        self.number = number
         self.tracker = Tracker(config, skeleton, evidence, up)
         self._repeats: dict[str, Repeats] = {}
         self._monitor = DoubtMonitor(self.tracker.layout.names, self.tracker.skeleton.joint_names)
